@@ -1,0 +1,30 @@
+"""Monte-Carlo study of closed-form sphere fits (Knight & Semwal 2009), and the fits themselves as a library.
+
+    import study
+    result = study.fit(points, "ugdk", noise=0.05)   # points (…, n, d)
+    bound = study.crlb(directions, noise=0.05)       # (…, d+1, d+1)
+
+The command line is `study --help`.
+"""
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from study.estimators import ESTIMATORS, Fit, Status, fit
+    from study.sphere.bounds import crlb
+
+__version__ = "0.1.0"
+__all__ = ["ESTIMATORS", "Fit", "Status", "__version__", "crlb", "fit"]
+
+
+def __getattr__(name: str) -> Any:
+    """Import the library on first use, so that `study --help` need not wait for it."""
+    if name == "crlb":
+        from study.sphere.bounds import crlb
+
+        return crlb
+    if name in __all__:
+        from study import estimators
+
+        return getattr(estimators, name)
+    raise AttributeError(f"module 'study' has no attribute {name!r}")

@@ -1,0 +1,1 @@
+"""Tables in, tables out: performance measures with their Monte-Carlo error."""

@@ -1,0 +1,135 @@
+"""The command line: one command per library call, no logic. Heavy imports wait inside the commands."""
+
+import os
+import platform
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+app = typer.Typer(
+    help="Monte-Carlo study of closed-form sphere fits (Knight & Semwal 2009).",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+Config = Annotated[Path, typer.Argument(metavar="CONFIG", help="a study's config, such as configs/sweep.toml")]
+Folder = Annotated[Path, typer.Argument(metavar="RUN", help="a run's folder, such as results/paper-0123456789")]
+Out = Annotated[Path | None, typer.Option("--out", help="the run's folder [default: results/<name>-<digest>]")]
+Jobs = Annotated[int, typer.Option("--jobs", "-j", min=1, max=1024, help="number of workers")]
+
+
+@app.command()
+def plan(config: Config, jobs: Jobs = 2) -> None:
+    """Say what a study will cost, without running it."""
+    from study.experiment.config import load
+    from study.runs.plan import plan as make_plan
+
+    study = load(config)
+    made = make_plan(study, jobs)
+    typer.echo(f"{study.run_name()}")
+    for label, value in made.lines():
+        typer.echo(f"  {label:<10} {value}")
+
+
+@app.command()
+def run(
+    config: Config,
+    jobs: Jobs = 2,
+    out: Out = None,
+) -> None:
+    """Run a study and store its tables."""
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+    from study.analysis.summary import summarise
+    from study.experiment.config import read
+    from study.runs import runner
+
+    study, text = read(config)
+    folder = out or Path("results") / study.run_name()
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+    with Progress(*columns, disable=not sys.stderr.isatty(), console=_console()) as bar:
+        task = bar.add_task(study.run_name(), total=1.0)
+        done = runner.run(study, text, folder, jobs, lambda share: bar.advance(task, share))
+    summarise(done)
+    typer.echo(str(done.folder))
+
+
+@app.command()
+def summary(folder: Folder) -> None:
+    """Print a run's medians of error over bound, with their Monte-Carlo errors."""
+    from study.analysis.summary import printed
+    from study.runs.store import Run
+
+    for line in printed(Run.open(folder)):
+        typer.echo(line)
+
+
+@app.command()
+def figures(
+    folders: Annotated[list[Path], typer.Argument(metavar="RUN…", help="run folders")],
+    out: Annotated[Path | None, typer.Option("--out", help="folder for the pictures [default: RUN/figures]")] = None,
+) -> None:
+    """Draw a run's figures from its stored tables, as PNG and SVG."""
+    from study.figures import draw_all
+    from study.runs.store import Run
+
+    for run in [Run.open(folder) for folder in folders]:
+        drawn, skipped = draw_all(run, out or run.folder / "figures")
+        for path in drawn:
+            typer.echo(str(path))
+        for name, reason in skipped.items():
+            typer.echo(f"{name}: not drawn: {reason}", err=True)
+
+
+def _console() -> Any:
+    from rich.console import Console
+
+    return Console(stderr=True)
+
+
+def _fix_code_target() -> None:
+    """Generate the same machine code on every x86-64 processor since 2013, so that equal runs are equal to the byte.
+
+    The default is code for the processor at hand, whose wider registers add in another order. It must be set before
+    numba is imported; a user's own choice stands.
+    """
+    if platform.machine() not in ("x86_64", "AMD64") or "NUMBA_CPU_NAME" in os.environ:
+        return
+    try:
+        flags = set(Path("/proc/cpuinfo").read_text(encoding="utf-8").split())
+    except OSError:
+        return
+    if {"avx2", "fma", "bmi2"} <= flags:
+        os.environ["NUMBA_CPU_NAME"] = "x86-64-v3"
+
+
+def main(command: Callable[..., Any] = app) -> None:
+    """Entry point: exit code 0 complete, 1 failure, 2 usage or config, 130 interrupted."""
+    _fix_code_target()
+    try:
+        command()
+    except KeyboardInterrupt:
+        raise SystemExit(_said("interrupted; the parts that were finished are kept", 130)) from None
+    except Exception as error:
+        from study.experiment.faults import ConfigError
+        from study.experiment.work import WorkError
+        from study.runs.store import RunError
+
+        if isinstance(error, ConfigError):
+            raise SystemExit(_said(str(error), 2)) from None
+        if isinstance(error, RunError | WorkError):
+            raise SystemExit(_said(str(error), 1)) from None
+        raise
+
+
+def _said(message: str, code: int) -> int:
+    print(message, file=sys.stderr)
+    return code
+
+
+if __name__ == "__main__":
+    main()

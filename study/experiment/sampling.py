@@ -1,0 +1,86 @@
+"""From a batch to its points: one draw of unit directions u and normals z serves every σ, r and c."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from study.experiment.config import Study
+from study.experiment.design import Batch, Cell
+from study.experiment.streams import stream
+from study.sphere import cap
+from study.sphere.bounds import bound_from_scatter, normal_weights, weighted_scatter
+from study.sphere.compiled import compiled
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Draws:
+    """What a batch draws, before it is placed on any sphere.
+
+    Attributes:
+        directions: unit vectors (b, d, n) about the first axis, with the height 1 - u₁ in place of u₁.
+        noise: noise of unit size (b, d, n), of covariance ``shape``.
+        shape: covariance of the noise in units of σ² (d, d).
+    """
+
+    directions: Floats
+    noise: Floats
+    shape: Floats
+
+    def place(self, cell: Cell) -> Floats:
+        """The points x = c + r u + σ z of a cell, (b, d, n)."""
+        points = np.empty_like(self.noise)
+        _place(self.directions, self.noise, np.array(cell.center), cell.radius, cell.noise, points)
+        return points
+
+    def unit_bound(self) -> Floats:
+        """The Cramér-Rao bound at σ = 1 of the realised directions (b, d+1, d+1).
+
+        It is exact at tiny angles, because it is formed from heights: the sign of u₁ drops out of the variances,
+        and its offset from the mean.
+        """
+        b, d, n = self.directions.shape
+        if np.array_equal(self.shape, np.eye(d)):
+            weights = np.ones((b, n))
+        else:
+            u = self.directions.swapaxes(1, 2).copy()
+            u[:, :, 0] = 1.0 - u[:, :, 0]
+            weights = normal_weights(u, self.shape)
+        sums, mean, scatter = np.empty(b), np.empty((b, d)), np.empty((b, d, d))
+        weighted_scatter(self.directions, weights, sums, mean, scatter)
+        scatter[:, 0, 1:] *= -1.0
+        scatter[:, 1:, 0] *= -1.0
+        mean[:, 0] = 1.0 - mean[:, 0]
+        return bound_from_scatter(sums, mean, scatter)
+
+
+def draw(study: Study, batch: Batch) -> Draws:
+    """Draw a batch from its named streams: heights from one, normals from the other."""
+    d, shape = study.dimension, (batch.trials, study.dimension, batch.samples)
+    uniform = stream(study.seed, "heights", *batch.stream).random((batch.trials, batch.samples))
+    directions, noise = np.empty(shape), np.empty(shape)
+    height = cap.heights(uniform, math.radians(batch.angle), d)
+    cap.draw(stream(study.seed, "normals", *batch.stream), height, directions, noise)
+    covariance = np.eye(d)
+    if study.noise_shape is not None:
+        covariance = np.array(study.noise_shape)
+        noise = np.linalg.cholesky(covariance) @ noise
+    return Draws(directions, noise, covariance)
+
+
+@compiled
+def _place(directions: Any, noise: Any, center: Any, radius: float, sigma: float, points: Any) -> None:
+    b, d, n = points.shape
+    for t in range(b):
+        for i in range(d):
+            u, z, x, c = directions[t, i], noise[t, i], points[t, i], center[i]
+            if i == 0:
+                for k in range(n):
+                    x[k] = c + radius * (1.0 - u[k]) + sigma * z[k]
+            else:
+                for k in range(n):
+                    x[k] = c + radius * u[k] + sigma * z[k]

@@ -1,0 +1,27 @@
+"""Random streams by name: the only place where a generator is made.
+
+A stream is named by the study's seed, a purpose and whatever tells it from its siblings. The name is hashed into a
+`SeedSequence` spawn key, so no number depends on the order of work, the number of workers or what else is computed,
+and any stream can be made again from its name. SFC64 is the fastest of NumPy's bit generators.
+"""
+
+import hashlib
+
+import numpy as np
+
+Name = tuple[str | int | float, ...]
+
+
+def stream(seed: int, *name: str | int | float) -> np.random.Generator:
+    """Make the generator of a named stream.
+
+    Args:
+        seed: the study's seed.
+        name: words and numbers; 1 and 1.0 are different names, floats count to the last bit.
+
+    Returns:
+        A fresh generator at the start of its stream.
+    """
+    digest = hashlib.blake2b(repr(name).encode(), digest_size=16).digest()
+    key = tuple(int.from_bytes(digest[i : i + 4], "little") for i in range(0, 16, 4))
+    return np.random.Generator(np.random.SFC64(np.random.SeedSequence(seed, spawn_key=key)))

@@ -1,0 +1,1 @@
+"""Bytes and processes: schemas, the run folder, provenance, the plan, the runner."""

@@ -1,0 +1,197 @@
+"""The run folder: the only code that writes a run's files, each under a temporary name, synced, then renamed.
+
+    results/<name>-<digest>/
+        config.toml        the config, as it was given
+        manifest.json      what was run, on what, how long it took
+        parts/             rows of one unit of work each, named by content
+        errors.parquet     a row per cell, trial and estimator
+        timings.parquet    apart, so that error tables can be compared byte by byte
+        points.parquet     points of the trials that the config keeps
+        summary.parquet    performance measures with their Monte-Carlo error
+
+Workers compute and write nothing; the parent commits each unit as it comes back.
+"""
+
+import contextlib
+import hashlib
+import json
+import os
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from study.experiment.config import Study, load
+from study.experiment.design import Unit
+from study.experiment.faults import ConfigError
+from study.experiment.work import Result
+from study.runs import tables
+
+FORMAT = 1
+_ROWS_PER_GROUP = 1 << 17
+
+
+class RunError(Exception):
+    """A run folder that cannot be used, or cannot be written; the message says why and what to do."""
+
+
+class Run:
+    """A run's folder on disk.
+
+    Args:
+        folder: its path.
+        study: the config that it belongs to.
+    """
+
+    def __init__(self, folder: Path, study: Study) -> None:
+        self.folder = folder
+        self.study = study
+
+    @classmethod
+    def create(cls, folder: Path, study: Study, config: str) -> "Run":
+        """Make a folder for a study, or take the one that is there, if it is of the same config.
+
+        Raises:
+            RunError: if it belongs to another config, is a file, or cannot be written.
+        """
+        if folder.exists():
+            if not folder.is_dir():
+                raise RunError(f"{folder}: is a file, not a run folder; choose another with --out")
+            if (folder / "config.toml").exists():
+                found = cls.open(folder).study
+                if found.digest() != study.digest():
+                    raise RunError(
+                        f"{folder}: holds a run of another config ({found.run_name()}, not {study.run_name()}); "
+                        "choose another folder with --out, or remove this one"
+                    )
+            elif any(folder.iterdir()):
+                raise RunError(f"{folder}: is not empty and no run folder; choose another with --out")
+        with _explained(folder):
+            (folder / "parts").mkdir(parents=True, exist_ok=True)
+            write(folder / "config.toml", config.encode())
+        return cls(folder, study)
+
+    @classmethod
+    def open(cls, folder: Path) -> "Run":
+        """Open an existing run.
+
+        Raises:
+            RunError: if there is none, or its config cannot be read.
+        """
+        if not (folder / "config.toml").is_file():
+            raise RunError(f"{folder}: not a run folder (no config.toml in it); `study run CONFIG` makes one")
+        try:
+            return cls(folder, load(folder / "config.toml"))
+        except ConfigError as error:
+            raise RunError(f"{folder}: its config cannot be read any more: {error}") from None
+
+    def table(self, name: str, columns: list[str] | None = None) -> Any:
+        """A stored table as a data frame.
+
+        Raises:
+            RunError: if it is not there, because the run did not finish.
+        """
+        path = self.folder / f"{name}.parquet"
+        if not path.is_file():
+            raise RunError(f"{path}: missing; finish the run with `study run {self.folder / 'config.toml'}`")
+        try:
+            return tables.read(path, columns)
+        except (OSError, pa.ArrowInvalid) as error:
+            raise RunError(f"{path}: cannot be read: {error}") from None
+
+    def part_path(self, unit: Unit) -> Path:
+        """File of a unit's rows, named by all that determines them."""
+        shape, estimators = self.study.noise_shape, self.study.estimators
+        content = repr((FORMAT, self.study.seed, self.study.dimension, shape, estimators, self.study.keep_points, unit))
+        return self.folder / "parts" / f"{hashlib.sha256(content.encode()).hexdigest()[:20]}.parquet"
+
+    def commit(self, unit: Unit, result: Result) -> None:
+        """Write a unit's rows."""
+        with _explained(self.folder):
+            _write_table(self.part_path(unit), tables.table(tables.errors(self.study.dimension), result.errors))
+
+    def finish(self, units: Iterable[Unit], results: Callable[[], Iterator[Result]], software: dict[str, Any]) -> None:
+        """Join the parts, in the order of the units, into the run's tables, and remove them.
+
+        The error table's metadata hold the config and the software, but nothing of time, machine or workers, so
+        that equal runs are equal to the byte.
+        """
+        dimension = self.study.dimension
+        metadata = {"study.config": self.study.model_dump_json(), "study.software": json.dumps(software)}
+        with _explained(self.folder):
+            paths = [self.part_path(unit) for unit in units]
+            parts = (pq.read_table(path) for path in paths)
+            _join(self.folder / "errors.parquet", tables.schema(tables.errors(dimension), metadata), parts)
+            timings = (tables.table(tables.TIMINGS, result.timings) for result in results())
+            _join(self.folder / "timings.parquet", tables.schema(tables.TIMINGS, metadata), timings)
+            if self.study.keep_points:
+                columns = tables.points(dimension)
+                kept = (tables.table(columns, result.points) for result in results() if result.points)
+                _join(self.folder / "points.parquet", tables.schema(columns, metadata), kept)
+            for path in paths:
+                path.unlink(missing_ok=True)
+            with contextlib.suppress(OSError):
+                (self.folder / "parts").rmdir()
+
+    def save(self, name: str, table: pa.Table) -> None:
+        """Write a whole table."""
+        with _explained(self.folder):
+            _write_table(self.folder / f"{name}.parquet", table)
+
+    def save_manifest(self, manifest: dict[str, Any]) -> None:
+        """Write the manifest."""
+        with _explained(self.folder):
+            write(self.folder / "manifest.json", (json.dumps(manifest, indent=2, ensure_ascii=False) + "\n").encode())
+
+
+def write(path: Path, data: bytes) -> None:
+    """Write a file so that it is there whole or not at all."""
+    with _replacing(path) as temporary, open(temporary, "wb") as file:
+        file.write(data)
+
+
+@contextlib.contextmanager
+def _replacing(path: Path) -> Iterator[Path]:
+    """A temporary name in the same folder; synced and renamed at the end, removed on failure."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        yield temporary
+        with open(temporary, "rb") as file:
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+    finally:
+        with contextlib.suppress(OSError):
+            temporary.unlink()
+
+
+def _write_table(path: Path, table: pa.Table) -> None:
+    with _replacing(path) as temporary:
+        pq.write_table(table, temporary, compression="zstd")
+
+
+def _join(path: Path, schema: pa.Schema, parts: Iterable[pa.Table]) -> None:
+    """Stream tables into one file, in row groups of equal size whatever the parts' sizes."""
+    with _replacing(path) as temporary, pq.ParquetWriter(temporary, schema, compression="zstd") as writer:
+        waiting: list[pa.Table] = []
+        rows = 0
+        for part in parts:
+            waiting.append(part.cast(schema.remove_metadata()))
+            rows += part.num_rows
+            while rows >= _ROWS_PER_GROUP:
+                whole = pa.concat_tables(waiting)
+                writer.write_table(whole.slice(0, _ROWS_PER_GROUP).combine_chunks())
+                waiting = [whole.slice(_ROWS_PER_GROUP)]
+                rows -= _ROWS_PER_GROUP
+        if rows:
+            writer.write_table(pa.concat_tables(waiting).combine_chunks())
+
+
+@contextlib.contextmanager
+def _explained(folder: Path) -> Iterator[None]:
+    """Turn a failure to write into one clear line."""
+    try:
+        yield
+    except OSError as error:
+        raise RunError(f"{folder}: cannot be written: {error.strerror or error}; what was finished is kept") from None

@@ -1,0 +1,123 @@
+"""Schemas of the stored tables: every column with its type, unit and meaning, which also go into the files."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from study.estimators import Status
+
+
+class Column(NamedTuple):
+    """One column of a table."""
+
+    name: str
+    type: pa.DataType
+    unit: str
+    meaning: str
+
+
+_WORD = pa.dictionary(pa.int32(), pa.string())
+_STATUSES = "; ".join(f"{status.value} = {status.text}" for status in Status)
+
+
+def _per_axis(name: str, dimension: int, unit: str, meaning: str) -> list[Column]:
+    return [Column(f"{name}_{i + 1}", pa.float64(), unit, meaning.format(i + 1)) for i in range(dimension)]
+
+
+def errors(dimension: int) -> list[Column]:
+    """The error table: a row per cell, trial and estimator."""
+    return [
+        Column("cell", _WORD, "", "name of the condition, a digest of its values"),
+        Column("trial", pa.int64(), "", "number of the data set"),
+        Column("samples", pa.int64(), "", "number of samples N of the data set"),
+        Column("noise", pa.float64(), "length", "standard deviation σ of each coordinate"),
+        Column("angle", pa.float64(), "degree", "confinement half-angle φ about the first axis"),
+        Column("radius", pa.float64(), "length", "true radius r"),
+        Column("center", pa.float64(), "length", "distance |c| of the true centre from the origin"),
+        Column("estimator", _WORD, "", "name of the estimator"),
+        *_per_axis("error", dimension, "length", "estimated minus true centre, component {}; 1 is the cap's axis"),
+        Column("error", pa.float64(), "length", "distance from the estimated to the true centre"),
+        Column("radius_error", pa.float64(), "length", "estimated minus true radius"),
+        Column("bound", pa.float64(), "length", "√tr CRLB of the centre, for the realised directions"),
+        Column("radius_bound", pa.float64(), "length", "√CRLB of the radius, for the realised directions"),
+        Column("noise_variance", pa.float64(), "length²", "noise variance of a coordinate, as given or estimated"),
+        Column("status", pa.int8(), "", _STATUSES),
+        Column("condition", pa.float64(), "", "ρ(Σ̂C⁻¹), the Leontief condition; NaN if nothing is subtracted"),
+        Column("iterations", pa.int32(), "", "steps of an iteration; 0 for a closed form"),
+    ]  # fmt: skip
+
+
+TIMINGS = [
+    Column("step", _WORD, "", "draw, bound, points, moments, or an estimator (moments not included)"),
+    Column("samples", pa.int64(), "", "number of samples N"),
+    Column("fits", pa.int64(), "", "data sets handled"),
+    Column("seconds", pa.float64(), "s", "time spent in them"),
+]  # fmt: skip
+
+
+def points(dimension: int) -> list[Column]:
+    """Points of the trials that a config asks to keep: a row per sample."""
+    return [
+        Column("cell", _WORD, "", "name of the condition"),
+        Column("trial", pa.int64(), "", "number of the data set"),
+        Column("sample", pa.int64(), "", "number of the sample"),
+        *_per_axis("x", dimension, "length", "coordinate {} as the estimators saw it"),
+        *_per_axis("center", dimension, "length", "coordinate {} of the true centre"),
+        Column("radius", pa.float64(), "length", "true radius"),
+    ]
+
+
+def summary() -> list[Column]:
+    """The summary table: a row per group - a cell, or a decade of σ/r - and estimator."""
+    columns = [
+        Column("group", pa.string(), "", "name of the cell, or the decade of σ/r by its lower end"),
+        Column("estimator", _WORD, "", "name of the estimator"),
+        Column("decade", pa.float64(), "", "floor of log10 σ/r; not a number for a cell"),
+        Column("samples", pa.float64(), "", "number of samples N; not a number where it varies"),
+        Column("noise", pa.float64(), "length", "standard deviation σ; not a number where it varies"),
+        Column("angle", pa.float64(), "degree", "confinement half-angle φ; not a number where it varies"),
+        Column("radius", pa.float64(), "length", "true radius r; not a number where it varies"),
+        Column("center", pa.float64(), "length", "distance |c| from the origin; not a number where it varies"),
+        Column("planned", pa.int64(), "", "fits planned; none is ever drawn again or left out"),
+        *(Column(s.name.lower(), pa.int64(), "", f"fits with the status: {s.text}") for s in Status),
+    ]
+
+    def measured(name: str, meaning: str) -> None:
+        columns.append(Column(name, pa.float64(), "", meaning))
+        columns.append(Column(f"{name}_error", pa.float64(), "", f"Monte-Carlo standard error of {name}"))
+
+    for name, meaning in (("relative", "error over radius"), ("ratio", "error over √tr CRLB")):
+        for label, words in (("median", "median"), ("q05", "5 % quantile"), ("q95", "95 % quantile")):
+            measured(f"{name}_{label}_ok", f"{words} of {meaning}, of the fits that are ok")
+            measured(f"{name}_{label}_all", f"{words} of {meaning}, all others counted as infinite")
+    measured("far_ok", "share of the ok fits with an error beyond 10 times the bound")
+    measured("far_all", "share of all fits that are beyond 10 times the bound or not ok")
+    measured("axis_median_ok", "median of the error along the cap's axis, over the bound: the bias that always exists")
+    measured("tail_index", "Hill's index of the error's tail; moments of that order and above do not exist")
+    measured("bias", "mean error along the axis over the bound; only where the tail index exceeds 2 by two errors")
+    measured("rmse", "root mean square of error over bound; only where the tail index exceeds 2 by two errors")
+    return columns
+
+
+def schema(columns: list[Column], metadata: Mapping[str, str] | None = None) -> pa.Schema:
+    """Arrow schema of a table, with units and meanings as metadata of its columns."""
+    fields = [
+        pa.field(name, kind, metadata={"unit": unit, "meaning": meaning}) for name, kind, unit, meaning in columns
+    ]
+    return pa.schema(fields, metadata=dict(metadata) if metadata else None)
+
+
+def table(columns: list[Column], data: Mapping[str, Any]) -> pa.Table:
+    """Arrow table from arrays; ValueError if they are not the columns declared."""
+    names = [column.name for column in columns]
+    if set(names) != set(data):
+        raise ValueError(f"columns {sorted(set(names) ^ set(data))} are declared but not computed, or the reverse")
+    return pa.table([pa.array(data[c.name], type=c.type) for c in columns], schema=schema(columns))
+
+
+def read(path: Path, columns: list[str] | None = None) -> Any:
+    """Read a stored table into a data frame."""
+    return pq.read_table(path, columns=columns).to_pandas()

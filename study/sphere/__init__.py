@@ -1,0 +1,1 @@
+"""Spheres and samples on them: arrays only, no config, no files, no study."""

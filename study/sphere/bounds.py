@@ -1,0 +1,120 @@
+"""Fisher information and Cramér-Rao bound of a sphere's centre and radius.
+
+The functional model: each sample lies at c + r u plus Gaussian noise of covariance Σ, its direction u fixed and
+unknown. Eliminating the directions leaves the information in the normal ones (theory (3.1))
+
+    J = Σᵢ wᵢ wᵢᵀ / (uᵢᵀ Σ uᵢ),   w = (u, 1),   CRLB(c, r) = J⁻¹,
+
+which bounds unbiased estimators. J is inverted through the centred directions, because Σ w wᵀ of a small cap is
+singular to rounding while the scatter about the mean direction is not.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from study.sphere.compiled import CHUNK, compiled, dot
+
+Floats = NDArray[np.float64]
+
+
+@compiled
+def weighted_scatter(directions: Any, weights: Any, sums: Any, mean: Any, scatter: Any) -> None:
+    """Σω, ū = Σωu/Σω and Σω(u-ū)(u-ū)ᵀ for a batch of directions (b, d, n) and weights (b, n)."""
+    b, d, n = directions.shape
+    rows = np.empty((d + 1, CHUNK))
+    for t in range(b):
+        whole = 0.0
+        for k in range(n):
+            whole += weights[t, k]
+        sums[t] = whole
+        for i in range(d):
+            mean[t, i] = dot(directions[t, i], weights[t]) / whole
+        scatter[t] = 0.0
+        for start in range(0, n, CHUNK):
+            m = min(CHUNK, n - start)
+            heavy = rows[d, :m]
+            omega = weights[t, start : start + m]
+            for i in range(d):
+                u, y, middle = directions[t, i, start : start + m], rows[i, :m], mean[t, i]
+                for k in range(m):
+                    y[k] = u[k] - middle
+            for i in range(d):
+                y = rows[i, :m]
+                for k in range(m):
+                    heavy[k] = omega[k] * y[k]
+                for j in range(i + 1):
+                    scatter[t, i, j] += dot(heavy, rows[j, :m])
+        for i in range(d):
+            for j in range(i):
+                scatter[t, j, i] = scatter[t, i, j]
+
+
+def bound_from_scatter(sums: Floats, mean: Floats, scatter: Floats) -> Floats:
+    """Invert J from its centred form: the bound (b, d+1, d+1), infinite where the directions leave c undetermined.
+
+    With K = Σω(u-ū)(u-ū)ᵀ, block inversion gives K⁻¹ for the centre, -K⁻¹ū between, 1/Σω + ūᵀK⁻¹ū for the radius.
+    """
+    b, d = mean.shape
+    result = np.full((b, d + 1, d + 1), np.inf)
+    eigenvalues, vectors = np.linalg.eigh(np.where(np.isfinite(scatter), scatter, 0.0))
+    known = eigenvalues[:, 0] > d * np.finfo(float).eps * eigenvalues[:, -1]
+    values, basis, middle = eigenvalues[known], vectors[known], mean[known]
+    inverse = np.einsum("bij,bj,bkj->bik", basis, 1.0 / values, basis)
+    cross = np.einsum("bij,bj->bi", inverse, middle)
+    bound = np.empty((len(values), d + 1, d + 1))
+    bound[:, :d, :d] = inverse
+    bound[:, :d, d] = bound[:, d, :d] = -cross
+    bound[:, d, d] = 1.0 / sums[known] + np.einsum("bi,bi->b", middle, cross)
+    result[known] = bound
+    return result
+
+
+def crlb(directions: ArrayLike, noise: ArrayLike) -> Floats:
+    """Cramér-Rao lower bound to the covariance of an unbiased estimate of (centre, radius).
+
+    Args:
+        directions: unit vectors (…, n, d) from the centre to the true positions.
+        noise: standard deviation σ of each coordinate, or the covariance Σ (d, d) of a sample.
+
+    Returns:
+        Bound (…, d+1, d+1), unit squared of the noise; infinite where the directions do not determine the centre.
+
+    Raises:
+        ValueError: on shapes that do not fit or a noise that is not positive.
+
+    Source: paper §4.2; the elimination of the directions is theory (3.1).
+    """
+    u = np.asarray(directions, dtype=float)
+    if u.ndim < 2 or u.shape[-1] < 2:
+        raise ValueError(f"directions have shape {u.shape}: expected (…, n, d) with d ≥ 2")
+    *lead, n, d = u.shape
+    u = u.reshape(-1, n, d)
+    weights = normal_weights(u, noise_covariance(noise, d))
+    sums, mean, scatter = np.empty(len(u)), np.empty((len(u), d)), np.empty((len(u), d, d))
+    weighted_scatter(np.ascontiguousarray(u.swapaxes(1, 2)), weights, sums, mean, scatter)
+    return bound_from_scatter(sums, mean, scatter).reshape(*lead, d + 1, d + 1)
+
+
+def normal_weights(directions: Floats, covariance: Floats) -> Floats:
+    """Information of each sample along its own direction, 1/(uᵀΣu): (…, n) for directions (…, n, d)."""
+    return np.asarray(1.0 / np.einsum("...i,ij,...j->...", directions, covariance, directions))
+
+
+def noise_covariance(noise: ArrayLike, dimension: int) -> Floats:
+    """The noise as a covariance (d, d), given σ or Σ; ValueError says what is wrong with it."""
+    value = np.asarray(noise, dtype=float)
+    if value.ndim == 0:
+        if not (np.isfinite(value) and value > 0.0):
+            raise ValueError(f"noise = {float(value)!r}: a standard deviation must be positive and finite")
+        return np.eye(dimension) * float(value) ** 2
+    if value.shape != (dimension, dimension):
+        raise ValueError(
+            f"noise has shape {value.shape}: give a standard deviation, or a ({dimension}, {dimension}) covariance"
+        )
+    if not np.all(np.isfinite(value)) or not np.allclose(value, value.T, rtol=1e-12, atol=0.0):
+        raise ValueError("noise: a covariance must be finite and symmetric")
+    if not np.linalg.eigvalsh(value)[0] > 0.0:
+        raise ValueError("noise: a covariance must be positive definite")
+    return value

@@ -1,0 +1,113 @@
+"""Directions uniform by area on a spherical cap, in any dimension d ≥ 2.
+
+A direction is u = (1 - t, √(t(2 - t)) w): its height t = 1 - cos θ below the pole, and a unit vector w across the
+axis. The height comes from one uniform number through the inverse of its distribution; w is a normalised vector of
+d - 1 normals (a sign, where d = 2). Heights are kept instead of cosines, so nothing is lost at tiny angles: 1 - cos φ
+is formed as 2 sin²(φ/2), never by subtraction.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import special
+
+from study.sphere.compiled import compiled, fill
+
+Floats = NDArray[np.float64]
+
+
+def heights(uniform: Floats, half_angle: float, dimension: int) -> Floats:
+    """Turn uniform numbers into heights t = 1 - cos θ of directions uniform on a cap.
+
+    Args:
+        uniform: numbers in [0, 1), any shape.
+        half_angle: φ in radians, 0 < φ ≤ π.
+        dimension: d ≥ 2.
+
+    Returns:
+        Heights in [0, 1 - cos φ], in the shape of ``uniform``. t/2 follows a Beta((d-1)/2, (d-1)/2) law cut off
+        at sin²(φ/2); in three dimensions that is uniform (Archimedes).
+    """
+    if dimension == 2:
+        return np.asarray(2.0 * np.sin(0.5 * half_angle * uniform) ** 2)
+    top = math.sin(0.5 * half_angle) ** 2
+    if dimension == 3:
+        return np.asarray(2.0 * top * uniform)
+    k = 0.5 * (dimension - 1)
+    return np.asarray(2.0 * special.betaincinv(k, k, uniform * special.betainc(k, k, top)))
+
+
+@compiled
+def draw(rng: Any, height: Any, directions: Any, normals: Any) -> None:
+    """Draw a block of trials: directions (b, d, n) for given heights (b, n), and standard normals (b, d, n).
+
+    Trial after trial from one generator, so that a block's first trials do not depend on how many follow. Row 0
+    of the directions receives the height t = 1 - u₁ in place of u₁.
+    """
+    b, d, n = directions.shape
+    for trial in range(b):
+        t = height[trial]
+        across = directions[trial, 1:]
+        scale = directions[trial, 0]
+        fill(scale, 0.0)
+        for i in range(d - 1):
+            w = across[i]
+            for k in range(n):
+                w[k] = rng.standard_normal()
+            for k in range(n):
+                scale[k] += w[k] * w[k]
+        for k in range(n):
+            scale[k] = math.sqrt(t[k] * (2.0 - t[k]) / scale[k])
+        for i in range(d - 1):
+            w = across[i]
+            for k in range(n):
+                w[k] *= scale[k]
+        for k in range(n):
+            scale[k] = t[k]
+        for i in range(d):
+            z = normals[trial, i]
+            for k in range(n):
+                z[k] = rng.standard_normal()
+
+
+def sample_cap(
+    rng: np.random.Generator, count: int, half_angle: float, dimension: int = 3, axis: ArrayLike | None = None
+) -> Floats:
+    """Draw unit vectors uniform by area (by arc length, if d = 2) within an angle of an axis.
+
+    Args:
+        rng: the generator to draw from.
+        count: number of directions n.
+        half_angle: φ in radians, 0 < φ ≤ π.
+        dimension: d ≥ 2.
+        axis: the cap's pole (d,), of any length; the first coordinate axis by default.
+
+    Returns:
+        Directions (n, d).
+
+    Raises:
+        ValueError: if the angle, the dimension or the axis is out of range.
+    """
+    if not 0.0 < half_angle <= math.pi:
+        raise ValueError(f"half_angle = {half_angle!r}: give an angle in radians in (0, π]")
+    if dimension < 2:
+        raise ValueError(f"dimension = {dimension!r}: a sphere needs at least 2")
+    t = heights(rng.random((1, count)), half_angle, dimension)
+    u, z = np.empty((2, 1, dimension, count))
+    draw(rng, t, u, z)
+    u[0, 0] = 1.0 - t[0]
+    points: Floats = u[0].T
+    if axis is None:
+        return points
+    pole = np.asarray(axis, dtype=float)
+    length = float(np.linalg.norm(pole))
+    if pole.shape != (dimension,) or not (math.isfinite(length) and length > 0.0):
+        raise ValueError(f"axis = {axis!r}: give a finite vector of {dimension} components that is not zero")
+    # Householder reflection that takes e₁ to the pole; added, not subtracted, where that would cancel
+    sign = -1.0 if pole[0] > 0.0 else 1.0
+    normal = pole / length
+    normal[0] -= sign
+    normal /= np.linalg.norm(normal)
+    return sign * (points - 2.0 * np.outer(points @ normal, normal))

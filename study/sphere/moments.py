@@ -1,0 +1,153 @@
+"""Centred moments of a point set: all that a closed-form sphere fit needs to know about its data.
+
+With y = x - x̄ they are n, x̄, Σyyᵀ, Σy|y|² and Σ|y|⁴ - 14 numbers in three dimensions - and two sets of them merge
+exactly, whatever the number of samples behind each.
+
+Each chunk of samples is centred on its own mean, and once more on what rounding left of it (theory: the formulas
+assume Σy = 0, which a rounded mean does not give); chunks are merged. So the data are read once, and the order of
+the samples does not matter to the accuracy.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from study.sphere.compiled import CHUNK, compiled, dot, fill, total
+
+Floats = NDArray[np.float64]
+
+
+@compiled
+def shift(count: float, delta: Any, first: Any, second: Any, third: Any, fourth: float) -> float:
+    """Move the origin of raw moments by ``delta``, in place; the fourth moment is returned.
+
+    ``first`` = Σy, ``second`` = Σyyᵀ, ``third`` = Σy|y|², ``fourth`` = Σ|y|⁴; afterwards the same of y - δ.
+    """
+    d = delta.size
+    square = trace = along_first = along_third = quadratic = 0.0
+    for i in range(d):
+        square += delta[i] * delta[i]
+        trace += second[i, i]
+        along_first += delta[i] * first[i]
+        along_third += delta[i] * third[i]
+        for j in range(d):
+            quadratic += delta[i] * second[i, j] * delta[j]
+    fourth += 4.0 * quadratic - 4.0 * along_third + square * (2.0 * trace - 4.0 * along_first + count * square)
+    for i in range(d):
+        product = 0.0
+        for j in range(d):
+            product += second[i, j] * delta[j]
+        third[i] += square * first[i] - 2.0 * product - delta[i] * (trace - 2.0 * along_first + count * square)
+    for i in range(d):
+        for j in range(d):
+            second[i, j] += count * delta[i] * delta[j] - first[i] * delta[j] - delta[i] * first[j]
+    for i in range(d):
+        first[i] -= count * delta[i]
+    return fourth
+
+
+@compiled
+def merge_into(
+    count: float, mean: Any, second: Any, third: Any, fourth: float,
+    count2: float, mean2: Any, second2: Any, third2: Any, fourth2: float, work: Any,
+) -> float:  # fmt: skip
+    """Merge a second centred set into the first, in place; the second is destroyed, the fourth moment returned."""
+    d = mean.size
+    delta, first = work[0], work[1]
+    share = count2 / (count + count2)
+    for i in range(d):
+        delta[i] = share * (mean2[i] - mean[i])
+        first[i] = 0.0
+    fourth = shift(count, delta, first, second, third, fourth)
+    for i in range(d):
+        mean[i] += delta[i]
+        delta[i] = mean[i] - mean2[i]
+        first[i] = 0.0
+    fourth += shift(count2, delta, first, second2, third2, fourth2)
+    for i in range(d):
+        third[i] += third2[i]
+        for j in range(d):
+            second[i, j] += second2[i, j]
+    return fourth
+
+
+@compiled
+def _chunk_moments(x: Any, start: int, m: int, mean: Any, second: Any, third: Any, rows: Any, work: Any) -> float:
+    """Moments of m ≤ CHUNK samples of a point set (d, n) about their own mean; the fourth is returned."""
+    d = x.shape[0]
+    delta, first = work[0], work[1]
+    square = rows[d, :m]
+    fill(square, 0.0)
+    for i in range(d):
+        xi, yi = x[i, start : start + m], rows[i, :m]
+        middle = mean[i] = total(xi) / m
+        for k in range(m):
+            yi[k] = xi[k] - middle
+            square[k] += yi[k] * yi[k]
+    for i in range(d):
+        yi = rows[i, :m]
+        first[i] = total(yi)
+        third[i] = dot(yi, square)
+        for j in range(i + 1):
+            second[i, j] = second[j, i] = dot(yi, rows[j, :m])
+        delta[i] = first[i] / m
+    fourth = shift(float(m), delta, first, second, third, dot(square, square))
+    for i in range(d):
+        mean[i] += delta[i]
+    return fourth
+
+
+@compiled
+def accumulate(x: Any, mean: Any, second: Any, third: Any, fourth: Any) -> None:
+    """Moments of each point set of a batch (b, d, n), written into the given arrays."""
+    b, d, n = x.shape
+    rows, work = np.empty((d + 1, CHUNK)), np.empty((2, d))
+    mean2, second2, third2 = np.empty(d), np.empty((d, d)), np.empty(d)
+    for t in range(b):
+        fourth[t] = _chunk_moments(x[t], 0, min(n, CHUNK), mean[t], second[t], third[t], rows, work)
+        for start in range(CHUNK, n, CHUNK):
+            m = min(CHUNK, n - start)
+            fourth2 = _chunk_moments(x[t], start, m, mean2, second2, third2, rows, work)
+            fourth[t] = merge_into(
+                float(start), mean[t], second[t], third[t], fourth[t],
+                float(m), mean2, second2, third2, fourth2, work,
+            )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Moments:
+    """Centred moments of a batch of point sets.
+
+    Attributes:
+        count: number of samples of each set (b,).
+        mean: x̄ (b, d), in the unit of the points.
+        second: Σyyᵀ (b, d, d), unit squared.
+        third: Σy|y|² (b, d), unit cubed.
+        fourth: Σ|y|⁴ (b,), unit to the fourth.
+    """
+
+    count: Floats
+    mean: Floats
+    second: Floats
+    third: Floats
+    fourth: Floats
+
+    @classmethod
+    def of(cls, x: Floats) -> "Moments":
+        """Moments of point sets given coordinates first, (b, d, n), in any memory layout."""
+        b, d, n = x.shape
+        result = cls(np.full(b, float(n)), np.empty((b, d)), np.empty((b, d, d)), np.empty((b, d)), np.empty(b))
+        accumulate(x, result.mean, result.second, result.third, result.fourth)
+        return result
+
+    @property
+    def covariance(self) -> Floats:
+        """Sample covariance C, paper eq. 5: (b, d, d)."""
+        return self.second / (self.count - 1.0)[:, None, None]
+
+    @property
+    def third_central(self) -> Floats:
+        """Third central vector moment S, paper eq. 6: (b, d)."""
+        return self.third / (self.count - 1.0)[:, None]
