@@ -5,18 +5,28 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
-.PHONY: paper test smoke lint bench reference clean
+.PHONY: paper efficiency test smoke lint bench clean
 .DELETE_ON_ERROR:
 
 # The paper's study, its figures (in figures/) and a printed summary.
 paper: $(VENV)/.run
 	@set -e; \
-	echo "The paper's 1000 trials, its ellipses and its power law:"; \
+	echo "The paper's 1000 trials, its ellipses, its two markers and its power law:"; \
 	paper=$$($(BIN)/study run configs/paper.toml); echo "  $$paper"; \
 	ellipse=$$($(BIN)/study run configs/ellipse.toml); echo "  $$ellipse"; \
+	mgdk=$$($(BIN)/study run configs/mgdk.toml); echo "  $$mgdk"; \
 	power=$$($(BIN)/study run configs/power-law.toml); echo "  $$power"; \
-	$(BIN)/study figures "$$paper" "$$ellipse" "$$power" --out figures; \
+	$(BIN)/study figures "$$paper" fig2_error --out figures; \
+	$(BIN)/study figures "$$ellipse" fig3_gdke_ellipse fig4_ugdk_ellipse fig5_methods --out figures; \
+	$(BIN)/study figures "$$mgdk" fig6_mgdk --out figures; \
+	$(BIN)/study figures "$$power" fig7_power_law --out figures; \
 	$(BIN)/study summary "$$paper"
+
+# Beyond the paper: every estimator against the bound, over noise and angle.
+efficiency: $(VENV)/.run
+	@set -e; \
+	run=$$($(BIN)/study run configs/efficiency.toml); echo "  $$run"; \
+	$(BIN)/study figures "$$run" fig_efficiency --out figures
 
 test: $(VENV)/.dev
 	$(BIN)/python -m pytest -q

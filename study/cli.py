@@ -14,10 +14,12 @@ app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
+    rich_markup_mode=None,
 )
 
 Config = Annotated[Path, typer.Argument(metavar="CONFIG", help="a study's config, such as configs/sweep.toml")]
 Folder = Annotated[Path, typer.Argument(metavar="RUN", help="a run's folder, such as results/paper-0123456789")]
+Figures = Annotated[list[str] | None, typer.Argument(metavar="FIGURE…", help="such as fig2_error [default: all]")]
 Out = Annotated[Path | None, typer.Option("--out", help="the run's folder [default: results/<name>-<digest>]")]
 Jobs = Annotated[int, typer.Option("--jobs", "-j", min=1, max=1024, help="number of workers")]
 
@@ -70,19 +72,71 @@ def summary(folder: Folder) -> None:
 
 @app.command()
 def figures(
-    folders: Annotated[list[Path], typer.Argument(metavar="RUN…", help="run folders")],
+    folder: Folder,
+    names: Figures = None,
     out: Annotated[Path | None, typer.Option("--out", help="folder for the pictures [default: RUN/figures]")] = None,
 ) -> None:
     """Draw a run's figures from its stored tables, as PNG and SVG."""
-    from study.figures import draw_all
+    from study.figures import FIGURES, draw_all
     from study.runs.store import Run
 
-    for run in [Run.open(folder) for folder in folders]:
-        drawn, skipped = draw_all(run, out or run.folder / "figures")
-        for path in drawn:
-            typer.echo(str(path))
-        for name, reason in skipped.items():
-            typer.echo(f"{name}: not drawn: {reason}", err=True)
+    unknown = [name for name in names or [] if name not in FIGURES]
+    if unknown:
+        raise typer.BadParameter(f"{', '.join(unknown)} unknown: known are {', '.join(FIGURES)}")
+    run = Run.open(folder)
+    drawn, skipped = draw_all(run, out or run.folder / "figures", names or [])
+    for path in drawn:
+        typer.echo(str(path))
+    for name, reason in skipped.items():
+        typer.echo(f"{name}: not drawn: {reason}", err=True)
+
+
+@app.command()
+def fit(
+    file: Annotated[Path, typer.Argument(metavar="POINTS", help="CSV, TSV or other text, .npy, or .parquet")],
+    estimator: Annotated[str, typer.Option("--estimator", "-e", help="an estimator's name, or all")] = "als",
+    noise: Annotated[float | None, typer.Option("--noise", help="standard deviation of a coordinate, if known")] = None,
+    columns: Annotated[str | None, typer.Option("--columns", help="coordinates, by name or number: x,y,z")] = None,
+    plot: Annotated[Path | None, typer.Option("--plot", help="draw points, fits and error ellipses here")] = None,
+) -> None:
+    """Fit a sphere, or a circle, to points in a file."""
+    from study.analysis.fitting import answers, choose, fit_all, printed
+    from study.analysis.pointfile import read_points
+
+    chosen = choose(estimator, noise)
+    points, names = read_points(file, columns.split(",") if columns else None)
+    fits = fit_all(points, chosen, noise)
+    for line in printed(answers(fits, names), names):
+        typer.echo(line)
+    if plot is not None:
+        from study.figures.fit import draw, prepare
+        from study.figures.style import save_picture
+
+        save_picture(draw(prepare(points, fits, names)), plot)
+
+
+@app.command()
+def estimators() -> None:
+    """List the estimators: where each comes from, what it costs per sample, what it must be told."""
+    from study.analysis.fitting import described
+
+    for line in described():
+        typer.echo(line)
+
+
+@app.command()
+def cost(
+    out: Annotated[Path, typer.Option("--out", help="the table's file, .csv or .parquet")] = Path(
+        "results/cost.parquet"
+    ),
+) -> None:
+    """Count the operations of a fit and time it, beside the paper's figures; store the table."""
+    from study.analysis.flops import cost_table, printed, save
+
+    table = cost_table()
+    save(table, out)
+    for line in printed(table):
+        typer.echo(line)
 
 
 def _console() -> Any:
@@ -115,11 +169,12 @@ def main(command: Callable[..., Any] = app) -> None:
     except KeyboardInterrupt:
         raise SystemExit(_said("interrupted; the parts that were finished are kept", 130)) from None
     except Exception as error:
+        from study.analysis.pointfile import PointFileError
         from study.experiment.faults import ConfigError
         from study.experiment.work import WorkError
         from study.runs.store import RunError
 
-        if isinstance(error, ConfigError):
+        if isinstance(error, ConfigError | PointFileError):
             raise SystemExit(_said(str(error), 2)) from None
         if isinstance(error, RunError | WorkError):
             raise SystemExit(_said(str(error), 1)) from None

@@ -1,33 +1,53 @@
 """The estimators, by name. To add one: write a function from `Samples` to `Fit`, and a line in `ESTIMATORS`."""
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import ArrayLike
 
-from study.estimators.fit import Fit, Samples, Status
+from study.estimators.fit import Estimator, Fit, Samples, Status, blank
 from study.estimators.gdk import gdke, ugdk
+from study.estimators.igdk import Incremental, igdk
 from study.estimators.lls import lls
+from study.estimators.lls_nr import lls_nr, lls_nr_raw
+from study.estimators.mgdk import JointFit, mgdk
 from study.estimators.mle import mle
+from study.estimators.roots import als, als_guarded, hinge, hyper, pratt, taubin
+from study.estimators.ugdk_cov import ugdk_cov
 from study.sphere.bounds import noise_covariance
 
-Estimator = Callable[[Samples], Fit]
+
+def _moments(d: int) -> float:
+    """FLOPs per sample of the centred moments, which every closed form starts from (the paper's count: d² + 6d - 1)."""
+    return d * d + 8 * d + 2
+
+
+_BIASED = "pulled towards the points by the noise, which its standard errors do not show; als is not"
 
 ESTIMATORS: dict[str, Estimator] = {
-    "mle": mle,
-    "lls": lls,
-    "gdke": gdke,
-    "ugdk": ugdk,
+    "mle": Estimator(mle, "paper §4.3; Shakarji 1998", flops=lambda d: d * d + 9 * d + 8, flops_of="a pass"),
+    "lls": Estimator(lls, "paper §4.4", flops=lambda d: 2 * d * d + 12 * d + 6, caution=_BIASED),
+    "lls_nr": Estimator(lls_nr, "paper §4.4; Press et al. 1992: centred, singular values cut at 1e-5", caution=_BIASED),
+    "lls_nr_raw": Estimator(lls_nr_raw, "paper §4.4; Press et al. 1992: not centred, cut at 1e-6", caution=_BIASED),
+    "gdke": Estimator(gdke, "paper eqs 2-6; Kåsa 1976", flops=_moments, caution=_BIASED),
+    "ugdk": Estimator(ugdk, "paper eqs 15-21", needs="noise", flops=_moments),
+    "als": Estimator(als, "Kukush, Markovsky & Van Huffel 2004", flops=_moments),
+    "als_guarded": Estimator(als_guarded, "als, or taubin where the noise hides the extent", flops=_moments),
+    "hinge": Estimator(hinge, "als without the directions of no extent", flops=_moments),
+    "taubin": Estimator(taubin, "Taubin 1991", flops=_moments),
+    "pratt": Estimator(pratt, "Pratt 1987", flops=_moments),
+    "hyper": Estimator(hyper, "Al-Sharadqah & Chernov 2009", flops=_moments),
+    "ugdk_cov": Estimator(ugdk_cov, "the paper's open question: the whole covariance from the points"),
+    "igdk": Estimator(igdk, "paper eqs 24-25", flops=lambda d: 7 * d * d + 20 * d + 3, caution=_BIASED),
 }
 
-__all__ = ["ESTIMATORS", "Estimator", "Fit", "Samples", "Status", "fit"]
+__all__ = ["ESTIMATORS", "Estimator", "Fit", "Incremental", "JointFit", "Samples", "Status", "fit", "mgdk"]
 
 
-def fit(points: ArrayLike, estimator: str = "mle", noise: ArrayLike | None = None) -> Fit:
+def fit(points: ArrayLike, estimator: str = "als", noise: ArrayLike | None = None) -> Fit:
     """Fit a sphere (a circle, if d = 2) to each of one or many point sets.
 
     Args:
-        points: coordinates (…, n, d): n ≥ d + 1 points in d ≥ 2 dimensions; leading axes are a batch.
+        points: coordinates (…, n, d): n ≥ d + 1 points in d ≥ 2 dimensions; leading axes are a batch. Rows with a NaN
+            are missing samples.
         estimator: a name in `study.ESTIMATORS`.
         noise: standard deviation σ of each coordinate, a covariance Σ (d, d), or None where the estimator does not
             need it.
@@ -52,13 +72,26 @@ def fit(points: ArrayLike, estimator: str = "mle", noise: ArrayLike | None = Non
     if noise is not None:
         noise_covariance(noise, d)
         noise = float(np.asarray(noise)) if np.ndim(noise) == 0 else np.asarray(noise, dtype=float)
-    x = array.astype(float, copy=False).reshape(-1, n, d).swapaxes(1, 2)
-    result = ESTIMATORS[estimator](Samples(x, noise))
-    return Fit(
-        center=result.center.reshape(*lead, d),
-        radius=result.radius.reshape(lead),
-        noise_variance=result.noise_variance.reshape(lead),
-        status=result.status.reshape(lead),
-        condition=result.condition.reshape(lead),
-        iterations=result.iterations.reshape(lead),
-    )
+    samples = Samples(array.astype(float, copy=False).reshape(-1, n, d).swapaxes(1, 2), noise)
+    function = ESTIMATORS[estimator]
+    missing = bool(np.isnan(samples.moments.fourth).any())
+    result = _fit_present(function, samples) if missing else function(samples)
+    return result.reshape(*lead, samples=samples)
+
+
+def _fit_present(estimator: Estimator, samples: Samples) -> Fit:
+    """Fit each set without its missing samples; sets with equally many are fitted together."""
+    b, d, _ = samples.shape
+    result = blank(b, d)
+    present = np.logical_not(np.isnan(samples.x).any(axis=1))
+    count = present.sum(axis=1)
+    for n in np.unique(count):
+        sets = np.flatnonzero(count == n)
+        if n < d + 1:
+            result.status[sets] = Status.TOO_FEW_POINTS
+            continue
+        whole = np.stack([samples.x[t][:, present[t]] for t in sets])
+        part = estimator(Samples(whole, samples.noise))
+        for name in ("center", "radius", "noise_variance", "status", "condition", "iterations"):
+            getattr(result, name)[sets] = getattr(part, name)
+    return result

@@ -1,12 +1,15 @@
 """What every estimator takes and gives: a batch of samples in, a `Fit` with a `Status` out."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
+from study.sphere.bounds import bound_from_scatter, noise_covariance, normal_weights, weighted_scatter
 from study.sphere.linalg import eigenbasis
 from study.sphere.moments import Moments
 
@@ -32,41 +35,13 @@ class Status(IntEnum):
     AT_BOUND = 4, "the best sphere is a plane: the centre runs away from the points and was stopped at the bound"
     TOO_FEW_POINTS = 5, "fewer than d + 1 points"
     NOT_FINITE = 6, "a coordinate is not finite, or so large that its fourth power is not"
+    INSIGNIFICANT = 7, "along some direction the points' extent is within the noise: the centre is unreliable"
+    HINGE = 8, "the points lie on an arc or in a plane, within the noise: the centre was taken in their plane"
 
 
-@dataclass(frozen=True, slots=True)
-class Fit:
-    """The answer of an estimator, for one point set or a batch of them (leading axes `…`).
-
-    Attributes:
-        center: ĉ (…, d), in the unit of the points.
-        radius: r̂ (…). NaN where no radius is real, which only a status other than ok allows.
-        noise_variance: σ² of one coordinate (…), unit squared: as given, where the estimator was told (the mean over
-            coordinates, for a covariance), else estimated from the residuals. NaN at n = d + 1, which leaves none.
-        status: `Status` of each fit (…).
-        condition: the paper's Leontief condition ρ (…), the spectral radius of Σ̂C⁻¹, which must be below 1; NaN for
-            an estimator that subtracts no noise.
-        iterations: steps taken (…); 0 for a closed form.
-    """
-
-    center: Floats
-    radius: Floats
-    noise_variance: Floats
-    status: Ints
-    condition: Floats
-    iterations: Ints
-
-
-def blank(batch: int, dimension: int) -> Fit:
-    """A fit of NaN throughout, status ok, for an estimator to fill in."""
-    return Fit(
-        center=np.full((batch, dimension), np.nan),
-        radius=np.full(batch, np.nan),
-        noise_variance=np.full(batch, np.nan),
-        status=np.zeros(batch, dtype=np.int64),
-        condition=np.full(batch, np.nan),
-        iterations=np.zeros(batch, dtype=np.int64),
-    )
+def explain(status: int) -> str:
+    """What a status code means, in words."""
+    return next(member.text for member in Status if member == status)
 
 
 @dataclass(frozen=True)
@@ -79,7 +54,14 @@ class Samples:
     """
 
     x: Floats
-    noise: float | Floats | None = field(default=None)
+    noise: float | Floats | None = None
+
+    @classmethod
+    def of_moments(cls, moments: Moments, noise: float | Floats | None = None) -> "Samples":
+        """Samples of which only the moments are known: enough for every closed form."""
+        samples = cls(np.empty((*moments.mean.shape, 0)), noise)
+        samples.__dict__["moments"] = moments  # in place of the cached property
+        return samples
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -101,3 +83,149 @@ class Samples:
     def spectrum(self) -> tuple[Floats, Floats]:
         """Eigenvalues (b, d), ascending, and eigenvectors (b, d, d), as columns, of the sample covariance C."""
         return eigenbasis(self.moments.covariance)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The answer of an estimator, for one point set or a batch of them (leading axes `…`).
+
+    Attributes:
+        center: ĉ (…, d), in the unit of the points.
+        radius: r̂ (…). NaN where no radius is real, which only a status other than ok allows.
+        noise_variance: σ² of one coordinate (…), unit squared: as given, where the estimator was told (the mean over
+            coordinates, for a covariance), else estimated from the residuals. NaN at n = d + 1, which leaves none.
+        status: `Status` of each fit (…).
+        condition: the paper's Leontief condition ρ (…), the spectral radius of Σ̂C⁻¹, which must be below 1; NaN for
+            an estimator that subtracts no noise.
+        iterations: steps taken (…); 0 for a closed form.
+        samples: the points that were fitted, which the properties below look at again.
+    """
+
+    center: Floats
+    radius: Floats
+    noise_variance: Floats
+    status: Ints
+    condition: Floats
+    iterations: Ints
+    samples: Samples | None = field(default=None, repr=False, compare=False)
+
+    def reshape(self, *lead: int, samples: Samples | None = None) -> "Fit":
+        """The same fits with other leading axes, and the points that they belong to."""
+        return Fit(
+            center=self.center.reshape(*lead, self.center.shape[-1]),
+            radius=self.radius.reshape(lead),
+            noise_variance=self.noise_variance.reshape(lead),
+            status=self.status.reshape(lead),
+            condition=self.condition.reshape(lead),
+            iterations=self.iterations.reshape(lead),
+            samples=samples,
+        )
+
+    @cached_property
+    def count(self) -> Ints:
+        """Samples used (…): rows with a NaN are missing and left out."""
+        _, _, present = self._residuals
+        return np.asarray(present.sum(axis=1).reshape(self.radius.shape))
+
+    @cached_property
+    def residual_rms(self) -> Floats:
+        """Root mean square distance of the points from the sphere (…), unit of the points."""
+        distance, _, present = self._residuals
+        with np.errstate(all="ignore"):
+            square = np.where(present, (distance - self.radius.reshape(-1, 1)) ** 2, 0.0).sum(axis=1)
+            return np.asarray(np.sqrt(square / present.sum(axis=1)).reshape(self.radius.shape))
+
+    @cached_property
+    def covariance(self) -> Floats:
+        """Covariance of (ĉ, r̂) (…, d+1, d+1), unit squared.
+
+        It is the Cramér-Rao bound with the estimates plugged in: the noise as given or estimated, and the directions
+        in which the points lie from ĉ. It does not know of an estimator's bias (`gdke`, `lls`), nor of the excess of
+        one that does not attain the bound; NaN or infinite where it cannot be formed.
+        """
+        _, directions, present = self._residuals
+        b, d, _ = directions.shape
+        noise = self._given_noise
+        with np.errstate(all="ignore"):
+            variance = np.ones(b) if noise is not None else self.noise_variance.reshape(b)
+            covariance = np.eye(d) if noise is None else noise_covariance(noise, d)
+            weights = np.where(present, normal_weights(directions.swapaxes(1, 2), covariance), 0.0)
+            sums, mean, scatter = np.empty(b), np.empty((b, d)), np.empty((b, d, d))
+            weighted_scatter(np.where(present[:, None], directions, 0.0), weights, sums, mean, scatter)
+            bound = bound_from_scatter(sums, mean, scatter) * variance[:, None, None]
+        return bound.reshape(*self.radius.shape, d + 1, d + 1)
+
+    @property
+    def standard_errors(self) -> Floats:
+        """Standard errors of ĉ's components and of r̂ (…, d+1), unit of the points."""
+        return np.asarray(np.sqrt(np.einsum("...ii->...i", self.covariance)))
+
+    def ellipsoid(self, level: float = 0.95) -> Floats:
+        """Joint confidence ellipsoid of the centre.
+
+        Args:
+            level: nominal coverage, in (0, 1).
+
+        Returns:
+            Semi-axes as columns (…, d, d), unit of the points. Their length comes from the χ² distribution where the
+            noise was given, and from F with n - d - 1 degrees of freedom where it was estimated.
+        """
+        d = self.center.shape[-1]
+        spare = np.maximum(self.count - d - 1, 1).reshape(-1)
+        known = self._given_noise is not None
+        scale = np.full(len(spare), stats.chi2.ppf(level, d)) if known else d * stats.f.ppf(level, d, spare)
+        values, vectors = eigenbasis(self.covariance[..., :d, :d].reshape(-1, d, d))
+        lengths = np.sqrt(np.maximum(values, 0.0) * scale[:, None])
+        return np.asarray((vectors * lengths[:, None, :]).reshape(*self.center.shape, d))
+
+    @property
+    def _given_noise(self) -> float | Floats | None:
+        return None if self.samples is None else self.samples.noise
+
+    @cached_property
+    def _residuals(self) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+        """Distances from ĉ (b, n), directions from ĉ (b, d, n), and which samples are not missing (b, n)."""
+        if self.samples is None:
+            raise ValueError("this fit does not hold its points: use study.fit, which keeps them")
+        x = self.samples.x
+        away = x - self.center.reshape(len(x), x.shape[1], 1)
+        with np.errstate(all="ignore"):
+            distance = np.sqrt(np.einsum("bdn,bdn->bn", away, away))
+            return distance, away / distance[:, None], np.logical_not(np.isnan(x).any(axis=1))
+
+
+def blank(batch: int, dimension: int) -> Fit:
+    """A fit of NaN throughout, status ok, for an estimator to fill in."""
+    return Fit(
+        center=np.full((batch, dimension), np.nan),
+        radius=np.full(batch, np.nan),
+        noise_variance=np.full(batch, np.nan),
+        status=np.zeros(batch, dtype=np.int64),
+        condition=np.full(batch, np.nan),
+        iterations=np.zeros(batch, dtype=np.int64),
+    )
+
+
+@dataclass(frozen=True)
+class Estimator:
+    """An estimator as the registry holds it.
+
+    Attributes:
+        function: from samples to a fit. It never raises on data, only on a noise that it cannot use.
+        reference: where it comes from.
+        needs: what it must be told besides the points.
+        flops: floating-point operations per sample in d dimensions, as `study.analysis.flops` counts them.
+        flops_of: what they are for, where that is not the whole fit.
+        caution: what a user should know beside the answer, whatever its status.
+    """
+
+    function: Callable[[Samples], Fit]
+    reference: str = ""
+    needs: str = ""
+    flops: Callable[[int], float] | None = None
+    flops_of: str = ""
+    caution: str = ""
+
+    def __call__(self, samples: Samples) -> Fit:
+        """Fit."""
+        return self.function(samples)

@@ -14,6 +14,7 @@ import numpy as np
 from study.estimators.fit import Fit, Samples, Status, blank
 from study.estimators.gdk import noise_of_residuals
 from study.sphere.compiled import CHUNK, compiled, dot, fill, total
+from study.sphere.linalg import diagonalise
 
 _EPS = 2.0**-52
 
@@ -25,7 +26,7 @@ def _append(triangle: Any, rows: Any, m: int) -> None:
     for i in range(q):
         pivot = rows[i, :m]
         norm = math.sqrt(triangle[i, i] ** 2 + dot(pivot, pivot))
-        if not norm > 0.0:
+        if norm == 0.0:  # not so if it is not a number, which is to spread
             continue
         head = triangle[i, i] + norm if triangle[i, i] >= 0.0 else triangle[i, i] - norm
         scale = 1.0 / (norm * abs(head))
@@ -39,20 +40,27 @@ def _append(triangle: Any, rows: Any, m: int) -> None:
 
 
 @compiled
-def _solve(triangle: Any, beta: Any) -> bool:
-    """Back substitution for β (d + 1,); False if a column is dependent on those before it."""
+def _regular(triangle: Any, scatter: Any, vectors: Any) -> bool:
+    """Whether the points span all dimensions: the rule of `gdk`, on the scatter of the centred columns."""
+    d = scatter.shape[0]
+    for i in range(d):
+        for j in range(d):
+            scatter[i, j] = 0.0
+            for k in range(min(i, j) + 1):
+                scatter[i, j] += triangle[k + 1, i + 1] * triangle[k + 1, j + 1]
+    diagonalise(scatter, vectors)
+    return bool(scatter[0, 0] > d * _EPS * scatter[d - 1, d - 1])
+
+
+@compiled
+def _solve(triangle: Any, beta: Any) -> None:
+    """Back substitution for β (d + 1,)."""
     p = beta.size
     for i in range(p - 1, -1, -1):
-        norm = 0.0
-        for j in range(i + 1):
-            norm += triangle[j, i] ** 2
-        if not abs(triangle[i, i]) > 4.0 * _EPS * math.sqrt(norm):
-            return False
         beta[i] = triangle[i, p]
         for j in range(i + 1, p):
             beta[i] -= triangle[i, j] * beta[j]
         beta[i] /= triangle[i, i]
-    return True
 
 
 @compiled
@@ -61,6 +69,7 @@ def _fit_all(x: Any, center: Any, radius_squared: Any, residual: Any, regular: A
     b, d, n = x.shape
     q = d + 2
     rows, triangle, beta, origin = np.empty((q, CHUNK)), np.empty((q, q)), np.empty(d + 1), np.empty(d)
+    scatter, vectors = np.empty((d, d)), np.empty((d, d))
     for t in range(b):
         triangle[:] = 0.0
         for i in range(d):
@@ -77,7 +86,8 @@ def _fit_all(x: Any, center: Any, radius_squared: Any, residual: Any, regular: A
                     y[k] = xi[k] - near_i
                     square[k] += y[k] * y[k]
             _append(triangle, rows, m)
-        regular[t] = _solve(triangle, beta)
+        regular[t] = _regular(triangle, scatter, vectors)
+        _solve(triangle, beta)
         residual[t] = triangle[d + 1, d + 1] ** 2 / n
         radius_squared[t] = beta[0]
         for i in range(d):

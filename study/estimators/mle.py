@@ -26,6 +26,7 @@ _MAX_ITERATIONS = 100
 _MAX_HALVINGS = 40
 _TOLERANCE = 1e-9
 """A Newton step below this share of the radius ends the iteration: the next one would be its square."""
+_EPS = 2.0**-52
 _FLAT = 1e-15
 """Least curvature, per sample, that a step is divided by."""
 _BOUND = 1e8
@@ -125,6 +126,10 @@ def _minimise(x: Any, a: Any, bound: float, result: Any) -> int:
                     along = dot(vectors[:, j], descent) / max(abs(matrix[j, j]), _FLAT * n)
                     for i in range(d):
                         step[i] += along * vectors[i, j]
+        elif halvings == 0 and value <= best + 2.0 * _EPS * radius * math.sqrt(n * best):
+            a[:] = trial  # rounding no longer lets F tell two centres apart: this one is a Newton step further
+            result[0], result[1], result[2] = radius + sums[0] / n, value, float(steps)
+            return Status.OK
         else:
             halvings += 1
             if halvings > _MAX_HALVINGS:

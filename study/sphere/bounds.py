@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from study.sphere.compiled import CHUNK, compiled, dot
+from study.sphere.linalg import eigenbasis
 
 Floats = NDArray[np.float64]
 
@@ -58,7 +59,7 @@ def bound_from_scatter(sums: Floats, mean: Floats, scatter: Floats) -> Floats:
     """
     b, d = mean.shape
     result = np.full((b, d + 1, d + 1), np.inf)
-    eigenvalues, vectors = np.linalg.eigh(np.where(np.isfinite(scatter), scatter, 0.0))
+    eigenvalues, vectors = eigenbasis(scatter)
     known = eigenvalues[:, 0] > d * np.finfo(float).eps * eigenvalues[:, -1]
     values, basis, middle = eigenvalues[known], vectors[known], mean[known]
     inverse = np.einsum("bij,bj,bkj->bik", basis, 1.0 / values, basis)
@@ -106,9 +107,12 @@ def noise_covariance(noise: ArrayLike, dimension: int) -> Floats:
     """The noise as a covariance (d, d), given σ or Σ; ValueError says what is wrong with it."""
     value = np.asarray(noise, dtype=float)
     if value.ndim == 0:
-        if not (np.isfinite(value) and value > 0.0):
-            raise ValueError(f"noise = {float(value)!r}: a standard deviation must be positive and finite")
-        return np.eye(dimension) * float(value) ** 2
+        sigma = float(value)
+        if not (sigma > 0.0 and 0.0 < sigma * sigma < np.inf):
+            raise ValueError(
+                f"noise = {sigma!r}: a standard deviation must be positive and finite, and so must its square"
+            )
+        return np.eye(dimension) * (sigma * sigma)
     if value.shape != (dimension, dimension):
         raise ValueError(
             f"noise has shape {value.shape}: give a standard deviation, or a ({dimension}, {dimension}) covariance"

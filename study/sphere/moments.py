@@ -116,6 +116,19 @@ def accumulate(x: Any, mean: Any, second: Any, third: Any, fourth: Any) -> None:
             )  # fmt: skip
 
 
+@compiled
+def _merge_all(
+    count: Any, mean: Any, second: Any, third: Any, fourth: Any,
+    count2: Any, mean2: Any, second2: Any, third2: Any, fourth2: Any,
+) -> None:  # fmt: skip
+    work = np.empty((2, mean.shape[1]))
+    for t in range(count.size):
+        fourth[t] = merge_into(
+            count[t], mean[t], second[t], third[t], fourth[t],
+            count2[t], mean2[t], second2[t], third2[t], fourth2[t], work,
+        )  # fmt: skip
+
+
 @dataclass(frozen=True, slots=True)
 class Moments:
     """Centred moments of a batch of point sets.
@@ -141,6 +154,22 @@ class Moments:
         result = cls(np.full(b, float(n)), np.empty((b, d)), np.empty((b, d, d)), np.empty((b, d)), np.empty(b))
         accumulate(x, result.mean, result.second, result.third, result.fourth)
         return result
+
+    def merge(self, other: "Moments") -> "Moments":
+        """Moments of the union of each set with the other's set of equal place: exact, and as good in any order."""
+        result = Moments(
+            self.count + other.count, *(a.copy() for a in (self.mean, self.second, self.third, self.fourth))
+        )
+        taken = (other.second.copy(), other.third.copy())
+        _merge_all(
+            self.count, result.mean, result.second, result.third, result.fourth,
+            other.count, other.mean, *taken, other.fourth,
+        )  # fmt: skip
+        return result
+
+    def update(self, x: Floats) -> "Moments":
+        """Moments after more samples (b, d, n)."""
+        return self.merge(Moments.of(x))
 
     @property
     def covariance(self) -> Floats:

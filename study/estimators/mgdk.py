@@ -1,0 +1,181 @@
+"""Several markers, one centre (MGDK): markers at different distances from one joint share what they know of it.
+
+    ĉ = [Σ_p w_p (C_p - Σ̂)]⁻¹ Σ_p w_p [(C_p - Σ̂) x̄_p + ½ S_p]                            (paper eq. 22, corrected)
+
+In print the sum closes before ½S_p; both ways of reading it are wrong. With unequal sample counts w_p = n_p - 1, and
+with weights 1/r̂_p² the inner markers count for what they are worth: a marker's algebraic residual grows with its
+radius. Where the noise is not known, one η for all markers is found from their residuals together (theory §5.5).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import brentq
+
+from study.estimators.fit import Status
+from study.sphere.bounds import noise_covariance
+from study.sphere.moments import Moments
+
+Floats = NDArray[np.float64]
+
+_ROUNDS = 5
+
+
+@dataclass(frozen=True)
+class JointFit:
+    """The common centre of several markers.
+
+    Attributes:
+        center: ĉ (d,), in the unit of the points.
+        radii: r̂ of each marker (M,); NaN where none is real.
+        noise_variance: σ² of one coordinate, as given (the mean, for a covariance) or found.
+        status: `Status` of the fit.
+        condition: ρ, the share of the least extent of Σ w_p C_p that is noise; it must be below 1.
+        covariance: of ĉ (d, d): the Cramér-Rao bound with the estimates plugged in.
+        count: samples used of each marker (M,); rows with a NaN are left out.
+    """
+
+    center: Floats
+    radii: Floats
+    noise_variance: float
+    status: Status
+    condition: float
+    covariance: Floats
+    count: NDArray[np.int64]
+
+
+def mgdk(markers: Sequence[ArrayLike], noise: ArrayLike | None = None, weighted: bool = True) -> JointFit:
+    """Fit one centre to several markers.
+
+    Args:
+        markers: points (n_p, d) of each marker, the numbers of samples may differ.
+        noise: σ, a covariance Σ (d, d), or None: found in the points.
+        weighted: weigh each marker by 1/r̂². Without, eq. 22 as derived.
+
+    Raises:
+        ValueError: if there is no marker, or shapes or the noise cannot be used.
+
+    Source: paper eqs 22-23; correction, weights and the joint root: theory §2, §5.5.
+    """
+    arrays = [_points(marker, place) for place, marker in enumerate(markers)]
+    if not arrays or len({array.shape[1] for array in arrays}) != 1:
+        raise ValueError(f"markers of shapes {[a.shape for a in arrays]}: give at least one, all of the same dimension")
+    d = arrays[0].shape[1]
+    known = None if noise is None else noise_covariance(noise, d)
+    count = np.array([len(array) for array in arrays])
+    used = [array for array in arrays if len(array) >= 2]
+    if sum(count) < d + len(arrays) or not used:
+        return _nothing(d, count, Status.TOO_FEW_POINTS)
+    moments = [Moments.of(np.ascontiguousarray(array.T)[None]) for array in used]
+    if not all(np.isfinite(m.fourth[0]) for m in moments):
+        return _nothing(d, count, Status.NOT_FINITE)
+    return _Joint(moments, d).fit(arrays, known, weighted, count)
+
+
+class _Joint:
+    """The markers' moments, stacked."""
+
+    def __init__(self, moments: Sequence[Moments], dimension: int) -> None:
+        self.d = dimension
+        self.n = np.array([m.count[0] for m in moments])
+        self.mean = np.array([m.mean[0] for m in moments])
+        self.c = np.array([m.covariance[0] for m in moments])
+        self.s = np.array([m.third_central[0] for m in moments])
+        self.fourth = np.array([m.fourth[0] for m in moments]) / self.n
+
+    def fit(self, arrays: list[Floats], known: Floats | None, weighted: bool, count: NDArray[np.int64]) -> JointFit:
+        weights = self.n - 1.0
+        spread = np.einsum("p,pij->ij", weights, self.c) / weights.sum()
+        values = np.linalg.eigvalsh(spread)
+        if not values[0] > self.d * np.finfo(float).eps * values[-1]:
+            return _nothing(self.d, count, Status.SINGULAR)
+        noise = np.zeros((self.d, self.d)) if known is None else known
+        center = self.center(noise, weights)
+        for _ in range(_ROUNDS):
+            if weighted:
+                weights = (self.n - 1.0) / np.maximum(self.square_radii(center, np.zeros_like(noise)), 1e-300)
+            if known is None:
+                noise = self.root(weights) * np.eye(self.d)
+            center = self.center(noise, weights)
+        total = np.einsum("p,pij->ij", weights, self.c)
+        condition = float(np.linalg.eigvals(np.linalg.solve(total, noise * weights.sum())).real.max())
+        status = Status.OK if condition < 1.0 else Status.NOT_POSITIVE_DEFINITE
+        used = iter(self.square_radii(center, noise))
+        squares = np.array([next(used) if n >= 2 else np.nan for n in count])
+        return JointFit(
+            center=center,
+            radii=np.sqrt(np.where(squares >= 0.0, squares, np.nan)),
+            noise_variance=float(np.trace(noise)) / self.d,
+            status=status,
+            condition=condition,
+            covariance=_bound(arrays, center, noise),
+            count=count,
+        )
+
+    def center(self, noise: Floats, weights: Floats) -> Floats:
+        """Eq. 22, corrected, about the mean of the markers' centroids."""
+        left = self.c - noise
+        origin = self.mean.mean(axis=0)
+        right = np.einsum("pij,pj->pi", left, self.mean - origin) + 0.5 * self.s
+        matrix = np.einsum("p,pij->ij", weights, left)
+        return np.asarray(origin + np.linalg.solve(matrix, np.einsum("p,pi->i", weights, right)))
+
+    def square_radii(self, center: Floats, noise: Floats) -> Floats:
+        """Eq. 23, squared."""
+        away = self.mean - center
+        trace = np.trace(self.c - noise, axis1=1, axis2=2)
+        return np.asarray((self.n - 1.0) / self.n * trace + np.einsum("pi,pi->p", away, away))
+
+    def root(self, weights: Floats) -> float:
+        """η for which the residuals' variances equal what that noise gives: Σ w (Var f - 4r²η - 2dη²) = 0."""
+        share = (self.n - 1.0) / self.n
+        w = weights / weights.sum()
+        top = float(np.linalg.eigvalsh(np.einsum("p,pij->ij", w, self.c))[0])
+
+        def excess(eta: float) -> float:
+            noise = eta * np.eye(self.d)
+            center = self.center(noise, weights)
+            offset = center - self.mean
+            second = share[:, None, None] * self.c
+            m2 = np.trace(second, axis1=1, axis2=2)
+            third = share[:, None] * self.s
+            variance = self.fourth - m2**2 - 4.0 * np.einsum("pi,pi->p", offset, third)
+            variance += 4.0 * np.einsum("pi,pij,pj->p", offset, second, offset)
+            mean_square = m2 + np.einsum("pi,pi->p", offset, offset)
+            # r² = mean square - dη, so 4r²η + 2dη² = 4 (mean square) η - 2dη²
+            return float(np.sum(w * (variance - 4.0 * mean_square * eta + 2.0 * self.d * eta**2)))
+
+        if not excess(0.0) > 0.0:
+            return 0.0
+        return float(brentq(excess, 0.0, top * (1.0 - 1e-12), xtol=1e-15 * top, rtol=1e-13))
+
+
+def _bound(arrays: list[Floats], center: Floats, noise: Floats) -> Floats:
+    """Cramér-Rao bound of the centre: each marker's radius takes the mean of its directions out of the information."""
+    d = len(center)
+    information = np.zeros((d, d))
+    for array in arrays:
+        if len(array):
+            u = array - center
+            u /= np.linalg.norm(u, axis=1, keepdims=True)
+            weights = 1.0 / np.einsum("ni,ij,nj->n", u, noise, u)
+            u = u - weights @ u / weights.sum()
+            information += np.einsum("n,ni,nj->ij", weights, u, u)
+    regular = np.linalg.cond(information) < 1e15
+    return np.asarray(np.linalg.inv(information)) if regular else np.full((d, d), np.inf)
+
+
+def _points(marker: ArrayLike, place: int) -> Floats:
+    array = np.asarray(marker, dtype=float)
+    if array.ndim != 2 or array.shape[1] < 2:
+        raise ValueError(f"marker {place} has shape {array.shape}: expected (n, d) with d ≥ 2")
+    return np.asarray(array[np.logical_not(np.isnan(array).any(axis=1))])
+
+
+def _nothing(dimension: int, count: NDArray[np.int64], status: Status) -> JointFit:
+    nan = np.full(dimension, np.nan)
+    return JointFit(
+        nan, np.full(len(count), np.nan), np.nan, status, np.nan, np.full((dimension, dimension), np.nan), count
+    )

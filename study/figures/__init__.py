@@ -1,0 +1,76 @@
+"""Tables in, figures out: each figure is a module of ``prepare(tables) -> frame`` and ``draw(frame) -> Figure``.
+
+To add one, write such a module and a line in `FIGURES`. All computing is in ``prepare``; ``draw`` reads no files.
+"""
+
+from collections.abc import Collection
+from pathlib import Path
+from typing import Any, Protocol
+
+from matplotlib.figure import Figure
+
+from study.figures import (
+    fig2_error,
+    fig3_gdke_ellipse,
+    fig4_ugdk_ellipse,
+    fig5_methods,
+    fig6_mgdk,
+    fig7_power_law,
+    fig_efficiency,
+    style,
+)
+from study.figures.inputs import NotApplicable, Tables
+from study.runs.store import Run
+
+
+class Drawing(Protocol):
+    """What a figure's module offers."""
+
+    def prepare(self, tables: Tables) -> Any:
+        """Compute what is shown; `NotApplicable` if the run does not have it."""
+
+    def draw(self, frame: Any) -> Figure:
+        """Draw it."""
+
+
+FIGURES: dict[str, Drawing] = {
+    "fig2_error": fig2_error,
+    "fig3_gdke_ellipse": fig3_gdke_ellipse,
+    "fig4_ugdk_ellipse": fig4_ugdk_ellipse,
+    "fig5_methods": fig5_methods,
+    "fig6_mgdk": fig6_mgdk,
+    "fig7_power_law": fig7_power_law,
+    "fig_efficiency": fig_efficiency,
+}
+
+__all__ = ["FIGURES", "Drawing", "NotApplicable", "Tables", "draw_all"]
+
+
+def draw_all(run: Run, folder: Path, names: Collection[str] = ()) -> tuple[list[Path], dict[str, str]]:
+    """Draw every figure that a run has the tables for.
+
+    Args:
+        run: a finished run.
+        folder: where the pictures go, as PNG and SVG; made if it is not there.
+        names: figures to draw; all, if none is named.
+
+    Returns:
+        The paths written, and for each figure that was not drawn the reason. A figure that fails does not cost the
+        others; its reason starts with "failed".
+
+    Raises:
+        RunError: if the run did not finish.
+    """
+    tables = Tables.of(run)
+    folder.mkdir(parents=True, exist_ok=True)
+    drawn: list[Path] = []
+    skipped: dict[str, str] = {}
+    for name in names or FIGURES:
+        figure = FIGURES[name]
+        try:
+            drawn += style.save(figure.draw(figure.prepare(tables)), folder / name)
+        except NotApplicable as reason:
+            skipped[name] = str(reason)
+        except Exception as error:  # whatever it is, it is told, and the other figures are drawn
+            skipped[name] = f"failed: {error!r}"
+    return drawn, skipped

@@ -1,0 +1,61 @@
+"""What a figure is given: a run's tables in memory, and how it says that it cannot be drawn from them."""
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from study.runs.store import Run
+
+
+class NotApplicable(Exception):  # noqa: N818  no error: most runs have some figure that they cannot feed
+    """A figure that cannot be drawn from a run; the message is the reason, in words for a user."""
+
+
+@dataclass(frozen=True)
+class Tables:
+    """A run, as the figures see it.
+
+    Attributes:
+        name: the run's name, which is printed on every figure.
+        dimension: d of the spheres.
+        design: "grid" or "random".
+        noise_shape: covariance of a sample in units of σ² (d, d).
+        errors: the error table; see `study.runs.tables.errors`.
+        summary: the summary table; see `study.runs.tables.summary`.
+        points: the points of the trials that were kept; None if none were.
+    """
+
+    name: str
+    dimension: int
+    design: str
+    noise_shape: NDArray[np.float64]
+    errors: pd.DataFrame
+    summary: pd.DataFrame
+    points: pd.DataFrame | None = None
+
+    @classmethod
+    def of(cls, run: Run) -> Self:
+        """Load a finished run.
+
+        Raises:
+            RunError: if a table is missing, because the run did not finish.
+        """
+        study = run.study
+        shape = study.noise_shape
+        return cls(
+            name=study.run_name(),
+            dimension=study.dimension,
+            design=study.design.kind,
+            noise_shape=np.eye(study.dimension) if shape is None else np.array(shape),
+            errors=run.table("errors"),
+            summary=run.table("summary"),
+            points=run.table("points") if study.keep_points else None,
+        )
+
+    @property
+    def estimators(self) -> list[str]:
+        """Names of the estimators, in the order of the config."""
+        return [str(name) for name in self.errors["estimator"].unique()]

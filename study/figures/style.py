@@ -1,0 +1,187 @@
+"""How every figure looks: width, type, one colour and mark per estimator, the stamp, and files equal to the byte."""
+
+import colorsys
+import contextlib
+import io
+import math
+import textwrap
+import zlib
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.colors import to_hex, to_rgb
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from numpy.typing import NDArray
+from scipy.optimize import isotonic_regression
+
+from study.runs.store import write
+
+PAGE = 6.8
+"""Width of a full page, in inches."""
+
+SMALL = 7.0
+"""Size of the smallest type, in points: notes and direct labels."""
+
+INK = "#222222"
+FAINT = "#8a8a8a"
+
+# Okabe & Ito's colours, which colour-blind readers can tell apart, for what is compared most, without the yellow that
+# white paper swallows; then Tol's muted ones; variants are near to what they vary. Black is the truth and the bound.
+_LOOKS: dict[str, tuple[str, str, str]] = {
+    "mle": ("MLE", "#0072b2", "o"),
+    "lls": ("LLS", "#e69f00", "s"),
+    "lls_nr": ("LLS (NR)", "#a87b1e", "s"),
+    "lls_nr_raw": ("LLS (NR, raw)", "#6f5300", "s"),
+    "gdke": ("GDKE", "#d55e00", "^"),
+    "ugdk": ("UGDK", "#009e73", "D"),
+    "ugdk_cov": ("UGDK (Σ̂)", "#5b7f14", "d"),
+    "als": ("ALS", "#332288", "p"),
+    "als_guarded": ("ALS (guarded)", "#7b6fd0", "p"),
+    "hinge": ("hinge", "#117a8b", "8"),
+    "taubin": ("Taubin", "#cc79a7", "v"),
+    "pratt": ("Pratt", "#56b4e9", "<"),
+    "hyper": ("Hyper", "#882255", ">"),
+    "mgdk": ("MGDK", "#999933", "h"),
+    "igdk": ("IGDK", "#7a3b3b", "P"),
+}
+
+_SETTINGS: dict[str, Any] = {
+    "font.family": "DejaVu Sans",
+    "font.size": 8.0,
+    "axes.titlesize": 9.0,
+    "axes.labelsize": 8.5,
+    "xtick.labelsize": 8.0,
+    "ytick.labelsize": 8.0,
+    "text.color": INK,
+    "axes.labelcolor": INK,
+    "axes.edgecolor": "#555555",
+    "xtick.color": "#555555",
+    "ytick.color": "#555555",
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+    "axes.linewidth": 0.6,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#e4e4e4",
+    "grid.linewidth": 0.5,
+    "lines.linewidth": 1.2,
+    "legend.frameon": False,
+    "legend.fontsize": SMALL,
+    "savefig.dpi": 200,
+    "svg.fonttype": "path",
+    "svg.hashsalt": "study",
+}
+
+
+@contextlib.contextmanager
+def journal() -> Iterator[None]:
+    """Matplotlib's own defaults and ours, whatever a user has set; also a decorator for ``draw``."""
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        matplotlib.rcParams.update(_SETTINGS)  # type: ignore[arg-type]
+        yield
+
+
+def label(estimator: str) -> str:
+    """What a reader sees for an estimator; an unknown one (a user's own) is called by its name."""
+    return _LOOKS[estimator][0] if estimator in _LOOKS else estimator
+
+
+def color(estimator: str) -> str:
+    """The estimator's colour in every figure; an unknown one has a dark colour that only its name determines."""
+    if estimator in _LOOKS:
+        return _LOOKS[estimator][1]
+    hue = zlib.crc32(estimator.encode()) / 2**32
+    while True:  # on by the golden ratio, until it is unlike the fixed ones
+        rgb = colorsys.hsv_to_rgb(hue % 1.0, 0.85, 0.5)
+        if all(math.dist(rgb, to_rgb(fixed)) > 0.2 for _, fixed, _ in _LOOKS.values()):
+            return to_hex(rgb)
+        hue += 0.618
+
+
+def marker(estimator: str) -> str:
+    """The estimator's mark in every figure, so that no reader depends on colour."""
+    return _LOOKS[estimator][2] if estimator in _LOOKS else "X"
+
+
+def joined(estimators: Sequence[str], words: str = "", width: int = 80) -> str:
+    """One label for estimators whose results coincide, followed by words, broken into lines between the names."""
+    names = " = ".join(label(name).replace(" ", "\xa0") for name in estimators)
+    return textwrap.fill(names + words.replace(" ", "\xa0"), width, break_long_words=False)
+
+
+def number(value: float) -> str:
+    """Three digits, with a power of ten instead of an "e", and a minus that is as long as a plus."""
+    digits, _, power = f"{value:.3g}".partition("e")
+    return f"{digits} × $10^{{{int(power)}}}$" if power else digits.replace("-", "−")
+
+
+def decimals(value: float, digits: int) -> str:
+    """A fixed number of decimals, with a long minus but none before zero."""
+    return f"{round(value, digits) + 0.0:.{digits}f}".replace("-", "−")
+
+
+def spread(wanted: Sequence[float], heights: Sequence[float]) -> NDArray[np.float64]:
+    """Places of labels beside an axis that do not overlap and stay near where they belong.
+
+    Args:
+        wanted: where the middle of each label belongs, in parts of the axis.
+        heights: of the labels, in parts of the axis.
+
+    Returns:
+        Their middles, nearest in least squares, in the order of ``wanted``; within the axis if it can hold them all.
+    """
+    values, sizes = np.asarray(wanted, dtype=float), np.asarray(heights, dtype=float)
+    order = np.argsort(values, kind="stable")
+    steps = np.concatenate([[0.0], np.cumsum(0.5 * (sizes[order][1:] + sizes[order][:-1]))])
+    # less the steps, places must only not decrease; cutting off at constant ends keeps the best best
+    free = isotonic_regression(values[order] - steps).x
+    low, high = 0.5 * sizes[order[0]], 1.0 - 0.5 * sizes[order[-1]] - steps[-1]
+    placed = np.empty_like(values)
+    placed[order] = np.clip(free, low, max(low, high)) + steps
+    return placed
+
+
+def stamp(figure: Figure, text: str) -> None:
+    """Print the run's name, and how many trials are behind the figure, small in the lower right corner."""
+    # below the drawing area that a layout engine fills, in a strip of its own
+    strip = 0.16 / float(figure.get_size_inches()[1])
+    engine = figure.get_layout_engine()
+    if isinstance(engine, ConstrainedLayoutEngine):
+        engine.set(rect=(0.0, strip, 1.0, 1.0 - strip))
+    figure.text(0.995, 0.04 * strip, text, ha="right", va="bottom", fontsize=6.0, color=FAINT)
+
+
+@journal()
+def save(figure: Figure, path: Path) -> list[Path]:
+    """Write a figure as PNG and SVG, without date or software in them, so that equal figures are equal files.
+
+    Args:
+        figure: the figure.
+        path: where, without a suffix.
+
+    Returns:
+        The paths written.
+    """
+    written = []
+    for suffix, metadata in (("png", {"Software": None}), ("svg", {"Date": None, "Creator": None})):
+        buffer = io.BytesIO()
+        figure.savefig(buffer, format=suffix, metadata=metadata)
+        written.append(path.with_name(f"{path.name}.{suffix}"))
+        write(written[-1], buffer.getvalue())
+    return written
+
+
+@journal()
+def save_picture(figure: Figure, path: Path) -> None:
+    """Write a figure to one file, in the format that its suffix names."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, metadata={"Software": None} if path.suffix == ".png" else None)
