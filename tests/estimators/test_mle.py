@@ -1,0 +1,120 @@
+"""Maximum likelihood: a stationary minimum, found from any data, or a status that says why not."""
+
+import numpy as np
+import pytest
+
+import study
+from study import Status
+
+
+def criterion(points, center):
+    """F(c) = Σ(R - R̄)²."""
+    distance = np.linalg.norm(points - center, axis=1)
+    return np.sum((distance - distance.mean()) ** 2)
+
+
+def newton_step(points, center):
+    """The step of Newton's method that is left at a centre, from derivatives written out sample by sample."""
+    n, d = points.shape
+    v = points - center
+    distance = np.linalg.norm(v, axis=1)
+    e, r = v / distance[:, None], distance.mean()
+    gradient = -((distance - r)[:, None] * e).sum(axis=0)
+    hessian = -np.outer(e.sum(axis=0), e.sum(axis=0)) / n
+    for i in range(n):
+        outer = np.outer(e[i], e[i])
+        hessian += outer + (1 - r / distance[i]) * (np.eye(d) - outer)
+    assert np.linalg.eigvalsh(hessian)[0] > 0
+    return np.linalg.norm(np.linalg.solve(hessian, gradient)) / r
+
+
+@pytest.mark.parametrize("d", [2, 3, 4])
+@pytest.mark.parametrize("noise", [1e-4, 0.01, 0.05])
+def test_converges_to_a_minimum(rng, on_cap, noise, d):
+    """At the answer the Hessian is positive definite and less than 1e-11 of a radius is left to go."""
+    for n, angle in [(12, 120.0), (40, 60.0), (600, 90.0)]:
+        points = on_cap(rng, n, angle, d, noise=noise, center=1.0, sets=40)[0]
+        fit = study.fit(points, "mle")
+        assert np.all(fit.status == Status.OK)
+        assert max(newton_step(p, c) for p, c in zip(points, fit.center, strict=True)) < 1e-11
+
+
+def test_radius_and_noise_belong_to_the_centre(rng, on_cap):
+    """The radius is the mean distance, the noise the residual variance on n - d - 1 degrees of freedom."""
+    points = on_cap(rng, 30, 90.0, noise=0.03, radius=5.0, center=3.0, sets=20)[0]
+    fit = study.fit(points, "mle")
+    distance = np.linalg.norm(points - fit.center[:, None], axis=2)
+    np.testing.assert_allclose(fit.radius, distance.mean(axis=1), rtol=1e-13)
+    np.testing.assert_allclose(fit.noise_variance, distance.var(axis=1) * 30 / 26, rtol=1e-9)
+
+
+def test_no_worse_than_the_others_or_the_truth(rng, on_cap):
+    """F at the answer is not above F at the truth or at any other estimator's answer."""
+    points = on_cap(rng, 15, 70.0, noise=0.05, sets=300)[0]
+    fits = {name: study.fit(points, name, noise=0.05) for name in study.ESTIMATORS}
+    for t, sample in enumerate(points):
+        best = criterion(sample, fits["mle"].center[t])
+        for center in [np.zeros(3), *(fit.center[t] for fit in fits.values())]:
+            assert best <= criterion(sample, center) * (1 + 1e-12)
+
+
+def test_few_steps(rng, on_cap):
+    """At moderate noise the answer takes 2 to 8 steps, as the module promises."""
+    points = on_cap(rng, 100, 90.0, noise=0.03, sets=200)[0]
+    assert study.fit(points, "mle").iterations.max() <= 8
+
+
+def test_interpolates_as_few_points_as_possible(rng, on_cap):
+    """One sphere goes through d + 1 points: MLE and GDKE agree on it, and nothing is left."""
+    points = on_cap(rng, 4, 150.0, noise=0.1, sets=50)[0]
+    mle, gdke = study.fit(points, "mle"), study.fit(points, "gdke")
+    sound = np.linalg.cond(points - points.mean(axis=1, keepdims=True)) < 30
+    assert sound.sum() > 10
+    np.testing.assert_allclose(mle.center[sound], gdke.center[sound], rtol=0, atol=1e-10)
+
+
+def test_noise_is_not_used(rng, on_cap):
+    """What is passed as noise does not enter."""
+    points = on_cap(rng, 20, 90.0, noise=0.02)[0]
+    one, two = study.fit(points, "mle"), study.fit(points, "mle", noise=np.diag([1.0, 4.0, 9.0]))
+    np.testing.assert_array_equal(one.center, two.center)
+
+
+def test_sample_at_the_centre(rng, on_cap):
+    """A sample at the centre, where a distance has no derivative, is no failure."""
+    points = np.vstack([on_cap(rng, 40)[0], np.zeros((1, 3))])
+    fit = study.fit(points - points[:40].mean(axis=0), "mle")
+    assert fit.status in (Status.OK, Status.NOT_CONVERGED)
+    assert np.isfinite(fit.center).all()
+
+
+@pytest.mark.parametrize("noise", [0.3, 1.0, 30.0, 1e6])
+def test_noise_beyond_the_sphere(rng, on_cap, noise):
+    """Where noise hides the sphere there are still numbers and an honest status."""
+    fit = study.fit(on_cap(rng, 30, 60.0, noise=noise, sets=300)[0], "mle")
+    assert set(np.unique(fit.status)) <= {Status.OK, Status.AT_BOUND, Status.NOT_CONVERGED}
+    assert np.isfinite(fit.center).all()
+    assert np.isfinite(fit.radius).all()
+    assert np.mean(fit.status == Status.OK) > 0.5
+
+
+@pytest.mark.parametrize("thickness", [1e-6, 1e-3, 1e-2])
+def test_noisy_plane(rng, thickness):
+    """A plane with noise on it gives a huge sphere or the bound, never an exception."""
+    points = rng.uniform(-1, 1, (300, 40, 3)) * [1, 1, 0] + thickness * rng.standard_normal((300, 40, 3))
+    fit = study.fit(points, "mle")
+    assert set(np.unique(fit.status)) <= {Status.OK, Status.AT_BOUND}
+    assert fit.radius.min() > 10.0
+    bound = fit.radius[fit.status == Status.AT_BOUND]
+    assert np.all(bound > 1e7)
+
+
+def test_symmetric_plane_runs_to_the_bound():
+    """Two layers on either side of a plane curve neither way: the centre is stopped at the bound."""
+    x, y = np.meshgrid(np.linspace(-1, 1, 6), np.linspace(-1, 1, 6))
+    layer = np.stack([x.ravel(), y.ravel(), np.full(36, 1e-3)], axis=1)
+    rng = np.random.default_rng(1)
+    points = np.concatenate([layer, layer * [1, 1, -1]])
+    points[:, 2] += 1e-4 * np.tile(rng.standard_normal(36), 2) * (1 + points[:, 0] ** 2 + points[:, 1] ** 2)
+    fit = study.fit(points, "mle")
+    assert fit.status == Status.AT_BOUND or fit.radius > 100

@@ -1,0 +1,50 @@
+"""Code cached on disk never outlives a change in what it calls."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import study
+
+PROGRAM = """
+import numpy as np
+from study.sphere.bounds import weighted_scatter
+sums, mean, scatter = np.empty(1), np.empty((1, 2)), np.empty((1, 2, 2))
+weighted_scatter(np.ones((1, 2, 4)), np.ones((1, 4)), sums, mean, scatter)
+print(mean[0, 0], sum(weighted_scatter.stats.cache_hits.values()))
+"""
+
+
+@pytest.fixture
+def package(tmp_path):
+    """A copy of the package, without its caches, and a way to run a program with it in a new process."""
+    copy = tmp_path / "study"
+    shutil.copytree(Path(study.__file__).parent, copy, ignore=shutil.ignore_patterns("__pycache__"))
+    environment = {key: value for key, value in os.environ.items() if not key.startswith(("NUMBA", "PYTHON"))}
+
+    def run():
+        command = [sys.executable, "-W", "error", "-c", PROGRAM]
+        done = subprocess.run(
+            command, cwd=tmp_path, env={**environment, "PYTHONPATH": str(tmp_path)}, capture_output=True, text=True
+        )
+        assert done.returncode == 0, done.stderr
+        value, hits = done.stdout.split()
+        return float(value), int(hits)
+
+    return copy, run
+
+
+def test_change_in_a_called_function_reaches_its_caller(package):
+    """`weighted_scatter` inlines `dot`: served from the cache while nothing changes, and made anew when `dot` does."""
+    copy, run = package
+    assert run() == (1.0, 0)
+    assert run() == (1.0, 1)
+    source = copy / "sphere" / "compiled.py"
+    text = source.read_text()
+    assert text.count("result += left[k] * right[k]") == 1
+    source.write_text(text.replace("result += left[k] * right[k]", "result += 3.0 * left[k] * right[k]"))
+    assert run() == (3.0, 0)
