@@ -166,8 +166,10 @@ def main(command: Callable[..., Any] = app) -> None:
     _fix_code_target()
     try:
         command()
-    except KeyboardInterrupt:
-        raise SystemExit(_said("interrupted; the parts that were finished are kept", 130)) from None
+    except SystemExit as end:
+        if end.code == 130:
+            _said("interrupted; the parts that were finished are kept", 130)
+        raise
     except Exception as error:
         from study.analysis.pointfile import PointFileError
         from study.experiment.faults import ConfigError

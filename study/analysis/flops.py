@@ -23,6 +23,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from study.experiment.streams import stream
+
 
 class Counted(float):
     """A float whose arithmetic is counted."""
@@ -95,7 +97,7 @@ def _slope(run: Callable[[Any], None], dimension: int) -> float:
     """Operations per sample: the increase between two numbers of samples within one chunk."""
     counts = []
     for n in (40, 140):
-        rng = np.random.default_rng(1)
+        rng = stream(1, "flops")
         x = _objects(1, dimension, n)
         for index, value in np.ndenumerate(rng.standard_normal(x.shape)):
             x[index] = Counted(value)
@@ -142,7 +144,7 @@ def timed(dimension: int, samples: int) -> dict[str, float]:
     from study.estimators import ESTIMATORS, Samples
     from study.sphere.cap import sample_cap
 
-    rng = np.random.default_rng(1)
+    rng = stream(1, "flops")
     sets = 128
     u = np.stack([sample_cap(rng, samples, math.radians(60.0), dimension) for _ in range(sets)])
     x = np.ascontiguousarray((u + 0.05 * rng.standard_normal(u.shape)).swapaxes(1, 2))

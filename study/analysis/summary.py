@@ -69,7 +69,8 @@ def _row(part: pd.DataFrame) -> dict[str, Any]:
     row |= {name: part[name].iloc[0] if part[name].nunique() == 1 else np.nan for name in _CONDITIONS}
     row |= {s.name.lower(): int(np.sum(status == s)) for s in Status}
     over_radius = (part["error"] / part["radius"]).to_numpy()
-    over_bound = (part["error"] / part["bound"]).to_numpy()
+    # where the directions do not determine the centre, the bound is infinite and says nothing: worse than any
+    over_bound = (part["error"] / part["bound"]).where(np.isfinite(part["bound"]), np.inf).to_numpy()
     for name, values in (("relative", over_radius), ("ratio", over_bound)):
         for label, p in (("median", 0.5), ("q05", 0.05), ("q95", 0.95)):
             row |= _pair(f"{name}_{label}_ok", quantile(values[ok], p))
@@ -100,7 +101,8 @@ def printed(run: Run) -> Iterator[str]:
     frame = run.table("summary")
     estimators = list(dict.fromkeys(frame["estimator"]))
     groups = list(frame.groupby("group", sort=False))
-    labels = [_label(part.iloc[0]) for _, part in groups]
+    varying = [name for name in ("radius", "center") if frame[name].nunique() > 1]
+    labels = [_label(part.iloc[0], varying) for _, part in groups]
     wide = max(map(len, labels))
     yield f"{run.study.run_name()}: median error of the centre over the Cramér-Rao bound ± Monte-Carlo error (not ok)"
     yield " " * wide + "".join(f"  {name:<26}" for name in estimators).rstrip()
@@ -108,12 +110,12 @@ def printed(run: Run) -> Iterator[str]:
         yield f"{text:<{wide}}" + "".join(f"  {_short(row):<26}" for _, row in part.iterrows()).rstrip()
 
 
-def _label(row: "pd.Series[Any]") -> str:
+def _label(row: "pd.Series[Any]", varying: list[str]) -> str:
     """What a group is, in words."""
     if np.isfinite(row["decade"]):
         return f"σ/r = 1e{int(row['decade']):+03d} …"
     parts = [f"N = {row['samples']:g}", f"σ/r = {row['noise'] / row['radius']:.3g}", f"φ = {row['angle']:.4g}°"]
-    return ", ".join(parts) + (f", r = {row['radius']:g}" if row["radius"] != 1 else "")
+    return ", ".join([*parts, *(f"{'r' if name == 'radius' else '|c|'} = {row[name]:g}" for name in varying)])
 
 
 def _short(row: "pd.Series[Any]") -> str:

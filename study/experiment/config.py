@@ -13,7 +13,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, ValidationError
 
 from study.estimators import ESTIMATORS
 from study.experiment.faults import ConfigError, Fault, report
-from study.experiment.laws import Choice, Constant, Frozen, Law, LogUniform, Uniform
+from study.experiment.laws import Choice, Constant, Frozen, Law, LogUniform, Uniform, is_number
 
 MAX_CELLS = 10_000_000
 
@@ -35,24 +35,21 @@ def _axis(quantity: str) -> BeforeValidator:
         if isinstance(value, dict):
             numbers = _spaced(value)
             if quantity == "samples":
-                numbers = [float(round(v)) for v in numbers]
+                numbers = [float(round(v)) if math.isfinite(v) else v for v in numbers]
         elif isinstance(value, list | tuple):
             numbers = list(value)
         else:
             numbers = [value]
         if not numbers:
             raise ValueError(f"the list is empty; give at least one value, each {words}")
-        wrong = [v for v in numbers if not _is_number(v) or not allowed(v)]
+        wrong = [v for v in numbers if not is_number(v) or not allowed(v)]
         if wrong:
             raise ValueError(f"{', '.join(repr(v) for v in wrong)} not allowed: every value must be {words}")
-        cast = int if quantity == "samples" else float
-        return tuple(dict.fromkeys(cast(v) for v in numbers))
+        if quantity == "samples":
+            return tuple(dict.fromkeys(int(v) for v in numbers))
+        return tuple(dict.fromkeys(float(v) + 0.0 for v in numbers))  # -0.0 is 0.0
 
     return BeforeValidator(expand)
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def _spaced(value: dict[str, Any]) -> list[float]:
@@ -61,7 +58,7 @@ def _spaced(value: dict[str, Any]) -> list[float]:
     if len(value) != 1 or next(iter(value)) not in ("linspace", "logspace"):
         raise ValueError(f"keys {', '.join(value) or 'none'} not understood: {words}")
     ((kind, ends),) = value.items()
-    if not isinstance(ends, list) or len(ends) != 3 or not all(_is_number(v) for v in ends):
+    if not isinstance(ends, list) or len(ends) != 3 or not all(is_number(v) for v in ends):
         raise ValueError(f"{kind} = {ends!r} not understood: {words}")
     first, last, count = ends
     if not isinstance(count, int) or not 1 <= count <= MAX_CELLS:
@@ -69,8 +66,10 @@ def _spaced(value: dict[str, Any]) -> list[float]:
     if kind == "logspace" and not (first > 0 and last > 0):
         raise ValueError(f"logspace from {first} to {last} must have both ends above 0")
     space = np.linspace if kind == "linspace" else np.geomspace
+    with np.errstate(all="ignore"):  # a range beyond floating point gives values that are not allowed
+        values = space(float(first), float(last), count)
     # twelve digits: 0.1 instead of 0.10000000000000002, on every machine
-    return [float(f"{v:.12g}") for v in space(first, last, count)]
+    return [float(f"{v:.12g}") for v in values]
 
 
 def _law(quantity: str) -> AfterValidator:
@@ -78,12 +77,13 @@ def _law(quantity: str) -> AfterValidator:
     allowed, words = _ALLOWED[quantity]
 
     def check(law: Constant | Choice | Uniform | LogUniform) -> Constant | Choice | Uniform | LogUniform:
-        low, high = law.extremes()
-        drawn = isinstance(law, Uniform | LogUniform)
-        if quantity == "samples" and drawn:
-            low, high = float(round(low)), float(round(high))
-        open_end = drawn and quantity != "samples" and low == 0.0
-        wrong = [f"{v:g}" for v in {low, high} if not allowed(v) and not (open_end and v == low)]
+        values = law.possible()
+        if isinstance(law, Uniform | LogUniform):
+            if quantity == "samples":
+                values = tuple(float(round(v)) for v in values)
+            elif law.low == 0.0:
+                values = values[1:]  # an open end may touch the limit
+        wrong = [f"{v:.12g}" for v in dict.fromkeys(values) if not allowed(v)]
         if wrong:
             raise ValueError(f"{' and '.join(wrong)} not allowed: every value must be {words}")
         return law
@@ -170,14 +170,14 @@ def parse(text: str, source: str = "config") -> Study:
     """
     try:
         raw = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except ValueError as error:  # also a number of thousands of digits
         raise ConfigError(f"{source}: not TOML: {error}") from None
     faults = _across(raw)
     study = None
     try:
         study = Study.model_validate(raw)
     except ValidationError as error:
-        faults = report(error, raw, _KEYS) + faults
+        faults = report(error, _KEYS) + faults
     if faults or study is None:
         raise ConfigError.listing(source, text, faults)
     return study
@@ -227,7 +227,7 @@ def _least_samples(samples: object) -> float | None:
             values = [v for ends in samples.values() for v in _as_list(ends)[:2]]
     else:
         values = _as_list(samples)
-    numbers = [round(v) for v in values if isinstance(v, int | float) and _is_number(v)]
+    numbers = [round(v) for v in values if isinstance(v, int | float) and is_number(v)]
     return min(numbers, default=None)
 
 
@@ -240,8 +240,10 @@ def _shape_faults(shape: object, d: int) -> list[Fault]:
     try:
         matrix = np.asarray(shape, dtype=float)
         good = matrix.shape == (d, d) and bool(np.all(np.isfinite(matrix))) and bool(np.all(matrix == matrix.T))
-        good = good and float(np.linalg.eigvalsh(matrix)[0]) > 0.0
-    except (ValueError, TypeError):
+        if good:
+            values = np.linalg.eigvalsh(matrix)
+            good = bool(values[0] > d * np.finfo(float).eps * values[-1])
+    except (ValueError, TypeError, OverflowError):
         good = False
     words = f"must be a symmetric, positive definite {d} × {d} matrix (list of rows)"
     return [] if good else [Fault(("noise_shape",), words, shape)]

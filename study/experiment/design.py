@@ -10,6 +10,7 @@ from itertools import product
 import numpy as np
 
 from study.experiment.config import GridDesign, RandomDesign, Study
+from study.experiment.laws import LogUniform, Uniform
 from study.experiment.streams import Name, stream
 
 BLOCK_SAMPLES = 2**15
@@ -150,13 +151,18 @@ def random_cell(study: Study, design: RandomDesign, trial: int) -> Cell:
     def value(quantity: str) -> float:
         law = getattr(design, quantity)
         number: float = law.at(_uniforms(study.seed, quantity, block)[index])
-        return float(f"{number:.12g}")  # readable, and the same on machines whose exp differs in the last bit
+        return _rounded(number) if isinstance(law, Uniform | LogUniform) else number
 
     radius = value("radius")
     noise = value("noise") if design.noise is not None else value("noise_over_radius") * radius
     heading = stream(study.seed, "design", "heading", trial).standard_normal(study.dimension)
     center = value("center") * heading / np.linalg.norm(heading)
-    return Cell(round(value("samples")), noise, value("angle"), radius, tuple(float(f"{v:.12g}") for v in center))
+    return Cell(round(value("samples")), noise, value("angle"), radius, tuple(_rounded(v) for v in center))
+
+
+def _rounded(value: float) -> float:
+    """Twelve digits: readable, and the same on machines whose exp differs in the last bit. -0.0 is 0.0."""
+    return float(f"{value:.12g}") + 0.0
 
 
 @lru_cache(maxsize=64)

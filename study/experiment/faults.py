@@ -4,9 +4,10 @@ import difflib
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from pydantic import ValidationError
+
+from study.experiment.laws import LAWS
 
 Path = tuple[str | int, ...]
 _MISSING = object()
@@ -25,7 +26,7 @@ class Fault:
         text = ""
         for part in self.path:
             text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else str(part)
-        return text or "the file"
+        return _printable(text) or "the file"
 
 
 class ConfigError(Exception):
@@ -43,43 +44,44 @@ class ConfigError(Exception):
         return cls("\n".join([f"{source}: {count}", *(f"  line {line}: {words}" for line, words in lines)]))
 
 
-def report(error: ValidationError, raw: Mapping[str, Any], known: Mapping[tuple[str, ...], list[str]]) -> list[Fault]:
+def report(error: ValidationError, known: Mapping[tuple[str, ...], list[str]]) -> list[Fault]:
     """Turn a schema's complaints into faults, with the nearest known key for each unknown one."""
     faults: dict[Path, Fault] = {}
     for entry in error.errors(include_url=False):
-        missing = entry["type"] == "missing"
-        path = _path_in(raw, entry["loc"], missing)
+        path = _path(entry["loc"])
         words = entry["msg"].removeprefix("Value error, ")
-        value: object = _MISSING if missing else entry["input"]
+        value: object = _MISSING if entry["type"] == "missing" else entry["input"]
         if entry["type"] == "extra_forbidden":
-            parent = tuple(str(part) for part in path[:-1])
-            near = difflib.get_close_matches(str(path[-1]), known.get(parent, []), n=1)
-            hint = f"; did you mean {near[0]!r}?" if near else f"; known are {', '.join(known.get(parent, []))}"
-            words = f"unknown key{hint}"
-        elif missing:
+            words = _unknown(str(path[-1]), known.get(tuple(str(part) for part in path[:-1]), []))
+        elif entry["type"] == "missing":
             words = "required, but missing"
         elif entry["type"] in ("union_tag_invalid", "union_tag_not_found"):
             context = entry["ctx"]
-            key = str(context["discriminator"]).strip("'")
-            path, words = (*path, key), f"must be one of {context.get('expected_tags', 'the known ones')}"
+            path = (*path, str(context["discriminator"]).strip("'"))
+            words = f"must be one of {context.get('expected_tags', 'the known ones')}"
             value = context.get("tag", _MISSING)
         faults.setdefault(path, Fault(path, words[0].lower() + words[1:], value))
     return list(faults.values())
 
 
-def _path_in(raw: Any, location: Sequence[str | int], missing: bool) -> Path:
-    """Drop from a schema's location the names of union members, which are not in the file."""
-    path: list[str | int] = []
-    here = raw
-    for i, part in enumerate(location):
-        absent = missing and i == len(location) - 1
-        if isinstance(here, Mapping) and (part in here or absent):
-            here = here.get(part)
-        elif isinstance(here, list) and isinstance(part, int) and part < len(here):
-            here = here[part]
-        else:
-            continue
-        path.append(part)
+def _unknown(key: str, known: list[str]) -> str:
+    """What to say about an unknown key."""
+    if key in known:
+        return "unknown key: not one of this kind of design"
+    near = difflib.get_close_matches(key, known, n=1)
+    return f"unknown key; did you mean {near[0]!r}?" if near else f"unknown key; known are {', '.join(known)}"
+
+
+def _path(location: Sequence[str | int]) -> Path:
+    """Drop from a schema's location the names of union members, which are not in the file.
+
+    They follow the key whose value the union is: ``design, random, noise, uniform, low``.
+    """
+    path = list(location)
+    if path[:1] == ["design"] and len(path) > 1 and path[1] in ("random", "grid"):
+        kind = path.pop(1)
+        if kind == "random" and len(path) > 2 and path[2] in LAWS:
+            path.pop(2)
     return tuple(path)
 
 
@@ -98,6 +100,10 @@ def _line(text: str, path: Path) -> int:
         if len(here) > best_depth and here == path[: len(here)]:
             best, best_depth = number, len(here)
     return best
+
+
+def _printable(text: str) -> str:
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
 
 def _shorten(value: object) -> str:

@@ -22,9 +22,9 @@ class Constant(Frozen):
         """The value, whatever u is."""
         return self.value
 
-    def extremes(self) -> tuple[float, float]:
-        """Least and greatest value."""
-        return self.value, self.value
+    def possible(self) -> tuple[float, ...]:
+        """The values that can be drawn."""
+        return (self.value,)
 
 
 def _nonempty_tuple(value: object) -> object:
@@ -41,9 +41,9 @@ class Choice(Frozen):
         """The value at quantile u in [0, 1)."""
         return self.values[int(u * len(self.values))]
 
-    def extremes(self) -> tuple[float, float]:
-        """Least and greatest value."""
-        return min(self.values), max(self.values)
+    def possible(self) -> tuple[float, ...]:
+        """The values that can be drawn."""
+        return self.values
 
 
 class _Interval(Frozen):
@@ -56,8 +56,8 @@ class _Interval(Frozen):
             raise ValueError(f"low = {self.low:g} must be below high = {self.high:g}")
         return self
 
-    def extremes(self) -> tuple[float, float]:
-        """Least and greatest value; the least itself is never drawn."""
+    def possible(self) -> tuple[float, ...]:
+        """The ends of what can be drawn; the lower one itself never is."""
         return self.low, self.high
 
 
@@ -79,11 +79,29 @@ class LogUniform(_Interval):
 
     def at(self, u: float) -> float:
         """The value at quantile 1 - u, u in [0, 1)."""
-        return self.high * math.exp(u * math.log(self.low / self.high))
+        value = float(self.low**u * self.high ** (1.0 - u))
+        return min(max(value, self.low), self.high)
+
+
+LAWS = ("constant", "choice", "uniform", "log_uniform")
+
+
+def is_number(value: object) -> bool:
+    """Whether a config's value is a number that floating point can hold."""
+    try:
+        return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    except OverflowError:
+        return False
 
 
 def _plain_number(value: object) -> object:
-    return {"law": "constant", "value": value} if isinstance(value, int | float) else value
+    """A number stands for a constant; what is neither a number nor a law is told what a law looks like."""
+    if is_number(value):
+        return {"law": "constant", "value": value}
+    if not isinstance(value, dict | Frozen) or (isinstance(value, dict) and "law" not in value):
+        example = '{ law = "uniform", low = …, high = … }'
+        raise ValueError(f"must be a finite number or a law such as {example} ({', '.join(LAWS)})")
+    return value
 
 
 Law = Annotated[

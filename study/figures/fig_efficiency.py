@@ -18,6 +18,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from study.analysis.measures import quantile
 from study.figures import style
@@ -27,7 +28,7 @@ from study.sphere.cap import cap_moments
 
 _LEAST_LEVELS = 4
 _MOST_PANELS = 6
-_TOP = 100.0
+_LOW, _HIGH = 0.5, 10.0  # shown at least
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,8 @@ class Frame:
     """What the figure shows.
 
     Attributes:
-        curves: a row per angle, noise and estimator: the median error in units of an efficient estimator's.
+        curves: a row per angle, noise and estimator: the median error in units of an efficient estimator's, and its
+            Monte-Carlo error; infinite where more than half of the fits have no number.
         marks: a row per angle: σ/r at which GDKE leaves the bound, UGDK leaves it, and UGDK fails.
         samples: N.
         stamp: the run's name and trials.
@@ -80,8 +82,14 @@ def prepare(tables: Tables) -> Frame:
             [{"angle": angle, **_marks(moments.mean, moments.along, samples)} for angle, moments in caps.items()]
         ),
         samples=samples,
-        stamp=f"{tables.name} · at least {curves['trials'].min():,} trials behind each median",
+        stamp=f"{tables.name} · at least {curves['trials'].min():,} trials behind each median{_scatter(curves)}",
     )
+
+
+def _scatter(curves: pd.DataFrame) -> str:
+    """The usual Monte-Carlo error, in words."""
+    relative = (curves["error"] / curves["ratio"])[np.isfinite(curves["ratio"]) & np.isfinite(curves["error"])]
+    return f", usual standard error {100.0 * relative.median():.1f} %" if len(relative) else ""
 
 
 def _marks(mean: float, along: float, samples: int) -> dict[str, float]:
@@ -98,7 +106,7 @@ def draw(frame: Frame) -> Figure:
     """Draw a panel per angle, two in a row, with one legend above."""
     angles = list(frame.marks["angle"])[:_MOST_PANELS]
     rows = math.ceil(len(angles) / 2)
-    figure = Figure(figsize=(style.PAGE, 0.55 + 2.35 * rows), layout="constrained")
+    figure = Figure(figsize=(style.PAGE, 0.7 + 2.5 * rows), layout="constrained")
     axes = figure.subplots(rows, 2 if len(angles) > 1 else 1, sharex=True, sharey=True, squeeze=False)
     for ax, angle in zip(axes.flat, angles, strict=False):
         _panel(ax, frame, angle)
@@ -110,10 +118,15 @@ def draw(frame: Frame) -> Figure:
         ax.set_ylabel("median error,\nefficient = 1")
     names = list(dict.fromkeys(frame.curves["estimator"]))
     handles = [
-        axes[0, 0].plot([], [], color=style.color(n), marker=style.marker(n), markersize=3.5, label=style.label(n))[0]
+        Line2D([], [], color=style.color(n), marker=style.marker(n), markersize=3.5, label=style.label(n))
         for n in names
     ]
-    figure.legend(handles=handles, loc="outside upper center", ncols=min(len(names), 5))
+    marked = (
+        "ticks below: where, by theory, GDKE leaves the bound ($s^*$), UGDK leaves it ($σ^2=v/2$), UGDK fails ($κ=3$)"
+    )
+    figure.legend(
+        handles=handles, loc="outside upper center", ncols=min(len(names), 5), title=marked, title_fontsize=style.SMALL
+    )
     style.stamp(figure, frame.stamp)
     return figure
 
@@ -123,22 +136,28 @@ def _panel(ax: Axes, frame: Frame, angle: float) -> None:
     mine = frame.curves[frame.curves["angle"] == angle]
     ax.set_xscale("log")
     ax.set_yscale("log")
-    ax.set_ylim(0.3, _TOP)
+    ratios = frame.curves["ratio"][np.isfinite(frame.curves["ratio"])]
+    ax.set_ylim(min(_LOW, 0.9 * ratios.min()) / 1.8, max(_HIGH, 1.3 * ratios.max()))  # with room for the marks
     ax.axhline(1.0, color="black", linewidth=0.8)
-    for name, curve in mine.groupby("estimator", sort=False):
+    curves = list(mine.groupby("estimator", sort=False))
+    for place, (name, curve) in enumerate(curves):
         shown = curve.sort_values("level")
+        size = 1.0 - place / len(curves)  # those drawn first are larger, so that they are seen behind what covers them
         ax.plot(
             shown["level"], shown["ratio"], color=style.color(str(name)), marker=style.marker(str(name)),
-            markersize=2.6, linewidth=0.9, zorder=3,
+            markersize=2.2 + 2.4 * size, markeredgewidth=0.0, linewidth=0.7 + 0.9 * size, zorder=3,
         )  # fmt: skip
     marks = frame.marks[frame.marks["angle"] == angle].iloc[0]
     low, high = mine["level"].min(), mine["level"].max()
     ax.set_xlim(low / 1.3, high * 1.3)
-    for key, words, name in (("gdke", "$s^*$", "gdke"), ("ugdk", "$σ^2=v/2$", "ugdk"), ("fails", "$κ=3$", "ugdk")):
-        if low <= marks[key] <= high:
-            ax.plot([marks[key]] * 2, [0.3, 0.62], color=style.color(name), linewidth=1.0, clip_on=False)
+    present = set(mine["estimator"])
+    for key, words, name, side in (
+        ("gdke", "$s^*$", "gdke", "left"), ("ugdk", "$σ^2=v/2$", "ugdk", "right"), ("fails", "$κ=3$", "ugdk", "left"),
+    ):  # fmt: skip
+        if name in present and low <= marks[key] <= high:
+            ax.axvline(marks[key], 0.0, 0.09, color=style.color(name), linewidth=1.2, zorder=1)
             ax.annotate(
-                words, (marks[key], 0.3), (2, 2), textcoords="offset points",
-                fontsize=style.SMALL, color=style.color(name),
+                words, (marks[key], 0.0), (2 if side == "left" else -2, 2), ("data", "axes fraction"), "offset points",
+                ha=side, fontsize=style.SMALL, color=style.color(name),
             )  # fmt: skip
     ax.set_title(f"$φ$ = {angle:g}°, $N$ = {frame.samples:,}", loc="left")

@@ -2,24 +2,30 @@
 
 Circles are drawn as they are. Spheres are shown in two views, along the two axes of the points' spread that are the
 least and the middle one, so that a small cap is seen from the side; each shows the sphere's outline and the projection
-of the centre's 95 % ellipsoid.
+of the centre's 95 % ellipsoid. Below or beside each view its centres are enlarged. Estimators whose answers differ by
+less than a tenth of a standard error are drawn once and named together.
 """
 
+import textwrap
 from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Ellipse
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle, Ellipse, Rectangle
 from numpy.typing import NDArray
 
-from study.estimators import Fit
+from study.estimators import Fit, Status
 from study.estimators.fit import explain
 from study.figures import style
 
 Floats = NDArray[np.float64]
 
 _MOST_POINTS = 5000
+_FARTHEST = 100  # points that are always shown, however many are left out
+_SAME = 0.1  # of a standard error
+_SMALLEST = 1e-6  # difference, in radii, that a picture shows
 
 
 @dataclass(frozen=True)
@@ -29,7 +35,7 @@ class View:
     Attributes:
         names: of its two axes.
         points: (n, 2), at most a few thousand of them.
-        centers: of each fit (k, 2).
+        centers: of each group (k, 2).
         ellipses: semi-axes of each centre's projected 95 % ellipse as columns (k, 2, 2); NaN where there is none.
     """
 
@@ -41,12 +47,23 @@ class View:
 
 @dataclass(frozen=True)
 class Frame:
-    """What the picture shows: one view of circles, two of spheres."""
+    """What the picture shows: one view of circles, two of spheres.
+
+    Attributes:
+        views: the projections.
+        groups: names of estimators whose answers coincide; the answer shown is the first one's.
+        radii: of each group (k,).
+        fits_in: whether the group's circle is not much larger than the others, or than the points' extent (k,).
+        caption: what is shown, in words.
+        notes: what is not, and what a status says.
+    """
 
     views: list[View]
-    estimators: list[str]
+    groups: list[list[str]]
     radii: Floats
+    fits_in: NDArray[np.bool_]
     caption: str
+    notes: list[str]
 
 
 def prepare(points: Floats, fits: dict[str, Fit], names: list[str]) -> Frame:
@@ -57,76 +74,200 @@ def prepare(points: Floats, fits: dict[str, Fit], names: list[str]) -> Frame:
         fits: answers of shape () by estimator.
         names: of the coordinates.
     """
-    points = points[np.logical_not(np.isnan(points).any(axis=1))]
-    d = points.shape[1]
+    points = points[np.isfinite(points).all(axis=1)]
+    names = [name.replace("$", r"\$") for name in names]
+    n, d = points.shape
     usable = {name: fit for name, fit in fits.items() if np.isfinite(fit.center).all() and np.isfinite(fit.radius)}
-    centers = np.array([fit.center for fit in usable.values()]).reshape(-1, d)
-    axes = np.array([fit.ellipsoid() for fit in usable.values()]).reshape(-1, d, d)
-    shown = points[:: max(1, len(points) // _MOST_POINTS)]
+    groups = _groups(usable)
+    first = [usable[group[0]] for group in groups]
+    centers = np.array([fit.center for fit in first]).reshape(-1, d)
+    radii = np.array([float(fit.radius) for fit in first])
+    with np.errstate(invalid="ignore"):  # a centre without a covariance has no ellipsoid
+        axes = np.array([fit.ellipsoid() for fit in first]).reshape(-1, d, d)
+    shown = points[_sample(points)]
     if d == 2:
-        views = [View((names[0], names[1]), shown, centers, axes)]
+        views = [_view(shown, centers, axes, np.eye(2), (names[0], names[1]))]
     else:
         origin = points.mean(axis=0)
         basis = np.linalg.eigh(np.cov(points.T))[1]  # ascending: the least spread is the sphere's depth
+        basis *= np.sign(basis[np.abs(basis).argmax(axis=0), np.arange(d)])
+        words = [f"axis of {each} spread{_combination(basis[:, i], names)}" for each, i in _axes(d)]
         views = [
-            _view(shown - origin, centers - origin, axes, basis[:, [other, 0]], f"{word} spread")
-            for other, word in ((d - 1, "greatest"), (d - 2, "middle"))
+            _view(shown - origin, centers - origin, axes, basis[:, [other, 0]], (words[place], words[2]))
+            for place, (_, other) in enumerate(_axes(d)[:2])
         ]
-    missing = [name for name in fits if name not in usable]
-    status = "; ".join(f"{name}: {explain(int(fits[name].status))}" for name in missing)
-    caption = f"{len(points):,} points; ellipses: 95 % of the centre" + (f"; not drawn: {status}" if status else "")
-    return Frame(views, list(usable), np.array([float(fit.radius) for fit in usable.values()]), caption)
+    extent = float(np.ptp(points, axis=0).max())
+    fits_in = radii <= min(5.0 * float(np.median(radii)), 20.0 * extent) if len(radii) else np.zeros(0, dtype=bool)
+    caption = f"{n:,} points" if len(shown) == n else f"{len(shown):,} of {n:,} points"
+    if d > 2:
+        caption += ", coordinates from their mean"
+    if np.isfinite(axes).all(axis=(1, 2)).any():
+        caption += "; ellipses: " + ("joint 95 % of the centre" if d == 2 else "shadows of the centre's 95 % ellipsoid")
+    notes = [
+        f"{_label(group)}: circle off the scale, radius {style.number(radius)}"
+        for group, radius, inside in zip(groups, radii, fits_in, strict=True)
+        if not inside
+    ]
+    return Frame(views, groups, radii, fits_in, caption, _statuses(fits, usable) + notes)
 
 
-def _view(points: Floats, centers: Floats, axes: Floats, plane: Floats, name: str) -> View:
+def _groups(fits: dict[str, Fit]) -> list[list[str]]:
+    """Names of estimators whose answers and standard errors differ too little to be seen."""
+    groups: list[list[str]] = []
+    seen: list[tuple[Floats, Floats]] = []
+    for name, fit in fits.items():
+        answer = np.append(fit.center, fit.radius)
+        errors = np.nan_to_num(fit.standard_errors, nan=0.0, posinf=0.0)
+        allowed = np.maximum(_SAME * errors, _SMALLEST * float(fit.radius))
+        for group, (other, other_errors) in zip(groups, seen, strict=True):
+            if np.all(np.abs(answer - other) <= allowed) and np.all(np.abs(errors - other_errors) <= allowed):
+                group.append(name)
+                break
+        else:
+            groups.append([name])
+            seen.append((answer, errors))
+    return groups
+
+
+def _sample(points: Floats) -> NDArray[np.int64]:
+    """Numbers of the points to show: evenly many, and all that lie far out."""
+    n = len(points)
+    if n <= _MOST_POINTS:
+        return np.arange(n)
+    far = np.argsort(np.linalg.norm(points - points.mean(axis=0), axis=1), kind="stable")[-_FARTHEST:]
+    return np.union1d(np.arange(0, n, -(-n // _MOST_POINTS)), far)
+
+
+def _axes(dimension: int) -> list[tuple[str, int]]:
+    """The axes of the views: what they are called, and their place among the eigenvectors, ascending."""
+    second = "middle" if dimension == 3 else "second greatest"
+    return [("greatest", dimension - 1), (second, dimension - 2), ("least", 0)]
+
+
+def _combination(direction: Floats, names: list[str]) -> str:
+    """A direction in the coordinates' names, where that is short: a second line of an axis' name."""
+    parts = [(part, name) for part, name in zip(direction, names, strict=True) if abs(part) >= 0.005]
+    words = " ".join(f"{'−' if part < 0 else '+'} {abs(part):.2f} {name}" for part, name in parts)
+    words = words.removeprefix("+ ").replace("− ", "−", words.startswith("−"))
+    return f"\n{words}" if len(words) <= 45 else ""
+
+
+def _view(points: Floats, centers: Floats, axes: Floats, plane: Floats, names: tuple[str, str]) -> View:
     """Project on a plane (d, 2): an ellipsoid's shadow is the ellipse of the projected matrix."""
-    halves = np.einsum("dp,kde->kpe", plane, axes)
-    values, vectors = np.linalg.eigh(np.nan_to_num(halves @ halves.swapaxes(1, 2), posinf=0.0, neginf=0.0))
+    halves = np.einsum("dp,kde->kpe", plane, np.nan_to_num(axes, nan=0.0, posinf=0.0, neginf=0.0))
+    values, vectors = np.linalg.eigh(halves @ halves.swapaxes(1, 2))
     ellipses = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
-    return View((f"axis of {name}", "axis of least spread"), points @ plane, centers @ plane, ellipses)
+    ellipses[~np.isfinite(axes).all(axis=(1, 2))] = np.nan
+    return View(names, points @ plane, centers @ plane, ellipses)
+
+
+def _statuses(fits: dict[str, Fit], usable: dict[str, Fit]) -> list[str]:
+    """What the statuses say that are not ok, and which fits are not drawn."""
+    said: dict[tuple[str, str], list[str]] = {}
+    for name, fit in fits.items():
+        if name not in usable or fit.status != Status.OK:
+            key = "" if name in usable else "not drawn: ", explain(int(fit.status))
+            said.setdefault(key, []).append(style.label(name))
+    return [f"{prefix}{', '.join(labels)}: {words}" for (prefix, words), labels in said.items()]
+
+
+def _label(group: list[str]) -> str:
+    return " ≈ ".join(style.label(name) for name in group)
 
 
 @style.journal()
 def draw(frame: Frame) -> Figure:
-    """Draw the views side by side."""
-    figure = Figure(figsize=(style.PAGE, 3.6), layout="constrained")
-    axes = figure.subplots(1, len(frame.views), squeeze=False)
-    for ax, view in zip(axes.flat, frame.views, strict=True):
-        _panel(ax, view, frame)
-    handles = [
-        axes.flat[0].plot([], [], color=style.color(name), marker=style.marker(name), label=style.label(name))[0]
-        for name in frame.estimators
-    ]
-    if handles:
-        figure.legend(handles=handles, loc="outside upper center", ncols=min(len(handles), 7))
+    """Draw the views side by side, with the centres enlarged below (of circles: beside)."""
+    flat = len(frame.views) == 1
+    zoomed = len(frame.groups) > 1 or bool(np.isfinite(frame.views[0].ellipses).any())
+    figure = Figure(figsize=(style.PAGE, 3.2 if flat or not zoomed else 5.4), layout="constrained")
+    rows, columns = (1, 1 + zoomed) if flat else (1 + zoomed, 2)
+    axes = figure.subplots(rows, columns, squeeze=False, height_ratios=[1.35, 1.0][:rows])
+    for whole, part, view in zip(
+        axes.flat, axes.flat[len(frame.views) :] if zoomed else axes.flat, frame.views, strict=False
+    ):
+        _whole(whole, view, frame)
+        if zoomed:
+            low, high = _enlarged(part, view, frame, 1.0 if flat else 0.7)
+            framed = Rectangle(
+                (low[0], low[1]), *(high - low), fill=False, linewidth=0.6, edgecolor=style.INK, zorder=6
+            )
+            whole.add_patch(framed)
+    if not flat:  # the names of shared axes once
+        for ax in axes[:-1].flat:
+            ax.set_xlabel("")
+        for ax in axes[:, 1:].flat:
+            ax.set_ylabel("")
+    _words(figure, frame)
     style.stamp(figure, frame.caption)
     return figure
 
 
-def _panel(ax: Axes, view: View, frame: Frame) -> None:
+def _words(figure: Figure, frame: Frame) -> None:
+    """Names above and notes below; the figure grows by their height."""
+    notes = [line for note in frame.notes for line in textwrap.wrap(note, 118, subsequent_indent="    ")]
+    labels = [textwrap.fill(_label(group), 100, subsequent_indent="    ") for group in frame.groups]
+    columns = max(1, min(len(labels), 110 // (8 + max(map(len, labels), default=0))))
+    lines = sum(label.count("\n") + 1 for label in labels) / columns + len(notes)
+    figure.set_figheight(figure.get_figheight() + 0.14 * lines)
+    handles = [
+        Line2D([], [], color=style.color(group[0]), marker=style.marker(group[0]), markersize=4, label=label)
+        for group, label in zip(frame.groups, labels, strict=True)
+    ]
+    if handles:
+        figure.legend(handles=handles, loc="outside upper left", ncols=columns)
+    if notes:
+        line = Line2D([], [], linestyle="none", label="\n".join([*notes, ""]))  # the stamp is below
+        figure.legend(handles=[line], loc="outside lower left", handlelength=0.0, handletextpad=0.0)
+
+
+def _whole(ax: Axes, view: View, frame: Frame) -> None:
+    """Points and circles."""
     ax.plot(*view.points.T, ".", color=style.FAINT, markersize=2.0, zorder=2)
-    for name, center, radius, half in zip(frame.estimators, view.centers, frame.radii, view.ellipses, strict=True):
-        color = style.color(name)
-        ax.add_patch(Circle((center[0], center[1]), radius, fill=False, linewidth=1.0, color=color, zorder=3))
-        ax.plot(*center, marker=style.marker(name), color=color, markersize=3.5, zorder=5)
-        lengths = np.linalg.norm(half, axis=0)
-        if np.all(np.isfinite(lengths)):
-            turn = float(np.degrees(np.arctan2(half[1, 0], half[0, 0])))
+    drawn = zip(frame.groups, view.centers, frame.radii, frame.fits_in, strict=True)
+    for place, (group, center, radius, inside) in enumerate(drawn):
+        if inside:
+            color, width = style.color(group[0]), _width(place, frame)
+            circle = Circle((center[0], center[1]), radius, fill=False, linewidth=width, color=color, zorder=3)
+            ax.add_patch(circle)
+            ax.plot(*center, ".", color=color, markersize=3.5 * width, zorder=5)
+    reach = [view.points.min(axis=0), view.points.max(axis=0)]
+    centers, radii = view.centers[frame.fits_in], frame.radii[frame.fits_in, None]
+    low, high = np.min([*reach, *(centers - radii)], axis=0), np.max([*reach, *(centers + radii)], axis=0)
+    span = 1.08 * float(np.max(high - low)) or 1.0
+    size = np.maximum(high - low + 0.08 * span, 0.4 * span)  # of a plane seen from its edge, too
+    low, high = 0.5 * (low + high - size), 0.5 * (low + high + size)
+    ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel=view.names[0], ylabel=view.names[1])
+    ax.set_title("points and fits", loc="left")
+
+
+def _enlarged(ax: Axes, view: View, frame: Frame, shape: float) -> tuple[Floats, Floats]:
+    """The centres and their ellipses; lower left and upper right of the window that holds them, of a given shape."""
+    halves = np.linalg.norm(view.ellipses, axis=2)  # of the box around each ellipse
+    size = np.nan_to_num(halves.max(axis=1))
+    use = frame.fits_in if frame.fits_in.any() else np.ones(len(size), dtype=bool)
+    use = use & (size <= 5.0 * np.quantile(size[use], 0.5, method="lower"))
+    reach = np.nan_to_num(halves[use])
+    low, high = (view.centers[use] - reach).min(axis=0), (view.centers[use] + reach).max(axis=0)
+    middle, half = 0.5 * (low + high), 0.58 * (high - low)
+    wide = max(half[0], half[1] / shape, _SMALLEST * frame.radii[use].min())
+    half = np.array([wide, wide * shape])
+    low, high = middle - half, middle + half
+    for place, (group, center, axes) in enumerate(zip(frame.groups, view.centers, view.ellipses, strict=True)):
+        color, width = style.color(group[0]), _width(place, frame)
+        ax.plot(*center, marker=style.marker(group[0]), color=color, markersize=3.0 * width, zorder=5, linestyle="none")
+        if np.isfinite(axes).all():
+            long, short = 2.0 * np.linalg.norm(axes, axis=0)
+            turn = float(np.degrees(np.arctan2(axes[1, 0], axes[0, 0])))
             outline = Ellipse(
-                (center[0], center[1]), 2 * lengths[0], 2 * lengths[1], angle=turn, fill=False, color=color
+                (center[0], center[1]), long, short, angle=turn, fill=False, color=color, linewidth=width, zorder=4
             )
             ax.add_patch(outline)
-    _limit(ax, view, frame.radii)
-    ax.set(aspect="equal", xlabel=view.names[0], ylabel=view.names[1])
+    ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel=view.names[0], ylabel=view.names[1])
+    ax.set_title("centres and 95 % ellipses", loc="left")
+    return low, high
 
 
-def _limit(ax: Axes, view: View, radii: Floats) -> None:
-    """Show the points and every circle that is not much larger than most."""
-    reach = [view.points.min(axis=0), view.points.max(axis=0)]
-    if len(radii):
-        usual = radii <= 3.0 * np.median(radii)
-        reach += [*(view.centers[usual] - radii[usual, None]), *(view.centers[usual] + radii[usual, None])]
-    low, high = np.min(reach, axis=0), np.max(reach, axis=0)
-    pad = 0.04 * float(np.max(high - low))
-    ax.set_xlim(low[0] - pad, high[0] + pad)
-    ax.set_ylim(low[1] - pad, high[1] + pad)
+def _width(place: int, frame: Frame) -> float:
+    """Width of a line; those drawn first are wider, so that they are seen behind what covers them."""
+    return 0.8 + 1.2 * (1.0 - (place + 1) / len(frame.groups))

@@ -2,7 +2,9 @@
 
 import contextlib
 import time
+import warnings
 from collections.abc import Callable, Generator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -52,6 +54,7 @@ def run(study: Study, config: str, folder: Path, jobs: int = 2, progress: Progre
     longest_first = sorted(range(len(todo)), key=lambda i: -weights[i])
     results: dict[int, Result] = {}
     with threadpool_limits(limits=1), contextlib.closing(_compute(study, todo, longest_first, jobs)) as finished:
+        machine = provenance.machine()
         for index, result in finished:
             store.commit(todo[index], result)
             results[index] = replace(result, errors={})
@@ -70,16 +73,28 @@ def run(study: Study, config: str, folder: Path, jobs: int = 2, progress: Progre
             "seconds": round(time.perf_counter() - clock, 3),
             "jobs": jobs,
             "software": software,
-            "machine": provenance.machine(),
+            "machine": machine,
         }
     )
     return store
 
 
 def _compute(study: Study, todo: list[Unit], order: list[int], jobs: int) -> Generator[tuple[int, Result]]:
-    """Results of the units with their numbers, as they finish."""
+    """Results of the units with their numbers, as they finish.
+
+    None is computed in the main thread, where Ctrl-C could strike inside compiled code that cannot take it.
+    """
+    if jobs == 1:  # joblib would use the main thread
+        with ThreadPoolExecutor(1) as pool:
+            for i in order:
+                yield pool.submit(_numbered, study, i, todo[i]).result()
+        return
     parallel = Parallel(n_jobs=jobs, prefer="threads", return_as="generator_unordered", pre_dispatch="2*n_jobs")
-    yield from parallel(delayed(_numbered)(study, i, todo[i]) for i in order)
+    with warnings.catch_warnings():
+        # said when a run ends early, which is told in our own words
+        warnings.filterwarnings("ignore", message=".*tasks have been successfully executed", category=UserWarning)
+        warnings.filterwarnings("ignore", message=".*tasks which were still being processed", category=UserWarning)
+        yield from parallel(delayed(_numbered)(study, i, todo[i]) for i in order)
 
 
 def _numbered(study: Study, index: int, unit: Unit) -> tuple[int, Result]:

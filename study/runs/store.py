@@ -56,7 +56,9 @@ class Run:
         Raises:
             RunError: if it belongs to another config, is a file, or cannot be written.
         """
-        if folder.exists():
+        with _explained(folder):
+            found_folder = folder.exists()
+        if found_folder:
             if not folder.is_dir():
                 raise RunError(f"{folder}: is a file, not a run folder; choose another with --out")
             if (folder / "config.toml").exists():

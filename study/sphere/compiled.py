@@ -28,16 +28,16 @@ def _discard_stale_code() -> None:
     Numba keys a cached function by its own file alone: after a change in a function that it calls, the
     caller would be served from the cache with the old callee inlined. A stamp of all sources prevents it.
     """
-    rooms = [_PACKAGE / "sphere", _PACKAGE / "estimators"]
+    rooms = [_PACKAGE / name for name in ("sphere", "estimators", "experiment")]
     sources = sorted(path for room in rooms for path in room.glob("*.py"))
     digest = hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()[:16]
-    stamp = rooms[0] / "__pycache__" / f"compiled-{digest}"
+    stamp = Path(__file__).parent / "__pycache__" / f"compiled-{digest}"
     if stamp.exists():
         return
     try:
         stamp.parent.mkdir(exist_ok=True)
-        for room in rooms:
-            for stale in [*room.glob("__pycache__/*.nbi"), *room.glob("__pycache__/compiled-*")]:
+        for pattern in ("*.nbi", "*.nbc", "compiled-*"):
+            for stale in (path for room in rooms for path in room.glob(f"__pycache__/{pattern}")):
                 stale.unlink(missing_ok=True)
         stamp.touch()
     except OSError:  # a read-only installation: its sources do not change either

@@ -1,0 +1,95 @@
+"""Commands that succeed: exit code 0, the answer on standard output, nothing on standard error."""
+
+import importlib.metadata
+import re
+import subprocess
+import sys
+
+from study.analysis.summary import printed
+from study.experiment.config import parse
+from study.runs.plan import plan
+from study.runs.store import Run
+
+
+def test_run(finished):
+    """`study run` stores the tables and prints the folder, and nothing else where there is no terminal."""
+    folder, (code, said, complained) = finished
+    assert (code, said, complained) == (0, "out\n", "")
+    tables = {"errors.parquet", "timings.parquet", "summary.parquet"}
+    assert {path.name for path in (folder / "out").iterdir()} == {"config.toml", "manifest.json"} | tables
+
+
+def test_run_stores_the_config_as_it_was_given(finished, config):
+    """The run's config is the user's file, comments and all."""
+    assert (finished[0] / "out" / "config.toml").read_text() == config
+
+
+def test_run_into_the_default_folder(call, config, tmp_path, finished):
+    """Without --out, the folder is results/<name>-<digest>, and the numbers are the same."""
+    (tmp_path / "tiny.toml").write_text(config)
+    code, said, complained = call(tmp_path, "run", "tiny.toml", "--jobs", "1")
+    name = parse(config).run_name()
+    assert (code, said, complained) == (0, f"results/{name}\n", "")
+    one, other = Run.open(tmp_path / "results" / name), Run.open(finished[0] / "out")
+    assert one.table("errors").equals(other.table("errors"))
+    assert one.table("summary").equals(other.table("summary"))
+
+
+def test_summary(finished, call):
+    """`study summary` prints what the library's function yields."""
+    folder = finished[0]
+    code, said, complained = call(folder, "summary", "out")
+    assert (code, complained) == (0, "")
+    assert said.splitlines() == list(printed(Run.open(folder / "out")))
+
+
+def test_plan(call, config, tmp_path):
+    """`study plan` prints the run's name and the library's counts, and writes nothing."""
+    (tmp_path / "tiny.toml").write_text(config)
+    code, said, complained = call(tmp_path, "plan", "tiny.toml")
+    assert (code, complained) == (0, "")
+    name, *lines = said.splitlines()
+    assert name == parse(config).run_name()
+    found = dict(re.match(r"\s+(\w+)\s+(.*)", line).groups() for line in lines)
+    for label, value in plan(parse(config), 2).lines():
+        assert label in found
+        if label != "time":
+            assert found[label] == value
+    assert [path.name for path in tmp_path.iterdir()] == ["tiny.toml"]
+
+
+HEAVY = ["numpy", "numba", "scipy", "pandas", "pyarrow", "matplotlib", "joblib"]
+CODE = """
+import sys
+from study.cli import main
+sys.argv = ["study", *sys.argv[1:]]
+try:
+    main()
+except SystemExit as end:
+    print("code", end.code)
+print("loaded", *(set(sys.modules) & {names}))
+"""
+
+
+def test_help_is_light(command):
+    """`study --help`, and that of a command, import none of the heavy libraries."""
+    for arguments in (["--help"], ["run", "--help"], ["plan", "--help"]):
+        code = CODE.replace("{names}", repr(set(HEAVY)))
+        words = [sys.executable, "-W", "error", "-c", code, *arguments]
+        done = subprocess.run(words, env=command[1], capture_output=True, encoding="utf-8", check=True)
+        assert done.stderr == ""
+        assert done.stdout.splitlines()[-2:] == ["code 0", "loaded"]
+        assert "Usage: study" in done.stdout
+
+
+def test_help_names_every_command(call, tmp_path):
+    """The help has a line for each command."""
+    code, said, _ = call(tmp_path, "--help")
+    assert code == 0
+    assert all(re.search(rf"\b{name}\b", said) for name in ("plan", "run", "summary", "figures"))
+
+
+def test_entry_point():
+    """Where the package is installed, `study` is the main function."""
+    found = [e for e in importlib.metadata.entry_points(group="console_scripts") if e.name == "study"]
+    assert all(entry.value == "study.cli:main" for entry in found)

@@ -1,0 +1,183 @@
+"""From a study to cells, batches and units: every trial of every cell once, in an order that the config alone fixes."""
+
+import math
+import subprocess
+import sys
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+import study
+from study.experiment import design
+from study.experiment.config import load
+from study.experiment.design import Cell, block_trials, count_cells, diagonal_center, units
+
+AXES = {"samples": [4, 50], "noise": [0.1, 0.2, 0.3], "angle": [20, 90], "radius": [1, 2], "center": [0, 1, 5]}
+STUDIES = {
+    "shared": {"trials": 1500, **AXES},
+    "independent": {"trials": 1500, **AXES, "draws": "independent"},
+    "one trial": {"trials": 1, **AXES},
+    "one trial more than a block": {"trials": 1001, "noise": [0.1, 0.2]},
+    "relative": {"trials": 7, **AXES, "noise": None, "noise_over_radius": [0.1, 0.2]},
+    "random": {
+        "kind": "random",
+        "trials": 77,
+        "samples": {"law": "log_uniform", "low": 4, "high": 1e4},
+        "radius": {"law": "uniform", "low": 0, "high": 37},
+    },
+}
+
+
+@pytest.fixture(params=list(STUDIES))
+def some_study(request, make_study):
+    """A study of each kind of design."""
+    return make_study(**STUDIES[request.param])
+
+
+@pytest.fixture
+def small_units(monkeypatch):
+    """Units of a few batches, so that a small study has many."""
+    monkeypatch.setattr(design, "_SAMPLES_PER_UNIT", 60_000)
+
+
+def served(work):
+    """Cells and trials of units, in order."""
+    for unit in work:
+        for batch in unit.batches:
+            for cell in batch.cells:
+                assert (cell.samples, cell.angle) == (batch.samples, batch.angle)
+                for trial in range(batch.first, batch.first + batch.trials):
+                    yield cell.name, trial
+
+
+@pytest.mark.usefixtures("small_units")
+def test_every_trial_of_every_cell_once(some_study):
+    """Units cover each cell and trial exactly once, and there are as many as were counted."""
+    found = Counter(served(units(some_study)))
+    assert set(found.values()) == {1}
+    trials = range(some_study.design.trials)
+    if some_study.design.kind == "random":
+        assert sorted(trial for _, trial in found) == list(trials)
+        assert count_cells(some_study) == len(trials)
+    else:
+        names = {name for name, _ in found}
+        assert len(names) == count_cells(some_study)
+        assert set(found) == {(name, trial) for name in names for trial in trials}
+
+
+@pytest.mark.usefixtures("small_units")
+def test_large_groups_are_cut_into_units(make_study):
+    """A group of cells whose work exceeds a unit's is served by several units."""
+    assert len(list(units(make_study(**STUDIES["shared"])))) > 4
+
+
+def test_number_of_cells(make_study):
+    """A grid has a cell for every combination of its values."""
+    assert count_cells(make_study(**STUDIES["shared"])) == 2 * 3 * 2 * 2 * 3
+    assert count_cells(make_study(**STUDIES["relative"])) == 2 * 2 * 2 * 2 * 3
+
+
+def test_order_is_the_configs(some_study):
+    """The order of the work is the same each time, and does not come from a hash."""
+    assert list(units(some_study)) == list(units(some_study))
+
+
+def test_order_of_a_grid(make_study):
+    """Cells come by samples, then angle, then noise, radius and centre, each in the order of the config."""
+    work = units(make_study(samples=[50, 4], noise=[0.2, 0.1], angle=[90, 20], radius=[2, 1], center=[1, 0]))
+    cells = [cell for unit in work for batch in unit.batches for cell in batch.cells]
+    keys = [(-c.samples, -c.angle, -c.noise, -c.radius, -c.distance) for c in cells]
+    assert keys == sorted(keys)
+    assert len(set(keys)) == 32
+
+
+def test_relative_noise_is_times_the_radius(make_study):
+    """noise_over_radius of a grid is multiplied by each cell's radius; noise is not."""
+    for entries in (STUDIES["relative"], STUDIES["shared"]):
+        made = make_study(**entries)
+        relative = made.design.noise is None
+        for unit in units(made):
+            for cell in unit.batches[0].cells:
+                levels = [v * cell.radius for v in made.design.noise_over_radius] if relative else made.design.noise
+                assert cell.noise in levels
+
+
+@pytest.mark.parametrize("d", [2, 3, 5])
+def test_centres_of_a_grid(d):
+    """A grid's centres lie at their distance along the main diagonal."""
+    center = diagonal_center(2.0, d)
+    assert len(center) == d
+    assert len(set(center)) == 1
+    assert Cell(10, 0.1, 90.0, 1.0, center).distance == pytest.approx(2.0, rel=1e-15)
+
+
+CELL = Cell(10, 0.1, 90.0, 1.0, (0.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"samples": 11},
+        {"noise": math.nextafter(0.1, 1)},
+        {"angle": 90.00000000000001},
+        {"radius": 2.0},
+        {"center": (0.0, 0.0, 1.0)},
+        {"center": (0.0, 0.0)},
+        {"noise": 90.0, "angle": 0.1},
+    ],
+    ids=str,
+)
+def test_a_name_stands_for_the_whole_condition(change):
+    """Equal conditions have equal names; a change in any value, to the last bit, gives another."""
+    assert replace(CELL).name == CELL.name
+    assert replace(CELL, **change).name != CELL.name
+
+
+def test_names_do_not_depend_on_the_grid(make_study):
+    """A condition has the same name whatever else its grid holds, and whatever the kind of design."""
+
+    def names(**entries):
+        return {c.name for unit in units(make_study(**entries)) for b in unit.batches for c in b.cells}
+
+    alone = names(samples=4, noise=0.1, angle=20, radius=2, center=5)
+    assert len(alone) == 1
+    assert alone <= names(**AXES) == names(**AXES, draws="independent")
+
+
+def test_names_and_order_are_the_same_in_every_process():
+    """Neither names nor the order of work depend on Python's hash seed."""
+    path = Path(study.__file__).parents[1] / "configs" / "sweep.toml"
+    code = (
+        "import sys, pathlib; from study.experiment.config import load; from study.experiment.design import units\n"
+        "for u in units(load(pathlib.Path(sys.argv[1]))): print(u, [c.name for b in u.batches for c in b.cells])"
+    )
+    own = "".join(f"{u} {[c.name for b in u.batches for c in b.cells]}\n" for u in units(load(path)))
+    for seed in ("1", "2"):
+        environment = {"PYTHONHASHSEED": seed, "PYTHONPATH": str(path.parents[1])}
+        done = subprocess.run(
+            [sys.executable, "-c", code, str(path)], capture_output=True, env=environment, check=True, encoding="utf-8"
+        )
+        assert done.stdout == own
+
+
+@pytest.mark.parametrize("samples", [4, 33, 1000, 32_768, 10**6, 10**12])
+def test_block_size_depends_on_samples_alone(make_study, samples):
+    """Blocks of a number of samples are cut at the same trials in every grid."""
+    size = block_trials(samples)
+    assert 1 <= size <= 1000
+    assert size == 1 or size * samples <= 2**15
+    for entries in ({"trials": 3000}, {"trials": 2999, "noise": [1, 2], "angle": [5, 7]}, {"draws": "independent"}):
+        trials = entries.get("trials", 2)
+        for unit in units(make_study(samples=[samples], **entries)):
+            for batch in unit.batches:
+                assert batch.first % size == 0
+                assert batch.trials == min(size, trials - batch.first)
+                assert batch.stream[-1] == batch.first // size
+
+
+def test_streams_are_named_apart(some_study):
+    """No two batches draw from the same stream."""
+    names = Counter(batch.stream for unit in units(some_study) for batch in unit.batches)
+    assert set(names.values()) == {1}

@@ -1,0 +1,161 @@
+"""One unit of work: rows that compare each fit with its truth, and an estimator that raises."""
+
+import math
+
+import numpy as np
+import pytest
+
+import study
+from study.estimators.fit import Estimator, blank
+from study.experiment.design import units
+from study.experiment.sampling import draw
+from study.experiment.work import Result, WorkError, compute
+
+ANSWER = (3.0, -4.0, 12.0, 0.5, 0.25)
+
+
+@pytest.fixture
+def fixed(monkeypatch):
+    """An estimator whose answer is the same whatever the points are."""
+
+    def estimator(samples):
+        b, d, _ = samples.shape
+        fit = blank(b, d)
+        fit.center[:] = ANSWER[:d]
+        fit.radius[:] = 7.0
+        fit.noise_variance[:] = 0.5
+        fit.status[:] = study.Status.NOT_CONVERGED
+        fit.condition[:] = 0.75
+        fit.iterations[:] = 42
+        return fit
+
+    monkeypatch.setitem(study.ESTIMATORS, "fixed", Estimator(estimator, "a test"))
+
+
+def rows(made):
+    """The error rows of a whole study."""
+    parts = [compute(made, unit).errors for unit in units(made)]
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+@pytest.mark.usefixtures("fixed")
+@pytest.mark.parametrize("d", [2, 3, 5])
+def test_error_is_estimate_minus_truth(make_study, d):
+    """Components are estimated minus true, the error is their norm, and the radius error has the same sign rule."""
+    found = rows(make_study({"estimators": ["fixed"], "dimension": d}, radius=[2, 10], center=[0, 6]))
+    for i in range(len(found["trial"])):
+        center = found["center"][i] / math.sqrt(d)
+        vector = [ANSWER[k] - center for k in range(d)]
+        assert [found[f"error_{k + 1}"][i] for k in range(d)] == pytest.approx(vector, rel=1e-14)
+        assert found["error"][i] == pytest.approx(math.hypot(*vector), rel=1e-14)
+        assert found["radius_error"][i] == 7.0 - found["radius"][i]
+    assert set(found["radius_error"]) == {5.0, -3.0}
+
+
+@pytest.mark.usefixtures("fixed")
+def test_the_rest_of_a_fit_is_stored_as_it_came(make_study):
+    """Status, condition, iterations and noise variance are the estimator's own."""
+    found = rows(make_study({"estimators": ["fixed"]}))
+    assert set(found["status"]) == {study.Status.NOT_CONVERGED}
+    assert set(found["condition"]) == {0.75}
+    assert set(found["iterations"]) == {42}
+    assert set(found["noise_variance"]) == {0.5}
+
+
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("shaped", [False, True])
+def test_bounds_are_of_the_realised_directions(make_study, d, shaped):
+    """The bound of each trial is √tr CRLB of the directions that were drawn for it; so is the radius'."""
+    shape = np.diag(np.arange(1.0, d + 1)).tolist() if shaped else None
+    made = make_study({"dimension": d, "noise_shape": shape}, noise=[0.1, 3.0], trials=4)
+    unit = next(units(made))
+    u = draw(made, unit.batches[0]).directions.swapaxes(1, 2).copy()
+    u[:, :, 0] = 1.0 - u[:, :, 0]
+    found = compute(made, unit).errors
+    for sigma in (0.1, 3.0):
+        crlb = study.crlb(u, sigma**2 * (np.eye(d) if shape is None else np.array(shape)))
+        here = found["noise"] == sigma
+        np.testing.assert_allclose(found["bound"][here], np.sqrt(np.einsum("bii->b", crlb[:, :d, :d])), rtol=1e-10)
+        np.testing.assert_allclose(found["radius_bound"][here], np.sqrt(crlb[:, d, d]), rtol=1e-10)
+
+
+@pytest.mark.parametrize("name", list(study.ESTIMATORS))
+@pytest.mark.parametrize("shaped", [False, True])
+def test_rows_are_fits_of_the_stored_points(make_study, name, shaped):
+    """Fitting the stored points with the library gives the stored errors: same points, same noise, same truth."""
+    shape = [[2.0, 0.5, 0.0], [0.5, 1.0, 0.0], [0.0, 0.0, 1.0]] if shaped else None
+    top = {"estimators": [name], "keep_points": 5, "noise_shape": shape}
+    made = make_study(top, trials=3, samples=30, noise=0.05, center=2)
+    noise = 0.05 if shape is None else 0.05**2 * np.array(shape)
+    try:
+        study.fit(np.eye(4, 3), name, noise)
+    except ValueError:  # an estimator that takes no covariance says so in a run, too
+        with pytest.raises(WorkError, match=name):
+            compute(made, next(units(made)))
+        return
+    result = compute(made, next(units(made)))
+    x = np.stack([result.points[f"x_{i + 1}"] for i in range(3)], axis=-1).reshape(3, 30, 3)
+    fit = study.fit(x, name, noise)
+    truth = np.array([result.points[f"center_{i + 1}"][0] for i in range(3)])
+    for i in range(3):
+        expected = fit.center[:, i] - truth[i]
+        np.testing.assert_allclose(result.errors[f"error_{i + 1}"], expected, rtol=1e-9, atol=1e-12)
+    np.testing.assert_array_equal(result.errors["status"], fit.status)
+
+
+def test_order_and_number_of_rows(make_study):
+    """Rows come cell by cell, estimator by estimator, trial by trial, with the cell's values beside them."""
+    made = make_study({"estimators": ["ugdk", "lls"]}, trials=3, noise=[0.1, 0.2], radius=[1, 2])
+    unit = next(units(made))
+    found = compute(made, unit).errors
+    cells = unit.batches[0].cells
+    expected = [(c.name, e, t) for c in cells for e in ("ugdk", "lls") for t in range(3)]
+    assert list(zip(found["cell"], found["estimator"], found["trial"], strict=True)) == expected
+    by_name = {c.name: c for c in cells}
+    for i, name in enumerate(found["cell"]):
+        cell = by_name[name]
+        values = (cell.samples, cell.noise, cell.angle, cell.radius, cell.distance)
+        assert tuple(found[k][i] for k in ("samples", "noise", "angle", "radius", "center")) == values
+
+
+@pytest.mark.parametrize("keep", [0, 1, 3, 99])
+def test_first_trials_points_are_kept(make_study, keep, monkeypatch):
+    """The points of as many first trials of each cell are kept as asked for, across blocks."""
+    monkeypatch.setattr("study.experiment.design.BLOCK_TRIALS", 2)
+    made = make_study({"keep_points": keep}, trials=5, noise=[0.1, 0.2])
+    result = compute(made, next(units(made)))
+    kept = min(keep, 5)
+    if not keep:
+        assert result.points == {}
+        return
+    seen = set(zip(result.points["cell"], result.points["trial"], result.points["sample"], strict=True))
+    names = set(result.errors["cell"])
+    assert seen == {(name, t, k) for name in names for t in range(kept) for k in range(10)}
+    assert len(result.points["cell"]) == len(seen)
+
+
+def test_timings_account_for_every_fit(make_study):
+    """Every step of every estimator is timed, for as many data sets as there are."""
+    made = make_study({"estimators": ["ugdk", "lls"]}, trials=7, samples=[10, 20], noise=[0.1, 0.2])
+    for unit in units(made):
+        result: Result = compute(made, unit)
+        fits = dict(zip(result.timings["step"], result.timings["fits"], strict=True))
+        assert fits == {"draw": 7, "bound": 7, "points": 14, "moments": 14, "ugdk": 14, "lls": 14}
+        assert np.all(result.timings["seconds"] >= 0.0)
+
+
+def test_an_estimator_that_raises_is_named(make_study, monkeypatch):
+    """What a user's estimator raises is told with its name, the cell, the trials and the reason."""
+
+    def broken(samples):
+        raise ZeroDivisionError("my own mistake")
+
+    monkeypatch.setitem(study.ESTIMATORS, "broken", Estimator(broken, "a test"))
+    made = make_study({"estimators": ["lls", "broken"]}, trials=5)
+    unit = next(units(made))
+    with pytest.raises(WorkError) as caught:
+        compute(made, unit)
+    said = str(caught.value)
+    assert all(word in said for word in ("broken", unit.batches[0].cells[0].name, "trials 0 to 4", "my own mistake"))
+    assert isinstance(caught.value.__cause__, ZeroDivisionError)
+    assert "\n" not in said

@@ -1,0 +1,132 @@
+"""Disks that are full or read-only: one clear message, finished parts stay readable, no temporary file stays."""
+
+import errno
+import os
+import shutil
+import subprocess
+
+import pyarrow.parquet as pq
+import pytest
+
+from study.runs import store
+from study.runs.store import RunError
+
+pytestmark = pytest.mark.usefixtures("same_software", "small_units")
+
+
+def broken_after(monkeypatch, count, name="replace", code=errno.ENOSPC):
+    """Let renaming (or syncing) fail from its so many-th call on."""
+    calls = iter(range(10**6))
+    real = getattr(os, name)
+
+    def fail(*arguments):
+        if next(calls) >= count:
+            raise OSError(code, os.strerror(code))
+        return real(*arguments)
+
+    monkeypatch.setattr(store.os, name, fail)
+
+
+def parts_and_rest(folder):
+    """Paths of the parts, and names of all else in a run folder."""
+    paths = [path for path in folder.rglob("*") if path.is_file()]
+    parts = [path for path in paths if path.parent.name == "parts" and not path.name.startswith(".")]
+    return parts, sorted(str(path.relative_to(folder)) for path in set(paths) - set(parts))
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.parametrize("name", ["replace", "fsync"])
+def test_a_disk_that_fills_up_while_parts_are_written(start, monkeypatch, tmp_path, jobs, name):
+    """Parts written before stay, whole and readable; the message names the folder and the reason."""
+    broken_after(monkeypatch, 4, name)
+    folder = tmp_path / "run"
+    with pytest.raises(
+        RunError, match="cannot be written: No space left on device; what was finished is kept"
+    ) as caught:
+        start(folder=folder, jobs=jobs, trials=30)
+    assert str(folder) in str(caught.value)
+    assert "\n" not in str(caught.value)
+    parts, rest = parts_and_rest(folder)
+    assert len(parts) == 3  # the first of the four was the config
+    assert rest == ["config.toml"]
+    assert all(pq.read_table(path).num_rows > 0 for path in parts)
+
+
+def test_a_disk_that_fills_up_while_parts_are_joined(start, monkeypatch, tmp_path):
+    """Where the last step fails, all parts stay."""
+    monkeypatch.setattr(store, "_join", lambda *_: (_ for _ in ()).throw(OSError(errno.ENOSPC, "No space left")))
+    with pytest.raises(RunError, match="cannot be written"):
+        start(folder=tmp_path / "run", trials=30)
+    parts, rest = parts_and_rest(tmp_path / "run")
+    assert len(parts) > 3
+    assert rest == ["config.toml"]
+
+
+def test_old_tables_survive_a_failure(start, monkeypatch, files):
+    """A run that fails in a finished folder leaves the old tables as they were, and no temporary file."""
+    run = start(trials=30)
+    before = files(run.folder)
+    broken_after(monkeypatch, 4)
+    with pytest.raises(RunError):
+        start(folder=run.folder, trials=30)
+    after = files(run.folder)
+    assert {name: after.get(name) for name in before} == before
+    assert not [name for name in after if name.endswith(".tmp")]
+
+
+@pytest.mark.parametrize("code", [errno.EROFS, errno.EACCES, errno.EDQUOT, errno.EIO])
+def test_other_reasons_are_told_too(start, monkeypatch, tmp_path, code):
+    """Whatever the disk says is passed on in its words."""
+    broken_after(monkeypatch, 0, code=code)
+    with pytest.raises(RunError, match=os.strerror(code)):
+        start(folder=tmp_path / "run")
+
+
+@pytest.fixture
+def mounted(tmp_path):
+    """Mount a small disk of one's own; skip where that is not allowed."""
+    folders = []
+
+    def mount(options):
+        folder = tmp_path / f"disk-{len(folders)}"
+        folder.mkdir()
+        command = ["mount", "-t", "tmpfs", "-o", options, "tmpfs", str(folder)]
+        if os.geteuid() or not shutil.which("mount") or subprocess.run(command, capture_output=True).returncode:
+            pytest.skip("mounting is not allowed here")
+        folders.append(folder)
+        return folder
+
+    yield mount
+    for folder in folders:
+        subprocess.run(["umount", "--lazy", str(folder)], check=True)
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_real_disk_that_fills_up(start, mounted, jobs):
+    """On a disk of 200 kB that cannot hold the run, finished parts are readable, and the half one is gone."""
+    folder = mounted("size=200k") / "run"
+    with pytest.raises(RunError, match=r"cannot be written: .*No space left on device") as caught:
+        start(folder=folder, jobs=jobs, trials=400)
+    assert "\n" not in str(caught.value)
+    parts, rest = parts_and_rest(folder)
+    assert len(parts) > 3
+    assert rest == ["config.toml"]
+    assert all(pq.read_table(path).num_rows > 0 for path in parts)
+
+
+def test_a_real_read_only_disk(start, mounted):
+    """A read-only disk is refused before anything is computed."""
+    told = []
+    with pytest.raises(RunError, match="cannot be written: Read-only file system"):
+        start(folder=mounted("size=100k,ro") / "run", progress=told.append)
+    assert told == []
+
+
+def test_a_folder_without_permission(start, tmp_path):
+    """A folder that may not be written to is refused; the superuser may always write."""
+    if os.geteuid() == 0:
+        pytest.skip("the superuser may write everywhere")
+    folder = tmp_path / "locked"
+    folder.mkdir(mode=0o555)
+    with pytest.raises(RunError, match="cannot be written: Permission denied"):
+        start(folder=folder / "run")

@@ -1,0 +1,128 @@
+"""The run folder: what is in it when a run is done, and what it refuses."""
+
+import pytest
+
+from study.experiment.config import parse
+from study.experiment.design import units
+from study.experiment.work import compute
+from study.runs.store import Run, RunError
+
+pytestmark = pytest.mark.usefixtures("same_software")
+
+
+def test_what_a_run_leaves(start, files):
+    """A finished run leaves its config, manifest and tables, and neither parts nor temporary files."""
+    run = start({"keep_points": 1})
+    expected = {"config.toml", "manifest.json", "errors.parquet", "timings.parquet", "points.parquet"}
+    assert set(files(run.folder)) == {path.name for path in run.folder.iterdir()} == expected
+
+
+def test_points_are_a_table_only_where_kept(start):
+    """Without keep_points there is no table of points."""
+    assert not (start().folder / "points.parquet").exists()
+
+
+def test_a_run_is_opened_from_its_folder(start, make_text):
+    """The config is read back from the folder, and the tables from disk."""
+    run = start()
+    again = Run.open(run.folder)
+    assert again.study == run.study == parse(make_text())
+    assert again.table("errors").equals(run.table("errors"))
+    assert list(again.table("errors", ["trial", "error"])) == ["trial", "error"]
+
+
+@pytest.mark.parametrize("change", [{"top": {"seed": 2}}, {"trials": 4}, {"noise": [0.05]}], ids=str)
+def test_a_folder_refuses_another_config(start, files, change):
+    """The folder of another config is refused by name, and left as it is."""
+    run = start()
+    before = files(run.folder)
+    with pytest.raises(RunError, match="holds a run of another config") as caught:
+        start(folder=run.folder, **change)
+    assert run.study.run_name() in str(caught.value)
+    assert "--out" in str(caught.value)
+    assert files(run.folder) == before
+
+
+def test_a_file_in_place_of_the_folder(start, tmp_path):
+    """A file is not overwritten, and nothing is made below one."""
+    path = tmp_path / "taken"
+    path.write_text("mine")
+    with pytest.raises(RunError, match="is a file"):
+        start(folder=path)
+    with pytest.raises(RunError, match="Not a directory"):
+        start(folder=path / "below")
+    assert path.read_text() == "mine"
+
+
+def test_a_foreign_folder(start, tmp_path, files):
+    """A folder that holds other things is refused and left as it is; an empty one is taken."""
+    folder = tmp_path / "foreign"
+    folder.mkdir()
+    assert start(folder=folder).folder == folder
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / "thesis.tex").write_text("mine")
+    with pytest.raises(RunError, match="not empty and no run folder"):
+        start(folder=other)
+    assert files(other) == {"thesis.tex": b"mine"}
+
+
+def test_a_folder_whose_config_is_broken(start, files):
+    """A config that cannot be read any more is reported, not replaced."""
+    run = start()
+    (run.folder / "config.toml").write_text("seed = ")
+    before = files(run.folder)
+    with pytest.raises(RunError, match="cannot be read any more"):
+        start(folder=run.folder)
+    assert files(run.folder) == before
+
+
+def test_names_too_long_for_the_disk(start, tmp_path):
+    """A folder name that the disk refuses is a message like any other."""
+    with pytest.raises(RunError, match="too long"):
+        start(folder=tmp_path / ("a" * 300))
+
+
+def test_no_run_where_none_is(tmp_path):
+    """Opening what is no run says how to make one."""
+    for path in (tmp_path, tmp_path / "none"):
+        with pytest.raises(RunError, match=r"no config\.toml in it"):
+            Run.open(path)
+
+
+def test_a_table_that_is_missing_or_broken(start):
+    """A table that is not there, or is cut short, is named."""
+    run = start()
+    with pytest.raises(RunError, match=r"summary\.parquet: missing"):
+        run.table("summary")
+    path = run.folder / "errors.parquet"
+    path.write_bytes(path.read_bytes()[:200])
+    with pytest.raises(RunError, match=r"errors\.parquet: cannot be read"):
+        run.table("errors")
+
+
+def test_an_interrupted_run_is_finished_by_running_again(start, make_text, tmp_path, files):
+    """Parts, and tables, of a run that stopped half-way do not show in the finished one."""
+    study = parse(make_text())
+    folder = tmp_path / "stopped"
+    store = Run.create(folder, study, make_text())
+    first = next(units(study))
+    store.commit(first, compute(study, first))
+    assert [path.name for path in (folder / "parts").iterdir()] == [store.part_path(first).name]
+    start(folder=folder)
+    expected = start()
+    assert set(files(folder)) == set(files(expected.folder))
+    assert (folder / "errors.parquet").read_bytes() == (expected.folder / "errors.parquet").read_bytes()
+
+
+def test_a_part_is_named_by_its_content(make_text, tmp_path):
+    """A part's name depends on the unit and on what the rows depend on, not on its position or the grid."""
+
+    def paths(top=None, **design):
+        study = parse(make_text(top, **design))
+        return {Run(tmp_path, study).part_path(unit) for unit in units(study)}
+
+    alone = paths(samples=[40])
+    assert alone < paths(samples=[6, 40])
+    for top in ({"seed": 2}, {"dimension": 2}, {"estimators": ["lls"]}, {"keep_points": 1}, {"name": "other"}):
+        assert (paths(top, samples=[40]) == alone) == ("name" in top)

@@ -1,0 +1,80 @@
+"""A plan's counts are those of the run, told before it."""
+
+import math
+
+import pytest
+
+from study.experiment.config import parse
+from study.experiment.design import units
+from study.runs.plan import plan
+
+pytestmark = pytest.mark.usefixtures("same_software")
+
+PLANS = {
+    "grid": {},
+    "relative": {"noise": None, "noise_over_radius": [0.1, 0.2, 0.4], "radius": [1, 2]},
+    "independent": {"draws": "independent", "center": [0, 1]},
+    "five dimensions": {"top": {"dimension": 5}},
+    "random": {
+        "kind": "random",
+        "trials": 60,
+        "samples": {"law": "log_uniform", "low": 4, "high": 500},
+        "noise": {"law": "log_uniform", "low": 1e-3, "high": 10},
+        "angle": {"law": "uniform", "low": 0, "high": 180},
+    },
+}
+
+
+@pytest.mark.parametrize("name", list(PLANS))
+def test_counts_are_those_of_the_run(start, make_text, name):
+    """Cells, trials, fits, samples, draws and units are what the run has."""
+    entries = {**PLANS[name]}
+    entries["top"] = {"estimators": ["lls", "ugdk"], "keep_points": 1} | entries.get("top", {})
+    study = parse(make_text(**entries))
+    made = plan(study, 2)
+    run = start(**entries)
+    errors, timings = run.table("errors"), run.table("timings")
+    one = errors[errors["estimator"] == "lls"]
+    assert made.cells == errors["cell"].nunique()
+    assert made.fits == len(errors)
+    assert made.trials == len(one)
+    assert made.samples == one["samples"].sum()
+    drawn = timings[timings["step"] == "draw"]
+    assert made.draws == (drawn["samples"] * drawn["fits"]).sum()
+    assert made.units == len(list(units(study)))
+
+
+def test_shared_draws_are_drawn_once(make_text):
+    """Cells that share draws need fewer of them than samples are fitted; independent ones do not."""
+    shared = plan(parse(make_text({"estimators": ["lls"]}, center=[0, 1])), 1)
+    apart = plan(parse(make_text({"estimators": ["lls"]}, center=[0, 1], draws="independent")), 1)
+    assert shared.samples == apart.samples == apart.draws == 4 * shared.draws
+
+
+@pytest.mark.parametrize("name", list(PLANS))
+def test_predictions_are_positive_and_printed(make_text, name):
+    """Seconds and bytes are finite and above 0, and every line has a label and a value."""
+    made = plan(parse(make_text(**PLANS[name])), 2)
+    assert 0.0 < made.seconds < math.inf
+    assert 0.0 < made.bytes < math.inf
+    lines = dict(made.lines())
+    assert lines["cells"] == f"{made.cells:,}"
+    assert lines["fits"] == f"{made.fits:,}"
+    assert all(lines.values())
+
+
+def test_bytes_are_of_the_right_size(start, make_text):
+    """The predicted storage is that of the stored tables within a factor of two, for 10⁵ rows and points."""
+    entries = {"top": {"estimators": ["lls", "ugdk"], "keep_points": 50}, "trials": 5000, "draws": "independent"}
+    predicted = plan(parse(make_text(**entries)), 2).bytes
+    run = start(**entries)
+    stored = sum((run.folder / f"{name}.parquet").stat().st_size for name in ("errors", "points"))
+    assert 0.5 < predicted / stored < 2.0
+
+
+def test_a_plan_leaves_the_study_alone(make_text):
+    """Planning a study does not change what is planned."""
+    study = parse(make_text({"keep_points": 1}))
+    before = study.model_dump_json()
+    plan(study, 2)
+    assert study.model_dump_json() == before
