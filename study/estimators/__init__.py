@@ -46,8 +46,8 @@ def fit(points: ArrayLike, estimator: str = "als", noise: ArrayLike | None = Non
     """Fit a sphere (a circle, if d = 2) to each of one or many point sets.
 
     Args:
-        points: coordinates (…, n, d): n ≥ d + 1 points in d ≥ 2 dimensions; leading axes are a batch. Rows with a NaN
-            are missing samples.
+        points: coordinates (…, n, d): n ≥ d + 1 points in d ≥ 2 dimensions; leading axes are a batch. Rows with a NaN,
+            or masked, are missing samples.
         estimator: a name in `study.ESTIMATORS`.
         noise: standard deviation σ of each coordinate, a covariance Σ (d, d), or None where the estimator does not
             need it.
@@ -62,6 +62,8 @@ def fit(points: ArrayLike, estimator: str = "als", noise: ArrayLike | None = Non
     if estimator not in ESTIMATORS:
         raise ValueError(f"estimator = {estimator!r}: known are {', '.join(ESTIMATORS)}")
     array = np.asarray(points)
+    if isinstance(points, np.ma.MaskedArray):  # a mask means missing, which is NaN here
+        array = np.where(np.ma.getmaskarray(points), np.nan, array)
     if array.dtype.kind not in "fiu":
         raise TypeError(f"points have dtype {array.dtype}: expected real numbers")
     if array.ndim < 2 or array.shape[-1] < 2:

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationError
 
 from study.estimators import ESTIMATORS
-from study.experiment.faults import ConfigError, Fault, report
+from study.experiment.faults import ConfigError, Fault, report, shorten
 from study.experiment.laws import Choice, Constant, Frozen, Law, LogUniform, Uniform, is_number
 
 MAX_CELLS = 10_000_000
@@ -44,7 +44,8 @@ def _axis(quantity: str) -> BeforeValidator:
             raise ValueError(f"the list is empty; give at least one value, each {words}")
         wrong = [v for v in numbers if not is_number(v) or not allowed(v)]
         if wrong:
-            raise ValueError(f"{', '.join(repr(v) for v in wrong)} not allowed: every value must be {words}")
+            listed = ", ".join(shorten(v) for v in wrong[:5]) + (", …" if len(wrong) > 5 else "")
+            raise ValueError(f"{listed} not allowed: every value must be {words}")
         if quantity == "samples":
             return tuple(dict.fromkeys(int(v) for v in numbers))
         return tuple(dict.fromkeys(float(v) + 0.0 for v in numbers))  # -0.0 is 0.0
@@ -63,6 +64,8 @@ def _spaced(value: dict[str, Any]) -> list[float]:
     first, last, count = ends
     if not isinstance(count, int) or not 1 <= count <= MAX_CELLS:
         raise ValueError(f"count = {count!r} in {kind} must be a whole number from 1 to {MAX_CELLS}")
+    if count == 1 and first != last:
+        raise ValueError(f"{kind} from {first} to {last} cannot be 1 value: {words}")
     if kind == "logspace" and not (first > 0 and last > 0):
         raise ValueError(f"logspace from {first} to {last} must have both ends above 0")
     space = np.linspace if kind == "linspace" else np.geomspace
@@ -146,8 +149,16 @@ class Study(Frozen):
     noise_shape: Annotated[tuple[tuple[float, ...], ...], BeforeValidator(_tuples)] | None = None
     """Covariance of a sample in units of σ² (d, d); the identity if absent."""
     keep_points: Annotated[int, Field(ge=0)] = 0
-    """The first so many trials of each cell have their points stored."""
+    """The trials whose points are stored: those with a number below this one, in each cell."""
     design: Annotated[RandomDesign | GridDesign, Field(discriminator="kind")]
+
+    def cells(self) -> int:
+        """Number of conditions: in a random design, one per trial."""
+        design = self.design
+        if isinstance(design, RandomDesign):
+            return design.trials
+        noises = design.noise or design.noise_over_radius or ()
+        return math.prod(len(axis) for axis in (design.samples, noises, design.angle, design.radius, design.center))
 
     def digest(self) -> str:
         """Ten hexadecimal digits that stand for the canonical config."""
@@ -170,7 +181,7 @@ def parse(text: str, source: str = "config") -> Study:
     """
     try:
         raw = tomllib.loads(text)
-    except ValueError as error:  # also a number of thousands of digits
+    except (ValueError, RecursionError) as error:  # also a number of thousands of digits, or brackets in thousands
         raise ConfigError(f"{source}: not TOML: {error}") from None
     faults = _across(raw)
     study = None
@@ -178,6 +189,8 @@ def parse(text: str, source: str = "config") -> Study:
         study = Study.model_validate(raw)
     except ValidationError as error:
         faults = report(error, _KEYS) + faults
+    if study is not None and study.cells() > MAX_CELLS:
+        faults.append(Fault(("design",), f"{study.cells():,} cells; at most {MAX_CELLS:,} are allowed"))
     if faults or study is None:
         raise ConfigError.listing(source, text, faults)
     return study

@@ -92,16 +92,6 @@ def units(study: Study) -> Iterator[Unit]:
         yield from _grid_units(study, study.design)
 
 
-def count_cells(study: Study) -> int:
-    """Number of conditions: in a random design, one per trial."""
-    design = study.design
-    if isinstance(design, RandomDesign):
-        return design.trials
-    noises = design.noise or design.noise_over_radius or ()
-    axes = (design.samples, noises, design.angle, design.radius, design.center)
-    return math.prod(len(axis) for axis in axes)
-
-
 def diagonal_center(distance: float, dimension: int) -> tuple[float, ...]:
     """Centre of a grid's cells: at a distance from the origin, along the main diagonal."""
     return (distance / math.sqrt(dimension),) * dimension

@@ -37,7 +37,7 @@ class ConfigError(Exception):
         """One message for all faults, in the order of the file."""
         lines = []
         for fault in faults:
-            value = "" if fault.value is _MISSING else f" = {_shorten(fault.value)}"
+            value = "" if fault.value is _MISSING else f" = {shorten(fault.value)}"
             lines.append((_line(text, fault.path), f"{fault.place()}{value}: {fault.words}"))
         lines.sort(key=lambda entry: entry[0])
         count = "1 fault" if len(lines) == 1 else f"{len(lines)} faults"
@@ -106,6 +106,7 @@ def _printable(text: str) -> str:
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
 
-def _shorten(value: object) -> str:
+def shorten(value: object) -> str:
+    """A value as a message shows it."""
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..."

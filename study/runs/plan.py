@@ -1,11 +1,12 @@
 """What a study will cost, told before it runs: counts, bytes, and seconds from a short calibration."""
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from study.experiment.config import Study
-from study.experiment.design import Batch, Cell, Unit, count_cells, units
+from study.experiment.design import Batch, Cell, Unit, units
 from study.experiment.work import compute
 
 _ROW_BYTES = 75.0
@@ -71,11 +72,13 @@ def plan(study: Study, jobs: int) -> Plan:
     fits = trials * len(study.estimators)
     chosen = list(cells.values())
     probes = [chosen[i] for i in np.linspace(0, len(chosen) - 1, min(_PROBES, len(chosen))).astype(int)]
-    per_draw, per_sample, per_batch, per_call, per_trial = _calibrate(study, probes)
+    with ThreadPoolExecutor(1) as pool:  # not the main thread: see `study.runs.runner`
+        costs = pool.submit(_calibrate, study, probes).result()
+    per_draw, per_sample, per_batch, per_call, per_trial = costs
     seconds = per_draw * draws + per_sample * samples + per_batch * batches + per_call * calls + per_trial * trials
     workers = 1.0 + _EFFICIENCY * (min(jobs, n_units) - 1)
     return Plan(
-        cells=count_cells(study),
+        cells=study.cells(),
         units=n_units,
         trials=trials,
         draws=draws,
@@ -96,12 +99,12 @@ def _calibrate(study: Study, probes: list[Cell]) -> tuple[float, float, float, f
     which separates what costs per call, per trial and per sample.
     """
     large = max(2000, min(_MOST_PROBED, max(cell.samples for cell in probes)))
-    sizes = [(12, 1), (12, 200), (large, 1)]
+    small = max(12, study.dimension + 1)
+    sizes = [(small, 1), (small, 200), (large, 1)]
     drawing, fitting = np.zeros(len(sizes)), np.zeros(len(sizes))
     for index, (count, trials) in enumerate(sizes):
         batches = tuple(
-            Batch(("probe", i), 0, trials, (replace(cell, samples=max(count, study.dimension + 1)),))
-            for i, cell in enumerate(probes)
+            Batch(("probe", i), 0, trials, (replace(cell, samples=count),)) for i, cell in enumerate(probes)
         )
         seconds = []
         for _ in range(3):

@@ -13,7 +13,7 @@ from joblib import Parallel, delayed
 from threadpoolctl import threadpool_limits
 
 from study.experiment.config import Study
-from study.experiment.design import Unit, count_cells, units
+from study.experiment.design import Unit, units
 from study.experiment.work import Result, compute
 from study.runs import provenance
 from study.runs.store import Run
@@ -67,7 +67,7 @@ def run(study: Study, config: str, folder: Path, jobs: int = 2, progress: Progre
         {
             "run": study.run_name(),
             "config": study.model_dump(mode="json"),
-            "cells": count_cells(study),
+            "cells": study.cells(),
             "started": started.isoformat(timespec="seconds"),
             "seconds_computing": round(computed, 3),
             "seconds": round(time.perf_counter() - clock, 3),

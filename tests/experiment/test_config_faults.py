@@ -203,3 +203,14 @@ def test_a_known_key_is_not_suggested_for_itself():
     """A key of the other kind of design is not called a misspelling of itself."""
     said = message(RANDOM, {12: 'draws = "shared"'})
     assert "did you mean 'draws'" not in said
+
+
+def test_a_grid_too_large_is_refused():
+    """Axes that are each allowed (here 2, 10,000 and 10,000 values) may not multiply to more than can be run."""
+    wide = {10: "noise = { logspace = [1e-9, 1.0, 10_000] }", 11: "angle = { linspace = [1, 180, 10_000] }"}
+    assert "200,000,000 cells; at most 10,000,000 are allowed" in message(GRID, wide)
+
+
+def test_a_range_of_one_value_has_one_end():
+    """A count of 1 does not silently drop an end."""
+    assert "cannot be 1 value" in message(GRID, {10: "noise = { linspace = [1, 2, 1] }"})

@@ -132,6 +132,12 @@ def test_what_is_not_toml(text):
         parse(text, "x.toml")
 
 
+def test_toml_that_is_nested_too_deeply():
+    """A document deeper than the reader can follow is refused like any other that cannot be read."""
+    with pytest.raises(ConfigError, match=r"^x\.toml: "):
+        parse("a = " + 3000 * "[" + 3000 * "]", "x.toml")
+
+
 def test_what_cannot_be_read(tmp_path):
     """A missing file, a folder and bytes that are no text each have their reason."""
     (tmp_path / "bytes.toml").write_bytes(b'name = "\xff"')

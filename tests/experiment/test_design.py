@@ -12,7 +12,7 @@ import pytest
 import study
 from study.experiment import design
 from study.experiment.config import load
-from study.experiment.design import Cell, block_trials, count_cells, diagonal_center, units
+from study.experiment.design import Cell, block_trials, diagonal_center, units
 
 AXES = {"samples": [4, 50], "noise": [0.1, 0.2, 0.3], "angle": [20, 90], "radius": [1, 2], "center": [0, 1, 5]}
 STUDIES = {
@@ -60,10 +60,10 @@ def test_every_trial_of_every_cell_once(some_study):
     trials = range(some_study.design.trials)
     if some_study.design.kind == "random":
         assert sorted(trial for _, trial in found) == list(trials)
-        assert count_cells(some_study) == len(trials)
+        assert some_study.cells() == len(trials)
     else:
         names = {name for name, _ in found}
-        assert len(names) == count_cells(some_study)
+        assert len(names) == some_study.cells()
         assert set(found) == {(name, trial) for name in names for trial in trials}
 
 
@@ -75,8 +75,8 @@ def test_large_groups_are_cut_into_units(make_study):
 
 def test_number_of_cells(make_study):
     """A grid has a cell for every combination of its values."""
-    assert count_cells(make_study(**STUDIES["shared"])) == 2 * 3 * 2 * 2 * 3
-    assert count_cells(make_study(**STUDIES["relative"])) == 2 * 2 * 2 * 2 * 3
+    assert make_study(**STUDIES["shared"]).cells() == 2 * 3 * 2 * 2 * 3
+    assert make_study(**STUDIES["relative"]).cells() == 2 * 2 * 2 * 2 * 3
 
 
 def test_order_is_the_configs(some_study):

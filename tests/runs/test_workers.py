@@ -11,6 +11,7 @@ from study.experiment.config import parse
 from study.experiment.design import units
 from study.experiment.work import WorkError
 from study.runs import runner
+from study.runs.plan import plan
 
 pytestmark = pytest.mark.usefixtures("same_software")
 
@@ -32,6 +33,20 @@ def test_units_are_computed_outside_the_main_thread(start, monkeypatch, jobs):
     assert threads
     assert threading.main_thread() not in threads
     assert len(threads) <= jobs
+
+
+def test_a_plan_is_calibrated_outside_the_main_thread(make_text, monkeypatch):
+    """For the same reason, the calibration of a plan is not computed in the main thread."""
+    good, threads = study.ESTIMATORS["lls"], set()
+
+    def watched(samples):
+        threads.add(threading.current_thread())
+        return good(samples)
+
+    monkeypatch.setitem(study.ESTIMATORS, "watched", Estimator(watched))
+    plan(parse(make_text({"estimators": ["watched"]})), 2)
+    assert threads
+    assert threading.main_thread() not in threads
 
 
 def test_progress_is_told_to_the_end(start, make_text):

@@ -1,0 +1,20 @@
+"""Masked arrays: what is masked is missing."""
+
+import numpy as np
+import pytest
+
+import study
+from study.sphere.cap import sample_cap
+
+
+@pytest.mark.parametrize("estimator", ["als", "mle"])
+def test_masked_samples_are_missing(estimator):
+    """A masked row is left out, as a row with a NaN is."""
+    rng = np.random.default_rng(8)
+    points = sample_cap(rng, 40, 2.0) + 0.01 * rng.standard_normal((40, 3))
+    mask = np.zeros((40, 3), dtype=bool)
+    mask[::4, 1] = True
+    masked = study.fit(np.ma.MaskedArray(points, mask), estimator)
+    rest = study.fit(points[~mask.any(axis=1)], estimator)
+    np.testing.assert_array_equal(masked.center, rest.center)
+    assert masked.count == 30
