@@ -1,5 +1,6 @@
 """The command line: one command per library call, no logic. Heavy imports wait inside the commands."""
 
+import io
 import os
 import platform
 import sys
@@ -164,6 +165,9 @@ def _fix_code_target() -> None:
 def main(command: Callable[..., Any] = app) -> None:
     """Entry point: exit code 0 complete, 1 failure, 2 usage or config, 130 interrupted."""
     _fix_code_target()
+    for stream in (sys.stdout, sys.stderr):  # a terminal without Greek shows a question mark
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
     try:
         command()
     except SystemExit as end:

@@ -52,7 +52,7 @@ def read_points(path: Path, columns: Sequence[str] | None = None) -> tuple[Float
     missing = np.isnan(points)
     if len(points) and missing.all(axis=0).any():
         raise PointFileError(f"{path}: column {names[int(missing.all(axis=0).argmax())]} has no number in it")
-    complete = len(points) - int(missing.any(axis=1).sum())
+    complete = int(np.isfinite(points).all(axis=1).sum())
     if complete < d + 1:
         raise PointFileError(f"{path}: {complete} points of {d} coordinates; a sphere needs at least {d + 1}")
     return points, names

@@ -89,12 +89,14 @@ def prepare(points: Floats, fits: dict[str, Fit], names: list[str]) -> Frame:
         views = [_view(shown, centers, axes, np.eye(2), (names[0], names[1]))]
     else:
         origin = points.mean(axis=0)
-        basis = np.linalg.eigh(np.cov(points.T))[1]  # ascending: the least spread is the sphere's depth
+        away = points - origin
+        basis = np.linalg.eigh(np.cov(away.T / (np.abs(away).max() or 1.0)))[1]  # ascending: the least is the depth
         basis *= np.sign(basis[np.abs(basis).argmax(axis=0), np.arange(d)])
-        words = [f"axis of {each} spread{_combination(basis[:, i], names)}" for each, i in _axes(d)]
+        called = {d - 1: "greatest", d - 2: "middle" if d == 3 else "second greatest", 0: "least"}
+        words = {i: f"axis of {each} spread{_combination(basis[:, i], names)}" for i, each in called.items()}
         views = [
-            _view(shown - origin, centers - origin, axes, basis[:, [other, 0]], (words[place], words[2]))
-            for place, (_, other) in enumerate(_axes(d)[:2])
+            _view(shown - origin, centers - origin, axes, basis[:, [i, 0]], (words[i], words[0]))
+            for i in (d - 1, d - 2)
         ]
     extent = float(np.ptp(points, axis=0).max())
     fits_in = radii <= min(5.0 * float(np.median(radii)), 20.0 * extent) if len(radii) else np.zeros(0, dtype=bool)
@@ -138,12 +140,6 @@ def _sample(points: Floats) -> NDArray[np.int64]:
     return np.union1d(np.arange(0, n, -(-n // _MOST_POINTS)), far)
 
 
-def _axes(dimension: int) -> list[tuple[str, int]]:
-    """The axes of the views: what they are called, and their place among the eigenvectors, ascending."""
-    second = "middle" if dimension == 3 else "second greatest"
-    return [("greatest", dimension - 1), (second, dimension - 2), ("least", 0)]
-
-
 def _combination(direction: Floats, names: list[str]) -> str:
     """A direction in the coordinates' names, where that is short: a second line of an axis' name."""
     parts = [(part, name) for part, name in zip(direction, names, strict=True) if abs(part) >= 0.005]
@@ -183,16 +179,12 @@ def draw(frame: Frame) -> Figure:
     figure = Figure(figsize=(style.PAGE, 3.2 if flat or not zoomed else 5.4), layout="constrained")
     rows, columns = (1, 1 + zoomed) if flat else (1 + zoomed, 2)
     axes = figure.subplots(rows, columns, squeeze=False, height_ratios=[1.35, 1.0][:rows])
-    for whole, part, view in zip(
-        axes.flat, axes.flat[len(frame.views) :] if zoomed else axes.flat, frame.views, strict=False
-    ):
-        _whole(whole, view, frame)
+    for place, view in enumerate(frame.views):
+        _whole(axes.flat[place], view, frame)
         if zoomed:
-            low, high = _enlarged(part, view, frame, 1.0 if flat else 0.7)
-            framed = Rectangle(
-                (low[0], low[1]), *(high - low), fill=False, linewidth=0.6, edgecolor=style.INK, zorder=6
-            )
-            whole.add_patch(framed)
+            low, high = _enlarged(axes.flat[len(frame.views) + place], view, frame, 1.0 if flat else 0.7)
+            part = Rectangle((low[0], low[1]), *(high - low), fill=False, linewidth=0.6, edgecolor=style.INK, zorder=6)
+            axes.flat[place].add_patch(part)
     if not flat:  # the names of shared axes once
         for ax in axes[:-1].flat:
             ax.set_xlabel("")
@@ -228,8 +220,7 @@ def _whole(ax: Axes, view: View, frame: Frame) -> None:
     for place, (group, center, radius, inside) in enumerate(drawn):
         if inside:
             color, width = style.color(group[0]), _width(place, frame)
-            circle = Circle((center[0], center[1]), radius, fill=False, linewidth=width, color=color, zorder=3)
-            ax.add_patch(circle)
+            ax.add_patch(Circle(tuple(center), radius, fill=False, linewidth=width, color=color, zorder=3))
             ax.plot(*center, ".", color=color, markersize=3.5 * width, zorder=5)
     reach = [view.points.min(axis=0), view.points.max(axis=0)]
     centers, radii = view.centers[frame.fits_in], frame.radii[frame.fits_in, None]
@@ -259,10 +250,8 @@ def _enlarged(ax: Axes, view: View, frame: Frame, shape: float) -> tuple[Floats,
         if np.isfinite(axes).all():
             long, short = 2.0 * np.linalg.norm(axes, axis=0)
             turn = float(np.degrees(np.arctan2(axes[1, 0], axes[0, 0])))
-            outline = Ellipse(
-                (center[0], center[1]), long, short, angle=turn, fill=False, color=color, linewidth=width, zorder=4
-            )
-            ax.add_patch(outline)
+            line = {"fill": False, "color": color, "linewidth": width, "zorder": 4}
+            ax.add_patch(Ellipse((center[0], center[1]), long, short, angle=turn, **line))
     ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel=view.names[0], ylabel=view.names[1])
     ax.set_title("centres and 95 % ellipses", loc="left")
     return low, high

@@ -18,7 +18,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from numpy.typing import NDArray
 from scipy.optimize import isotonic_regression
 
-from study.runs.store import write
+from study.runs.store import RunError, write
 
 PAGE = 6.8
 """Width of a full page, in inches."""
@@ -160,6 +160,14 @@ def stamp(figure: Figure, text: str) -> None:
     figure.text(0.995, 0.04 * strip, text, ha="right", va="bottom", fontsize=6.0, color=FAINT)
 
 
+_ANONYMOUS: dict[str, dict[str, Any]] = {
+    "png": {"Software": None},
+    "svg": {"Date": None, "Creator": None},
+    "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+}
+"""What each format would say of the time and the software, left out."""
+
+
 @journal()
 def save(figure: Figure, path: Path) -> list[Path]:
     """Write a figure as PNG and SVG, without date or software in them, so that equal figures are equal files.
@@ -171,17 +179,24 @@ def save(figure: Figure, path: Path) -> list[Path]:
     Returns:
         The paths written.
     """
-    written = []
-    for suffix, metadata in (("png", {"Software": None}), ("svg", {"Date": None, "Creator": None})):
-        buffer = io.BytesIO()
-        figure.savefig(buffer, format=suffix, metadata=metadata)
-        written.append(path.with_name(f"{path.name}.{suffix}"))
-        write(written[-1], buffer.getvalue())
-    return written
+    return [save_picture(figure, path.with_name(f"{path.name}.{suffix}")) for suffix in ("png", "svg")]
 
 
 @journal()
-def save_picture(figure: Figure, path: Path) -> None:
-    """Write a figure to one file, in the format that its suffix names."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, metadata={"Software": None} if path.suffix == ".png" else None)
+def save_picture(figure: Figure, path: Path) -> Path:
+    """Write a figure to one file, in the format that its suffix names: png, svg or pdf.
+
+    Raises:
+        RunError: if the suffix is another, or the file cannot be written.
+    """
+    kind = path.suffix.lower().removeprefix(".")
+    if kind not in _ANONYMOUS:
+        raise RunError(f"{path}: cannot be drawn: give a name that ends in .{', .'.join(_ANONYMOUS)}")
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format=kind, metadata=_ANONYMOUS[kind])
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write(path, buffer.getvalue())
+    except OSError as error:
+        raise RunError(f"{path}: cannot be written: {error.strerror or error}") from None
+    return path

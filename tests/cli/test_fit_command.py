@@ -151,7 +151,6 @@ def test_coplanar_points_are_drawn(say, rng, tmp_path, estimator):
     assert np.asarray(Image.open(tmp_path / "arc.png").convert("L")).std() > 5  # not blank
 
 
-@pytest.mark.xfail(reason="cli.fit does not explain OSError and unknown formats of the picture", strict=True)
 @pytest.mark.parametrize("plot", ["cap.csv/out.png", "out.xyz", "."])
 def test_a_picture_that_cannot_be_written(say, cap, tmp_path, plot):
     """A folder that is a file, a format that is none, a folder: one line that names the picture, no traceback."""
@@ -171,11 +170,11 @@ def test_estimators(say):
     assert [line.split()[0] for line in said.splitlines()[1:]] == list(study.ESTIMATORS)
 
 
-@pytest.mark.parametrize("encoding", ["utf-8", "ascii", pytest.param("latin-1", marks=pytest.mark.xfail(strict=True))])
+@pytest.mark.parametrize("encoding", ["utf-8", "ascii", "latin-1"])
 def test_output_to_a_pipe(command, cap, tmp_path, encoding):
     """Greek letters do not stop the output where the reader is no terminal and the encoding has none.
 
-    Latin-1 stands for Windows' code page 1252: `cli.main` would have to set errors="replace".
+    Latin-1 stands for Windows' code page 1252.
     """
     words, environment = command
     done = subprocess.run(

@@ -1,0 +1,219 @@
+import builtins
+import dataclasses
+import hashlib
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from matplotlib.figure import Figure
+
+from study import figures
+from study.analysis.summary import summarise
+from study.experiment.config import parse
+from study.figures import FIGURES, style
+from study.figures.inputs import Tables
+from study.runs.runner import run
+
+CIRCLES = """
+name = "circles"
+seed = 3
+dimension = 2
+estimators = ["mle", "lls", "gdke", "ugdk"]
+keep_points = 2
+[design]
+kind = "grid"
+trials = 60
+samples = [20, 40, 80, 160]
+noise = 0.05
+angle = 40
+radius = 2.0
+center = 1.0
+"""
+
+MARKERS = """
+name = "markers"
+seed = 3
+dimension = 2
+estimators = ["als"]
+keep_points = 20
+[design]
+kind = "grid"
+trials = 20
+samples = 30
+noise = 0.02
+angle = 60
+radius = [2.0, 1.2]
+draws = "independent"
+"""
+
+NOISES = """
+name = "noises"
+seed = 3
+estimators = ["mle", "gdke", "als"]
+[design]
+kind = "grid"
+trials = 30
+samples = 50
+noise_over_radius = [1e-3, 1e-2, 1e-1, 1]
+angle = [45, 180]
+"""
+
+RANDOM = """
+name = "random"
+seed = 3
+estimators = ["mle", "gdke", "ugdk"]
+[design]
+kind = "random"
+trials = 60
+samples = { law = "log_uniform", low = 4, high = 100 }
+noise = { law = "log_uniform", low = 1e-9, high = 1e9 }
+angle = { law = "uniform", low = 0, high = 180 }
+"""
+
+REDRAW = """
+import sys
+from pathlib import Path
+from study.figures import draw_all
+from study.runs.store import Run
+for folder in sys.argv[2:]:
+    draw_all(Run.open(Path(folder)), Path(sys.argv[1]))
+"""
+
+
+def finished(text, folder):
+    store = run(parse(text), text, folder, jobs=1)
+    summarise(store)
+    return store
+
+
+@pytest.fixture(scope="module")
+def circles(tmp_path_factory):
+    return finished(CIRCLES, tmp_path_factory.mktemp("runs") / "circles")
+
+
+@pytest.fixture(scope="module")
+def runs(circles, tmp_path_factory):
+    """Runs that between them have every figure."""
+    folder = tmp_path_factory.mktemp("runs")
+    texts = {"markers": MARKERS, "noises": NOISES, "random": RANDOM}
+    return {"circles": circles} | {name: finished(text, folder / name) for name, text in texts.items()}
+
+
+@pytest.fixture(scope="module")
+def drawn(runs, tmp_path_factory):
+    """What each of them said that it drew, and did not, into one folder below another that is not there."""
+    folder = tmp_path_factory.mktemp("figures")
+    return {kind: figures.draw_all(store, folder / "a" / "b") for kind, store in runs.items()}
+
+
+HAS = {
+    "circles": ["fig3_gdke_ellipse", "fig4_ugdk_ellipse", "fig5_methods", "fig7_power_law"],
+    "markers": ["fig6_mgdk"],
+    "noises": ["fig_efficiency"],
+    "random": ["fig2_error"],
+}
+
+
+def test_every_figure_is_drawn_from_some_run():
+    """The runs here feed all that is registered."""
+    assert sorted(name for names in HAS.values() for name in names) == sorted(FIGURES)
+
+
+@pytest.mark.parametrize("kind", HAS)
+def test_draws_what_applies_and_says_why_the_rest_does_not(drawn, kind):
+    """Circles have figures 3, 4, 5 and 7, two markers figure 6, a random design figure 2; the rest has reasons."""
+    paths, reasons = drawn[kind]
+    assert [path.name for path in paths] == [f"{name}.{suffix}" for name in HAS[kind] for suffix in ("png", "svg")]
+    assert all(path.stat().st_size > 5000 for path in paths)
+    assert list(reasons) == [name for name in FIGURES if name not in HAS[kind]]
+    assert not [reason for reason in reasons.values() if reason.startswith("failed") or not reason]
+    if kind == "circles":
+        assert "random design" in reasons["fig2_error"]
+        assert "two radii" in reasons["fig6_mgdk"]
+        assert "levels of noise" in reasons["fig_efficiency"]
+
+
+def test_draws_what_is_asked_for(circles, tmp_path):
+    """Named figures are drawn, in that order, and no other; one that does not apply is told."""
+    paths, reasons = figures.draw_all(circles, tmp_path, ["fig7_power_law", "fig6_mgdk", "fig5_methods"])
+    assert [path.stem for path in paths[::2]] == ["fig7_power_law", "fig5_methods"]
+    assert list(reasons) == ["fig6_mgdk"]
+    assert {path.name for path in tmp_path.iterdir()} == {path.name for path in paths}
+
+
+def test_files_are_equal_to_the_byte(runs, drawn, tmp_path):
+    """Another process, with another hash seed, font cache in use and user settings, writes the same bytes."""
+    paths = [path for paths, _ in drawn.values() for path in paths]
+    assert len(paths) == 2 * len(FIGURES)
+    (tmp_path / "matplotlibrc").write_text("font.size: 20\nsavefig.dpi: 30\n", encoding="utf-8")
+    environment = {**os.environ, "PYTHONHASHSEED": "7", "MATPLOTLIBRC": str(tmp_path)}
+    command = [sys.executable, "-c", REDRAW, str(tmp_path / "two"), *(str(store.folder) for store in runs.values())]
+    subprocess.run(command, check=True, env=environment)
+    for path in paths:
+        digests = [hashlib.sha256(each.read_bytes()).digest() for each in (path, tmp_path / "two" / path.name)]
+        assert digests[0] == digests[1], path.name
+
+
+def test_a_broken_figure_does_not_cost_the_others(circles, tmp_path, monkeypatch):
+    """Its failure is told, and the rest is drawn."""
+
+    class Broken:
+        def prepare(self, tables):
+            raise ZeroDivisionError("no such luck")
+
+        def draw(self, frame):
+            raise AssertionError
+
+    monkeypatch.setattr(figures, "FIGURES", {"broken": Broken(), "fig5_methods": FIGURES["fig5_methods"]})
+    paths, reasons = figures.draw_all(circles, tmp_path)
+    assert [path.name for path in paths] == ["fig5_methods.png", "fig5_methods.svg"]
+    assert reasons == {"broken": "failed: ZeroDivisionError('no such luck')"}
+
+
+@pytest.mark.parametrize(("kind", "name"), [(kind, name) for kind, names in HAS.items() for name in names])
+def test_drawing_reads_no_files(runs, kind, name, monkeypatch):
+    """All that is drawn is in the frame."""
+    figure = FIGURES[name]
+    frame = figure.prepare(Tables.of(runs[kind]))
+    figure.draw(frame)  # fonts are looked up once
+
+    def refuse(*args, **kwargs):
+        raise AssertionError(f"opened {args[0]}")
+
+    monkeypatch.setattr(builtins, "open", refuse)
+    monkeypatch.setattr(Path, "open", refuse)
+    assert isinstance(figure.draw(frame), Figure)
+
+
+@pytest.mark.parametrize("name", sorted(FIGURES))
+def test_every_module_offers_prepare_and_draw_alone(name):
+    """Two public functions, and a docstring that says what to look at."""
+    module = FIGURES[name]
+    functions = [
+        n for n, v in vars(module).items() if getattr(v, "__module__", None) == module.__name__ and callable(v)
+    ]
+    public = {n for n in functions if n[0].islower() and not n.startswith("_")}
+    assert public == {"prepare", "draw"}
+    assert "Look at" in module.__doc__
+
+
+@pytest.mark.parametrize(("kind", "name"), [(kind, name) for kind, names in HAS.items() for name in names])
+def test_figures_carry_the_runs_name_and_trials(runs, kind, name):
+    """The stamp names the run and how many trials are behind it."""
+    figure = FIGURES[name].draw(FIGURES[name].prepare(Tables.of(runs[kind])))
+    (stamp,) = [text.get_text() for text in figure.texts]
+    assert runs[kind].study.run_name() in stamp
+    assert str(runs[kind].study.design.trials) in stamp
+
+
+def test_figures_do_not_touch_global_state(circles, tmp_path):
+    """Neither the tables nor a user's settings change, and pyplot is not needed."""
+    tables = Tables.of(circles)
+    before = tables.errors.copy()
+    for figure in (FIGURES["fig4_ugdk_ellipse"], FIGURES["fig7_power_law"]):
+        style.save(figure.draw(figure.prepare(dataclasses.replace(tables))), tmp_path / "x")
+    assert tables.errors.equals(before)
+    code = "import sys, study.figures; sys.exit('matplotlib.pyplot' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

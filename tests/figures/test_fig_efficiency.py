@@ -1,0 +1,191 @@
+import dataclasses
+import hashlib
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+from study.figures import fig_efficiency, style
+from study.figures.inputs import NotApplicable
+
+LEVELS = [1e-3, 1e-2, 0.1, 0.5, 2.0]
+NAMES = ["mle", "gdke", "ugdk"]
+ANGLES = [180.0, 45.0]
+TRIALS = 7
+
+
+@pytest.fixture
+def small(make_rows, make_tables):
+    """Tables of two angles, five levels of noise and three estimators, of seven trials each, and what they hold."""
+
+    def make(names=NAMES, angles=ANGLES, levels=LEVELS, change=lambda errors: errors, **columns):
+        rng = np.random.default_rng(1)
+        parts = []
+        for angle in angles:
+            for place, level in enumerate(levels):
+                bound = rng.uniform(0.5, 2.0, TRIALS)
+                for name in names:
+                    given = {
+                        "samples": 100,
+                        "radius": 2.0,
+                        "noise": 2.0 * level,
+                        "angle": angle,
+                        "bound": bound,
+                    } | columns
+                    error = rng.normal(size=(TRIALS, 3)) * rng.uniform(0.5, 20.0)
+                    parts.append(make_rows(f"{angle}-{place}", name, error, **given))
+        return make_tables(change(pd.concat(parts, ignore_index=True)), "grid")
+
+    return make
+
+
+def unit(angle):
+    """Median length over √tr of a Gaussian at the bound: in closed form on the sphere, else of drawn Gaussians."""
+    if angle == 180.0:
+        return math.sqrt(stats.chi2.median(3) / 3.0)
+    c = math.cos(math.radians(angle))
+    variance = np.array([12.0 / (1 - c) ** 2, *[6.0 / ((1 - c) * (2 + c))] * 2])  # theory (3.3)
+    drawn = np.random.default_rng(2).normal(size=(400_000, 3)) * np.sqrt(variance / variance.sum())
+    return float(np.median(np.linalg.norm(drawn, axis=1)))
+
+
+def test_medians(small):
+    """Each is the median of error over bound, over that of a Gaussian at the bound (drawn: to 1 %, its error 0.2 %)."""
+    tables = small()
+    curves = fig_efficiency.prepare(tables).curves
+    assert len(curves) == len(ANGLES) * len(LEVELS) * len(NAMES)
+    units = {angle: unit(angle) for angle in ANGLES}
+    for _, row in curves.iterrows():
+        errors = tables.errors
+        some = errors[(errors["angle"] == row["angle"]) & (errors["estimator"] == row["estimator"])]
+        some = some[np.isclose(some["noise"], 2.0 * row["level"])]
+        assert len(some) == row["trials"] == TRIALS
+        told = sorted(some["error"] / some["bound"])[3] / units[row["angle"]]
+        assert row["ratio"] == pytest.approx(told, rel=1e-6 if row["angle"] == 180.0 else 0.01)
+
+
+def test_an_efficient_estimator_is_at_one(make_rows, make_tables):
+    """Gaussian errors at the bound have ratio 1 within 4.5 Monte-Carlo errors (5 levels: 3 in 10⁵)."""
+    rng = np.random.default_rng(3)
+    parts = [
+        make_rows(f"c{level}", "mle", rng.normal(size=(4000, 3)), noise=level, angle=180.0, bound=math.sqrt(3.0))
+        for level in LEVELS
+    ]
+    curves = fig_efficiency.prepare(make_tables(pd.concat(parts, ignore_index=True), "grid")).curves
+    assert np.all(np.abs(curves["ratio"] - 1.0) < 4.5 * curves["error"])
+    assert np.all(curves["error"] < 0.02)
+
+
+@pytest.mark.parametrize(("missing", "finite"), [(3, True), (4, False)])
+def test_fits_without_a_number_count_as_worst(small, missing, finite):
+    """Three of seven NaN: the median is the largest of the four others; four of seven: it is infinite, and drawn."""
+
+    def spoil(errors):
+        errors.loc[(errors["estimator"] == "ugdk") & (errors["trial"] < missing), ["error", "error_1"]] = np.nan
+        return errors
+
+    tables = small(angles=[180.0], change=spoil)
+    frame = fig_efficiency.prepare(tables)
+    ratios = frame.curves.loc[frame.curves["estimator"] == "ugdk", "ratio"]
+    if finite:
+        mine = tables.errors[tables.errors["estimator"] == "ugdk"]
+        told = (mine["error"] / mine["bound"]).groupby(mine["noise"]).max().to_numpy() / unit(180.0)
+        np.testing.assert_allclose(ratios, told, rtol=1e-6)
+    else:
+        assert np.all(np.isinf(ratios))
+    fig_efficiency.draw(frame).draw_without_rendering()
+
+
+def test_statuses_do_not_matter(small):
+    """A fit that is not ok counts with the error it has."""
+    tables = small()
+    failed = small(status=1)
+    pd.testing.assert_frame_equal(fig_efficiency.prepare(tables).curves, fig_efficiency.prepare(failed).curves)
+
+
+@pytest.mark.parametrize("samples", [100, 10_000])
+def test_marks(small, samples):
+    """GDKE leaves at s* = r√(Kₐ/N)/m₁, UGDK at σ² = v/2, and fails at κ = (v/σ²)√(N/2) = 3, with v = r²Kₐ."""
+    marks = fig_efficiency.prepare(small(angles=[20.0, 60.0, 90.0, 180.0], samples=samples)).marks
+    for _, row in marks.iterrows():
+        c = math.cos(math.radians(row["angle"]))
+        m1, along = 0.5 * (1.0 + c), (1.0 - c) ** 2 / 12.0
+        if row["angle"] < 180.0:
+            assert row["gdke"] == pytest.approx(math.sqrt(along / samples) / m1, rel=1e-9)
+        else:
+            assert row["gdke"] == math.inf  # without bias it does not leave
+        assert row["ugdk"] ** 2 == pytest.approx(along / 2.0, rel=1e-9)
+        assert along / row["fails"] ** 2 * math.sqrt(samples / 2.0) == pytest.approx(3.0, rel=1e-9)
+    if samples == 100:  # theory §4, claim 7
+        np.testing.assert_allclose(marks["gdke"][:3], [1.8e-3, 1.9e-2, 5.8e-2], rtol=0.03)
+
+
+def test_the_gdke_mark_is_where_bias_meets_scatter(small):
+    """At s* the bias of many samples, m₁σ²/(Kₐ + σ²), is a bound's standard deviation along the axis, σ/√(N Kₐ)."""
+    (row,) = fig_efficiency.prepare(small(angles=[20.0], samples=10_000)).marks.to_dict("records")
+    c = math.cos(math.radians(20.0))
+    m1, along, noise = 0.5 * (1.0 + c), (1.0 - c) ** 2 / 12.0, row["gdke"]
+    assert m1 * noise**2 / (along + noise**2) == pytest.approx(noise / math.sqrt(10_000 * along), rel=1e-3)
+
+
+def test_other_axes(small, make_tables):
+    """Shown are the greatest number of samples, and the first radius and centre."""
+    base = small(samples=1000)
+    others = [small(samples=10, change=lambda e: e.assign(cell=e["cell"] + "n")), small(radius=3.0, samples=1000)]
+    others.append(small(samples=1000, center=7.0))
+    spoiled = [tables.errors.assign(error=1e9) for tables in others]
+    frame = fig_efficiency.prepare(make_tables(pd.concat([base.errors, *spoiled], ignore_index=True), "grid"))
+    pd.testing.assert_frame_equal(frame.curves, fig_efficiency.prepare(base).curves)
+    assert frame.samples == 1000
+
+
+def test_reasons(small):
+    """Each thing that is missing is told in a sentence that names the remedy."""
+    tables = small()
+    with pytest.raises(NotApplicable, match='kind = "grid"'):
+        fig_efficiency.prepare(dataclasses.replace(tables, design="random"))
+    with pytest.raises(NotApplicable, match="without noise_shape"):
+        fig_efficiency.prepare(dataclasses.replace(tables, noise_shape=np.diag([1.0, 1.0, 2.0])))
+    with pytest.raises(NotApplicable, match="at least 4 levels of noise in the grid, not 3"):
+        fig_efficiency.prepare(small(levels=LEVELS[:3]))
+
+
+def test_drawn(small):
+    """A panel per angle with a curve per estimator, all medians within its limits, and marks of those shown alone."""
+    frame = fig_efficiency.prepare(small())
+    figure = fig_efficiency.draw(frame)
+    assert len(figure.axes) == 2
+    for ax, angle in zip(figure.axes, ANGLES, strict=True):
+        low, high = ax.get_ylim()
+        for name in NAMES:
+            curve = frame.curves[(frame.curves["angle"] == angle) & (frame.curves["estimator"] == name)]
+            (line,) = [line for line in ax.lines if line.get_color() == style.color(name) and len(line.get_xdata()) > 2]
+            np.testing.assert_allclose(line.get_xydata(), curve[["level", "ratio"]])
+            assert low < curve["ratio"].min()
+            assert curve["ratio"].max() < high
+        assert {text.get_text() for text in ax.texts} == {"$σ^2=v/2$", "$κ=3$"} | (
+            {"$s^*$"} if angle < 180.0 else set()
+        )
+        assert f"{angle:g}°" in ax.get_title(loc="left")
+    (legend,) = figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == [style.label(name) for name in NAMES]
+    alone = fig_efficiency.draw(fig_efficiency.prepare(small(names=["mle"], angles=[45.0])))
+    assert [text.get_text() for text in alone.axes[0].texts] == []
+
+
+@pytest.mark.parametrize(("count", "panels"), [(1, 1), (3, 3), (8, 6)])
+def test_panels(small, count, panels):
+    """One panel per angle, six at most, and no empty ones."""
+    figure = fig_efficiency.draw(fig_efficiency.prepare(small(angles=list(np.linspace(20, 180, count)))))
+    assert sum(ax.get_visible() for ax in figure.axes) == panels
+
+
+def test_equal_bytes_twice(small, tmp_path):
+    """The same tables give the same files."""
+    digests = []
+    for place in "ab":
+        paths = style.save(fig_efficiency.draw(fig_efficiency.prepare(small(angles=[45.0]))), tmp_path / place)
+        digests.append([hashlib.sha256(path.read_bytes()).hexdigest() for path in paths])
+    assert digests[0] == digests[1]
