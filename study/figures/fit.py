@@ -75,7 +75,7 @@ def prepare(points: Floats, fits: dict[str, Fit], names: list[str]) -> Frame:
         names: of the coordinates.
     """
     points = points[np.isfinite(points).all(axis=1)]
-    names = [name.replace("$", r"\$") for name in names]
+    names = [f"$x_{{{name}}}$" if name.isdecimal() else name.replace("$", r"\$") for name in names]
     n, d = points.shape
     usable = {name: fit for name, fit in fits.items() if np.isfinite(fit.center).all() and np.isfinite(fit.radius)}
     groups = _groups(usable)
@@ -168,7 +168,7 @@ def _statuses(fits: dict[str, Fit], usable: dict[str, Fit]) -> list[str]:
 
 
 def _label(group: list[str]) -> str:
-    return " ≈ ".join(style.label(name) for name in group)
+    return " ≈ ".join(style.label(name).replace(" ", "\xa0") for name in group)
 
 
 @style.journal()
@@ -241,7 +241,7 @@ def _enlarged(ax: Axes, view: View, frame: Frame, shape: float) -> tuple[Floats,
     reach = np.nan_to_num(halves[use])
     low, high = (view.centers[use] - reach).min(axis=0), (view.centers[use] + reach).max(axis=0)
     middle, half = 0.5 * (low + high), 0.58 * (high - low)
-    wide = max(half[0], half[1] / shape, _SMALLEST * frame.radii[use].min())
+    wide = max(half[0], half[1] / shape, _SMALLEST * frame.radii[use].min()) or 1.0
     half = np.array([wide, wide * shape])
     low, high = middle - half, middle + half
     for place, (group, center, axes) in enumerate(zip(frame.groups, view.centers, view.ellipses, strict=True)):

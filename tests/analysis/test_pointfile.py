@@ -59,6 +59,7 @@ DECORATIONS = {
     "comments": lambda rows: ["# made by hand", *rows[:3], "  # half-time", *rows[3:], "#"],
     "blank lines": lambda rows: ["", *rows[:2], "", "   ", *rows[2:], "", ""],
     "quotes": lambda rows: [",".join(f'"{cell}"' for cell in row.split(",")) for row in rows],
+    "quotes after blanks": lambda rows: [", ".join(f'"{cell}"' for cell in row.split(",")) for row in rows],
     "blanks around": lambda rows: ["  " + row.replace(",", " ,  ") + " " for row in rows],
 }
 
@@ -138,7 +139,9 @@ def test_parquet(tmp_path, suffix):
 @settings(max_examples=60, deadline=None)
 @given(
     points=some.arrays(
-        np.float64, st.tuples(st.integers(5, 9), st.integers(2, 4)), elements=st.floats(allow_nan=False, width=64)
+        np.float64,
+        st.tuples(st.integers(5, 9), st.integers(2, 4)),
+        elements=st.floats(allow_nan=False, allow_infinity=False),
     ),
     mark=st.sampled_from(list(MARKS.values())),
 )

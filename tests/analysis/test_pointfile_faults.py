@@ -50,8 +50,8 @@ def test_too_few_points(tmp_path, rows, found):
 
 
 def test_too_few_complete_points(tmp_path):
-    """Points that miss a coordinate do not count."""
-    words = refused(written(tmp_path, "\n".join([*ROWS[:3], "nan,1,2", "1,,2"])))
+    """Points that miss a coordinate, or have an infinite one, do not count."""
+    words = refused(written(tmp_path, "\n".join([*ROWS[:3], "nan,1,2", "1,,2", "1,2,inf"])))
     assert words.startswith("3 points")
 
 

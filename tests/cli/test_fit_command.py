@@ -1,6 +1,6 @@
 """`study fit` and `study estimators`: what a user types, sees and is refused.
 
-Most commands run in this process, which is what a second process would print; two run as a user's do.
+Most commands run in this process, which is what a second process would print; a few run through a pipe.
 """
 
 import re

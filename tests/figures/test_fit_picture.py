@@ -50,6 +50,14 @@ def test_circles_are_shown_as_they_are(cap):
     np.testing.assert_array_equal(frame.radii, [fits["als"].radius, fits["gdke"].radius])
 
 
+def test_columns_without_a_name(cap):
+    """What is called by a number is x with an index; a direction in them can be read."""
+    points = cap()
+    view, _ = prepare(points, {"als": study.fit(points)}, ["1", "2", "3"]).views
+    assert {term for term in view.names[1].split() if term.startswith("$")} <= {"$x_{1}$", "$x_{2}$", "$x_{3}$"}
+    assert "$x_{2}$" in view.names[1]  # the cap's axis is (1, 2, -1)
+
+
 @pytest.mark.parametrize("d", [3, 4])
 def test_views_are_along_the_axes_of_spread(cap, d):
     """Projections are orthonormal; up is the least variance, right the greatest and the next; the names say so."""
@@ -111,6 +119,21 @@ def test_drawn_patches(cap, d):
             turned = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
             shape = turned @ np.diag([patch.width / 2, patch.height / 2]) ** 2 @ turned.T
             np.testing.assert_allclose(shape, half @ half.T, rtol=1e-9, atol=1e-12 * np.linalg.norm(half) ** 2)
+
+
+@pytest.mark.parametrize("estimators", [["als"], ["als", "gdke"]])
+@pytest.mark.parametrize("d", [2, 3])
+def test_the_enlarged_part_holds_the_ellipses(cap, d, estimators):
+    """All of each ellipse is in the window, which they fill from side to side or from top to bottom."""
+    frame, _ = frame_of(cap(d=d, axis=np.ones(d)), *estimators)
+    turn = np.linspace(0.0, 2.0 * np.pi, 400)
+    figure = draw(frame)
+    for ax, view in zip(figure.axes[len(frame.views) :], frame.views, strict=True):
+        outlines = view.centers[:, :, None] + view.ellipses @ np.stack([np.cos(turn), np.sin(turn)])
+        low, high = np.array([ax.get_xlim(), ax.get_ylim()]).T
+        inside = (outlines.min(axis=(0, 2)) - low) / (high - low), (high - outlines.max(axis=(0, 2))) / (high - low)
+        assert np.min(inside) > 0.0
+        assert np.min(inside) < 0.1
 
 
 def test_answers_that_coincide_are_named_together(cap):
@@ -184,7 +207,7 @@ def test_no_covariance_no_ellipse(rng):
 def test_many_points(rng, on_cap):
     """Of very many a few thousand are shown, those far out among them, and the caption says how many."""
     points, _ = on_cap(rng, 40_000, noise=0.01)
-    points[12_345] = [9.0, 0.0, 0.0]
+    points[12_346] = [9.0, 0.0, 0.0]
     points[777] = np.nan
     frame, _ = frame_of(points, "als")
     for view in frame.views:
@@ -193,7 +216,7 @@ def test_many_points(rng, on_cap):
     distance = np.hypot(*np.column_stack([frame.views[0].points[:, 0], frame.views[1].points[:, 0]]).T)
     height = frame.views[0].points[:, 1]
     assert np.hypot(distance, height).max() == pytest.approx(
-        np.linalg.norm(points[12_345] - np.nanmean(points, axis=0))
+        np.linalg.norm(points[12_346] - np.nanmean(points, axis=0))
     )
 
 
