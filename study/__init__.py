@@ -10,11 +10,23 @@ The command line is `study --help`.
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from study.estimators import ESTIMATORS, Fit, Status, fit
+    from study.estimators import ESTIMATORS, Estimator, Fit, Incremental, JointFit, Samples, Status, fit, mgdk
     from study.sphere.bounds import crlb
 
 __version__ = "0.1.0"
-__all__ = ["ESTIMATORS", "Fit", "Status", "__version__", "crlb", "fit"]
+__all__ = [
+    "ESTIMATORS",
+    "Estimator",
+    "Fit",
+    "Incremental",
+    "JointFit",
+    "Samples",
+    "Status",
+    "__version__",
+    "crlb",
+    "fit",
+    "mgdk",
+]
 
 
 def __getattr__(name: str) -> Any:

@@ -158,7 +158,8 @@ class Fit:
     @property
     def standard_errors(self) -> Floats:
         """Standard errors of ĉ's components and of r̂ (…, d+1), unit of the points."""
-        return np.asarray(np.sqrt(np.einsum("...ii->...i", self.covariance)))
+        with np.errstate(all="ignore"):
+            return np.asarray(np.sqrt(np.einsum("...ii->...i", self.covariance)))
 
     def ellipsoid(self, level: float = 0.95) -> Floats:
         """Joint confidence ellipsoid of the centre.
@@ -175,8 +176,9 @@ class Fit:
         known = self._given_noise is not None
         scale = np.full(len(spare), stats.chi2.ppf(level, d)) if known else d * stats.f.ppf(level, d, spare)
         values, vectors = eigenbasis(self.covariance[..., :d, :d].reshape(-1, d, d))
-        lengths = np.sqrt(np.maximum(values, 0.0) * scale[:, None])
-        return np.asarray((vectors * lengths[:, None, :]).reshape(*self.center.shape, d))
+        with np.errstate(all="ignore"):  # NaN where the covariance is not finite
+            lengths = np.sqrt(np.maximum(values, 0.0) * scale[:, None])
+            return np.asarray((vectors * lengths[:, None, :]).reshape(*self.center.shape, d))
 
     @property
     def _given_noise(self) -> float | Floats | None:
@@ -188,8 +190,8 @@ class Fit:
         if self.samples is None:
             raise ValueError("this fit does not hold its points: use study.fit, which keeps them")
         x = self.samples.x
-        away = x - self.center.reshape(len(x), x.shape[1], 1)
         with np.errstate(all="ignore"):
+            away = x - self.center.reshape(len(x), x.shape[1], 1)
             distance = np.sqrt(np.einsum("bdn,bdn->bn", away, away))
             return distance, away / distance[:, None], np.logical_not(np.isnan(x).any(axis=1))
 
@@ -217,6 +219,7 @@ class Estimator:
         flops: floating-point operations per sample in d dimensions, as `study.analysis.flops` counts them.
         flops_of: what they are for, where that is not the whole fit.
         caution: what a user should know beside the answer, whatever its status.
+        moments_suffice: whether it looks at ``Samples.moments`` alone.
     """
 
     function: Callable[[Samples], Fit]
@@ -225,6 +228,7 @@ class Estimator:
     flops: Callable[[int], float] | None = None
     flops_of: str = ""
     caution: str = ""
+    moments_suffice: bool = False
 
     def __call__(self, samples: Samples) -> Fit:
         """Fit."""

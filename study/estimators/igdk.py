@@ -59,17 +59,23 @@ def _stream_all(x: Any, first: int, mean: Any, c: Any, s: Any, inverse: Any) -> 
 
 
 def igdk(samples: Samples) -> Fit:
-    """Incremental GDK by the paper's recurrences, started on the first d + 5 samples. Biased as GDKE is.
+    """Incremental GDK by the paper's recurrences, with GDKE's bias.
+
+    They start on the first d + 5 samples, or more while those lie in a plane.
 
     Source: paper eqs 24-25; the recurrences are theory §1.1.
     """
     b, d, n = samples.shape
     first = min(n, d + 5)
-    start = Moments.of(samples.x[:, :, :first])
-    mean, c, s = start.mean, start.covariance, start.third_central
+    while True:
+        start = Moments.of(samples.x[:, :, :first])
+        mean, c, s = start.mean, start.covariance, start.third_central
+        values = np.linalg.eigvalsh(np.where(np.isfinite(c), c, 0.0))
+        regular = values[:, 0] > d * np.finfo(float).eps * values[:, -1]
+        if regular.all() or first == n:
+            break
+        first = min(n, 2 * first)  # so far they lie in a plane
     fit = blank(b, d)
-    values = np.linalg.eigvalsh(np.where(np.isfinite(c), c, 0.0))
-    regular = values[:, 0] > d * np.finfo(float).eps * values[:, -1]
     inverse = np.linalg.inv(np.where(regular[:, None, None], c, np.eye(d)))
     _stream_all(samples.x, first, mean, c, s, inverse)
     offset = 0.5 * np.einsum("bij,bj->bi", inverse, s)
@@ -88,9 +94,14 @@ class Incremental:
 
     Args:
         dimension: d ≥ 2.
+
+    Raises:
+        ValueError: if the dimension is smaller.
     """
 
     def __init__(self, dimension: int) -> None:
+        if dimension < 2:
+            raise ValueError(f"dimension = {dimension}: a sphere needs at least 2")
         self.moments: Moments | None = None
         self.dimension = dimension
 
@@ -118,7 +129,12 @@ class Incremental:
 
         Returns:
             A fit of shape ``()``; its status says so while there are fewer than d + 1 points.
+
+        Raises:
+            ValueError: if the estimator looks at the points themselves, which are not kept.
         """
+        if not estimator.moments_suffice:
+            raise ValueError("this estimator looks at the points, which are not kept: take gdke, ugdk or als")
         if self.moments is None or self.moments.count[0] < self.dimension + 1:
             fit = blank(1, self.dimension)
             fit.status[:] = Status.TOO_FEW_POINTS

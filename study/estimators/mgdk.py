@@ -52,7 +52,8 @@ def mgdk(markers: Sequence[ArrayLike], noise: ArrayLike | None = None, weighted:
     Args:
         markers: points (n_p, d) of each marker, the numbers of samples may differ.
         noise: σ, a covariance Σ (d, d), or None: found in the points.
-        weighted: weigh each marker by 1/r̂². Without, eq. 22 as derived.
+        weighted: weigh each marker by 1/r̂². Without, eq. 22 as derived, whose errors exceed the reported covariance
+            where the radii differ.
 
     Raises:
         ValueError: if there is no marker, or shapes or the noise cannot be used.
@@ -65,84 +66,87 @@ def mgdk(markers: Sequence[ArrayLike], noise: ArrayLike | None = None, weighted:
     d = arrays[0].shape[1]
     known = None if noise is None else noise_covariance(noise, d)
     count = np.array([len(array) for array in arrays])
-    used = [array for array in arrays if len(array) >= 2]
-    if sum(count) < d + len(arrays) or not used:
+    used = [array for array in arrays if len(array) >= 2]  # one sample fixes its marker's radius and no more
+    if not used or sum(map(len, used)) < d + len(used):
         return _nothing(d, count, Status.TOO_FEW_POINTS)
     moments = [Moments.of(np.ascontiguousarray(array.T)[None]) for array in used]
     if not all(np.isfinite(m.fourth[0]) for m in moments):
         return _nothing(d, count, Status.NOT_FINITE)
-    return _Joint(moments, d).fit(arrays, known, weighted, count)
+    joint = _Joint(moments, d)
+    spread = np.einsum("p,pij->ij", joint.n, joint.c)
+    values = np.linalg.eigvalsh(spread)
+    if not values[0] > d * np.finfo(float).eps * values[-1]:
+        return _nothing(d, count, Status.SINGULAR)
+    center, subtracted, weights = joint.solve(known, weighted)
+    total = np.einsum("p,pij->ij", weights, joint.c)
+    share = np.linalg.solve(total, np.einsum("p,pij->ij", weights, subtracted))
+    condition = float(np.linalg.eigvals(share).real.max())
+    squares = np.full(len(arrays), np.nan)
+    squares[count >= 2] = joint.square_radii(center, subtracted)
+    if known is None:
+        spare = joint.n.sum() - d - len(used)
+        variance = float(subtracted[0, 0, 0]) * joint.n.sum() / spare if spare > 0 else np.nan
+        covariance = variance * _unit_bound(arrays, center, np.eye(d))
+    else:
+        variance, covariance = float(np.trace(known)) / d, _unit_bound(arrays, center, known)
+    return JointFit(
+        center=center,
+        radii=np.sqrt(np.where(squares >= 0.0, squares, np.nan)),
+        noise_variance=variance,
+        status=Status.OK if condition < 1.0 else Status.NOT_POSITIVE_DEFINITE,
+        condition=condition,
+        covariance=covariance,
+        count=count,
+    )
 
 
 class _Joint:
-    """The markers' moments, stacked."""
+    """The markers' moments, stacked, in weights of 1/n."""
 
     def __init__(self, moments: Sequence[Moments], dimension: int) -> None:
         self.d = dimension
         self.n = np.array([m.count[0] for m in moments])
         self.mean = np.array([m.mean[0] for m in moments])
-        self.c = np.array([m.covariance[0] for m in moments])
-        self.s = np.array([m.third_central[0] for m in moments])
+        self.c = np.array([m.second[0] for m in moments]) / self.n[:, None, None]
+        self.s = np.array([m.third[0] for m in moments]) / self.n[:, None]
         self.fourth = np.array([m.fourth[0] for m in moments]) / self.n
 
-    def fit(self, arrays: list[Floats], known: Floats | None, weighted: bool, count: NDArray[np.int64]) -> JointFit:
-        weights = self.n - 1.0
-        spread = np.einsum("p,pij->ij", weights, self.c) / weights.sum()
-        values = np.linalg.eigvalsh(spread)
-        if not values[0] > self.d * np.finfo(float).eps * values[-1]:
-            return _nothing(self.d, count, Status.SINGULAR)
-        noise = np.zeros((self.d, self.d)) if known is None else known
-        center = self.center(noise, weights)
+    def solve(self, known: Floats | None, weighted: bool) -> tuple[Floats, Floats, Floats]:
+        """Centre (d,), what was subtracted from each C (M, d, d), and the weights (M,)."""
+        weights, none = self.n, np.zeros_like(self.c)
+        subtracted = none if known is None else known * ((self.n - 1.0) / self.n)[:, None, None]
+        center = self.center(subtracted, weights)
         for _ in range(_ROUNDS):
             if weighted:
-                weights = (self.n - 1.0) / np.maximum(self.square_radii(center, np.zeros_like(noise)), 1e-300)
+                weights = self.n / np.maximum(self.square_radii(center, none), 1e-300)
             if known is None:
-                noise = self.root(weights) * np.eye(self.d)
-            center = self.center(noise, weights)
-        total = np.einsum("p,pij->ij", weights, self.c)
-        condition = float(np.linalg.eigvals(np.linalg.solve(total, noise * weights.sum())).real.max())
-        status = Status.OK if condition < 1.0 else Status.NOT_POSITIVE_DEFINITE
-        used = iter(self.square_radii(center, noise))
-        squares = np.array([next(used) if n >= 2 else np.nan for n in count])
-        return JointFit(
-            center=center,
-            radii=np.sqrt(np.where(squares >= 0.0, squares, np.nan)),
-            noise_variance=float(np.trace(noise)) / self.d,
-            status=status,
-            condition=condition,
-            covariance=_bound(arrays, center, noise),
-            count=count,
-        )
+                subtracted = none + self.root(weights) * np.eye(self.d)
+            center = self.center(subtracted, weights)
+        return center, subtracted, weights
 
-    def center(self, noise: Floats, weights: Floats) -> Floats:
+    def center(self, subtracted: Floats, weights: Floats) -> Floats:
         """Eq. 22, corrected, about the mean of the markers' centroids."""
-        left = self.c - noise
+        left = self.c - subtracted
         origin = self.mean.mean(axis=0)
         right = np.einsum("pij,pj->pi", left, self.mean - origin) + 0.5 * self.s
         matrix = np.einsum("p,pij->ij", weights, left)
         return np.asarray(origin + np.linalg.solve(matrix, np.einsum("p,pi->i", weights, right)))
 
-    def square_radii(self, center: Floats, noise: Floats) -> Floats:
+    def square_radii(self, center: Floats, subtracted: Floats) -> Floats:
         """Eq. 23, squared."""
         away = self.mean - center
-        trace = np.trace(self.c - noise, axis1=1, axis2=2)
-        return np.asarray((self.n - 1.0) / self.n * trace + np.einsum("pi,pi->p", away, away))
+        return np.asarray(np.trace(self.c - subtracted, axis1=1, axis2=2) + np.einsum("pi,pi->p", away, away))
 
     def root(self, weights: Floats) -> float:
         """η for which the residuals' variances equal what that noise gives: Σ w (Var f - 4r²η - 2dη²) = 0."""
-        share = (self.n - 1.0) / self.n
         w = weights / weights.sum()
         top = float(np.linalg.eigvalsh(np.einsum("p,pij->ij", w, self.c))[0])
+        m2 = np.trace(self.c, axis1=1, axis2=2)
 
         def excess(eta: float) -> float:
-            noise = eta * np.eye(self.d)
-            center = self.center(noise, weights)
-            offset = center - self.mean
-            second = share[:, None, None] * self.c
-            m2 = np.trace(second, axis1=1, axis2=2)
-            third = share[:, None] * self.s
-            variance = self.fourth - m2**2 - 4.0 * np.einsum("pi,pi->p", offset, third)
-            variance += 4.0 * np.einsum("pi,pij,pj->p", offset, second, offset)
+            offset = self.center(np.broadcast_to(eta * np.eye(self.d), self.c.shape), weights) - self.mean
+            variance = self.fourth - m2**2 - 4.0 * np.einsum("pi,pi->p", offset, self.s)
+            variance += 4.0 * np.einsum("pi,pij,pj->p", offset, self.c, offset)
             mean_square = m2 + np.einsum("pi,pi->p", offset, offset)
             # r² = mean square - dη, so 4r²η + 2dη² = 4 (mean square) η - 2dη²
             return float(np.sum(w * (variance - 4.0 * mean_square * eta + 2.0 * self.d * eta**2)))
@@ -152,7 +156,7 @@ class _Joint:
         return float(brentq(excess, 0.0, top * (1.0 - 1e-12), xtol=1e-15 * top, rtol=1e-13))
 
 
-def _bound(arrays: list[Floats], center: Floats, noise: Floats) -> Floats:
+def _unit_bound(arrays: list[Floats], center: Floats, noise: Floats) -> Floats:
     """Cramér-Rao bound of the centre: each marker's radius takes the mean of its directions out of the information."""
     d = len(center)
     information = np.zeros((d, d))

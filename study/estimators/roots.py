@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
 from study.estimators.fit import Fit, Samples, Status
 from study.estimators.gdk import Kept, member
@@ -23,6 +24,8 @@ Floats = NDArray[np.float64]
 
 _EPS = 2.0**-52
 _MAX_STEPS = 200
+_THREE_SIGMA = 0.0027
+"""Share of a Gaussian beyond three standard deviations on both sides."""
 
 
 @compiled
@@ -170,6 +173,12 @@ def hinge(samples: Samples) -> Fit:
         eta = root(samples, 2.0 * d, kept)
     fit = member(samples, eta, -float(d), kept)
     fine = fit.status == Status.OK
+    if samples.noise is not None:
+        fit.noise_variance[fine] = eta[fine]
+    else:  # a dropped direction takes no degree of freedom
+        n = samples.moments.count
+        with np.errstate(all="ignore"):
+            fit.noise_variance[:] *= (n - d - 1.0) / (n - kept.sum(axis=1) - 1.0)
     weak = ~(_significant(samples, eta, 2.0) | ~kept).all(axis=1)
     fit.status[fine & ~kept.all(axis=1)] = Status.HINGE
     fit.status[fine & weak] = Status.INSIGNIFICANT
@@ -183,9 +192,9 @@ def _flat(samples: Samples, kept: Kept, direction: int) -> Kept:
     """Whether an eigen-direction of C is noise alone, the noise being unknown (b,).
 
     It is if its eigenvalue is within three standard errors of the noise that the other directions show (each of the
-    two has an error of η√(2/n)), and if it explains no more of the algebraic residuals than chance: as a regressor
-    its share of their variance, times n, is χ² with one degree of freedom. The second condition tells an arc's flat
-    direction from a small cap's axis, which may be as short but carries the curvature.
+    two has an error of η√(2/n)), and if it explains no more of the algebraic residuals than chance: a direction is a
+    regressor there, and its F statistic is below the quantile of three standard errors. The second condition tells an
+    arc's flat direction from a small cap's axis, which may be as short but carries the curvature.
     """
     values, vectors = samples.spectrum
     moments = samples.moments
@@ -195,10 +204,12 @@ def _flat(samples: Samples, kept: Kept, direction: int) -> Kept:
     eta = root(samples, 2.0 * d, others)
     along = np.einsum("bji,bj->bi", vectors, moments.third_central)
     m2 = np.trace(moments.second, axis1=1, axis2=2) / n
+    spare = n - others.sum(axis=1) - 2.0
     with np.errstate(all="ignore"):
         explained = along**2 / values * ((n - 1.0) / n)[:, None]
-        rest = moments.fourth / n - m2**2 - np.where(others, explained, 0.0).sum(axis=1)
-        chance = n * explained[:, direction] <= 9.0 * np.maximum(rest, 0.0)
+        left = moments.fourth / n - m2**2 - np.where(others, explained, 0.0).sum(axis=1) - explained[:, direction]
+        limit = stats.f.isf(_THREE_SIGMA, 1, np.maximum(spare, 1.0))
+        chance = (explained[:, direction] * spare <= limit * np.maximum(left, 0.0)) & (spare > 0.0)
     return np.asarray(chance & (values[:, direction] <= eta * (1.0 + 3.0 * np.sqrt(4.0 / n))))
 
 

@@ -28,7 +28,8 @@ def ugdk_cov(samples: Samples) -> Fit:
 
     Worth it where the noise is markedly anisotropic and the points are many. With isotropic noise it pays for what it
     need not find: on a 20° cap with n = 1000 its median error is 1.4 times that of `als` at σ = .0056 r and 2.7 times
-    at .018 r; on 90° and more the two are alike up to σ = .1 r.
+    at .018 r; on 90° and more the two are alike up to σ = .1 r. Above σ ≈ .2 r
+    the equations can lead to a wrong Σ̂, which no status tells.
 
     Source: theory §5.4.
     """

@@ -41,7 +41,7 @@ _LOOKS: dict[str, tuple[str, str, str]] = {
     "ugdk_cov": ("UGDK (Σ̂)", "#5b7f14", "d"),
     "als": ("ALS", "#332288", "p"),
     "als_guarded": ("ALS (guarded)", "#7b6fd0", "p"),
-    "hinge": ("hinge", "#117a8b", "8"),
+    "hinge": ("hinge", "#c43a9c", "*"),
     "taubin": ("Taubin", "#cc79a7", "v"),
     "pratt": ("Pratt", "#56b4e9", "<"),
     "hyper": ("Hyper", "#882255", ">"),
