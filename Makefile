@@ -55,8 +55,10 @@ $(VENV)/bin/python:
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "needs Python 3.11 or newer; set PYTHON=…")'
 	$(PYTHON) -m venv $(VENV)
 
+# The plan of a study compiles its loops, which are then kept: no study has to wait for it.
 $(VENV)/.run: $(VENV)/bin/python pyproject.toml constraints.txt
 	$(INSTALL) -e .
+	$(BIN)/study plan configs/smoke.toml >/dev/null
 	touch $@
 
 $(VENV)/.dev: $(VENV)/.run

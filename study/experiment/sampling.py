@@ -1,6 +1,8 @@
 """From a batch to its points: one draw of unit directions u and normals z serves every σ, r and c."""
 
 import math
+import threading
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +19,32 @@ from study.sphere.compiled import compiled
 Floats = NDArray[np.float64]
 
 
+Array = Callable[[str, tuple[int, ...]], Floats]
+"""Gives an array of a name and shape, with any content."""
+
+
+def new(name: str, shape: tuple[int, ...]) -> Floats:
+    """A fresh array, whatever its name."""
+    return np.empty(shape)
+
+
+class Workspace(threading.local):
+    """Arrays of one thread that are used again: fresh memory costs as much as the arithmetic on it.
+
+    What is taken from it is valid until an array of the same name is asked for again.
+    """
+
+    def __init__(self) -> None:
+        self._arrays: dict[str, Floats] = {}
+
+    def __call__(self, name: str, shape: tuple[int, ...]) -> Floats:
+        """An array of a shape, perhaps used before."""
+        size = math.prod(shape)
+        if name not in self._arrays or self._arrays[name].size < size:
+            self._arrays[name] = np.empty(size)
+        return self._arrays[name][:size].reshape(shape)
+
+
 @dataclass(frozen=True)
 class Draws:
     """What a batch draws, before it is placed on any sphere.
@@ -31,9 +59,9 @@ class Draws:
     noise: Floats
     shape: Floats
 
-    def place(self, cell: Cell) -> Floats:
+    def place(self, cell: Cell, array: Array = new) -> Floats:
         """The points x = c + r u + σ z of a cell, (b, d, n)."""
-        points = np.empty_like(self.noise)
+        points = array("points", self.noise.shape)
         _place(self.directions, self.noise, np.array(cell.center), cell.radius, cell.noise, points)
         return points
 
@@ -58,11 +86,12 @@ class Draws:
         return bound_from_scatter(sums, mean, scatter)
 
 
-def draw(study: Study, batch: Batch) -> Draws:
+def draw(study: Study, batch: Batch, array: Array = new) -> Draws:
     """Draw a batch from its named streams: heights from one, normals from the other."""
     d, shape = study.dimension, (batch.trials, study.dimension, batch.samples)
-    uniform = stream(study.seed, "heights", *batch.stream).random((batch.trials, batch.samples))
-    directions, noise = np.empty(shape), np.empty(shape)
+    uniform = array("uniform", (batch.trials, batch.samples))
+    stream(study.seed, "heights", *batch.stream).random(out=uniform)
+    directions, noise = array("directions", shape), array("noise", shape)
     height = cap.heights(uniform, math.radians(batch.angle), d)
     cap.draw(stream(study.seed, "normals", *batch.stream), height, directions, noise)
     covariance = np.eye(d)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from study.estimators import ESTIMATORS, Fit, Samples
 from study.experiment.config import Study
 from study.experiment.design import Batch, Cell, Unit
-from study.experiment.sampling import draw
+from study.experiment.sampling import Workspace, draw
 
 Columns = dict[str, NDArray[Any]]
 
@@ -23,6 +23,9 @@ class Result:
     errors: Columns
     timings: Columns
     points: Columns
+
+
+_workspace = Workspace()
 
 
 class WorkError(Exception):
@@ -63,13 +66,13 @@ def compute(study: Study, unit: Unit) -> Result:
     errors: list[Columns] = []
     kept: list[Columns] = []
     for batch in unit.batches:
-        draws = draw(study, batch)
+        draws = draw(study, batch, _workspace)
         clock.read("draw", batch, 1)
         bound = draws.unit_bound()
         clock.read("bound", batch, 1)
         for cell in batch.cells:
             noise = cell.noise if study.noise_shape is None else cell.noise**2 * draws.shape
-            samples = Samples(draws.place(cell), noise)
+            samples = Samples(draws.place(cell, _workspace), noise)
             clock.read("points", batch, 1)
             samples.moments  # noqa: B018  computed here, so that no estimator is charged for what all share
             clock.read("moments", batch, 1)
@@ -136,7 +139,7 @@ def _point_columns(cell: Cell, batch: Batch, x: NDArray[np.float64]) -> Columns:
         "cell": np.full(b * n, cell.name, dtype=object),
         "trial": np.repeat(np.arange(batch.first, batch.first + b), n),
         "sample": np.tile(np.arange(n), b),
-        **{f"x_{i + 1}": x[:, i].ravel() for i in range(d)},
+        **{f"x_{i + 1}": x[:, i].flatten() for i in range(d)},
         **{f"center_{i + 1}": np.full(b * n, cell.center[i]) for i in range(d)},
         "radius": np.full(b * n, cell.radius),
     }
