@@ -85,7 +85,7 @@ def mgdk(markers: Sequence[ArrayLike], noise: ArrayLike | None = None, weighted:
     squares[count >= 2] = joint.square_radii(center, subtracted)
     if known is None:
         spare = joint.n.sum() - d - len(used)
-        variance = float(subtracted[0, 0, 0]) * joint.n.sum() / spare if spare > 0 else np.nan
+        variance = float(subtracted[0, 0, 0] * joint.n.sum() / spare) if spare > 0 else np.nan
         covariance = variance * _unit_bound(arrays, center, np.eye(d))
     else:
         variance, covariance = float(np.trace(known)) / d, _unit_bound(arrays, center, known)
