@@ -131,6 +131,10 @@ def _text(path: Path, columns: Sequence[str] | None) -> tuple[Floats, list[str]]
     if not rows:
         raise PointFileError(f"{path}: a header and no row")
     chosen = _chosen(path, names, columns)
+    if chosen == list(range(len(names))):
+        plain = _plain([row for _, row in rows], delimiter)
+        if plain is not None and plain.shape[1] == len(names):
+            return plain, names
     comma = delimiter != "," and any(
         "," in cell for _, row in rows if "," in row for i, cell in enumerate(_cells(row, delimiter)) if i in chosen
     )
@@ -148,6 +152,14 @@ def _text(path: Path, columns: Sequence[str] | None) -> tuple[Floats, list[str]]
                 raise PointFileError(f"{path}: row {number}, column {i + 1}: {cell!r} is not a number{why}")
             values.append(value)
     return np.array(values).reshape(len(rows), len(chosen)), [names[i] for i in chosen]
+
+
+def _plain(rows: list[str], delimiter: str) -> Floats | None:
+    """The numbers of rows that are nothing else, read in one go; None if any is not, for the slow way to tell."""
+    try:
+        return np.loadtxt(rows, delimiter=None if delimiter == _BLANKS else delimiter, comments=None, ndmin=2)
+    except ValueError:
+        return None
 
 
 def _delimiter(rows: list[str]) -> str:
