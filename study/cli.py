@@ -149,8 +149,8 @@ def _console() -> Any:
 def _fix_code_target() -> None:
     """Generate the same machine code on every x86-64 processor since 2013, so that equal runs are equal to the byte.
 
-    The default is code for the processor at hand, whose wider registers add in another order. It must be set before
-    numba is imported; a user's own choice stands.
+    The default is code for the processor at hand, whose wider registers add in another order; a name alone would
+    leave its features in. It must be set before numba is imported; a user's own choice stands.
     """
     if platform.machine() not in ("x86_64", "AMD64") or "NUMBA_CPU_NAME" in os.environ:
         return
@@ -160,6 +160,8 @@ def _fix_code_target() -> None:
         return
     if {"avx2", "fma", "bmi2"} <= flags:
         os.environ["NUMBA_CPU_NAME"] = "x86-64-v3"
+        os.environ["NUMBA_CPU_FEATURES"] = ""  # those that the name implies, and no others
+        os.environ.setdefault("OPENBLAS_CORETYPE", "Haswell")
 
 
 def main(command: Callable[..., Any] = app) -> None:
