@@ -102,6 +102,25 @@ def summary() -> list[Column]:
     return columns
 
 
+CLAIMS = [
+    Column("number", pa.int16(), "", "place in the ledger"),
+    Column("name", pa.string(), "", "a word or two for the claim"),
+    Column("section", pa.string(), "", "section of the paper"),
+    Column("statement", pa.string(), "", "what the paper says, in our words"),
+    Column("quantity", pa.string(), "", "what is measured"),
+    Column("value", pa.float64(), "", "the headline number; not a number where there is none"),
+    Column("error", pa.float64(), "", "its Monte-Carlo standard error; 0 for what is counted"),
+    Column("trials", pa.int64(), "", "smallest number of data sets behind any of the numbers"),
+    Column("verdict", pa.string(), "", "reproduced, partly, not reproduced, not testable here, or not evaluated"),
+    Column("finding", pa.string(), "", "all numbers with their Monte-Carlo errors, or why there are none"),
+    Column("criterion", pa.string(), "", "the rule that turns the numbers into the verdict"),
+    Column("remark", pa.string(), "", "where the paper's number comes from, what explains ours"),
+    Column("reads", pa.string(), "", "tables that the claim reads, as config/table"),
+    Column("runs", pa.string(), "", "names of the runs that were read"),
+    Column("figure", pa.string(), "", "the figure that shows it"),
+]  # fmt: skip
+
+
 def schema(columns: list[Column], metadata: Mapping[str, str] | None = None) -> pa.Schema:
     """Arrow schema of a table, with units and meanings as metadata of its columns."""
     fields = [
