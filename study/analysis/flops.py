@@ -16,7 +16,6 @@ import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
-from pathlib import Path
 from time import perf_counter
 from typing import Any
 
@@ -197,15 +196,6 @@ def cost_table(dimension: int = 3, samples: int = 1000) -> pd.DataFrame:
     for column in ("paper_flops", "flops_per_sample", "vector_seconds", "scalar_seconds"):
         frame[f"{column}_over_gdke"] = frame[column] / base[column]
     return frame
-
-
-def save(frame: pd.DataFrame, path: Path) -> None:
-    """Store the table, as CSV or parquet by its suffix."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    if path.suffix == ".csv":
-        frame.to_csv(path, index=False)
-    else:
-        frame.to_parquet(path, index=False)
 
 
 def printed(frame: pd.DataFrame) -> Iterator[str]:

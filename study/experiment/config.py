@@ -4,121 +4,18 @@ import difflib
 import hashlib
 import math
 import tomllib
-from collections.abc import Callable
+from itertools import product
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, get_args
 
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationError
 
 from study.estimators import ESTIMATORS
-from study.experiment.faults import ConfigError, Fault, report, shorten
-from study.experiment.laws import Choice, Constant, Frozen, Law, LogUniform, Uniform, is_number
-
-MAX_CELLS = 10_000_000
-
-_ALLOWED: dict[str, tuple[Callable[[float], bool], str]] = {
-    "samples": (lambda v: v >= 3 and v == int(v), "a whole number, at least dimension + 1"),
-    "noise": (lambda v: v > 0, "above 0, in the unit of the radius"),
-    "angle": (lambda v: 0 < v <= 180, "above 0 and at most 180 degrees"),
-    "radius": (lambda v: v > 0, "above 0"),
-    "center": (lambda v: v >= 0, "at least 0: the distance of the centre from the origin"),
-}
-
-
-def _axis(quantity: str) -> BeforeValidator:
-    """Expand a grid axis - a number, a list, ``linspace`` or ``logspace`` - and check every value."""
-    allowed, words = _ALLOWED[quantity]
-
-    def expand(value: Any) -> object:
-        numbers: list[Any]
-        if isinstance(value, dict):
-            numbers = _spaced(value)
-            if quantity == "samples":
-                numbers = [float(round(v)) if math.isfinite(v) else v for v in numbers]
-        elif isinstance(value, list | tuple):
-            numbers = list(value)
-        else:
-            numbers = [value]
-        if not numbers:
-            raise ValueError(f"the list is empty; give at least one value, each {words}")
-        wrong = [v for v in numbers if not is_number(v) or not allowed(v)]
-        if wrong:
-            listed = ", ".join(shorten(v) for v in wrong[:5]) + (", …" if len(wrong) > 5 else "")
-            raise ValueError(f"{listed} not allowed: every value must be {words}")
-        if quantity == "samples":
-            return tuple(dict.fromkeys(int(v) for v in numbers))
-        return tuple(dict.fromkeys(float(v) + 0.0 for v in numbers))  # -0.0 is 0.0
-
-    return BeforeValidator(expand)
-
-
-def _spaced(value: dict[str, Any]) -> list[float]:
-    """Values of ``{ linspace = [first, last, count] }`` or ``{ logspace = [first, last, count] }``, ends included."""
-    words = "write { linspace = [first, last, count] } or { logspace = [first, last, count] }"
-    if len(value) != 1 or next(iter(value)) not in ("linspace", "logspace"):
-        raise ValueError(f"keys {', '.join(value) or 'none'} not understood: {words}")
-    ((kind, ends),) = value.items()
-    if not isinstance(ends, list) or len(ends) != 3 or not all(is_number(v) for v in ends):
-        raise ValueError(f"{kind} = {ends!r} not understood: {words}")
-    first, last, count = ends
-    if not isinstance(count, int) or not 1 <= count <= MAX_CELLS:
-        raise ValueError(f"count = {count!r} in {kind} must be a whole number from 1 to {MAX_CELLS}")
-    if count == 1 and first != last:
-        raise ValueError(f"{kind} from {first} to {last} cannot be 1 value: {words}")
-    if kind == "logspace" and not (first > 0 and last > 0):
-        raise ValueError(f"logspace from {first} to {last} must have both ends above 0")
-    space = np.linspace if kind == "linspace" else np.geomspace
-    with np.errstate(all="ignore"):  # a range beyond floating point gives values that are not allowed
-        values = space(float(first), float(last), count)
-    # twelve digits: 0.1 instead of 0.10000000000000002, on every machine
-    return [float(f"{v:.12g}") for v in values]
-
-
-def _law(quantity: str) -> AfterValidator:
-    """Check that a law stays within the values allowed for a quantity; an open lower end may touch the limit."""
-    allowed, words = _ALLOWED[quantity]
-
-    def check(law: Constant | Choice | Uniform | LogUniform) -> Constant | Choice | Uniform | LogUniform:
-        values = law.possible()
-        if isinstance(law, Uniform | LogUniform):
-            if quantity == "samples":
-                values = tuple(float(round(v)) for v in values)
-            elif law.low == 0.0:
-                values = values[1:]  # an open end may touch the limit
-        wrong = [f"{v:.12g}" for v in dict.fromkeys(values) if not allowed(v)]
-        if wrong:
-            raise ValueError(f"{' and '.join(wrong)} not allowed: every value must be {words}")
-        return law
-
-    return AfterValidator(check)
-
-
-class RandomDesign(Frozen):
-    """Each trial draws its own conditions from declared laws (the paper's §4.1)."""
-
-    kind: Literal["random"]
-    trials: Annotated[int, Field(ge=1, le=MAX_CELLS)]
-    samples: Annotated[Law, _law("samples")]
-    noise: Annotated[Law, _law("noise")] | None = None
-    noise_over_radius: Annotated[Law, _law("noise")] | None = None
-    angle: Annotated[Law, _law("angle")]
-    radius: Annotated[Law, _law("radius")] = Constant(law="constant", value=1.0)
-    center: Annotated[Law, _law("center")] = Constant(law="constant", value=0.0)
-
-
-class GridDesign(Frozen):
-    """Every combination of the listed values is a cell of so many trials."""
-
-    kind: Literal["grid"]
-    trials: Annotated[int, Field(ge=1, le=MAX_CELLS)]
-    samples: Annotated[tuple[int, ...], _axis("samples")]
-    noise: Annotated[tuple[float, ...], _axis("noise")] | None = None
-    noise_over_radius: Annotated[tuple[float, ...], _axis("noise")] | None = None
-    angle: Annotated[tuple[float, ...], _axis("angle")]
-    radius: Annotated[tuple[float, ...], _axis("radius")] = (1.0,)
-    center: Annotated[tuple[float, ...], _axis("center")] = (0.0,)
-    draws: Literal["shared", "independent"] = "shared"
+from study.experiment.conditions import ALLOWED, MAX_CELLS, GridDesign, RandomDesign
+from study.experiment.faults import ConfigError, Fault, report
+from study.experiment.laws import Choice, Constant, Frozen, is_number
+from study.experiment.posterior import CONDITIONS, Posterior, same
 
 
 def _tuples(value: object) -> object:
@@ -151,6 +48,7 @@ class Study(Frozen):
     keep_points: Annotated[int, Field(ge=0)] = 0
     """The trials whose points are stored: those with a number below this one, in each cell."""
     design: Annotated[RandomDesign | GridDesign, Field(discriminator="kind")]
+    posterior: Posterior | None = None
 
     def cells(self) -> int:
         """Number of conditions: in a random design, one per trial."""
@@ -160,9 +58,13 @@ class Study(Frozen):
         noises = design.noise or design.noise_over_radius or ()
         return math.prod(len(axis) for axis in (design.samples, noises, design.angle, design.radius, design.center))
 
+    def canonical(self) -> str:
+        """All that determines the error table, as JSON: the config without its ``[posterior]``."""
+        return self.model_dump_json(exclude={"posterior"})
+
     def digest(self) -> str:
         """Ten hexadecimal digits that stand for the canonical config."""
-        return hashlib.sha256(self.model_dump_json().encode()).hexdigest()[:10]
+        return hashlib.sha256(self.canonical().encode()).hexdigest()[:10]
 
     def run_name(self) -> str:
         """Name of the run's folder."""
@@ -191,6 +93,8 @@ def parse(text: str, source: str = "config") -> Study:
         faults = report(error, _KEYS) + faults
     if study is not None and study.cells() > MAX_CELLS:
         faults.append(Fault(("design",), f"{study.cells():,} cells; at most {MAX_CELLS:,} are allowed"))
+    elif study is not None and study.posterior is not None:
+        faults += _posterior_faults(study, study.posterior)
     if faults or study is None:
         raise ConfigError.listing(source, text, faults)
     return study
@@ -262,9 +166,60 @@ def _shape_faults(shape: object, d: int) -> list[Fault]:
     return [] if good else [Fault(("noise_shape",), words, shape)]
 
 
+def _posterior_faults(study: Study, posterior: Posterior) -> list[Fault]:
+    """Posteriors that the design cannot give."""
+    design, where = study.design, dict(posterior.where)
+    possible = _possible(design)
+    faults = [
+        Fault(("posterior", "where"), f"no cell has {name} = {value:.12g}")
+        for name, values in where.items()
+        for value in values
+        if name in possible and not any(same(value, v) for v in possible[name])
+    ]
+
+    def chosen(name: str) -> list[float]:
+        """Values that chosen cells can have; NaN where a law leaves them open."""
+        values = where.get(name, possible.get(name, (math.nan,)))
+        return [float(v) for v in values]
+
+    if "whole_sphere" in posterior.likelihood and any(v != 180.0 for v in chosen("angle")):
+        words = "whole_sphere is wrong on caps: choose cells of the whole sphere with where = { angle = 180 }"
+        faults.append(Fault(("posterior", "likelihood"), words))
+    least = min(where["samples"]) if "samples" in where else _fewest(design)
+    if "unknown" in posterior.noise and least < study.dimension + 2:
+        words = f"an unknown noise needs at least {study.dimension + 2} samples, not {least:g}; choose with where"
+        faults.append(Fault(("posterior", "noise"), words))
+    if study.noise_shape is not None:
+        faults.append(Fault(("posterior",), "its likelihoods are of isotropic noise: take noise_shape out"))
+    return faults
+
+
+def _possible(design: RandomDesign | GridDesign) -> dict[str, tuple[float, ...]]:
+    """Values that each condition takes, where they can be listed."""
+    if isinstance(design, GridDesign):
+        noises = design.noise or design.noise_over_radius or ()
+        name, other = ("noise", "noise_over_radius") if design.noise else ("noise_over_radius", "noise")
+        scaled = product(noises, design.radius)
+        return {
+            **{key: tuple(map(float, getattr(design, key))) for key in ("samples", "angle", "radius", "center")},
+            name: noises,
+            other: tuple(v / r if design.noise else v * r for v, r in scaled),
+        }
+    laws = {key: getattr(design, key) for key in CONDITIONS}
+    return {key: law.possible() for key, law in laws.items() if isinstance(law, Constant | Choice)}
+
+
+def _fewest(design: RandomDesign | GridDesign) -> float:
+    """Smallest number of samples in a design."""
+    if isinstance(design, GridDesign):
+        return min(design.samples)
+    return float(round(min(design.samples.possible())))
+
+
 _KEYS: dict[tuple[str, ...], list[str]] = {
     (): list(Study.model_fields),
+    ("posterior",): list(Posterior.model_fields),
     ("design",): sorted({*RandomDesign.model_fields, *GridDesign.model_fields}),
-    **{("design", key): ["law", "value", "values", "low", "high", "linspace", "logspace"] for key in _ALLOWED},
+    **{("design", key): ["law", "value", "values", "low", "high", "linspace", "logspace"] for key in ALLOWED},
 }
 assert set(get_args(Study.model_fields["design"].annotation)) == {RandomDesign, GridDesign}

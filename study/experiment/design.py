@@ -9,7 +9,8 @@ from itertools import product
 
 import numpy as np
 
-from study.experiment.config import GridDesign, RandomDesign, Study
+from study.experiment.conditions import GridDesign, RandomDesign
+from study.experiment.config import Study
 from study.experiment.laws import LogUniform, Uniform
 from study.experiment.streams import Name, stream
 

@@ -65,6 +65,14 @@ class Draws:
         _place(self.directions, self.noise, np.array(cell.center), cell.radius, cell.noise, points)
         return points
 
+    def told(self, cell: Cell) -> float | Floats:
+        """The noise that estimators are told: σ, or a covariance (d, d) if it is not isotropic."""
+        return cell.noise if np.array_equal(self.shape, np.eye(len(self.shape))) else cell.noise**2 * self.shape
+
+    def only(self, trial: int) -> "Draws":
+        """One trial of the batch, counted from its first."""
+        return Draws(self.directions[trial : trial + 1], self.noise[trial : trial + 1], self.shape)
+
     def unit_bound(self) -> Floats:
         """The Cramér-Rao bound at σ = 1 of the realised directions (b, d+1, d+1).
 

@@ -22,6 +22,15 @@ def stream(seed: int, *name: str | int | float) -> np.random.Generator:
     Returns:
         A fresh generator at the start of its stream.
     """
+    return np.random.Generator(np.random.SFC64(_sequence(seed, name)))
+
+
+def old_stream(seed: int, *name: str | int | float) -> np.random.RandomState:
+    """The same for a library that draws from NumPy's old kind of generator (emcee)."""
+    return np.random.RandomState(np.random.MT19937(_sequence(seed, name)))
+
+
+def _sequence(seed: int, name: Name) -> np.random.SeedSequence:
     digest = hashlib.blake2b(repr(name).encode(), digest_size=16).digest()
     key = tuple(int.from_bytes(digest[i : i + 4], "little") for i in range(0, 16, 4))
-    return np.random.Generator(np.random.SFC64(np.random.SeedSequence(seed, spawn_key=key)))
+    return np.random.SeedSequence(seed, spawn_key=key)

@@ -71,8 +71,7 @@ def compute(study: Study, unit: Unit) -> Result:
         bound = draws.unit_bound()
         clock.read("bound", batch, 1)
         for cell in batch.cells:
-            noise = cell.noise if study.noise_shape is None else cell.noise**2 * draws.shape
-            samples = Samples(draws.place(cell, _workspace), noise)
+            samples = Samples(draws.place(cell, _workspace), draws.told(cell))
             clock.read("points", batch, 1)
             samples.moments  # noqa: B018  computed here, so that no estimator is charged for what all share
             clock.read("moments", batch, 1)

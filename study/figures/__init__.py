@@ -16,7 +16,9 @@ from study.figures import (
     fig5_methods,
     fig6_mgdk,
     fig7_power_law,
+    fig_calibration,
     fig_efficiency,
+    fig_posterior,
     style,
 )
 from study.figures.inputs import NotApplicable, Tables
@@ -41,6 +43,8 @@ FIGURES: dict[str, Drawing] = {
     "fig6_mgdk": fig6_mgdk,
     "fig7_power_law": fig7_power_law,
     "fig_efficiency": fig_efficiency,
+    "fig_posterior": fig_posterior,
+    "fig_calibration": fig_calibration,
 }
 
 __all__ = ["FIGURES", "Drawing", "NotApplicable", "Tables", "draw_all"]

@@ -26,6 +26,10 @@ class Tables:
         errors: the error table; see `study.runs.tables.errors`.
         summary: the summary table; see `study.runs.tables.summary`.
         points: the points of the trials that were kept; None if none were.
+        posterior: a row per chain; None if none was run. See `study.runs.tables.posterior`.
+        answers: the estimators' answers beside the chains, likewise.
+        draws: draws of the chains that were kept, likewise.
+        independent: whether no two cells share their directions and noise.
     """
 
     name: str
@@ -35,6 +39,10 @@ class Tables:
     errors: pd.DataFrame
     summary: pd.DataFrame
     points: pd.DataFrame | None = None
+    posterior: pd.DataFrame | None = None
+    answers: pd.DataFrame | None = None
+    draws: pd.DataFrame | None = None
+    independent: bool = True
 
     @classmethod
     def of(cls, run: Run) -> Self:
@@ -49,10 +57,12 @@ class Tables:
             name=study.run_name(),
             dimension=study.dimension,
             design=study.design.kind,
+            independent=getattr(study.design, "draws", "independent") == "independent",
             noise_shape=np.eye(study.dimension) if shape is None else np.array(shape),
             errors=run.table("errors"),
             summary=run.table("summary"),
             points=run.table("points") if study.keep_points else None,
+            **{name: run.table(name) for name in ("posterior", "answers", "draws") if run.has("posterior")},
         )
 
     @property

@@ -8,6 +8,7 @@
         timings.parquet    apart, so that error tables can be compared byte by byte
         points.parquet     points of the trials that the config keeps
         summary.parquet    performance measures with their Monte-Carlo error
+        posterior.parquet, answers.parquet, draws.parquet   ensemble posteriors, where the config asks for them
 
 Workers compute and write nothing; the parent commits each unit as it comes back.
 """
@@ -16,10 +17,11 @@ import contextlib
 import hashlib
 import json
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -95,11 +97,14 @@ class Run:
         Raises:
             RunError: if it is not there, because the run did not finish.
         """
+        return self._read(name, lambda path: tables.read(path, columns))
+
+    def _read(self, name: str, read: Callable[[Path], Any]) -> Any:
         path = self.folder / f"{name}.parquet"
         if not path.is_file():
             raise RunError(f"{path}: missing; finish the run with `study run {self.folder / 'config.toml'}`")
         try:
-            return tables.read(path, columns)
+            return read(path)
         except (OSError, pa.ArrowInvalid) as error:
             raise RunError(f"{path}: cannot be read: {error}") from None
 
@@ -121,7 +126,7 @@ class Run:
         that equal runs are equal to the byte.
         """
         dimension = self.study.dimension
-        metadata = {"study.config": self.study.model_dump_json(), "study.software": json.dumps(software)}
+        metadata = {"study.config": self.study.canonical(), "study.software": json.dumps(software)}
         with _explained(self.folder):
             paths = [self.part_path(unit) for unit in units]
             parts = (pq.read_table(path) for path in paths)
@@ -137,6 +142,50 @@ class Run:
             with contextlib.suppress(OSError):
                 (self.folder / "parts").rmdir()
 
+    def has(self, name: str) -> bool:
+        """Whether a table is stored."""
+        return (self.folder / f"{name}.parquet").is_file()
+
+    def arrow(self, name: str) -> pa.Table:
+        """A stored table as it is on disk; see `table`."""
+        return self._read(name, pq.read_table)
+
+    def metadata(self, name: str) -> dict[str, str]:
+        """What a stored table says of itself; empty if it is not there or cannot be read."""
+        try:
+            found = pq.read_schema(self.folder / f"{name}.parquet").metadata
+        except (OSError, pa.ArrowInvalid):
+            return {}
+        return {key.decode(): value.decode() for key, value in (found or {}).items()}
+
+    def has_parts(self, part: str) -> bool:
+        """Whether a chain's rows are there."""
+        return self._part(part, "posterior").is_file()
+
+    def commit_parts(self, part: str, found: Mapping[str, pa.Table]) -> None:
+        """Write a chain's rows, ``posterior`` last: where it is, the others are."""
+        with _explained(self.folder):
+            (self.folder / "parts").mkdir(exist_ok=True)
+            for name in sorted(found, key="posterior".__eq__):
+                _write_table(self._part(part, name), found[name])
+
+    def join_parts(
+        self, parts: list[str], schemas: Mapping[str, list[tables.Column]], metadata: Mapping[str, str]
+    ) -> None:
+        """Join the rows of chains, in order, into their tables, and remove them."""
+        with _explained(self.folder):
+            for name in sorted(schemas, key="posterior".__eq__):
+                found = (pq.read_table(self._part(part, name)) for part in parts)
+                _join(self.folder / f"{name}.parquet", tables.schema(schemas[name], metadata), found)
+            for part in parts:
+                for name in schemas:
+                    self._part(part, name).unlink(missing_ok=True)
+            with contextlib.suppress(OSError):
+                (self.folder / "parts").rmdir()
+
+    def _part(self, part: str, name: str) -> Path:
+        return self.folder / "parts" / f"{part}.{name}.parquet"
+
     def save(self, name: str, table: pa.Table) -> None:
         """Write a whole table."""
         with _explained(self.folder):
@@ -147,11 +196,46 @@ class Run:
         with _explained(self.folder):
             write(self.folder / "manifest.json", (json.dumps(manifest, indent=2, ensure_ascii=False) + "\n").encode())
 
+    def manifest(self) -> dict[str, Any]:
+        """The manifest.
+
+        Raises:
+            RunError: if it is not there, because the run did not finish.
+        """
+        try:
+            found: dict[str, Any] = json.loads((self.folder / "manifest.json").read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            hint = f"finish the run with `study run {self.folder / 'config.toml'}`"
+            raise RunError(f"{self.folder / 'manifest.json'}: missing or not readable; {hint}") from None
+        return found
+
+    def amend_manifest(self, entries: dict[str, Any]) -> None:
+        """Add entries to the manifest, of a run that has one."""
+        if (self.folder / "manifest.json").is_file():
+            self.save_manifest(self.manifest() | entries)
+
 
 def write(path: Path, data: bytes) -> None:
     """Write a file so that it is there whole or not at all."""
     with _replacing(path) as temporary, open(temporary, "wb") as file:
         file.write(data)
+
+
+def save_frame(frame: pd.DataFrame, path: Path) -> None:
+    """Write a data frame to a file of a user's choice, as CSV or parquet by its suffix, whole or not at all.
+
+    Raises:
+        RunError: if the suffix is another, or the file cannot be written.
+    """
+    if path.suffix not in (".csv", ".parquet"):
+        raise RunError(f"{path}: give a name that ends in .csv or .parquet")
+    with _explained(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with _replacing(path) as temporary:
+            if path.suffix == ".csv":
+                frame.to_csv(temporary, index=False)
+            else:
+                frame.to_parquet(temporary, index=False)
 
 
 @contextlib.contextmanager
@@ -191,9 +275,9 @@ def _join(path: Path, schema: pa.Schema, parts: Iterable[pa.Table]) -> None:
 
 
 @contextlib.contextmanager
-def _explained(folder: Path) -> Iterator[None]:
+def _explained(place: Path) -> Iterator[None]:
     """Turn a failure to write into one clear line."""
     try:
         yield
     except OSError as error:
-        raise RunError(f"{folder}: cannot be written: {error.strerror or error}; what was finished is kept") from None
+        raise RunError(f"{place}: cannot be written: {error.strerror or error}; what was finished is kept") from None

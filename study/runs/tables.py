@@ -8,6 +8,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from study.estimators import Status
+from study.experiment.posterior import ChainStatus
 
 
 class Column(NamedTuple):
@@ -21,6 +22,7 @@ class Column(NamedTuple):
 
 _WORD = pa.dictionary(pa.int32(), pa.string())
 _STATUSES = "; ".join(f"{status.value} = {status.text}" for status in Status)
+_CHAIN_STATUSES = "; ".join(f"{status.value} = {status.text}" for status in ChainStatus)
 
 
 def _per_axis(name: str, dimension: int, unit: str, meaning: str) -> list[Column]:
@@ -100,6 +102,77 @@ def summary() -> list[Column]:
     measured("bias", "mean error along the axis over the bound; only where the tail index exceeds 2 by two errors")
     measured("rmse", "root mean square of error over bound; only where the tail index exceeds 2 by two errors")
     return columns
+
+
+def _per_parameter(name: str, dimension: int, unit: str, meaning: str, noise: bool = True) -> list[Column]:
+    """A column per parameter of a posterior: the centre's components, the radius and perhaps σ."""
+    columns = _per_axis(name, dimension, unit, meaning + " of the centre's component {}")
+    columns.append(Column(f"{name}_radius", pa.float64(), unit, meaning + " of the radius"))
+    if noise:
+        columns.append(Column(f"{name}_noise", pa.float64(), unit, meaning + " of σ; not a number where it is known"))
+    return columns
+
+
+_CHAIN = [
+    Column("cell", _WORD, "", "name of the condition"),
+    Column("trial", pa.int64(), "", "number of the data set"),
+    Column("likelihood", _WORD, "", "geometric or whole_sphere"),
+    Column("noise_is", _WORD, "", "known, or unknown: one more parameter of the chain"),
+]
+
+POSTERIOR_QUANTILES = {"q025": 0.025, "q16": 0.16, "q50": 0.5, "q84": 0.84, "q975": 0.975}
+
+
+def posterior(dimension: int) -> list[Column]:
+    """The posterior table: a row per chain. Means and quantiles are less the truth."""
+    return [
+        *_CHAIN,
+        *(c for c in errors(dimension) if c.name in ("samples", "noise", "angle", "radius", "center")),
+        Column("flatness", pa.float64(), "", "σ²/v, noise over the points' variance along the cap's axis, by theory"),
+        Column("status", pa.int8(), "", _CHAIN_STATUSES),
+        *_per_parameter("mean", dimension, "length", "posterior mean less the truth,"),
+        *_per_parameter("sd", dimension, "length", "posterior standard deviation"),
+        *(
+            column
+            for name, p in POSTERIOR_QUANTILES.items()
+            for column in _per_parameter(name, dimension, "length", f"{100.0 * p:g} % quantile less the truth,")
+        ),
+        Column("trace", pa.float64(), "length²", "trace of the centre's posterior covariance"),
+        *_per_parameter("bound", dimension, "length", "√CRLB at the true σ, realised directions,", noise=False),
+        *_per_axis("bound_with", dimension, "", "correlation of component 1 with {} in the bound")[1:],
+        Column("bound_with_radius", pa.float64(), "", "correlation of component 1 with the radius in the bound"),
+        *_per_parameter("rank", dimension, "", "share of the draws below the truth,"),
+        Column("level", pa.float64(), "", "share of the draws that are nearer to the mean than the true centre"),
+        Column("tau", pa.float64(), "step", "largest integrated autocorrelation time"),
+        Column("draws", pa.float64(), "", "independent draws that the chain is worth: draws kept over tau"),
+        Column("acceptance", pa.float64(), "", "share of proposals accepted"),
+        Column("steps", pa.int64(), "", "length of the chain, the first fifth of which is not used"),
+        Column("walkers", pa.int64(), "", "walkers of the ensemble"),
+    ]  # fmt: skip
+
+
+def answers(dimension: int) -> list[Column]:
+    """Each estimator's answer beside the posterior: a row per chain and estimator."""
+    return [
+        *_CHAIN,
+        Column("estimator", _WORD, "", "name of the estimator; told σ where it is known or cannot be done without"),
+        Column("status", pa.int8(), "", _STATUSES),
+        *_per_parameter("away", dimension, "", "answer less posterior mean, in posterior sd,", noise=False),
+        Column("distance", pa.float64(), "", "Mahalanobis distance of the centre from the posterior mean"),
+        *_per_parameter("spread", dimension, "", "own standard error over posterior sd,", noise=False),
+        *_per_parameter("rank", dimension, "", "own distribution function at the truth,", noise=False),
+        Column("level", pa.float64(), "", "level of its confidence ellipsoid on whose surface the true centre lies"),
+    ]  # fmt: skip
+
+
+def draws(dimension: int) -> list[Column]:
+    """Draws of the chains that a config asks to keep, thinned: a row per draw, less the truth."""
+    return [
+        *_CHAIN,
+        *_per_axis("error", dimension, "length", "component {} of the centre, less the truth"),
+        Column("radius_error", pa.float64(), "length", "radius less the truth"),
+        Column("noise", pa.float64(), "length", "σ"),
+    ]
 
 
 CLAIMS = [

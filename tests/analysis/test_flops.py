@@ -12,6 +12,7 @@ import pytest
 import study
 from study.analysis import flops
 from study.analysis.flops import PAPER, Counted, cost_table, counted
+from study.runs.store import save_frame
 
 KERNEL = {"mle": "mle", "lls": "lls", "igdk": "igdk"}
 DIMENSIONS = [2, 3, 4, 5]
@@ -143,7 +144,7 @@ def test_cost_table_printed_and_stored(table, tmp_path):
     assert not any("nan" in line for line in lines)
     for suffix, read in [(".csv", pd.read_csv), (".parquet", pd.read_parquet)]:
         path = tmp_path / "deep" / f"cost{suffix}"
-        flops.save(table, path)
+        save_frame(table, path)
         pd.testing.assert_frame_equal(read(path), table, check_dtype=False, rtol=1e-12)
 
 

@@ -1,0 +1,190 @@
+"""The posterior tables of a run: which chains, computed by workers, each kept as it comes back, joined at the end.
+
+A chain is named by its cell, trial, likelihood and whether the noise is known, and draws from a stream of that name.
+So the tables depend neither on the number of workers nor on what was interrupted, and more trials or cells leave the
+chains that are there as they were.
+"""
+
+import contextlib
+import hashlib
+import json
+import time
+from collections.abc import Callable, Generator, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+from joblib import Parallel, delayed
+from threadpoolctl import threadpool_limits
+
+from study.analysis import answers, calibration
+from study.analysis.chain import Chain, Prior, sample
+from study.experiment.config import Study
+from study.experiment.design import Cell
+from study.experiment.posterior import ChainStatus, Posterior
+from study.experiment.replay import Address, addresses, replay
+from study.experiment.streams import old_stream
+from study.runs import tables
+from study.runs.store import Run, RunError
+
+FORMAT = 1
+Parts = dict[str, pa.Table]
+
+
+@dataclass(frozen=True)
+class Task:
+    """One chain to run.
+
+    Attributes:
+        address: the trial.
+        likelihood: its name.
+        noise_is: known or unknown.
+    """
+
+    address: Address
+    likelihood: str
+    noise_is: str
+
+    @property
+    def key(self) -> dict[str, str | int]:
+        """What names the chain in every table."""
+        where = self.address
+        names = {"likelihood": self.likelihood, "noise_is": self.noise_is}
+        return {"cell": where.cell.name, "trial": where.trial, **names}
+
+    def part(self, study: Study, posterior: Posterior) -> str:
+        """Name of the chain's part: a digest of all that determines it."""
+        settings = (posterior.box, posterior.walkers, posterior.max_steps, self._kept(posterior))
+        content = repr((FORMAT, study.seed, study.dimension, study.estimators, settings, self.key, self.address.cell))
+        return hashlib.sha256(content.encode()).hexdigest()[:20]
+
+    def compute(self, study: Study, posterior: Posterior) -> Parts:
+        """Run the chain."""
+        trial = replay(study, self.address)
+        prior = prior_of(trial.cell, posterior, self.noise_is == "known")
+        random = old_stream(study.seed, "posterior", *self.key.values())
+        chain: Chain = sample(trial.samples, prior, self.likelihood, random, posterior.walkers, posterior.max_steps)
+        return answers.rows(trial, chain, self.key, study.estimators, posterior.walkers, self._kept(posterior))
+
+    def _kept(self, posterior: Posterior) -> bool:
+        return self.address.trial < posterior.keep_draws
+
+
+def prior_of(cell: Cell, posterior: Posterior, known: bool) -> Prior:
+    """The prior of a cell's trials: a box about the true centre, and any radius that a centre in it can have."""
+    center, width = np.array(cell.center), posterior.box * cell.radius
+    return Prior(center, width, 2.0 * cell.radius + len(center) ** 0.5 * width, cell.noise, known)
+
+
+def tasks(study: Study, posterior: Posterior) -> list[Task]:
+    """Every chain that a config asks for, in the order of the tables."""
+
+    def chosen(cell: Cell) -> bool:
+        relative = cell.noise / cell.radius
+        values = {"samples": cell.samples, "noise": cell.noise, "noise_over_radius": relative, "angle": cell.angle}
+        return posterior.chooses(**values, radius=cell.radius, center=cell.distance)
+
+    places = [a for a in addresses(study) if a.trial < posterior.trials and chosen(a.cell)]
+    return [Task(place, name, noise) for place in places for name in posterior.likelihood for noise in posterior.noise]
+
+
+def compute(run: Run, jobs: int = 2, progress: Callable[[float], None] | None = None) -> None:
+    """Compute the posterior tables that a run's config asks for; what is there already is not computed again.
+
+    Args:
+        run: the run; only its config is looked at.
+        jobs: number of workers, which are processes: emcee's steps hold the interpreter's lock.
+        progress: called after each chain with its share of the work.
+
+    Raises:
+        RunError: if the config asks for none, chooses no cell, or the folder cannot be written.
+    """
+    study, posterior = run.study, run.study.posterior
+    if posterior is None:
+        raise RunError(f"{run.folder}: its config has no [posterior]; add one, as in configs/posterior.toml")
+    todo = tasks(study, posterior)
+    if not todo:
+        raise RunError(f"{run.folder}: [posterior] where = {dict(posterior.where)} chooses none of its cells")
+    clock = time.perf_counter()
+    parts = [task.part(study, posterior) for task in todo]
+    metadata = {"study.config": study.canonical(), "study.posterior": json.dumps(parts)}
+    if run.metadata("posterior").get("study.posterior") == metadata["study.posterior"]:
+        return
+    d = study.dimension
+    schemas = {"answers": tables.answers(d), "draws": tables.draws(d), "posterior": tables.posterior(d)}
+    _keep_finished(run, dict(zip(parts, todo, strict=True)), list(schemas))
+    missing = [i for i, part in enumerate(parts) if not run.has_parts(part)]
+    with threadpool_limits(limits=1), contextlib.closing(_computed(study, posterior, todo, missing, jobs)) as finished:
+        for index, found in finished:
+            run.commit_parts(parts[index], found)
+            if progress is not None:
+                progress(1.0 / len(missing))
+    run.join_parts(parts, schemas, metadata)
+    run.amend_manifest(
+        {"posterior": {"chains": len(todo), "seconds": round(time.perf_counter() - clock, 3), "jobs": jobs}}
+    )
+
+
+def _keep_finished(run: Run, wanted: dict[str, Task], names: list[str]) -> None:
+    """Take chains out of finished tables that held others, so that only the new ones are computed."""
+    held = set(json.loads(run.metadata("posterior").get("study.posterior", "[]"))) & set(wanted)
+    stored = {name: run.arrow(name) for name in names} if held else {}
+    for part in held:
+        mine = pc.scalar(True)
+        for column, value in wanted[part].key.items():
+            mine = pc.and_(mine, pc.field(column) == value)
+        run.commit_parts(part, {name: table.filter(mine) for name, table in stored.items()})
+
+
+def _computed(
+    study: Study, posterior: Posterior, todo: list[Task], missing: list[int], jobs: int
+) -> Generator[tuple[int, Parts]]:
+    """Finished chains with their numbers, the longest first, none in the main thread; see `study.runs.runner`."""
+    order = sorted(missing, key=lambda i: -todo[i].address.cell.samples)
+    if jobs == 1:
+        with ThreadPoolExecutor(1) as pool:
+            for i in order:
+                yield i, pool.submit(todo[i].compute, study, posterior).result()
+        return
+    parallel = Parallel(n_jobs=jobs, backend="loky", return_as="generator_unordered", pre_dispatch="2*n_jobs")
+    yield from parallel(delayed(_numbered)(i, todo[i], study, posterior) for i in order)
+
+
+def _numbered(index: int, task: Task, study: Study, posterior: Posterior) -> tuple[int, Parts]:
+    return index, task.compute(study, posterior)
+
+
+def printed(run: Run) -> Iterator[str]:
+    """The posterior tables in short, for a terminal.
+
+    Yields:
+        A title, a header, and a line per cell and kind of chain: how many chains, how many of them ok, the largest
+        shift of the posterior mean from the MLE in posterior standard deviations, the range of the posterior's
+        standard deviation over the bound, and the longest autocorrelation time.
+    """
+    found, beside = run.table("posterior"), run.table("answers")
+    keys = ["cell", "trial", "likelihood", "noise_is"]
+    endings = [*(str(i + 1) for i in range(run.study.dimension)), "radius"]
+    mle = beside[beside["estimator"] == "mle"].set_index(keys)
+    found["shift"] = (
+        mle[[f"away_{e}" for e in endings]].abs().max(axis=1).reindex(found.set_index(keys).index).to_numpy()
+    )
+    ratio = found[[f"sd_{e}" for e in endings]].to_numpy() / found[[f"bound_{e}" for e in endings]].to_numpy()
+    found["least"], found["most"] = ratio.min(axis=1), ratio.max(axis=1)
+    yield f"{run.study.run_name()}: posteriors, largest shift of the mean from the MLE (in sd), and sd over bound"
+    titles = f"{'N':>7}{'σ/r':>10}{'φ':>7}  {'likelihood':<13}{'noise':<9}"
+    yield titles + f"{'ok':>7}{'shift':>8}{'sd over bound':>17}{'τ':>7}"
+    for _, part in found.groupby(["cell", "likelihood", "noise_is"], sort=False, observed=True):
+        row, ok = part.iloc[0], part[part["status"] == ChainStatus.OK]
+        text = (
+            f"{row['samples']:>7}{row['noise'] / row['radius']:>10.3g}{row['angle']:>6.4g}°  "
+            f"{row['likelihood']:<13}{row['noise_is']:<9}{len(ok):>3}/{len(part):<3}"
+        )
+        if len(ok):
+            text += (
+                f"{ok['shift'].max():>8.2f}{ok['least'].min():>9.2f} … {ok['most'].max():.2f}{ok['tau'].max():>8.0f}"
+            )
+        yield text
+    yield from calibration.printed(calibration.trials(found, beside))

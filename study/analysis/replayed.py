@@ -1,0 +1,69 @@
+"""One trial drawn again, for a reader: the truth, the bound, and what every estimator makes of it."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pandas as pd
+
+from study.estimators import ESTIMATORS
+from study.estimators.fit import explain
+from study.experiment.config import Study
+from study.experiment.replay import Trial
+
+
+def points(trial: Trial) -> pd.DataFrame:
+    """The points, a row per sample: columns x_1 … x_d."""
+    return pd.DataFrame({f"x_{i + 1}": row for i, row in enumerate(trial.samples.x[0])})
+
+
+def answers(study: Study, trial: Trial) -> pd.DataFrame:
+    """Every estimator's answer, a row each, as the run's error table has them.
+
+    Returns:
+        Columns: estimator, error (distance of the centre from the truth), over_bound (in units of √tr CRLB of the
+        realised directions), axis (error along the cap's axis), radius_error, noise (σ̂, or σ as told), condition (ρ),
+        iterations, status in words.
+    """
+    d = study.dimension
+    bound = trial.cell.noise * float(np.sqrt(np.trace(trial.unit_bound[:d, :d])))
+    rows = []
+    for name in study.estimators:
+        fit = ESTIMATORS[name](trial.samples)
+        vector = fit.center[0] - np.array(trial.cell.center)
+        error = float(np.linalg.norm(vector))
+        rows.append(
+            {
+                "estimator": name,
+                "error": error,
+                "over_bound": error / bound,
+                "axis": float(vector[0]),
+                "radius_error": float(fit.radius[0] - trial.cell.radius),
+                "noise": float(np.sqrt(fit.noise_variance[0])),
+                "condition": float(fit.condition[0]),
+                "iterations": int(fit.iterations[0]),
+                "status": explain(int(fit.status[0])),
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def printed(study: Study, trial: Trial) -> Iterator[str]:
+    """The trial for a terminal: its conditions, the bound, and a line per estimator."""
+    cell, d = trial.cell, study.dimension
+    errors = cell.noise * np.sqrt(np.diag(trial.unit_bound))
+    center = ", ".join(f"{value:.9g}" for value in cell.center)
+    yield f"{study.run_name()}, cell {cell.name}, trial {trial.trial}"
+    yield f"  N = {cell.samples:,}, σ = {cell.noise:g} ({cell.noise / cell.radius:.3g} r), φ = {cell.angle:g}°"
+    yield f"  true centre ({center}), radius {cell.radius:g}"
+    yield (
+        f"  bound: {np.sqrt(np.sum(errors[:d] ** 2)):.3g} for the centre ({errors[0]:.3g} along the axis), "
+        f"{errors[d]:.3g} for the radius"
+    )
+    lines = [["estimator", "error", "over bound", "along axis", "radius error", "noise", "ρ", "steps", "status"]]
+    for row in answers(study, trial).to_dict("records"):
+        numbers = [row[name] for name in ("error", "over_bound", "axis", "radius_error", "noise", "condition")]
+        texts = [f"{value:.3g}" if np.isfinite(value) else "-" for value in numbers]
+        lines.append([row["estimator"], *texts, str(row["iterations"] or "-"), row["status"]])
+    wide = [max(len(line[i]) for line in lines) for i in range(len(lines[0]))]
+    for line in lines:
+        yield "  ".join(f"{text:<{w}}" for text, w in zip(line, wide, strict=True)).rstrip()
