@@ -21,7 +21,7 @@ from study.analysis.measures import (
     tail_index,
 )
 from study.estimators import Status
-from study.experiment.config import RandomDesign
+from study.experiment.conditions import RandomDesign
 from study.runs import tables
 from study.runs.store import Run
 
@@ -34,7 +34,7 @@ def summarise(run: Run) -> pd.DataFrame:
     errors = run.table("errors")
     frame = summary(errors, by_decade=isinstance(run.study.design, RandomDesign))
     columns = tables.summary()
-    metadata = {"study.config": run.study.model_dump_json()}
+    metadata = {"study.config": run.study.canonical()}
     data = {column.name: frame[column.name].to_numpy() for column in columns}
     run.save("summary", tables.table(columns, data).replace_schema_metadata(metadata))
     return frame
