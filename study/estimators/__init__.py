@@ -8,8 +8,10 @@ from study.estimators.gdk import gdke, ugdk
 from study.estimators.igdk import Incremental, igdk
 from study.estimators.lls import lls
 from study.estimators.lls_nr import lls_nr, lls_nr_raw
+from study.estimators.lls_single import lls_single
 from study.estimators.mgdk import JointFit, mgdk
 from study.estimators.mle import mle
+from study.estimators.mle_starts import mle_centroid, mle_mirror
 from study.estimators.roots import als, als_guarded, hinge, hyper, pratt, taubin
 from study.estimators.ugdk_cov import ugdk_cov
 from study.sphere.bounds import noise_covariance
@@ -24,9 +26,12 @@ _BIASED = "pulled towards the points by the noise, which its standard errors do 
 
 ESTIMATORS: dict[str, Estimator] = {
     "mle": Estimator(mle, "paper §4.3; Shakarji 1998", flops=lambda d: d * d + 9 * d + 8, flops_of="a pass"),
+    "mle_centroid": Estimator(mle_centroid, "mle from another start, the centroid of the points"),
+    "mle_mirror": Estimator(mle_mirror, "mle from a wrong start, beyond the points"),
     "lls": Estimator(lls, "paper §4.4", flops=lambda d: 2 * d * d + 12 * d + 6, caution=_BIASED),
     "lls_nr": Estimator(lls_nr, "paper §4.4; Press et al. 1992: centred, singular values cut at 1e-5", caution=_BIASED),
     "lls_nr_raw": Estimator(lls_nr_raw, "paper §4.4; Press et al. 1992: not centred, cut at 1e-6", caution=_BIASED),
+    "lls_single": Estimator(lls_single, "lls by normal equations in single precision", caution=_BIASED),
     "gdke": Estimator(gdke, "paper eqs 2-6; Kåsa 1976", flops=_moments, moments_suffice=True, caution=_BIASED),
     "ugdk": Estimator(ugdk, "paper eqs 15-21", needs="noise", flops=_moments, moments_suffice=True),
     "als": Estimator(als, "Kukush, Markovsky & Van Huffel 2004", flops=_moments, moments_suffice=True),

@@ -27,6 +27,13 @@ _MAX_HALVINGS = 40
 _TOLERANCE = 1e-9
 """A Newton step below this share of the radius ends the iteration: the next one would be its square."""
 _EPS = 2.0**-52
+_LEVEL = 0.01
+"""Where rounding ends the iteration although Newton's step is above this share of the radius, F has levelled off on the
+way to a plane: it no longer tells centres apart that differ."""
+_FAR = 1e-5
+"""An iteration that does not end beyond this share of the bound is on its way to it."""
+_CANCELLED = 1e4
+"""F is formed about the last radius. Where a long step leaves less than this share of the sum, it is formed again."""
 _FLAT = 1e-15
 """Least curvature, per sample, that a step is divided by."""
 _BOUND = 1e8
@@ -102,17 +109,21 @@ def _minimise(x: Any, a: Any, bound: float, result: Any) -> int:
         for k in range(n):
             square += (xi[k] - ai) ** 2
     radius = math.sqrt(square / n)  # GDKE's own, eq. 3: a reference that keeps R - r small
-    best, before, halvings, steps = math.inf, radius, 0, 0
+    best, before, halvings, steps, wanted, size = math.inf, radius, 0, 0, 0.0, 0.0
     while True:
         _pass(x, trial, radius, sums, pull, mean, curve, rows)
         value = sums[1] - sums[0] * sums[0] / n
+        if sums[0] * sums[0] > _CANCELLED * n * value:
+            radius += sums[0] / n
+            _pass(x, trial, radius, sums, pull, mean, curve, rows)
+            value = sums[1] - sums[0] * sums[0] / n
         if value <= best:
             best, halvings = value, 0
             a[:] = trial
             before = radius + sums[0] / n  # R̄, the radius that belongs to this centre
             result[0], result[1], result[2] = before, best, float(steps)
             if steps >= _MAX_ITERATIONS:
-                return Status.NOT_CONVERGED
+                return Status.AT_BOUND if size > (_FAR * bound) ** 2 else Status.NOT_CONVERGED
             steps += 1
             for i in range(d):
                 descent[i] = pull[i] - (before - radius) * mean[i]  # Σ(R - R̄)e, from Σ(R - r)e
@@ -129,11 +140,11 @@ def _minimise(x: Any, a: Any, bound: float, result: Any) -> int:
         elif halvings == 0 and value <= best + 2.0 * _EPS * radius * math.sqrt(n * best):
             a[:] = trial  # rounding no longer lets F tell two centres apart: this one is a Newton step further
             result[0], result[1], result[2] = radius + sums[0] / n, value, float(steps)
-            return Status.OK
+            return Status.AT_BOUND if wanted > _LEVEL * before else Status.OK
         else:
             halvings += 1
             if halvings > _MAX_HALVINGS:
-                return Status.NOT_CONVERGED
+                return Status.AT_BOUND if size > (_FAR * bound) ** 2 else Status.NOT_CONVERGED
             for i in range(d):
                 step[i] *= 0.5
         length = along = size = 0.0
@@ -142,6 +153,8 @@ def _minimise(x: Any, a: Any, bound: float, result: Any) -> int:
         length = math.sqrt(length)
         if not length < math.inf:
             return Status.NOT_FINITE
+        if halvings == 0:
+            wanted = length
         if length > before:
             for i in range(d):
                 step[i] *= before / length
@@ -155,7 +168,7 @@ def _minimise(x: Any, a: Any, bound: float, result: Any) -> int:
                 a[:] = trial
                 result[0] -= along / n
             result[2] = float(steps)
-            return Status.OK
+            return Status.AT_BOUND if wanted > _LEVEL * before else Status.OK
         if size > bound * bound:
             return Status.AT_BOUND
 
@@ -182,15 +195,21 @@ def mle(samples: Samples) -> Fit:
 
     Source: paper §4.3; Shakarji 1998.
     """
+    return minimum_from(samples, 1.0)
+
+
+def minimum_from(samples: Samples, share: float) -> Fit:
+    """The minimum of F that Newton's method finds from x̄ + share · (ĉ - x̄), where ĉ is GDKE's answer."""
     b, d, n = samples.shape
     start, moments = gdke(samples), samples.moments
     fit = blank(b, d)
     fit.status[:] = start.status
-    offset, results = start.center - moments.mean, np.full((b, 3), np.nan)
+    offset, results = share * (start.center - moments.mean), np.full((b, 3), np.nan)
     bound = _BOUND * np.sqrt(np.trace(moments.second, axis1=1, axis2=2) / n)
     _fit_all(samples.x, moments.mean, offset, bound, fit.status, results)
     fit.center[:] = moments.mean + offset
     fit.radius[:] = results[:, 0]
-    fit.noise_variance[:] = results[:, 1] / (n - d - 1) if n > d + 1 else np.nan
+    least = np.maximum(results[:, 1], 0.0)  # rounding can take F below 0 where the points lie on a sphere
+    fit.noise_variance[:] = least / (n - d - 1) if n > d + 1 else np.nan
     fit.iterations[:] = np.nan_to_num(results[:, 2])
     return fit

@@ -33,9 +33,12 @@ FAINT = "#8a8a8a"
 # white paper swallows; then Tol's muted ones; variants are near to what they vary. Black is the truth and the bound.
 _LOOKS: dict[str, tuple[str, str, str]] = {
     "mle": ("MLE", "#0072b2", "o"),
+    "mle_centroid": ("MLE (centroid)", "#004d80", "o"),
+    "mle_mirror": ("MLE (mirror)", "#5a88a8", "o"),
     "lls": ("LLS", "#e69f00", "s"),
     "lls_nr": ("LLS (NR)", "#a87b1e", "s"),
     "lls_nr_raw": ("LLS (NR, raw)", "#6f5300", "s"),
+    "lls_single": ("LLS (single)", "#c4a35a", "s"),
     "gdke": ("GDKE", "#d55e00", "^"),
     "ugdk": ("UGDK", "#009e73", "D"),
     "ugdk_cov": ("UGDK (Σ̂)", "#5b7f14", "d"),

@@ -15,7 +15,7 @@ from study.analysis.fitting import answers, choose, described, fit_all, printed
 from study.analysis.pointfile import PointFileError
 from study.estimators import Status
 
-BIASED = {"lls", "lls_nr", "lls_nr_raw", "gdke", "igdk"}
+BIASED = {"lls", "lls_nr", "lls_nr_raw", "lls_single", "gdke", "igdk"}
 FREE = [name for name, entry in study.ESTIMATORS.items() if entry.needs != "noise"]
 
 

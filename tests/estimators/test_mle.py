@@ -105,8 +105,7 @@ def test_noisy_plane(rng, thickness):
     fit = study.fit(points, "mle")
     assert set(np.unique(fit.status)) <= {Status.OK, Status.AT_BOUND}
     assert fit.radius.min() > 10.0
-    bound = fit.radius[fit.status == Status.AT_BOUND]
-    assert np.all(bound > 1e7)
+    assert np.all(fit.radius[fit.status == Status.AT_BOUND] > 1e3)
 
 
 def test_symmetric_plane_runs_to_the_bound():

@@ -14,10 +14,15 @@ import study
 from study import Status
 
 RELATIVE = 1e4 * np.finfo(float).eps
+COARSE = {"lls_single": 1e4 * np.finfo(np.float32).eps}
+"""The same for an estimator that computes in single precision."""
 DECADES = {"lls_nr": 0.5, "lls_nr_raw": 0.5}
 """By how much the unit may change, up and down; 6 decades, but for reproductions of a flaw that hangs on the unit."""
 MORE = {"ugdk_cov": 60}
 """Samples added for an estimator that finds more than d + 2 numbers in its points."""
+
+EVEN = {"mle_mirror": 0.3}
+"""Largest distance of the centroid from the centre, over the radius, for a start that else is out of the sphere."""
 
 CASES = st.tuples(st.integers(2, 4), st.integers(0, 56), st.floats(60.0, 180.0), st.integers(0, 2**32 - 1))
 
@@ -39,6 +44,7 @@ def sound(on_cap, estimator):
         )
         scatter = np.linalg.svd(directions - directions.mean(axis=0), compute_uv=False)[-1] / np.sqrt(len(points))
         assume(scatter > 0.1)
+        assume(np.linalg.norm(directions.mean(axis=0)) < EVEN.get(estimator, 1.0))
         return points, rng
 
     return make
@@ -51,15 +57,21 @@ def fit(points, estimator, noise=0.01):
     return answer
 
 
-def assert_same(got, center, radius, variance, scale=1.0, size=10.0):
-    """Centre, radius and noise variance agree, for a sphere of radius ``scale`` within ``size`` of the origin."""
-    np.testing.assert_allclose(got.center, center, rtol=0, atol=RELATIVE * size)
-    np.testing.assert_allclose(got.radius, radius, rtol=0, atol=RELATIVE * size)
-    np.testing.assert_allclose(got.noise_variance, variance, rtol=0, atol=RELATIVE * size * scale)
+@pytest.fixture(scope="session")
+def assert_same(estimator):
+    """Assert that a fit is this one, for a sphere of radius ``scale`` within ``size`` of the origin."""
+    relative = COARSE.get(estimator, RELATIVE)
+
+    def check(got, center, radius, variance, scale=1.0, size=10.0):
+        np.testing.assert_allclose(got.center, center, rtol=0, atol=relative * size)
+        np.testing.assert_allclose(got.radius, radius, rtol=0, atol=relative * size)
+        np.testing.assert_allclose(got.noise_variance, variance, rtol=0, atol=relative * size * scale)
+
+    return check
 
 
 @properties
-def test_shift(sound, estimator, case):
+def test_shift(sound, assert_same, estimator, case):
     """Shifted points have a shifted sphere."""
     points, rng = sound(case)
     shift = 100.0 * rng.standard_normal(points.shape[1])
@@ -68,7 +80,7 @@ def test_shift(sound, estimator, case):
 
 
 @properties
-def test_rotation_and_reflection(sound, random_rotation, estimator, case):
+def test_rotation_and_reflection(sound, assert_same, random_rotation, estimator, case):
     """Turned or mirrored points have a turned or mirrored sphere."""
     points, rng = sound(case)
     q = random_rotation(rng, points.shape[1])
@@ -78,7 +90,7 @@ def test_rotation_and_reflection(sound, random_rotation, estimator, case):
 
 
 @properties
-def test_scale(sound, estimator, case):
+def test_scale(sound, assert_same, estimator, case):
     """Another unit of length gives the same sphere in that unit."""
     points, rng = sound(case)
     scale = 10.0 ** (DECADES.get(estimator, 6.0) * rng.uniform(-1, 1))
@@ -90,7 +102,7 @@ def test_scale(sound, estimator, case):
 
 
 @properties
-def test_exact_without_noise(sound, estimator, case):
+def test_exact_without_noise(sound, assert_same, estimator, case):
     """Points exactly on a sphere give that sphere."""
     points, _ = sound(case, noise=0.0)
     center = np.random.default_rng(case[3]).standard_normal(points.shape[1])
@@ -100,7 +112,7 @@ def test_exact_without_noise(sound, estimator, case):
 
 
 @properties
-def test_permutation(sound, estimator, case):
+def test_permutation(sound, assert_same, estimator, case):
     """The order of the samples does not matter."""
     points, rng = sound(case)
     one, two = fit(points, estimator), fit(rng.permutation(points), estimator)
@@ -108,7 +120,7 @@ def test_permutation(sound, estimator, case):
 
 
 @properties
-def test_swapped_coordinates(sound, estimator, case):
+def test_swapped_coordinates(sound, assert_same, estimator, case):
     """The order of the coordinates does not matter."""
     points, rng = sound(case)
     order = rng.permutation(points.shape[1])
