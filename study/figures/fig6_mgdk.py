@@ -13,12 +13,12 @@ first values. A fit without a number counts as worse than any.
 from dataclasses import dataclass
 
 import numpy as np
-import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
+from study.analysis.markers import point_sets
 from study.analysis.measures import Measure, quantile
 from study.estimators import fit, mgdk
 from study.figures import style
@@ -76,7 +76,7 @@ def prepare(tables: Tables) -> Frame:
     if cells["radius"].nunique() < 2:
         raise NotApplicable("needs both markers under the same noise: noise in the config, not noise_over_radius")
     cells = cells.sort_values("radius")
-    outer, inner = (_sets(points, cells["cell"].iloc[place]) for place in (-1, 0))
+    outer, inner = (point_sets(points, cells["cell"].iloc[place]) for place in (-1, 0))
     radii = cells["radius"].to_numpy()
     if np.allclose(np.linalg.norm(outer[0] - inner[0], axis=1), radii[-1] - radii[0], rtol=1e-9):
         raise NotApplicable('needs markers of their own: draws = "independent" in the config')
@@ -99,13 +99,6 @@ def prepare(tables: Tables) -> Frame:
         stamp=f"{tables.name} · trial {shown} of {count}; medians over {count} trials",
         caption=f"$N$ = {cell['samples']} each, $σ$ = {cell['noise']:g}, $φ$ = {cell['angle']:g}°",
     )
-
-
-def _sets(points: pd.DataFrame, cell: str) -> Floats:
-    """Point sets (trials, n, 2) of one cell, measured from the true centre."""
-    mine = points[points["cell"] == cell].sort_values(["trial", "sample"])
-    flat = np.stack([mine[f"x_{i}"] - mine[f"center_{i}"] for i in (1, 2)], axis=1)
-    return flat.reshape(mine["trial"].nunique(), -1, 2)
 
 
 def _typical(distances: Floats) -> int:

@@ -95,4 +95,4 @@ def test_printed_labels_tell_groups_apart(run):
 def test_metadata(run):
     """The stored summary holds the config of its run."""
     metadata = pq.read_schema(run.folder / "summary.parquet").metadata
-    assert metadata[b"study.config"].decode() == run.study.model_dump_json()
+    assert metadata[b"study.config"].decode() == run.study.canonical()

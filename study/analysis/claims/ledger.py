@@ -162,8 +162,8 @@ def evaluate(claims: Iterable[Claim], evidence: Evidence) -> list[Finding]:
 def _evaluate(claim: Claim, evidence: Evidence) -> Finding:
     try:
         numbers = claim.measure(evidence)
-    except TableMissing as reason:
-        return Finding(claim, Verdict.NOT_EVALUATED, [], str(reason))
+    except TableMissing as missing:
+        return Finding(claim, Verdict.NOT_EVALUATED, [], str(missing))
     unformed = [number.words for number in numbers if math.isnan(number.value)]
     if unformed:
         reason = f"too little in the tables for: {'; '.join(unformed)}"

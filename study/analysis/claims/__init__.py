@@ -1,0 +1,59 @@
+"""The claims of the paper, in its order, each judged by stored tables.
+
+To add one, write a `Claim` in the file of its subject, with what it reads, measures and judges by.
+"""
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import pandas as pd
+
+from study.analysis.claims import bias, bound, costs, errors, markers, outliers, power, ugdk
+from study.analysis.claims.ledger import Claim, Evidence, Verdict, evaluate, frame
+from study.runs import tables
+from study.runs.store import Run
+
+CLAIMS: tuple[Claim, ...] = (
+    *errors.CLAIMS,
+    *bound.CLAIMS,
+    *outliers.CLAIMS,
+    *bias.CLAIMS,
+    *ugdk.CLAIMS,
+    *markers.CLAIMS,
+    *costs.CLAIMS,
+    *power.CLAIMS,
+)
+
+__all__ = ["CLAIMS", "Claim", "Evidence", "Verdict", "judge_all", "printed", "save"]
+
+
+def judge_all(runs: Iterable[Run], cost: Path | None = None) -> pd.DataFrame:
+    """Judge every claim by the runs at hand.
+
+    Args:
+        runs: finished runs, of different configs.
+        cost: the file of a cost table, as `study cost` writes it.
+
+    Returns:
+        The claims table: a row per claim; columns as `study.runs.tables.CLAIMS` declares them.
+
+    Raises:
+        RunError: if two runs have one name, or the cost table cannot be read.
+    """
+    evidence = Evidence.of(runs, cost)
+    return frame(evaluate(CLAIMS, evidence), evidence)
+
+
+def save(run: Run, claims: pd.DataFrame) -> None:
+    """Store the claims table in a run's folder."""
+    data = {column.name: claims[column.name].to_numpy() for column in tables.CLAIMS}
+    run.save("claims", tables.table(tables.CLAIMS, data))
+
+
+def printed(claims: pd.DataFrame) -> Iterator[str]:
+    """The claims for a terminal: two lines each, and how many there are of each verdict."""
+    for row in claims.itertuples():
+        yield f"{row.number:>2}  §{row.section:<6} {str(row.verdict).upper():<18} {row.statement}"
+        yield f"    {row.finding}"
+    counts = claims["verdict"].value_counts()
+    yield "; ".join(f"{counts[verdict]} {verdict}" for verdict in map(str, Verdict) if verdict in counts)

@@ -1,0 +1,206 @@
+"""Claims on the Cramér-Rao bound: whether UGDK attains it, whether none is below it, and GDKE on the whole sphere.
+
+Cells of the efficiency grid that differ by the noise alone share their draws: at small noise they tell one thing, not
+many. Where the extreme of many cells is a claim's number, its criterion leaves room for that choice.
+"""
+
+import math
+from itertools import pairwise
+
+import pandas as pd
+from scipy import stats
+
+from study.analysis.claims.ledger import Claim, Evidence, Number, Verdict
+from study.analysis.claims.measured import LEAST, cells, level, median, over
+from study.analysis.claims.medians import of
+from study.analysis.measures import UNKNOWN, Measure, mean, moments_exist, quantile, root_mean_square, tail_index
+from study.sphere.cap import cap_moments
+
+_GRID = ("mle", "gdke", "ugdk")
+_WHOLE = 180.0
+_NORMAL_MEDIAN = float(stats.norm.ppf(0.75))
+"""Median of the absolute value of a standard normal deviate."""
+
+
+# claim 19 ------------------------------------------------------------------------------------------------------------
+
+_SAFE = 20.0
+"""Least κ = (v/σ²) √(N/2) at which the large-sample formula of theory (5.3) may be asked."""
+
+
+def _variance_ratio(part: pd.DataFrame, angle: float) -> Measure:
+    """Variance of the axis error over its bound, from the median of its absolute value, for no mean need exist."""
+    moments = cap_moments(math.radians(angle), 3)
+    axis = (1.0 / moments.along) / (1.0 / moments.along + 2.0 / moments.across)  # its share of tr CRLB
+    scaled = (part["error_1"].abs() / (part["bound"] * math.sqrt(axis))).fillna(math.inf).to_numpy()
+    root = median(scaled)
+    value = (root.value / _NORMAL_MEDIAN) ** 2
+    return Measure(value, 2.0 * value * root.error / root.value)
+
+
+def _predicted(noise: float, angle: float) -> float:
+    """Theory (5.3): variance of UGDK along the axis over the bound, for d = 3 and many samples."""
+    moments = cap_moments(math.radians(angle), 3)
+    return 1.0 + noise**2 * (22.0 / 4.0 + (1.0 - moments.along + moments.mean**2) / moments.along)
+
+
+def _measure_efficiency(evidence: Evidence) -> list[Number]:
+    errors = evidence.table("efficiency", "errors")
+    root = math.sqrt(float(errors["samples"].max()) / 2.0)
+    found = []
+    for angle, noise, part in cells(errors, "ugdk"):
+        kappa = cap_moments(math.radians(angle), 3).along / noise**2 * root
+        if angle < _WHOLE and kappa >= _SAFE and len(part) >= LEAST:
+            found.append((_variance_ratio(part, angle), _predicted(noise, angle), angle, noise, len(part)))
+    if not found:
+        return [Number.of("UGDK's variance over the bound", UNKNOWN, 0)]
+    greatest, theory, angle, noise, trials = max(found, key=lambda entry: entry[0].value)
+    quiet = [entry for entry in found if entry[3] == min(e[3] for e in found)]
+    small, _, _, at, few = max(quiet, key=lambda entry: abs(entry[0].value - 1.0))
+    where = f"φ = {angle:g}°, σ = {noise:.2g} r"
+    return [
+        Number.of(
+            f"UGDK's variance along the axis over the bound's, greatest where κ ≥ 20 ({where})", greatest, trials
+        ),
+        Number(f"the same by theory (5.3), {where}", theory, 0.0, 0),
+        Number.of(f"measured at σ = {at:.2g} r, furthest from 1 of the angles", small, few),
+    ]
+
+
+def _judge_efficiency(numbers: list[Number]) -> Verdict:
+    greatest, _, small = numbers
+    if greatest.value - 3.0 * greatest.error <= 1.1:
+        return Verdict.REPRODUCED
+    return Verdict.PARTLY if abs(small.value - 1.0) <= max(0.1, 3.0 * small.error) else Verdict.NOT_REPRODUCED
+
+
+# claim 21 ------------------------------------------------------------------------------------------------------------
+
+_SEEN = 3.0
+"""Standard errors up to which a mean error is no bias that shows."""
+
+
+def _measure_bound(evidence: Evidence) -> list[Number]:
+    errors = evidence.table("efficiency", "errors")
+    found: list[tuple[Measure, str, int, float]] = []
+    for name in _GRID:
+        for angle, noise, part in cells(errors, name):
+            if moments_exist(tail_index(part["error"].dropna().to_numpy())):
+                root = root_mean_square((part["error"] / part["bound"]).dropna().to_numpy())
+                bias = mean(part["error_1"].dropna().to_numpy())
+                where = f"{name.upper()}, φ = {angle:g}°, σ = {noise:.2g} r"
+                found.append((root, where, len(part), abs(bias.value) / bias.error))
+    words = "least root mean square error over √tr CRLB"
+    unbiased = [entry for entry in found if entry[3] <= _SEEN]
+    if not unbiased:
+        return [Number.of(words, UNKNOWN, 0)]
+    least, where, trials, pull = min(found)
+    of_unbiased, elsewhere, few, _ = min(unbiased)
+    return [
+        Number.of(f"{words} ({where})", least, trials),
+        Number("mean error along the axis there over its standard error", pull, 1.0, trials),
+        Number.of(f"{words} where no bias shows ({elsewhere})", of_unbiased, few),
+    ]
+
+
+def _judge_bound(numbers: list[Number]) -> Verdict:
+    of_all, _, of_unbiased = numbers
+    holds = [number.value + 5.0 * number.error >= 1.0 for number in (of_all, of_unbiased)]
+    if all(holds):
+        return Verdict.REPRODUCED
+    return Verdict.PARTLY if holds[1] else Verdict.NOT_REPRODUCED
+
+
+# claim 22 ------------------------------------------------------------------------------------------------------------
+
+
+def _measure_even(evidence: Evidence) -> list[Number]:
+    errors = evidence.table("efficiency", "errors")
+    efficient = math.sqrt(stats.chi2.ppf(0.5, 3) / 3.0)  # three equal variances, as on the whole sphere
+    rows = of(errors, "gdke")
+    rows = rows[level(rows) <= 0.32]
+    words = "GDKE's median error over that of an efficient estimator, σ ≤ .3 r, greatest"
+    sphere = [(_over_bound(part), part) for angle, _, part in cells(rows, "gdke") if angle == _WHOLE]
+    if not sphere:
+        return [Number.of(f"{words}, whole sphere", UNKNOWN, 0)]
+    greatest, _ = max(sphere, key=lambda entry: entry[0].value)
+    pull = max((_pull(part) for _, part in sphere), key=abs)
+    trials = min(len(part) for _, part in sphere)
+    numbers = [
+        Number.of(f"{words}, whole sphere", Measure(*(v / efficient for v in greatest)), trials),
+        Number("GDKE's bias there over its Monte-Carlo error, furthest from 0", pull, 1.0, trials),
+    ]
+    for clumped in sorted({float(angle) for angle in rows["angle"]} - {_WHOLE}, reverse=True):
+        levels = [(_over_bound(part), len(part)) for angle, _, part in cells(rows, "gdke") if angle == clumped]
+        found, few = max(levels, key=lambda entry: entry[0].value)
+        numbers.append(Number.of(f"GDKE's median error over bound, greatest, φ = {clumped:g}°", found, few))
+    return numbers
+
+
+def _over_bound(part: pd.DataFrame) -> Measure:
+    return median(over(part, "bound").to_numpy())
+
+
+def _pull(part: pd.DataFrame) -> float:
+    """Median axis error in its own Monte-Carlo errors."""
+    found = quantile(part["error_1"].dropna().to_numpy(), 0.5)
+    return found.value / found.error
+
+
+def _judge_even(numbers: list[Number]) -> Verdict:
+    even, pull, *clumped = numbers
+    good = even.value - 3.0 * even.error <= 1.2 and abs(pull.value) <= 4.0
+    rising = [even, *clumped]
+    worse = len(clumped) > 0 and all(
+        b.value - a.value > 2.0 * math.hypot(a.error, b.error) for a, b in pairwise(rising)
+    )
+    if good and worse:
+        return Verdict.REPRODUCED
+    return Verdict.PARTLY if good or worse else Verdict.NOT_REPRODUCED
+
+
+CLAIMS: tuple[Claim, ...] = (
+    Claim(
+        name="ugdk-efficient",
+        section="10.1",
+        statement="UGDK has the same efficiency with respect to the Cramér-Rao bound as slower methods: it attains it.",
+        quantity="UGDK's variance along the cap's axis over the bound's, by medians, N = 1000",
+        criterion="Reproduced if the greatest, where κ = (v/σ²)√(N/2) ≥ 20, is at most 1.1, three standard errors "
+        "allowed; partly if at the smallest noise it is 1 within .1 or three standard errors; not reproduced else.",
+        reads=("efficiency/errors",),
+        measure=_measure_efficiency,
+        judge=_judge_efficiency,
+        figure="fig_efficiency",
+        remark="Efficient for σ² ≪ v/2 only: the realised noise is not the σ² that is subtracted, and that costs "
+        "1 + 96 σ²/(r²φ⁴) on small caps. Measuring the noise in the same points does not have this cost.",
+    ),
+    Claim(
+        name="bound-for-all",
+        section="4.2",
+        statement="All estimators have at best an error of the Cramér-Rao bound.",
+        quantity="least root mean square error over √tr CRLB, MLE, GDKE and UGDK where it exists",
+        criterion="Reproduced if the least is at least 1, five standard errors allowed; partly if it is below, but not "
+        "where no bias shows (a mean error of up to three of its standard errors); not reproduced otherwise.",
+        reads=("efficiency/errors",),
+        measure=_measure_bound,
+        judge=_judge_bound,
+        figure="fig_efficiency",
+        remark="The bound holds for estimators without bias. At σ ≥ r GDKE and MLE stay near the points, an error of "
+        "about r, while the bound goes on growing with σ.",
+    ),
+    Claim(
+        name="gdke-even-data",
+        section="5",
+        statement="GDKE estimates well if the data are evenly distributed over the whole sphere, and the farther off "
+        "the more they are clumped to one side.",
+        quantity="GDKE's median error over bound up to σ = .3 r, by cap",
+        criterion="Good: on the whole sphere the greatest is at most 1.2 times that of an efficient estimator, three "
+        "standard errors allowed, and the bias within four standard errors of 0. Worse: it grows from each cap to the "
+        "next smaller one by two standard errors. Reproduced with both, partly with one, else not. All fits.",
+        reads=("efficiency/errors",),
+        measure=_measure_even,
+        judge=_judge_even,
+        figure="fig_efficiency",
+        remark="On the whole sphere the bias vanishes by symmetry.",
+    ),
+)
