@@ -1,10 +1,11 @@
 """The command line: one command per library call, no logic. Heavy imports wait inside the commands."""
 
+import contextlib
 import io
 import os
 import platform
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -20,6 +21,8 @@ app = typer.Typer(
 
 Config = Annotated[Path, typer.Argument(metavar="CONFIG", help="a study's config, such as configs/sweep.toml")]
 Folder = Annotated[Path, typer.Argument(metavar="RUN", help="a run's folder, such as results/paper-0123456789")]
+Folders = Annotated[list[Path], typer.Argument(metavar="RUN", help="folders of runs of different configs")]
+Cost = Annotated[Path | None, typer.Option("--cost", help="the table that `study cost` stores, for claims of cost")]
 Figures = Annotated[list[str] | None, typer.Argument(metavar="FIGURE…", help="such as fig2_error [default: all]")]
 Out = Annotated[Path | None, typer.Option("--out", help="the run's folder [default: results/<name>-<digest>]")]
 Jobs = Annotated[int, typer.Option("--jobs", "-j", min=1, max=1024, help="number of workers")]
@@ -40,25 +43,39 @@ def plan(config: Config, jobs: Jobs = 2) -> None:
 
 @app.command()
 def run(
-    config: Config,
+    configs: Annotated[list[Path], typer.Argument(metavar="CONFIG…", help="studies' configs")],
     jobs: Jobs = 2,
     out: Out = None,
 ) -> None:
-    """Run a study and store its tables."""
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-
+    """Run studies and store their tables; print the folder of each."""
+    from study.analysis.posterior import compute
     from study.analysis.summary import summarise
     from study.experiment.config import read
     from study.runs import runner
 
-    study, text = read(config)
-    folder = out or Path("results") / study.run_name()
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
-    with Progress(*columns, disable=not sys.stderr.isatty(), console=_console()) as bar:
-        task = bar.add_task(study.run_name(), total=1.0)
-        done = runner.run(study, text, folder, jobs, lambda share: bar.advance(task, share))
-    summarise(done)
-    typer.echo(str(done.folder))
+    if out is not None and len(configs) > 1:
+        raise typer.BadParameter(f"--out {out} is one folder, for one config; leave it out")
+    for study, text in [read(config) for config in configs]:  # all are read before any is run
+        with _progress(study.run_name()) as advance:
+            done = runner.run(study, text, out or Path("results") / study.run_name(), jobs, advance)
+        summarise(done)
+        if study.posterior is not None:
+            with _progress("posteriors") as advance:
+                compute(done, jobs, advance)
+        typer.echo(str(done.folder))
+
+
+@app.command()
+def posterior(folder: Folder, jobs: Jobs = 2) -> None:
+    """Sample the posteriors that a run's config asks for in [posterior], with emcee."""
+    from study.analysis.posterior import compute, printed
+    from study.runs.store import Run
+
+    run = Run.open(folder)
+    with _progress("posteriors") as advance:
+        compute(run, jobs, advance)
+    for line in printed(run):
+        typer.echo(line)
 
 
 @app.command()
@@ -93,6 +110,35 @@ def figures(
 
 
 @app.command()
+def claims(folders: Folders, cost: Cost = None) -> None:
+    """Judge the paper's claims by runs; store the table in the first one's folder, and print it."""
+    from study.analysis.claims import judge_all, printed, save
+    from study.runs.store import Run
+
+    runs = [Run.open(folder) for folder in folders]
+    judged = judge_all(runs, cost)
+    save(runs[0], judged)
+    for line in printed(judged):
+        typer.echo(line)
+
+
+@app.command()
+def report(
+    folders: Folders,
+    out: Annotated[Path | None, typer.Option("--out", help="the page's file [default: RUN/report.html]")] = None,
+    cost: Cost = None,
+) -> None:
+    """Write one HTML page about runs: claims, figures, tables, provenance; it needs no other file."""
+    from study.analysis.claims import judge_all
+    from study.report import render, save
+    from study.runs.store import Run
+
+    runs = [Run.open(folder) for folder in folders]
+    page = render(runs, judge_all(runs, cost))
+    typer.echo(str(save(page, out or runs[0].folder / "report.html")))
+
+
+@app.command()
 def fit(
     file: Annotated[Path, typer.Argument(metavar="POINTS", help="CSV, TSV or other text, .npy, or .parquet")],
     estimator: Annotated[str, typer.Option("--estimator", "-e", help="an estimator's name, or all")] = "als",
@@ -117,6 +163,26 @@ def fit(
 
 
 @app.command()
+def replay(
+    folder: Folder,
+    cell: Annotated[str, typer.Argument(metavar="CELL", help="the cell's name, or its beginning")],
+    trial: Annotated[int, typer.Argument(metavar="TRIAL", min=0, help="number of the data set")],
+    out: Annotated[Path | None, typer.Option("--out", help="write the points here, as CSV or parquet")] = None,
+) -> None:
+    """Draw one trial of a run again, and show the truth and every estimator's answer."""
+    from study.analysis.replayed import points, printed
+    from study.experiment.replay import find, replay
+    from study.runs.store import Run, save_frame
+
+    study = Run.open(folder).study
+    drawn = replay(study, find(study, cell, trial))
+    for line in printed(study, drawn):
+        typer.echo(line)
+    if out is not None:
+        save_frame(points(drawn), out)
+
+
+@app.command()
 def estimators() -> None:
     """List the estimators: where each comes from, what it costs per sample, what it must be told."""
     from study.analysis.fitting import described
@@ -132,18 +198,25 @@ def cost(
     ),
 ) -> None:
     """Count the operations of a fit and time it, beside the paper's figures; store the table."""
-    from study.analysis.flops import cost_table, printed, save
+    from study.analysis.flops import cost_table, printed
+    from study.runs.store import save_frame
 
     table = cost_table()
-    save(table, out)
+    save_frame(table, out)
     for line in printed(table):
         typer.echo(line)
 
 
-def _console() -> Any:
+@contextlib.contextmanager
+def _progress(words: str) -> Iterator[Callable[[float], None]]:
+    """A bar on a terminal's standard error; what it gives is told each share of the work that is done."""
     from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-    return Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+    with Progress(*columns, disable=not sys.stderr.isatty(), console=Console(stderr=True)) as bar:
+        task = bar.add_task(words, total=1.0)
+        yield lambda share: bar.advance(task, share)
 
 
 def _fix_code_target() -> None:
@@ -179,10 +252,11 @@ def main(command: Callable[..., Any] = app) -> None:
     except Exception as error:
         from study.analysis.pointfile import PointFileError
         from study.experiment.faults import ConfigError
+        from study.experiment.replay import ReplayError
         from study.experiment.work import WorkError
         from study.runs.store import RunError
 
-        if isinstance(error, ConfigError | PointFileError):
+        if isinstance(error, ConfigError | PointFileError | ReplayError):
             raise SystemExit(_said(str(error), 2)) from None
         if isinstance(error, RunError | WorkError):
             raise SystemExit(_said(str(error), 1)) from None

@@ -1,0 +1,167 @@
+"""What a page is made of: sections of blocks, plain data that the template turns into HTML, kind by kind."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+
+@dataclass(frozen=True)
+class Block:
+    """A piece of a page; ``kind`` names its look in the template."""
+
+    kind: ClassVar[str]
+
+
+Content = str | Block | Sequence["str | Block"]
+"""Text, which is escaped, or a block, or several of either."""
+
+
+@dataclass(frozen=True)
+class Text(Block):
+    """A paragraph."""
+
+    kind: ClassVar[str] = "text"
+    content: Content
+
+
+@dataclass(frozen=True)
+class Note(Block):
+    """Words below others, smaller."""
+
+    kind: ClassVar[str] = "note"
+    content: Content
+
+
+@dataclass(frozen=True)
+class Heading(Block):
+    """A heading within a section; ``id`` is unique on the page."""
+
+    kind: ClassVar[str] = "heading"
+    title: str
+    id: str
+
+
+@dataclass(frozen=True)
+class Link(Block):
+    """A link to a place on the page."""
+
+    kind: ClassVar[str] = "link"
+    words: str
+    target: str
+
+
+@dataclass(frozen=True)
+class Badge(Block):
+    """A verdict in words, on a colour that only repeats them; ``look`` is a class of the style sheet."""
+
+    kind: ClassVar[str] = "badge"
+    words: str
+    look: str
+
+
+@dataclass(frozen=True)
+class Code(Block):
+    """A name or a command within text."""
+
+    kind: ClassVar[str] = "code"
+    text: str
+
+
+@dataclass(frozen=True)
+class Verbatim(Block):
+    """Lines as they are."""
+
+    kind: ClassVar[str] = "verbatim"
+    text: str
+    label: str
+
+
+@dataclass(frozen=True)
+class Items(Block):
+    """A list."""
+
+    kind: ClassVar[str] = "items"
+    items: Sequence[Content]
+
+
+@dataclass(frozen=True)
+class Facts(Block):
+    """Terms, and what is to be said of each."""
+
+    kind: ClassVar[str] = "facts"
+    pairs: Sequence[tuple[str, Content]]
+
+
+@dataclass(frozen=True)
+class Folded(Block):
+    """What a reader may open. On paper it is open, unless it is not ``printed``."""
+
+    kind: ClassVar[str] = "folded"
+    summary: Content
+    content: Content
+    printed: bool = True
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of a table; its first cell is its header."""
+
+    cells: Sequence[Content]
+    id: str = ""
+
+
+@dataclass(frozen=True)
+class Table(Block):
+    """A table, which scrolls within its own box where it is too wide.
+
+    Attributes:
+        label: what it is, in a few words, unlike any other on the page: for those who hear the page.
+        caption: what it shows, above the box, so that it does not scroll with it.
+        head: titles of the columns.
+        rows: as many cells each as there are titles.
+        numeric: numbers of the columns that hold numbers, from 0.
+        stacked: whether a narrow screen shows each row as a card; for cells of many words.
+    """
+
+    kind: ClassVar[str] = "table"
+    label: str
+    caption: Content
+    head: Sequence[str]
+    rows: Sequence[Row]
+    numeric: frozenset[int] = frozenset()
+    stacked: bool = False
+
+    def __post_init__(self) -> None:
+        """Refuse rows that do not fit the head, which would shift columns silently."""
+        if any(len(row.cells) != len(self.head) for row in self.rows):
+            raise ValueError(f"{self.label}: a row has not {len(self.head)} cells")
+
+
+@dataclass(frozen=True)
+class Picture(Block):
+    """A picture within the page.
+
+    Attributes:
+        id: its place, to link to.
+        source: the picture itself, as a data URI.
+        alt: what it shows, for those who do not see it.
+        width, height: in pixels.
+        caption: below it.
+    """
+
+    kind: ClassVar[str] = "picture"
+    id: str
+    source: str = field(repr=False)
+    alt: str
+    width: int
+    height: int
+    caption: Content
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of the page with an entry in its table of contents."""
+
+    title: str
+    id: str
+    content: Sequence[Block]

@@ -1,0 +1,118 @@
+"""The section of the paper's claims: each with its verdict, the numbers behind it, and the rule that joins them."""
+
+from collections import Counter
+from collections.abc import Iterable
+from typing import Any
+
+import pandas as pd
+
+from study.analysis.claims.ledger import Verdict
+from study.report.blocks import Badge, Block, Code, Content, Facts, Folded, Items, Link, Note, Row, Section, Table, Text
+from study.report.material import Material
+from study.report.overview import run_id
+from study.report.words import count, readable
+
+_LOOKS = {
+    Verdict.REPRODUCED: "good",
+    Verdict.PARTLY: "partly",
+    Verdict.NOT_REPRODUCED: "bad",
+    Verdict.NOT_TESTABLE: "untested",
+    Verdict.NOT_EVALUATED: "untested",
+}
+
+
+def claims_section(material: Material) -> Iterable[Section]:
+    """The claims that the runs could judge, then those that they could not, and why."""
+    claims = material.claims
+    yield Section("The paper's claims", "claims", [*_claims(material, claims)])
+
+
+def _claims(material: Material, claims: pd.DataFrame) -> Iterable[Block]:
+    if claims.empty:
+        yield Text(
+            "No claim of the paper was judged: that takes runs of the project's own configs, such as paper.toml."
+        )
+        return
+    without = claims["verdict"] == Verdict.NOT_EVALUATED
+    judged, rest = claims[~without], claims[without]
+    yield _tally(claims)
+    if judged.empty:
+        yield Text("These runs can judge none of the claims.")
+    else:
+        head = ["No.", "§", "Claim", "Found", "Verdict"]
+        rows = [_judged(row, material) for row in judged.itertuples()]
+        caption = "Numbers are with their Monte-Carlo errors; each verdict is computed from them by the rule given."
+        yield Table("The paper's claims and what was found", caption, head, rows, stacked=True)
+    if not rest.empty:
+        rows = [
+            Row([str(r.number), str(r.section), str(r.statement), _coded(str(r.finding))]) for r in rest.itertuples()
+        ]
+        table = Table("Claims not evaluated", "", ["No.", "§", "Claim", "Why not"], rows, stacked=True)
+        title = f"{len(rows)} claim{'s' * (len(rows) > 1)} not evaluated, and why"
+        yield from _missing(rest, judged, material)
+        yield Folded(title, table)
+
+
+def _tally(claims: pd.DataFrame) -> Text:
+    """How many of each verdict there are, in the order of the verdicts."""
+    found = Counter(str(verdict) for verdict in claims["verdict"])
+    order = [*(str(v) for v in Verdict if str(v) in found), *sorted(set(found) - {str(v) for v in Verdict})]
+    badges: list[str | Block] = [f"{len(claims)} claim{'s' * (len(claims) > 1)}: "]
+    for verdict in order:
+        badges += [_badge(verdict, f"{found[verdict]} {verdict}"), " "]
+    return Text(badges[:-1])
+
+
+def _badge(verdict: str, words: str) -> Badge:
+    return Badge(words, _LOOKS.get(Verdict(verdict), "untested") if verdict in set(Verdict) else "untested")
+
+
+def _judged(row: Any, material: Material) -> Row:
+    """A claim with a verdict; the row comes from `DataFrame.itertuples`."""
+    name = str(row.figure)
+    figure: Content = Link(name, name) if name in material.pictures else name
+    places = {record.name: run_id(record) for record in material.records}
+    runs: list[str | Block] = []
+    for run in filter(None, str(row.runs).split(", ")):
+        runs += [", "] * bool(runs) + [Link(run, places[run]) if run in places else run]
+    facts: list[tuple[str, Content]] = [
+        ("Measured", str(row.quantity)),
+        ("Criterion", str(row.criterion)),
+        ("Remark", str(row.remark)),
+        ("Trials", f"at least {count(int(row.trials))} behind each number" if row.trials else ""),
+        ("Runs", runs),
+        ("Tables", Code(str(row.reads)) if row.reads else ""),
+    ]
+    judged = Folded("How it was judged", Facts([(term, content) for term, content in facts if content]))
+    found = Items([readable(part) for part in str(row.finding).split("; ")])
+    cells: list[Content] = [
+        str(row.number),
+        str(row.section),
+        [Text(str(row.statement)), judged],
+        found,
+        [_badge(str(row.verdict), str(row.verdict)), *([Note(figure)] if name else [])],
+    ]
+    return Row(cells, id=f"claim-{row.number}")
+
+
+def _missing(rest: pd.DataFrame, judged: pd.DataFrame, material: Material) -> Iterable[Block]:
+    """What would have to be given for the rest of the claims, in a sentence, if it is tables of other runs."""
+    reads = _reads(rest)
+    given = {record.run.study.name for record in material.records}
+    configs = dict.fromkeys(config for config, _, table in (read.partition("/") for read in reads) if table)
+    needed: list[str | Block] = [f"configs/{name}.toml" for name in configs if name not in given]
+    if needed:
+        needed = [f"runs of {', '.join(map(str, needed))}"]
+    if "cost" in reads and "cost" not in _reads(judged):
+        needed += [" and "] * bool(needed) + ["the table of ", Code("study cost"), ", given by ", Code("--cost")]
+    if needed:
+        yield Text(["Missing are ", *needed, "."])
+
+
+def _reads(claims: pd.DataFrame) -> list[str]:
+    return [part for cell in claims["reads"] for part in str(cell).split(", ")]
+
+
+def _coded(text: str) -> list[str | Block]:
+    """Text in which what stands between backticks is code."""
+    return [Code(part) if i % 2 else part for i, part in enumerate(text.split("`"))]

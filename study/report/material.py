@@ -1,0 +1,151 @@
+"""What a page is made from: each run's tables, read once, and the figures that they can feed."""
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import pandas as pd
+from pydantic import BaseModel, ValidationError
+
+from study.analysis.worst import worst
+from study.figures import FIGURES, Tables
+from study.report.blocks import Picture
+from study.report.pictures import add_pictures
+from study.runs.store import Run, RunError
+
+
+class Software(BaseModel):
+    """Versions and code, as `study.runs.provenance.software` tells them."""
+
+    study: str
+    commit: str | None
+    dirty: bool
+    python: str
+    packages: dict[str, str | None]
+    code_generated_for: str
+
+
+class Machine(BaseModel):
+    """What `study.runs.provenance.machine` tells."""
+
+    system: str
+    processor: str
+    cores: int | None
+    threads: dict[str, int]
+
+
+class Manifest(BaseModel):
+    """A run's manifest, as far as the page shows it."""
+
+    started: str
+    seconds_computing: float
+    seconds: float
+    jobs: int
+    software: Software
+    machine: Machine
+
+    @classmethod
+    def of(cls, run: Run) -> Self:
+        """Read a run's manifest.
+
+        Raises:
+            RunError: if it is not there, because the run did not finish, or is of another version.
+        """
+        try:
+            return cls.model_validate(run.manifest())
+        except ValidationError as error:
+            first = error.errors()[0]
+            where = ".".join(map(str, first["loc"]))
+            path = run.folder / "manifest.json"
+            raise RunError(f"{path}: not a manifest of this version: {where}: {first['msg']}") from None
+
+
+@dataclass(frozen=True)
+class Record:
+    """A run, as the page shows it.
+
+    Attributes:
+        run: the folder; what else is stored in it can be read from there.
+        name: its name.
+        manifest: what ran on what.
+        config: the config, as it was given.
+        estimators: names, in the config's order.
+        trials, samples: data sets of all cells, and the points in them.
+        summary, timings: the stored tables.
+        worst: the worst trials; see `study.analysis.worst`.
+        fingerprint: SHA-256 of the error table's file, which equal runs have in common.
+    """
+
+    run: Run
+    name: str
+    manifest: Manifest
+    config: str
+    estimators: list[str]
+    trials: int
+    samples: int
+    summary: pd.DataFrame
+    timings: pd.DataFrame
+    worst: pd.DataFrame
+    fingerprint: str
+
+    @classmethod
+    def of(cls, run: Run, tables: Tables) -> Self:
+        """Read what is stored of a run besides the tables at hand.
+
+        Raises:
+            RunError: if something is missing.
+        """
+        errors = tables.errors
+        one = errors[errors["estimator"] == tables.estimators[0]]
+        with open(run.folder / "errors.parquet", "rb") as file:
+            fingerprint = hashlib.file_digest(file, "sha256").hexdigest()
+        return cls(
+            run=run,
+            name=tables.name,
+            manifest=Manifest.of(run),
+            config=(run.folder / "config.toml").read_text(encoding="utf-8"),
+            estimators=tables.estimators,
+            trials=len(one),
+            samples=int(one["samples"].sum()),
+            summary=tables.summary,
+            timings=run.table("timings"),
+            worst=worst(errors),
+            fingerprint=fingerprint,
+        )
+
+
+@dataclass(frozen=True)
+class Material:
+    """All that the sections are written from.
+
+    Attributes:
+        records: the runs, in the order given.
+        claims: the claims table; columns as `study.runs.tables.CLAIMS`, perhaps without rows.
+        pictures: each figure that some run can feed, by name.
+        undrawn: for each other figure the runs' reasons, by the run's name.
+    """
+
+    records: list[Record]
+    claims: pd.DataFrame
+    pictures: dict[str, Picture]
+    undrawn: dict[str, dict[str, str]]
+
+    @classmethod
+    def of(cls, runs: Sequence[Run], claims: pd.DataFrame) -> Self:
+        """Read runs, one after the other, so that no two error tables are in memory together.
+
+        Raises:
+            RunError: if a run did not finish, or is given twice.
+        """
+        records: list[Record] = []
+        pictures: dict[str, Picture] = {}
+        undrawn: dict[str, dict[str, str]] = {}
+        for run in runs:
+            tables = Tables.of(run)
+            if tables.name in {record.name for record in records}:
+                raise RunError(f"{run.folder}: {tables.name} is given twice")
+            records.append(Record.of(run, tables))
+            add_pictures(tables, pictures, undrawn)
+        ordered = {name: pictures[name] for name in FIGURES if name in pictures}
+        return cls(records, claims, ordered, undrawn)

@@ -1,0 +1,98 @@
+"""From runs and claims to the page: which sections it has, and in which order."""
+
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+
+import pandas as pd
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+from study.report.blocks import Block, Folded, Items, Section, Text
+from study.report.claims import claims_section
+from study.report.material import Material
+from study.report.overview import overview_section
+from study.report.results import run_section
+from study.runs.store import Run, RunError, write
+
+
+def figures_section(material: Material) -> Iterable[Section]:
+    """Every figure once, and why the others are not there."""
+    content: list[Block] = list(material.pictures.values())
+    if not content:
+        content.append(Text("These runs can feed none of the figures."))
+    if material.undrawn:
+        reasons = [
+            f"{name}: {'; '.join(_unique(reasons, len(material.records)))}"
+            for name, reasons in material.undrawn.items()
+        ]
+        some = f"{len(reasons)} figure{'s' * (len(reasons) > 1)} not drawn, and why"
+        content.append(Folded(some, Items(reasons)))
+    yield Section("Figures", "figures", content)
+
+
+def run_sections(material: Material) -> Iterable[Section]:
+    """What was found in each run, and where it comes from."""
+    return (run_section(record) for record in material.records)
+
+
+SECTIONS: list[Callable[[Material], Iterable[Section]]] = [
+    overview_section,
+    claims_section,
+    figures_section,
+    run_sections,
+]
+"""The page, in order. Each entry gives one section, several, or none where the runs have nothing for it."""
+
+
+def render(runs: Sequence[Run], claims: pd.DataFrame) -> str:
+    """Write the page about runs: one HTML document that needs no other file.
+
+    Args:
+        runs: finished runs, at least one, no two of the same name.
+        claims: the claims table; columns as `study.runs.tables.CLAIMS`, perhaps without rows.
+
+    Returns:
+        The document. The same runs and claims give the same bytes.
+
+    Raises:
+        RunError: if a run did not finish, is given twice, or a table cannot be read.
+    """
+    material = Material.of(runs, claims)
+    sections = [section for make in SECTIONS for section in make(material)]
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent, encoding="utf-8"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    names = [record.name for record in material.records]
+    configs = [record.run.study.name for record in material.records]
+    title = ", ".join(configs if len(configs) > 1 else names)
+    template = environment.get_template("template.html")
+    return template.render(title=title, names=", ".join(names), sections=sections)
+
+
+def save(page: str, path: Path) -> Path:
+    """Write a page to a file, whole or not at all.
+
+    Returns:
+        The path.
+
+    Raises:
+        RunError: if it cannot be written.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write(path, page.encode("utf-8", "replace"))  # a folder's name may hold bytes that are no text
+    except OSError as error:
+        raise RunError(f"{path}: cannot be written: {error.strerror or error}") from None
+    return path
+
+
+def _unique(reasons: dict[str, str], runs: int) -> list[str]:
+    """Reasons without repetition, each with the runs that gave it, unless all did."""
+    found: dict[str, list[str]] = {}
+    for name, reason in reasons.items():
+        found.setdefault(reason, []).append(name)
+    return [reason if len(names) == runs else f"{reason} ({', '.join(names)})" for reason, names in found.items()]

@@ -1,0 +1,151 @@
+"""A run's section, and its tables of results: error against the bound, how the fits ended, the worst trials."""
+
+import shlex
+from collections.abc import Callable
+from typing import Any
+
+import pandas as pd
+
+from study.estimators import Status
+from study.estimators.fit import explain
+from study.figures import style
+from study.report import words
+from study.report.blocks import (
+    Block,
+    Code,
+    Content,
+    Folded,
+    Heading,
+    Note,
+    Row,
+    Section,
+    Table,
+    Text,
+)
+from study.report.material import Record
+from study.report.overview import run_id
+from study.report.provenance import provenance, times
+
+_LONG = 40
+_TOO_LONG = 1000
+
+
+def run_section(record: Record) -> Section:
+    """All tables of a run."""
+    parts = {
+        "Error against the bound": ("efficiency", efficiency),
+        "How the fits ended": ("status", statuses),
+        "The worst trials": ("worst", worst_trials),
+        "Time": ("time", times),
+        "Provenance": ("provenance", provenance),
+    }
+    content: list[Block] = []
+    for title, (name, make) in parts.items():
+        content += [Heading(title, f"{name}-{record.name}"), *make(record)]
+    return Section(f"Run {record.name}", run_id(record), content)
+
+
+def efficiency(record: Record) -> list[Block]:
+    """Median error over the bound: a row per group, a column per estimator."""
+    frame = record.summary
+    if frame["group"].nunique() > _TOO_LONG:
+        return [Text(["There are too many conditions for a table; ", Code("summary.parquet"), " has them."])]
+    by_decade = bool(frame["decade"].notna().any())
+    titles, conditions, fixed = _conditions(frame, by_decade)
+    shown = [name for name in record.estimators if name in set(frame["estimator"])]
+    rows = []
+    for _, part in frame.groupby("group", sort=False):
+        found = {str(row["estimator"]): row for _, row in part.iterrows()}
+        first = part.iloc[0]
+        cells: list[Content] = [*(make(first) for make in conditions), words.count(int(first["planned"]))]
+        rows.append(Row([*cells, *(_ratio(found[name]) if name in found else "–" for name in shown)]))
+    least = words.count(int(frame["planned"].min()))
+    caption = (
+        "Distance of the estimated from the true centre over the bound √tr CRLB of the same points: median of the "
+        "fits that are ok, ± its Monte-Carlo error (∞: too few fits for one); below it the share of those that are "
+        "not. An estimator with Gaussian errors at the bound has about 0.7 to 0.9. "
+        f"At least {least} trial{'s' * (least != '1')} a row{fixed}."
+    )
+    head = [*titles, "trials", *(style.label(name) for name in shown)]
+    table = Table(f"Error over the bound, {record.name}", caption, head, rows, numeric=frozenset(range(len(head))))
+    if len(rows) <= _LONG:
+        return [table]
+    summary = f"The table of all {words.count(len(rows))} conditions"
+    return [Text("There are many conditions; the figures show them better."), Folded(summary, table, printed=False)]
+
+
+def _conditions(frame: pd.DataFrame, by_decade: bool) -> tuple[list[str], list[Callable[["pd.Series[Any]"], str]], str]:
+    """Titles of the columns that tell groups apart, functions that write them, and what all groups have in common."""
+    if by_decade:
+        return ["σ/r from"], [_decade], ""
+    columns = {title: [make(row) for _, row in frame.iterrows()] for title, make in _CONDITIONS.items()}
+    vary = [title for title, texts in columns.items() if len(set(texts)) > 1] or ["N"]
+    fixed = ", ".join(f"{title} = {texts[0]}" for title, texts in columns.items() if title not in vary)
+    return vary, [_CONDITIONS[title] for title in vary], f", all at {fixed}" if fixed else ""
+
+
+def _decade(row: "pd.Series[Any]") -> str:
+    return words.power_of_ten(int(row["decade"]))
+
+
+_CONDITIONS: dict[str, Callable[["pd.Series[Any]"], str]] = {
+    "N": lambda row: words.count(int(row["samples"])),
+    "σ/r": lambda row: words.number(row["noise"] / row["radius"]),
+    "φ": lambda row: f"{words.number(row['angle'], 4)}°",
+    "r": lambda row: words.number(row["radius"]),
+    "|c|": lambda row: words.number(row["center"]),
+}
+
+
+def _ratio(row: "pd.Series[Any]") -> Content:
+    ok, planned = int(row["ok"]), int(row["planned"])
+    if ok == 0:
+        return "none ok"
+    text = words.measured(row["ratio_median_ok"], row["ratio_median_ok_error"])
+    return [text, Note(f"{words.percent(planned - ok, planned)} not ok")] if ok < planned else text
+
+
+def statuses(record: Record) -> list[Block]:
+    """Counts: a row per status that occurs, a column per estimator."""
+    known = ["planned", *(status.name.lower() for status in Status)]
+    names = [name for name in known if name in record.summary]  # a run may be older than a status
+    counts = record.summary.groupby("estimator", observed=True, sort=False)[names].sum()
+    rows = []
+    for name in names:
+        total = [int(counts[name][estimator]) for estimator in record.estimators]
+        if name in ("planned", "ok") or any(total):
+            text = "planned" if name == "planned" else Status[name.upper()].text
+            rows.append(Row([text, *map(words.count, total)]))
+    head = ["Fits", *(style.label(name) for name in record.estimators)]
+    caption = "None is ever drawn again or left out."
+    numeric = frozenset(range(1, len(head)))
+    return [Table(f"How the fits ended, {record.name}", caption, head, rows, numeric=numeric)]
+
+
+def worst_trials(record: Record) -> list[Block]:
+    """Where the largest errors over the bound are, and how to see each of them again."""
+    frame = record.worst
+    if frame.empty:
+        return [Text("No fit is ok and has a finite bound.")]
+    folder = shlex.quote(str(record.run.folder))
+    rows = [
+        Row(
+            [
+                Code(str(row["cell"])),
+                str(row["trial"]),
+                style.label(str(row["estimator"])),
+                *(_CONDITIONS[title](row) for title in ("N", "σ/r", "φ")),
+                words.timed(row["ratio"]),
+                explain(int(row["status"])),
+                Code(f"study replay {folder} {shlex.quote(str(row['cell']))} {row['trial']}"),
+            ]
+        )
+        for _, row in frame.iterrows()
+    ]
+    head = ["Cell", "Trial", "Estimator", "N", "σ/r", "φ", "Error over bound", "Status", "To see it again"]
+    caption = (
+        "Largest error over a finite bound among the fits that are ok; a trial counts once, by its worst estimator. "
+        "The command draws the same points again; the fits that it shows are those of the version installed."
+    )
+    label = f"The worst trials, {record.name}"
+    return [Table(label, caption, head, rows, numeric=frozenset({1, 3, 4, 5, 6}), stacked=True)]

@@ -1,0 +1,157 @@
+"""Numbers and designs as a reader sees them: three digits, powers of ten, a minus as long as a plus."""
+
+import math
+import re
+from collections.abc import Sequence
+
+from study.experiment.conditions import RandomDesign
+from study.experiment.config import Study
+from study.experiment.laws import Choice, Constant, LogUniform, Uniform
+
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_NARROW = "\u202f"  # between thousands: narrow, and no place to break a line
+_JOINED = "\u00a0"  # a space that is no place to break a line
+_NUMBER = r"-?\d+\.?\d*(?:e[+-]\d+)?"
+_QUANTITIES = {"samples": "N", "noise": "σ", "noise_over_radius": "σ/r", "angle": "φ", "radius": "r", "center": "|c|"}
+
+
+def power_of_ten(exponent: int) -> str:
+    """10 raised to a whole number."""
+    return "10" + str(exponent).translate(_RAISED)
+
+
+def count(value: int) -> str:
+    """A whole number with its thousands apart."""
+    text = f"{value:,}".replace(",", _NARROW).replace("-", "−")
+    return text if abs(value) >= 10_000 else text.replace(_NARROW, "")
+
+
+def number(value: float, digits: int = 3, zeros: bool = False) -> str:
+    """A number in so many digits, with a power of ten where it is very large or small; zeros at its end if asked."""
+    if math.isnan(value):
+        return "–"
+    if math.isinf(value):
+        return "∞" if value > 0 else "−∞"
+    mantissa, _, power = f"{value:{'#' * zeros}.{digits}g}".partition("e")
+    mantissa = mantissa.rstrip(".").replace("-", "−")
+    if not power:
+        return mantissa
+    ten = power_of_ten(int(power))
+    return ten if mantissa == "1" else f"{mantissa}{_JOINED}×{_JOINED}{ten}"
+
+
+def timed(value: float) -> str:
+    """A number that was measured once, without an error: three digits, zeros included, no power of ten below 10⁶."""
+    if 999.5 <= value < 999_500.0:
+        return count(int(float(f"{value:.3g}")))
+    return number(value, zeros=True)
+
+
+def exactly(value: float) -> str:
+    """A number as a config gives it, not rounded."""
+    digits = len(f"{value:.11e}".partition("e")[0].rstrip("0").replace(".", "").lstrip("-"))
+    if value == int(value) and (abs(value) < 1e6 or abs(value) < 10.0**digits):
+        return count(int(value))
+    return number(value, 12 if 1e-4 <= abs(value) < 1e6 else digits)
+
+
+def measured(value: float, error: float) -> str:
+    """A number with its Monte-Carlo error: two digits of the error, and the number to the same place.
+
+    The number has at most six digits; where the error is larger, both have two of their own. "± ∞" says that there
+    are too few trials for an error; a number without one was counted.
+    """
+    if not math.isfinite(value) or math.isnan(error) or error == 0.0:
+        return number(value)
+    if math.isinf(error):
+        return f"{number(value)} ±{_JOINED}∞"
+    top = math.floor(math.log10(max(abs(value), error)))
+    place = math.floor(math.log10(error)) - 1
+    place = max(min(place, top), top - 5)
+    power = top if top >= 5 or top < -3 else 0  # a number breaks, if it must, before its error
+    decimals = max(0, power - place)
+    scale = 10.0**-power
+    shown = f"{value * scale:.{decimals}f}".replace("-", "−")
+    beside = f"{error * scale:.{decimals}f}"
+    if abs(value) < error or float(beside) == 0.0:  # no place that both have in common
+        return f"{_plain(value, 6 if error < abs(value) else 2)} ±{_JOINED}{_plain(error, 2)}"
+    both = f"{shown} ±{_JOINED}{beside}"
+    return f"({both}){_JOINED}×{_JOINED}{power_of_ten(power)}" if power else both
+
+
+def _plain(value: float, digits: int) -> str:
+    """A number in so many digits, without a power of ten for what is neither very large nor small."""
+    if value == 0.0:
+        return "0"
+    if 10.0 ** (digits - 1) <= abs(value) < 1e5:
+        return count(int(float(f"{value:.{digits}g}"))) if abs(value) >= 10.0**digits else number(value, digits)
+    return number(value, digits, zeros=True)
+
+
+def percent(part: int, whole: int) -> str:
+    """A share that is never rounded to none or to all."""
+    if 0 < part < 0.001 * whole:
+        return f"<{_JOINED}0.1{_JOINED}%"
+    if 0.999 * whole < part < whole:
+        return f">{_JOINED}99.9{_JOINED}%"
+    return f"{number(100.0 * part / whole)}{_JOINED}%"
+
+
+def moment(text: str) -> str:
+    """A time as a manifest has it, without its T."""
+    return text.replace("T", " ").replace("+00:00", " UTC")
+
+
+def _joined(found: re.Match[str]) -> str:
+    return measured(float(found[1]), float(found[2])).replace(" ", _JOINED)
+
+
+def readable(text: str) -> str:
+    """Numbers within text that a program wrote - 1.2e-05, -3, 27.41 ± 5.1 - as a reader expects them."""
+    text = re.sub(rf"(?<![\w.)\]])({_NUMBER}) ± ({_NUMBER})", _joined, text)
+    text = re.sub(r"(?<=\d)e([+-]\d+)\b", lambda found: f"{_JOINED}×{_JOINED}{power_of_ten(int(found[1]))}", text)
+    return re.sub(r"(?<![\w.)\]-])-(?=[\d.])", "−", text)
+
+
+def dimension(study: Study) -> str:
+    """What is fitted."""
+    return {2: "circles in the plane", 3: "spheres in space"}.get(
+        study.dimension, f"spheres in {study.dimension} dimensions"
+    )
+
+
+def design(study: Study) -> str:
+    """A study's design in a sentence."""
+    made = study.design
+    unit = {"angle": "°"}
+    if isinstance(made, RandomDesign):
+        laws = {name: getattr(made, name) for name in _QUANTITIES}
+        drawn = [f"{_QUANTITIES[k]}{_JOINED}{_law(law, unit.get(k, ''))}" for k, law in laws.items() if law is not None]
+        return f"{count(made.trials)} trials, each with conditions of its own: {'; '.join(drawn)}"
+    axes = {name: getattr(made, name) for name in _QUANTITIES}
+    values = [
+        f"{_QUANTITIES[k]}{_JOINED}={_JOINED}{_values(axis, unit.get(k, ''))}"
+        for k, axis in axes.items()
+        if axis is not None
+    ]
+    cells = study.cells()
+    if cells == 1:
+        return f"one cell of {count(made.trials)} trials: {'; '.join(values)}"
+    draws = "all from the same draws" if made.draws == "shared" else "each with draws of its own"
+    return f"{count(cells)} cells of {count(made.trials)} trials, {draws}: {'; '.join(values)}"
+
+
+def _law(law: Constant | Choice | Uniform | LogUniform, unit: str) -> str:
+    if isinstance(law, Uniform | LogUniform):
+        how = "uniform" if isinstance(law, Uniform) else "log-uniform"
+        return f"{how} from{_JOINED}{exactly(law.low)}{unit} to{_JOINED}{exactly(law.high)}{unit}"
+    values = law.possible()
+    return f"={_JOINED}{exactly(values[0])}{unit}" if len(values) == 1 else f"one of {_values(values, unit)}"
+
+
+def _values(values: Sequence[float], unit: str) -> str:
+    if len(values) <= 6:
+        return ", ".join(f"{exactly(v)}{unit}" for v in values)
+    first = ", ".join(f"{number(v) if v != int(v) else exactly(v)}{unit}" for v in values[:3])
+    last = number(values[-1]) if values[-1] != int(values[-1]) else exactly(values[-1])
+    return f"{first}, …, {last}{unit} ({len(values)}{_JOINED}values)"
