@@ -10,12 +10,15 @@ semidefinite matrices, the centre computed again, a dozen times from `als`. On s
 not observed; a little of the isotropic answer is mixed in for it, and the centre does not need it.
 """
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from study.estimators.fit import Fit, Samples, Status
 from study.estimators.gdk import subtracting
 from study.estimators.roots import als
+from study.sphere.compiled import CHUNK, compiled, dot, fill, total
 
 Floats = NDArray[np.float64]
 
@@ -61,16 +64,18 @@ def ugdk_cov(samples: Samples) -> Fit:
 def _covariance(x: Floats, center: Floats, noise: Floats, isotropic: Floats) -> Floats:
     """One round: Σ̂ (b, d, d) from the moments about a centre and the Σ̂ before."""
     b, d, n = x.shape
-    v = x - center[:, :, None]
-    square = np.einsum("bdn,bdn->bn", v, v)
-    f2 = (square - square.mean(axis=1, keepdims=True)) ** 2
-    second = np.einsum("bin,bjn->bij", v, v) / n
-    weighted = np.einsum("bin,bjn->bij", v * f2[:, None], v) / n
-    pairs = (v[:, :, None] * v[:, None]).reshape(b, d * d, n)
-    fourth = (pairs @ pairs.swapaxes(1, 2)).reshape(b, d, d, d, d) / n
+    m = d * (d + 1) // 2
+    sums, weighted_sums, products = np.empty((b, m)), np.empty((b, m)), np.empty((b, m, m))
+    square = np.empty(b)
+    _sums(x, center, sums, weighted_sums, products, square)
+    place = np.zeros((d, d), dtype=int)  # of a pair of coordinates among the d(d+1)/2
+    upper = np.triu_indices(d)
+    place[upper] = place.T[upper] = np.arange(m)
+    second, weighted = sums[:, place] / n, weighted_sums[:, place] / n
+    fourth = products[:, place[:, :, None, None], place] / n
     p, noise2 = second - noise, noise @ noise
     known = (
-        f2.mean(axis=1)[:, None, None] * noise
+        square[:, None, None] / n * noise
         + 8.0 * noise @ p @ noise
         + 8.0 * noise @ noise2
         + 8.0 * (p @ noise2 + noise2 @ p)
@@ -78,22 +83,62 @@ def _covariance(x: Floats, center: Floats, noise: Floats, isotropic: Floats) -> 
     )
     quartic = fourth - _symmetric_products(p, noise) - _symmetric_products(noise, noise) / 2.0
     # Σ has d(d+1)/2 unknowns; least squares on the symmetric part, pulled a little towards the isotropic answer
-    upper = np.triu_indices(d)
-    basis = np.zeros((len(upper[0]), d, d))
-    for k, (i, j) in enumerate(zip(*upper, strict=True)):
-        basis[k, i, j] = basis[k, j, i] = 1.0
+    basis = np.zeros((m, d, d))
+    basis[np.arange(m), upper[0], upper[1]] = basis[np.arange(m), upper[1], upper[0]] = 1.0
     matrix = 4.0 * np.einsum("bijkl,mkl->bijm", quartic, basis)[:, upper[0], upper[1]]
     right = (weighted - known)[:, upper[0], upper[1]]
     prior = isotropic[:, upper[0], upper[1]]
-    scale = _RIDGE * np.trace(matrix, axis1=1, axis2=2)[:, None, None] / len(basis)
-    normal = matrix + scale * np.eye(len(basis))
+    scale = _RIDGE * np.trace(matrix, axis1=1, axis2=2)[:, None, None] / m
+    normal = matrix + scale * np.eye(m)
     flat = ~(np.abs(np.linalg.det(normal)) > 0.0)
-    normal[flat] = np.eye(len(basis))
+    normal[flat] = np.eye(m)
     solution = np.linalg.solve(normal, (right + scale[:, 0] * prior)[:, :, None])[:, :, 0]
     solution[flat] = prior[flat]
     result = np.einsum("bm,mij->bij", solution, basis)
     values, vectors = np.linalg.eigh(np.where(np.isfinite(result), result, 0.0))
     return np.asarray(np.einsum("bij,bj,bkj->bik", vectors, np.maximum(values, 0.0), vectors))
+
+
+@compiled
+def _sums(x: Any, center: Any, sums: Any, weighted: Any, products: Any, square: Any) -> None:
+    """Σp, Σf²p and Σpp' over the pairs p = vᵢvⱼ, i ≤ j, of v = x - c, and Σf²; f is |v|² less its mean."""
+    b, d, n = x.shape
+    m = sums.shape[1]
+    rows = np.empty((m + d + 1, CHUNK))
+    for t in range(b):
+        sums[t], weighted[t], products[t], square[t] = 0.0, 0.0, 0.0, 0.0
+        mean = 0.0
+        for i in range(d):
+            row, c, total_square = x[t, i], center[t, i], 0.0
+            for k in range(n):
+                total_square += (row[k] - c) ** 2
+            mean += total_square / n
+        for start in range(0, n, CHUNK):
+            size = min(CHUNK, n - start)
+            f2 = rows[m + d, :size]
+            fill(f2, -mean)
+            for i in range(d):
+                v, row, c = rows[m + i, :size], x[t, i, start : start + size], center[t, i]
+                for k in range(size):
+                    v[k] = row[k] - c
+                    f2[k] += v[k] * v[k]
+            for k in range(size):
+                f2[k] *= f2[k]
+            square[t] += total(f2)
+            pair = 0
+            for i in range(d):
+                for j in range(i, d):
+                    p, v, w = rows[pair, :size], rows[m + i, :size], rows[m + j, :size]
+                    for k in range(size):
+                        p[k] = v[k] * w[k]
+                    sums[t, pair] += total(p)
+                    weighted[t, pair] += dot(p, f2)
+                    for other in range(pair + 1):
+                        products[t, pair, other] += dot(p, rows[other, :size])
+                    pair += 1
+        for i in range(m):
+            for j in range(i):
+                products[t, j, i] = products[t, i, j]
 
 
 def _symmetric_products(a: Floats, b: Floats) -> Floats:

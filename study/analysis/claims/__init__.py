@@ -15,9 +15,9 @@ from study.runs.store import Run
 
 CLAIMS: tuple[Claim, ...] = (
     *errors.CLAIMS,
-    *bound.CLAIMS,
     *outliers.CLAIMS,
     *bias.CLAIMS,
+    *bound.CLAIMS,
     *ugdk.CLAIMS,
     *markers.CLAIMS,
     *costs.CLAIMS,
