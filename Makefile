@@ -5,28 +5,37 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
-.PHONY: paper efficiency test smoke lint bench clean
+.PHONY: paper calibration test smoke lint bench clean
 .DELETE_ON_ERROR:
 
-# The paper's study, its figures (in figures/) and a printed summary.
-paper: $(VENV)/.run
+# The paper's study, all that its claims are judged by, figures (in figures/), verdicts, and one page about everything.
+PAPER := paper ellipse mgdk power-law efficiency outliers starts bias anisotropic markers posterior
+paper: $(VENV)/.run results/cost.parquet
 	@set -e; \
-	echo "The paper's 1000 trials, its ellipses, its two markers and its power law:"; \
-	paper=$$($(BIN)/study run configs/paper.toml); echo "  $$paper"; \
-	ellipse=$$($(BIN)/study run configs/ellipse.toml); echo "  $$ellipse"; \
-	mgdk=$$($(BIN)/study run configs/mgdk.toml); echo "  $$mgdk"; \
-	power=$$($(BIN)/study run configs/power-law.toml); echo "  $$power"; \
-	$(BIN)/study figures "$$paper" fig2_error --out figures; \
-	$(BIN)/study figures "$$ellipse" fig3_gdke_ellipse fig4_ugdk_ellipse fig5_methods --out figures; \
-	$(BIN)/study figures "$$mgdk" fig6_mgdk --out figures; \
-	$(BIN)/study figures "$$power" fig7_power_law --out figures; \
-	$(BIN)/study summary "$$paper"
+	echo "The paper's 1000 trials, and ten studies that its claims are judged by:"; \
+	runs=$$($(BIN)/study run $(PAPER:%=configs/%.toml)); \
+	set -- $$runs; printf '  %s\n' "$$@"; \
+	$(BIN)/study figures "$$1" fig2_error --out figures; \
+	$(BIN)/study figures "$$2" fig3_gdke_ellipse fig4_ugdk_ellipse fig5_methods --out figures; \
+	$(BIN)/study figures "$$3" fig6_mgdk --out figures; \
+	$(BIN)/study figures "$$4" fig7_power_law --out figures; \
+	$(BIN)/study figures "$$5" fig_efficiency --out figures; \
+	shift 10; $(BIN)/study figures "$$1" fig_posterior fig_calibration --out figures; \
+	$(BIN)/study claims $$runs --cost results/cost.parquet; \
+	$(BIN)/study report $$runs --cost results/cost.parquet --out results/report.html
 
-# Beyond the paper: every estimator against the bound, over noise and angle.
-efficiency: $(VENV)/.run
+# What fits cost on this machine: operations counted, seconds measured. Made once.
+results/cost.parquet: $(VENV)/.run
+	$(BIN)/study cost --out $@
+
+# Posteriors of many trials: are they, and the estimators' own error ellipsoids, right as often as they say? Minutes.
+calibration: $(VENV)/.run
 	@set -e; \
-	run=$$($(BIN)/study run configs/efficiency.toml); echo "  $$run"; \
-	$(BIN)/study figures "$$run" fig_efficiency --out figures
+	for config in calibration whole-sphere; do \
+	    run=$$($(BIN)/study run configs/$$config.toml); \
+	    $(BIN)/study posterior "$$run"; \
+	    $(BIN)/study figures "$$run" fig_calibration; \
+	done
 
 test: $(VENV)/.dev
 	$(BIN)/python -m pytest -q

@@ -19,9 +19,37 @@ from study.estimators import Status
 from study.experiment.posterior import ChainStatus
 
 KEYS = ["cell", "trial", "likelihood", "noise_is"]
+CONDITIONS = ["cell", "likelihood", "noise_is", "samples", "noise", "angle", "radius", "flatness"]
 LEVELS = (0.68, 0.95)
 FLAT = 0.02
 """σ²/v from which on skewness of the posterior is to be expected (docs/theory.md §6)."""
+
+
+def by_cell(posterior: pd.DataFrame, answers: pd.DataFrame) -> pd.DataFrame:
+    """Posteriors beside the MLE and the bound, cell by cell.
+
+    Args:
+        posterior: the posterior table.
+        answers: the table of the estimators' answers.
+
+    Returns:
+        A row per cell, likelihood and ``noise_is``, with the cell's conditions: ``chains``, how many are ``ok``, and of
+        those the largest ``shift`` of the posterior mean from the MLE in any component of (c, r), in posterior sd (not
+        a number without ``mle`` among the estimators), the ``least`` and the ``most`` that a component's sd is of the
+        bound's, and the longest ``tau``.
+    """
+    endings = [name.removeprefix("away_") for name in answers.columns if name.startswith("away_")]
+    mle = answers[answers["estimator"] == "mle"].set_index(KEYS)[[f"away_{e}" for e in endings]]
+    shift = mle.abs().max(axis=1).reindex(posterior.set_index(KEYS).index)
+    ratio = posterior[[f"sd_{e}" for e in endings]].to_numpy() / posterior[[f"bound_{e}" for e in endings]].to_numpy()
+    found = posterior.assign(shift=shift.to_numpy(), least=ratio.min(axis=1), most=ratio.max(axis=1))
+    rows = []
+    for _, part in found.groupby(["cell", "likelihood", "noise_is"], sort=False, observed=True):
+        ok = part[part["status"] == ChainStatus.OK]
+        row: dict[str, Any] = {name: part[name].iloc[0] for name in CONDITIONS}
+        row |= {"chains": len(part), "ok": len(ok), "shift": ok["shift"].max(), "tau": ok["tau"].max()}
+        rows.append(row | {"least": ok["least"].min(), "most": ok["most"].max()})
+    return pd.DataFrame(rows)
 
 
 def trials(posterior: pd.DataFrame, answers: pd.DataFrame) -> pd.DataFrame:

@@ -4,9 +4,11 @@ Prior: flat on the centre in a box and on the radius, 1/σ on a noise that is no
 the whole space leaves the posterior of a partial cap improper: along the way to a plane the likelihood tends to a
 constant. Where the box decides the answer, the status says so.
 
-The moves are differential evolution (ter Braak 2006), one in ten of them a jump between modes, which mix about three
-times as fast here as the stretch move. A chain is long enough when what is left after its first fifth is 50
-integrated autocorrelation times τ (Goodman & Weare 2010, as emcee computes them), and τ is stable to 1 %.
+Most moves propose places drawn afresh from Student's distribution with the mean and the covariance of the other half of
+the walkers: posteriors here are so nearly normal that such chains are ten times as fast as by the stretch move. One in
+ten is differential evolution (ter Braak 2006), which holds its own where they are not. A chain is long enough when what
+is left after its first fifth is 50 integrated autocorrelation times τ (Goodman & Weare 2010, as emcee computes them),
+and τ is stable to 1 %.
 """
 
 import math
@@ -23,7 +25,9 @@ from study.sphere import likelihood
 Floats = NDArray[np.float64]
 
 LIKELIHOODS = {"geometric": likelihood.geometric, "whole_sphere": likelihood.whole_sphere}
-_FIRST_LOOK = 500
+_FIRST_LOOK = 100
+_FREEDOM = 5.0
+"""Degrees of freedom of the proposals: tails heavier than the posterior's, so that no walker is stuck in one."""
 _LENGTH = 50.0
 _STABLE = 0.01
 _WARM_UP = 0.2
@@ -31,7 +35,23 @@ _NOISE_RANGE = 1e3
 _RIM = 0.9
 """Draws beyond this share of the box's half-width are at its rim."""
 _AT_RIM = 0.01
-_MOVES = [(emcee.moves.DEMove(), 0.9), (emcee.moves.DEMove(gamma0=1.0), 0.1)]
+
+
+class Afresh(emcee.moves.RedBlueMove):  # type: ignore[misc]
+    """Propose places that do not depend on where a walker is, from a fit to the walkers that do not move."""
+
+    def get_proposal(self, s: Floats, c: list[Floats], random: np.random.RandomState) -> tuple[Floats, Floats]:
+        """Places for walkers ``s`` (k, p), from the others ``c``, and the log-densities that balance the choice."""
+        others = np.concatenate(c, axis=0)
+        mean, root = others.mean(axis=0), np.linalg.cholesky(np.cov(others.T))
+        stretch = np.sqrt(_FREEDOM / random.chisquare(_FREEDOM, len(s)))
+        unit = random.standard_normal(s.shape) * stretch[:, None]
+        back = np.linalg.solve(root, (s - mean).T).T
+        here, there = (-0.5 * (_FREEDOM + s.shape[1]) * np.log1p((u**2).sum(axis=1) / _FREEDOM) for u in (back, unit))
+        return mean + unit @ root.T, here - there
+
+
+_MOVES = [(Afresh(), 0.9), (emcee.moves.DEMove(), 0.1)]
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from study.analysis import answers, calibration
 from study.analysis.chain import Chain, Prior, sample
 from study.experiment.config import Study
 from study.experiment.design import Cell
-from study.experiment.posterior import ChainStatus, Posterior
+from study.experiment.posterior import Posterior
 from study.experiment.replay import Address, addresses, replay
 from study.experiment.streams import old_stream
 from study.runs import tables
@@ -160,31 +160,20 @@ def printed(run: Run) -> Iterator[str]:
     """The posterior tables in short, for a terminal.
 
     Yields:
-        A title, a header, and a line per cell and kind of chain: how many chains, how many of them ok, the largest
-        shift of the posterior mean from the MLE in posterior standard deviations, the range of the posterior's
-        standard deviation over the bound, and the longest autocorrelation time.
+        A title, a header, a line per cell and kind of chain as `study.analysis.calibration.by_cell` has them, and
+        then the coverage of all, where they are independent of each other.
     """
     found, beside = run.table("posterior"), run.table("answers")
-    keys = ["cell", "trial", "likelihood", "noise_is"]
-    endings = [*(str(i + 1) for i in range(run.study.dimension)), "radius"]
-    mle = beside[beside["estimator"] == "mle"].set_index(keys)
-    found["shift"] = (
-        mle[[f"away_{e}" for e in endings]].abs().max(axis=1).reindex(found.set_index(keys).index).to_numpy()
-    )
-    ratio = found[[f"sd_{e}" for e in endings]].to_numpy() / found[[f"bound_{e}" for e in endings]].to_numpy()
-    found["least"], found["most"] = ratio.min(axis=1), ratio.max(axis=1)
     yield f"{run.study.run_name()}: posteriors, largest shift of the mean from the MLE (in sd), and sd over bound"
     titles = f"{'N':>7}{'σ/r':>10}{'φ':>7}  {'likelihood':<13}{'noise':<9}"
     yield titles + f"{'ok':>7}{'shift':>8}{'sd over bound':>17}{'τ':>7}"
-    for _, part in found.groupby(["cell", "likelihood", "noise_is"], sort=False, observed=True):
-        row, ok = part.iloc[0], part[part["status"] == ChainStatus.OK]
+    for row in calibration.by_cell(found, beside).to_dict("records"):
         text = (
             f"{row['samples']:>7}{row['noise'] / row['radius']:>10.3g}{row['angle']:>6.4g}°  "
-            f"{row['likelihood']:<13}{row['noise_is']:<9}{len(ok):>3}/{len(part):<3}"
+            f"{row['likelihood']:<13}{row['noise_is']:<9}{row['ok']:>3}/{row['chains']:<3}"
         )
-        if len(ok):
-            text += (
-                f"{ok['shift'].max():>8.2f}{ok['least'].min():>9.2f} … {ok['most'].max():.2f}{ok['tau'].max():>8.0f}"
-            )
+        if row["ok"]:
+            text += f"{row['shift']:>8.2f}{row['least']:>9.2f} … {row['most']:.2f}{row['tau']:>8.0f}"
         yield text
-    yield from calibration.printed(calibration.trials(found, beside))
+    if run.study.independent():
+        yield from calibration.printed(calibration.trials(found, beside))

@@ -58,6 +58,10 @@ class Study(Frozen):
         noises = design.noise or design.noise_over_radius or ()
         return math.prod(len(axis) for axis in (design.samples, noises, design.angle, design.radius, design.center))
 
+    def independent(self) -> bool:
+        """Whether no two conditions share their directions and noise."""
+        return isinstance(self.design, RandomDesign) or self.design.draws == "independent" or self.cells() == 1
+
     def canonical(self) -> str:
         """All that determines the error table, as JSON: the config without its ``[posterior]``."""
         return self.model_dump_json(exclude={"posterior"})
@@ -189,6 +193,10 @@ def _posterior_faults(study: Study, posterior: Posterior) -> list[Fault]:
     if "unknown" in posterior.noise and least < study.dimension + 2:
         words = f"an unknown noise needs at least {study.dimension + 2} samples, not {least:g}; choose with where"
         faults.append(Fault(("posterior", "noise"), words))
+    least_walkers = 2 * (study.dimension + 3)
+    if posterior.walkers < least_walkers:
+        words = f"at least {least_walkers} are needed in dimension {study.dimension}"
+        faults.append(Fault(("posterior", "walkers"), words, posterior.walkers))
     if study.noise_shape is not None:
         faults.append(Fault(("posterior",), "its likelihoods are of isotropic noise: take noise_shape out"))
     return faults

@@ -57,7 +57,7 @@ class Tables:
             name=study.run_name(),
             dimension=study.dimension,
             design=study.design.kind,
-            independent=getattr(study.design, "draws", "independent") == "independent",
+            independent=study.independent(),
             noise_shape=np.eye(study.dimension) if shape is None else np.array(shape),
             errors=run.table("errors"),
             summary=run.table("summary"),

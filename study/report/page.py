@@ -10,6 +10,7 @@ from study.report.blocks import Block, Folded, Items, Section, Text
 from study.report.claims import claims_section
 from study.report.material import Material
 from study.report.overview import overview_section
+from study.report.posterior import posterior_section
 from study.report.results import run_section
 from study.runs.store import Run, RunError, write
 
@@ -38,6 +39,7 @@ SECTIONS: list[Callable[[Material], Iterable[Section]]] = [
     overview_section,
     claims_section,
     figures_section,
+    posterior_section,
     run_sections,
 ]
 """The page, in order. Each entry gives one section, several, or none where the runs have nothing for it."""
