@@ -30,6 +30,7 @@ from study.runs import tables
 from study.runs.store import Run, RunError
 
 FORMAT = 1
+"""To be raised when a chain of the same name would draw otherwise: finished chains are kept by it."""
 Parts = dict[str, pa.Table]
 
 
