@@ -10,6 +10,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from study import figures
+from study.analysis.posterior import compute
 from study.analysis.summary import summarise
 from study.experiment.config import parse
 from study.figures import FIGURES, style
@@ -72,6 +73,24 @@ noise = { law = "log_uniform", low = 1e-9, high = 1e9 }
 angle = { law = "uniform", low = 0, high = 180 }
 """
 
+POSTERIORS = """
+name = "posteriors"
+seed = 3
+dimension = 2
+estimators = ["mle", "gdke"]
+[design]
+kind = "grid"
+trials = 20
+samples = 20
+noise = 0.05
+angle = 120
+draws = "independent"
+[posterior]
+trials = 20
+noise = "known"
+walkers = 16
+"""
+
 REDRAW = """
 import sys
 from pathlib import Path
@@ -85,6 +104,8 @@ for folder in sys.argv[2:]:
 def finished(text, folder):
     store = run(parse(text), text, folder, jobs=1)
     summarise(store)
+    if store.study.posterior is not None:
+        compute(store, jobs=1)
     return store
 
 
@@ -97,7 +118,7 @@ def circles(tmp_path_factory):
 def runs(circles, tmp_path_factory):
     """Runs that between them have every figure."""
     folder = tmp_path_factory.mktemp("runs")
-    texts = {"markers": MARKERS, "noises": NOISES, "random": RANDOM}
+    texts = {"markers": MARKERS, "noises": NOISES, "posteriors": POSTERIORS, "random": RANDOM}
     return {"circles": circles} | {name: finished(text, folder / name) for name, text in texts.items()}
 
 
@@ -112,6 +133,7 @@ HAS = {
     "circles": ["fig3_gdke_ellipse", "fig4_ugdk_ellipse", "fig5_methods", "fig7_power_law"],
     "markers": ["fig6_mgdk"],
     "noises": ["fig_efficiency"],
+    "posteriors": ["fig_posterior", "fig_calibration"],
     "random": ["fig2_error"],
 }
 
@@ -133,6 +155,7 @@ def test_draws_what_applies_and_says_why_the_rest_does_not(drawn, kind):
         assert "random design" in reasons["fig2_error"]
         assert "two radii" in reasons["fig6_mgdk"]
         assert "levels of noise" in reasons["fig_efficiency"]
+        assert "[posterior]" in reasons["fig_posterior"]
 
 
 def test_draws_what_is_asked_for(circles, tmp_path):
@@ -201,11 +224,12 @@ def test_every_module_offers_prepare_and_draw_alone(name):
 
 @pytest.mark.parametrize(("kind", "name"), [(kind, name) for kind, names in HAS.items() for name in names])
 def test_figures_carry_the_runs_name_and_trials(runs, kind, name):
-    """The stamp names the run and how many trials are behind it."""
+    """The stamp names the run, and how many trials are behind the figure or which one is shown."""
     figure = FIGURES[name].draw(FIGURES[name].prepare(Tables.of(runs[kind])))
     (stamp,) = [text.get_text() for text in figure.texts]
     assert runs[kind].study.run_name() in stamp
-    assert str(runs[kind].study.design.trials) in stamp
+    said = stamp.replace(runs[kind].study.run_name(), "")
+    assert ("trial 0;" if name == "fig_posterior" else str(runs[kind].study.design.trials)) in said
 
 
 def test_figures_do_not_touch_global_state(circles, tmp_path):
