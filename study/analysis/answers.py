@@ -43,7 +43,9 @@ def rows(
     known = key["noise_is"] == "known"
     draws = chain.flat - truth[: d + 2 - known]
     beside = [key | _answer(trial, name, draws, known) for name in estimators]
-    stored = draws[:: max(1, len(draws) // KEPT_DRAWS)][:KEPT_DRAWS] if keep else draws[:0]
+    walker_by_walker = np.arange(len(draws)).reshape(-1, walkers).T.ravel()
+    chosen = np.linspace(0, len(draws) - 1, min(len(draws), KEPT_DRAWS)).round().astype(int)
+    stored = draws[walker_by_walker[chosen]] if keep and len(draws) else draws[:0]
     noise = stored[:, d + 1] + trial.cell.noise if not known else np.full(len(stored), trial.cell.noise)
     columns = {f"error_{i + 1}": stored[:, i] for i in range(d)} | {"radius_error": stored[:, d], "noise": noise}
     return {

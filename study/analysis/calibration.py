@@ -61,7 +61,8 @@ def trials(posterior: pd.DataFrame, answers: pd.DataFrame) -> pd.DataFrame:
 
     Returns:
         Columns ``method`` ("posterior" or an estimator), ``likelihood``, ``noise_is``, ``flatness``, ``ok``,
-        ``level`` and ``rank_…``. An estimator's rows are those beside the geometric chains, so that none counts twice.
+        ``level`` and ``rank_…``. Where there are chains of two likelihoods, an estimator's rows are those beside the
+        first, so that none counts twice.
     """
     ranks = [name for name in answers.columns if name.startswith("rank_")]
     chains = posterior.assign(method="posterior", ok=posterior["status"] == ChainStatus.OK)
@@ -126,7 +127,7 @@ def printed(found: pd.DataFrame) -> Iterator[str]:
     curved = found[found["flatness"] < FLAT]
     if curved.empty:
         return
-    yield f"calibration of {len(found[found['method'] == 'posterior'])} chains, those with σ²/v < {FLAT}:"
+    yield f"calibration of {len(curved[curved['method'] == 'posterior'])} chains, those with σ²/v < {FLAT}:"
     yield f"{'likelihood':<13}{'noise':<9}{'method':<12}" + "".join(f"{f'{level:.0%} set':>20}" for level in LEVELS)
     for keys, part in coverage(curved).groupby(["likelihood", "noise_is", "method"], sort=False, observed=True):
         shares = "".join(f"{row['share']:>7.1%} ({row['low']:.1%} … {row['high']:.1%})" for _, row in part.iterrows())

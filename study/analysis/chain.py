@@ -169,8 +169,9 @@ def _start(samples: Samples, prior: Prior) -> tuple[Floats, Floats] | None:
     for name in ("mle", "gdke"):
         fit = ESTIMATORS[name](told).reshape(1, samples=told)
         center, radius, covariance = fit.center[0], fit.radius[0], fit.covariance[0]
-        noise = prior.noise if prior.known else math.sqrt(fit.noise_variance[0])
-        usable = fit.status[0] == Status.OK and np.isfinite(covariance).all() and noise > 0.0
+        noise = prior.noise if prior.known else math.sqrt(max(fit.noise_variance[0], 0.0))
+        usable = fit.status[0] == Status.OK and np.isfinite(covariance).all()
+        usable &= prior.noise / _NOISE_RANGE < noise < prior.noise * _NOISE_RANGE
         if not usable or np.abs(center - prior.center).max() >= prior.width or radius >= prior.radius:
             continue
         try:

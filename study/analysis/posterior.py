@@ -8,7 +8,9 @@ chains that are there as they were.
 import contextlib
 import hashlib
 import json
+import signal
 import time
+import warnings
 from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -135,7 +137,7 @@ def _keep_finished(run: Run, wanted: dict[str, Task], names: list[str]) -> None:
     for part in held:
         mine = pc.scalar(True)
         for column, value in wanted[part].key.items():
-            mine = pc.and_(mine, pc.field(column) == value)
+            mine = mine & (pc.field(column) == value)
         run.commit_parts(part, {name: table.filter(mine) for name, table in stored.items()})
 
 
@@ -150,10 +152,14 @@ def _computed(
                 yield i, pool.submit(todo[i].compute, study, posterior).result()
         return
     parallel = Parallel(n_jobs=jobs, backend="loky", return_as="generator_unordered", pre_dispatch="2*n_jobs")
-    yield from parallel(delayed(_numbered)(i, todo[i], study, posterior) for i in order)
+    with warnings.catch_warnings():  # said when a run ends early, which is told in our own words
+        warnings.filterwarnings("ignore", message=".*tasks have been successfully executed", category=UserWarning)
+        warnings.filterwarnings("ignore", message=".*tasks which were still being processed", category=UserWarning)
+        yield from parallel(delayed(_numbered)(i, todo[i], study, posterior) for i in order)
 
 
 def _numbered(index: int, task: Task, study: Study, posterior: Posterior) -> tuple[int, Parts]:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends Ctrl-C to the workers too; the parent ends them
     return index, task.compute(study, posterior)
 
 

@@ -42,6 +42,8 @@ def _conditions(value: Any) -> Any:
     if unknown:
         raise ValueError(f"{', '.join(unknown)} unknown: conditions are {', '.join(CONDITIONS)}")
     listed = {key: _listed(values) for key, values in value.items()}
+    if any(not values for values in listed.values()):
+        raise ValueError("every list must have a value; leave a condition out to choose all of its cells")
     if any(not is_number(v) for values in listed.values() for v in values):
         raise ValueError("every value must be a number")
     return tuple((key, tuple(float(v) for v in values)) for key, values in listed.items())
@@ -76,7 +78,7 @@ class Posterior(Frozen):
     likelihood: Annotated[
         tuple[Likelihood, ...], BeforeValidator(_listed), Field(min_length=1), AfterValidator(_unique)
     ] = ("geometric",)
-    box: Annotated[float, Field(gt=0.0, le=1e6)] = 10.0
+    box: Annotated[float, Field(gt=0.0, le=1e3)] = 10.0
     walkers: Annotated[int, Field(ge=8, le=4096)] = 64
     max_steps: Annotated[int, Field(ge=100, le=10_000_000)] = 20_000
     keep_draws: Annotated[int, Field(ge=0)] = 1

@@ -65,12 +65,12 @@ def find(study: Study, cell: str, trial: int) -> Address:
     Raises:
         ReplayError: if there is no such cell, more than one, or no such trial in it.
     """
-    trials: dict[str, list[int]] = {}
+    trials: dict[str, set[int]] = {}
     found: Address | None = None
     for unit in units(study):
         for batch in unit.batches:
             for each in (c for c in batch.cells if c.name.startswith(cell)):
-                trials.setdefault(each.name, []).extend((batch.first, batch.first + batch.trials - 1))
+                trials.setdefault(each.name, set()).update(range(batch.first, batch.first + batch.trials))
                 if batch.first <= trial < batch.first + batch.trials:
                     found = Address(batch, each, trial)
     if not trials:
@@ -79,7 +79,8 @@ def find(study: Study, cell: str, trial: int) -> Address:
         raise ReplayError(f"cell {cell!r}: not one cell but {len(trials)}: {', '.join(sorted(trials)[:5])} …")
     if found is None:
         ((name, numbers),) = trials.items()
-        span = f"{min(numbers)}" if min(numbers) == max(numbers) else f"{min(numbers)} to {max(numbers)}"
+        first, last = min(numbers), max(numbers)
+        span = f"{first} to {last}" if 1 < len(numbers) == last - first + 1 else ", ".join(map(str, sorted(numbers)))
         raise ReplayError(f"trial {trial}: cell {name} has trial {span}")
     return found
 

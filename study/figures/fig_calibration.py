@@ -82,6 +82,8 @@ def prepare(tables: Tables) -> Frame:
             ranks = use[f"rank_{parameter}"].dropna().to_numpy()
             if len(ranks):
                 curves.append(Curve(parameter, str(likelihood), str(noise_is), np.sort(ranks)))
+    if not curves:
+        raise NotApplicable("needs chains that are ok: none is; give them more steps with max_steps")
     count = min(len(curve.ranks) for curve in curves)
     failed = sum(int((~part["ok"]).sum()) for _, part in kinds)
     stamp = f"{tables.name} · {count:,} trials behind each curve" + (f", {failed} chains not ok" if failed else "")

@@ -102,8 +102,8 @@ def _view(words: str, draws: pd.DataFrame, errors: pd.DataFrame, row: Any, colum
     cloud = draws[["error_1", column]].to_numpy() / radius
     sd = np.array([row["bound_1"], row[f"bound_{ending}"]]) / radius
     answers = errors[["error_1", column]].to_numpy() / radius
-    low = np.minimum(cloud.min(axis=0), np.minimum(answers.min(axis=0), -2.6 * sd)) - 0.3 * sd
-    high = np.maximum(cloud.max(axis=0), np.maximum(answers.max(axis=0), 2.6 * sd)) + 0.3 * sd
+    shown = np.concatenate([cloud, answers, [-2.6 * sd, 2.6 * sd]])
+    low, high = shown.min(axis=0) - 0.3 * sd, shown.max(axis=0) + 0.3 * sd
     x, y = (np.linspace(low[i], high[i], _GRID) for i in (0, 1))
     density = stats.gaussian_kde(cloud.T, lambda kde: _SMOOTH * kde.scotts_factor())
     place = np.stack(np.meshgrid(x, y)).reshape(2, -1)

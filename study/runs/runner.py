@@ -63,8 +63,10 @@ def run(study: Study, config: str, folder: Path, jobs: int = 2, progress: Progre
     computed = time.perf_counter() - clock
     software = provenance.software()
     store.finish(todo, lambda: (results[i] for i in range(len(todo))), software)
+    before = store.manifest() if (folder / "manifest.json").is_file() else {}
     store.save_manifest(
-        {
+        {key: value for key, value in before.items() if key == "posterior"}
+        | {
             "run": study.run_name(),
             "config": study.model_dump(mode="json"),
             "cells": study.cells(),

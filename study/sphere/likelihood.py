@@ -78,10 +78,13 @@ def whole_sphere(reference: Reference, offsets: Floats, log_noise: Floats) -> Fl
 
 def _log_spread(k: Floats, dimension: int) -> Floats:
     """Log of e^-k I_ν(k) Γ(ν+1) (2/k)^ν, ν = d/2 - 1; 0 at k = 0."""
+    k = np.maximum(k, 1e-20)
     if dimension == 3:
         return np.asarray(np.log(-np.expm1(-2.0 * k) / (2.0 * k)))
     order = 0.5 * dimension - 1.0
-    return np.asarray(np.log(special.ive(order, k)) + math.lgamma(order + 1.0) + order * np.log(2.0 / k))
+    bessel = np.log(special.ive(order, np.minimum(k, 1e8)))
+    large = -0.5 * np.log(2.0 * math.pi * k) + np.log1p((0.125 - 0.5 * order**2) / k)
+    return np.asarray(np.where(k > 1e8, large, bessel) + math.lgamma(order + 1.0) + order * np.log(2.0 / k))
 
 
 @compiled

@@ -206,4 +206,7 @@ def _cost(path: Path) -> pd.DataFrame:
         table: pd.DataFrame = tables.read(path)
     except (OSError, ValueError) as error:
         raise RunError(f"{path}: cannot be read: {error}") from None
+    missing = {"estimator", "flops_per_sample", "paper_flops", "scalar_seconds", "vector_seconds"} - set(table.columns)
+    if missing:
+        raise RunError(f"{path}: not a cost table, without {', '.join(sorted(missing))}; `study cost` makes one")
     return table

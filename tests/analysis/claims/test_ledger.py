@@ -110,6 +110,10 @@ def test_the_cost_table(tmp_path):
     with pytest.raises(RunError, match="cannot be read"):
         Evidence.of([], path)
     pd.DataFrame({"estimator": ["gdke", "lls"]}).to_parquet(path)
+    with pytest.raises(RunError, match="not a cost table, without flops_per_sample"):
+        Evidence.of([], path)
+    columns = ["flops_per_sample", "paper_flops", "scalar_seconds", "vector_seconds"]
+    pd.DataFrame({"estimator": ["gdke", "lls"]} | dict.fromkeys(columns, 1.0)).to_parquet(path)
     (finding,) = evaluate([measure], Evidence.of([], path))
     assert finding.numbers[0].value == 2.0
 
