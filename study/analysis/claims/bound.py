@@ -196,7 +196,8 @@ CLAIMS: tuple[Claim, ...] = (
         quantity="GDKE's median error over bound up to σ = .3 r, by cap",
         criterion="Good: on the whole sphere the greatest is at most 1.2 times that of an efficient estimator, three "
         "standard errors allowed, and the bias within four standard errors of 0. Worse: it grows from each cap to the "
-        "next smaller one by two standard errors. Reproduced with both, partly with one, else not. All fits.",
+        "next smaller one by two standard errors. Reproduced with both, partly with one, else "
+        "not reproduced. All fits.",
         reads=("efficiency/errors",),
         measure=_measure_even,
         judge=_judge_even,
