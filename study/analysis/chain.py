@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from study.estimators import ESTIMATORS, Samples, Status
 from study.experiment.posterior import ChainStatus
+from study.experiment.streams import OldStream
 from study.sphere import likelihood
 
 Floats = NDArray[np.float64]
@@ -40,7 +41,7 @@ _AT_RIM = 0.01
 class Afresh(emcee.moves.RedBlueMove):  # type: ignore[misc]
     """Propose places that do not depend on where a walker is, from a fit to the walkers that do not move."""
 
-    def get_proposal(self, s: Floats, c: list[Floats], random: np.random.RandomState) -> tuple[Floats, Floats]:
+    def get_proposal(self, s: Floats, c: list[Floats], random: OldStream) -> tuple[Floats, Floats]:
         """Places for walkers ``s`` (k, p), from the others ``c``, and the log-densities that balance the choice."""
         others = np.concatenate(c, axis=0)
         mean, root = others.mean(axis=0), np.linalg.cholesky(np.cov(others.T))
@@ -97,9 +98,7 @@ class Chain:
         return self.draws.reshape(-1, self.draws.shape[2])
 
 
-def sample(
-    samples: Samples, prior: Prior, name: str, random: np.random.RandomState, walkers: int, max_steps: int
-) -> Chain:
+def sample(samples: Samples, prior: Prior, name: str, random: OldStream, walkers: int, max_steps: int) -> Chain:
     """Run a chain.
 
     Args:

@@ -46,7 +46,8 @@ def ugdk_cov(samples: Samples) -> Fit:
     with np.errstate(all="ignore"):
         scale = np.sqrt(np.trace(samples.moments.covariance, axis1=1, axis2=2))
     scale = np.where(usable, scale, 1.0)[:, None, None]
-    x = np.where(usable[:, None, None], samples.x, 0.0) / scale
+    # in one memory layout, which division would take from the points, and with it the order of adding
+    x = np.ascontiguousarray(np.where(usable[:, None, None], samples.x, 0.0) / scale)
     fit = start
     for step in range(1, _ROUNDS + 1):
         unit = _covariance(x, center / scale[:, :, 0], noise / scale**2, isotropic / scale**2)

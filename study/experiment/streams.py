@@ -10,6 +10,7 @@ import hashlib
 import numpy as np
 
 Name = tuple[str | int | float, ...]
+OldStream = np.random.RandomState
 
 
 def stream(seed: int, *name: str | int | float) -> np.random.Generator:
@@ -25,9 +26,9 @@ def stream(seed: int, *name: str | int | float) -> np.random.Generator:
     return np.random.Generator(np.random.SFC64(_sequence(seed, name)))
 
 
-def old_stream(seed: int, *name: str | int | float) -> np.random.RandomState:
+def old_stream(seed: int, *name: str | int | float) -> OldStream:
     """The same for a library that draws from NumPy's old kind of generator (emcee)."""
-    return np.random.RandomState(np.random.MT19937(_sequence(seed, name)))
+    return OldStream(np.random.MT19937(_sequence(seed, name)))
 
 
 def _sequence(seed: int, name: Name) -> np.random.SeedSequence:
