@@ -21,6 +21,11 @@ angle = 90
 """
 
 
+def _take_interrupts():
+    """Undo what a shell does to programs that it starts in the background, and they to theirs: ignore Ctrl-C."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no SIGINT to send to another process")
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_interrupt(command, tmp_path, jobs):
@@ -31,6 +36,7 @@ def test_interrupt(command, tmp_path, jobs):
         [*words, "run", "long.toml", "--out", "out", "--jobs", str(jobs)],
         cwd=tmp_path,
         env=environment,
+        preexec_fn=_take_interrupts,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         encoding="utf-8",

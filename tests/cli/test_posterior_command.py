@@ -31,6 +31,11 @@ noise = "known"
 """
 
 
+def _take_interrupts():
+    """Undo what a shell does to programs that it starts in the background, and they to theirs: ignore Ctrl-C."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 @pytest.fixture(scope="module")
 def asked(config):
     """The small config with a [posterior]: four chains of a hundred steps."""
@@ -200,6 +205,7 @@ def test_interrupt(command, call_here, long, tmp_path, jobs, everyone):
         [*words, "posterior", ".", "--jobs", str(jobs)],
         cwd=tmp_path,
         env=environment,
+        preexec_fn=_take_interrupts,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         encoding="utf-8",
