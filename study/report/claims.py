@@ -84,7 +84,7 @@ def _judged(row: Any, material: Material) -> Row:
         ("Tables", Code(str(row.reads)) if row.reads else ""),
     ]
     judged = Folded("How it was judged", Facts([(term, content) for term, content in facts if content]))
-    found = Items([readable(part) for part in str(row.finding).split("; ")])
+    found = Items([readable(part) for part in str(row.finding).splitlines()])
     cells: list[Content] = [
         str(row.number),
         str(row.section),

@@ -174,7 +174,7 @@ def test_claims(document):
     judged = ["good", "partly", "bad", "untested", "good"]
     assert badges == [f"badge {look}" for look in tally + judged]
     assert "statement 3 of the <paper>" in document.text
-    assert "the median: (−1.200 ± 0.030) × 10⁻⁵ the other, of N = 20: 0.990 ± 0.012" in document.text
+    assert "the median; all fits: (−1.200 ± 0.030) × 10⁻⁵ the other, of N = 20: 0.990 ± 0.012" in document.text
     assert "at least 40 behind each number" in document.text
     assert "a remark of its own" in document.text
     assert document.text.count("Remark") == 1  # what is empty is not shown

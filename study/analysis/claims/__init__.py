@@ -51,9 +51,9 @@ def save(run: Run, claims: pd.DataFrame) -> None:
 
 
 def printed(claims: pd.DataFrame) -> Iterator[str]:
-    """The claims for a terminal: two lines each, and how many there are of each verdict."""
+    """The claims for a terminal: a line for each and for each number, and how many there are of each verdict."""
     for row in claims.itertuples():
         yield f"{row.number:>2}  §{row.section:<6} {str(row.verdict).upper():<18} {row.statement}"
-        yield f"    {row.finding}"
+        yield from (f"    {line}" for line in str(row.finding).splitlines())
     counts = claims["verdict"].value_counts()
     yield "; ".join(f"{counts[verdict]} {verdict}" for verdict in map(str, Verdict) if verdict in counts)

@@ -7,7 +7,7 @@ changes with it; take one away and the claim says which is missing, and has no v
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -71,6 +71,7 @@ class Evidence:
 
     runs: Mapping[str, Run]
     cost: pd.DataFrame | None = None
+    _read: dict[tuple[str, str], pd.DataFrame] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @classmethod
     def of(cls, runs: Iterable[Run], cost: Path | None = None) -> "Evidence":
@@ -95,10 +96,12 @@ class Evidence:
         """
         if config not in self.runs:
             raise TableMissing(f"needs a run of configs/{config}.toml")
-        try:
-            return self.runs[config].table(name)
-        except RunError as error:
-            raise TableMissing(str(error)) from None
+        if (config, name) not in self._read:
+            try:
+                self._read[config, name] = self.runs[config].table(name)
+            except RunError as error:
+                raise TableMissing(str(error)) from None
+        return self._read[config, name]
 
     def costs(self) -> pd.DataFrame:
         """The cost table.
@@ -188,7 +191,7 @@ def frame(findings: Iterable[Finding], evidence: Evidence) -> pd.DataFrame:
                 "error": head.error,
                 "trials": min((n.trials for n in numbers if n.trials), default=0),
                 "verdict": str(verdict),
-                "finding": reason or "; ".join(map(str, numbers)),
+                "finding": reason or "\n".join(map(str, numbers)),
                 "criterion": claim.criterion,
                 "remark": claim.remark,
                 "reads": ", ".join(claim.reads),

@@ -161,7 +161,7 @@ def test_frame(small):
     assert list(table["verdict"]) == ["reproduced", "not evaluated", "not testable here"]
     first = table.iloc[0]
     assert (first["value"], first["error"], first["trials"]) == (2.0, 0.5, 5)
-    assert first["finding"] == "a: 2 ± 0.5; b: 3; c: 4 ± 0.1"
+    assert first["finding"] == "a: 2 ± 0.5\nb: 3\nc: 4 ± 0.1"
     assert "configs/other.toml" in table["finding"][1]
     assert math.isnan(table["value"][1])
     assert list(table["runs"]) == [small.study.run_name(), small.study.run_name(), ""]
