@@ -15,6 +15,7 @@ from study.experiment.streams import stream
 from study.sphere import cap
 from study.sphere.bounds import bound_from_scatter, normal_weights, weighted_scatter
 from study.sphere.compiled import compiled
+from study.sphere.normals import state_of
 
 Floats = NDArray[np.float64]
 
@@ -101,7 +102,7 @@ def draw(study: Study, batch: Batch, array: Array = new) -> Draws:
     stream(study.seed, "heights", *batch.stream).random(out=uniform)
     directions, noise = array("directions", shape), array("noise", shape)
     height = cap.heights(uniform, math.radians(batch.angle), d)
-    cap.draw(stream(study.seed, "normals", *batch.stream), height, directions, noise)
+    cap.draw(state_of(stream(study.seed, "normals", *batch.stream)), height, directions, noise)
     covariance = np.eye(d)
     if study.noise_shape is not None:
         covariance = np.array(study.noise_shape)
