@@ -87,8 +87,7 @@ class Draws:
             u = self.directions.swapaxes(1, 2).copy()
             u[:, :, 0] = 1.0 - u[:, :, 0]
             weights = normal_weights(u, self.shape)
-        sums, mean, scatter = np.empty(b), np.empty((b, d)), np.empty((b, d, d))
-        weighted_scatter(self.directions, weights, sums, mean, scatter)
+        sums, mean, scatter = weighted_scatter(self.directions, weights)
         scatter[:, 0, 1:] *= -1.0
         scatter[:, 1:, 0] *= -1.0
         mean[:, 0] = 1.0 - mean[:, 0]

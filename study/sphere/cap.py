@@ -70,7 +70,7 @@ def draw(state: Any, height: Any, directions: Any, normals: Any) -> None:
     Trial after trial from one stream, whose state (see `study.sphere.normals.state_of`) is moved on, so that a block's
     first trials do not depend on how many follow. Row 0 of the directions receives the height t = 1 - u₁ instead of u₁.
     """
-    b, d, n = directions.shape
+    b, d, _ = directions.shape
     place = loaded(state)
     for trial in range(b):
         for i in range(1, d):

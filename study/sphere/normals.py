@@ -53,7 +53,7 @@ def _next(state: Any) -> Any:
 
 
 @compiled
-def _uniform(bits: Any) -> float:
+def _uniform(bits: Any) -> Any:
     return (bits >> _11) * (1.0 / 9007199254740992.0)
 
 
