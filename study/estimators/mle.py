@@ -1,7 +1,7 @@
 """Maximum likelihood: geometric least squares, minimising F(c) = Σ(Rᵢ - R̄)² over the centre, Rᵢ = |xᵢ - c|.
 
-Newton's method with the exact Hessian, from GDKE's answer: 3-8 passes over the data where Gauss-Newton takes 7-78.
-Never from UGDK's, which can lie anywhere. With e = (x - c)/R and r = R̄,
+Newton's method with the exact Hessian, from GDKE's or Taubin's answer: 1-8 passes over the data where Gauss-Newton
+takes 7-78. Never from UGDK's, which can lie anywhere. With e = (x - c)/R and r = R̄,
 
     ½∇F = -Σ(R - r)e,    ½∇²F = Σ[(1 - r/R) I + (r/R) eeᵀ] - n ē ēᵀ,
 
@@ -18,7 +18,8 @@ from typing import Any
 import numpy as np
 
 from study.estimators.fit import Fit, Samples, Status, blank
-from study.estimators.gdk import gdke
+from study.estimators.gdk import member
+from study.estimators.roots import root
 from study.sphere.compiled import CHUNK, compiled, dot, fresh, put, window, zeros
 from study.sphere.linalg import cholesky_solve, diagonalise
 
@@ -26,6 +27,8 @@ _MAX_ITERATIONS = 100
 _MAX_HALVINGS = 40
 _TOLERANCE = 1e-9
 """A Newton step below this share of the radius ends the iteration: the next one would be its square."""
+_CLEAR = 0.3
+"""Noise below this share of the points' least variance leaves no doubt where to begin."""
 _SHORT, _SURE = 1e-3, 1e-12
 """So does a step this short, beside the one before it and the radius, if it lets expect a next one this short ..."""
 _THIRD = 1e-8
@@ -199,17 +202,24 @@ def mle(samples: Samples) -> Fit:
 
 
 def minimum_from(samples: Samples, share: float) -> Fit:
-    """The minimum of F that Newton's method finds from x̄ + share · (ĉ - x̄), where ĉ is GDKE's answer."""
+    """The minimum of F that Newton's method finds from x̄ + share · (ĉ - x̄).
+
+    ĉ is Taubin's answer where the noise is clearly below the points' extent, which saves a pass or two, and GDKE's,
+    which does not run away, where it is not.
+    """
     b, d, n = samples.shape
-    start, moments = gdke(samples), samples.moments
+    regression = samples.regression
+    eta = root(regression, 0.0)
+    clear = eta < _CLEAR * regression.spectrum[0][:, 0]
+    start = member(regression, np.where(clear, eta, 0.0), 0.0)
     fit = blank(b, d)
     fit.status[:] = start.status
-    offset, results = share * (start.center - moments.mean), np.full((b, 3), np.nan)
-    spread = np.trace(moments.second, axis1=1, axis2=2) / n
+    offset, results = share * (start.center - regression.origin), np.full((b, 3), np.nan)
+    spread = regression.square
     radius = np.sqrt(spread + np.einsum("bi,bi->b", offset, offset))  # eq. 3: a reference that keeps R - r small
     bound = _BOUND * np.sqrt(spread)
-    _fit_all(samples.x, moments.mean, radius, offset, bound, fit.status, results, zeros(d), zeros(d, d))
-    fit.center[:] = moments.mean + offset
+    _fit_all(samples.x, regression.origin, radius, offset, bound, fit.status, results, zeros(d), zeros(d, d))
+    fit.center[:] = regression.origin + offset
     fit.radius[:] = results[:, 0]
     least = np.maximum(results[:, 1], 0.0)  # rounding can take F below 0 where the points lie on a sphere
     fit.noise_variance[:] = least / (n - d - 1) if n > d + 1 else np.nan

@@ -19,6 +19,9 @@ from study.sphere.linalg import eigenbasis
 
 Floats = NDArray[np.float64]
 
+_FLAT = 4 * 2.0**-52
+"""Least eigenvalue of K over the largest, per dimension, that is no rounding: a bound beyond it would be infinite."""
+
 
 @compiled
 def _first(u: Any, t: int, start: int, weights: Any, first: Any) -> Any:
@@ -52,14 +55,18 @@ def _scatter(directions: Any, weights: Any, sums: Any, mean: Any, scatter: Any, 
         for start in range(0, n, CHUNK):
             part = weights[t, start : start + CHUNK]
             u, s, place = window(directions, t, start, part.size, rows, zero)
-            middle = _first(u, s, place, part, middle)
+            first = _first(u, s, place, part, fresh(zero))
+            for i in range(d):
+                middle = put(middle, i, middle[i] + first[i])
         for i in range(d):
             middle = put(middle, i, middle[i] / whole)
             mean[t, i] = middle[i]
         for start in range(0, n, CHUNK):
             part = weights[t, start : start + CHUNK]
             u, s, place = window(directions, t, start, part.size, rows, zero)
-            second = _second(u, s, place, part, middle, second)
+            more = _second(u, s, place, part, middle, fresh(square))
+            for i in range(d * d):
+                second = put(second, i, second[i] + more[i])
         for i in range(d):
             for j in range(i + 1):
                 scatter[t, i, j] = scatter[t, j, i] = second[i * d + j]
@@ -73,24 +80,36 @@ def weighted_scatter(directions: Floats, weights: Floats) -> tuple[Floats, Float
     return sums, mean, scatter
 
 
+@compiled
+def _invert(sums: Any, mean: Any, values: Any, vectors: Any, bound: Any) -> None:
+    """Block inversion of J, given the eigenbasis of the scatter K, where that is regular."""
+    b, d = mean.shape
+    for t in range(b):
+        if not values[t, 0] > d * _FLAT * values[t, d - 1]:
+            continue
+        radius = 1.0 / sums[t]
+        for i in range(d):
+            across = 0.0
+            for j in range(d):
+                inverse = 0.0
+                for k in range(d):
+                    inverse += vectors[t, i, k] * vectors[t, j, k] / values[t, k]
+                bound[t, i, j] = inverse
+                across += inverse * mean[t, j]
+            bound[t, i, d] = bound[t, d, i] = -across
+            radius += across * mean[t, i]
+        bound[t, d, d] = radius
+
+
 def bound_from_scatter(sums: Floats, mean: Floats, scatter: Floats) -> Floats:
     """Invert J from its centred form: the bound (b, d+1, d+1), infinite where the directions leave c undetermined.
 
     With K = Σω(u-ū)(u-ū)ᵀ, block inversion gives K⁻¹ for the centre, -K⁻¹ū between, 1/Σω + ūᵀK⁻¹ū for the radius.
     """
     b, d = mean.shape
-    result = np.full((b, d + 1, d + 1), np.inf)
-    eigenvalues, vectors = eigenbasis(scatter)
-    known = eigenvalues[:, 0] > d * np.finfo(float).eps * eigenvalues[:, -1]
-    values, basis, middle = eigenvalues[known], vectors[known], mean[known]
-    inverse = np.einsum("bij,bj,bkj->bik", basis, 1.0 / values, basis)
-    cross = np.einsum("bij,bj->bi", inverse, middle)
-    bound = np.empty((len(values), d + 1, d + 1))
-    bound[:, :d, :d] = inverse
-    bound[:, :d, d] = bound[:, d, :d] = -cross
-    bound[:, d, d] = 1.0 / sums[known] + np.einsum("bi,bi->b", middle, cross)
-    result[known] = bound
-    return result
+    bound = np.full((b, d + 1, d + 1), np.inf)
+    _invert(sums, mean, *eigenbasis(scatter), bound)
+    return bound
 
 
 def crlb(directions: ArrayLike, noise: ArrayLike) -> Floats:

@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
-from study.sphere.compiled import compiled, fill
+from study.sphere.compiled import CHUNK, compiled, fill
 from study.sphere.normals import fill_normal, loaded
 
 Floats = NDArray[np.float64]
 
 
 def heights(uniform: Floats, half_angle: float, dimension: int) -> Floats:
-    """Turn uniform numbers into heights t = 1 - cos θ of directions uniform on a cap.
+    """Turn uniform numbers into heights t = 1 - cos θ of directions uniform on a cap; in place.
 
     Args:
         uniform: numbers in [0, 1), any shape.
@@ -31,13 +31,17 @@ def heights(uniform: Floats, half_angle: float, dimension: int) -> Floats:
         Heights in [0, 1 - cos φ], in the shape of ``uniform``. t/2 follows a Beta((d-1)/2, (d-1)/2) law cut off
         at sin²(φ/2); in three dimensions that is uniform (Archimedes).
     """
-    if dimension == 2:
-        return np.asarray(2.0 * np.sin(0.5 * half_angle * uniform) ** 2)
     top = math.sin(0.5 * half_angle) ** 2
-    if dimension == 3:
-        return np.asarray(2.0 * top * uniform)
-    k = 0.5 * (dimension - 1)
-    return np.asarray(2.0 * special.betaincinv(k, k, uniform * special.betainc(k, k, top)))
+    if dimension == 2:
+        uniform[...] = 2.0 * np.sin(0.5 * half_angle * uniform) ** 2
+    elif dimension == 3:
+        uniform *= 2.0 * top
+    else:
+        k = 0.5 * (dimension - 1)
+        uniform *= special.betainc(k, k, top)
+        special.betaincinv(k, k, uniform, out=uniform)
+        uniform *= 2.0
+    return uniform
 
 
 @compiled
@@ -47,20 +51,21 @@ def _turn(height: Any, directions: Any) -> None:
     Row 0 receives the height t = 1 - u₁ in place of u₁.
     """
     d, n = directions.shape
-    scale = directions[0]
-    fill(scale, 0.0)
-    for i in range(1, d):
-        w = directions[i]
-        for k in range(n):
-            scale[k] += w[k] * w[k]
-    for k in range(n):
-        scale[k] = math.sqrt(height[k] * (2.0 - height[k]) / scale[k])
-    for i in range(1, d):
-        w = directions[i]
-        for k in range(n):
-            w[k] *= scale[k]
-    for k in range(n):
-        scale[k] = height[k]
+    for start in range(0, n, CHUNK):
+        t, scale = height[start : start + CHUNK], directions[0, start : start + CHUNK]
+        fill(scale, 0.0)
+        for i in range(1, d):
+            w = directions[i, start : start + CHUNK]
+            for k in range(t.size):
+                scale[k] += w[k] * w[k]
+        for k in range(t.size):
+            scale[k] = math.sqrt(t[k] * (2.0 - t[k]) / scale[k])
+        for i in range(1, d):
+            w = directions[i, start : start + CHUNK]
+            for k in range(t.size):
+                w[k] *= scale[k]
+        for k in range(t.size):
+            scale[k] = t[k]
 
 
 @compiled

@@ -18,8 +18,8 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 from numba import njit, types
-from numba.extending import overload
 from numba.cpython.unsafe.tuple import tuple_setitem
+from numba.extending import overload
 
 _set: Any = tuple_setitem
 F = TypeVar("F", bound=Callable[..., Any])

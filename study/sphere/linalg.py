@@ -107,3 +107,21 @@ def eigenbasis(matrices: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDAr
     values, vectors = np.empty(matrices.shape[:2]), np.empty(matrices.shape)
     _diagonalise_all(matrices.copy(), values, vectors)
     return values, vectors
+
+
+@compiled
+def _components_all(basis: Any, vectors: Any, result: Any) -> None:
+    b, d = vectors.shape
+    for t in range(b):
+        for k in range(d):
+            along = 0.0
+            for i in range(d):
+                along += basis[t, i, k] * vectors[t, i]
+            result[t, k] = along
+
+
+def components(basis: NDArray[np.float64], vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Components (b, d) of vectors (b, d) along the columns of bases (b, d, d)."""
+    result = np.empty(vectors.shape)
+    _components_all(basis, vectors, result)
+    return result

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from study.sphere.linalg import eigenbasis
+from study.sphere.linalg import components, eigenbasis
 from study.sphere.moments import Moments
 
 Floats = NDArray[np.float64]
@@ -60,7 +60,5 @@ class Regression:
     @cached_property
     def along(self) -> tuple[Floats, Floats]:
         """``cross`` and ``mean`` in the eigenbasis of C, (b, d) each."""
-        basis = self.spectrum[1].swapaxes(1, 2)
-        with np.errstate(all="ignore"):
-            cross, mean = (np.matmul(basis, v[:, :, None])[:, :, 0] for v in (self.cross, self.mean))
-        return cross, mean
+        basis = self.spectrum[1]
+        return components(basis, self.cross), components(basis, self.mean)

@@ -24,7 +24,9 @@ NAMES = list(KAPPA)
 def eta_of(points, name):
     """The root η in weights of 1/n, for one set or a batch (…, n, d)."""
     *lead, n, d = points.shape
-    return (root(Samples(points.reshape(-1, n, d).swapaxes(1, 2)).regression, KAPPA[name](d)) * (n - 1) / n).reshape(lead)
+    return (root(Samples(points.reshape(-1, n, d).swapaxes(1, 2)).regression, KAPPA[name](d)) * (n - 1) / n).reshape(
+        lead
+    )
 
 
 def pencil(points, name):

@@ -78,7 +78,7 @@ def test_isotropic_across_the_axis(rng, assert_mean, d):
 def test_heights_against_mpmath(rng, d, relative, phi):
     """Heights keep their relative accuracy at any angle: 4 rounding errors for d = 2, 3 and 1e-10 for d = 5."""
     uniform = rng.random(20)
-    t = heights(uniform, phi, d)
+    t = heights(uniform.copy(), phi, d)
     with mpmath.workdps(60):
         angle = mpmath.mpf(phi)
         top = mpmath.sin(angle / 2) ** 2
