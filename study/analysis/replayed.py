@@ -24,12 +24,12 @@ def answers(study: Study, trial: Trial) -> pd.DataFrame:
         realised directions), axis (error along the cap's axis), radius_error, noise (σ̂, or σ as told), condition (ρ),
         iterations, status in words.
     """
-    d = study.dimension
+    d, scale, level = study.dimension, trial.cell.scale, trial.cell.level
     bound = trial.cell.noise * float(np.sqrt(np.trace(trial.unit_bound[:d, :d])))
     rows = []
     for name in study.estimators:
-        fit = ESTIMATORS[name](trial.samples)
-        vector = fit.center[0] - np.array(trial.cell.center)
+        fit = ESTIMATORS[name](trial.level)
+        vector = (fit.center[0] - np.array(level.center)) * scale
         error = float(np.linalg.norm(vector))
         rows.append(
             {
@@ -37,8 +37,8 @@ def answers(study: Study, trial: Trial) -> pd.DataFrame:
                 "error": error,
                 "over_bound": error / bound,
                 "axis": float(vector[0]),
-                "radius_error": float(fit.radius[0] - trial.cell.radius),
-                "noise": float(np.sqrt(fit.noise_variance[0])),
+                "radius_error": float((fit.radius[0] - level.radius) * scale),
+                "noise": float(np.sqrt(fit.noise_variance[0]) * scale),
                 "condition": float(fit.condition[0]),
                 "iterations": int(fit.iterations[0]),
                 "status": explain(int(fit.status[0])),

@@ -6,7 +6,7 @@ import math
 import tomllib
 from itertools import product
 from pathlib import Path
-from typing import Annotated, Any, get_args
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationError
@@ -47,6 +47,11 @@ class Study(Frozen):
     """Covariance of a sample in units of σ² (d, d); the identity if absent."""
     keep_points: Annotated[int, Field(ge=0)] = 0
     """The trials whose points are stored: those with a number below this one, in each cell."""
+    route: Literal["points", "moments"] = "points"
+    """How fits are computed: from points, as the paper did, rounding included; or, closed forms only, from the joint
+    moments of directions and noise, which gives the statistical error alone and all noise levels at once."""
+    keep: Literal["errors", "summary"] = "errors"
+    """What is stored of the trials: every error, or their summary alone."""
     design: Annotated[RandomDesign | GridDesign, Field(discriminator="kind")]
     posterior: Posterior | None = None
 
@@ -64,7 +69,8 @@ class Study(Frozen):
 
     def canonical(self) -> str:
         """All that determines the error table, as JSON: the config without its ``[posterior]``."""
-        return self.model_dump_json(exclude={"posterior"})
+        usual = {name for name in ("route", "keep") if getattr(self, name) == type(self).model_fields[name].default}
+        return self.model_dump_json(exclude={"posterior", *usual})
 
     def digest(self) -> str:
         """Ten hexadecimal digits that stand for the canonical config."""
@@ -136,6 +142,33 @@ def _across(raw: dict[str, Any]) -> list[Fault]:
     shape = raw.get("noise_shape")
     if shape is not None:
         faults += _shape_faults(shape, d)
+    return faults + _route_faults(raw, design)
+
+
+def _route_faults(raw: dict[str, Any], design: dict[str, Any]) -> list[Fault]:
+    """What the route through joint moments, and the keeping of summaries alone, do not give."""
+    faults: list[Fault] = []
+    grid = design.get("kind") == "grid"
+    if raw.get("route") == "moments":
+        names = raw.get("estimators")
+        known = [name for name in names if name in ESTIMATORS] if isinstance(names, list) else []
+        others = [name for name in known if not ESTIMATORS[name].moments_suffice]
+        if others:
+            closed = ", ".join(name for name, entry in ESTIMATORS.items() if entry.moments_suffice)
+            faults.append(
+                Fault(("estimators",), f"{', '.join(others)} need the points; the moments suffice for {closed}")
+            )
+        if raw.get("noise_shape") is not None:
+            faults.append(Fault(("noise_shape",), 'the route "moments" is for isotropic noise'))
+        if raw.get("keep_points"):
+            faults.append(Fault(("keep_points",), 'the route "moments" forms no points'))
+        if not grid:
+            faults.append(Fault(("route",), 'a random design draws every trial for one level: route = "points"'))
+    if raw.get("keep") == "summary":
+        if not grid:
+            faults.append(Fault(("keep",), 'a random design has one trial in a cell: keep = "errors"'))
+        if raw.get("keep_points"):
+            faults.append(Fault(("keep_points",), 'belongs to the errors, which keep = "summary" does not store'))
     return faults
 
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,6 +22,14 @@ _TRIALS_PER_UNIT = 25
 _SAMPLES_PER_UNIT = 8_000_000
 
 
+class Level(NamedTuple):
+    """Where draws are placed: noise σ, radius r and centre c, in a unit of its own."""
+
+    noise: float
+    radius: float
+    center: tuple[float, ...]
+
+
 @dataclass(frozen=True)
 class Cell:
     """One condition.
@@ -31,6 +40,8 @@ class Cell:
         angle: confinement half-angle φ in degrees.
         radius: r, in the unit of the noise.
         center: c (d,).
+        scale: the unit in which its points are formed and fitted. Fits do not depend on it but for rounding, so cells
+            of a grid whose radii are a power of ten apart are fitted once.
     """
 
     samples: int
@@ -38,12 +49,21 @@ class Cell:
     angle: float
     radius: float
     center: tuple[float, ...]
+    scale: float = 1.0
 
     @cached_property
     def name(self) -> str:
         """Ten hexadecimal digits that stand for the condition, wherever it occurs."""
         numbers = [self.samples, *(float(v).hex() for v in (self.noise, self.angle, self.radius, *self.center))]
         return hashlib.blake2b(repr(numbers).encode(), digest_size=5).hexdigest()
+
+    @cached_property
+    def level(self) -> Level:
+        """Noise, radius and centre in units of ``scale``."""
+        if self.scale == 1.0:
+            return Level(self.noise, self.radius, self.center)
+        center = tuple(_rounded(v / self.scale) for v in self.center)
+        return Level(_rounded(self.noise / self.scale), _rounded(self.radius / self.scale), center)
 
     @property
     def distance(self) -> float:
@@ -108,7 +128,14 @@ def _grid_units(study: Study, design: GridDesign) -> Iterator[Unit]:
     relative = design.noise is None
     for samples, angle in product(design.samples, design.angle):
         cells = tuple(
-            Cell(samples, noise * radius if relative else noise, angle, radius, diagonal_center(c, study.dimension))
+            Cell(
+                samples,
+                noise * radius if relative else noise,
+                angle,
+                radius,
+                diagonal_center(c, study.dimension),
+                scale=float(f"1e{math.floor(math.log10(radius))}"),
+            )
             for noise, radius, c in product(noises, design.radius, design.center)
         )
         groups = [cells] if design.draws == "shared" else [(cell,) for cell in cells]
@@ -118,11 +145,12 @@ def _grid_units(study: Study, design: GridDesign) -> Iterator[Unit]:
                 name = (*name, group[0].name)
             size = block_trials(samples)
             batches: list[Batch] = []
-            load = 0
+            load, most = 0, math.inf if study.keep == "summary" else _SAMPLES_PER_UNIT
+            levels = 1 if study.route == "moments" else len({cell.level for cell in group})
             for block, first in enumerate(range(0, design.trials, size)):
                 batches.append(Batch((*name, block), first, min(size, design.trials - first), group))
-                load += batches[-1].trials * samples * len(group)
-                if load >= _SAMPLES_PER_UNIT:
+                load += batches[-1].trials * samples * levels
+                if load >= most:
                     yield Unit(tuple(batches))
                     batches, load = [], 0
             if batches:

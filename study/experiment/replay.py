@@ -35,13 +35,15 @@ class Trial:
     Attributes:
         cell: its condition.
         trial: its number.
-        samples: the points (1, d, n) and the noise, as the estimators saw them.
+        samples: the points (1, d, n) and the noise.
+        level: the same in units of the cell's scale, as the estimators saw them.
         unit_bound: Cramér-Rao bound of (c, r) at σ = 1, for the realised directions (d+1, d+1).
     """
 
     cell: Cell
     trial: int
     samples: Samples
+    level: Samples
     unit_bound: Floats
 
 
@@ -88,5 +90,7 @@ def find(study: Study, cell: str, trial: int) -> Address:
 def replay(study: Study, address: Address) -> Trial:
     """Draw a trial again."""
     batch, cell = address.batch, address.cell
-    draws = draw(study, batch).only(address.trial - batch.first)
-    return Trial(cell, address.trial, Samples(draws.place(cell), draws.told(cell)), draws.unit_bound()[0])
+    draws = draw(study, [batch]).only(address.trial - batch.first)
+    level = draws.place(cell.level)
+    samples = Samples(cell.scale * level.x, draws.told(cell.noise))
+    return Trial(cell, address.trial, samples, level, draws.unit_bound()[0])

@@ -2,15 +2,16 @@
 
 import math
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from study.estimators import Samples
 from study.experiment.config import Study
-from study.experiment.design import Batch, Cell
+from study.experiment.design import Batch, Level
 from study.experiment.streams import stream
 from study.sphere import cap
 from study.sphere.bounds import bound_from_scatter, normal_weights, weighted_scatter
@@ -60,15 +61,15 @@ class Draws:
     noise: Floats
     shape: Floats
 
-    def place(self, cell: Cell, array: Array = new) -> Floats:
-        """The points x = c + r u + σ z of a cell, (b, d, n)."""
+    def place(self, level: Level, array: Array = new) -> Samples:
+        """The points x = c + r u + σ z of a level, (b, d, n), and the noise that estimators are told of them."""
         points = array("points", self.noise.shape)
-        _place(self.directions, self.noise, np.array(cell.center), cell.radius, cell.noise, points)
-        return points
+        _place(self.directions, self.noise, np.array(level.center), level.radius, level.noise, points)
+        return Samples(points, self.told(level.noise))
 
-    def told(self, cell: Cell) -> float | Floats:
+    def told(self, noise: float) -> float | Floats:
         """The noise that estimators are told: σ, or a covariance (d, d) if it is not isotropic."""
-        return cell.noise if np.array_equal(self.shape, np.eye(len(self.shape))) else cell.noise**2 * self.shape
+        return noise if np.array_equal(self.shape, np.eye(len(self.shape))) else noise**2 * self.shape
 
     def only(self, trial: int) -> "Draws":
         """One trial of the batch, counted from its first."""
@@ -94,14 +95,19 @@ class Draws:
         return bound_from_scatter(sums, mean, scatter)
 
 
-def draw(study: Study, batch: Batch, array: Array = new) -> Draws:
-    """Draw a batch from its named streams: heights from one, normals from the other."""
-    d, shape = study.dimension, (batch.trials, study.dimension, batch.samples)
-    uniform = array("uniform", (batch.trials, batch.samples))
-    stream(study.seed, "heights", *batch.stream).random(out=uniform)
-    directions, noise = array("directions", shape), array("noise", shape)
-    height = cap.heights(uniform, math.radians(batch.angle), d)
-    cap.draw(state_of(stream(study.seed, "normals", *batch.stream)), height, directions, noise)
+def draw(study: Study, batches: Sequence[Batch], array: Array = new) -> Draws:
+    """Draw batches of equal cells from their named streams: heights from one, normals from another for each."""
+    d, samples, angle = study.dimension, batches[0].samples, math.radians(batches[0].angle)
+    trials = sum(batch.trials for batch in batches)
+    uniform = array("uniform", (trials, samples))
+    directions, noise = array("directions", (trials, d, samples)), array("noise", (trials, d, samples))
+    first = 0
+    for batch in batches:
+        part = slice(first, first + batch.trials)
+        stream(study.seed, "heights", *batch.stream).random(out=uniform[part])
+        normals = state_of(stream(study.seed, "normals", *batch.stream))
+        cap.draw(normals, cap.heights(uniform[part], angle, d), directions[part], noise[part])
+        first += batch.trials
     covariance = np.eye(d)
     if study.noise_shape is not None:
         covariance = np.array(study.noise_shape)

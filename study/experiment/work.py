@@ -1,9 +1,8 @@
 """One unit of work: the only code that runs in a worker. It computes rows and writes nothing."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from time import perf_counter
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +10,15 @@ from numpy.typing import NDArray
 from study.estimators import ESTIMATORS, Fit, Samples
 from study.experiment.config import Study
 from study.experiment.design import Batch, Cell, Unit
+from study.experiment.errors import Columns, Errors, levels
 from study.experiment.sampling import Workspace, draw
+from study.sphere.joint import JointMoments
 
-Columns = dict[str, NDArray[Any]]
+_TOGETHER = 2**16
+"""Samples drawn at a time: several batches, so that the calls on them cost little, and little enough for a cache."""
+
+Reduce = Callable[[Errors], Columns]
+"""Makes rows of a summary from the errors of whole cells."""
 
 
 @dataclass(frozen=True)
@@ -23,6 +28,7 @@ class Result:
     errors: Columns
     timings: Columns
     points: Columns
+    summary: Columns
 
 
 _workspace = Workspace()
@@ -36,21 +42,21 @@ class Clock:
     """Seconds spent in each step since the last reading, as rows of the timing table."""
 
     def __init__(self) -> None:
-        self.rows: list[tuple[str, int, int, int, float]] = []
+        self.rows: list[tuple[str, int, int, float]] = []
         self._last = perf_counter()
 
-    def read(self, step: str, batch: Batch, levels: int) -> None:
-        """Close a step that served so many levels of a batch."""
+    def read(self, step: str, samples: int, fits: int) -> None:
+        """Close a step that served so many data sets of so many samples."""
         now = perf_counter()
-        self.rows.append((step, batch.samples, batch.trials, levels, now - self._last))
+        self.rows.append((step, samples, fits, now - self._last))
         self._last = perf_counter()
 
     def columns(self) -> Columns:
         """The rows, summed over what only differs by time."""
         totals: dict[tuple[str, int], list[float]] = {}
-        for step, samples, trials, levels, seconds in self.rows:
+        for step, samples, fits, seconds in self.rows:
             entry = totals.setdefault((step, samples), [0, 0.0])
-            entry[0] += trials * levels
+            entry[0] += fits
             entry[1] += seconds
         return {
             "step": np.array([step for step, _ in totals], dtype=object),
@@ -60,37 +66,100 @@ class Clock:
         }
 
 
-def compute(study: Study, unit: Unit) -> Result:
-    """Draw a unit's batches, place them on their cells' spheres, fit them, and compare with the truth."""
-    clock = Clock()
-    errors: list[Columns] = []
-    kept: list[Columns] = []
-    for batch in unit.batches:
-        draws = draw(study, batch, _workspace)
-        clock.read("draw", batch, 1)
-        bound = draws.unit_bound()
-        clock.read("bound", batch, 1)
-        for cell in batch.cells:
-            samples = Samples(draws.place(cell, _workspace), draws.told(cell))
-            clock.read("points", batch, 1)
-            samples.moments  # noqa: B018  computed here, so that no estimator is charged for what all share
-            clock.read("moments", batch, 1)
-            for name in study.estimators:
-                fit = _fit(name, samples, cell, batch)
-                errors.append(_error_columns(name, cell, batch, fit, bound))
-                clock.read(name, batch, 1)
-            if batch.first < study.keep_points:
-                kept.append(_point_columns(cell, batch, samples.x[: study.keep_points - batch.first]))
-    return Result(stack(errors), clock.columns(), stack(kept))
+def compute(study: Study, unit: Unit, reduce: Reduce | None = None) -> Result:
+    """Draw a unit's batches, place them on their cells' spheres, fit them, and compare with the truth.
+
+    Args:
+        study: the config.
+        unit: the work.
+        reduce: where a study keeps summaries alone, what makes them of the errors of the unit's cells.
+    """
+    clock, kept = Clock(), Kept(study)
+    found = _from_moments(study, unit, clock) if study.route == "moments" else _from_points(study, unit, clock, kept)
+    blocks = list(found)
+    if study.keep == "errors" or reduce is None:
+        return Result(stack(block.columns() for block in blocks), clock.columns(), stack(kept.columns()), {})
+    summary = reduce(Errors.joined(blocks))
+    clock.read("summary", unit.batches[0].samples, sum(block.radius.size for block in blocks))
+    return Result({}, clock.columns(), {}, summary)
 
 
-def _fit(name: str, samples: Samples, cell: Cell, batch: Batch) -> Fit:
+def _from_points(study: Study, unit: Unit, clock: Clock, kept: "Kept") -> Iterator[Errors]:
+    """Form the points of each level and fit them: what the paper did, and what shows rounding."""
+    for batches in together(unit.batches):
+        n, cells, first = batches[0].samples, batches[0].cells, batches[0].first
+        draws = draw(study, batches, _workspace)
+        trials = len(draws.noise)
+        clock.read("draw", n, trials)
+        errors = Errors.blank(cells, study.estimators, first, draws.unit_bound())
+        clock.read("bound", n, trials)
+        for places in levels(cells):
+            level = cells[places[0]].level
+            samples = draws.place(level, _workspace)
+            clock.read("points", n, trials)
+            samples.regression.along  # noqa: B018  now, so that no estimator is charged for what all share
+            clock.read("moments", n, trials)
+            for index, name in enumerate(study.estimators):
+                fit = _fit(name, samples, cells[places[0]], first, trials)
+                errors.record(places, index, fit, np.array(level.center), level.radius)
+                clock.read(name, n, trials)
+            for place in places:
+                kept.take(cells[place], batches, samples)
+        start = 0
+        for batch in batches:
+            yield errors.trials(start, batch.trials)
+            start += batch.trials
+
+
+def _from_moments(study: Study, unit: Unit, clock: Clock) -> Iterator[Errors]:
+    """Reduce the draws to their joint moments, and fit all levels of all trials from those: statistics alone."""
+    parts, bounds, cells = [], [], unit.batches[0].cells
+    for batches in together(unit.batches):
+        n = batches[0].samples
+        draws = draw(study, batches, _workspace)
+        clock.read("draw", n, len(draws.noise))
+        parts.append(JointMoments.of(draws.directions, draws.noise))
+        clock.read("moments", n, len(draws.noise))
+        bounds.append(draws.unit_bound())
+        clock.read("bound", n, len(draws.noise))
+    joint, errors = (
+        JointMoments.joined(parts),
+        Errors.blank(cells, study.estimators, unit.batches[0].first, np.concatenate(bounds)),
+    )
+    trials, d = len(joint.count), study.dimension
+    for places in levels(cells):
+        level = cells[places[0]].level
+        regression = joint.regression(np.array([level.noise]), np.array([level.radius]))
+        samples = Samples.of_regression(regression, level.noise)
+        regression.along  # noqa: B018
+        clock.read("points", n, trials)
+        for index, name in enumerate(study.estimators):
+            fit = _fit(name, samples, cells[places[0]], errors.first, trials)
+            errors.record(places, index, fit, np.zeros(d), 0.0)
+            clock.read(name, n, trials)
+    yield errors
+
+
+def together(batches: Sequence[Batch]) -> Iterator[list[Batch]]:
+    """Batches of the same cells that are computed at once, in order."""
+    group: list[Batch] = []
+    for batch in batches:
+        full = sum(b.trials for b in group) * batch.samples + batch.trials * batch.samples > _TOGETHER
+        if group and (full or batch.cells != group[0].cells):
+            yield group
+            group = []
+        group.append(batch)
+    if group:
+        yield group
+
+
+def _fit(name: str, samples: Samples, cell: Cell, first: int, trials: int) -> Fit:
     """Call an estimator; what it raises is told with the data that it raised on."""
     try:
         return ESTIMATORS[name](samples)
     except Exception as error:
-        last = batch.first + batch.trials - 1
-        raise WorkError(f"{name} on cell {cell.name}, trials {batch.first} to {last}: {error!r}") from error
+        last = first + trials - 1
+        raise WorkError(f"{name} on cell {cell.name}, trials {first} to {last}: {error!r}") from error
 
 
 def stack(parts: Iterable[Columns]) -> Columns:
@@ -99,44 +168,34 @@ def stack(parts: Iterable[Columns]) -> Columns:
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]} if parts else {}
 
 
-def _error_columns(name: str, cell: Cell, batch: Batch, fit: Fit, bound: NDArray[np.float64]) -> Columns:
-    """Rows of one estimator on one cell of a batch."""
-    b, d = fit.center.shape
-    vector = fit.center - np.array(cell.center)
-    variances = np.einsum("bii->bi", bound)
-    return {
-        **_condition_columns(cell, batch, b),
-        "estimator": np.full(b, name, dtype=object),
-        **{f"error_{i + 1}": vector[:, i] for i in range(d)},
-        "error": np.linalg.norm(vector, axis=1),
-        "radius_error": fit.radius - cell.radius,
-        "bound": cell.noise * np.sqrt(variances[:, :d].sum(axis=1)),
-        "radius_bound": cell.noise * np.sqrt(variances[:, d]),
-        "noise_variance": fit.noise_variance,
-        "status": fit.status.astype(np.int8),
-        "condition": fit.condition,
-        "iterations": fit.iterations.astype(np.int32),
-    }
+class Kept:
+    """Points of the trials that the study keeps, batch by batch and cell by cell."""
+
+    def __init__(self, study: Study) -> None:
+        self._below = study.keep_points
+        self._found: dict[tuple[int, int], Columns] = {}
+
+    def take(self, cell: Cell, batches: Sequence[Batch], samples: Samples) -> None:
+        """Take what is to be kept of the points of a cell's level, drawn in these batches."""
+        start = 0
+        for batch in batches:
+            count = min(batch.trials, self._below - batch.first)
+            if count > 0:
+                points = _point_columns(cell, batch.first, cell.scale * samples.x[start : start + count])
+                self._found[batch.first, batch.cells.index(cell)] = points
+            start += batch.trials
+
+    def columns(self) -> list[Columns]:
+        """The rows, of each batch and cell."""
+        return [self._found[place] for place in sorted(self._found)]
 
 
-def _condition_columns(cell: Cell, batch: Batch, trials: int) -> Columns:
-    return {
-        "cell": np.full(trials, cell.name, dtype=object),
-        "trial": np.arange(batch.first, batch.first + trials),
-        "samples": np.full(trials, cell.samples),
-        "noise": np.full(trials, cell.noise),
-        "angle": np.full(trials, cell.angle),
-        "radius": np.full(trials, cell.radius),
-        "center": np.full(trials, cell.distance),
-    }
-
-
-def _point_columns(cell: Cell, batch: Batch, x: NDArray[np.float64]) -> Columns:
+def _point_columns(cell: Cell, first: int, x: NDArray[np.float64]) -> Columns:
     """Rows of the points of a cell's trials (b, d, n), with the truth beside them."""
     b, d, n = x.shape
     return {
         "cell": np.full(b * n, cell.name, dtype=object),
-        "trial": np.repeat(np.arange(batch.first, batch.first + b), n),
+        "trial": np.repeat(np.arange(first, first + b), n),
         "sample": np.tile(np.arange(n), b),
         **{f"x_{i + 1}": x[:, i].flatten() for i in range(d)},
         **{f"center_{i + 1}": np.full(b * n, cell.center[i]) for i in range(d)},

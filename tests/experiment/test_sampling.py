@@ -30,13 +30,13 @@ def test_points_are_centre_plus_direction_plus_noise(make_study, d):
     """Placed points are c + r u + σ z of the draws, to rounding, for every level of a group."""
     study = make_study({"dimension": d}, **LEVELS)
     batch = first_batch(study)
-    draws = draw(study, batch)
+    draws = draw(study, [batch])
     u = unit_vectors(draws)
     assert len(batch.cells) == 12
     for cell in batch.cells:
         center = np.array(cell.center)[:, None]
         size = np.abs(center) + cell.radius + cell.noise * np.abs(draws.noise)
-        error = draws.place(cell) - (center + cell.radius * u + cell.noise * draws.noise)
+        error = draws.place(cell.level).x - (center + cell.radius * u + cell.noise * draws.noise)
         assert np.all(np.abs(error) <= 4 * EPS * size)
 
 
@@ -45,7 +45,7 @@ def test_points_are_centre_plus_direction_plus_noise(make_study, d):
 def test_directions_are_unit_vectors_within_the_cap(make_study, d, angle):
     """Directions have length 1 and lie within the confinement angle of the first axis."""
     study = make_study({"dimension": d}, samples=1000, angle=angle)
-    directions = draw(study, first_batch(study)).directions
+    directions = draw(study, [first_batch(study)]).directions
     height, across = directions[:, 0], np.sum(directions[:, 1:] ** 2, axis=1)
     np.testing.assert_allclose(across, height * (2 - height), rtol=1e-12, atol=1e-15)
     limit = 2 * np.sin(np.radians(angle) / 2) ** 2
@@ -82,7 +82,7 @@ def test_cells_with_independent_draws_share_nothing(make_study):
     study = make_study({"keep_points": 9}, trials=3, draws="independent", **LEVELS)
     batches = [batch for unit in units(study) for batch in unit.batches]
     assert len(batches) == 12
-    drawn = [draw(study, batch) for batch in batches]
+    drawn = [draw(study, [batch]) for batch in batches]
     for left, right in combinations(drawn, 2):
         assert not np.intersect1d(left.noise, right.noise).size
         assert not np.intersect1d(left.directions[:, 0], right.directions[:, 0]).size
@@ -94,7 +94,7 @@ def test_cells_with_independent_draws_share_nothing(make_study):
 def test_groups_share_nothing(make_study, change):
     """Another seed, angle, number of samples or dimension is another draw."""
     one, other = make_study(), make_study(**change)
-    left, right = draw(one, first_batch(one)), draw(other, first_batch(other))
+    left, right = draw(one, [first_batch(one)]), draw(other, [first_batch(other)])
     assert not np.intersect1d(left.noise, right.noise).size
 
 
@@ -102,7 +102,7 @@ def test_first_trials_do_not_depend_on_how_many_follow(make_study):
     """A longer study begins with the draws of a shorter one, bit for bit, also with a noise shape."""
     shape = [[4.0, 1.0, 0.0], [1.0, 2.0, 0.5], [0.0, 0.5, 1.0]]
     short, long = (make_study({"noise_shape": shape}, trials=trials) for trials in (1, 500))
-    left, right = draw(short, first_batch(short)), draw(long, first_batch(long))
+    left, right = draw(short, [first_batch(short)]), draw(long, [first_batch(long)])
     np.testing.assert_array_equal(left.noise, right.noise[:1])
     np.testing.assert_array_equal(left.directions, right.directions[:1])
 
@@ -121,7 +121,7 @@ def test_noise_has_its_covariance(make_study, shape):
     Nine normal statistics within 5 standard errors: a false alarm has probability 6e-6.
     """
     study = make_study({"noise_shape": SHAPES[shape]}, samples=100_000, trials=1)
-    draws = draw(study, first_batch(study))
+    draws = draw(study, [first_batch(study)])
     expected = np.eye(3) if SHAPES[shape] is None else np.array(SHAPES[shape])
     np.testing.assert_array_equal(draws.shape, expected)
     z = draws.noise[0]
@@ -134,6 +134,6 @@ def test_noise_has_its_covariance(make_study, shape):
 def test_noise_does_not_follow_the_direction(make_study):
     """Noise and direction of a sample are uncorrelated in every pair of components (9 pairs, 5 errors: 5e-6)."""
     study = make_study(samples=100_000, trials=1, angle=180)
-    draws = draw(study, first_batch(study))
+    draws = draw(study, [first_batch(study)])
     correlation = np.corrcoef(np.vstack([unit_vectors(draws)[0], draws.noise[0]]))[:3, 3:]
     assert np.abs(correlation).max() < 5 / np.sqrt(100_000)

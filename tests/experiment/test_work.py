@@ -41,15 +41,34 @@ def rows(made):
 @pytest.mark.usefixtures("fixed")
 @pytest.mark.parametrize("d", [2, 3, 5])
 def test_error_is_estimate_minus_truth(make_study, d):
-    """Components are estimated minus true, the error is their norm, and the radius error has the same sign rule."""
+    """Components are estimated minus true, the error is their norm, and the radius error has the same sign rule.
+
+    A sphere of radius 10 is fitted in units of 10, in which the answer comes too.
+    """
     found = rows(make_study({"estimators": ["fixed"], "dimension": d}, radius=[2, 10], center=[0, 6]))
     for i in range(len(found["trial"])):
-        center = found["center"][i] / math.sqrt(d)
-        vector = [ANSWER[k] - center for k in range(d)]
-        assert [found[f"error_{k + 1}"][i] for k in range(d)] == pytest.approx(vector, rel=1e-14)
-        assert found["error"][i] == pytest.approx(math.hypot(*vector), rel=1e-14)
-        assert found["radius_error"][i] == 7.0 - found["radius"][i]
-    assert set(found["radius_error"]) == {5.0, -3.0}
+        center, unit = found["center"][i] / math.sqrt(d), {2.0: 1.0, 10.0: 10.0}[found["radius"][i]]
+        vector = [unit * ANSWER[k] - center for k in range(d)]
+        assert [found[f"error_{k + 1}"][i] for k in range(d)] == pytest.approx(vector, rel=1e-11)
+        assert found["error"][i] == pytest.approx(math.hypot(*vector), rel=1e-11)
+        assert found["radius_error"][i] == 7.0 * unit - found["radius"][i]
+        assert found["noise_variance"][i] == 0.5 * unit**2
+    assert set(found["radius_error"]) == {5.0, 60.0}
+
+
+def test_cells_a_power_of_ten_apart_are_one_level(make_study):
+    """Radii of 1 and 10 with noise of .1 and 1: the errors of the larger are ten times those of the smaller, exactly.
+
+    That those are right is seen from a study of the larger alone, which gives the same bytes.
+    """
+    both = rows(make_study(noise=[0.1, 1.0], radius=[1.0, 10.0]))
+    small = (both["radius"] == 1.0) & (both["noise"] == 0.1)
+    large = (both["radius"] == 10.0) & (both["noise"] == 1.0)
+    for name in ("error_1", "error", "radius_error"):
+        np.testing.assert_allclose(both[name][large], 10.0 * both[name][small], rtol=4e-16)
+    alone = rows(make_study(noise=[1.0], radius=[10.0]))
+    for name in ("cell", "trial", "estimator", "error_1", "error", "radius_error", "noise_variance", "status"):
+        np.testing.assert_array_equal(both[name][large], alone[name])
 
 
 @pytest.mark.usefixtures("fixed")
@@ -69,7 +88,7 @@ def test_bounds_are_of_the_realised_directions(make_study, d, shaped):
     shape = np.diag(np.arange(1.0, d + 1)).tolist() if shaped else None
     made = make_study({"dimension": d, "noise_shape": shape}, noise=[0.1, 3.0], trials=4)
     unit = next(units(made))
-    u = draw(made, unit.batches[0]).directions.swapaxes(1, 2).copy()
+    u = draw(made, [unit.batches[0]]).directions.swapaxes(1, 2).copy()
     u[:, :, 0] = 1.0 - u[:, :, 0]
     found = compute(made, unit).errors
     for sigma in (0.1, 3.0):
