@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike, NDArray
 
 from study.analysis.measures import (
     UNKNOWN,
@@ -51,14 +52,19 @@ def summary(errors: pd.DataFrame, by_decade: bool) -> pd.DataFrame:
         A row per group and estimator, in the order of the table; columns as `tables.summary` declares them.
     """
     if by_decade:
-        decade = np.floor(np.log10(errors["noise"] / errors["radius"]) + 1e-9).astype(int)
-        errors = errors.assign(group=[f"1e{d:+03d}" for d in decade], decade=decade)
+        lower = decade(errors["noise"] / errors["radius"]).astype(int)
+        errors = errors.assign(group=[f"1e{power:+03d}" for power in lower], decade=lower)
         errors = errors.sort_values("decade", kind="stable")
     else:
         errors = errors.assign(group=errors["cell"].astype(str), decade=np.nan)
     groups = errors.groupby(["group", "estimator"], sort=False, observed=True)
     rows = [{"group": group, "estimator": estimator, **_row(part)} for (group, estimator), part in groups]
     return pd.DataFrame(rows)
+
+
+def decade(values: ArrayLike) -> NDArray[np.float64]:
+    """Lower end of the decade that each value lies in, as a power of ten; what rounding put just below it is in it."""
+    return np.asarray(np.floor(np.log10(values) + 1e-9))
 
 
 def _row(part: pd.DataFrame) -> dict[str, Any]:

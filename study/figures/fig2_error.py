@@ -22,6 +22,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 from scipy import stats
 
+from study.analysis.summary import decade
 from study.estimators import Status
 from study.figures import style
 from study.figures.inputs import NotApplicable, Tables
@@ -115,7 +116,7 @@ def _panel(name: str, part: pd.DataFrame, limits: tuple[int, int]) -> dict[str, 
 
 def _running_bound(trials: pd.DataFrame) -> pd.DataFrame:
     """Median of the bound in each decade of noise; each trial has its own N and φ, hence its own bound."""
-    decades = trials.groupby(np.floor(np.log10(trials["noise"])))
+    decades = trials.groupby(decade(trials["noise"]))
     medians = decades.agg(noise=("noise", "median"), bound=("bound", "median"), trials=("bound", "size"))
     return medians[medians["trials"] >= _LEAST_PER_DECADE].reset_index(drop=True)
 

@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from study.analysis.claims.ledger import Claim, Evidence, Number, Verdict
-from study.analysis.claims.measured import LEAST, beside, level, median, with_all, with_trials
-from study.analysis.claims.medians import law, of, ratio
+from study.analysis.claims.measured import LEAST, beside, law, level, median, of, ratio, with_all, with_trials
 from study.analysis.measures import UNKNOWN, Measure, mean, moments_exist, share, tail_index
 from study.sphere.cap import cap_moments
 

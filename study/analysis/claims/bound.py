@@ -11,8 +11,7 @@ import pandas as pd
 from scipy import stats
 
 from study.analysis.claims.ledger import Claim, Evidence, Number, Verdict
-from study.analysis.claims.measured import LEAST, cells, level, median, over
-from study.analysis.claims.medians import of
+from study.analysis.claims.measured import LEAST, cells, level, median, of, over
 from study.analysis.measures import UNKNOWN, Measure, mean, moments_exist, quantile, root_mean_square, tail_index
 from study.sphere.cap import cap_moments
 

@@ -11,9 +11,9 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from study.analysis.claims.ledger import Claim, Evidence, Number, Verdict
-from study.analysis.claims.measured import beside, cells, decade, level, median, over, quotient, with_all, with_trials
-from study.analysis.claims.medians import law, of
+from study.analysis.claims.measured import beside, cells, law, level, median, of, over, ratio, with_all, with_trials
 from study.analysis.measures import UNKNOWN, Measure
+from study.analysis.summary import decade
 from study.sphere.cap import cap_moments
 
 Floats = NDArray[np.float64]
@@ -38,7 +38,7 @@ def _measure_slopes(evidence: Evidence) -> list[Number]:
     numbers = []
     for name in _PAPERS:
         rows = of(paper, name)
-        numbers.append(_line(f"exponent of σ in {name.upper()}'s error, paper's design", rows, decade(rows)))
+        numbers.append(_line(f"exponent of σ in {name.upper()}'s error, paper's design", rows, decade(level(rows))))
     angle = float(grid["angle"].min())
     moments = cap_moments(math.radians(angle), 3)
     leaves = math.sqrt(moments.along / float(grid["samples"].max())) / moments.mean
@@ -87,7 +87,7 @@ def _measure_closest(evidence: Evidence) -> list[Number]:
     if not with_all(errors, *_PAPERS):
         return [Number.of(f"{words} closer than each other method", UNKNOWN, 0)]
     found, noise = beside(errors, over(errors, "bound")), beside(errors, level(errors))["ugdk"]
-    decades = np.floor(np.log10(noise.to_numpy()) + 1e-9)
+    decades = decade(noise)
     used = np.unique(decades[with_trials(decades)])
     if len(used) == 0:
         return [Number.of(f"{words} closer than each other method", UNKNOWN, 0)]
@@ -102,12 +102,12 @@ def _measure_closest(evidence: Evidence) -> list[Number]:
         Number(f"{words} farther than another", behind, 0.0, trials),
         Number.of(
             f"UGDK's median error over bound, over {name.upper()}'s, σ ≥ r",
-            quotient(median(large["ugdk"].to_numpy()), best),
+            ratio(median(large["ugdk"].to_numpy()), best),
             len(large),
         ),
         Number.of(
             "UGDK's over MLE's, .01 r ≤ σ < .1 r",
-            quotient(median(middle["ugdk"].to_numpy()), median(middle["mle"].to_numpy())),
+            ratio(median(middle["ugdk"].to_numpy()), median(middle["mle"].to_numpy())),
             len(middle),
         ),
     ]
@@ -127,7 +127,7 @@ def _measure_par(evidence: Evidence) -> list[Number]:
     grid = evidence.table("efficiency", "errors")
     mle = {(angle, noise): part for angle, noise, part in cells(grid, "mle")}
     found = [
-        (quotient(_median_error(part), _median_error(mle[angle, noise])), angle, noise, len(part))
+        (ratio(_median_error(part), _median_error(mle[angle, noise])), angle, noise, len(part))
         for angle, noise, part in cells(grid, "gdke")
         if (angle, noise) in mle
     ]

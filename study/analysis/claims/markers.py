@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from study.analysis.claims.ledger import Claim, Evidence, Number, Verdict
-from study.analysis.claims.medians import formed, ratio
+from study.analysis.claims.measured import formed, ratio
 from study.analysis.markers import Joint, joints
 from study.analysis.measures import Measure, quantile, share
 from study.estimators import Status, fit, mgdk

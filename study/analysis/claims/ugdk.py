@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from study.analysis.claims.ledger import Claim, Evidence, Number, Verdict
-from study.analysis.claims.measured import decade, level, over
-from study.analysis.claims.medians import failures_last, formed, law, of, ratio, within
+from study.analysis.claims.measured import failures_last, formed, law, level, of, over, ratio, within
 from study.analysis.markers import joints
 from study.analysis.measures import UNKNOWN, mean, moments_exist, power_law, quantile, share, tail_index
+from study.analysis.summary import decade
 from study.estimators import Status, fit
 
 Floats = NDArray[np.float64]
@@ -74,13 +74,13 @@ def _measure_error(evidence: Evidence) -> list[Number]:
             "exponent of σ in the median of error over √tr CRLB, all fits, σ < .01 r",
             relative[small],
             failures_last(paper, over(paper, "bound"))[small],
-            decade(paper)[small],
+            decade(relative[small]),
         ),
         law(
             "exponent of N in the median of error over σ, answers as computed, σ ≥ r",
             samples[large],
             as_computed[large],
-            np.floor(np.log10(samples[large])),
+            decade(samples[large]),
         ),
         Number.of("share of fits that are ok, σ ≥ r", share(ok, int(large.sum())), int(large.sum())),
     ]
