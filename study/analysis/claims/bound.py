@@ -12,8 +12,9 @@ from scipy import stats
 
 from study.analysis.claims.ledger import Claim, Evidence, Number, Verdict
 from study.analysis.claims.measured import LEAST, cells, level, median, of, over
+from study.analysis.expected import bound_shares, kappa, ugdk_variance
 from study.analysis.measures import UNKNOWN, Measure, mean, moments_exist, quantile, root_mean_square, tail_index
-from study.sphere.cap import cap_moments
+from study.sphere.cap import CapMoments, cap_moments
 
 _GRID = ("mle", "gdke", "ugdk")
 _WHOLE = 180.0
@@ -27,30 +28,23 @@ _SAFE = 20.0
 """Least κ = (v/σ²) √(N/2) at which the large-sample formula of theory (5.3) may be asked."""
 
 
-def _variance_ratio(part: pd.DataFrame, angle: float) -> Measure:
+def _variance_ratio(part: pd.DataFrame, moments: CapMoments) -> Measure:
     """Variance of the axis error over its bound, from the median of its absolute value, for no mean need exist."""
-    moments = cap_moments(math.radians(angle), 3)
-    axis = (1.0 / moments.along) / (1.0 / moments.along + 2.0 / moments.across)  # its share of tr CRLB
+    axis, _ = bound_shares(moments, 3)
     scaled = (part["error_1"].abs() / (part["bound"] * math.sqrt(axis))).fillna(math.inf).to_numpy()
     root = median(scaled)
     value = (root.value / _NORMAL_MEDIAN) ** 2
     return Measure(value, 2.0 * value * root.error / root.value)
 
 
-def _predicted(noise: float, angle: float) -> float:
-    """Theory (5.3): variance of UGDK along the axis over the bound, for d = 3 and many samples."""
-    moments = cap_moments(math.radians(angle), 3)
-    return 1.0 + noise**2 * (22.0 / 4.0 + (1.0 - moments.along + moments.mean**2) / moments.along)
-
-
 def _measure_efficiency(evidence: Evidence) -> list[Number]:
     errors = evidence.table("efficiency", "errors")
-    root = math.sqrt(float(errors["samples"].max()) / 2.0)
+    samples = float(errors["samples"].max())
     found = []
     for angle, noise, part in cells(errors, "ugdk"):
-        kappa = cap_moments(math.radians(angle), 3).along / noise**2 * root
-        if angle < _WHOLE and kappa >= _SAFE and len(part) >= LEAST:
-            found.append((_variance_ratio(part, angle), _predicted(noise, angle), angle, noise, len(part)))
+        moments = cap_moments(math.radians(angle), 3)
+        if angle < _WHOLE and kappa(noise, samples, moments) >= _SAFE and len(part) >= LEAST:
+            found.append((_variance_ratio(part, moments), ugdk_variance(noise, moments, 3), angle, noise, len(part)))
     if not found:
         return [Number.of("UGDK's variance over the bound", UNKNOWN, 0)]
     greatest, theory, angle, noise, trials = max(found, key=lambda entry: entry[0].value)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from study.analysis.claims.ledger import Claim, Evidence, Number, Verdict
 from study.analysis.claims.measured import beside, cells, law, level, median, of, over, ratio, with_all, with_trials
+from study.analysis.expected import gdke_leaves
 from study.analysis.measures import UNKNOWN, Measure
 from study.analysis.summary import decade
 from study.sphere.cap import cap_moments
@@ -41,7 +42,7 @@ def _measure_slopes(evidence: Evidence) -> list[Number]:
         numbers.append(_line(f"exponent of σ in {name.upper()}'s error, paper's design", rows, decade(level(rows))))
     angle = float(grid["angle"].min())
     moments = cap_moments(math.radians(angle), 3)
-    leaves = math.sqrt(moments.along / float(grid["samples"].max())) / moments.mean
+    leaves = gdke_leaves(float(grid["samples"].max()), moments)
     rows = of(grid, "gdke")
     at = level(rows)
     rows = rows[(rows["angle"] == angle) & (at >= 1.5 * leaves) & (at <= 0.25 * math.sqrt(moments.along))]
