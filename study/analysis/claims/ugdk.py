@@ -4,21 +4,26 @@ import math
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
-from scipy import stats
 
 from study.analysis.claims.ledger import Claim, Evidence, Number, Verdict
 from study.analysis.claims.measured import failures_last, formed, law, level, of, over, ratio, within
 from study.analysis.markers import joints
-from study.analysis.measures import UNKNOWN, mean, moments_exist, power_law, quantile, share, tail_index
+from study.analysis.measures import (
+    UNKNOWN,
+    inside,
+    mean,
+    moments_exist,
+    power_law,
+    quantile,
+    robust_sd,
+    share,
+    tail_index,
+)
 from study.analysis.summary import decade
 from study.estimators import Status, fit
 
-Floats = NDArray[np.float64]
-
 _CONDITION = 0.557238  # "the spectral radius in question", §6
 _LEVEL = 0.95
-_ONE_SIGMA = float(stats.norm.cdf(1.0))
 
 
 def _bias_exponent(errors: pd.DataFrame, estimator: str) -> Number:
@@ -97,7 +102,8 @@ def _measure_condition(evidence: Evidence) -> list[Number]:
     cell = of(evidence.table("ellipse", "errors"), "ugdk")
     condition, trials = cell["condition"].to_numpy(), len(cell)
     ok = cell[cell["status"] == Status.OK]
-    held = _held(ok[[name for name in ok.columns if name.startswith("error_")]].to_numpy())
+    vectors = ok[[name for name in ok.columns if name.startswith("error_")]].to_numpy()
+    held = int(np.sum(inside(vectors, np.array([robust_sd(e) for e in vectors.T]), _LEVEL)))
     return [
         Number.of(
             f"share of trials with a smaller ρ than {_CONDITION}",
@@ -108,15 +114,6 @@ def _measure_condition(evidence: Evidence) -> list[Number]:
         Number.of("share of all trials whose 95 % ellipse holds the true centre", share(held, trials), trials),
         Number.of("median of ρ", quantile(condition, 0.5), trials),
     ]
-
-
-def _held(errors: Floats) -> int:
-    """How many errors lie in the ellipse of the estimator's scatter, its standard deviations from quantiles."""
-    if not len(errors):
-        return 0
-    sd = [quantile(e, _ONE_SIGMA).value - quantile(e, 1.0 - _ONE_SIGMA).value for e in errors.T]
-    distance = np.sum((2.0 * errors / np.array(sd)) ** 2, axis=1)
-    return int(np.sum(distance <= stats.chi2(errors.shape[1]).ppf(_LEVEL)))
 
 
 def _judge_condition(numbers: list[Number]) -> Verdict:
