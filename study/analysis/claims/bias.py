@@ -30,7 +30,7 @@ def _order(errors: pd.DataFrame, angle: float) -> Number:
     along = cap_moments(math.radians(angle), 3).along
     part = errors[(errors["angle"] == angle) & (level(errors) <= _BEFORE_SATURATION * math.sqrt(along))]
     if part.empty:
-        return Number.of(words, UNKNOWN, 0)
+        return Number.unknown(words)
     axis, at = beside(part, part["error_1"] / part["radius"]), beside(part, level(part))["gdke"].to_numpy()
     enough = with_trials(at)
     return law(words, at[enough], (axis["gdke"] - axis["mle"]).to_numpy()[enough], at[enough])
@@ -40,7 +40,7 @@ def _measure_order(evidence: Evidence) -> list[Number]:
     errors = evidence.table("efficiency", "errors")
     angles = sorted({float(angle) for angle in errors["angle"]} - {180.0})
     if not (angles and with_all(errors, "gdke", "mle")):
-        return [Number.of("exponent of σ in GDKE's bias", UNKNOWN, 0)]
+        return [Number.unknown("exponent of σ in GDKE's bias")]
     return [_order(errors, angle) for angle in angles]
 
 

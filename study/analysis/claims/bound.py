@@ -13,7 +13,7 @@ from scipy import stats
 from study.analysis.claims.ledger import Claim, Evidence, Number, Verdict
 from study.analysis.claims.measured import LEAST, cells, level, median, of, over
 from study.analysis.expected import bound_shares, kappa, ugdk_variance
-from study.analysis.measures import UNKNOWN, Measure, mean, moments_exist, quantile, root_mean_square, tail_index
+from study.analysis.measures import Measure, mean, moments_exist, quantile, root_mean_square, tail_index
 from study.sphere.cap import CapMoments, cap_moments
 
 _GRID = ("mle", "gdke", "ugdk")
@@ -46,7 +46,7 @@ def _measure_efficiency(evidence: Evidence) -> list[Number]:
         if angle < _WHOLE and kappa(noise, samples, moments) >= _SAFE and len(part) >= LEAST:
             found.append((_variance_ratio(part, moments), ugdk_variance(noise, moments, 3), angle, noise, len(part)))
     if not found:
-        return [Number.of("UGDK's variance over the bound", UNKNOWN, 0)]
+        return [Number.unknown("UGDK's variance over the bound")]
     greatest, theory, angle, noise, trials = max(found, key=lambda entry: entry[0].value)
     quiet = [entry for entry in found if entry[3] == min(e[3] for e in found)]
     small, _, _, at, few = max(quiet, key=lambda entry: abs(entry[0].value - 1.0))
@@ -86,7 +86,7 @@ def _measure_bound(evidence: Evidence) -> list[Number]:
     words = "least root mean square error over √tr CRLB"
     unbiased = [entry for entry in found if entry[3] <= _SEEN]
     if not unbiased:
-        return [Number.of(words, UNKNOWN, 0)]
+        return [Number.unknown(words)]
     least, where, trials, pull = min(found)
     of_unbiased, elsewhere, few, _ = min(unbiased)
     return [
@@ -115,7 +115,7 @@ def _measure_even(evidence: Evidence) -> list[Number]:
     words = "GDKE's median error over that of an efficient estimator, σ ≤ .3 r, greatest"
     sphere = [(_over_bound(part), part) for angle, _, part in cells(rows, "gdke") if angle == _WHOLE]
     if not sphere:
-        return [Number.of(f"{words}, whole sphere", UNKNOWN, 0)]
+        return [Number.unknown(f"{words}, whole sphere")]
     greatest, _ = max(sphere, key=lambda entry: entry[0].value)
     pull = max((_pull(part) for _, part in sphere), key=abs)
     trials = min(len(part) for _, part in sphere)

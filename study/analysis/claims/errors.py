@@ -86,12 +86,12 @@ def _measure_closest(evidence: Evidence) -> list[Number]:
     errors = evidence.table("paper", "errors")
     words = "share of decades of σ/r in which UGDK is clearly"
     if not with_all(errors, *_PAPERS):
-        return [Number.of(f"{words} closer than each other method", UNKNOWN, 0)]
+        return [Number.unknown(f"{words} closer than each other method")]
     found, noise = beside(errors, over(errors, "bound")), beside(errors, level(errors))["ugdk"]
     decades = decade(noise)
     used = np.unique(decades[with_trials(decades)])
     if len(used) == 0:
-        return [Number.of(f"{words} closer than each other method", UNKNOWN, 0)]
+        return [Number.unknown(f"{words} closer than each other method")]
     leads = [[_lead(part["ugdk"], part[name]) for name in _PAPERS[:3]] for part in (found[decades == d] for d in used)]
     first = sum(min(lead) > _CLEAR for lead in leads) / len(used)
     behind = sum(min(lead) < -_CLEAR for lead in leads) / len(used)
@@ -134,7 +134,7 @@ def _measure_par(evidence: Evidence) -> list[Number]:
     ]
     found = [entry for entry in found if not math.isnan(entry[0].value)]
     if not found:
-        return [Number.of("GDKE's median error over MLE's", UNKNOWN, 0)]
+        return [Number.unknown("GDKE's median error over MLE's")]
     greatest, angle, noise, trials = max(found, key=lambda entry: entry[0].value)
     quiet = [entry for entry in found if entry[2] == min(e[2] for e in found)]
     least, _, at, few = max(quiet, key=lambda entry: abs(entry[0].value - 1.0))

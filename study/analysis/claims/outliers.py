@@ -29,10 +29,6 @@ _FEW = 5
 """Outliers from which their median may be shown; outliers are few by nature."""
 
 
-def _unknown(words: str) -> Number:
-    return Number.of(words, UNKNOWN, 0)
-
-
 def _count(words: str, flags: "pd.Series[bool]") -> Number:
     """Share of data sets for which something holds; unknown if they are too few."""
     total = len(flags)
@@ -61,7 +57,7 @@ def _measure_mle(evidence: Evidence) -> list[Number]:
     words = "share of trials, .1 r ≤ σ ≤ 10 r, in which MLE errs by .3 to 3 r and by more than 10 bounds"
     starts = ("mle", "mle_centroid", "mle_mirror")
     if not with_all(errors, *starts, "gdke"):
-        return [_unknown(words)]
+        return [Number.unknown(words)]
     outliers, relative, noise = _mle_outliers(errors)
     low, high = _NOISE_ABOUT_RADIUS
     found = _count(words, outliers[(noise >= low) & (noise <= high)])
@@ -122,7 +118,7 @@ def _numerical(errors: pd.DataFrame, estimator: str) -> "pd.Series[bool]":
 def _measure_small(evidence: Evidence) -> list[Number]:
     errors, paper = evidence.table("outliers", "errors"), evidence.table("paper", "errors")
     if not (with_all(errors, *_VERSIONS, "gdke") and with_all(paper, "lls", "gdke")):
-        return [_unknown("outliers of LLS")]
+        return [Number.unknown("outliers of LLS")]
     noise = beside(errors, level(errors))["gdke"]
     small, middle = (noise > _ROUNDING) & (noise < _SMALL), (noise >= 10.0 * _SMALL) & (noise < _LARGE)
     numbers = [
@@ -147,7 +143,7 @@ def _judge_small(numbers: list[Number]) -> Verdict:
 def _measure_place(evidence: Evidence) -> list[Number]:
     errors = evidence.table("outliers", "errors")
     if not with_all(errors, "lls_nr", "lls_nr_raw", "gdke"):
-        return [_unknown("error of LLS outliers over the radius")]
+        return [Number.unknown("error of LLS outliers over the radius")]
     relative, noise = beside(errors, over(errors, "radius")), beside(errors, level(errors))["gdke"]
     numbers = []
     for name in ("lls_nr", "lls_nr_raw"):
@@ -169,7 +165,7 @@ def _judge_place(numbers: list[Number]) -> Verdict:
 def _measure_large(evidence: Evidence) -> list[Number]:
     errors, paper = evidence.table("outliers", "errors"), evidence.table("paper", "errors")
     if not (with_all(errors, "lls", "lls_single", "gdke") and with_all(paper, "lls", "gdke")):
-        return [_unknown("outliers of LLS")]
+        return [Number.unknown("outliers of LLS")]
     noise = beside(errors, level(errors))["gdke"]
     large = noise > _LARGE
     single = _numerical(errors, "lls_single")

@@ -33,10 +33,10 @@ def _bias_exponent(errors: pd.DataFrame, estimator: str) -> Number:
     for samples, part in of(errors, estimator).groupby("samples"):
         ok = part[part["status"] == Status.OK]
         if not moments_exist(tail_index(ok["error"].to_numpy())):
-            return Number(words, math.nan, math.nan, 0)
+            return Number.unknown(words)
         rows.append((samples, *mean(ok["error_1"].to_numpy()), len(ok)))
     if not rows:
-        return Number(words, math.nan, math.nan, 0)
+        return Number.unknown(words)
     n, bias, error, trials = np.array(rows, dtype=float).T
     found = power_law(n, np.abs(bias), error)
     return Number(words, found.exponent, found.error, int(trials.min()))
@@ -168,7 +168,7 @@ def _fed_back(evidence: Evidence, factor: float) -> Number:
     words = f"trace by eq. 19 with the fitted sphere over the trace told, which was {factor:g} times the true one"
     known = list(joints(evidence.table("markers", "errors"), evidence.table("markers", "points")))
     if not known:
-        return Number(words, math.nan, math.nan, 0)
+        return Number.unknown(words)
     sigma, _, markers = known[0]
     told, x = sigma * math.sqrt(factor), markers[-1]
     found = fit(x, "ugdk", noise=told)
