@@ -27,7 +27,8 @@ from study.runs import tables
 from study.runs.store import Run
 
 _CONDITIONS = ["samples", "noise", "angle", "radius", "center"]
-_FAR = 10.0
+FAR = 10.0
+"""Error over √tr CRLB beyond which a fit is an outlier."""
 
 
 def summarise(run: Run) -> pd.DataFrame:
@@ -81,7 +82,7 @@ def _row(part: pd.DataFrame) -> dict[str, Any]:
         for label, p in (("median", 0.5), ("q05", 0.05), ("q95", 0.95)):
             row |= _pair(f"{name}_{label}_ok", quantile(values[ok], p))
             row |= _pair(f"{name}_{label}_all", quantile(np.where(ok, values, np.inf), p))
-    far = over_bound > _FAR
+    far = over_bound > FAR
     row |= _pair("far_ok", share(int(np.sum(far & ok)), int(np.sum(ok))))
     row |= _pair("far_all", share(int(np.sum(far | ~ok)), len(ok)))
     row |= _pair("axis_median_ok", quantile((part["error_1"] / part["bound"]).to_numpy()[ok], 0.5))

@@ -16,11 +16,11 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from study.analysis.claims.ugdk import PAPER_CONDITION
 from study.analysis.measures import inside, quantile, robust_sd
 from study.estimators import Status
 from study.figures.inputs import NotApplicable, Tables
 
-PAPER_CONDITION = 0.557238
 LEVELS = (0.68, 0.95)
 _LEAST_TRIALS = 50
 

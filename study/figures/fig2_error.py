@@ -22,12 +22,11 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 from scipy import stats
 
-from study.analysis.summary import decade
+from study.analysis.summary import FAR, decade
 from study.estimators import Status
 from study.figures import style
 from study.figures.inputs import NotApplicable, Tables
 
-_FAR = 10.0
 _MOST_FOR_SLOPE = 2000  # Theil and Sen's slope takes memory of their square
 _LEAST_PER_DECADE = 10
 
@@ -63,7 +62,7 @@ def prepare(tables: Tables) -> Frame:
         raise NotApplicable('needs a random design (kind = "random"), in which every trial draws its own noise')
     errors = tables.errors
     ok = errors["status"] == Status.OK
-    kind = np.where(ok, np.where(errors["error"] > _FAR * errors["bound"], "far", "ok"), "not ok")
+    kind = np.where(ok, np.where(errors["error"] > FAR * errors["bound"], "far", "ok"), "not ok")
     dots = pd.DataFrame(
         {
             "estimator": errors["estimator"].astype(str),

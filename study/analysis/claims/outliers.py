@@ -12,9 +12,9 @@ import pandas as pd
 from study.analysis.claims.ledger import Claim, Evidence, Number, Verdict
 from study.analysis.claims.measured import LEAST, beside, level, median, over, with_all
 from study.analysis.measures import UNKNOWN, share
+from study.analysis.summary import FAR
 from study.estimators import Status
 
-_FAR = 10.0
 _ABOUT_RADIUS = (0.3, 3.0)
 _NOISE_ABOUT_RADIUS = (0.1, 10.0)
 _MUCH_BETTER = 1.0 / 3.0
@@ -48,7 +48,7 @@ def _mle_outliers(errors: pd.DataFrame) -> tuple["pd.Series[bool]", pd.DataFrame
     relative, ratio = beside(errors, over(errors, "radius")), beside(errors, over(errors, "bound"))
     noise = beside(errors, level(errors))["mle"]
     low, high = _ABOUT_RADIUS
-    outliers = (ratio["mle"] > _FAR) & (relative["mle"] >= low) & (relative["mle"] <= high)
+    outliers = (ratio["mle"] > FAR) & (relative["mle"] >= low) & (relative["mle"] <= high)
     return outliers, relative, noise
 
 
@@ -112,7 +112,7 @@ _VERSIONS = {
 def _numerical(errors: pd.DataFrame, estimator: str) -> "pd.Series[bool]":
     """Which data sets have an outlier of this estimator that GDKE does not have."""
     ratio = beside(errors, over(errors, "bound"))
-    return (ratio[estimator] > _FAR) & (ratio["gdke"] <= _FAR)
+    return (ratio[estimator] > FAR) & (ratio["gdke"] <= FAR)
 
 
 def _measure_small(evidence: Evidence) -> list[Number]:

@@ -22,7 +22,8 @@ from study.analysis.measures import (
 from study.analysis.summary import decade
 from study.estimators import Status, fit
 
-_CONDITION = 0.557238  # "the spectral radius in question", §6
+PAPER_CONDITION = 0.557238
+"""ρ(Σ̂C⁻¹) of figure 4: "the spectral radius in question", §6."""
 _LEVEL = 0.95
 
 
@@ -106,8 +107,8 @@ def _measure_condition(evidence: Evidence) -> list[Number]:
     held = int(np.sum(inside(vectors, np.array([robust_sd(e) for e in vectors.T]), _LEVEL)))
     return [
         Number.of(
-            f"share of trials with a smaller ρ than {_CONDITION}",
-            share(int(np.sum(condition < _CONDITION)), trials),
+            f"share of trials with a smaller ρ than {PAPER_CONDITION}",
+            share(int(np.sum(condition < PAPER_CONDITION)), trials),
             trials,
         ),
         Number.of("share of trials with ρ < 1", share(int(np.sum(condition < 1.0)), trials), trials),
