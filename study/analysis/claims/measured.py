@@ -7,13 +7,13 @@ a fit that is not ok is worse than any.
 
 import math
 from collections.abc import Iterable, Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from study.analysis.claims.ledger import Number
+from study.analysis.claims.ledger import Number, Verdict
 from study.analysis.measures import UNKNOWN, Measure, power_law, quantile
 from study.estimators import Status
 
@@ -21,6 +21,8 @@ Floats = NDArray[np.float64]
 
 LEAST = 20
 """Data sets behind a median that may be shown."""
+WHOLE = 180.0
+"""Half-angle of a cap that is the whole sphere."""
 
 
 def of(errors: pd.DataFrame, estimator: str) -> pd.DataFrame:
@@ -68,7 +70,12 @@ def with_trials(labels: Floats, least: int = LEAST) -> NDArray[np.bool_]:
     return np.asarray(count[place] >= least)
 
 
-def median(values: NDArray[Any], least: int = LEAST) -> Measure:
+def vectors(rows: pd.DataFrame) -> Floats:
+    """Errors of the centre (trials, d), without those that are no numbers."""
+    return rows[[name for name in rows.columns if name.startswith("error_")]].dropna().to_numpy()
+
+
+def median(values: "NDArray[Any] | pd.Series[float]", least: int = LEAST) -> Measure:
     """Median with its Monte-Carlo error; unknown if there are too few values."""
     return quantile(np.asarray(values, dtype=float), 0.5) if len(values) >= least else UNKNOWN
 
@@ -115,6 +122,47 @@ def within(number: Number, target: float, distance: float) -> bool:
     """
     error = 0.0 if math.isnan(number.error) else number.error
     return abs(number.value - target) + 2.0 * error <= distance
+
+
+class At(NamedTuple):
+    """A measure in one condition of a grid: half-angle, σ/r, and the data sets behind it."""
+
+    measure: Measure
+    angle: float
+    noise: float
+    trials: int
+
+    def __str__(self) -> str:
+        """The condition in words."""
+        return f"φ = {self.angle:g}°, σ = {self.noise:.2g} r"
+
+
+def greatest(found: Iterable[At]) -> At:
+    """The one with the greatest measure."""
+    return max(found, key=lambda at: at.measure.value)
+
+
+def odd_in_quiet(found: list[At]) -> At:
+    """Of those at the smallest noise, the one whose measure is furthest from 1."""
+    least = min(at.noise for at in found)
+    return max((at for at in found if at.noise == least), key=lambda at: abs(at.measure.value - 1.0))
+
+
+def is_one(number: Number) -> bool:
+    """Whether a number is 1, within .1 or three standard errors."""
+    return abs(number.value - 1.0) <= max(0.1, 3.0 * number.error)
+
+
+def on_par(most: Number, quiet: Number) -> Verdict:
+    """Verdict on a ratio that should be 1 everywhere.
+
+    Args:
+        most: where it is greatest: at most 1.1, three standard errors allowed, and the claim holds.
+        quiet: at the smallest noise: 1, and it holds in part.
+    """
+    if most.value - 3.0 * most.error <= 1.1:
+        return Verdict.REPRODUCED
+    return Verdict.PARTLY if is_one(quiet) else Verdict.NOT_REPRODUCED
 
 
 def formed(numbers: Iterable[Number]) -> list[Number]:

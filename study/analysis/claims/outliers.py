@@ -77,8 +77,8 @@ def _measure_mle(evidence: Evidence) -> list[Number]:
             share(int(cured.sum()), len(cured)) if len(cured) >= _FEW else UNKNOWN,
             len(cured),
         ),
-        Number.of("GDKE's error over MLE's in these, median", median((of_gdke / of_mle).to_numpy(), _FEW), len(cured)),
-        Number.of("σ/r of these, median", median(noise[outliers].to_numpy(), _FEW), len(cured)),
+        Number.of("GDKE's error over MLE's in these, median", median(of_gdke / of_mle, _FEW), len(cured)),
+        Number.of("σ/r of these, median", median(noise[outliers], _FEW), len(cured)),
         _count("share of trials, σ < .01 r, in which a start on the wrong side ends elsewhere than MLE", other),
         _runaways(relative, beside(errors, errors["status"])),
     ]

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from study.analysis.claims.ledger import Claim, Evidence, Number, Verdict
-from study.analysis.claims.measured import failures_last, formed, law, level, of, over, ratio, within
+from study.analysis.claims.measured import failures_last, formed, law, level, of, over, ratio, vectors, within
 from study.analysis.markers import joints
 from study.analysis.measures import (
     UNKNOWN,
@@ -102,9 +102,8 @@ def _judge_error(numbers: list[Number]) -> Verdict:
 def _measure_condition(evidence: Evidence) -> list[Number]:
     cell = of(evidence.table("ellipse", "errors"), "ugdk")
     condition, trials = cell["condition"].to_numpy(), len(cell)
-    ok = cell[cell["status"] == Status.OK]
-    vectors = ok[[name for name in ok.columns if name.startswith("error_")]].to_numpy()
-    held = int(np.sum(inside(vectors, np.array([robust_sd(e) for e in vectors.T]), _LEVEL)))
+    errors = vectors(cell[cell["status"] == Status.OK])
+    held = int(np.sum(inside(errors, np.array([robust_sd(e) for e in errors.T]), _LEVEL)))
     return [
         Number.of(
             f"share of trials with a smaller ρ than {PAPER_CONDITION}",
