@@ -3,11 +3,15 @@
 Factories are session fixtures that return functions, so that hypothesis tests can use them too.
 """
 
-import numpy as np
-import pytest
+import study.cli
 
-import study
-from study.sphere.cap import sample_cap
+# before numba is there: tests run the code that the command runs, and it is compiled once for both
+study.cli._fix_code_target()
+
+import numpy as np  # noqa: E402
+import pytest  # noqa: E402
+
+from study.sphere.cap import sample_cap  # noqa: E402
 
 CIRCLES = """
 # a config with <script>alert("1 < 2 && 'x'")</script> & more

@@ -18,7 +18,6 @@ from study import cli
 @pytest.fixture
 def say(monkeypatch, capsys, tmp_path):
     """Run a command in an empty folder: exit code, standard output, standard error."""
-    monkeypatch.setattr(cli, "_fix_code_target", lambda: None)  # numba is loaded already
     monkeypatch.chdir(tmp_path)
 
     def run(*arguments):
