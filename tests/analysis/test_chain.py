@@ -448,7 +448,7 @@ def test_a_start_outside_of_the_box(on_cap):
     assert run(points, 0.01, max_steps=100, center=[20.0] * 3).status is ChainStatus.NOT_CONVERGED
 
 
-@pytest.mark.parametrize(("d", "seed"), [(2, 0), (3, 23)])
+@pytest.mark.parametrize(("d", "seed"), [(2, 29), (3, 3)])
 @pytest.mark.parametrize("known", [True, False])
 def test_a_start_where_the_best_sphere_is_none(on_cap, d, seed, known):
     """Where maximum likelihood leaves the box, or runs away to a plane, walkers start from GDKE's sphere."""
