@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,16 +19,20 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
-class Status(IntEnum):
-    """How a fit ended. ``text`` is what a user reads."""
+class Worded(IntEnum):
+    """Numbers as tables store them, each with its words: ``text`` is what a user reads."""
 
     text: str
 
-    def __new__(cls, value: int, text: str) -> "Status":
+    def __new__(cls, value: int, text: str) -> Self:
         member = int.__new__(cls, value)
         member._value_ = value
         member.text = text
         return member
+
+
+class Status(Worded):
+    """How a fit ended."""
 
     OK = 0, "ok"
     NOT_POSITIVE_DEFINITE = 1, "covariance minus noise is not positive definite: the noise hides the sphere's extent"
