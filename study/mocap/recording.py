@@ -1,7 +1,7 @@
-"""A recording: where each marker was in each frame, in metres, and what is said of it in words."""
+"""A recording: where each marker was in each frame, in metres. What every other file of the room is given."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,9 +29,11 @@ class Recording:
     """(markers, 3, frames), metres; contiguous over frames, so that a marker's coordinate is one run of memory."""
     rate: float
     """Frames per second."""
+    notes: tuple[str, ...] = ()
+    """What a user should know of how it was read: markers left out, labels changed, a unit assumed."""
 
     def __post_init__(self) -> None:
-        positions = np.ascontiguousarray(self.positions, dtype=np.float64)
+        positions = np.ascontiguousarray(self.positions, dtype=np.float64).view()
         if positions.ndim != 3 or positions.shape[:2] != (len(self.markers), 3):
             wanted = f"({len(self.markers)}, 3, frames)"
             raise RecordingError(f"{self.name}: positions have shape {positions.shape}; they must be {wanted}")
@@ -46,7 +48,7 @@ class Recording:
     @property
     def frames(self) -> int:
         """Number of frames."""
-        return self.positions.shape[2]
+        return int(self.positions.shape[2])
 
     @property
     def duration(self) -> float:
@@ -55,7 +57,8 @@ class Recording:
 
     def of(self, marker: str) -> Floats:
         """Positions of one marker (3, frames), metres; a view."""
-        return self.positions[self.place(marker)]
+        positions: Floats = self.positions[self.place(marker)]
+        return positions
 
     def place(self, marker: str) -> int:
         """The marker's row in `positions`.
@@ -88,6 +91,5 @@ class Recording:
             RecordingError: if there is no such marker.
         """
         names = self.markers if markers is None else tuple(markers)
-        rows = [self.place(marker) for marker in names]
-        positions = self.positions[rows]
-        return Recording(self.name, names, positions if frames is None else positions[:, :, frames], self.rate)
+        positions = self.positions[[self.place(marker) for marker in names]]
+        return replace(self, markers=names, positions=positions if frames is None else positions[:, :, frames])
