@@ -55,7 +55,7 @@ def describe(recording: Recording) -> list[str]:
         f"{1 - seen.mean():.1%} of the samples missing"
     ]
     lines += [f"note: {note}" for note in recording.notes]
-    never = [marker for marker, any_seen in zip(recording.markers, seen.any(axis=1), strict=True) if not any_seen]
+    never = [recording.markers[row] for row in np.flatnonzero(~seen.any(axis=1))]
     if never:
         lines.append(f"never seen: {', '.join(never)}")
     still = [marker for marker, far in zip(recording.markers, moved, strict=True) if far < STILL]
