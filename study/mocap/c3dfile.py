@@ -4,7 +4,6 @@ The format is described at c3d.org. Its header counts frames in 16 bits; longer 
 parameter (``TRIAL:ACTUAL_END_FIELD``, ``POINT:LONG_FRAMES``), which c3d heeds and ezc3d does not always.
 """
 
-import struct
 import warnings
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -15,12 +14,9 @@ import ezc3d
 import numpy as np
 
 from study.mocap.assembly import Contents
+from study.mocap.c3dheader import LONG, read_header
 from study.mocap.recording import RecordingError
 
-_BLOCK = 512
-_MAGIC = 0x50
-_MIPS = 86  # the processor whose words begin with the high byte; Intel is 84, DEC 85
-_LONG = 65535
 _NOT_MARKERS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")
 
 
@@ -34,9 +30,11 @@ def read_c3d(path: Path) -> Contents:
         RecordingError: one line, without the file's name: not a C3D file, damaged, cut short.
         OSError: if the file cannot be opened.
     """
-    frames = _frames_by_header(path)
+    header = read_header(path)
+    # ezc3d leaves out what comes after 65535 frames, and ends the whole program on some damaged files
+    use_ezc3d = header.sound and header.frames < LONG
     refusals = []
-    for reader in (_by_c3d,) if frames >= _LONG else (_by_ezc3d, _by_c3d):
+    for reader in (_by_ezc3d, _by_c3d) if use_ezc3d else (_by_c3d,):
         try:
             contents = reader(path)
         except (OSError, RecordingError):
@@ -44,25 +42,14 @@ def read_c3d(path: Path) -> Contents:
         except Exception as error:  # the libraries raise what comes to hand: IndexError, AssertionError, ...
             refusals.append(f"{reader.__name__.removeprefix('_by_')}: {_first_line(error)}")
             continue
-        if contents.points.shape[2] < frames:
-            found = contents.points.shape[2]
-            raise RecordingError(f"the file is cut short: {found} of {frames} frames are there; get a whole copy of it")
+        if contents.points.shape[2] < header.frames:
+            raise _cut_short(contents.points.shape[2], header.frames)
         return contents
-    raise RecordingError(f"a damaged C3D file ({'; '.join(refusals)})")
+    raise RecordingError(f"a damaged or incomplete C3D file; {refusals[0]}")
 
 
-def _frames_by_header(path: Path) -> int:
-    """Frames that the header promises, at most 65535; also makes sure that it is a C3D file at all."""
-    with open(path, "rb") as file:
-        header = file.read(_BLOCK)
-        if len(header) < 2 or header[1] != _MAGIC:
-            raise RecordingError("the file is empty" if not header else "not a C3D file")
-        file.seek((header[0] - 1) * _BLOCK if header[0] else 0)
-        parameters = file.read(4)
-    if len(header) < _BLOCK or len(parameters) < 4:
-        raise RecordingError("the file is cut short: its header is not complete; get a whole copy of it")
-    first, last = struct.unpack_from(">HH" if parameters[3] == _MIPS else "<HH", header, 6)
-    return max(last - first + 1, 0) if last < _LONG else _LONG
+def _cut_short(found: int, promised: int) -> RecordingError:
+    return RecordingError(f"the file is cut short: {found} of {promised} frames are there; get a whole copy of it")
 
 
 def _by_ezc3d(path: Path) -> Contents:
@@ -84,6 +71,8 @@ def _by_c3d(path: Path) -> Contents:
         warnings.simplefilter("ignore")  # of parameters that are missing; frames that are missing are counted
         reader = c3d.Reader(file)
         data = np.array([points for _, points, _ in reader.read_frames()], dtype=np.float64)
+        if len(data) < reader.frame_count:
+            raise _cut_short(len(data), reader.frame_count)
         group = reader.get("POINT")
         parameters = {key: _strings(reader, f"POINT:{key}") for key in group.param_keys()} if group else {}
         prefixes = _strings(reader, "SUBJECTS:LABEL_PREFIXES")

@@ -34,7 +34,7 @@ def name_points(labels: Sequence[str], subject: str | None = None, prefixes: Seq
     Raises:
         RecordingError: if there are several subjects and none is chosen, or the chosen one is not there.
     """
-    parts = [_split(label.strip(), prefixes) for label in labels]
+    parts = [_split(_printable(label), [_printable(prefix) for prefix in prefixes]) for label in labels]
     rows = _of_subject([owner for owner, _ in parts], subject)
     names = [parts[row][1] or f"point {row + 1}" for row in rows]
     notes = []
@@ -48,6 +48,15 @@ def name_points(labels: Sequence[str], subject: str | None = None, prefixes: Seq
         for number, i in enumerate(places, start=1):
             names[i] = f"{name}#{number}"
     return Naming(tuple(rows), tuple(names), tuple(notes))
+
+
+def _printable(label: str) -> str:
+    """A label without blanks about it and without characters that cannot be shown."""
+    try:
+        label.encode()
+    except UnicodeEncodeError:  # bytes that are not UTF-8, carried along as surrogates: an old file's é or ü
+        label = label.encode("utf-8", "surrogateescape").decode("latin-1")
+    return "".join(c if c.isprintable() else "�" for c in label.strip())
 
 
 def _split(label: str, prefixes: Sequence[str]) -> tuple[str, str]:

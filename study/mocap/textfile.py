@@ -77,7 +77,6 @@ class _Block:
             skipinitialspace=True,
             skip_blank_lines=False,
             quoting=csv.QUOTE_NONE,
-            float_precision="round_trip",
             low_memory=False,
         )
         numbers = np.empty(table.shape)
