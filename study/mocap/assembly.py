@@ -68,7 +68,7 @@ def assemble(
         notes.append(f"the file does not say its unit: {used} assumed")
     rate = contents.rate if rate is None else rate
     if rate is None or not np.isfinite(rate) or rate <= 0:
-        found = "does not say" if rate is None else f"is {rate:g}"
+        found = "is not said" if rate is None else f"is {rate:g}"
         raise RecordingError(f"its rate in frames per second {found}; give one above 0 (rate)")
     positions = np.array(contents.points[list(naming.rows)], dtype=np.float64, order="C")
     missing = ~np.isfinite(positions).all(axis=1) | (positions == 0).all(axis=1)

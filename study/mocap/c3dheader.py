@@ -68,7 +68,7 @@ def _sound(parameters: bytes, order: str) -> bool:
                 end += abs(size) * math.prod(parameters[end - dimensions : end])
             end += 1 + parameters[end]
             if distance == 0:
-                return end <= len(parameters)
+                return bool(end <= len(parameters))
             place = start + distance
             if end != place:
                 return False

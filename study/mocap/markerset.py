@@ -1,5 +1,6 @@
 """A marker set: which markers sit on which segment of the body, and between which segments the joints are."""
 
+import difflib
 from collections.abc import Iterator
 from typing import Annotated, Literal, Self
 
@@ -135,7 +136,9 @@ def _joints(parts: Schema) -> Iterator[Fault]:
         names.add(joint.name)
         for key, value in (("parent", joint.parent), ("child", joint.child)):
             if value not in known:
-                yield Fault((*here, key), f"must be one of the segments {', '.join(known)}", value)
+                near = difflib.get_close_matches(value, known, n=1)
+                hint = f"; did you mean {near[0]!r}?" if near else f"; there are {', '.join(known)}"
+                yield Fault((*here, key), f"no such segment{hint}", value)
         if joint.child not in known or joint.parent not in known:
             continue
         child = known[joint.child]
