@@ -37,7 +37,7 @@ def _cmu_place(found: re.Match[str]) -> str:
 LIBRARIES = {
     "cmu": Library(
         base="http://mocap.cs.cmu.edu/subjects",
-        name=re.compile(r"(?P<subject>\d{1,3})[_-](?P<trial>\d{1,2})(\.c3d)?"),
+        name=re.compile(r"(?P<subject>[0-9]{1,3})[_-](?P<trial>[0-9]{1,2})(\.c3d)?"),
         example="60_08",
         where=_cmu_place,
         terms="free for research and in products, not to be resold; acknowledge mocap.cs.cmu.edu, NSF EIA-0196217",

@@ -6,11 +6,10 @@ from typing import Any
 
 from pydantic import ValidationError
 
-import study
 from study.experiment.faults import ConfigError, Fault, report
 from study.mocap.markerset import Joint, MarkerSet, Schema, Segment, misfits
 
-FOLDER = Path(study.__file__).resolve().parent.parent / "configs" / "markersets"
+FOLDER = Path(__file__).resolve().parents[2] / "configs" / "markersets"
 """Where the shipped ones are, beside the package in a checkout."""
 _TABLES: dict[str, type[Segment | Joint]] = {"segments": Segment, "joints": Joint}
 

@@ -12,7 +12,15 @@ def contents(points=None, labels=("A", "B"), rate=100.0, unit="mm"):
 
 @pytest.mark.parametrize(
     ("unit", "factor"),
-    [("mm", 1e-3), ("cm", 1e-2), ("m", 1.0), ("MM", 1e-3), (" millimeters ", 1e-3), ("Metres", 1.0), ("inches", 0.0254)],
+    [
+        ("mm", 1e-3),
+        ("cm", 1e-2),
+        ("m", 1.0),
+        ("MM", 1e-3),
+        (" millimeters ", 1e-3),
+        ("Metres", 1.0),
+        ("inches", 0.0254),
+    ],
 )
 def test_units(unit, factor):
     """However they are spelt."""

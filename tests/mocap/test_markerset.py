@@ -23,7 +23,10 @@ def test_what_it_holds():
     [
         ({"segments": ()}, "at least 1 item"),
         ({"segments": (THIGH,), "joints": ()}, "segments.thigh.parent: the first segment is the root"),
-        ({"segments": (PELVIS, THIGH.model_copy(update={"parent": None}))}, "thigh.parent: required, but missing: only"),
+        (
+            {"segments": (PELVIS, THIGH.model_copy(update={"parent": None}))},
+            "thigh.parent: required, but missing: only",
+        ),
         ({"segments": (PELVIS, THIGH.model_copy(update={"parent": "foot"}))}, "must be a segment further up: pelvis"),
         ({"segments": (PELVIS, THIGH.model_copy(update={"name": "pelvis"}))}, "two segments have this name"),
         ({"segments": (PELVIS, THIGH.model_copy(update={"markers": ("A",)}))}, "marker 'A' is on pelvis already"),

@@ -79,11 +79,13 @@ def test_the_fitting_set_is_chosen(name):
     whole = load_markerset(name)
     markers = [marker for marker in whole.markers() if marker not in whole.optional]
     assert choose(recording(markers)).whole.name == name
-    assert choose(recording(markers[:-1] + ["extra"])).whole.name == name
+    assert choose(recording([*markers[:-1], "extra"])).whole.name == name
 
 
 def test_nothing_fits():
-    with pytest.raises(MarkerSetError, match="no marker set fits: with none of cmu41, plug-in-gait can a joint") as caught:
+    with pytest.raises(
+        MarkerSetError, match="no marker set fits: with none of cmu41, plug-in-gait can a joint"
+    ) as caught:
         choose(recording(["A", "B"]))
     assert "\n" not in str(caught.value)
 

@@ -21,7 +21,9 @@ def turns(motion, part):
 @pytest.mark.parametrize("independent", [False, True])
 def test_rotations_are_proper(independent):
     rotations = make(independent=independent).rotations
-    np.testing.assert_allclose(rotations @ np.swapaxes(rotations, 2, 3), np.broadcast_to(np.eye(3), rotations.shape), atol=1e-12)
+    np.testing.assert_allclose(
+        rotations @ np.swapaxes(rotations, 2, 3), np.broadcast_to(np.eye(3), rotations.shape), atol=1e-12
+    )
     np.testing.assert_allclose(np.linalg.det(rotations), 1.0)
 
 

@@ -1,3 +1,5 @@
+import itertools
+
 import numpy as np
 import pytest
 
@@ -18,10 +20,9 @@ def perfect():
 
 def test_segments_are_rigid(perfect):
     """Two markers of one segment stay as far apart as the body says."""
-    recording, truth = perfect
+    recording, _ = perfect
     for part in PARTS:
-        labels = list(part.markers)
-        for a, b in zip(labels, labels[1:], strict=False):
+        for a, b in itertools.pairwise(part.markers):
             apart = np.linalg.norm(recording.of(a) - recording.of(b), axis=0)
             wanted = 1.75 * np.linalg.norm(np.subtract(part.markers[a], part.markers[b]))
             np.testing.assert_allclose(apart, wanted, rtol=1e-12)
@@ -88,7 +89,9 @@ def test_the_same_recipe_gives_the_same_bytes():
     np.testing.assert_array_equal(plain_truth.origins, truth.origins)
     double, _ = synthesize(Recipe(frames=300, noise=0.004))
     perfect, _ = synthesize(Recipe(frames=300, noise=0.0))
-    np.testing.assert_allclose(double.positions - perfect.positions, 2 * (plain.positions - perfect.positions), atol=1e-14)
+    np.testing.assert_allclose(
+        double.positions - perfect.positions, 2 * (plain.positions - perfect.positions), atol=1e-14
+    )
 
 
 def test_noise_gaps_and_swaps_are_as_asked_for():
@@ -123,8 +126,8 @@ def test_soft_tissue_moves_markers_on_their_segments():
 
 
 def test_another_height_is_another_body():
-    small, truth = synthesize(Recipe(frames=50, noise=0.0, height=1.5))
-    tall, tall_truth = synthesize(Recipe(frames=50, noise=0.0, height=1.8))
+    _, truth = synthesize(Recipe(frames=50, noise=0.0, height=1.5))
+    _, tall_truth = synthesize(Recipe(frames=50, noise=0.0, height=1.8))
     np.testing.assert_allclose(tall_truth.in_parent, 1.2 * truth.in_parent)
     np.testing.assert_allclose(tall_truth.rotations, truth.rotations)
 

@@ -83,7 +83,7 @@ def test_the_same_markers_in_many_spellings(tmp_path, name, text, rate):
 def test_rate_by_a_column_of_seconds(tmp_path):
     text = "time,A_x,A_y,A_z\n0.5,1,2,3\n0.51,1,2,4\n0.52,1,2,5\n"
     assert read(tmp_path, text, unit="m").rate == pytest.approx(100.0)
-    with pytest.raises(RecordingError, match="line 4: the step in time is 0.2 s, elsewhere 0.01 s"):
+    with pytest.raises(RecordingError, match=r"line 4: the step in time is 0.2 s, elsewhere 0.01 s"):
         read(tmp_path, text.replace("0.52", "0.71") + "0.72,1,2,3\n", unit="m")
 
 
