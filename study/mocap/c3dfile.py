@@ -42,8 +42,9 @@ def read_c3d(path: Path) -> Contents:
         except Exception as error:  # the libraries raise what comes to hand: IndexError, AssertionError, ...
             refusals.append(f"{reader.__name__.removeprefix('_by_')}: {_first_line(error)}")
             continue
-        if contents.points.shape[2] < header.frames:
-            raise _cut_short(contents.points.shape[2], header.frames)
+        count, _, frames = contents.points.shape
+        if count and frames < header.frames:
+            raise _cut_short(frames, header.frames)
         return contents
     raise RecordingError(f"a damaged or incomplete C3D file; {refusals[0]}")
 

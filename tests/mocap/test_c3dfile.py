@@ -1,3 +1,4 @@
+import re
 import subprocess
 import sys
 from types import SimpleNamespace
@@ -78,6 +79,28 @@ class TestEitherLibrary:
     def test_a_unit_that_is_not_said(self, tmp_path, write_c3d, points):
         recording = read_recording(write_c3d(tmp_path / "a.c3d", "ABC", points, unit="  "))
         assert recording.notes == ("the file does not say its unit: mm assumed",)
+
+    def test_no_points(self, tmp_path, write_c3d):
+        """A file of analog channels alone has none: its header and POINT:USED say zero."""
+        path = write_c3d(tmp_path / "a.c3d", ["A"], np.ones((1, 3, 5)))
+        data = bytearray(path.read_bytes())
+        used = [found.end() + 4 for found in re.finditer(b"USED", data) if data[found.end() + 4] == 1]
+        assert (data[2], len(used)) == (1, 1)
+        data[2] = data[used[0]] = 0
+        path.write_bytes(data)
+        with pytest.raises(RecordingError, match="no markers in it"):
+            read_recording(path)
+
+    @pytest.mark.parametrize(
+        ("points", "words"),
+        [
+            (np.ones((2, 3, 1)), "1 frame in it; motion needs at least 2"),
+            (np.full((2, 3, 9), np.nan), "none of its 2 markers is seen in any of its 9 frames"),
+        ],
+    )
+    def test_nothing_to_work_with(self, tmp_path, write_c3d, points, words):
+        with pytest.raises(RecordingError, match=words):
+            read_recording(write_c3d(tmp_path / "a.c3d", "AB", points))
 
     @pytest.mark.parametrize("share", [0.55, 0.9, 0.999])
     def test_a_file_that_is_cut_short(self, tmp_path, write_c3d, share):
