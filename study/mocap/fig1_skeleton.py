@@ -1,0 +1,174 @@
+"""Figure 1: one natural pose with its markers, the bones, and how well each joint is known.
+
+The paper shows a skeleton in the middle of a karate exercise. Here each joint has the ellipsoid that holds it 95 % of
+the time, drawn larger by a factor that the figure states; a hinge's is a disc, and a line shows the axis along which
+its place shows in nothing.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgba
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from study.figures import style
+from study.mocap import looks
+from study.mocap.camera import Camera, Floats
+from study.mocap.drawing import Drawing, Sizes
+from study.mocap.ellipsoids import LEVEL, exaggeration, hinges
+from study.mocap.recording import RecordingError
+from study.mocap.scene import Flag, Scene
+
+_ELEVATION = 8.0
+_TRIED = 60
+"""Frames among which a pose is looked for, from as many directions as..."""
+_AZIMUTHS = np.arange(0.0, 360.0, 15.0)
+_HEIGHT = 4.9
+"""Inches of the picture."""
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """What the figure shows.
+
+    Attributes:
+        scene: the motion.
+        frame: number of the pose, from 0.
+        camera: from where it is seen.
+        factor: by which ellipsoids are drawn larger.
+        words: beside each joint.
+    """
+
+    scene: Scene
+    frame: int
+    camera: Camera
+    factor: int
+    words: tuple[str, ...]
+
+
+def prepare(scene: Scene, frame: int | None = None, azimuth: float | None = None, factor: int | None = None) -> Frame:
+    """Choose a pose and a side to see it from.
+
+    Args:
+        scene: the motion.
+        frame: number of the pose, from 0; if None, one in which the joints are known and lie well apart.
+        azimuth: direction to see it from, degrees from x to y; if None, the one from which they do.
+        factor: of the ellipsoids; if None, one by which they are seen.
+
+    Raises:
+        RecordingError: if there is no such frame.
+    """
+    if frame is not None and not 0 <= frame < scene.frames:
+        raise RecordingError(f"{scene.name}: no frame {frame}; there are 0 to {scene.frames - 1}")
+    tried = _complete(scene) if frame is None else np.array([frame])
+    azimuths = _AZIMUTHS if azimuth is None else np.array([azimuth])
+    pose, camera = max(
+        ((int(t), Camera(float(a), _ELEVATION)) for t in tried for a in azimuths),
+        key=lambda pair: _apart(scene.points[:, :, pair[0]], pair[1]),
+    )
+    words = tuple(_words(scene, joint, pose) for joint in range(len(scene.joints)))
+    return Frame(scene, pose, camera, exaggeration(scene) if factor is None else factor, words)
+
+
+def _complete(scene: Scene) -> "np.typing.NDArray[np.intp]":
+    """Some of the frames in which the most is known."""
+    bad = (scene.flags != Flag.SEEN).sum(axis=0) + np.isnan(scene.places[:, 0]).sum(axis=0)
+    best = np.flatnonzero(bad == bad.min())
+    return best[np.unique(np.linspace(0, len(best) - 1, _TRIED).astype(int))]
+
+
+def _apart(points: Floats, camera: Camera) -> float:
+    """How far apart points are seen: the mean logarithm of their distances, so that none hides another."""
+    seen = camera.see(points[~np.isnan(points[:, 0])])[:, :2]
+    i, j = np.triu_indices(len(seen), 1)
+    return float(np.log(np.linalg.norm(seen[i] - seen[j], axis=1) + 0.02).mean()) if len(seen) > 1 else 0.0
+
+
+def _words(scene: Scene, joint: int, frame: int) -> str:
+    """A joint's name and its largest standard error."""
+    name = scene.joints[joint].replace("_", " ")
+    errors = scene.errors[joint]
+    known = errors[~np.isnan(errors)]
+    words = f"{name} {1000 * known.max():.1f} mm" if len(known) else name
+    return words + " (bridged)" * bool(scene.flags[joint, frame] == Flag.BRIDGED) + "*" * bool(scene.doubts[joint])
+
+
+@style.journal()
+def draw(frame: Frame) -> Figure:
+    """Draw the pose."""
+    scene = frame.scene
+    figure = Figure(figsize=(style.PAGE, _HEIGHT))
+    ax = figure.add_axes((0.0, 0.1, 1.0, 0.9))
+    drawing = Drawing(ax, scene, frame.camera, Sizes(), frame.factor)
+    drawing.show(frame.frame)
+    shown = np.concatenate([scene.points[:, :, frame.frame], scene.places[:, :, frame.frame]])
+    shown = np.concatenate([shown, np.column_stack([shown[:, :2], np.full(len(shown), drawing.ground)])])
+    seen = frame.camera.see(shown[~np.isnan(shown[:, 0])])[:, :2]
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    height = 1.08 * (high[1] - low[1])
+    width = height * style.PAGE / (0.9 * _HEIGHT)
+    middle = 0.5 * (low + high)
+    ax.set_xlim(middle[0] - 0.5 * width, middle[0] + 0.5 * width)
+    ax.set_ylim(middle[1] - 0.5 * height, middle[1] + 0.5 * height)
+    _label(ax, frame, (float(low[0]), float(high[0])))
+    _scale(ax)
+    _explain(figure, frame)
+    style.stamp(figure, f"{scene.name}, frame {frame.frame + 1:,} of {scene.frames:,}; {scene.source}")
+    return figure
+
+
+def _label(ax: Axes, frame: Frame, sides: tuple[float, float]) -> None:
+    """Words in two columns beside the skeleton, each joined with its joint by a thin line."""
+    seen = frame.camera.see(frame.scene.centers[:, :, frame.frame])[:, :2]
+    there = np.flatnonzero(~np.isnan(seen[:, 0]))
+    order = there[np.argsort(seen[there, 0], kind="stable")]
+    (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
+    reach = 0.06 * (right - left)
+    half = len(order) // 2
+    for part, at, align in ((order[:half], sides[0] - reach, "right"), (order[half:], sides[1] + reach, "left")):
+        if not len(part):
+            continue
+        wanted = (seen[part, 1] - bottom) / (top - bottom)
+        heights = bottom + (top - bottom) * style.spread(list(wanted), [0.042] * len(part))
+        for joint, height in zip(part, heights, strict=True):
+            elbow = at + (0.35 if align == "right" else -0.35) * reach
+            x, y = seen[joint]
+            ax.plot([at, elbow, x], [height, height, y], color=style.FAINT, linewidth=0.45, zorder=3.5)
+            color = looks.FLAGGED if frame.words[joint].endswith(("*", ")")) else style.INK
+            ax.text(at, height, f" {frame.words[joint]} ", ha=align, va="center", fontsize=style.SMALL, color=color)
+
+
+def _scale(ax: Axes) -> None:
+    """A bar of half a metre."""
+    (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
+    x, y = left + 0.03 * (right - left), bottom + 0.03 * (top - bottom)
+    ax.plot([x, x + 0.5], [y, y], color=style.INK, linewidth=1.2, solid_capstyle="butt")
+    ax.text(x + 0.25, y + 0.008 * (top - bottom), "0.5 m", ha="center", va="bottom", fontsize=style.SMALL)
+
+
+def _explain(figure: Figure, frame: Frame) -> None:
+    """What the marks mean, below the picture."""
+    scene = frame.scene
+    larger = f", {frame.factor} times as large" if frame.factor > 1 else ", in true size"
+    handles: list[Line2D | Patch] = [
+        Line2D([], [], color=looks.SIDES[side], linewidth=3.0, solid_capstyle="round", label=words)
+        for side, words in (("left", "left"), ("right", "right"))
+    ]
+    handles.append(Line2D([], [], color=looks.MARKER, marker="o", markersize=3.5, linestyle="none", label="marker"))
+    if not np.isnan(scene.errors).all():
+        words = f"{LEVEL:.0%} error ellipsoid of a joint{larger}"
+        handles.append(Patch(facecolor=to_rgba(looks.ELLIPSOID, 0.3), edgecolor=looks.ELLIPSOID, label=words))
+    if hinges(scene).any():
+        handles.append(Line2D([], [], color=looks.ELLIPSOID, linewidth=1.0, label="axis of a hinge"))
+    if any(scene.doubts):
+        look = {"markerfacecolor": "white", "markeredgecolor": looks.FLAGGED, "markersize": 4.5, "linestyle": "none"}
+        handles.append(Line2D([], [], marker="o", label="* not to be relied on", **look))  # type: ignore[arg-type]
+    figure.legend(
+        handles=handles, loc="lower center", bbox_to_anchor=(0.5, 0.045), ncols=len(handles), columnspacing=1.4,
+        handlelength=1.4,
+    )  # fmt: skip
+    words = "Numbers: largest standard error of the joint's place in its segment, across the axis for a hinge."
+    figure.text(0.5, 0.04, words, ha="center", va="bottom", fontsize=style.SMALL)
