@@ -1,13 +1,46 @@
-"""What several tests share: a seeded generator, point sets on spherical caps, and a statistical assertion.
+"""What several tests share: a seeded generator, point sets on spherical caps, a statistical assertion, small runs.
 
 Factories are session fixtures that return functions, so that hypothesis tests can use them too.
 """
 
-import numpy as np
-import pytest
+import study.cli
 
-import study
-from study.sphere.cap import sample_cap
+# before numba is there: tests run the code that the command runs, and it is compiled once for both
+study.cli._fix_code_target()
+
+import numpy as np  # noqa: E402
+import pytest  # noqa: E402
+
+from study.sphere.cap import sample_cap  # noqa: E402
+
+CIRCLES = """
+# a config with <script>alert("1 < 2 && 'x'")</script> & more
+name = "circles"
+seed = 3
+dimension = 2
+estimators = ["mle", "lls", "gdke", "ugdk"]
+keep_points = 2
+[design]
+kind = "grid"
+trials = 60
+samples = [20, 40, 80, 160]
+noise = 0.05
+angle = 40
+radius = 2.0
+center = 1.0
+"""
+
+RANDOM = """
+name = "random"
+seed = 2009
+estimators = ["mle", "gdke", "ugdk"]
+[design]
+kind = "random"
+trials = 60
+samples = { law = "log_uniform", low = 4, high = 100 }
+noise = { law = "log_uniform", low = 1e-9, high = 1e9 }
+angle = { law = "uniform", low = 0, high = 180 }
+"""
 
 
 @pytest.fixture
@@ -89,3 +122,34 @@ def status_of():
         return [study.Status(int(value)).name for value in np.ravel(fit.status)]
 
     return names
+
+
+@pytest.fixture(scope="session")
+def make_run(tmp_path_factory):
+    """Run a config into a folder of its own, with its summary, and its posteriors if it asks for them."""
+    from study.analysis.posterior import compute  # here, because tests of arrays do without all of this
+    from study.analysis.summary import summarise
+    from study.experiment.config import parse
+    from study.runs.runner import run
+
+    def make(text, folder=None):
+        study = parse(text)
+        store = run(study, text, folder or tmp_path_factory.mktemp("runs") / study.name, jobs=1)
+        summarise(store)
+        if study.posterior is not None:
+            compute(store, jobs=1)
+        return store
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def circles(make_run):
+    """A grid of circles with figures 3, 4, 5 and 7, and a comment that would be a script."""
+    return make_run(CIRCLES)
+
+
+@pytest.fixture(scope="session")
+def random(make_run):
+    """A random design with figure 2 and fits that are not ok."""
+    return make_run(RANDOM)

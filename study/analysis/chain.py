@@ -5,13 +5,14 @@ the whole space leaves the posterior of a partial cap improper: along the way to
 constant. Where the box decides the answer, the status says so.
 
 Most moves propose places drawn afresh from Student's distribution with the mean and the covariance of the other half of
-the walkers: posteriors here are so nearly normal that such chains are ten times as fast as by the stretch move. One in
-ten is differential evolution (ter Braak 2006), which holds its own where they are not. A chain is long enough when what
-is left after its first fifth is 50 integrated autocorrelation times τ (Goodman & Weare 2010, as emcee computes them),
-and τ is stable to 1 %.
+the walkers: posteriors here are so nearly normal that the integrated autocorrelation time τ (Goodman & Weare 2010, as
+emcee computes it) is about 3 steps, where the stretch move's is about 50. One in ten is differential evolution (ter
+Braak 2006), which holds its own where they are not. A chain is long enough when what is left after its first fifth is
+50 τ, and τ is stable to 1 %.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import emcee
@@ -185,10 +186,10 @@ def _start(samples: Samples, prior: Prior) -> tuple[Floats, Floats] | None:
     return None
 
 
-def _inside(scaled: Floats, log_probability: object) -> Floats:
+def _inside(scaled: Floats, log_probability: Callable[[Floats], Floats]) -> Floats:
     """Pull walkers that start outside the prior towards the best sphere, which is inside, until they are in."""
     for _ in range(60):
-        outside = np.isneginf(log_probability(scaled))  # type: ignore[operator]
+        outside = np.isneginf(log_probability(scaled))
         if not outside.any():
             break
         scaled[outside] *= 0.5

@@ -114,17 +114,21 @@ def count(dimension: int) -> dict[str, float]:
     lls, mle, igdk = (import_module(f"study.estimators.{name}") for name in ("lls", "mle", "igdk"))
     d = dimension
 
+    def zeros(dimension: int, per: int = 1) -> Any:
+        return (0.0,) * (dimension * per)  # numbers that let themselves be counted, in any dimension
+
     def closed(x: Any) -> None:
-        moments.accumulate(x, _objects(1, d), _objects(1, d, d), _objects(1, d), _objects(1))
+        sums = _objects(1, d), _objects(1, d, d), _objects(1, d), _objects(1)
+        moments.accumulate(x, *sums, zeros(d), zeros(d, d))
 
     lls._regular = lambda *_: True  # once per fit, and not equally long
 
     def linear(x: Any) -> None:
-        lls._fit_all(x, _objects(1, d), _objects(1), _objects(1), np.zeros(1, dtype=bool))
+        answers = _objects(1, d), _objects(1), _objects(1), _objects(1), np.zeros(1, dtype=bool)
+        lls._fit_all(x, _objects(1, d), *answers, zeros(d))
 
     def one_pass(x: Any) -> None:
-        work = [_objects(3), _objects(d), _objects(d), _objects(d, d), _objects(d + 3, 512)]
-        mle._pass(x[0], _objects(d), 1.0, *work)
+        mle._pass(x, 0, _objects(d), _objects(d), 1.0, None, zeros(d), zeros(d, d))
 
     def incremental(x: Any) -> None:
         inverse = _objects(1, d, d)

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
 Floats = NDArray[np.float64]
 
@@ -21,6 +22,7 @@ class Measure(NamedTuple):
 
 
 UNKNOWN = Measure(math.nan, math.nan)
+_ONE_SIGMA = 0.5 * (1.0 + math.erf(math.sqrt(0.5)))  # probability below +1 sd of a Gaussian
 
 
 def quantile(values: Floats, p: float) -> Measure:
@@ -57,6 +59,25 @@ def _order_statistic(ordered: Floats, rank: float) -> float:
     if share == 0.0:
         return float(ordered[below])
     return float((1.0 - share) * ordered[below] + share * ordered[below + 1])
+
+
+def robust_sd(values: Floats) -> float:
+    """Half of the range from the 15.87 % to the 84.13 % quantile.
+
+    It is one standard deviation of Gaussian errors, and exists for UGDK's, which have neither variance nor mean.
+    """
+    return 0.5 * (quantile(values, _ONE_SIGMA).value - quantile(values, 1.0 - _ONE_SIGMA).value)
+
+
+def inside(errors: Floats, sd: Floats, level: float) -> NDArray[np.bool_]:
+    """Which error ellipsoids have the truth inside: each about its estimate, with axes along the coordinates.
+
+    Args:
+        errors: of the estimates (trials, d).
+        sd: their standard deviations (d,), of which all the ellipsoids have their size.
+        level: probability with which they hold the truth if the errors are Gaussian about 0.
+    """
+    return np.asarray(np.sum((errors / sd) ** 2, axis=1) <= stats.chi2.ppf(level, errors.shape[1]))
 
 
 def share(count: int, total: int) -> Measure:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike, NDArray
 
 from study.analysis.measures import (
     UNKNOWN,
@@ -26,7 +27,8 @@ from study.runs import tables
 from study.runs.store import Run
 
 _CONDITIONS = ["samples", "noise", "angle", "radius", "center"]
-_FAR = 10.0
+FAR = 10.0
+"""Error over √tr CRLB beyond which a fit is an outlier."""
 
 
 def summarise(run: Run) -> pd.DataFrame:
@@ -51,14 +53,19 @@ def summary(errors: pd.DataFrame, by_decade: bool) -> pd.DataFrame:
         A row per group and estimator, in the order of the table; columns as `tables.summary` declares them.
     """
     if by_decade:
-        decade = np.floor(np.log10(errors["noise"] / errors["radius"]) + 1e-9).astype(int)
-        errors = errors.assign(group=[f"1e{d:+03d}" for d in decade], decade=decade)
+        lower = decade(errors["noise"] / errors["radius"]).astype(int)
+        errors = errors.assign(group=[f"1e{power:+03d}" for power in lower], decade=lower)
         errors = errors.sort_values("decade", kind="stable")
     else:
         errors = errors.assign(group=errors["cell"].astype(str), decade=np.nan)
     groups = errors.groupby(["group", "estimator"], sort=False, observed=True)
     rows = [{"group": group, "estimator": estimator, **_row(part)} for (group, estimator), part in groups]
     return pd.DataFrame(rows)
+
+
+def decade(values: ArrayLike) -> NDArray[np.float64]:
+    """Lower end of the decade that each value lies in, as a power of ten; what rounding put just below it is in it."""
+    return np.asarray(np.floor(np.log10(values) + 1e-9))
 
 
 def _row(part: pd.DataFrame) -> dict[str, Any]:
@@ -75,7 +82,7 @@ def _row(part: pd.DataFrame) -> dict[str, Any]:
         for label, p in (("median", 0.5), ("q05", 0.05), ("q95", 0.95)):
             row |= _pair(f"{name}_{label}_ok", quantile(values[ok], p))
             row |= _pair(f"{name}_{label}_all", quantile(np.where(ok, values, np.inf), p))
-    far = over_bound > _FAR
+    far = over_bound > FAR
     row |= _pair("far_ok", share(int(np.sum(far & ok)), int(np.sum(ok))))
     row |= _pair("far_all", share(int(np.sum(far | ~ok)), len(ok)))
     row |= _pair("axis_median_ok", quantile((part["error_1"] / part["bound"]).to_numpy()[ok], 0.5))

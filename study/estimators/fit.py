@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,21 +13,26 @@ from scipy import stats
 from study.sphere.bounds import bound_from_scatter, noise_covariance, normal_weights, weighted_scatter
 from study.sphere.linalg import eigenbasis
 from study.sphere.moments import Moments
+from study.sphere.regression import Regression
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
-class Status(IntEnum):
-    """How a fit ended. ``text`` is what a user reads."""
+class Worded(IntEnum):
+    """Numbers as tables store them, each with its words: ``text`` is what a user reads."""
 
     text: str
 
-    def __new__(cls, value: int, text: str) -> "Status":
+    def __new__(cls, value: int, text: str) -> Self:
         member = int.__new__(cls, value)
         member._value_ = value
         member.text = text
         return member
+
+
+class Status(Worded):
+    """How a fit ended."""
 
     OK = 0, "ok"
     NOT_POSITIVE_DEFINITE = 1, "covariance minus noise is not positive definite: the noise hides the sphere's extent"
@@ -50,7 +56,7 @@ class Samples:
 
     Attributes:
         x: the points, coordinates first (b, d, n), float64, any memory layout.
-        noise: σ, a covariance Σ (d, d), or None if it is not known.
+        noise: σ, the same for all sets or one for each (b,), a covariance Σ (d, d), or None if it is not known.
     """
 
     x: Floats
@@ -59,8 +65,13 @@ class Samples:
     @classmethod
     def of_moments(cls, moments: Moments, noise: float | Floats | None = None) -> "Samples":
         """Samples of which only the moments are known: enough for every closed form."""
-        samples = cls(np.empty((*moments.mean.shape, 0)), noise)
-        samples.__dict__["moments"] = moments  # in place of the cached property
+        return cls.of_regression(Regression.of(moments), noise)
+
+    @classmethod
+    def of_regression(cls, regression: Regression, noise: float | Floats | None = None) -> "Samples":
+        """Samples of which the closed forms' regression is all that is known."""
+        samples = cls(np.empty((*regression.mean.shape, 0)), noise)
+        samples.__dict__["regression"] = regression  # in place of the cached property
         return samples
 
     @property
@@ -80,9 +91,9 @@ class Samples:
         return Moments.of(self.x)
 
     @cached_property
-    def spectrum(self) -> tuple[Floats, Floats]:
-        """Eigenvalues (b, d), ascending, and eigenvectors (b, d, d), as columns, of the sample covariance C."""
-        return eigenbasis(self.moments.covariance)
+    def regression(self) -> Regression:
+        """What the closed forms know of each set."""
+        return Regression.of(self.moments)
 
 
 @dataclass(frozen=True)
@@ -150,8 +161,7 @@ class Fit:
             variance = np.ones(b) if noise is not None else self.noise_variance.reshape(b)
             covariance = np.eye(d) if noise is None else noise_covariance(noise, d)
             weights = np.where(present, normal_weights(directions.swapaxes(1, 2), covariance), 0.0)
-            sums, mean, scatter = np.empty(b), np.empty((b, d)), np.empty((b, d, d))
-            weighted_scatter(np.where(present[:, None], directions, 0.0), weights, sums, mean, scatter)
+            sums, mean, scatter = weighted_scatter(np.where(present[:, None], directions, 0.0), weights)
             bound = bound_from_scatter(sums, mean, scatter) * variance[:, None, None]
         return bound.reshape(*self.radius.shape, d + 1, d + 1)
 

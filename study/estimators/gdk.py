@@ -4,17 +4,29 @@ Kåsa's fit minimises the algebraic distance (paper eq. 1) and has a closed form
 bias comes from one term alone: noise adds Σ to the sample covariance C (eq. 10) while S stays unbiased (eq. 12, exact
 at every n). Subtracting the noise again removes the bias. All members share the formulas below and differ in what
 they subtract: here nothing (GDKE) or the known noise (UGDK); in `roots.py`, noise found in the points themselves.
+
+About an origin o that is not the centroid, with y = x - o and q = Cov(y, |y|²), the same fit is
+
+    ĉ - o = (C - ηI)⁻¹ (½q - ηȳ),      r̂² = mean |y|² - 2 (ĉ - o)·ȳ + |ĉ - o|² + wη,               (theory 8.1)
+
+with w = 0 for GDKE and -d for UGDK.
 """
+
+import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from study.estimators.fit import Fit, Samples, Status, blank
+from study.sphere.compiled import compiled
 from study.sphere.linalg import eigenbasis
-from study.sphere.moments import Moments
+from study.sphere.regression import Regression
 
 Floats = NDArray[np.float64]
 Kept = NDArray[np.bool_]
+
+_EPS = 2.0**-52
 
 
 def gdke(samples: Samples) -> Fit:
@@ -24,7 +36,7 @@ def gdke(samples: Samples) -> Fit:
 
     Source: paper eqs 2-6; Kåsa 1976.
     """
-    return member(samples, np.zeros(samples.shape[0]), 0.0)
+    return member(samples.regression, np.zeros(samples.shape[0]), 0.0)
 
 
 def ugdk(samples: Samples) -> Fit:
@@ -40,104 +52,153 @@ def ugdk(samples: Samples) -> Fit:
     b, d, _ = samples.shape
     noise = np.asarray(samples.noise)
     if noise.ndim == 2:
-        return subtracting(samples, np.broadcast_to(noise, (b, d, d)))
-    fit = member(samples, np.full(b, float(noise) ** 2), -float(d))
+        return subtracting(samples.regression, np.broadcast_to(noise, (b, d, d)))
+    fit = member(samples.regression, np.broadcast_to(noise**2, b), -float(d))
     fit.noise_variance[:] = noise**2
     return fit
 
 
-def member(samples: Samples, eta: Floats, radius_weight: float | Floats, kept: Kept | None = None) -> Fit:
+def member(regression: Regression, eta: Floats, radius_weight: float | Floats, kept: Kept | None = None) -> Fit:
     """The family's fit for a given η.
 
     Args:
-        samples: the batch.
+        regression: the batch.
         eta: what is subtracted from C, per set (b,); 0 where nothing is.
-        radius_weight: the radius is r̂² = (n-1)/n (Tr C + radius_weight η) + |ĉ - x̄|².
+        radius_weight: w: the radius is r̂² = (n-1)/n (Tr C + wη) + |ĉ - x̄|².
         kept: eigen-directions of C that take part (b, d), all if None; along the others the centre is the centroid's.
 
     Returns:
         The fit, its noise variance estimated from the residuals.
     """
-    values, vectors = samples.spectrum
-    moments = samples.moments
-    remaining = values - eta[:, None]
-    if kept is not None:  # a dropped direction has no say: as if its extent were endless
-        remaining, values = np.where(kept, remaining, np.inf), np.where(kept, values, values[:, -1:])
-    offset = _offset(remaining, vectors, moments.third_central)
-    with np.errstate(all="ignore"):  # degenerate sets have a status of their own
-        condition = np.where(eta > 0.0, eta, np.nan) / values.min(axis=1)
-    return _fit(moments, values, offset, radius_weight * eta, condition)
+    (values, vectors), (cross, mean) = regression.spectrum, regression.along
+    b, d = values.shape
+    offset, condition, share = np.empty((b, d)), np.empty(b), (regression.count - 1.0) / regression.count
+    _offsets(
+        values, vectors, cross, mean, eta, np.ones((b, d), dtype=np.bool_) if kept is None else kept, offset, condition
+    )
+    least = values[:, 0] if kept is None else np.where(kept, values, values[:, -1:]).min(axis=1)
+    return _fit(regression, least, offset, share * radius_weight * eta, condition)
 
 
-def subtracting(samples: Samples, noise: Floats) -> Fit:
+def subtracting(regression: Regression, noise: Floats) -> Fit:
     """The family's fit with a covariance Σ̂ (b, d, d) of each set's own subtracted from C."""
-    values, vectors = samples.spectrum
-    moments = samples.moments
-    remaining, basis = eigenbasis(moments.covariance - noise)
-    offset = _offset(remaining, basis, moments.third_central)
+    values, vectors = regression.spectrum
+    b, d = values.shape
+    remaining, basis = eigenbasis(regression.covariance - noise)
+    right = regression.cross - 2.0 * np.einsum("bij,bj->bi", noise, regression.mean)
+    with np.errstate(all="ignore"):
+        right = np.einsum("bji,bj->bi", basis, right)
+    offset, nothing = np.empty((b, d)), np.zeros(b)
+    _offsets(remaining, basis, right, np.zeros((b, d)), nothing, np.ones((b, d), dtype=np.bool_), offset, np.empty(b))
     trace = np.trace(noise, axis1=1, axis2=2)
-    fit = _fit(moments, values, offset, -trace, _spectral_radius(noise, values, vectors))
+    share = (regression.count - 1.0) / regression.count
+    fit = _fit(regression, values[:, 0], offset, -share * trace, _spectral_radius(noise, values, vectors))
     known = (fit.status != Status.SINGULAR) & (fit.status != Status.NOT_FINITE)
-    fit.noise_variance[known] = trace[known] / offset.shape[1]
+    fit.noise_variance[known] = trace[known] / d
     return fit
 
 
-def residual_noise(moments: Moments, offset: Floats) -> Floats:
-    """Noise variance σ² (b,) that explains the algebraic residuals f = |x - c|² - r² of a sphere about x̄ + offset.
+def residual_noise(regression: Regression, offset: Floats) -> Floats:
+    """Noise variance σ² (b,) that explains the algebraic residuals f = |x - c|² - r² of a sphere about o + offset.
 
     Below σ ≈ 1e-8 r rounding of the moments is all that it sees.
     """
-    n, d = moments.count, offset.shape[1]
-    m2 = np.trace(moments.second, axis1=1, axis2=2) / n
-    third, second = moments.third / n[:, None], moments.second / n[:, None, None]
-    with np.errstate(all="ignore"):
-        variance = (
-            moments.fourth / n - m2**2
-            - 4.0 * (offset * third).sum(axis=1)
-            + 4.0 * (offset * (second * offset[:, None, :]).sum(axis=2)).sum(axis=1)
-        )  # fmt: skip
-        return noise_of_residuals(variance, m2 + np.einsum("bi,bi->b", offset, offset), n, d)
+    noise, scratch = np.empty(len(offset)), np.empty(len(offset))
+    r = regression
+    _residuals(r.count, r.mean, r.covariance, r.cross, r.variance, r.square, r.base, offset, scratch, noise)
+    return noise
 
 
-def noise_of_residuals(variance: Floats, mean_square: Floats, count: Floats, dimension: int) -> Floats:
-    """Solve Var f = 4r²σ² + 2dσ⁴ for σ² (b,), with r² = mean |x - c|² - dσ² (theory §5.2).
+@compiled
+def noise_of_residuals(variance: float, mean_square: float, count: float, dimension: int) -> float:
+    """Solve Var f = 4r²σ² + 2dσ⁴ for σ², with r² = mean |x - c|² - dσ² (theory §5.2).
 
     A fit of d + 1 parameters leaves the share (n - d - 1)/n of the variance, which is allowed for; NaN at n = d + 1,
     which leaves none.
     """
-    spare = np.where(count > dimension + 1, count - dimension - 1, np.nan)
-    variance = np.maximum(variance, 0.0)
-    root = np.sqrt(np.maximum(4.0 * mean_square**2 - 2.0 * dimension * variance, 0.0))
-    return np.asarray(variance / (2.0 * mean_square + root) * count / spare)
+    if not count > dimension + 1:
+        return math.nan
+    variance = max(variance, 0.0) if variance == variance else math.nan
+    root = 4.0 * mean_square * mean_square - 2.0 * dimension * variance
+    root = math.sqrt(max(root, 0.0)) if root == root else math.nan
+    return variance / (2.0 * mean_square + root) * count / (count - dimension - 1.0)
 
 
-def _offset(values: Floats, vectors: Floats, third: Floats) -> Floats:
-    """½ (C - Σ̂)⁻¹ S (b, d), given the eigenbasis of C - Σ̂: paper eqs 2 and 17."""
-    along = np.einsum("bji,bj->bi", vectors, third)
-    with np.errstate(all="ignore"):
-        return np.asarray(0.5 * np.einsum("bij,bj->bi", vectors, along / values))
+@compiled
+def _offsets(
+    values: Any, vectors: Any, cross: Any, mean: Any, eta: Any, kept: Any, offset: Any, condition: Any
+) -> None:
+    """(C - ηI)⁻¹ (½q - ηȳ), paper eqs 2 and 17, and ρ = η/λ_min, from the eigenbasis of C."""
+    b, d = values.shape
+    for t in range(b):
+        least = math.inf
+        for i in range(d):
+            offset[t, i] = 0.0
+        for k in range(d):
+            along = mean[t, k]
+            if kept[t, k]:
+                least = min(least, values[t, k])
+                along = (0.5 * cross[t, k] - eta[t] * along) / (values[t, k] - eta[t])
+            for i in range(d):
+                offset[t, i] += vectors[t, i, k] * along
+        condition[t] = eta[t] / least if eta[t] > 0.0 else math.nan
 
 
-def _fit(moments: Moments, values: Floats, offset: Floats, trace: Floats, condition: Floats) -> Fit:
-    """Centre and radius (paper eqs 3, 18, 21) with the statuses that follow from C and ρ.
+@compiled
+def _residuals(
+    count: Any, mean: Any, covariance: Any, cross: Any, variance: Any, square: Any, base: Any, offset: Any,
+    excess: Any, noise: Any,
+) -> None:  # fmt: skip
+    """Mean |x - ĉ|², less the base, and the noise that the variance of |x - ĉ|² shows."""
+    b, d = offset.shape
+    for t in range(b):
+        spread, total = variance[t], square[t]
+        weight = (count[t] - 1.0) / count[t]
+        for i in range(d):
+            linear = 0.0
+            for j in range(d):
+                linear += covariance[t, i, j] * offset[t, j]
+            spread += 4.0 * weight * offset[t, i] * (linear - cross[t, i])
+            total += offset[t, i] * (offset[t, i] - 2.0 * mean[t, i])
+        excess[t] = total
+        noise[t] = noise_of_residuals(spread, base[t] + total, count[t], d)
 
-    ``trace`` is what the radius adds to Tr C: -Tr Σ̂ for UGDK.
-    """
-    n, d = moments.count, offset.shape[1]
-    fit = blank(*offset.shape)
-    fit.center[:] = moments.mean + offset
-    with np.errstate(all="ignore"):
-        square = (n - 1.0) / n * (np.trace(moments.covariance, axis1=1, axis2=2) + trace)
-        square += np.einsum("bi,bi->b", offset, offset)
-        fit.radius[:] = np.sqrt(np.where(square >= 0.0, square, np.nan))
-    fit.noise_variance[:] = residual_noise(moments, offset)
+
+@compiled
+def _finish(
+    origin: Any, offset: Any, excess: Any, base: Any, least: Any, largest: Any, variance: Any,
+    center: Any, radius: Any, noise: Any, condition: Any, status: Any,
+) -> None:  # fmt: skip
+    """Centre and radius (paper eqs 3, 18, 21) with the statuses that follow from C and ρ."""
+    b, d = offset.shape
+    for t in range(b):
+        if condition[t] >= 1.0:
+            status[t] = Status.NOT_POSITIVE_DEFINITE
+        if not least[t] > d * _EPS * largest[t]:
+            status[t] = Status.SINGULAR
+        if not abs(variance[t]) < math.inf:
+            status[t] = Status.NOT_FINITE
+        if status[t] == Status.SINGULAR or status[t] == Status.NOT_FINITE:
+            noise[t] = condition[t] = math.nan
+            continue
+        for i in range(d):
+            center[t, i] = origin[t, i] + offset[t, i]
+        square = base[t] + excess[t]
+        if square >= 0.0:
+            radius[t] = math.sqrt(square)
+            if base[t] > 0.0:  # the error of the radius, without the radius
+                radius[t] = excess[t] / (radius[t] + math.sqrt(base[t]))
+
+
+def _fit(regression: Regression, least: Floats, offset: Floats, radius_term: Floats, condition: Floats) -> Fit:
+    """The fit whose centre is o + offset; ``radius_term`` is what the radius squared adds to the mean of |x - ĉ|²."""
+    r, fit, excess = regression, blank(*offset.shape), np.empty(len(offset))
+    _residuals(r.count, r.mean, r.covariance, r.cross, r.variance, r.square, r.base, offset, excess, fit.noise_variance)
     fit.condition[:] = condition
-    fit.status[condition >= 1.0] = Status.NOT_POSITIVE_DEFINITE
-    fit.status[~(values[:, 0] > d * np.finfo(float).eps * values[:, -1])] = Status.SINGULAR
-    fit.status[~np.isfinite(moments.fourth)] = Status.NOT_FINITE
-    lost = (fit.status == Status.SINGULAR) | (fit.status == Status.NOT_FINITE)
-    fit.center[lost], fit.radius[lost], fit.noise_variance[lost] = np.nan, np.nan, np.nan
-    fit.condition[lost] = np.nan
+    _finish(
+        r.origin, offset, excess + radius_term, r.base, least, r.spectrum[0][:, -1], r.variance,
+        fit.center, fit.radius, fit.noise_variance, fit.condition, fit.status,
+    )  # fmt: skip
     return fit
 
 

@@ -81,7 +81,7 @@ def igdk(samples: Samples) -> Fit:
     offset = 0.5 * np.einsum("bij,bj->bi", inverse, s)
     fit.center[:] = mean + offset
     fit.radius[:] = np.sqrt((n - 1.0) / n * np.trace(c, axis1=1, axis2=2) + np.einsum("bi,bi->b", offset, offset))
-    fit.noise_variance[:] = residual_noise(samples.moments, fit.center - samples.moments.mean)
+    fit.noise_variance[:] = residual_noise(samples.regression, fit.center - samples.moments.mean)
     fit.status[~regular] = Status.SINGULAR
     fit.status[~np.isfinite(samples.moments.fourth)] = Status.NOT_FINITE
     lost = fit.status != Status.OK

@@ -13,30 +13,62 @@ import numpy as np
 
 from study.estimators.fit import Fit, Samples, Status, blank
 from study.estimators.gdk import noise_of_residuals
-from study.sphere.compiled import CHUNK, compiled, dot, fill, total
+from study.sphere.compiled import CHUNK, compiled, dot, fill, fresh, put, total, window, zeros
 from study.sphere.linalg import diagonalise
 
 _EPS = 2.0**-52
+_NEAR = 32
+"""Samples whose mean is near enough to all of them."""
 
 
 @compiled
-def _append(triangle: Any, rows: Any, m: int) -> None:
-    """Householder: append m rows, given by columns (q, m), to an upper triangle (q, q) in place."""
+def _take(column: Any, pivot: Any, share: float) -> float:
+    """Take a share of the pivot from a column, in place; the column's square."""
+    square = 0.0
+    for k in range(column.size):
+        value = column[k] - share * pivot[k]
+        column[k] = value
+        square += value * value
+    return square
+
+
+@compiled
+def _take_beside(column: Any, pivot: Any, share: float, other: Any) -> float:
+    """The same; the column's product with another, which the compiler must know to be another to be fast."""
+    product = 0.0
+    for k in range(column.size):
+        value = column[k] - share * pivot[k]
+        column[k] = value
+        product += value * other[k]
+    return product
+
+
+@compiled
+def _append(triangle: Any, rows: Any, m: int, products: Any) -> None:
+    """Householder: append m rows, given by columns (q, m), to an upper triangle (q, q) in place.
+
+    ``products`` holds the scalar products of the first column with all of them, and those of the next are formed
+    while a reflection is applied.
+    """
     q = triangle.shape[0]
     for i in range(q):
         pivot = rows[i, :m]
-        norm = math.sqrt(triangle[i, i] ** 2 + dot(pivot, pivot))
+        norm = math.sqrt(triangle[i, i] ** 2 + products[i])
         if norm == 0.0:  # not so if it is not a number, which is to spread
+            for j in range(i + 1, q):
+                products[j] = dot(rows[i + 1, :m], rows[j, :m])
             continue
         head = triangle[i, i] + norm if triangle[i, i] >= 0.0 else triangle[i, i] - norm
         scale = 1.0 / (norm * abs(head))
         triangle[i, i] = -norm if head > 0.0 else norm
         for j in range(i + 1, q):
-            column = rows[j, :m]
-            projection = scale * (triangle[i, j] * head + dot(pivot, column))
-            triangle[i, j] -= projection * head
-            for k in range(m):
-                column[k] -= projection * pivot[k]
+            share = scale * (triangle[i, j] * head + products[j])
+            triangle[i, j] -= share * head
+            following = rows[i + 1, :m]
+            if j == i + 1:
+                products[j] = _take(following, pivot, share)
+            else:
+                products[j] = _take_beside(rows[j, :m], pivot, share, following)
 
 
 @compiled
@@ -64,36 +96,52 @@ def _solve(triangle: Any, beta: Any) -> None:
 
 
 @compiled
-def _fit_all(x: Any, center: Any, radius_squared: Any, residual: Any, regular: Any) -> None:
-    """Solve each point set of a batch (b, d, n)."""
+def _columns(x: Any, t: int, start: int, m: int, origin: Any, rows: Any, products: Any) -> None:
+    """Columns y₁ … y_d and |y|² of m samples, y = x - origin, beside the first of ones, and its products with all."""
+    d = len(origin)
+    square = rows[d + 1, :m]
+    fill(square, 0.0)
+    for i in range(d):
+        y, whole = rows[i + 1, :m], 0.0
+        for k in range(m):
+            value = x[t, i, start + np.uintp(k)] - origin[i]
+            y[k] = value
+            square[k] += value * value
+            whole += value
+        products[i + 1] = whole
+    products[0], products[d + 1] = float(m), total(square)
+
+
+@compiled
+def _fit_all(
+    x: Any, near: Any, center: Any, radius_squared: Any, residual: Any, noise: Any, regular: Any, zero: Any
+) -> None:
+    """Solve each point set of a batch (b, d, n); ``near`` (b, d) are points near them."""
     b, d, n = x.shape
     q = d + 2
-    rows, triangle, beta, origin = np.empty((q, CHUNK)), np.empty((q, q)), np.empty(d + 1), np.empty(d)
+    rows, copy, products = np.empty((q, CHUNK)), np.empty((1, d, CHUNK)), np.empty(q)
+    triangle, beta = np.empty((q, q)), np.empty(d + 1)
     scatter, vectors = np.empty((d, d)), np.empty((d, d))
+    fill(rows[0], 1.0)
     for t in range(b):
         triangle[:] = 0.0
+        origin = fresh(zero)
         for i in range(d):
-            near = x[t, i, : min(n, CHUNK)]
-            origin[i] = total(near) / near.size
+            origin = put(origin, i, near[t, i])
         for start in range(0, n, CHUNK):
             m = min(CHUNK, n - start)
-            square = rows[d + 1, :m]
-            fill(rows[0, :m], 1.0)
-            fill(square, 0.0)
-            for i in range(d):
-                y, xi, near_i = rows[i + 1, :m], x[t, i, start : start + m], origin[i]
-                for k in range(m):
-                    y[k] = xi[k] - near_i
-                    square[k] += y[k] * y[k]
-            _append(triangle, rows, m)
+            y, s, first = window(x, t, start, m, copy, zero)
+            _columns(y, s, first, m, origin, rows, products)
+            _append(triangle, rows, m, products)
         regular[t] = _regular(triangle, scatter, vectors)
         _solve(triangle, beta)
         residual[t] = triangle[d + 1, d + 1] ** 2 / n
         radius_squared[t] = beta[0]
         for i in range(d):
             half = 0.5 * beta[i + 1]
-            center[t, i] = origin[i] + half
+            center[t, i] = near[t, i] + half
             radius_squared[t] += half * half
+        noise[t] = noise_of_residuals(residual[t], radius_squared[t], float(n), d)
 
 
 def lls(samples: Samples) -> Fit:
@@ -101,15 +149,16 @@ def lls(samples: Samples) -> Fit:
 
     Source: paper §4.4.
     """
-    b, d, n = samples.shape
+    b, d, _ = samples.shape
     fit = blank(b, d)
     square, residual, regular = np.empty(b), np.empty(b), np.empty(b, dtype=np.bool_)
-    _fit_all(samples.x, fit.center, square, residual, regular)
-    fit.radius[:] = np.sqrt(np.where(square >= 0.0, square, np.nan))
     with np.errstate(all="ignore"):  # degenerate sets have a status of their own
-        fit.noise_variance[:] = noise_of_residuals(residual, square, np.full(b, float(n)), d)
+        near = samples.x[:, :, :_NEAR].mean(axis=2)
+        _fit_all(samples.x, near, fit.center, square, residual, fit.noise_variance, regular, zeros(d))
+        fit.radius[:] = np.sqrt(square)
     fit.status[~regular] = Status.SINGULAR
     fit.status[~np.isfinite(residual)] = Status.NOT_FINITE
     lost = fit.status != Status.OK
-    fit.center[lost], fit.radius[lost], fit.noise_variance[lost] = np.nan, np.nan, np.nan
+    if lost.any():
+        fit.center[lost], fit.radius[lost], fit.noise_variance[lost] = np.nan, np.nan, np.nan
     return fit

@@ -35,10 +35,9 @@ def _cut(samples: Samples, tolerance: float, origin: Floats) -> Fit:
     """Least-norm solution of the system |x|² = (x, 1) β with the small singular values left out."""
     b, d, n = samples.shape
     fit = blank(b, d)
-    x = samples.points - origin[:, None, :]
     finite = np.isfinite(samples.moments.fourth)
     with np.errstate(all="ignore"):
-        x = np.where(finite[:, None, None], x, 0.0)
+        x = np.where(finite[:, None, None], samples.points - origin[:, None, :], 0.0)
         design = np.concatenate([x, np.ones((b, n, 1))], axis=2)
         left, values, right = np.linalg.svd(design, full_matrices=False)
         inverse = np.where(values > tolerance * values[:, :1], 1.0 / values, 0.0)
@@ -47,8 +46,8 @@ def _cut(samples: Samples, tolerance: float, origin: Floats) -> Fit:
         offset = 0.5 * beta[:, :d]
         squared = beta[:, d] + np.einsum("bi,bi->b", offset, offset)
         fit.radius[:] = np.sqrt(np.where(squared >= 0.0, squared, np.nan))
-    fit.center[:] = origin + offset
-    fit.noise_variance[:] = residual_noise(samples.moments, fit.center - samples.moments.mean)
+        fit.center[:] = origin + offset
+        fit.noise_variance[:] = residual_noise(samples.regression, fit.center - samples.moments.mean)
     fit.status[~finite] = Status.NOT_FINITE
     fit.center[~finite], fit.radius[~finite], fit.noise_variance[~finite] = np.nan, np.nan, np.nan
     return fit

@@ -39,7 +39,7 @@ def lls_single(samples: Samples) -> Fit:
         squared = beta[:, d, 0] + np.einsum("bi,bi->b", offset, offset)
         fit.radius[:] = np.sqrt(np.where(squared >= 0.0, squared, np.nan))
     fit.center[:] = samples.moments.mean + offset
-    fit.noise_variance[:] = residual_noise(samples.moments, offset)
+    fit.noise_variance[:] = residual_noise(samples.regression, offset)
     fit.status[~regular] = Status.SINGULAR
     fit.status[~finite] = Status.NOT_FINITE
     lost = ~(finite & regular)

@@ -19,13 +19,17 @@ import numpy as np
 
 from study.estimators.fit import Fit, Samples, Status, blank
 from study.estimators.gdk import gdke
-from study.sphere.compiled import CHUNK, compiled, dot, fill, total
+from study.sphere.compiled import CHUNK, compiled, dot, fresh, put, window, zeros
 from study.sphere.linalg import cholesky_solve, diagonalise
 
 _MAX_ITERATIONS = 100
 _MAX_HALVINGS = 40
 _TOLERANCE = 1e-9
 """A Newton step below this share of the radius ends the iteration: the next one would be its square."""
+_SHORT, _SURE = 1e-3, 1e-12
+"""So does a step this short, beside the one before it and the radius, if it lets expect a next one this short ..."""
+_THIRD = 1e-8
+"""... and what is of third order in it is this short beside F."""
 _EPS = 2.0**-52
 _LEVEL = 0.01
 """Where rounding ends the iteration although Newton's step is above this share of the radius, F has levelled off on the
@@ -41,96 +45,85 @@ _BOUND = 1e8
 
 
 @compiled
-def _pass(x: Any, center: Any, radius: float, sums: Any, pull: Any, mean: Any, curve: Any, rows: Any) -> None:
-    """One pass over a point set (d, n) for a trial centre.
+def _pass(x: Any, t: int, origin: Any, center: Any, radius: float, rows: Any, zero: Any, square: Any) -> Any:
+    """One pass over a point set for a trial centre, which is taken from ``origin``.
 
-    sums = Σ(R-r), Σ(R-r)², Σ1/R;  pull = Σ(R-r)e;  mean = Σe;  curve = Σeeᵀ/R.
+    Returns Σ(R-r), Σ(R-r)², Σ1/R, Σ(R-r)e, Σe and, in its lower triangle, Σeeᵀ/R.
     """
-    d, n = x.shape
-    sums[:] = 0.0
-    pull[:] = 0.0
-    mean[:] = 0.0
-    curve[:] = 0.0
+    d, n = len(zero), x.shape[2]
+    near, away, e, pull, mean, curve = fresh(zero), fresh(zero), fresh(zero), fresh(zero), fresh(zero), fresh(square)
+    for i in range(d):
+        near, away = put(near, i, origin[i]), put(away, i, center[i])
+    excess = squares = inverse = 0.0
     for start in range(0, n, CHUNK):
         m = min(CHUNK, n - start)
-        excess, inverse, weighted = rows[d, :m], rows[d + 1, :m], rows[d + 2, :m]
-        fill(excess, 0.0)
-        for i in range(d):
-            e, xi, ci = rows[i, :m], x[i, start : start + m], center[i]
-            for k in range(m):
-                e[k] = xi[k] - ci
-                excess[k] += e[k] * e[k]
+        y, s, first = window(x, t, start, m, rows, zero)
         for k in range(m):
-            distance = math.sqrt(excess[k] + 1e-300)  # a sample may lie at the centre
-            inverse[k] = 1.0 / distance
-            excess[k] = distance - radius
-        sums[0] += total(excess)
-        sums[1] += dot(excess, excess)
-        sums[2] += total(inverse)
-        for i in range(d):
-            e = rows[i, :m]
-            for k in range(m):
-                e[k] *= inverse[k]
-            mean[i] += total(e)
-            pull[i] += dot(e, excess)
-            for k in range(m):
-                weighted[k] = e[k] * inverse[k]
-            for j in range(i + 1):
-                curve[i, j] += dot(weighted, rows[j, :m])
-    for i in range(d):
-        for j in range(i):
-            curve[j, i] = curve[i, j]
+            distance = 1e-300  # a sample may lie at the centre
+            for i in range(d):
+                e = put(e, i, (y[s, i, first + np.uintp(k)] - near[i]) - away[i])
+                distance += e[i] * e[i]
+            distance = math.sqrt(distance)
+            over = 1.0 / distance
+            residual = distance - radius
+            excess += residual
+            squares += residual * residual
+            inverse += over
+            for i in range(d):
+                e = put(e, i, e[i] * over)
+                mean = put(mean, i, mean[i] + e[i])
+                pull = put(pull, i, pull[i] + e[i] * residual)
+                weighted = e[i] * over
+                for j in range(i + 1):
+                    curve = put(curve, i * d + j, curve[i * d + j] + weighted * e[j])
+    return excess, squares, inverse, pull, mean, curve
 
 
 @compiled
 def _half_hessian(n: int, radius: float, inverse: float, mean: Any, curve: Any, matrix: Any) -> None:
     """½∇²F from the sums of a pass."""
-    d = mean.size
+    d = len(mean)
     for i in range(d):
-        for j in range(d):
-            matrix[i, j] = radius * curve[i, j] - mean[i] * mean[j] / n
+        for j in range(i + 1):
+            matrix[i, j] = matrix[j, i] = radius * curve[i * d + j] - mean[i] * mean[j] / n
         matrix[i, i] += n - radius * inverse
 
 
 @compiled
-def _minimise(x: Any, a: Any, bound: float, result: Any) -> int:
-    """Minimise F for one point set (d, n) about its centroid; ``a`` is the start and receives the centre.
+def _minimise(
+    x: Any, t: int, origin: Any, radius: float, a: Any, bound: float, result: Any, rows: Any, zero: Any, square: Any
+) -> int:
+    """Minimise F for one point set of a batch; ``a`` is the start, from ``origin``, and receives the centre.
 
-    ``result`` receives the radius, F and the number of steps.
+    ``radius`` is the start's; ``result`` receives the radius, F and the number of steps.
     """
-    d, n = x.shape
-    rows = np.empty((d + 3, CHUNK))
-    sums, pull, mean = np.empty(3), np.empty(d), np.empty(d)
-    curve, matrix, vectors = np.empty((d, d)), np.empty((d, d)), np.empty((d, d))
+    d, n = x.shape[1], x.shape[2]
+    matrix, vectors = np.empty((d, d)), np.empty((d, d))
     step, descent, trial = np.empty(d), np.empty(d), a.copy()
-    square = 0.0
-    for i in range(d):
-        xi, ai = x[i], a[i]
-        for k in range(n):
-            square += (xi[k] - ai) ** 2
-    radius = math.sqrt(square / n)  # GDKE's own, eq. 3: a reference that keeps R - r small
-    best, before, halvings, steps, wanted, size = math.inf, radius, 0, 0, 0.0, 0.0
+    best, before, halvings, steps, wanted, size, last = math.inf, radius, 0, 0, 0.0, 0.0, 0.0
     while True:
-        _pass(x, trial, radius, sums, pull, mean, curve, rows)
-        value = sums[1] - sums[0] * sums[0] / n
-        if sums[0] * sums[0] > _CANCELLED * n * value:
-            radius += sums[0] / n
-            _pass(x, trial, radius, sums, pull, mean, curve, rows)
-            value = sums[1] - sums[0] * sums[0] / n
+        excess, squares, inverse, pull, mean, curve = _pass(x, t, origin, trial, radius, rows, zero, square)
+        value = squares - excess * excess / n
+        if excess * excess > _CANCELLED * n * value:
+            radius += excess / n
+            excess, squares, inverse, pull, mean, curve = _pass(x, t, origin, trial, radius, rows, zero, square)
+            value = squares - excess * excess / n
+        newton = True
         if value <= best:
             best, halvings = value, 0
             a[:] = trial
-            before = radius + sums[0] / n  # R̄, the radius that belongs to this centre
+            before = radius + excess / n  # R̄, the radius that belongs to this centre
             result[0], result[1], result[2] = before, best, float(steps)
             if steps >= _MAX_ITERATIONS:
                 return Status.AT_BOUND if size > (_FAR * bound) ** 2 else Status.NOT_CONVERGED
             steps += 1
             for i in range(d):
                 descent[i] = pull[i] - (before - radius) * mean[i]  # Σ(R - R̄)e, from Σ(R - r)e
-            _half_hessian(n, before, sums[2], mean, curve, matrix)
+            _half_hessian(n, before, inverse, mean, curve, matrix)
             step[:] = descent
             if not cholesky_solve(matrix, step):
-                _half_hessian(n, before, sums[2], mean, curve, matrix)
+                newton = False
+                _half_hessian(n, before, inverse, mean, curve, matrix)
                 diagonalise(matrix, vectors)
                 step[:] = 0.0
                 for j in range(d):
@@ -139,7 +132,7 @@ def _minimise(x: Any, a: Any, bound: float, result: Any) -> int:
                         step[i] += along * vectors[i, j]
         elif halvings == 0 and value <= best + 2.0 * _EPS * radius * math.sqrt(n * best):
             a[:] = trial  # rounding no longer lets F tell two centres apart: this one is a Newton step further
-            result[0], result[1], result[2] = radius + sums[0] / n, value, float(steps)
+            result[0], result[1], result[2] = radius + excess / n, value, float(steps)
             return Status.AT_BOUND if wanted > _LEVEL * before else Status.OK
         else:
             halvings += 1
@@ -156,6 +149,7 @@ def _minimise(x: Any, a: Any, bound: float, result: Any) -> int:
         if halvings == 0:
             wanted = length
         if length > before:
+            newton = False
             for i in range(d):
                 step[i] *= before / length
         for i in range(d):
@@ -163,10 +157,20 @@ def _minimise(x: Any, a: Any, bound: float, result: Any) -> int:
             size += trial[i] * trial[i]
             along += step[i] * mean[i]
         radius = before
-        if length <= _TOLERANCE * before:
-            if halvings == 0:  # R̄ moves by -ē·δ, to second order in a step this short
+        full = newton and halvings == 0
+        following = length * (length / last) ** 2  # steps fall off as the squares of those before them
+        done = full and length <= _SHORT * min(before, last) and following <= _SURE * before
+        done = done and n * length**3 <= _THIRD * best * before
+        last = length if full else 0.0
+        if done or length <= _TOLERANCE * before:
+            if halvings == 0:  # what the step changes in R̄ and F, to second order in a step this short
                 a[:] = trial
-                result[0] -= along / n
+                bend = inverse * length * length
+                for i in range(d):
+                    result[1] -= step[i] * descent[i]
+                    for j in range(d):
+                        bend -= step[i] * curve[max(i, j) * d + min(i, j)] * step[j]
+                result[0] += (0.5 * bend - along) / n
             result[2] = float(steps)
             return Status.AT_BOUND if wanted > _LEVEL * before else Status.OK
         if size > bound * bound:
@@ -174,17 +178,13 @@ def _minimise(x: Any, a: Any, bound: float, result: Any) -> int:
 
 
 @compiled
-def _fit_all(x: Any, mean: Any, offset: Any, bound: Any, status: Any, results: Any) -> None:
-    b, d, n = x.shape
-    y = np.empty((d, n))
-    for t in range(b):
-        if status[t] != 0:
-            continue
-        for i in range(d):
-            yi, xi, middle = y[i], x[t, i], mean[t, i]
-            for k in range(n):
-                yi[k] = xi[k] - middle
-        status[t] = _minimise(y, offset[t], bound[t], results[t])
+def _fit_all(
+    x: Any, mean: Any, radius: Any, offset: Any, bound: Any, status: Any, results: Any, zero: Any, square: Any
+) -> None:
+    rows = np.empty((1, x.shape[1], CHUNK))
+    for t in range(status.size):
+        if status[t] == 0:
+            status[t] = _minimise(x, t, mean[t], radius[t], offset[t], bound[t], results[t], rows, zero, square)
 
 
 def mle(samples: Samples) -> Fit:
@@ -205,8 +205,10 @@ def minimum_from(samples: Samples, share: float) -> Fit:
     fit = blank(b, d)
     fit.status[:] = start.status
     offset, results = share * (start.center - moments.mean), np.full((b, 3), np.nan)
-    bound = _BOUND * np.sqrt(np.trace(moments.second, axis1=1, axis2=2) / n)
-    _fit_all(samples.x, moments.mean, offset, bound, fit.status, results)
+    spread = np.trace(moments.second, axis1=1, axis2=2) / n
+    radius = np.sqrt(spread + np.einsum("bi,bi->b", offset, offset))  # eq. 3: a reference that keeps R - r small
+    bound = _BOUND * np.sqrt(spread)
+    _fit_all(samples.x, moments.mean, radius, offset, bound, fit.status, results, zeros(d), zeros(d, d))
     fit.center[:] = moments.mean + offset
     fit.radius[:] = results[:, 0]
     least = np.maximum(results[:, 1], 0.0)  # rounding can take F below 0 where the points lie on a sphere

@@ -19,6 +19,7 @@ from scipy import stats
 from study.estimators.fit import Fit, Samples, Status
 from study.estimators.gdk import Kept, member
 from study.sphere.compiled import compiled
+from study.sphere.regression import Regression
 
 Floats = NDArray[np.float64]
 
@@ -29,28 +30,35 @@ _THREE_SIGMA = 0.0027
 
 
 @compiled
-def _solve(values: Any, along: Any, m2: float, spread: float, kappa: float) -> float:
+def _solve(values: Any, cross: Any, mean: Any, square: float, spread: float, kappa: float) -> float:
     """Root η of g in [0, λ_min) by Newton's method inside a bracket.
 
-    ``values`` are the eigenvalues of C, ``along`` the components of s in the eigenbasis, ``spread`` = m₄ - m₂². A
-    direction whose component is 0 takes no part. Written from g(0), so that a small root is not lost in large terms.
+    About any origin, with y = x - o (theory 8.2),
+
+        g(η) = Var |y|² - 4η mean |y|² + ϰη² - Σ (q_k - 2ηȳ_k)²/(λ_k - η)
+
+    over the eigen-directions k of C; a direction without components takes no part. ``square`` is the mean of |y|²,
+    ``spread`` the variance. Written from g(0), so that a small root is not lost in large terms.
     """
     d = values.size
-    start, top = spread, math.inf
+    start, top, extent = spread, math.inf, 0.0
     for k in range(d):
-        if along[k] != 0.0:
-            start -= along[k] * along[k] / values[k]
+        extent += values[k]
+        if cross[k] != 0.0 or mean[k] != 0.0:
+            start -= cross[k] * cross[k] / values[k]
             top = min(top, values[k])
     if not (start > 0.0 and top > 0.0):
         return 0.0
-    low, high, eta = 0.0, min(top, start / (2.0 * m2)), 0.0
+    low, high, eta = 0.0, min(top, start / (2.0 * extent)), 0.0
     for _ in range(_MAX_STEPS):
-        value, slope = start - 4.0 * m2 * eta + kappa * eta * eta, 2.0 * kappa * eta - 4.0 * m2
+        value, slope = start - 4.0 * square * eta + kappa * eta * eta, 2.0 * kappa * eta - 4.0 * square
         for k in range(d):
-            if along[k] != 0.0:
+            q, y = cross[k], mean[k]
+            if q != 0.0 or y != 0.0:
                 rest = values[k] - eta
-                value -= eta * along[k] * along[k] / (values[k] * rest)
-                slope -= along[k] * along[k] / (rest * rest)
+                p = q - 2.0 * eta * y
+                value -= eta * (q * q - 4.0 * values[k] * y * (q - eta * y)) / (values[k] * rest)
+                slope -= p * (p - 4.0 * y * rest) / (rest * rest)
         if value > 0.0:
             low = eta
         else:
@@ -66,34 +74,35 @@ def _solve(values: Any, along: Any, m2: float, spread: float, kappa: float) -> f
 
 
 @compiled
-def _solve_all(values: Any, along: Any, m2: Any, spread: Any, kappa: float, eta: Any) -> None:
-    for t in range(eta.size):
-        eta[t] = _solve(values[t], along[t], m2[t], spread[t], kappa)
+def _solve_all(
+    count: Any, values: Any, cross: Any, mean: Any, square: Any, spread: Any, kappa: float, kept: Any, eta: Any
+) -> None:
+    """The root for each set, found in units of its own size, so that no power of the points' unit is lost."""
+    b, d = values.shape
+    extent, q, y = np.empty(d), np.empty(d), np.empty(d)
+    for t in range(b):
+        unit, weight = square[t], (count[t] - 1.0) / count[t]
+        root = math.sqrt(unit)
+        for k in range(d):
+            extent[k] = values[t, k] * weight / unit
+            q[k] = cross[t, k] * weight / (unit * root) if kept[t, k] else 0.0
+            y[k] = mean[t, k] / root if kept[t, k] else 0.0
+        eta[t] = _solve(extent, q, y, 1.0, spread[t] / unit / unit, kappa) * unit / weight
 
 
-def root(samples: Samples, kappa: float, kept: Kept | None = None) -> Floats:
+def root(regression: Regression, kappa: float, kept: Kept | None = None) -> Floats:
     """Root η of (5.1) for each set, in units of the sample covariance C (b,).
 
     Args:
-        samples: the batch.
+        regression: the batch.
         kappa: the constant ϰ.
         kept: eigen-directions of C that take part (b, d); all, if None.
     """
-    values, vectors = samples.spectrum
-    moments = samples.moments
-    n = moments.count
-    m2 = np.trace(moments.second, axis1=1, axis2=2) / n
-    weight = (n - 1.0) / n
-    eta = np.empty(len(n))
-    with np.errstate(all="ignore"):  # in units of √m₂, so that no power of the points' unit is lost
-        along = np.einsum("bji,bj->bi", vectors, moments.third) / (n * m2 * np.sqrt(m2))[:, None]
-        scaled = values * (weight / m2)[:, None]
-        spread = moments.fourth / n / m2**2 - 1.0
-    if kept is not None:
-        along = np.where(kept, along, 0.0)
-    _solve_all(scaled, along, np.ones(len(n)), spread, kappa, eta)
-    with np.errstate(all="ignore"):
-        return np.asarray(eta * m2 / weight)
+    r, (values, _), (cross, mean) = regression, regression.spectrum, regression.along
+    eta = np.empty(len(values))
+    kept = np.ones(values.shape, dtype=np.bool_) if kept is None else kept
+    _solve_all(r.count, values, cross, mean, r.base + r.square, r.variance, kappa, kept, eta)
+    return eta
 
 
 def taubin(samples: Samples) -> Fit:
@@ -101,7 +110,7 @@ def taubin(samples: Samples) -> Fit:
 
     Source: Taubin 1991; as a member of the family, theory table 5.1.
     """
-    return member(samples, root(samples, 0.0), 0.0)
+    return member(samples.regression, root(samples.regression, 0.0), 0.0)
 
 
 def pratt(samples: Samples) -> Fit:
@@ -109,7 +118,7 @@ def pratt(samples: Samples) -> Fit:
 
     Source: Pratt 1987; as a member of the family, theory table 5.1.
     """
-    return member(samples, root(samples, -4.0), 2.0)
+    return member(samples.regression, root(samples.regression, -4.0), 2.0)
 
 
 def hyper(samples: Samples) -> Fit:
@@ -118,7 +127,7 @@ def hyper(samples: Samples) -> Fit:
     Source: Al-Sharadqah & Chernov 2009; Kanatani & Rangarajan 2011.
     """
     d = samples.shape[1]
-    return member(samples, root(samples, -float(d * d)), -float(d))
+    return member(samples.regression, root(samples.regression, -float(d * d)), -float(d))
 
 
 def als(samples: Samples) -> Fit:
@@ -132,8 +141,8 @@ def als(samples: Samples) -> Fit:
     Source: Kukush, Markovsky & Van Huffel 2004, specialised to spheres; theory §5.
     """
     d = samples.shape[1]
-    eta = root(samples, 2.0 * d)
-    fit = member(samples, eta, -float(d))
+    eta = root(samples.regression, 2.0 * d)
+    fit = member(samples.regression, eta, -float(d))
     fit.status[(fit.status == Status.OK) & ~_significant(samples, eta, 2.0)[:, 0]] = Status.INSIGNIFICANT
     return fit
 
@@ -144,9 +153,10 @@ def als_guarded(samples: Samples) -> Fit:
     Source: theory §2.2.
     """
     d = samples.shape[1]
-    eta = root(samples, 2.0 * d)
+    eta = root(samples.regression, 2.0 * d)
     safe = _significant(samples, eta, 2.0)[:, 0]
-    guarded = member(samples, np.where(safe, eta, root(samples, 0.0)), np.where(safe, -float(d), 0.0))
+    taubins = root(samples.regression, 0.0)
+    guarded = member(samples.regression, np.where(safe, eta, taubins), np.where(safe, -float(d), 0.0))
     guarded.status[(guarded.status == Status.OK) & ~safe] = Status.INSIGNIFICANT
     return guarded
 
@@ -159,24 +169,24 @@ def hinge(samples: Samples) -> Fit:
 
     Source: theory §1.2; with unknown noise, its rule with the two conditions of `_flat`.
     """
-    if isinstance(samples.noise, np.ndarray):
+    if np.ndim(samples.noise if samples.noise is not None else 0.0) == 2:
         raise ValueError("hinge drops directions by one noise level: pass noise=σ, or none")
     b, d, _ = samples.shape
-    values = samples.spectrum[0]
+    values = samples.regression.spectrum[0]
     kept = values > 8.0 * d * _EPS * values[:, -1:]
     if samples.noise is not None:
-        eta = np.full(b, float(samples.noise) ** 2)
+        eta = np.broadcast_to(np.square(samples.noise), b)
         kept &= _significant(samples, eta, 3.0)
     else:
         for k in range(d - 1):  # from the least extent upwards, as long as all below are flat
             kept[:, k] &= ~(_flat(samples, kept, k) & ~kept[:, :k].any(axis=1))
-        eta = root(samples, 2.0 * d, kept)
-    fit = member(samples, eta, -float(d), kept)
+        eta = root(samples.regression, 2.0 * d, kept)
+    fit = member(samples.regression, eta, -float(d), kept)
     fine = fit.status == Status.OK
     if samples.noise is not None:
         fit.noise_variance[fine] = eta[fine]
     else:  # a dropped direction takes no degree of freedom
-        n = samples.moments.count
+        n = samples.regression.count
         with np.errstate(all="ignore"):
             fit.noise_variance[:] *= (n - d - 1.0) / (n - kept.sum(axis=1) - 1.0)
     weak = ~(_significant(samples, eta, 2.0) | ~kept).all(axis=1)
@@ -196,18 +206,16 @@ def _flat(samples: Samples, kept: Kept, direction: int) -> Kept:
     regressor there, and its F statistic is below the quantile of three standard errors. The second condition tells an
     arc's flat direction from a small cap's axis, which may be as short but carries the curvature.
     """
-    values, vectors = samples.spectrum
-    moments = samples.moments
-    n, d = moments.count, values.shape[1]
+    regression = samples.regression
+    values, along = regression.spectrum[0], regression.along[0]
+    n, d = regression.count, values.shape[1]
     others = kept.copy()
     others[:, direction] = False
-    eta = root(samples, 2.0 * d, others)
-    along = np.einsum("bji,bj->bi", vectors, moments.third_central)
-    m2 = np.trace(moments.second, axis1=1, axis2=2) / n
+    eta = root(regression, 2.0 * d, others)
     spare = n - others.sum(axis=1) - 2.0
     with np.errstate(all="ignore"):
         explained = along**2 / values * ((n - 1.0) / n)[:, None]
-        left = moments.fourth / n - m2**2 - np.where(others, explained, 0.0).sum(axis=1) - explained[:, direction]
+        left = regression.variance - np.where(others, explained, 0.0).sum(axis=1) - explained[:, direction]
         limit = stats.f.isf(_THREE_SIGMA, 1, np.maximum(spare, 1.0))
         chance = (explained[:, direction] * spare <= limit * np.maximum(left, 0.0)) & (spare > 0.0)
     return np.asarray(chance & (values[:, direction] <= eta * (1.0 + 3.0 * np.sqrt(4.0 / n))))
@@ -215,5 +223,5 @@ def _flat(samples: Samples, kept: Kept, direction: int) -> Kept:
 
 def _significant(samples: Samples, eta: Floats, errors: float) -> Kept:
     """Whether each eigenvalue of C exceeds the noise by so many standard errors of the noise, η√(2/n): (b, d)."""
-    n = samples.moments.count
-    return np.asarray(samples.spectrum[0] - eta[:, None] > errors * (eta * np.sqrt(2.0 / n))[:, None])
+    n = samples.regression.count
+    return np.asarray(samples.regression.spectrum[0] - eta[:, None] > errors * (eta * np.sqrt(2.0 / n))[:, None])

@@ -52,7 +52,7 @@ def ugdk_cov(samples: Samples) -> Fit:
     for step in range(1, _ROUNDS + 1):
         unit = _covariance(x, center / scale[:, :, 0], noise / scale**2, isotropic / scale**2)
         noise = unit * scale**2
-        fit = subtracting(samples, noise)
+        fit = subtracting(samples.regression, noise)
         good = (fit.status == Status.OK)[:, None]
         center = np.where(good, fit.center, center)
         noise = np.where(good[:, :, None], noise, isotropic)

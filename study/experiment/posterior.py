@@ -1,10 +1,10 @@
 """What a config's ``[posterior]`` asks for: which cells and trials, which likelihood, and how long a chain may be."""
 
-from enum import IntEnum
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
+from study.estimators.fit import Worded
 from study.experiment.laws import Frozen, is_number
 
 CONDITIONS = ("samples", "noise", "noise_over_radius", "angle", "radius", "center")
@@ -12,16 +12,8 @@ Noise = Literal["known", "unknown"]
 Likelihood = Literal["geometric", "whole_sphere"]
 
 
-class ChainStatus(IntEnum):
-    """How a chain ended. ``text`` is what a user reads."""
-
-    text: str
-
-    def __new__(cls, value: int, text: str) -> "ChainStatus":
-        member = int.__new__(cls, value)
-        member._value_ = value
-        member.text = text
-        return member
+class ChainStatus(Worded):
+    """How a chain ended."""
 
     OK = 0, "ok"
     NOT_CONVERGED = 1, "the chain did not reach 50 autocorrelation times, stable to 1 %, within its budget of steps"

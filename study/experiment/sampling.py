@@ -15,6 +15,7 @@ from study.experiment.streams import stream
 from study.sphere import cap
 from study.sphere.bounds import bound_from_scatter, normal_weights, weighted_scatter
 from study.sphere.compiled import compiled
+from study.sphere.normals import state_of
 
 Floats = NDArray[np.float64]
 
@@ -86,8 +87,7 @@ class Draws:
             u = self.directions.swapaxes(1, 2).copy()
             u[:, :, 0] = 1.0 - u[:, :, 0]
             weights = normal_weights(u, self.shape)
-        sums, mean, scatter = np.empty(b), np.empty((b, d)), np.empty((b, d, d))
-        weighted_scatter(self.directions, weights, sums, mean, scatter)
+        sums, mean, scatter = weighted_scatter(self.directions, weights)
         scatter[:, 0, 1:] *= -1.0
         scatter[:, 1:, 0] *= -1.0
         mean[:, 0] = 1.0 - mean[:, 0]
@@ -101,7 +101,7 @@ def draw(study: Study, batch: Batch, array: Array = new) -> Draws:
     stream(study.seed, "heights", *batch.stream).random(out=uniform)
     directions, noise = array("directions", shape), array("noise", shape)
     height = cap.heights(uniform, math.radians(batch.angle), d)
-    cap.draw(stream(study.seed, "normals", *batch.stream), height, directions, noise)
+    cap.draw(state_of(stream(study.seed, "normals", *batch.stream)), height, directions, noise)
     covariance = np.eye(d)
     if study.noise_shape is not None:
         covariance = np.array(study.noise_shape)

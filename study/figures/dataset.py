@@ -4,9 +4,8 @@ The paper shows one arc of 100 points with noise 0.05 and says of it that the sp
 condition, is 0.557238. Of the trials whose points were kept, the one with the nearest ρ is taken, for all the figures.
 
 Lengths are in radii, and positions are measured from the true centre. The axis of the arc is the first coordinate;
-errors along and across it are uncorrelated, because the arc is its own mirror image. Spreads are robust: half of the
-range from the 15.87 % to the 84.13 % quantile, which is one standard deviation if the errors are Gaussian, and which
-exists for UGDK, whose errors have neither variance nor mean.
+errors along and across it are uncorrelated, because the arc is its own mirror image. Spreads are robust, because UGDK's
+errors have neither variance nor mean.
 """
 
 import math
@@ -17,14 +16,13 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from study.analysis.measures import quantile
+from study.analysis.claims.ugdk import PAPER_CONDITION
+from study.analysis.measures import inside, quantile, robust_sd
 from study.estimators import Status
 from study.figures.inputs import NotApplicable, Tables
 
-PAPER_CONDITION = 0.557238
 LEVELS = (0.68, 0.95)
 _LEAST_TRIALS = 50
-_ONE_SIGMA = 0.5 * (1.0 + math.erf(math.sqrt(0.5)))  # probability below +1 sd
 
 
 @dataclass(frozen=True)
@@ -166,13 +164,8 @@ def _spread(errors: NDArray[np.float64]) -> Spread:
     """Median and robust standard deviation of errors (trials, 2)."""
     along, across = errors.T
     bias = quantile(along, 0.5).value, quantile(across, 0.5).value
-    sd = _robust_sd(along), _robust_sd(across)
-    inside = np.hypot(along / sd[0], across / sd[1]) <= reach(LEVELS[-1])
-    return Spread(bias, sd, int(inside.sum()), len(errors))
-
-
-def _robust_sd(values: NDArray[np.float64]) -> float:
-    return 0.5 * (quantile(values, _ONE_SIGMA).value - quantile(values, 1.0 - _ONE_SIGMA).value)
+    sd = robust_sd(along), robust_sd(across)
+    return Spread(bias, sd, int(inside(errors, np.array(sd), LEVELS[-1]).sum()), len(errors))
 
 
 def reach(level: float) -> float:

@@ -22,11 +22,11 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 from scipy import stats
 
+from study.analysis.summary import FAR, decade
 from study.estimators import Status
 from study.figures import style
 from study.figures.inputs import NotApplicable, Tables
 
-_FAR = 10.0
 _MOST_FOR_SLOPE = 2000  # Theil and Sen's slope takes memory of their square
 _LEAST_PER_DECADE = 10
 
@@ -62,7 +62,7 @@ def prepare(tables: Tables) -> Frame:
         raise NotApplicable('needs a random design (kind = "random"), in which every trial draws its own noise')
     errors = tables.errors
     ok = errors["status"] == Status.OK
-    kind = np.where(ok, np.where(errors["error"] > _FAR * errors["bound"], "far", "ok"), "not ok")
+    kind = np.where(ok, np.where(errors["error"] > FAR * errors["bound"], "far", "ok"), "not ok")
     dots = pd.DataFrame(
         {
             "estimator": errors["estimator"].astype(str),
@@ -115,7 +115,7 @@ def _panel(name: str, part: pd.DataFrame, limits: tuple[int, int]) -> dict[str, 
 
 def _running_bound(trials: pd.DataFrame) -> pd.DataFrame:
     """Median of the bound in each decade of noise; each trial has its own N and φ, hence its own bound."""
-    decades = trials.groupby(np.floor(np.log10(trials["noise"])))
+    decades = trials.groupby(decade(trials["noise"]))
     medians = decades.agg(noise=("noise", "median"), bound=("bound", "median"), trials=("bound", "size"))
     return medians[medians["trials"] >= _LEAST_PER_DECADE].reset_index(drop=True)
 

@@ -24,9 +24,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
+from study.analysis.expected import gdke_bias, median_at_bound
 from study.analysis.measures import power_law
 from study.figures import style
-from study.figures.expected import gdke_bias, median_at_bound
 from study.figures.inputs import NotApplicable, Tables
 from study.sphere.cap import cap_moments
 

@@ -20,11 +20,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from study.analysis.expected import gdke_leaves, median_at_bound, noise_at_kappa, ugdk_leaves
 from study.analysis.measures import quantile
 from study.figures import style
-from study.figures.expected import median_at_bound
 from study.figures.inputs import NotApplicable, Tables
-from study.sphere.cap import cap_moments
+from study.sphere.cap import CapMoments, cap_moments
 
 _LEAST_LEVELS = 4
 _MOST_PANELS = 6
@@ -78,9 +78,7 @@ def prepare(tables: Tables) -> Frame:
     curves = pd.DataFrame(rows, columns=columns)
     return Frame(
         curves=curves,
-        marks=pd.DataFrame(
-            [{"angle": angle, **_marks(moments.mean, moments.along, samples)} for angle, moments in caps.items()]
-        ),
+        marks=pd.DataFrame([{"angle": angle, **_marks(moments, samples)} for angle, moments in caps.items()]),
         samples=samples,
         stamp=f"{tables.name} · at least {curves['trials'].min():,} trials behind each median{_scatter(curves)}",
     )
@@ -92,12 +90,12 @@ def _scatter(curves: pd.DataFrame) -> str:
     return f", usual standard error {100.0 * relative.median():.1f} %" if len(relative) else ""
 
 
-def _marks(mean: float, along: float, samples: int) -> dict[str, float]:
+def _marks(moments: CapMoments, samples: int) -> dict[str, float]:
     """Relative noise at which theory expects the changes."""
     return {
-        "gdke": math.sqrt(along / samples) / mean if mean > 1e-9 else math.inf,
-        "ugdk": math.sqrt(along / 2.0),
-        "fails": math.sqrt(along * math.sqrt(samples / 2.0) / 3.0),
+        "gdke": gdke_leaves(samples, moments),
+        "ugdk": ugdk_leaves(moments),
+        "fails": noise_at_kappa(3.0, samples, moments),
     }
 
 

@@ -14,42 +14,63 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from study.sphere.compiled import CHUNK, compiled, dot
+from study.sphere.compiled import CHUNK, compiled, fresh, put, total, window, zeros
 from study.sphere.linalg import eigenbasis
 
 Floats = NDArray[np.float64]
 
 
 @compiled
-def weighted_scatter(directions: Any, weights: Any, sums: Any, mean: Any, scatter: Any) -> None:
-    """Σω, ū = Σωu/Σω and Σω(u-ū)(u-ū)ᵀ for a batch of directions (b, d, n) and weights (b, n)."""
+def _first(u: Any, t: int, start: int, weights: Any, first: Any) -> Any:
+    """Add Σωu of as many samples of a set as there are weights."""
+    for k in range(weights.size):
+        for i in range(len(first)):
+            first = put(first, i, first[i] + weights[k] * u[t, i, start + np.uintp(k)])
+    return first
+
+
+@compiled
+def _second(u: Any, t: int, start: int, weights: Any, middle: Any, second: Any) -> Any:
+    """Add Σω(u-ū)(u-ū)ᵀ, its lower triangle."""
+    d, y = len(middle), fresh(middle)
+    for k in range(weights.size):
+        for i in range(d):
+            y = put(y, i, u[t, i, start + np.uintp(k)] - middle[i])
+        for i in range(d):
+            for j in range(i + 1):
+                second = put(second, i * d + j, second[i * d + j] + weights[k] * y[i] * y[j])
+    return second
+
+
+@compiled
+def _scatter(directions: Any, weights: Any, sums: Any, mean: Any, scatter: Any, zero: Any, square: Any) -> None:
     b, d, n = directions.shape
-    rows = np.empty((d + 1, CHUNK))
+    rows = np.empty((1, d, CHUNK))
     for t in range(b):
-        whole = 0.0
-        for k in range(n):
-            whole += weights[t, k]
-        sums[t] = whole
-        for i in range(d):
-            mean[t, i] = dot(directions[t, i], weights[t]) / whole
-        scatter[t] = 0.0
+        middle, second = fresh(zero), fresh(square)
+        whole = sums[t] = total(weights[t])
         for start in range(0, n, CHUNK):
-            m = min(CHUNK, n - start)
-            heavy = rows[d, :m]
-            omega = weights[t, start : start + m]
-            for i in range(d):
-                u, y, middle = directions[t, i, start : start + m], rows[i, :m], mean[t, i]
-                for k in range(m):
-                    y[k] = u[k] - middle
-            for i in range(d):
-                y = rows[i, :m]
-                for k in range(m):
-                    heavy[k] = omega[k] * y[k]
-                for j in range(i + 1):
-                    scatter[t, i, j] += dot(heavy, rows[j, :m])
+            part = weights[t, start : start + CHUNK]
+            u, s, place = window(directions, t, start, part.size, rows, zero)
+            middle = _first(u, s, place, part, middle)
         for i in range(d):
-            for j in range(i):
-                scatter[t, j, i] = scatter[t, i, j]
+            middle = put(middle, i, middle[i] / whole)
+            mean[t, i] = middle[i]
+        for start in range(0, n, CHUNK):
+            part = weights[t, start : start + CHUNK]
+            u, s, place = window(directions, t, start, part.size, rows, zero)
+            second = _second(u, s, place, part, middle, second)
+        for i in range(d):
+            for j in range(i + 1):
+                scatter[t, i, j] = scatter[t, j, i] = second[i * d + j]
+
+
+def weighted_scatter(directions: Floats, weights: Floats) -> tuple[Floats, Floats, Floats]:
+    """Σω, ū = Σωu/Σω and Σω(u-ū)(u-ū)ᵀ for a batch of directions (b, d, n) and weights (b, n)."""
+    b, d, _ = directions.shape
+    sums, mean, scatter = np.empty(b), np.empty((b, d)), np.empty((b, d, d))
+    _scatter(directions, weights, sums, mean, scatter, zeros(d), zeros(d, d))
+    return sums, mean, scatter
 
 
 def bound_from_scatter(sums: Floats, mean: Floats, scatter: Floats) -> Floats:
@@ -93,8 +114,7 @@ def crlb(directions: ArrayLike, noise: ArrayLike) -> Floats:
     *lead, n, d = u.shape
     u = u.reshape(-1, n, d)
     weights = normal_weights(u, noise_covariance(noise, d))
-    sums, mean, scatter = np.empty(len(u)), np.empty((len(u), d)), np.empty((len(u), d, d))
-    weighted_scatter(np.ascontiguousarray(u.swapaxes(1, 2)), weights, sums, mean, scatter)
+    sums, mean, scatter = weighted_scatter(u.swapaxes(1, 2), weights)
     return bound_from_scatter(sums, mean, scatter).reshape(*lead, d + 1, d + 1)
 
 

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
 from study.sphere.compiled import compiled, fill
+from study.sphere.normals import fill_normal, loaded
 
 Floats = NDArray[np.float64]
 
@@ -40,36 +41,44 @@ def heights(uniform: Floats, half_angle: float, dimension: int) -> Floats:
 
 
 @compiled
-def draw(rng: Any, height: Any, directions: Any, normals: Any) -> None:
+def _turn(height: Any, directions: Any) -> None:
+    """Directions (d, n) from their heights (n,) and, in rows 1 to d - 1, normals across the axis; in place.
+
+    Row 0 receives the height t = 1 - u₁ in place of u₁.
+    """
+    d, n = directions.shape
+    scale = directions[0]
+    fill(scale, 0.0)
+    for i in range(1, d):
+        w = directions[i]
+        for k in range(n):
+            scale[k] += w[k] * w[k]
+    for k in range(n):
+        scale[k] = math.sqrt(height[k] * (2.0 - height[k]) / scale[k])
+    for i in range(1, d):
+        w = directions[i]
+        for k in range(n):
+            w[k] *= scale[k]
+    for k in range(n):
+        scale[k] = height[k]
+
+
+@compiled
+def draw(state: Any, height: Any, directions: Any, normals: Any) -> None:
     """Draw a block of trials: directions (b, d, n) for given heights (b, n), and standard normals (b, d, n).
 
-    Trial after trial from one generator, so that a block's first trials do not depend on how many follow. Row 0
-    of the directions receives the height t = 1 - u₁ in place of u₁.
+    Trial after trial from one stream, whose state (see `study.sphere.normals.state_of`) is moved on, so that a block's
+    first trials do not depend on how many follow. Row 0 of the directions receives the height t = 1 - u₁ instead of u₁.
     """
-    b, d, n = directions.shape
+    b, d, _ = directions.shape
+    place = loaded(state)
     for trial in range(b):
-        t = height[trial]
-        across = directions[trial, 1:]
-        scale = directions[trial, 0]
-        fill(scale, 0.0)
-        for i in range(d - 1):
-            w = across[i]
-            for k in range(n):
-                w[k] = rng.standard_normal()
-            for k in range(n):
-                scale[k] += w[k] * w[k]
-        for k in range(n):
-            scale[k] = math.sqrt(t[k] * (2.0 - t[k]) / scale[k])
-        for i in range(d - 1):
-            w = across[i]
-            for k in range(n):
-                w[k] *= scale[k]
-        for k in range(n):
-            scale[k] = t[k]
+        for i in range(1, d):
+            place = fill_normal(place, directions[trial, i])
+        _turn(height[trial], directions[trial])
         for i in range(d):
-            z = normals[trial, i]
-            for k in range(n):
-                z[k] = rng.standard_normal()
+            place = fill_normal(place, normals[trial, i])
+    state[0], state[1], state[2], state[3] = place
 
 
 def sample_cap(
@@ -94,11 +103,12 @@ def sample_cap(
         raise ValueError(f"half_angle = {half_angle!r}: give an angle in radians in (0, π]")
     if dimension < 2:
         raise ValueError(f"dimension = {dimension!r}: a sphere needs at least 2")
-    t = heights(rng.random((1, count)), half_angle, dimension)
-    u, z = np.empty((2, 1, dimension, count))
-    draw(rng, t, u, z)
-    u[0, 0] = 1.0 - t[0]
-    points: Floats = u[0].T
+    t = heights(rng.random(count), half_angle, dimension)
+    u = np.empty((dimension, count))
+    rng.standard_normal(out=u[1:])
+    _turn(t, u)
+    u[0] = 1.0 - t
+    points: Floats = u.T
     if axis is None:
         return points
     pole = np.asarray(axis, dtype=float)

@@ -1,10 +1,14 @@
-"""Compiled code: one set of compiler options, a cache that cannot go stale, and loops over rows.
+"""Compiled code: one set of compiler options, a cache that cannot go stale, and sums that stay in registers.
 
 Every compiled function of the package is decorated with :func:`compiled`, so they all share these options:
 
 * ``nogil``: threads can run kernels side by side;
 * ``error_model="numpy"``: a division may yield inf or nan instead of raising (and so can be vectorised);
 * ``fastmath`` without ``nnan``/``ninf``: sums may be reordered and contracted, but the logic of NaN stays intact.
+
+A loop over samples keeps its sums in what :func:`zeros` gives: tuples in few dimensions, whose length the compiler
+knows, so that it unrolls the loops over coordinates and vectorises the one over samples; arrays in many. :func:`put`
+and :func:`fresh` serve both, so each sum is written once for every dimension.
 """
 
 import hashlib
@@ -12,12 +16,18 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-from numba import njit
+import numpy as np
+from numba import njit, types
+from numba.extending import overload
+from numba.cpython.unsafe.tuple import tuple_setitem
 
+_set: Any = tuple_setitem
 F = TypeVar("F", bound=Callable[..., Any])
 
-CHUNK = 512
-"""Samples handled at a time: d + 3 rows of 512 doubles stay in a 32 KiB first-level cache up to d = 5."""
+CHUNK = 256
+"""Samples handled at a time: d + 2 rows of 256 doubles, and the samples themselves, stay in a first-level cache."""
+_UNROLLED = 4
+"""Dimensions up to which sums are tuples; beyond, the compiler would take too long."""
 
 _PACKAGE = Path(__file__).parent.parent
 
@@ -51,6 +61,69 @@ def compiled(function: F) -> F:
     """Compile a function with the package's options; the result is cached on disk."""
     options = {"reassoc", "contract", "arcp", "nsz"}
     return cast(F, njit(cache=True, nogil=True, error_model="numpy", fastmath=options)(function))
+
+
+def zeros(dimension: int, per: int = 1) -> Any:
+    """Sums at zero: d for each of ``per``; a tuple that the compiler can keep in registers, if d is small."""
+    count = dimension * per
+    return (0.0,) * count if dimension <= _UNROLLED else np.zeros(count)
+
+
+def put(sums: Any, i: int, value: Any) -> Any:
+    """Sums with the i-th replaced: assign the result, for arrays are changed in place and tuples are not."""
+    return (*sums[:i], value, *sums[i + 1 :])
+
+
+def fresh(sums: Any) -> Any:
+    """The same sums, independent of the given ones from here on."""
+    return sums
+
+
+@overload(put, inline="always")
+def _put(sums: Any, i: Any, value: Any) -> Any:
+    def unrolled(sums: Any, i: Any, value: Any) -> Any:
+        return _set(sums, i, value)
+
+    def stored(sums: Any, i: Any, value: Any) -> Any:
+        sums[i] = value
+        return sums
+
+    return unrolled if isinstance(sums, types.BaseTuple) else stored
+
+
+@overload(fresh, inline="always")
+def _fresh(sums: Any) -> Any:
+    def same(sums: Any) -> Any:
+        return sums
+
+    def copied(sums: Any) -> Any:
+        return sums.copy()
+
+    return same if isinstance(sums, types.BaseTuple) else copied
+
+
+def window(x: Any, t: int, start: int, count: int, rows: Any, zero: Any) -> Any:
+    """Where to read ``count`` samples of set t of a batch (b, d, n): an array of that shape, a set and a first sample.
+
+    It is the batch itself if that lies in memory coordinate by coordinate, and else ``rows`` (1, d, CHUNK), to which
+    the samples are copied: ``y, t, start = window(…)``. ``zero`` are sums of one for each dimension. So the layout does
+    not show in any sum.
+    """
+    return x, np.uintp(t), np.uintp(start)
+
+
+@overload(window)
+def _window(x: Any, t: Any, start: Any, count: Any, rows: Any, zero: Any) -> Any:
+    def itself(x: Any, t: Any, start: Any, count: Any, rows: Any, zero: Any) -> Any:
+        return x, np.uintp(t), np.uintp(start)
+
+    def copied(x: Any, t: Any, start: Any, count: Any, rows: Any, zero: Any) -> Any:
+        for k in range(count):
+            for i in range(len(zero)):
+                rows[0, i, k] = x[t, i, np.uintp(start) + np.uintp(k)]
+        return rows, np.uintp(0), np.uintp(0)
+
+    return itself if x.layout == "C" else copied
 
 
 @compiled

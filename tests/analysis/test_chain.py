@@ -367,9 +367,12 @@ def test_a_box_that_does_not_decide_the_answer(on_cap):
 @pytest.mark.parametrize("known", [True, False])
 @pytest.mark.parametrize("noise", [0.05, 0.1])
 def test_a_cap_on_which_the_flat_prior_is_improper(on_cap, noise, known):
-    """Theory §6: φ = 20°, N = 50 in a box of ten radii is not called ok (σ = .02 r has 10⁻⁶ of its mass beyond)."""
+    """Theory §6: φ = 20°, N = 50 in a box of ten radii is not called ok (σ = .02 r has 10⁻⁶ of its mass beyond).
+
+    A chain of an ordinary cap is ok within 200 steps.
+    """
     points, _ = on_cap(np.random.default_rng(2), 50, angle=20.0, noise=noise)
-    found = run(points, noise, known, walkers=32, max_steps=1500)
+    found = run(points, noise, known, walkers=32, max_steps=500)
     assert found.status in (ChainStatus.AT_PRIOR, ChainStatus.NOT_CONVERGED)
     assert np.isfinite(found.draws).all()
     assert np.abs(found.flat[:, :3]).max() < 10.0
@@ -445,7 +448,7 @@ def test_a_start_outside_of_the_box(on_cap):
     assert run(points, 0.01, max_steps=100, center=[20.0] * 3).status is ChainStatus.NOT_CONVERGED
 
 
-@pytest.mark.parametrize(("d", "seed"), [(2, 0), (3, 23)])
+@pytest.mark.parametrize(("d", "seed"), [(2, 29), (3, 3)])
 @pytest.mark.parametrize("known", [True, False])
 def test_a_start_where_the_best_sphere_is_none(on_cap, d, seed, known):
     """Where maximum likelihood leaves the box, or runs away to a plane, walkers start from GDKE's sphere."""

@@ -70,7 +70,6 @@ def call_here(monkeypatch, capsys):
     def run(folder, *arguments):
         monkeypatch.chdir(folder)
         monkeypatch.setattr(sys, "argv", ["study", *map(str, arguments)])
-        monkeypatch.setattr(cli, "_fix_code_target", lambda: None)
         with pytest.raises(SystemExit) as end:
             cli.main()
         return end.value.code, *capsys.readouterr()

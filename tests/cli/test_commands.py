@@ -24,10 +24,10 @@ def test_run_stores_the_config_as_it_was_given(finished, config):
     assert (finished[0] / "out" / "config.toml").read_text() == config
 
 
-def test_run_into_the_default_folder(call, config, tmp_path, finished):
+def test_run_into_the_default_folder(call_here, config, tmp_path, finished):
     """Without --out, the folder is results/<name>-<digest>, and the numbers are the same."""
     (tmp_path / "tiny.toml").write_text(config)
-    code, said, complained = call(tmp_path, "run", "tiny.toml", "--jobs", "1")
+    code, said, complained = call_here(tmp_path, "run", "tiny.toml", "--jobs", "1")
     name = parse(config).run_name()
     assert (code, said, complained) == (0, f"results/{name}\n", "")
     one, other = Run.open(tmp_path / "results" / name), Run.open(finished[0] / "out")
@@ -35,18 +35,18 @@ def test_run_into_the_default_folder(call, config, tmp_path, finished):
     assert one.table("summary").equals(other.table("summary"))
 
 
-def test_summary(finished, call):
+def test_summary(finished, call_here):
     """`study summary` prints what the library's function yields."""
     folder = finished[0]
-    code, said, complained = call(folder, "summary", "out")
+    code, said, complained = call_here(folder, "summary", "out")
     assert (code, complained) == (0, "")
     assert said.splitlines() == list(printed(Run.open(folder / "out")))
 
 
-def test_plan(call, config, tmp_path):
+def test_plan(call_here, config, tmp_path):
     """`study plan` prints the run's name and the library's counts, and writes nothing."""
     (tmp_path / "tiny.toml").write_text(config)
-    code, said, complained = call(tmp_path, "plan", "tiny.toml")
+    code, said, complained = call_here(tmp_path, "plan", "tiny.toml")
     assert (code, complained) == (0, "")
     name, *lines = said.splitlines()
     assert name == parse(config).run_name()

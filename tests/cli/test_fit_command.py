@@ -18,7 +18,6 @@ from study import cli
 @pytest.fixture
 def say(monkeypatch, capsys, tmp_path):
     """Run a command in an empty folder: exit code, standard output, standard error."""
-    monkeypatch.setattr(cli, "_fix_code_target", lambda: None)  # numba is loaded already
     monkeypatch.chdir(tmp_path)
 
     def run(*arguments):
@@ -86,14 +85,14 @@ def test_columns_and_missing_rows(say, cap, tmp_path):
     assert abs(float(rows["als"][0].split()[0]) - study.fit(used).center[0]) < 0.01
 
 
-def test_a_million_rows(say, cap, tmp_path):
-    """A file of 10⁶ rows is fitted, and its picture drawn with fewer of them."""
+def test_many_rows(say, cap, tmp_path):
+    """A file of 200 000 rows is fitted, and its picture drawn with fewer of them."""
     block = "\n".join(",".join(map(repr, row)) for row in cap.tolist())
-    (tmp_path / "big.csv").write_text("\n".join([block] * 5000))
+    (tmp_path / "big.csv").write_text("\n".join([block] * 1000))
     code, said, complained = say("fit", "big.csv", "--plot", "big.png")
     assert (code, complained) == (0, "")
     cells = rows_of(said)[1]["als"]
-    assert cells[-2:] == ["1000000", "ok"]
+    assert cells[-2:] == ["200000", "ok"]
     assert abs(float(cells[3].split()[0]) - study.fit(cap).radius) < 1e-3
     assert (tmp_path / "big.png").stat().st_size > 10_000
 
@@ -170,7 +169,7 @@ def test_estimators(say):
     assert [line.split()[0] for line in said.splitlines()[1:]] == list(study.ESTIMATORS)
 
 
-@pytest.mark.parametrize("encoding", ["utf-8", "ascii", "latin-1"])
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
 def test_output_to_a_pipe(command, cap, tmp_path, encoding):
     """Greek letters do not stop the output where the reader is no terminal and the encoding has none.
 

@@ -228,7 +228,8 @@ def test_interrupt(command, call_here, long, tmp_path, jobs, everyone):
     kept = {path.name.split(".")[0] for path in parts.glob("*.posterior.parquet")}
     assert 0 < len(kept) < 16
     assert not list(parts.glob(".*"))
-    before = {path: path.stat().st_mtime_ns for path in parts.iterdir()}
+    # of a chain that was interrupted between its files some are there, too: it is computed again
+    before = {path: path.stat().st_mtime_ns for path in parts.iterdir() if path.name.split(".")[0] in kept}
     shares = []
     compute(Run.open(tmp_path), 1, lambda share: shares.append(share) or all_there(before))
     assert len(shares) == 16 - len(kept)

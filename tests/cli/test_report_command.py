@@ -44,10 +44,10 @@ def test_several_runs_into_a_file(call_here, folder):
     assert not (folder / "other" / "report.html").exists()
 
 
-def test_in_a_process_of_its_own(call, folder):
+def test_in_a_process_of_its_own(call, call_here, folder):
     """What a shell sees is the same, with warnings as errors, and so are the bytes."""
     assert call(folder, "report", "out", "--out", "again.html") == (0, "again.html\n", "")
-    assert call(folder, "report", "out", "--out", "again2.html")[0] == 0
+    assert call_here(folder, "report", "out", "--out", "again2.html")[0] == 0
     assert (folder / "again.html").read_bytes() == (folder / "again2.html").read_bytes()
     page(folder / "again.html")
 

@@ -20,10 +20,9 @@ def newton_step(points, center):
     distance = np.linalg.norm(v, axis=1)
     e, r = v / distance[:, None], distance.mean()
     gradient = -((distance - r)[:, None] * e).sum(axis=0)
-    hessian = -np.outer(e.sum(axis=0), e.sum(axis=0)) / n
-    for i in range(n):
-        outer = np.outer(e[i], e[i])
-        hessian += outer + (1 - r / distance[i]) * (np.eye(d) - outer)
+    outer = e[:, :, None] * e[:, None, :]
+    across = (1 - r / distance)[:, None, None] * (np.eye(d) - outer)
+    hessian = (outer + across).sum(axis=0) - np.outer(e.sum(axis=0), e.sum(axis=0)) / n
     assert np.linalg.eigvalsh(hessian)[0] > 0
     return np.linalg.norm(np.linalg.solve(hessian, gradient)) / r
 

@@ -14,7 +14,7 @@ import study
 from study import Status
 from study.estimators import Samples
 from study.estimators.roots import root
-from study.sphere.cap import draw, heights
+from study.sphere.cap import sample_cap
 
 KAPPA = {"taubin": lambda d: 0.0, "pratt": lambda d: -4.0, "hyper": lambda d: -d * d, "als": lambda d: 2.0 * d}
 RADIUS = {"taubin": lambda d: 0, "pratt": lambda d: 2, "hyper": lambda d: -d, "als": lambda d: -d}
@@ -24,7 +24,7 @@ NAMES = list(KAPPA)
 def eta_of(points, name):
     """The root η in weights of 1/n, for one set or a batch (…, n, d)."""
     *lead, n, d = points.shape
-    return (root(Samples(points.reshape(-1, n, d).swapaxes(1, 2)), KAPPA[name](d)) * (n - 1) / n).reshape(lead)
+    return (root(Samples(points.reshape(-1, n, d).swapaxes(1, 2)).regression, KAPPA[name](d)) * (n - 1) / n).reshape(lead)
 
 
 def pencil(points, name):
@@ -187,10 +187,8 @@ def median_ratios(angle, noise, estimators, trials):
     rng, n = np.random.default_rng(20040101), 10_000
     errors, bound, sigma = {name: [] for name in estimators}, [], []
     for _ in range(trials // 50):
-        t = heights(rng.random((50, n)), np.radians(angle), 3)
-        u, z = np.empty((2, 50, 3, n))
-        draw(rng, t, u, z)
-        u[:, 0] = 1.0 - t
+        u = sample_cap(rng, 50 * n, np.radians(angle), 3).reshape(50, n, 3).swapaxes(1, 2)
+        z = rng.standard_normal((50, 3, n))
         y = u - u.mean(axis=2, keepdims=True)
         along = y @ np.einsum("bin,bin->bn", u, z)[:, :, None]
         bound.append(noise * np.linalg.norm(np.linalg.solve(y @ y.swapaxes(1, 2), along)[:, :, 0], axis=1))

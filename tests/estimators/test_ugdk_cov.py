@@ -7,7 +7,7 @@ import pytest
 
 import study
 from study import Status
-from study.sphere.cap import draw, heights
+from study.sphere.cap import sample_cap
 
 
 def covariance(rng=None):
@@ -22,10 +22,8 @@ def covariance(rng=None):
 
 def drawn(rng, sets, n, angle, sigma):
     """Directions and points (sets, n, 3) on caps about e₁, noise of covariance ``sigma``."""
-    t = heights(rng.random((sets, n)), np.radians(angle), 3)
-    u, z = np.empty((2, sets, 3, n))
-    draw(rng, t, u, z)
-    u[:, 0] = 1.0 - t
+    u = sample_cap(rng, sets * n, np.radians(angle), 3).reshape(sets, n, 3).swapaxes(1, 2)
+    z = rng.standard_normal((sets, 3, n))
     return u.swapaxes(1, 2), (u + np.linalg.cholesky(sigma) @ z).swapaxes(1, 2)
 
 

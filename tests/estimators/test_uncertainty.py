@@ -6,7 +6,7 @@ from scipy import stats
 
 import study
 from study import Status
-from study.sphere.cap import draw, heights
+from study.sphere.cap import sample_cap
 
 SIGMA = 1e-4 * np.array([[2.0, 0.5, -0.3], [0.5, 1.0, 0.2], [-0.3, 0.2, 0.5]])
 TRIALS = 4000
@@ -15,10 +15,8 @@ TRIALS = 4000
 def half_spheres(seed, n, noise=0.01, d=3):
     """Points (4000, n, d) on half spheres about the origin."""
     rng = np.random.default_rng(seed)
-    t = heights(rng.random((TRIALS, n)), np.pi / 2, d)
-    u, z = np.empty((2, TRIALS, d, n))
-    draw(rng, t, u, z)
-    u[:, 0] = 1.0 - t
+    u = sample_cap(rng, TRIALS * n, np.pi / 2, d).reshape(TRIALS, n, d).swapaxes(1, 2)
+    z = rng.standard_normal((TRIALS, d, n))
     return (u + noise * z).swapaxes(1, 2)
 
 

@@ -122,14 +122,6 @@ def test_marks(small, samples):
         np.testing.assert_allclose(marks["gdke"][:3], [1.8e-3, 1.9e-2, 5.8e-2], rtol=0.03)
 
 
-def test_the_gdke_mark_is_where_bias_meets_scatter(small):
-    """At s* the bias of many samples, m₁σ²/(Kₐ + σ²), is a bound's standard deviation along the axis, σ/√(N Kₐ)."""
-    (row,) = fig_efficiency.prepare(small(angles=[20.0], samples=10_000)).marks.to_dict("records")
-    c = math.cos(math.radians(20.0))
-    m1, along, noise = 0.5 * (1.0 + c), (1.0 - c) ** 2 / 12.0, row["gdke"]
-    assert m1 * noise**2 / (along + noise**2) == pytest.approx(noise / math.sqrt(10_000 * along), rel=1e-3)
-
-
 def test_other_axes(small, make_tables):
     """Shown are the greatest number of samples, and the first radius and centre."""
     base = small(samples=1000)

@@ -1,4 +1,4 @@
-"""What the tests of the page share: small runs of every kind, made-up claims, the page, and a reader of its HTML."""
+"""What the tests of the page share: a large run, made-up claims, the page, and a reader of its HTML."""
 
 import html.parser
 import math
@@ -7,40 +7,8 @@ import pandas as pd
 import pytest
 
 from study.analysis.claims.ledger import Verdict
-from study.analysis.summary import summarise
-from study.experiment.config import parse
 from study.report import render
 from study.runs import tables
-from study.runs.runner import run
-
-CIRCLES = """
-# a config with <script>alert("1 < 2 && 'x'")</script> & more
-name = "circles"
-seed = 3
-dimension = 2
-estimators = ["mle", "lls", "gdke", "ugdk"]
-keep_points = 2
-[design]
-kind = "grid"
-trials = 60
-samples = [20, 40, 80, 160]
-noise = 0.05
-angle = 40
-radius = 2.0
-center = 1.0
-"""
-
-RANDOM = """
-name = "random"
-seed = 2009
-estimators = ["mle", "gdke", "ugdk"]
-[design]
-kind = "random"
-trials = 60
-samples = { law = "log_uniform", low = 4, high = 100 }
-noise = { law = "log_uniform", low = 1e-9, high = 1e9 }
-angle = { law = "uniform", low = 0, high = 180 }
-"""
 
 MANY = """
 name = "many"
@@ -53,30 +21,6 @@ samples = [20, 50]
 noise_over_radius = { logspace = [1e-4, 1, 11] }
 angle = [45, 180]
 """
-
-
-@pytest.fixture(scope="session")
-def make_run(tmp_path_factory):
-    """Run a config into a folder of its own."""
-
-    def make(text, folder=None):
-        store = run(parse(text), text, folder or tmp_path_factory.mktemp("report") / parse(text).name, jobs=1)
-        summarise(store)
-        return store
-
-    return make
-
-
-@pytest.fixture(scope="session")
-def circles(make_run):
-    """A grid of circles with figures 3, 4, 5 and 7, and a comment that would be a script."""
-    return make_run(CIRCLES)
-
-
-@pytest.fixture(scope="session")
-def random(make_run):
-    """A random design with figure 2 and fits that are not ok."""
-    return make_run(RANDOM)
 
 
 @pytest.fixture(scope="session")

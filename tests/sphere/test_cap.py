@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from study.sphere.cap import heights, sample_cap
+from study.sphere.cap import cap_moments, heights, sample_cap
 
 EPS = np.finfo(float).eps
 ANGLES = [20.0, 90.0, 150.0, 180.0]
@@ -134,3 +134,22 @@ def test_bad_axis(rng, axis):
     """An axis of the wrong length, zero or not finite is refused by name."""
     with pytest.raises(ValueError, match="axis"):
         sample_cap(rng, 5, 1.0, 3, axis)
+
+
+@pytest.mark.parametrize("dimension", [2, 3, 5])
+@pytest.mark.parametrize("degrees", [20.0, 60.0, 180.0])
+def test_cap_moments_agree_with_drawn_directions(dimension, degrees):
+    """Quadrature agrees with the mean and variance of a sample of directions."""
+    u = sample_cap(np.random.default_rng(4), 200_000, math.radians(degrees), dimension)
+    moments = cap_moments(math.radians(degrees), dimension)
+    assert abs(u[:, 0].mean() - moments.mean) < 5 * math.sqrt(moments.along / len(u))
+    np.testing.assert_allclose(u[:, 0].var(), moments.along, rtol=0.02)
+    np.testing.assert_allclose(u[:, 1].var(), moments.across, rtol=0.02)
+
+
+def test_cap_moments_in_closed_form():
+    """Archimedes: on a sphere u₁ is uniform; and the small angle keeps its digits (Kₐ → φ⁴/48)."""
+    phi = math.radians(60.0)
+    m1, m2 = (1 + math.cos(phi)) / 2, (1 + math.cos(phi) + math.cos(phi) ** 2) / 3
+    np.testing.assert_allclose(cap_moments(phi, 3), [m1, m2 - m1**2, (1 - m2) / 2], rtol=1e-12)
+    np.testing.assert_allclose(cap_moments(1e-6, 3).along, 1e-24 / 48, rtol=1e-9)

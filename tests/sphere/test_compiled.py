@@ -12,10 +12,9 @@ import study
 
 PROGRAM = """
 import numpy as np
-from study.sphere.bounds import weighted_scatter
-sums, mean, scatter = np.empty(1), np.empty((1, 2)), np.empty((1, 2, 2))
-weighted_scatter(np.ones((1, 2, 4)), np.ones((1, 4)), sums, mean, scatter)
-print(mean[0, 0], sum(weighted_scatter.stats.cache_hits.values()))
+from study.sphere.bounds import _scatter, weighted_scatter
+sums, _, _ = weighted_scatter(np.ones((1, 2, 4)), np.ones((1, 4)))
+print(sums[0], sum(_scatter.stats.cache_hits.values()))
 """
 
 
@@ -39,12 +38,12 @@ def package(tmp_path):
 
 
 def test_change_in_a_called_function_reaches_its_caller(package):
-    """`weighted_scatter` inlines `dot`: served from the cache while nothing changes, and made anew when `dot` does."""
+    """`_scatter` inlines `total`: served from the cache while nothing changes, and made anew when `total` does."""
     copy, run = package
-    assert run() == (1.0, 0)
-    assert run() == (1.0, 1)
+    assert run() == (4.0, 0)
+    assert run() == (4.0, 1)
     source = copy / "sphere" / "compiled.py"
     text = source.read_text()
-    assert text.count("result += left[k] * right[k]") == 1
-    source.write_text(text.replace("result += left[k] * right[k]", "result += 3.0 * left[k] * right[k]"))
-    assert run() == (3.0, 0)
+    assert text.count("result += row[k]") == 1
+    source.write_text(text.replace("result += row[k]", "result += 3.0 * row[k]"))
+    assert run() == (12.0, 0)

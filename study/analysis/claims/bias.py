@@ -8,8 +8,19 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from study.analysis.claims.ledger import Claim, Evidence, Number, Verdict
-from study.analysis.claims.measured import LEAST, beside, level, median, with_all, with_trials
-from study.analysis.claims.medians import law, of, ratio
+from study.analysis.claims.measured import (
+    LEAST,
+    WHOLE,
+    beside,
+    law,
+    level,
+    median,
+    of,
+    ratio,
+    vectors,
+    with_all,
+    with_trials,
+)
 from study.analysis.measures import UNKNOWN, Measure, mean, moments_exist, share, tail_index
 from study.sphere.cap import cap_moments
 
@@ -31,7 +42,7 @@ def _order(errors: pd.DataFrame, angle: float) -> Number:
     along = cap_moments(math.radians(angle), 3).along
     part = errors[(errors["angle"] == angle) & (level(errors) <= _BEFORE_SATURATION * math.sqrt(along))]
     if part.empty:
-        return Number.of(words, UNKNOWN, 0)
+        return Number.unknown(words)
     axis, at = beside(part, part["error_1"] / part["radius"]), beside(part, level(part))["gdke"].to_numpy()
     enough = with_trials(at)
     return law(words, at[enough], (axis["gdke"] - axis["mle"]).to_numpy()[enough], at[enough])
@@ -39,9 +50,9 @@ def _order(errors: pd.DataFrame, angle: float) -> Number:
 
 def _measure_order(evidence: Evidence) -> list[Number]:
     errors = evidence.table("efficiency", "errors")
-    angles = sorted({float(angle) for angle in errors["angle"]} - {180.0})
+    angles = sorted({float(angle) for angle in errors["angle"]} - {WHOLE})
     if not (angles and with_all(errors, "gdke", "mle")):
-        return [Number.of("exponent of σ in GDKE's bias", UNKNOWN, 0)]
+        return [Number.unknown("exponent of σ in GDKE's bias")]
     return [_order(errors, angle) for angle in angles]
 
 
@@ -51,12 +62,6 @@ def _judge_order(numbers: list[Number]) -> Verdict:
         return Verdict.REPRODUCED
     near = any(distance - 2.0 * number.error <= 0.5 for distance, number in zip(off, numbers, strict=True))
     return Verdict.PARTLY if near else Verdict.NOT_REPRODUCED
-
-
-def _vector(rows: pd.DataFrame) -> Floats:
-    """Errors of the centre (trials, d)."""
-    d = sum(f"error_{i}" in rows for i in range(1, 10))
-    return rows[[f"error_{i + 1}" for i in range(d)]].dropna().to_numpy()
 
 
 def _covered(vectors: Floats) -> Measure:
@@ -74,24 +79,20 @@ def _axis_bias(rows: pd.DataFrame) -> Measure:
 
 
 def _measure_lasting(evidence: Evidence) -> list[Number]:
-    cell, grid = of(evidence.table("ellipse", "errors"), "gdke"), of(evidence.table("power-law", "errors"), "gdke")
-    bias, vectors = _axis_bias(cell), _vector(cell)
+    ellipse, grid = evidence.table("ellipse", "errors"), of(evidence.table("power-law", "errors"), "gdke")
+    cell = of(ellipse, "gdke")
+    bias, away, of_mle = _axis_bias(cell), vectors(cell), vectors(of(ellipse, "mle"))
     spread = float(np.std(cell["error_1"], ddof=1)) if len(cell) >= LEAST else math.nan
     of_spread = spread / math.sqrt(2.0 * max(len(cell) - 1, 1))  # that of Gaussian errors
     few, many = (grid[grid["samples"] == n] for n in (grid["samples"].min(), grid["samples"].max()))
     growth = f"from N = {few['samples'].min():g} to {many['samples'].max():g}"
-    left = ratio(*(median((part["error_1"] / part["radius"]).to_numpy()) for part in (many, few)))
+    left = ratio(*(median(part["error_1"] / part["radius"]) for part in (many, few)))
     return [
         Number.of("GDKE's bias over its own standard deviation", ratio(bias, Measure(spread, of_spread)), len(cell)),
-        Number.of("share of 95 % ellipses that hold the true centre", _covered(vectors), len(vectors)),
+        Number.of("share of 95 % ellipses that hold the true centre", _covered(away), len(away)),
         Number.of(f"share of the bias that is left {growth}, medians", left, min(len(few), len(many))),
-        Number.of("share of MLE's 95 % ellipses that hold it", _of_mle(evidence), len(vectors)),
+        Number.of("share of MLE's 95 % ellipses that hold it", _covered(of_mle), len(of_mle)),  # as a check
     ]
-
-
-def _of_mle(evidence: Evidence) -> Measure:
-    """The same for MLE, as a check of the ellipses."""
-    return _covered(_vector(of(evidence.table("ellipse", "errors"), "mle")))
 
 
 def _judge_lasting(numbers: list[Number]) -> Verdict:

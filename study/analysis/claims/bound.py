@@ -11,13 +11,24 @@ import pandas as pd
 from scipy import stats
 
 from study.analysis.claims.ledger import Claim, Evidence, Number, Verdict
-from study.analysis.claims.measured import LEAST, cells, level, median, over
-from study.analysis.claims.medians import of
-from study.analysis.measures import UNKNOWN, Measure, mean, moments_exist, quantile, root_mean_square, tail_index
-from study.sphere.cap import cap_moments
+from study.analysis.claims.measured import (
+    LEAST,
+    WHOLE,
+    At,
+    cells,
+    greatest,
+    level,
+    median,
+    odd_in_quiet,
+    of,
+    on_par,
+    over,
+)
+from study.analysis.expected import bound_shares, kappa, ugdk_variance
+from study.analysis.measures import Measure, mean, moments_exist, quantile, root_mean_square, tail_index
+from study.sphere.cap import CapMoments, cap_moments
 
 _GRID = ("mle", "gdke", "ugdk")
-_WHOLE = 180.0
 _NORMAL_MEDIAN = float(stats.norm.ppf(0.75))
 """Median of the absolute value of a standard normal deviate."""
 
@@ -28,50 +39,38 @@ _SAFE = 20.0
 """Least κ = (v/σ²) √(N/2) at which the large-sample formula of theory (5.3) may be asked."""
 
 
-def _variance_ratio(part: pd.DataFrame, angle: float) -> Measure:
+def _variance_ratio(part: pd.DataFrame, moments: CapMoments) -> Measure:
     """Variance of the axis error over its bound, from the median of its absolute value, for no mean need exist."""
-    moments = cap_moments(math.radians(angle), 3)
-    axis = (1.0 / moments.along) / (1.0 / moments.along + 2.0 / moments.across)  # its share of tr CRLB
-    scaled = (part["error_1"].abs() / (part["bound"] * math.sqrt(axis))).fillna(math.inf).to_numpy()
+    axis, _ = bound_shares(moments, 3)
+    scaled = (part["error_1"].abs() / (part["bound"] * math.sqrt(axis))).fillna(math.inf)
     root = median(scaled)
     value = (root.value / _NORMAL_MEDIAN) ** 2
     return Measure(value, 2.0 * value * root.error / root.value)
 
 
-def _predicted(noise: float, angle: float) -> float:
-    """Theory (5.3): variance of UGDK along the axis over the bound, for d = 3 and many samples."""
-    moments = cap_moments(math.radians(angle), 3)
-    return 1.0 + noise**2 * (22.0 / 4.0 + (1.0 - moments.along + moments.mean**2) / moments.along)
-
-
 def _measure_efficiency(evidence: Evidence) -> list[Number]:
     errors = evidence.table("efficiency", "errors")
-    root = math.sqrt(float(errors["samples"].max()) / 2.0)
+    samples = float(errors["samples"].max())
     found = []
     for angle, noise, part in cells(errors, "ugdk"):
-        kappa = cap_moments(math.radians(angle), 3).along / noise**2 * root
-        if angle < _WHOLE and kappa >= _SAFE and len(part) >= LEAST:
-            found.append((_variance_ratio(part, angle), _predicted(noise, angle), angle, noise, len(part)))
+        moments = cap_moments(math.radians(angle), 3)
+        if angle < WHOLE and kappa(noise, samples, moments) >= _SAFE and len(part) >= LEAST:
+            found.append(At(_variance_ratio(part, moments), angle, noise, len(part)))
     if not found:
-        return [Number.of("UGDK's variance over the bound", UNKNOWN, 0)]
-    greatest, theory, angle, noise, trials = max(found, key=lambda entry: entry[0].value)
-    quiet = [entry for entry in found if entry[3] == min(e[3] for e in found)]
-    small, _, _, at, few = max(quiet, key=lambda entry: abs(entry[0].value - 1.0))
-    where = f"φ = {angle:g}°, σ = {noise:.2g} r"
+        return [Number.unknown("UGDK's variance over the bound")]
+    most, quiet = greatest(found), odd_in_quiet(found)
+    words = f"UGDK's variance along the axis over the bound's, greatest where κ ≥ 20 ({most})"
+    theory = ugdk_variance(most.noise, cap_moments(math.radians(most.angle), 3), 3)
     return [
-        Number.of(
-            f"UGDK's variance along the axis over the bound's, greatest where κ ≥ 20 ({where})", greatest, trials
-        ),
-        Number(f"the same by theory (5.3), {where}", theory, 0.0, 0),
-        Number.of(f"measured at σ = {at:.2g} r, furthest from 1 of the angles", small, few),
+        Number.of(words, most.measure, most.trials),
+        Number(f"the same by theory (5.3), {most}", theory, 0.0, 0),
+        Number.of(f"measured at σ = {quiet.noise:.2g} r, furthest from 1 of the angles", quiet.measure, quiet.trials),
     ]
 
 
 def _judge_efficiency(numbers: list[Number]) -> Verdict:
-    greatest, _, small = numbers
-    if greatest.value - 3.0 * greatest.error <= 1.1:
-        return Verdict.REPRODUCED
-    return Verdict.PARTLY if abs(small.value - 1.0) <= max(0.1, 3.0 * small.error) else Verdict.NOT_REPRODUCED
+    most, _, quiet = numbers
+    return on_par(most, quiet)
 
 
 # claim 21 ------------------------------------------------------------------------------------------------------------
@@ -93,7 +92,7 @@ def _measure_bound(evidence: Evidence) -> list[Number]:
     words = "least root mean square error over √tr CRLB"
     unbiased = [entry for entry in found if entry[3] <= _SEEN]
     if not unbiased:
-        return [Number.of(words, UNKNOWN, 0)]
+        return [Number.unknown(words)]
     least, where, trials, pull = min(found)
     of_unbiased, elsewhere, few, _ = min(unbiased)
     return [
@@ -120,25 +119,21 @@ def _measure_even(evidence: Evidence) -> list[Number]:
     rows = of(errors, "gdke")
     rows = rows[level(rows) <= 0.32]
     words = "GDKE's median error over that of an efficient estimator, σ ≤ .3 r, greatest"
-    sphere = [(_over_bound(part), part) for angle, _, part in cells(rows, "gdke") if angle == _WHOLE]
+    sphere = [(median(over(part, "bound")), part) for angle, _, part in cells(rows, "gdke") if angle == WHOLE]
     if not sphere:
-        return [Number.of(f"{words}, whole sphere", UNKNOWN, 0)]
-    greatest, _ = max(sphere, key=lambda entry: entry[0].value)
+        return [Number.unknown(f"{words}, whole sphere")]
+    most, _ = max(sphere, key=lambda entry: entry[0].value)
     pull = max((_pull(part) for _, part in sphere), key=abs)
     trials = min(len(part) for _, part in sphere)
     numbers = [
-        Number.of(f"{words}, whole sphere", Measure(*(v / efficient for v in greatest)), trials),
+        Number.of(f"{words}, whole sphere", Measure(*(v / efficient for v in most)), trials),
         Number("GDKE's bias there over its Monte-Carlo error, furthest from 0", pull, 1.0, trials),
     ]
-    for clumped in sorted({float(angle) for angle in rows["angle"]} - {_WHOLE}, reverse=True):
-        levels = [(_over_bound(part), len(part)) for angle, _, part in cells(rows, "gdke") if angle == clumped]
+    for clumped in sorted({float(angle) for angle in rows["angle"]} - {WHOLE}, reverse=True):
+        levels = [(median(over(part, "bound")), len(part)) for a, _, part in cells(rows, "gdke") if a == clumped]
         found, few = max(levels, key=lambda entry: entry[0].value)
         numbers.append(Number.of(f"GDKE's median error over bound, greatest, φ = {clumped:g}°", found, few))
     return numbers
-
-
-def _over_bound(part: pd.DataFrame) -> Measure:
-    return median(over(part, "bound").to_numpy())
 
 
 def _pull(part: pd.DataFrame) -> float:

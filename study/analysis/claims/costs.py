@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from study.analysis.claims.ledger import Claim, Evidence, Number, Verdict
-from study.analysis.claims.medians import formed, of, within
+from study.analysis.claims.measured import formed, of, within
 from study.analysis.measures import quantile, share
 
 _OFF = 0.25  # how far a cost may be off, as a share of the paper's figure
@@ -20,7 +20,7 @@ def _over_gdke(costs: pd.DataFrame, estimator: str, column: str, words: str) -> 
     values = dict(zip(costs["estimator"], costs[column], strict=True))
     counted = "flops" in column
     if not (values.get("gdke", math.nan) > 0.0 and values.get(estimator, math.nan) > 0.0):
-        return Number(words, math.nan, math.nan, 0)
+        return Number.unknown(words)
     return Number(words, values[estimator] / values["gdke"], 0.0 if counted else math.nan, 0)
 
 
@@ -29,7 +29,7 @@ def _in_the_study(timings: pd.DataFrame, estimator: str) -> Number:
     seconds = timings.groupby(timings["step"].astype(str))["seconds"].sum()
     words = f"seconds in the whole experiment, vector code: {estimator.upper()} over GDKE"
     if not {"moments", "gdke", estimator} <= set(seconds.index):
-        return Number(words, math.nan, math.nan, 0)
+        return Number.unknown(words)
     own = seconds[estimator] + (0.0 if estimator in ("mle", "lls") else seconds["moments"])
     return Number(words, own / (seconds["moments"] + seconds["gdke"]), math.nan, 0)
 

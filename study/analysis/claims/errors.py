@@ -11,16 +11,33 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from study.analysis.claims.ledger import Claim, Evidence, Number, Verdict
-from study.analysis.claims.measured import beside, cells, decade, level, median, over, quotient, with_all, with_trials
-from study.analysis.claims.medians import law, of
-from study.analysis.measures import UNKNOWN, Measure
+from study.analysis.claims.measured import (
+    WHOLE,
+    At,
+    beside,
+    cells,
+    greatest,
+    is_one,
+    law,
+    level,
+    median,
+    odd_in_quiet,
+    of,
+    on_par,
+    over,
+    ratio,
+    with_all,
+    with_trials,
+)
+from study.analysis.expected import gdke_leaves
+from study.analysis.measures import UNKNOWN
+from study.analysis.summary import decade
 from study.sphere.cap import cap_moments
 
 Floats = NDArray[np.float64]
 
 _PAPERS = ("mle", "lls", "gdke", "ugdk")
 """The estimators of the paper's experiment."""
-_WHOLE = 180.0
 
 
 def _line(words: str, errors: pd.DataFrame, groups: Floats) -> Number:
@@ -38,10 +55,10 @@ def _measure_slopes(evidence: Evidence) -> list[Number]:
     numbers = []
     for name in _PAPERS:
         rows = of(paper, name)
-        numbers.append(_line(f"exponent of σ in {name.upper()}'s error, paper's design", rows, decade(rows)))
+        numbers.append(_line(f"exponent of σ in {name.upper()}'s error, paper's design", rows, decade(level(rows))))
     angle = float(grid["angle"].min())
     moments = cap_moments(math.radians(angle), 3)
-    leaves = math.sqrt(moments.along / float(grid["samples"].max())) / moments.mean
+    leaves = gdke_leaves(float(grid["samples"].max()), moments)
     rows = of(grid, "gdke")
     at = level(rows)
     rows = rows[(rows["angle"] == angle) & (at >= 1.5 * leaves) & (at <= 0.25 * math.sqrt(moments.along))]
@@ -56,15 +73,10 @@ def _measure_slopes(evidence: Evidence) -> list[Number]:
     return numbers
 
 
-def _straight(number: Number) -> bool:
-    """Whether an exponent is 1, within .1 or three standard errors."""
-    return abs(number.value - 1.0) <= max(0.1, 3.0 * number.error)
-
-
 def _judge_slopes(numbers: list[Number]) -> Verdict:
-    if all(map(_straight, numbers)):
+    if all(map(is_one, numbers)):
         return Verdict.REPRODUCED
-    return Verdict.PARTLY if _straight(numbers[0]) else Verdict.NOT_REPRODUCED
+    return Verdict.PARTLY if is_one(numbers[0]) else Verdict.NOT_REPRODUCED
 
 
 # claim 2 -------------------------------------------------------------------------------------------------------------
@@ -85,29 +97,29 @@ def _measure_closest(evidence: Evidence) -> list[Number]:
     errors = evidence.table("paper", "errors")
     words = "share of decades of σ/r in which UGDK is clearly"
     if not with_all(errors, *_PAPERS):
-        return [Number.of(f"{words} closer than each other method", UNKNOWN, 0)]
+        return [Number.unknown(f"{words} closer than each other method")]
     found, noise = beside(errors, over(errors, "bound")), beside(errors, level(errors))["ugdk"]
-    decades = np.floor(np.log10(noise.to_numpy()) + 1e-9)
+    decades = decade(noise)
     used = np.unique(decades[with_trials(decades)])
     if len(used) == 0:
-        return [Number.of(f"{words} closer than each other method", UNKNOWN, 0)]
+        return [Number.unknown(f"{words} closer than each other method")]
     leads = [[_lead(part["ugdk"], part[name]) for name in _PAPERS[:3]] for part in (found[decades == d] for d in used)]
     first = sum(min(lead) > _CLEAR for lead in leads) / len(used)
     behind = sum(min(lead) < -_CLEAR for lead in leads) / len(used)
     trials = min(int(np.sum(decades == d)) for d in used)
     large, middle = found[noise >= 1.0], found[(noise >= 0.01) & (noise < 0.1)]
-    best, name = min((median(large[name].to_numpy()), name) for name in _PAPERS[:3])
+    best, name = min((median(large[name]), name) for name in _PAPERS[:3])
     return [
         Number(f"{words} closer than each other method", first, 0.0, trials),
         Number(f"{words} farther than another", behind, 0.0, trials),
         Number.of(
             f"UGDK's median error over bound, over {name.upper()}'s, σ ≥ r",
-            quotient(median(large["ugdk"].to_numpy()), best),
+            ratio(median(large["ugdk"]), best),
             len(large),
         ),
         Number.of(
             "UGDK's over MLE's, .01 r ≤ σ < .1 r",
-            quotient(median(middle["ugdk"].to_numpy()), median(middle["mle"].to_numpy())),
+            ratio(median(middle["ugdk"]), median(middle["mle"])),
             len(middle),
         ),
     ]
@@ -125,36 +137,28 @@ def _judge_closest(numbers: list[Number]) -> Verdict:
 
 def _measure_par(evidence: Evidence) -> list[Number]:
     grid = evidence.table("efficiency", "errors")
-    mle = {(angle, noise): part for angle, noise, part in cells(grid, "mle")}
+    mle = {(angle, noise): median(over(part, "radius")) for angle, noise, part in cells(grid, "mle")}
     found = [
-        (quotient(_median_error(part), _median_error(mle[angle, noise])), angle, noise, len(part))
+        At(ratio(median(over(part, "radius")), mle[angle, noise]), angle, noise, len(part))
         for angle, noise, part in cells(grid, "gdke")
         if (angle, noise) in mle
     ]
-    found = [entry for entry in found if not math.isnan(entry[0].value)]
+    found = [at for at in found if not math.isnan(at.measure.value)]
     if not found:
-        return [Number.of("GDKE's median error over MLE's", UNKNOWN, 0)]
-    greatest, angle, noise, trials = max(found, key=lambda entry: entry[0].value)
-    quiet = [entry for entry in found if entry[2] == min(e[2] for e in found)]
-    least, _, at, few = max(quiet, key=lambda entry: abs(entry[0].value - 1.0))
-    whole = [entry for entry in found if entry[1] == _WHOLE]
-    even = max(whole, key=lambda entry: entry[0].value, default=(UNKNOWN, 0, 0, 0))
+        return [Number.unknown("GDKE's median error over MLE's")]
+    most, quiet = greatest(found), odd_in_quiet(found)
+    whole = [at for at in found if at.angle == WHOLE]
+    even = greatest(whole) if whole else At(UNKNOWN, WHOLE, 0.0, 0)
     return [
-        Number.of(f"GDKE's median error over MLE's, greatest (φ = {angle:g}°, σ = {noise:.2g} r)", greatest, trials),
-        Number.of(f"the same at σ = {at:.2g} r, furthest from 1 of the angles", least, few),
-        Number.of("the same on the whole sphere, greatest", even[0], even[3]),
+        Number.of(f"GDKE's median error over MLE's, greatest ({most})", most.measure, most.trials),
+        Number.of(f"the same at σ = {quiet.noise:.2g} r, furthest from 1 of the angles", quiet.measure, quiet.trials),
+        Number.of("the same on the whole sphere, greatest", even.measure, even.trials),
     ]
 
 
-def _median_error(part: pd.DataFrame) -> Measure:
-    return median(over(part, "radius").to_numpy())
-
-
 def _judge_par(numbers: list[Number]) -> Verdict:
-    greatest, quiet = numbers[:2]
-    if greatest.value - 3.0 * greatest.error <= 1.1:
-        return Verdict.REPRODUCED
-    return Verdict.PARTLY if abs(quiet.value - 1.0) <= max(0.1, 3.0 * quiet.error) else Verdict.NOT_REPRODUCED
+    most, quiet, _ = numbers
+    return on_par(most, quiet)
 
 
 CLAIMS: tuple[Claim, ...] = (

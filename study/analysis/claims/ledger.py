@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
-from study.analysis.measures import Measure
+from study.analysis.measures import UNKNOWN, Measure
 from study.runs import tables
 from study.runs.store import Run, RunError
 
@@ -48,6 +48,11 @@ class Number(NamedTuple):
     def of(cls, words: str, measure: Measure, trials: int) -> "Number":
         """A measure, with words for it."""
         return cls(words, measure.value, measure.error, trials)
+
+    @classmethod
+    def unknown(cls, words: str) -> "Number":
+        """One that cannot be formed from the tables."""
+        return cls.of(words, UNKNOWN, 0)
 
     def __str__(self) -> str:
         """The number with its error, and what it is."""
@@ -178,7 +183,7 @@ def frame(findings: Iterable[Finding], evidence: Evidence) -> pd.DataFrame:
     """The claims table: a row per claim; columns as `study.runs.tables.CLAIMS` declares them."""
     rows = []
     for number, (claim, verdict, numbers, reason) in enumerate(findings, start=1):
-        head = numbers[0] if numbers else Number("", math.nan, math.nan, 0)
+        head = numbers[0] if numbers else Number.unknown("")
         used = {config for config, _, table in (read.partition("/") for read in claim.reads) if table}
         rows.append(
             {

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from study.analysis.claims.ledger import Claim, Evidence, Number, Verdict
-from study.analysis.claims.medians import formed, ratio
+from study.analysis.claims.measured import formed, ratio
 from study.analysis.markers import Joint, joints
 from study.analysis.measures import Measure, quantile, share
 from study.estimators import Status, fit, mgdk
@@ -76,7 +76,7 @@ def _circles(known: list[Joint]) -> Number:
     """The setting of figure 6."""
     words = "median error, all fits: eq. 22 over the better of figure 6's circles"
     if not known:
-        return Number(words, math.nan, math.nan, 0)
+        return Number.unknown(words)
     best = min((quantile(each, 0.5) for each in _alone(known[0])), key=lambda m: m.value)
     joint = _together(known[0])
     return Number.of(words, ratio(quantile(joint, 0.5), best), len(joint))
@@ -102,7 +102,7 @@ def _measure_definite(evidence: Evidence) -> list[Number]:
         single.append(_definite(less))
         names.append(f"σ = {noise:g}")
     if not summed:
-        return [Number("share of trials whose summed matrix is positive definite", math.nan, math.nan, 0)]
+        return [Number.unknown("share of trials whose summed matrix is positive definite")]
     shares = [_share(each) for each in summed]
     least = int(np.argmin([s.value for s in shares]))
     every, each_one = np.concatenate(summed), np.concatenate(single, axis=1)

@@ -12,9 +12,9 @@ import pandas as pd
 from study.analysis.claims.ledger import Claim, Evidence, Number, Verdict
 from study.analysis.claims.measured import LEAST, beside, level, median, over, with_all
 from study.analysis.measures import UNKNOWN, share
+from study.analysis.summary import FAR
 from study.estimators import Status
 
-_FAR = 10.0
 _ABOUT_RADIUS = (0.3, 3.0)
 _NOISE_ABOUT_RADIUS = (0.1, 10.0)
 _MUCH_BETTER = 1.0 / 3.0
@@ -27,10 +27,6 @@ _CLEAR = 3
 """Outliers that are no accident."""
 _FEW = 5
 """Outliers from which their median may be shown; outliers are few by nature."""
-
-
-def _unknown(words: str) -> Number:
-    return Number.of(words, UNKNOWN, 0)
 
 
 def _count(words: str, flags: "pd.Series[bool]") -> Number:
@@ -52,7 +48,7 @@ def _mle_outliers(errors: pd.DataFrame) -> tuple["pd.Series[bool]", pd.DataFrame
     relative, ratio = beside(errors, over(errors, "radius")), beside(errors, over(errors, "bound"))
     noise = beside(errors, level(errors))["mle"]
     low, high = _ABOUT_RADIUS
-    outliers = (ratio["mle"] > _FAR) & (relative["mle"] >= low) & (relative["mle"] <= high)
+    outliers = (ratio["mle"] > FAR) & (relative["mle"] >= low) & (relative["mle"] <= high)
     return outliers, relative, noise
 
 
@@ -61,7 +57,7 @@ def _measure_mle(evidence: Evidence) -> list[Number]:
     words = "share of trials, .1 r ≤ σ ≤ 10 r, in which MLE errs by .3 to 3 r and by more than 10 bounds"
     starts = ("mle", "mle_centroid", "mle_mirror")
     if not with_all(errors, *starts, "gdke"):
-        return [_unknown(words)]
+        return [Number.unknown(words)]
     outliers, relative, noise = _mle_outliers(errors)
     low, high = _NOISE_ABOUT_RADIUS
     found = _count(words, outliers[(noise >= low) & (noise <= high)])
@@ -81,8 +77,8 @@ def _measure_mle(evidence: Evidence) -> list[Number]:
             share(int(cured.sum()), len(cured)) if len(cured) >= _FEW else UNKNOWN,
             len(cured),
         ),
-        Number.of("GDKE's error over MLE's in these, median", median((of_gdke / of_mle).to_numpy(), _FEW), len(cured)),
-        Number.of("σ/r of these, median", median(noise[outliers].to_numpy(), _FEW), len(cured)),
+        Number.of("GDKE's error over MLE's in these, median", median(of_gdke / of_mle, _FEW), len(cured)),
+        Number.of("σ/r of these, median", median(noise[outliers], _FEW), len(cured)),
         _count("share of trials, σ < .01 r, in which a start on the wrong side ends elsewhere than MLE", other),
         _runaways(relative, beside(errors, errors["status"])),
     ]
@@ -116,13 +112,13 @@ _VERSIONS = {
 def _numerical(errors: pd.DataFrame, estimator: str) -> "pd.Series[bool]":
     """Which data sets have an outlier of this estimator that GDKE does not have."""
     ratio = beside(errors, over(errors, "bound"))
-    return (ratio[estimator] > _FAR) & (ratio["gdke"] <= _FAR)
+    return (ratio[estimator] > FAR) & (ratio["gdke"] <= FAR)
 
 
 def _measure_small(evidence: Evidence) -> list[Number]:
     errors, paper = evidence.table("outliers", "errors"), evidence.table("paper", "errors")
     if not (with_all(errors, *_VERSIONS, "gdke") and with_all(paper, "lls", "gdke")):
-        return [_unknown("outliers of LLS")]
+        return [Number.unknown("outliers of LLS")]
     noise = beside(errors, level(errors))["gdke"]
     small, middle = (noise > _ROUNDING) & (noise < _SMALL), (noise >= 10.0 * _SMALL) & (noise < _LARGE)
     numbers = [
@@ -147,7 +143,7 @@ def _judge_small(numbers: list[Number]) -> Verdict:
 def _measure_place(evidence: Evidence) -> list[Number]:
     errors = evidence.table("outliers", "errors")
     if not with_all(errors, "lls_nr", "lls_nr_raw", "gdke"):
-        return [_unknown("error of LLS outliers over the radius")]
+        return [Number.unknown("error of LLS outliers over the radius")]
     relative, noise = beside(errors, over(errors, "radius")), beside(errors, level(errors))["gdke"]
     numbers = []
     for name in ("lls_nr", "lls_nr_raw"):
@@ -169,7 +165,7 @@ def _judge_place(numbers: list[Number]) -> Verdict:
 def _measure_large(evidence: Evidence) -> list[Number]:
     errors, paper = evidence.table("outliers", "errors"), evidence.table("paper", "errors")
     if not (with_all(errors, "lls", "lls_single", "gdke") and with_all(paper, "lls", "gdke")):
-        return [_unknown("outliers of LLS")]
+        return [Number.unknown("outliers of LLS")]
     noise = beside(errors, level(errors))["gdke"]
     large = noise > _LARGE
     single = _numerical(errors, "lls_single")

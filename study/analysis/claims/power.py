@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from study.analysis.claims.ledger import Claim, Evidence, Number, TableMissing, Verdict
-from study.analysis.claims.medians import failures_last, formed, law, of, within
+from study.analysis.claims.measured import failures_last, formed, law, of, within
 from study.analysis.measures import share
 
 _ENOUGH = 200

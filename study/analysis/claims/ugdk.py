@@ -4,21 +4,27 @@ import math
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
-from scipy import stats
 
 from study.analysis.claims.ledger import Claim, Evidence, Number, Verdict
-from study.analysis.claims.measured import decade, level, over
-from study.analysis.claims.medians import failures_last, formed, law, of, ratio, within
+from study.analysis.claims.measured import failures_last, formed, law, level, of, over, ratio, vectors, within
 from study.analysis.markers import joints
-from study.analysis.measures import UNKNOWN, mean, moments_exist, power_law, quantile, share, tail_index
+from study.analysis.measures import (
+    UNKNOWN,
+    inside,
+    mean,
+    moments_exist,
+    power_law,
+    quantile,
+    robust_sd,
+    share,
+    tail_index,
+)
+from study.analysis.summary import decade
 from study.estimators import Status, fit
 
-Floats = NDArray[np.float64]
-
-_CONDITION = 0.557238  # "the spectral radius in question", §6
+PAPER_CONDITION = 0.557238
+"""ρ(Σ̂C⁻¹) of figure 4: "the spectral radius in question", §6."""
 _LEVEL = 0.95
-_ONE_SIGMA = float(stats.norm.cdf(1.0))
 
 
 def _bias_exponent(errors: pd.DataFrame, estimator: str) -> Number:
@@ -28,10 +34,10 @@ def _bias_exponent(errors: pd.DataFrame, estimator: str) -> Number:
     for samples, part in of(errors, estimator).groupby("samples"):
         ok = part[part["status"] == Status.OK]
         if not moments_exist(tail_index(ok["error"].to_numpy())):
-            return Number(words, math.nan, math.nan, 0)
+            return Number.unknown(words)
         rows.append((samples, *mean(ok["error_1"].to_numpy()), len(ok)))
     if not rows:
-        return Number(words, math.nan, math.nan, 0)
+        return Number.unknown(words)
     n, bias, error, trials = np.array(rows, dtype=float).T
     found = power_law(n, np.abs(bias), error)
     return Number(words, found.exponent, found.error, int(trials.min()))
@@ -74,13 +80,13 @@ def _measure_error(evidence: Evidence) -> list[Number]:
             "exponent of σ in the median of error over √tr CRLB, all fits, σ < .01 r",
             relative[small],
             failures_last(paper, over(paper, "bound"))[small],
-            decade(paper)[small],
+            decade(relative[small]),
         ),
         law(
             "exponent of N in the median of error over σ, answers as computed, σ ≥ r",
             samples[large],
             as_computed[large],
-            np.floor(np.log10(samples[large])),
+            decade(samples[large]),
         ),
         Number.of("share of fits that are ok, σ ≥ r", share(ok, int(large.sum())), int(large.sum())),
     ]
@@ -96,27 +102,18 @@ def _judge_error(numbers: list[Number]) -> Verdict:
 def _measure_condition(evidence: Evidence) -> list[Number]:
     cell = of(evidence.table("ellipse", "errors"), "ugdk")
     condition, trials = cell["condition"].to_numpy(), len(cell)
-    ok = cell[cell["status"] == Status.OK]
-    held = _held(ok[[name for name in ok.columns if name.startswith("error_")]].to_numpy())
+    errors = vectors(cell[cell["status"] == Status.OK])
+    held = int(np.sum(inside(errors, np.array([robust_sd(e) for e in errors.T]), _LEVEL)))
     return [
         Number.of(
-            f"share of trials with a smaller ρ than {_CONDITION}",
-            share(int(np.sum(condition < _CONDITION)), trials),
+            f"share of trials with a smaller ρ than {PAPER_CONDITION}",
+            share(int(np.sum(condition < PAPER_CONDITION)), trials),
             trials,
         ),
         Number.of("share of trials with ρ < 1", share(int(np.sum(condition < 1.0)), trials), trials),
         Number.of("share of all trials whose 95 % ellipse holds the true centre", share(held, trials), trials),
         Number.of("median of ρ", quantile(condition, 0.5), trials),
     ]
-
-
-def _held(errors: Floats) -> int:
-    """How many errors lie in the ellipse of the estimator's scatter, its standard deviations from quantiles."""
-    if not len(errors):
-        return 0
-    sd = [quantile(e, _ONE_SIGMA).value - quantile(e, 1.0 - _ONE_SIGMA).value for e in errors.T]
-    distance = np.sum((2.0 * errors / np.array(sd)) ** 2, axis=1)
-    return int(np.sum(distance <= stats.chi2(errors.shape[1]).ppf(_LEVEL)))
 
 
 def _judge_condition(numbers: list[Number]) -> Verdict:
@@ -171,7 +168,7 @@ def _fed_back(evidence: Evidence, factor: float) -> Number:
     words = f"trace by eq. 19 with the fitted sphere over the trace told, which was {factor:g} times the true one"
     known = list(joints(evidence.table("markers", "errors"), evidence.table("markers", "points")))
     if not known:
-        return Number(words, math.nan, math.nan, 0)
+        return Number.unknown(words)
     sigma, _, markers = known[0]
     told, x = sigma * math.sqrt(factor), markers[-1]
     found = fit(x, "ugdk", noise=told)

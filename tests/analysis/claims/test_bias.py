@@ -103,15 +103,6 @@ def test_coverage(find, arc, growth):
     assert found.verdict == Verdict.PARTLY
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_without_tables(find, name):
-    """Without its runs a claim is not evaluated, and one line says which run it needs."""
-    found = find(CLAIMS, name, {})
-    assert (found.verdict, found.numbers) == (Verdict.NOT_EVALUATED, [])
-    assert found.reason.startswith("needs a run of configs/")
-    assert "\n" not in found.reason
-
-
 @pytest.fixture(scope="module")
 def all_tables(arc, growth, grid):
     """Tables for every claim, of so many trials."""

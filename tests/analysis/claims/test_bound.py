@@ -140,14 +140,6 @@ NAMES = [claim.name for claim in CLAIMS]
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_without_tables(find, name):
-    """Without its run a claim is not evaluated, and one line says which run it needs."""
-    found = find(CLAIMS, name, {})
-    assert (found.verdict, found.numbers) == (Verdict.NOT_EVALUATED, [])
-    assert found.reason == "needs a run of configs/efficiency.toml"
-
-
-@pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("trials", [1, 5])
 def test_too_few_trials(find, grid, name, trials):
     """With a handful of trials there is no number to judge by, and so no verdict."""

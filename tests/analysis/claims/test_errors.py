@@ -149,15 +149,6 @@ NAMES = [claim.name for claim in CLAIMS]
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_without_tables(find, name):
-    """Without its runs a claim is not evaluated, and one line says which run it needs."""
-    found = find(CLAIMS, name, {})
-    assert (found.verdict, found.numbers) == (Verdict.NOT_EVALUATED, [])
-    assert found.reason.startswith("needs a run of configs/")
-    assert "\n" not in found.reason
-
-
-@pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("trials", [1, 5])
 def test_too_few_trials(find, paper, grid, name, trials):
     """With a handful of trials there is no number to judge by, and so no verdict."""

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from study.analysis.claims.ledger import Number
-from study.analysis.claims.medians import failures_last, formed, law, ratio, within
+from study.analysis.claims.measured import failures_last, formed, law, ratio, within
 from study.analysis.measures import Measure
 from study.estimators import Status
 

@@ -1,0 +1,66 @@
+"""Kåsa's regression: what every closed form of the family needs to know of a point set.
+
+With y = x - o for any origin o, the algebraic fit regresses |y|² on y. It needs their means and covariances, and the
+answer does not depend on o. From the points themselves o is the centroid, and the covariances are the centred
+`Moments`. Where the truth is known o can be the true centre: then they are formed from the errors alone
+(`study.sphere.joint`), and so is the answer.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from study.sphere.linalg import eigenbasis
+from study.sphere.moments import Moments
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Regression:
+    """Moments of y = x - o and |y|² of a batch of point sets.
+
+    Attributes:
+        count: number of samples n of each set (b,).
+        origin: o (b, d), in the unit of the points.
+        mean: ȳ (b, d).
+        covariance: C, the sample covariance of y, in weights of 1/(n - 1), paper eq. 5 (b, d, d).
+        cross: its counterpart between y and |y|² (b, d): the paper's S, eq. 6, where ȳ = 0.
+        variance: that of |y|², in weights of 1/n (b,).
+        square: the mean of |y|², less ``base`` (b,).
+        base: r², where it is known and the fits are wanted as errors; else 0.
+    """
+
+    count: Floats
+    origin: Floats
+    mean: Floats
+    covariance: Floats
+    cross: Floats
+    variance: Floats
+    square: Floats
+    base: Floats
+
+    @classmethod
+    def of(cls, moments: Moments) -> "Regression":
+        """About the centroids."""
+        n, b = moments.count, len(moments.count)
+        square = np.einsum("bii->b", moments.second) / n
+        with np.errstate(all="ignore"):  # points that are not finite have a status of their own
+            variance = moments.fourth / n - square * square
+        nothing = np.zeros(moments.mean.shape)
+        return cls(n, moments.mean, nothing, moments.covariance, moments.third_central, variance, square, np.zeros(b))
+
+    @cached_property
+    def spectrum(self) -> tuple[Floats, Floats]:
+        """Eigenvalues (b, d), ascending, and eigenvectors (b, d, d), as columns, of C."""
+        return eigenbasis(self.covariance)
+
+    @cached_property
+    def along(self) -> tuple[Floats, Floats]:
+        """``cross`` and ``mean`` in the eigenbasis of C, (b, d) each."""
+        basis = self.spectrum[1].swapaxes(1, 2)
+        with np.errstate(all="ignore"):
+            cross, mean = (np.matmul(basis, v[:, :, None])[:, :, 0] for v in (self.cross, self.mean))
+        return cross, mean
