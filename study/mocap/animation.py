@@ -67,7 +67,8 @@ def write_video(
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         writer = imageio_ffmpeg.write_frames(
-            str(partial), _PIXELS, pix_fmt_in="rgba", fps=film.scene.rate, codec="libx264", quality=None, macro_block_size=1,
+            str(partial), _PIXELS, pix_fmt_in="rgba", fps=film.scene.rate, codec="libx264", quality=None,
+            macro_block_size=1,
             output_params=["-crf", _QUALITY, "-preset", "medium", "-movflags", "+faststart", "-tune", "animation"],
         )  # fmt: skip
         writer.send(None)
@@ -100,8 +101,7 @@ class _Film:
         place: dict[str, Any] = {"transform": self.ax.transAxes, "va": "top", "linespacing": 1.5}
         name = self.ax.text(0.02, 0.975, scene.name, fontsize=10.0, **place)
         words = self.ax.text(0.02, 0.935, self._words(), fontsize=style.SMALL, **place)
-        self.canvas.draw()
-        self.fixed = np.array(self.canvas.buffer_rgba())  # drawing words takes longer than all the rest
+        self.fixed = self._drawn()  # drawing words takes longer than all the rest
         name.remove()
         words.remove()
         self.time = self.ax.text(0.98, 0.975, "", ha="right", fontsize=10.0, **place)
@@ -116,11 +116,14 @@ class _Film:
         self.ax.set_xlim(right + left, right + left + width)
         self.ax.set_ylim(up + bottom, up + bottom + height)
         self.time.set_text(f"{frame / self.scene.rate:.1f} s")
-        flags = zip(self.scene.joints, self.scene.flags[:, frame], strict=True)
-        lines = [f"{name.replace('_', ' ')} {Flag(int(flag)).name.lower()}" for name, flag in flags if flag != Flag.SEEN]
-        self.flags.set_text("\n".join(lines))
-        self.canvas.draw()
-        return np.minimum(np.asarray(self.canvas.buffer_rgba()), self.fixed)
+        flags, words = self.scene.flags[:, frame], {flag.value: flag.name.lower() for flag in Flag}
+        pairs = [(name.replace("_", " "), flag) for name, flag in zip(self.scene.joints, flags, strict=True)]
+        self.flags.set_text("\n".join(f"{name} {words[flag]}" for name, flag in pairs if flag != Flag.SEEN))
+        return np.minimum(self._drawn(), self.fixed)
+
+    def _drawn(self) -> NDArray[np.uint8]:
+        self.canvas.draw()  # type: ignore[no-untyped-call]
+        return np.array(self.canvas.buffer_rgba())  # type: ignore[no-untyped-call]
 
     def _box(self) -> tuple[float, float, float, float]:
         """Left, bottom, width and height of the view about the middle, metres, in which all frames have room."""
@@ -138,7 +141,8 @@ class _Film:
         lines = ["blue: left, orange: right"]
         if not np.isnan(self.scene.errors).all():
             larger = f"{self.drawing.factor} times as large" if self.drawing.factor > 1 else "in true size"
-            lines.append(f"green: {LEVEL:.0%} error ellipsoids, {larger}" + "; hinges' axes" * bool(hinges(self.scene).any()))
+            axes = "; hinges' axes" if hinges(self.scene).any() else ""
+            lines.append(f"green: {100 * LEVEL:.0f} % error ellipsoids, {larger}{axes}")
         for joint, doubt in zip(self.scene.joints, self.scene.doubts, strict=True):
             if doubt:
                 lines.append(f"not to be relied on: {joint.replace('_', ' ')}")

@@ -46,20 +46,18 @@ class Drawing:
         self._doubtful = np.array([bool(doubt) for doubt in scene.doubts])
         self.ground = scene.floor
         width = sizes.bone + 2.0 * sizes.casing
-        self._floor = ax.add_collection(LineCollection([], colors=looks.FLOOR, linewidths=0.6, zorder=0))
-        self._shadow = ax.add_collection(
-            LineCollection([], colors=looks.SHADOW, linewidths=width, capstyle="round", zorder=1)
-        )
+        self._floor = LineCollection([], colors=looks.FLOOR, linewidths=0.6, zorder=0)
+        self._shadow = LineCollection([], colors=looks.SHADOW, linewidths=width, capstyle="round", zorder=1)
         (self._markers,) = ax.plot(
             [], [], "o", color=looks.MARKER, markersize=sizes.marker, markeredgewidth=0.0, zorder=4
         )
-        self._bones = ax.add_collection(LineCollection([], capstyle="round", zorder=3))
-        self._rods = ax.add_collection(LineCollection([], colors=looks.ELLIPSOID, linewidths=1.0, zorder=4))
-        self._ellipsoids = ax.add_collection(
-            PolyCollection(
-                [], facecolors=to_rgba(looks.ELLIPSOID, 0.3), edgecolors=looks.ELLIPSOID, linewidths=0.7, zorder=5
-            )
+        self._bones = LineCollection([], capstyle="round", zorder=3)
+        self._rods = LineCollection([], colors=looks.ELLIPSOID, linewidths=1.0, zorder=4)
+        self._ellipsoids = PolyCollection(
+            [], facecolors=to_rgba(looks.ELLIPSOID, 0.3), edgecolors=looks.ELLIPSOID, linewidths=0.7, zorder=5
         )
+        for collection in (self._floor, self._shadow, self._bones, self._rods, self._ellipsoids):
+            ax.add_collection(collection)
         self._joints = ax.scatter([], [], s=sizes.joint**2, linewidths=0.9, zorder=6)
         ax.set_aspect("equal")
         ax.set_axis_off()

@@ -24,7 +24,8 @@ def half_axes(scene: Scene) -> Floats:
     """Half axes of the ellipsoids (joints, 3), metres; zero along a direction that is not known."""
     known = ~np.isnan(scene.errors)
     reaches = np.array([reach(int(row.sum())) for row in known])
-    return np.where(known, scene.errors, 0.0) * reaches[:, None]
+    half: Floats = np.where(known, scene.errors, 0.0) * reaches[:, None]
+    return half
 
 
 def exaggeration(scene: Scene) -> int:

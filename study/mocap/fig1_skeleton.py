@@ -13,6 +13,7 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from numpy.typing import NDArray
 
 from study.figures import style
 from study.mocap import looks
@@ -21,6 +22,8 @@ from study.mocap.drawing import Drawing, Sizes
 from study.mocap.ellipsoids import LEVEL, exaggeration, hinges
 from study.mocap.recording import RecordingError
 from study.mocap.scene import Flag, Scene
+
+Numbers = NDArray[np.intp]
 
 _ELEVATION = 8.0
 _TRIED = 60
@@ -73,11 +76,12 @@ def prepare(scene: Scene, frame: int | None = None, azimuth: float | None = None
     return Frame(scene, pose, camera, exaggeration(scene) if factor is None else factor, words)
 
 
-def _complete(scene: Scene) -> "np.typing.NDArray[np.intp]":
+def _complete(scene: Scene) -> Numbers:
     """Some of the frames in which the most is known."""
     bad = (scene.flags != Flag.SEEN).sum(axis=0) + np.isnan(scene.places[:, 0]).sum(axis=0)
     best = np.flatnonzero(bad == bad.min())
-    return best[np.unique(np.linspace(0, len(best) - 1, _TRIED).astype(int))]
+    some: Numbers = best[np.unique(np.linspace(0, len(best) - 1, _TRIED).astype(int))]
+    return some
 
 
 def _apart(points: Floats, camera: Camera) -> float:
@@ -124,11 +128,10 @@ def _label(ax: Axes, frame: Frame, sides: tuple[float, float]) -> None:
     """Words in two columns beside the skeleton, each joined with its joint by a thin line."""
     seen = frame.camera.see(frame.scene.centers[:, :, frame.frame])[:, :2]
     there = np.flatnonzero(~np.isnan(seen[:, 0]))
-    order = there[np.argsort(seen[there, 0], kind="stable")]
     (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
     reach = 0.06 * (right - left)
-    half = len(order) // 2
-    for part, at, align in ((order[:half], sides[0] - reach, "right"), (order[half:], sides[1] + reach, "left")):
+    columns = _columns(seen[:, 0], frame.scene.sides(), there)
+    for part, at, align in zip(columns, (sides[0] - reach, sides[1] + reach), ("right", "left"), strict=True):
         if not len(part):
             continue
         wanted = (seen[part, 1] - bottom) / (top - bottom)
@@ -141,12 +144,29 @@ def _label(ax: Axes, frame: Frame, sides: tuple[float, float]) -> None:
             ax.text(at, height, f" {frame.words[joint]} ", ha=align, va="center", fontsize=style.SMALL, color=color)
 
 
+def _columns(across: Floats, sides: tuple[str, ...], there: Numbers) -> tuple[Numbers, Numbers]:
+    """Which joints are named on the left of the picture and which on the right.
+
+    Those of one side of the body go to one side of the picture, so that lines to them cross no more than they must;
+    those on neither go where there is more room.
+    """
+    means = {side: np.mean([across[i] for i in there if sides[i] == side] or [np.nan]) for side in ("left", "right")}
+    first = "right" if means["right"] < means["left"] else "left"
+    columns: tuple[list[int], list[int]] = ([], [])
+    for i in sorted(there, key=lambda i: sides[i] == ""):
+        fewer = int(len(columns[1]) < len(columns[0]))
+        columns[fewer if sides[i] == "" else int(sides[i] != first)].append(int(i))
+    return np.array(columns[0], dtype=int), np.array(columns[1], dtype=int)
+
+
 def _scale(ax: Axes) -> None:
     """A bar of half a metre."""
     (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
     x, y = left + 0.03 * (right - left), bottom + 0.03 * (top - bottom)
     ax.plot([x, x + 0.5], [y, y], color=style.INK, linewidth=1.2, solid_capstyle="butt")
-    ax.text(x + 0.25, y + 0.008 * (top - bottom), "0.5 m", ha="center", va="bottom", fontsize=style.SMALL)
+    box = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}
+    place = {"ha": "center", "va": "bottom", "zorder": 2.0}
+    ax.text(x + 0.25, y + 0.012 * (top - bottom), "0.5 m", fontsize=style.SMALL, bbox=box, **place)  # type: ignore[arg-type]
 
 
 def _explain(figure: Figure, frame: Frame) -> None:
@@ -159,7 +179,7 @@ def _explain(figure: Figure, frame: Frame) -> None:
     ]
     handles.append(Line2D([], [], color=looks.MARKER, marker="o", markersize=3.5, linestyle="none", label="marker"))
     if not np.isnan(scene.errors).all():
-        words = f"{LEVEL:.0%} error ellipsoid of a joint{larger}"
+        words = f"{100 * LEVEL:.0f} % error ellipsoid of a joint{larger}"
         handles.append(Patch(facecolor=to_rgba(looks.ELLIPSOID, 0.3), edgecolor=looks.ELLIPSOID, label=words))
     if hinges(scene).any():
         handles.append(Line2D([], [], color=looks.ELLIPSOID, linewidth=1.0, label="axis of a hinge"))
@@ -167,7 +187,7 @@ def _explain(figure: Figure, frame: Frame) -> None:
         look = {"markerfacecolor": "white", "markeredgecolor": looks.FLAGGED, "markersize": 4.5, "linestyle": "none"}
         handles.append(Line2D([], [], marker="o", label="* not to be relied on", **look))  # type: ignore[arg-type]
     figure.legend(
-        handles=handles, loc="lower center", bbox_to_anchor=(0.5, 0.045), ncols=len(handles), columnspacing=1.4,
+        handles=handles, loc="lower center", bbox_to_anchor=(0.5, 0.055), ncols=len(handles), columnspacing=1.4,
         handlelength=1.4,
     )  # fmt: skip
     words = "Numbers: largest standard error of the joint's place in its segment, across the axis for a hinge."

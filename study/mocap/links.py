@@ -41,6 +41,6 @@ def _distances(points: Floats) -> list[float]:
 
 
 def side(name: str) -> str:
-    """"left", "right" or "", as a point's name says."""
+    """Which side of the body a point is on, as its name says: "left", "right" or "" if it does not."""
     words = name.lower().replace("-", "_").replace(" ", "_").split("_")
     return next((word for word in ("left", "right") if word in words), "")

@@ -85,7 +85,7 @@ class Scene:
                     f"{self.name}: {name} of the scene have shape {getattr(self, name).shape}, not {shape}"
                 )
         points = count + len(self.tips)
-        lost = [bone for bone in self.bones if not (len(bone) == 2 and 0 <= min(bone) and max(bone) < points)]
+        lost = [bone for bone in self.bones if not (len(bone) == 2 and min(bone) >= 0 and max(bone) < points)]
         if lost or len(self.doubts) != count:
             words = f"bone {lost[0]} is not between two of {points} points" if lost else "each joint needs its doubt"
             raise RecordingError(f"{self.name}: {words}")
