@@ -42,6 +42,8 @@ class FoundJoint:
         estimate: the one that was taken; ``others``: the other sides' answers.
         in_parent: its place in the parent's axes (3,) and ``in_child`` in the child's, metres; NaN where that segment
             has no frame.
+        covariance: of its place (3, 3), m², in the parent's axes, on average over the frames; in the child's, where the
+            parent has no frame.
         axis_in_parent: axis of a hinge (3,) in the parent's axes, ``axis_in_child`` in the child's; NaN if none.
     """
 
@@ -52,6 +54,7 @@ class FoundJoint:
     others: tuple[Estimate, ...] = ()
     in_parent: Floats = field(default_factory=lambda: np.full(3, np.nan))
     in_child: Floats = field(default_factory=lambda: np.full(3, np.nan))
+    covariance: Floats = field(default_factory=lambda: np.full((3, 3), np.nan))
     axis_in_parent: Floats = field(default_factory=lambda: np.full(3, np.nan))
     axis_in_child: Floats = field(default_factory=lambda: np.full(3, np.nan))
 
@@ -252,6 +255,9 @@ def _both_sides(found: FoundJoint, frames: Mapping[str, Frames]) -> FoundJoint:
     for segment in places.keys() & frames.keys():
         places[segment] = frames[segment].place(x)
     places[estimate.frames.segment] = estimate.center
+    covariance, parent = estimate.covariance, found.joint.parent
+    if estimate.side == "child" and parent in frames:
+        covariance = _seen_from(frames[parent], estimate.frames, covariance)
     axes = np.full((2, 3), np.nan)
     if estimate.axis is not None:
         axes[0 if estimate.side != "child" else 1] = estimate.axis
@@ -261,5 +267,14 @@ def _both_sides(found: FoundJoint, frames: Mapping[str, Frames]) -> FoundJoint:
             axes = axes if pair is None else pair.axes
     return replace(
         found, in_parent=places[found.joint.parent], in_child=places[found.joint.child],
-        axis_in_parent=axes[0], axis_in_child=axes[1],
+        covariance=covariance, axis_in_parent=axes[0], axis_in_child=axes[1],
     )  # fmt: skip
+
+
+def _seen_from(parent: Frames, child: Frames, covariance: Floats) -> Floats:
+    """A covariance in the child's axes as it is in the parent's, on average over the frames."""
+    both = parent.known & child.known
+    if not both.any():
+        return covariance
+    turns = np.einsum("jit,jkt->ikt", parent.rotation[:, :, both], child.rotation[:, :, both])
+    return np.asarray(np.einsum("ijt,jk,lkt->il", turns, covariance, turns, optimize=True) / both.sum())

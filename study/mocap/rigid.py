@@ -151,3 +151,9 @@ def out_of(rotations: Floats, origins: Floats, point: Floats) -> Floats:
     """A point fixed in moving axes (3,) - or one per frame (3, frames) - in the world: R p + o, (3, frames)."""
     p = np.asarray(point)
     return np.asarray(rotations[:, 0] * p[0] + rotations[:, 1] * p[1] + rotations[:, 2] * p[2] + origins)
+
+
+def nearest_rotation(matrix: Floats) -> Floats:
+    """The rotation (3, 3) nearest to a matrix (3, 3): of a sum of rotations, their mean."""
+    u, _, vt = np.linalg.svd(matrix)
+    return np.asarray(u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt)

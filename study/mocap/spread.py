@@ -3,6 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from study.mocap.rigid import nearest_rotation
+
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
@@ -40,7 +42,6 @@ def turn_angle(rotation: Floats) -> float:
     known = rotation[:, :, ~np.isnan(rotation[0, 0])]
     if not known.shape[2]:
         return float("nan")
-    u, _, vt = np.linalg.svd(known.mean(axis=2))
-    mean = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+    mean = nearest_rotation(known.mean(axis=2))
     trace = np.einsum("ij,ijt->t", mean, known)
     return float(np.quantile(np.arccos(np.clip((trace - 1.0) / 2.0, -1.0, 1.0)), _MOST))
