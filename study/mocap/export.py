@@ -28,6 +28,9 @@ def write_recording(recording: Recording, path: str | Path) -> Path:
         with open(path, "wb"):  # ezc3d does not say what is wrong
             pass
         writers[path.suffix.lower()](recording, path)
+    except ModuleNotFoundError as error:
+        path.unlink()
+        raise RecordingError(f"{path}: writing it needs {error.name}: pip install '.[mocap]'") from None
     except OSError as error:
         raise RecordingError(f"{path}: cannot be written: {error.strerror or error}") from None
     return path
