@@ -117,16 +117,16 @@ class _Drawing:
     def segment(self, number: int, segment: Segment) -> None:
         """Draw a segment; those that it hangs on are there."""
         shape, n = self.calibration.shape(segment.name), self.recording.frames
-        hung = _hung(self.above.get(segment.name), shape)
+        place = hung(self.above.get(segment.name), shape)
         pin, at, parent = np.zeros(3), np.full((3, n), np.nan), -1
-        if hung is not None:
-            parent = self.numbers[hung.joint.parent]
-            pin, at = hung.in_child, out_of(self.rotations[parent], self.origins[parent], hung.in_parent)
+        if place is not None:
+            parent = self.numbers[place.joint.parent]
+            pin, at = place.in_child, out_of(self.rotations[parent], self.origins[parent], place.in_parent)
         x = np.full((len(shape.markers), 3, n), np.nan)
         for k, marker in enumerate(shape.markers):
             if marker in self.recording.markers:
                 x[k] = self.recording.of(marker)
-        rotation, origin, full, used, square = follow(shape.places, _limits(shape, hung), x, pin, at)
+        rotation, origin, full, used, square = follow(shape.places, _limits(shape, place), x, pin, at)
         seen = ~np.isnan(x[:, 0])
         self.left_out[number] = 1.0 - used.sum() / max(seen.sum(), 1) if seen.any() else 0.0
         if full.any():
@@ -134,12 +134,12 @@ class _Drawing:
         wanted = np.flatnonzero(~full)
         flags = np.zeros(n, dtype=np.uint8)
         if len(wanted):
-            rest = np.eye(3) if hung is None else hung.rest
+            rest = np.eye(3) if place is None else place.rest
             known = full if parent < 0 else full & ~np.isnan(self.rotations[parent, 0, 0])
             base = self.rotations[parent] if parent >= 0 else None
             expected, start, near = _expected(rotation, origin, base, known, wanted, rest, self.reach)
             point(shape.places, x, used, pin, at, wanted, expected, start, rotation, origin)
-            whole = used[:, wanted].all(axis=0) & (len(shape.markers) > 0) & (hung is not None)
+            whole = used[:, wanted].all(axis=0) & (len(shape.markers) > 0) & (place is not None)
             lost = np.isnan(rotation[0, 0, wanted]) | np.isnan(origin[0, wanted]) | ~(near | used[:, wanted].any(axis=0))
             flags[wanted] = np.where(lost, Flag.UNKNOWN, np.where(whole, Flag.SEEN, Flag.BRIDGED))
             rotation[:, :, wanted[lost]] = origin[:, wanted[lost]] = np.nan
@@ -165,18 +165,18 @@ class _Drawing:
         return centers, flags
 
 
-def _hung(place: Place | None, shape: Shape) -> Place | None:
+def hung(place: Place | None, shape: Shape) -> Place | None:
     """The joint on which a segment hangs; None if its own markers must do."""
     if place is None or not place.known:
         return None
     return None if shape.own and place.status not in _PINNED else place
 
 
-def _limits(shape: Shape, hung: Place | None) -> Floats:
+def _limits(shape: Shape, place: Place | None) -> Floats:
     """How far from its place each marker may be (m,), metres."""
     if not len(shape.markers):
         return np.zeros(0)
-    middle = shape.places.mean(axis=0) if hung is None else hung.in_child
+    middle = shape.places.mean(axis=0) if place is None else place.in_child
     size = np.sqrt(((shape.places - middle) ** 2).sum(axis=1).mean())
     return np.asarray(np.maximum(_FAR * np.nan_to_num(shape.scatter), _SLACK * size))
 
