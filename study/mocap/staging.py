@@ -14,7 +14,7 @@ from study.mocap.scene import Flag, Flags, Scene
 _TIP = 0.7
 """A limb ends in the middle of those of its markers that are at least so far out, in parts of the farthest one."""
 _LYING = 1.3
-"""The recording's y points up if the markers' extent along it exceeds that along z by this factor."""
+"""The recording's y points up if markers lie, on average, farther apart along it than along z, by this factor."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,20 +110,13 @@ def _principal(joint: Shown) -> tuple[Floats, Floats]:
     """Standard errors along principal directions (3,), and these as columns (3, 3), right-handed; the axis last."""
     if np.isnan(joint.covariance).any():
         return np.full(3, np.nan), np.eye(3)
-    across = np.eye(3) if joint.axis is None else np.eye(3) - np.outer(joint.axis, joint.axis)
-    values, vectors = np.linalg.eigh(across @ joint.covariance @ across)
-    errors = np.sqrt(np.maximum(values, 0.0))[::-1]
-    vectors = vectors[:, ::-1].copy()
-    if joint.axis is not None:
-        # two of the directions across may be known exactly, and then any two will do
-        vectors = np.linalg.svd(np.column_stack([joint.axis, across @ vectors]))[0][:, [1, 2, 0]]
-        shown = vectors.T @ joint.covariance @ vectors
-        turn = np.linalg.eigh(shown[:2, :2])[1]
-        vectors[:, :2] = vectors[:, :2] @ turn[:, ::-1]
-        across_errors = np.sqrt(np.maximum(np.diag(vectors.T @ joint.covariance @ vectors)[:2], 0.0))
-        errors = np.array([*across_errors, np.nan])
-    vectors[:, 1] *= np.sign(np.linalg.det(vectors))
-    return errors, vectors
+    axis = np.empty((0, 3)) if joint.axis is None else joint.axis[None] / np.linalg.norm(joint.axis)
+    across = np.linalg.svd(axis)[2][len(axis) :] if len(axis) else np.eye(3)  # directions as rows
+    values, vectors = np.linalg.eigh(across @ joint.covariance @ across.T)
+    errors = np.concatenate([np.sqrt(np.maximum(values, 0.0))[::-1], np.full(len(axis), np.nan)])
+    directions = np.concatenate([vectors.T[::-1] @ across, axis]).T
+    directions[:, 1] *= np.sign(np.linalg.det(directions))
+    return errors, directions
 
 
 def _turns(upright: Floats, rotation: Floats, axes: Floats) -> Floats:
@@ -142,11 +135,19 @@ def _turns(upright: Floats, rotation: Floats, axes: Floats) -> Floats:
 def _upright(recording: Recording) -> tuple[Floats, list[str]]:
     """What turns the recording so that z points up (3, 3), and what is to be said of it.
 
-    Files do not say which way is up; a body is taller than wide most of the time.
+    Files do not say which way is up; a body's parts are above one another most of the time.
     """
-    low, high = np.fmin.reduce(recording.positions, axis=0), np.fmax.reduce(recording.positions, axis=0)
-    extent = high - low  # (3, frames); NaN where nothing was seen
-    _, y, z = np.nanmedian(extent[:, ~np.isnan(extent[0])], axis=1)
+    middle = _mean(recording.positions, axis=0)
+    # turning about the vertical takes out the mean extent to the sides, and leaves that from foot to head
+    mean = _mean(recording.positions - middle, axis=2)
+    _, y, z = np.nanstd(mean[~np.isnan(mean[:, 0])], axis=0)
     if y > _LYING * z:
         return np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), ["the recording's y is shown as up"]
     return np.eye(3), []
+
+
+def _mean(x: Floats, axis: int) -> Floats:
+    """Mean of what is known; NaN where nothing is."""
+    known = ~np.isnan(x)
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.where(known, x, 0.0).sum(axis=axis) / known.sum(axis=axis))

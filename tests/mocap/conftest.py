@@ -8,6 +8,9 @@ import numpy as np
 import pytest
 
 from study.mocap.recording import Recording
+from study.mocap.setfile import load_markerset
+from study.mocap.staging import Shown, stage
+from study.mocap.synthetic import Recipe, synthesize
 
 
 def shared(name):
@@ -60,3 +63,29 @@ def write_c3d():
         return path
 
     return write
+
+
+@pytest.fixture(scope="session")
+def scene():
+    """A scene of a synthetic figure with its true joints: some bridged, one doubtful, one never known."""
+    recording, truth = synthesize(Recipe(frames=90, rate=90.0, gaps=0.05))
+    joints = []
+    for number, name in enumerate(truth.joints):
+        parent = truth.segments.index(truth.parents[number])
+        axis = truth.axes[number]
+        flags = np.zeros(recording.frames, dtype=np.uint8)
+        flags[40:50] = number == 3
+        joints.append(
+            Shown(
+                name=name,
+                parent=truth.parents[number],
+                child=truth.children[number],
+                center=truth.centers[number] if name != "right_wrist" else np.full((3, recording.frames), np.nan),
+                rotation=truth.rotations[parent].transpose(1, 2, 0),
+                covariance=np.diag([9e-6, 4e-6, 1e-6]),
+                axis=None if np.isnan(axis).any() else axis,
+                flags=flags,
+                doubt="moved too little" if name == "neck" else "",
+            )
+        )
+    return stage(recording, load_markerset("cmu41"), joints, "true joints")
