@@ -36,10 +36,7 @@ class Labels {
             const left = right ? at.x + 22 : at.x - 22 - this.widths[i];
             return { i, at, right, y: at.y, left: Math.min(Math.max(left, 2), width - this.widths[i] - 2), known };
         });
-        for (const right of [false, true]) {
-            const column = wanted.filter((label) => label.known && label.right === right).sort((a, b) => a.y - b.y);
-            this.spread(column, height);
-        }
+        this.spread(wanted.filter((label) => label.known), height);
         for (const { i, at, left, right, y, known } of wanted) {
             if (!known) continue;
             spans[i].style.transform = `translate(${left.toFixed(1)}px, ${(y - 8).toFixed(1)}px)`;
@@ -48,21 +45,21 @@ class Labels {
         }
     }
 
-    // Moves labels of one side apart, those that overlap from left to right only; from the top, then back from below.
-    spread(column, height) {
+    // Moves labels apart, those that overlap from left to right only, a little each turn.
+    spread(labels, height) {
         const beside = (a, b) => a.left < b.left + this.widths[b.i] + 4 && b.left < a.left + this.widths[a.i] + 4;
-        for (let turn = 0; turn < 4; turn++) {
-            for (let k = 0; k < column.length; k++) {
+        for (let turn = 0; turn < 12; turn++) {
+            labels.sort((a, b) => a.y - b.y);
+            for (let k = 0; k < labels.length; k++) {
                 for (let j = 0; j < k; j++) {
-                    const lack = GAP - (column[k].y - column[j].y);
-                    if (lack > 0 && beside(column[j], column[k])) {
-                        column[j].y -= lack / 2;
-                        column[k].y += lack / 2;
+                    const lack = GAP - (labels[k].y - labels[j].y);
+                    if (lack > 0 && beside(labels[j], labels[k])) {
+                        labels[j].y -= lack / 2;
+                        labels[k].y += lack / 2;
                     }
                 }
             }
-            column.sort((a, b) => a.y - b.y);
         }
-        for (const label of column) label.y = Math.min(Math.max(label.y, 10), height - 10);
+        for (const label of labels) label.y = Math.min(Math.max(label.y, 10), height - 10);
     }
 }
