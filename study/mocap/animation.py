@@ -56,10 +56,7 @@ def write_video(
         RecordingError: if imageio-ffmpeg is not installed, or the video cannot be written.
     """
     path = Path(path)
-    try:
-        import imageio_ffmpeg
-    except ModuleNotFoundError:
-        raise RecordingError(f"{path}: a video needs imageio-ffmpeg: pip install '.[mocap]'") from None
+    imageio_ffmpeg = encoder()
     if path.suffix.lower() != ".mp4":
         raise RecordingError(f"{path}: a video is written to a file whose name ends in .mp4")
     film = _Film(scene.at_most(rate), camera or Camera(30.0, 12.0), factor)
@@ -86,6 +83,19 @@ def write_video(
     return path
 
 
+def encoder() -> Any:
+    """The library that brings ffmpeg.
+
+    Raises:
+        RecordingError: if it is not installed.
+    """
+    try:
+        import imageio_ffmpeg
+    except ModuleNotFoundError:
+        raise RecordingError("a video needs imageio-ffmpeg: pip install '.[mocap]'") from None
+    return imageio_ffmpeg
+
+
 class _Film:
     """A figure that shows one frame after the other."""
 
@@ -98,7 +108,7 @@ class _Film:
         self.drawing = Drawing(self.ax, scene, camera, _SIZES, factor)
         self.middle = _followed(scene)
         self.box = self._box()
-        place: dict[str, Any] = {"transform": self.ax.transAxes, "va": "top", "linespacing": 1.5}
+        place: dict[str, Any] = {"transform": self.figure.transFigure, "va": "top", "linespacing": 1.5}
         name = self.ax.text(0.02, 0.975, scene.name, fontsize=10.0, **place)
         words = self.ax.text(0.02, 0.935, self._words(), fontsize=style.SMALL, **place)
         self.fixed = self._drawn()  # drawing words takes longer than all the rest

@@ -11,7 +11,7 @@ Floats = NDArray[np.float64]
 LEVEL = 0.95
 """How often an ellipsoid holds its joint, if the standard errors are right."""
 FACTORS = (1, 2, 3, 5, 10, 20, 30, 50, 100)
-_SIZE = 0.03
+_SIZE = 0.045
 """Metres: what a typical ellipsoid's half axis is made no longer than by exaggeration."""
 
 
