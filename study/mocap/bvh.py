@@ -23,7 +23,7 @@ _PLACES = "Xposition Yposition Zposition"
 
 @dataclass(eq=False)
 class _Node:
-    """A joint: where it is in its parent's axes (3,), or over time (3, frames) if free; its turn there; its children."""
+    """A joint: where it is in its parent (3,), over time (3, frames) if it is free; its turn; its children."""
 
     name: str
     segment: str

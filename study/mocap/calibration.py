@@ -112,7 +112,7 @@ class Calibration:
             "format": FORMAT, "version": VERSION, "source": self.source, "frames": self.frames, "unit": "m",
             "markerset": self.markerset.model_dump(mode="json"),
             "segments": [_plain(shape) for shape in self.shapes],
-            "joints": [_plain(place) | {"joint": place.joint.name, "status": place.status.name} for place in self.joints],
+            "joints": [_plain(each) | {"joint": each.joint.name, "status": each.status.name} for each in self.joints],
         }  # fmt: skip
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -126,7 +126,8 @@ def keep(joints: Joints, recording: Recording) -> Calibration:
     """What of phase 1's answer is kept.
 
     Args:
-        joints: that were found; ``recording``: in this one.
+        joints: that were found.
+        recording: in this one.
     """
     found = {each.joint.child: each for each in joints.joints}
     shapes = []
@@ -144,7 +145,9 @@ def keep(joints: Joints, recording: Recording) -> Calibration:
 def _shape(frames: Frames, markers: tuple[str, ...]) -> Shape:
     rows = [k for k, name in enumerate(frames.points) if name in markers]
     names = tuple(frames.points[k] for k in rows)
-    return Shape(frames.segment, names, frames.template[rows], frames.scatter[rows], len(rows) == len(frames.points), "")
+    return Shape(
+        frames.segment, names, frames.template[rows], frames.scatter[rows], len(rows) == len(frames.points), ""
+    )
 
 
 def _hanging(name: str, found: FoundJoint | None, joints: Joints, recording: Recording, why: str) -> Shape:
@@ -223,7 +226,9 @@ def load_calibration(path: str | Path) -> Calibration:
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise RecordingError(f"{path}: not a calibration; make one with `study joints`")
     if document.get("version") != VERSION:
-        raise RecordingError(f"{path}: version {document.get('version')} of a calibration; this program reads {VERSION}")
+        raise RecordingError(
+            f"{path}: version {document.get('version')} of a calibration; this program reads {VERSION}"
+        )
     try:
         return _restored(document)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
@@ -243,11 +248,10 @@ def _restored(document: dict[str, Any]) -> Calibration:
         shapes.append(Shape(name, markers, places, scatter, bool(each["own"]), why, misfit))
     joints = []
     for each in document["joints"]:
-        vectors = [_array(each[key], (3,)) for key in ("in_parent", "in_child")]
-        axes = [_array(each[key], (3,)) for key in ("axis_in_parent", "axis_in_child")]
-        covariance, rest = (_array(each[key], (3, 3)) for key in ("covariance", "rest"))
-        status = JointStatus[each["status"]]
-        joints.append(Place(by_name[each["joint"]], status, str(each["reason"]), *vectors, covariance, *axes, rest))
+        vectors = {key: _array(each[key], (3,)) for key in ("in_parent", "in_child", "axis_in_parent", "axis_in_child")}
+        matrices = {key: _array(each[key], (3, 3)) for key in ("covariance", "rest")}
+        status, reason = JointStatus[each["status"]], str(each["reason"])
+        joints.append(Place(joint=by_name[each["joint"]], status=status, reason=reason, **vectors, **matrices))
     if [shape.segment for shape in shapes] != [segment.name for segment in markerset.segments]:
         raise ValueError("its segments are not those of its marker set")
     return Calibration(str(document["source"]), int(document["frames"]), markerset, tuple(shapes), tuple(joints))

@@ -65,9 +65,7 @@ def check(skeleton: Skeleton) -> Verdict:
     """Judge a calibration by a skeleton drawn with it."""
     off: dict[str, str] = {}
     judged = 0
-    for shape, misfit, left_out in zip(
-        skeleton.calibration.shapes, skeleton.misfits, skeleton.left_out, strict=True
-    ):
+    for shape, misfit, left_out in zip(skeleton.calibration.shapes, skeleton.misfits, skeleton.left_out, strict=True):
         if not len(shape.markers):
             continue
         judged += 1
@@ -119,11 +117,10 @@ def skeleton_scene(skeleton: Skeleton, recording: Recording) -> Scene:
         reasons = [*([] if place.status in USABLE else [place.reason]), *doubts]
         axis = None if np.isnan(place.axis_in_parent).any() else place.axis_in_parent
         joint = place.joint
-        joints.append(
-            Shown(
-                joint.name, joint.parent, joint.child, center, skeleton.rotation(joint.parent), place.covariance, axis,
-                flags, "; ".join(reasons),
-            )  # fmt: skip
-        )
+        shown = Shown(
+            joint.name, joint.parent, joint.child, center, skeleton.rotation(joint.parent), place.covariance, axis,
+            flags, "; ".join(reasons),
+        )  # fmt: skip
+        joints.append(shown)
     notes = [*recording.notes, *([] if verdict.fits and not verdict.off else [verdict.words])]
     return stage(recording, kept.markerset, joints, source, notes)

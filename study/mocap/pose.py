@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from study.sphere.compiled import compiled
 from study.mocap.rigid import turn
+from study.sphere.compiled import compiled
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -108,14 +108,17 @@ def _follow(
             break
 
 
-def follow(places: Floats, limits: Floats, x: Floats, pin: Floats, at: Floats) -> tuple[Floats, ...]:
+def follow(
+    places: Floats, limits: Floats, x: Floats, pin: Floats, at: Floats
+) -> tuple[Floats, Floats, Bools, Bools, Floats]:
     """Turns and places of a segment in the frames that show it fully.
 
     Args:
         places: of its markers in its axes (m, 3), metres.
         limits: how far each may be from there (m,), metres.
         x: where they were seen (m, 3, frames), NaN where not.
-        pin: the joint in its axes (3,); ``at``: where that is (3, frames), NaN where it is not known.
+        pin: the joint in its axes (3,).
+        at: where that is (3, frames), NaN where it is not known.
 
     Returns:
         Rotation (3, 3, frames) and origin (3, frames), NaN where too little is seen; where they are known (frames,);
@@ -152,7 +155,16 @@ def _arc(u: Any, v: Any, r: Any) -> None:
 
 @compiled
 def _point(
-    places: Any, x: Any, used: Any, pin: Any, at: Any, wanted: Any, expected: Any, start: Any, rotation: Any, origin: Any
+    places: Any,
+    x: Any,
+    used: Any,
+    pin: Any,
+    at: Any,
+    wanted: Any,
+    expected: Any,
+    start: Any,
+    rotation: Any,
+    origin: Any,
 ) -> None:
     """Turns of a segment in frames that show it in part, or not at all; see `point`."""
     m = used.shape[0]
@@ -175,7 +187,9 @@ def _point(
                 for i in range(3):
                     v[i] += x[k, i, t] - b[i]
                     u[i] += (
-                        r[i, 0] * (places[k, 0] - a[0]) + r[i, 1] * (places[k, 1] - a[1]) + r[i, 2] * (places[k, 2] - a[2])
+                        r[i, 0] * (places[k, 0] - a[0])
+                        + r[i, 1] * (places[k, 1] - a[1])
+                        + r[i, 2] * (places[k, 2] - a[2])
                     )
         if count > 0:
             _arc(u, v, r)
@@ -196,11 +210,14 @@ def point(
 
     Args:
         places: of its markers in its axes (m, 3), metres.
-        x: where they were seen (m, 3, frames); ``used``: which of these count (m, frames).
-        pin: the joint in its axes (3,); ``at``: where that is (3, frames), NaN where it is not known.
+        x: where they were seen (m, 3, frames).
+        used: which of these count (m, frames).
+        pin: the joint in its axes (3,).
+        at: where that is (3, frames), NaN where it is not known.
         wanted: numbers of the frames to complete (w,).
-        expected: how it would be turned there if nothing were seen (3, 3, w); ``start``: where its origin would be
-            (3, w), if it had no joint either.
-        rotation, origin: what is completed (3, 3, frames), (3, frames).
+        expected: how it would be turned there if nothing were seen (3, 3, w).
+        start: where its origin would be (3, w), if it had no joint either.
+        rotation: what is completed (3, 3, frames).
+        origin: the same (3, frames).
     """
     _point(places, x, used, pin, at, wanted, expected, start, rotation, origin)

@@ -92,13 +92,14 @@ def draw_skeleton(calibration: Calibration, recording: Recording, bridge: float 
         raise RecordingError(
             f"{calibration.source}: no segment of this calibration has a frame; there is no skeleton to draw"
         )
-    drawing = _Drawing(calibration, recording, int(round(bridge * recording.rate)))
+    drawing = _Drawing(calibration, recording, round(bridge * recording.rate))
     for number, segment in enumerate(calibration.markerset.segments):
         drawing.segment(number, segment)
     centers, flags = drawing.joints()
     return Skeleton(
         recording.name, recording.rate, calibration, tuple(drawing.numbers), drawing.rotations, drawing.origins,
-        drawing.flags, drawing.misfits, drawing.left_out, tuple(place.joint.name for place in calibration.joints), centers, flags,
+        drawing.flags, drawing.misfits, drawing.left_out,
+        tuple(place.joint.name for place in calibration.joints), centers, flags,
     )  # fmt: skip
 
 
@@ -140,7 +141,9 @@ class _Drawing:
             expected, start, near = _expected(rotation, origin, base, known, wanted, rest, self.reach)
             point(shape.places, x, used, pin, at, wanted, expected, start, rotation, origin)
             whole = used[:, wanted].all(axis=0) & (len(shape.markers) > 0) & (place is not None)
-            lost = np.isnan(rotation[0, 0, wanted]) | np.isnan(origin[0, wanted]) | ~(near | used[:, wanted].any(axis=0))
+            lost = (
+                np.isnan(rotation[0, 0, wanted]) | np.isnan(origin[0, wanted]) | ~(near | used[:, wanted].any(axis=0))
+            )
             flags[wanted] = np.where(lost, Flag.UNKNOWN, np.where(whole, Flag.SEEN, Flag.BRIDGED))
             rotation[:, :, wanted[lost]] = origin[:, wanted[lost]] = np.nan
         if parent >= 0:  # what hangs on a guess is one
@@ -182,14 +185,21 @@ def _limits(shape: Shape, place: Place | None) -> Floats:
 
 
 def _expected(
-    rotation: Floats, origin: Floats, base: Floats | None, known: Bools, wanted: NDArray[np.int64], rest: Floats, reach: int
+    rotation: Floats,
+    origin: Floats,
+    base: Floats | None,
+    known: Bools,
+    wanted: NDArray[np.int64],
+    rest: Floats,
+    reach: int,
 ) -> tuple[Floats, Floats, Bools]:
     """How a segment would be turned in frames (w,) that do not show it, and where its origin would be.
 
     Between the frames that do, its turn in its parent is interpolated; before and after them it stays.
 
     Args:
-        rotation: of it (3, 3, frames); ``origin`` (3, frames).
+        rotation: of it (3, 3, frames).
+        origin: of it (3, frames).
         base: the parent's rotation (3, 3, frames); None for a segment that hangs on nothing.
         known: where both are known (frames,).
         wanted: frames (w,).

@@ -42,7 +42,7 @@ def test_a_frame_moves_as_the_segment_does(figure):
 
 
 def test_the_spread_is_the_noise_and_the_scatter_what_is_left_of_it(figure):
-    """2 mm per coordinate to 5 %, of 600 frames; a point's rms distance is less than √3 of it, as the fit takes some."""
+    """2 mm per coordinate to 5 %, of 600 frames; a point's rms distance is below √3 of it, as the fit takes some."""
     markerset, recording, _ = figure
     for name in ("pelvis", "thorax", "left_foot"):
         frames = own_frames(markerset, recording)[name]
