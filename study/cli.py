@@ -212,6 +212,7 @@ def cost(
 app.command()(commands.recording)
 app.command()(commands.joints)
 app.command()(commands.skeleton)
+app.command()(commands.case_study)
 app.command()(commands.synthetic)
 app.command()(commands.fetch)
 

@@ -47,7 +47,8 @@ def joints(
     out: Out = None,
 ) -> None:
     """Find the joints of a recording: phase 1; a table of them, and a calibration that draws other recordings."""
-    from study.mocap.jointlines import printed
+    from study.mocap.agreement import agreement_table
+    from study.mocap.jointlines import agreed, printed
     from study.mocap.joints import find_joints
     from study.mocap.jointtable import joint_table
     from study.mocap.opening import folder_for, opened
@@ -59,7 +60,9 @@ def joints(
     _say(match)
     found = find_joints(match.markerset, match.recording)
     _print(printed(found))
-    save_frame(joint_table(found), folder / "joints.parquet")
+    compared = agreement_table(found, match.recording)
+    _print(agreed(compared))
+    save_frame(joint_table(found).merge(compared, on="joint"), folder / "joints.parquet")
     typer.echo(str(folder / "joints.parquet"))
     typer.echo(str(calibrate(match.recording, match.markerset).save(folder / "calibration.json")))
 
@@ -79,7 +82,8 @@ def skeleton(
 ) -> None:
     """Draw the skeleton in every frame: phase 2; tables, BVH, a figure, and a page with the moving skeleton."""
     from study.figures.style import save
-    from study.mocap import fig1_skeleton, skeletontable
+    from study.mocap import animation, fig1_skeleton, skeletontable
+    from study.mocap.bvh import write_bvh
     from study.mocap.exchange import write_motion
     from study.mocap.opening import folder_for
     from study.mocap.phases import require_same_subject, skeleton_scene
@@ -87,23 +91,25 @@ def skeleton(
     from study.mocap.webpage import write_viewer
     from study.runs.store import save_frame
 
+    if video:
+        animation.encoder()  # is told before the work is done
     match, made = _calibrated(calibrated, file, markerset, unit, rate, subject)
     folder = folder_for(match.source.name, out)
     _say(match)
-    scene = skeleton_scene(require_same_subject(draw_skeleton(made, match.recording)), match.recording)
+    drawn = require_same_subject(draw_skeleton(made, match.recording))
+    scene = skeleton_scene(drawn, match.recording)
     _print(skeletontable.printed(scene))
     save_frame(skeletontable.skeleton_table(scene), folder / "skeleton.parquet")
     save_frame(skeletontable.bone_table(scene), folder / "bones.parquet")
     paths = [folder / "skeleton.parquet", folder / "bones.parquet"]
     if calibrated is None:
         paths.append(made.save(folder / "calibration.json"))
+    paths.append(write_bvh(drawn, folder / "skeleton.bvh"))
     paths.append(write_motion(scene, folder / "motion.json"))
     paths += save(fig1_skeleton.draw(fig1_skeleton.prepare(scene)), folder / "fig1_skeleton")
     paths.append(write_viewer(scene, folder / "viewer.html"))
     _print(map(str, paths))
     if video:
-        from study.mocap.animation import write_video
-
         with typer.progressbar(length=1000, label="video", file=sys.stderr, hidden=not sys.stderr.isatty()) as bar:
             done = [0.0]
 
@@ -111,8 +117,36 @@ def skeleton(
                 before, done[0] = done[0], done[0] + 1000 * share
                 bar.update(int(done[0]) - int(before))
 
-            path = write_video(scene, folder / "motion.mp4", advance=advance)
+            path = animation.write_video(scene, folder / "motion.mp4", advance=advance)
         typer.echo(str(path))
+
+
+def case_study(
+    file: File,
+    markerset: MarkerSet = None,
+    unit: Unit = None,
+    rate: Rate = None,
+    subject: Subject = None,
+    out: Out = None,
+    subsets: Annotated[int, typer.Option("--subsets", help="of each size and joint, a multiple of four")] = 400,
+    seed: Annotated[int, typer.Option("--seed", help="of the subsets")] = 1,
+) -> None:
+    """Repeat the paper's precision study, section 9.1: every joint from many parts of a recording; figure 7."""
+    from study.figures.style import save
+    from study.mocap import casestudy, fig7_case
+    from study.mocap.joints import find_joints
+    from study.mocap.opening import folder_for, opened
+    from study.runs.store import save_frame
+
+    match = opened(file, markerset, unit, rate, subject)
+    folder = folder_for(match.source.name, out)
+    _say(match)
+    case = casestudy.case_study(find_joints(match.markerset, match.recording), match.recording, subsets, seed)
+    _print(fig7_case.words(case))
+    for name, table in {"scatter": case.scatter, "joints": case.joints, "laws": case.laws}.items():
+        save_frame(table, folder / f"case-study-{name}.parquet")
+        typer.echo(str(folder / f"case-study-{name}.parquet"))
+    _print(map(str, save(fig7_case.draw(fig7_case.prepare(case)), folder / "fig7_case")))
 
 
 def synthetic(

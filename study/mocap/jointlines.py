@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 import numpy as np
+import pandas as pd
 
 from study.mocap.estimates import USABLE, Estimate, JointStatus
 from study.mocap.joints import FoundJoint, Joints
@@ -18,6 +19,20 @@ _WORDS = {
     JointStatus.UNSEEN: "unseen",
 }
 """A status in the table, where its whole text has no room."""
+
+
+def agreed(table: pd.DataFrame) -> Iterator[str]:
+    """How far other estimators' answers are from the one that is taken, a line per joint, in millimetres.
+
+    Args:
+        table: a row per joint; its columns ``from_…`` are distances, metres (see `agreement.agreement_table`).
+    """
+    others = [name for name in table.columns if str(name).startswith("from_")]
+    wide = max([len(str(name)) for name in table["joint"]] + [16])
+    heads = (str(name).removeprefix("from_").replace("_", "-") for name in others)
+    yield f"{'distance to / mm':{wide}}" + "".join(f"  {head:>9}" for head in heads)
+    for name, row in zip(table["joint"], table[others].to_numpy(dtype=float), strict=True):
+        yield f"{name:{wide}}" + "".join(f"  {_mm(float(x), 9)}" for x in row)
 
 
 def _numbers(found: FoundJoint) -> dict[str, float]:
