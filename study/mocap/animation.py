@@ -3,6 +3,7 @@
 Frames are drawn with matplotlib and handed, as they are, to the ffmpeg that comes with imageio-ffmpeg.
 """
 
+import contextlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -79,7 +80,8 @@ def write_video(
     except OSError as error:
         raise RecordingError(f"{path}: cannot be written: {error.strerror or error}") from None
     finally:
-        partial.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            partial.unlink(missing_ok=True)
     return path
 
 

@@ -31,6 +31,10 @@ _TRIED = 60
 _AZIMUTHS = np.arange(0.0, 360.0, 15.0)
 _HEIGHT = 4.9
 """Inches of the picture."""
+_REACH = 0.06
+"""From the skeleton to the words beside it, in parts of the picture's width."""
+_LETTER = 0.058
+"""Inches that a letter of these takes, on average."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,8 +116,12 @@ def draw(frame: Frame) -> Figure:
     shown = np.concatenate([shown, np.column_stack([shown[:, :2], np.full(len(shown), drawing.ground)])])
     seen = frame.camera.see(shown[~np.isnan(shown[:, 0])])[:, :2]
     low, high = seen.min(axis=0), seen.max(axis=0)
-    height = 1.08 * (high[1] - low[1])
-    width = height * style.PAGE / (0.9 * _HEIGHT)
+    words = _REACH * style.PAGE + _LETTER * (max(map(len, frame.words)) + 1)
+    width = max(
+        1.08 * (high[1] - low[1]) * style.PAGE / (0.9 * _HEIGHT),
+        (high[0] - low[0]) * style.PAGE / (style.PAGE - 2.0 * words),
+    )
+    height = width * 0.9 * _HEIGHT / style.PAGE
     middle = 0.5 * (low + high)
     ax.set_xlim(middle[0] - 0.5 * width, middle[0] + 0.5 * width)
     ax.set_ylim(middle[1] - 0.5 * height, middle[1] + 0.5 * height)
@@ -129,7 +137,7 @@ def _label(ax: Axes, frame: Frame, sides: tuple[float, float]) -> None:
     seen = frame.camera.see(frame.scene.centers[:, :, frame.frame])[:, :2]
     there = np.flatnonzero(~np.isnan(seen[:, 0]))
     (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
-    reach = 0.06 * (right - left)
+    reach = _REACH * (right - left)
     columns = _columns(seen[:, 0], frame.scene.sides(), there)
     for part, at, align in zip(columns, (sides[0] - reach, sides[1] + reach), ("right", "left"), strict=True):
         if not len(part):
