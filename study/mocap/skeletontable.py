@@ -64,7 +64,7 @@ def printed(scene: Scene) -> Iterator[str]:
     table = bone_table(scene)
     numbers = table[["length", "error", "spread", "uneven"]].to_numpy(dtype=float)
     for start, end, (length, worst, spread, uneven) in zip(table["start"], table["end"], numbers, strict=True):
-        compared = "" if np.isnan(uneven) else f"{100 * uneven:+.1f} %"
+        compared = "" if np.isnan(uneven) else f"{round(100 * uneven, 1) + 0.0:+.1f} %"  # no minus before zero
         flagged = "  uneven" if abs(uneven) > UNEVEN else ""
         error = "-" if np.isnan(worst) else f"{1000 * worst:.1f} mm"
         bone = f"{start} - {end}"

@@ -24,15 +24,17 @@ class Labels {
     place(stage, width, height) {
         const spans = [...this.box.children];
         const lines = [...this.leaders.children];
-        const middle = stage.seen(stage.middle(), width, height);
+        const spots = spans.map((_, i) => stage.seen(stage.point(i), width, height));
+        const across = spots.map((at) => at.x).filter(Number.isFinite);
+        const middle = across.reduce((sum, x) => sum + x, 0) / across.length;
         const wanted = spans.map((span, i) => {
-            const at = stage.seen(stage.point(i), width, height);
+            const at = spots[i];
             const known = this.shown && at.front && Number.isFinite(at.x) && at.x > 0 && at.x < width && at.y > 0 && at.y < height;
             span.hidden = !known;
             lines[i].style.display = known ? "" : "none";
             span.classList.toggle("flagged", stage.isFlagged(i));
             const room = this.widths[i] + 24; // the other side is better than the joint itself
-            const right = at.x >= middle.x ? at.x + room < width || at.x < room : at.x < room;
+            const right = at.x >= middle ? at.x + room < width || at.x < room : at.x < room;
             const left = right ? at.x + 22 : at.x - 22 - this.widths[i];
             return { i, at, right, y: at.y, left: Math.min(Math.max(left, 2), width - this.widths[i] - 2), known };
         });
