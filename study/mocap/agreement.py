@@ -67,15 +67,15 @@ def _centers(points: list[Floats]) -> dict[str, Floats]:
     """What the library's estimators say of markers' samples (n, 3) in one frame."""
     if not points:
         return {}
-    together = mgdk(points)
+    try:
+        together = mgdk(points)
+    except ValueError:  # residuals that are rounding, or all noise, bracket no η; then there is no answer to compare
+        return {}
     most = max(points, key=lambda y: float(np.trace(np.cov(y.T))))
-    sigma = float(np.sqrt(max(np.nan_to_num(together.noise_variance), 0.0)))
-    return {
-        "mgdk": together.center,
-        "gdke": fit(most, "gdke").center,
-        "ugdk": fit(most, "ugdk", noise=sigma).center,
-        "mle": fit(most, "mle").center,
-    }
+    centers = {"mgdk": together.center, "gdke": fit(most, "gdke").center, "mle": fit(most, "mle").center}
+    if together.noise_variance > 0.0:
+        centers["ugdk"] = fit(most, "ugdk", noise=float(np.sqrt(together.noise_variance))).center
+    return centers
 
 
 def _distance(taken: Estimate, there: Floats) -> float:

@@ -100,13 +100,7 @@ def center(
         None if the samples are too few, or lie on a line.
     """
     given, basis = size, np.eye(3)
-    size = 1.0 if given is None else given
-    if given is None:  # what the noise draws in depends on its size: a first idea of it, from a part of the frames
-        step = max(len(carried.pattern) // _PART, 1)
-        some = [Marker(np.ascontiguousarray(m.y[:, ::step]), m.used[::step], m.own) for m in markers]
-        pool = _pooled(some, carried.every(step), size)
-        size = pool.solve(basis)[0] if pool is not None else size
-    pool = _pooled(markers, carried, size)
+    pool = _begun(markers, carried, given)
     if pool is None:
         return None
     size, middle = pool.solve(basis, given)
@@ -139,6 +133,28 @@ def center(
         condition=size / max(pool.top(basis), 1e-300), covariance=covariance, frames=frames, worth=worth * frames,
         axis=axis, least=least, flat=flat, swing=pool.swing(size),
     )  # fmt: skip
+
+
+def middle_of(
+    markers: Sequence[Marker], carried: CarriedNoise, hinge: bool = False, size: float | None = None
+) -> Floats | None:
+    """The centre alone (3,), as `center` finds it where it is known whether a direction is dropped."""
+    pool = _begun(markers, carried, size)
+    if pool is None:
+        return None
+    found, middle = pool.solve(np.eye(3), size)
+    return pool.solve(pool.least(found)[1], size)[1] if hinge else middle
+
+
+def _begun(markers: Sequence[Marker], carried: CarriedNoise, given: float | None) -> Pool | None:
+    """Moments freed from what noise of the given size does to them; of one found in a part of the frames, if None."""
+    size = 1.0 if given is None else given
+    if given is None:  # what the noise draws in depends on its size, of which a first idea will do
+        step = max(len(carried.pattern) // _PART, 1)
+        some = [Marker(np.ascontiguousarray(m.y[:, ::step]), m.used[::step], m.own) for m in markers]
+        pool = _pooled(some, carried.every(step), size)
+        size = pool.solve(np.eye(3))[0] if pool is not None else size
+    return _pooled(markers, carried, size)
 
 
 def _pooled(markers: Sequence[Marker], carried: CarriedNoise, size: float) -> Pool | None:

@@ -22,6 +22,8 @@ Bools = NDArray[np.bool_]
 
 UNSURE = 0.01
 """Metres: a centre whose standard error exceeds this in some direction is not known to the paper's centimetre."""
+_BRIEF = 10
+"""Frames of which fewer say nothing about how they scatter, and so give no standard error."""
 _EXTENT = 2.0
 """Standard errors by which the least extent must exceed the noise, as for `als`."""
 _MOVED = 0.005
@@ -41,7 +43,7 @@ class JointStatus(IntEnum):
 
     OK = 0, "ok"
     HINGE = 1, "hinge: known across the axis; along it, where the joint is put shows in nothing or in skin alone"
-    UNSURE = 2, "moved too little for its noise: a standard error exceeds 1 cm"
+    UNSURE = 2, "moved too little for its noise, or was seen too briefly: a standard error may exceed 1 cm"
     INSIGNIFICANT = 3, "along some direction the frame's own noise would explain how far the markers moved"
     NOT_POSITIVE_DEFINITE = 4, "the noise hides how far the markers moved: the centre is drawn to them"
     STILL = 5, "did not move: the markers stay where they are in the frame"
@@ -97,7 +99,7 @@ class Estimate:
             status = JointStatus.NOT_POSITIVE_DEFINITE
         elif self.noise == "isotropic" or (self.sphere is not None and not self.sphere.round):
             status = JointStatus.INSIGNIFICANT
-        elif not self.worst < UNSURE:
+        elif not (self.worst < UNSURE and self.count >= _BRIEF):
             status = JointStatus.UNSURE
         else:
             status = JointStatus.OK if self.axis is None else JointStatus.HINGE

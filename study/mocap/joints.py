@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from study.mocap.center import center
+from study.mocap.center import middle_of
 from study.mocap.estimates import USABLE, Estimate, JointStatus, from_frames, from_spheres, marker_from
 from study.mocap.markerset import Joint, MarkerSet
 from study.mocap.recording import Recording
@@ -120,7 +120,7 @@ class _Search:
             self.found[joint.name] = FoundJoint(joint, JointStatus.NO_FRAME, f"{JointStatus.NO_FRAME.text} ({why})")
         frames = {name: frame for name, frame in self.frames.items() if isinstance(frame, Frames)}
         without = {name: frame for name, frame in self.frames.items() if isinstance(frame, str)}
-        found = tuple(_both_sides(self.found[joint.name], frames) for joint in self.whole.joints)
+        found = tuple(_both_sides(replace(self.found[joint.name], joint=joint), frames) for joint in self.whole.joints)
         return Joints(self.recording.name, self.whole, frames, without, found)
 
     def fit(self, joint: Joint) -> FoundJoint:
@@ -155,8 +155,7 @@ class _Search:
         def again(moved: Frames, part: NDArray[np.int64]) -> Floats | None:
             seen = [marker_from(moved, self.recording.of(name)[:, part], self.sane(name)[part]) for name in names]
             carried = moved.carried if found.noise == "carried" else moved.carried.level
-            fit = center(seen, carried, hinge, size)
-            return None if fit is None else fit.center
+            return middle_of(seen, carried, hinge, size)
 
         return self.with_errors_above(found, again).judged()
 

@@ -124,7 +124,7 @@ class LiveJoints:
 
     Attributes:
         joints: names of those that can be found.
-        centers: (joints, 3), metres, in the parents' axes; NaN while there are too few frames, or noise hides the motion.
+        centers: (joints, 3), metres, in the parents' axes; NaN while frames are too few or noise hides the motion.
 
     Raises:
         ValueError: if the noise is negative.

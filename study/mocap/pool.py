@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from study.mocap.seen import Seen
+from study.mocap.seen import Seen, squared_noise
 
 Floats = NDArray[np.float64]
 
@@ -37,6 +37,8 @@ class Pool:
         self.pulled = np.array([m.pulled for m in moments])
         self.traced = np.array([m.traced for m in moments])
         self.along = np.array([m.along for m in moments])
+        self.shift, self.tilt = np.array([m.shift for m in moments]), np.array([m.tilt for m in moments])
+        self.pivot = np.array([m.pivot for m in moments])
         self.moments = moments
         m2 = np.trace(self.c, axis1=1, axis2=2)
         self.variance = np.array([m.fourth for m in moments]) - m2**2
@@ -62,7 +64,7 @@ class Pool:
 
     def squared(self, center: Floats) -> Floats:
         """Tr F² of each marker (M,), as far as it shows in residuals about a centre."""
-        return np.array([each.squared(center) for each in self.moments])
+        return squared_noise(center - self.pivot, self.mean - self.pivot, self.shift, self.tilt)
 
     def strain(self, o: Floats) -> Floats:
         """Mean vᵀFv of each marker (M,), v = z - o."""

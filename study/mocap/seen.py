@@ -58,11 +58,19 @@ class Seen:
         A turn about the pivot leaves the distance from it as it is: only as far as the centre is from the pivot does it
         count at second order.
         """
-        d, v = center - self.pivot, self.mean - self.pivot
-        k, dv = skew(d), d[:, None] * v
-        q = (0.5 * (dv + dv.T) - dv.trace() * np.eye(3)) @ self.tilt
-        shift = self.shift
-        return float((shift * shift).sum() + 2.0 * ((k @ self.tilt @ k.T) * shift).sum() + (q * q.T).sum())
+        return float(squared_noise(center - self.pivot, self.mean - self.pivot, self.shift, self.tilt))
+
+
+def squared_noise(d: Floats, v: Floats, shift: Floats, tilt: Floats) -> Floats:
+    """Half the variance of |noise|² (…) about a centre at d from the pivot (…, 3), of a marker at v from it (…, 3).
+
+    ``shift`` and ``tilt`` (…, 3, 3) are as in `Seen`; see its ``squared``.
+    """
+    k, dv = skew(d), d[..., :, None] * v[..., None, :]
+    trace = (d * v).sum(axis=-1)[..., None, None]
+    q = (0.5 * (dv + dv.swapaxes(-1, -2)) - trace * np.eye(3)) @ tilt
+    turned = k @ tilt @ k.swapaxes(-1, -2)
+    return np.asarray((shift * (shift + 2.0 * turned) + q * q.swapaxes(-1, -2)).sum(axis=(-1, -2)))
 
 
 def seen(y: Floats, used: Bools, carried: CarriedNoise, own: float, size: float) -> Seen:

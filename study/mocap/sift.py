@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from study.estimators import fit
 from study.experiment.streams import stream
 from study.mocap.carried import CarriedNoise
-from study.mocap.center import Marker, center
+from study.mocap.center import Marker, middle_of
 
 Floats = NDArray[np.float64]
 
@@ -76,8 +76,7 @@ def _center_of_all(markers: Sequence[Marker]) -> Floats | None:
     some = [Marker(np.ascontiguousarray(m.y[:, ::step]), m.used[::step], m.own) for m in markers]
     none = np.zeros((1, 3, 3))
     plain = CarriedNoise(np.zeros(some[0].y.shape[1], dtype=np.int64), np.zeros((1, 3)), none, none, none)
-    found = center(some, plain, hinge=False, size=0.0)
-    return None if found is None else found.center
+    return middle_of(some, plain, size=0.0)
 
 
 def _clean_center(markers: Sequence[Marker], usual: Floats | None) -> Floats | None:

@@ -58,7 +58,8 @@ class Whole:
         spread = np.nanvar(plain, axis=0).sum()
         along = np.nanvar(plain @ self.least) / spread if spread > 0 else np.nan
         return {
-            "cap": float(np.degrees(max(caps))), "condition": self.condition, "hinge": self.hinge, "memory": self.memory,
+            "cap": float(np.degrees(max(caps))),
+            "condition": self.condition, "hinge": self.hinge, "memory": self.memory,
             "worth": self.worth, "sets": float(max(apart)), "along": float(along),
         }  # fmt: skip
 

@@ -23,7 +23,10 @@ def read_bvh(path):
     for word in words:
         if word in ("ROOT", "JOINT", "End"):
             name = next(words)
-            node = {"name": f"{stack[-1]['name']} end" if word == "End" else name, "parent": stack[-1] if stack else None}
+            node = {
+                "name": f"{stack[-1]['name']} end" if word == "End" else name,
+                "parent": stack[-1] if stack else None,
+            }
             node["channels"], node["first"] = [], width
             assert (word == "ROOT") == (not stack)
             assert next(words) == "{"
@@ -77,7 +80,9 @@ def test_another_reader_finds_the_joints_where_they_are(tmp_path):
 def test_a_segment_that_hangs_on_no_known_joint_moves_freely(tmp_path):
     """A head that does not move on the chest has no neck: its node has positions of its own, and they are right."""
     recording, _ = synthesize(Recipe(frames=300, noise=0.001))
-    calibration = calibrate(recording.select([m for m in recording.markers if m not in ("C7", "T10", "CLAV", "STRN")]), CMU41)
+    calibration = calibrate(
+        recording.select([m for m in recording.markers if m not in ("C7", "T10", "CLAV", "STRN")]), CMU41
+    )
     skeleton = draw_skeleton(calibration, recording)
     places, _ = read_bvh(write_bvh(skeleton, tmp_path / "part.bvh"))
     for joint in skeleton.joints:
