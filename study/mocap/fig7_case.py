@@ -16,7 +16,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from study.figures import style
-from study.mocap.casestudy import NEAR, SETS, CaseStudy
+from study.mocap.casestudy import NEAR, CaseStudy
+from study.mocap.subsets import SETS
 
 _GREY, _OUT = "0.6", "#c1272d"
 _MIDDLE = {"random": "#1f5fa8", "window": "#d98c1f"}

@@ -28,7 +28,9 @@ _ROUNDING = 1e-9
 _SETS, _OF = 20, 10
 """Random sets per marker, and samples of each: with a tenth of all samples wrong, a third of the sets are clean."""
 _PART = 600
-"""Frames, spread over the recording, that centres are tried on."""
+"""Frames, spread over the recording, from which the usual centre comes..."""
+_TRIED = 200
+"""...and those on which it is compared with the others."""
 _BETTER = 3.0
 """So many times nearer to their spheres: a centre that fits a cluster of like poses is nearer, but not by so much."""
 _COARSE = 0.3
@@ -92,7 +94,7 @@ def _clean_center(markers: Sequence[Marker], usual: Floats | None) -> Floats | N
     centers = centers[np.isfinite(centers).all(axis=1)]
     misfit = np.zeros(len(centers))
     for points in samples:
-        part = points[:: max(len(points) // _PART, 1)]
+        part = points[:: max(len(points) // _TRIED, 1)]
         distance = np.sqrt(((part - centers[:, None]) ** 2).sum(axis=2))
         middle = np.median(distance, axis=1, keepdims=True)
         misfit += np.median(np.abs(distance - middle), axis=1)
