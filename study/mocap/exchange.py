@@ -43,9 +43,9 @@ def motion(scene: Scene, rate: float = _RATE) -> dict[str, Any]:
     origin = 0.5 * (low + high)
     step = max(float((high - low).max()) / (2 * _LARGEST), 1e-6)
     counts = _whole((places - origin[:, None]) / step).transpose(2, 0, 1)
-    half = half_axes(shown)
+    half = np.where(np.isnan(shown.errors), np.nan, half_axes(shown))
     joints = [
-        {"name": name, "doubt": doubt, "errors": _numbers(errors), "half_axes": _numbers(np.where(errors >= 0, axes, np.nan))}
+        {"name": name, "doubt": doubt, "errors": _numbers(errors), "half_axes": _numbers(axes)}
         for name, doubt, errors, axes in zip(shown.joints, shown.doubts, shown.errors, half, strict=True)
     ]
     return {

@@ -1,14 +1,12 @@
-"""Phase 1's answer as a table and as lines for people: where each joint is, how well that is known, and from what."""
-
-from collections.abc import Iterator
+"""Phase 1's answer as a table: where each joint is, how well that is known, and from what."""
 
 import numpy as np
 import pandas as pd
 
-from study.mocap.estimates import USABLE, Estimate, JointStatus
+from study.mocap.estimates import Estimate, JointStatus
 from study.mocap.joints import FoundJoint, Joints
 
-_WORDS = {
+WORDS = {
     JointStatus.OK: "ok",
     JointStatus.HINGE: "hinge",
     JointStatus.UNSURE: "unsure",
@@ -37,7 +35,7 @@ def joint_table(joints: Joints) -> pd.DataFrame:
     for found in joints.joints:
         row: dict[str, object] = {
             "joint": found.joint.name, "kind": found.joint.kind, "parent": found.joint.parent,
-            "child": found.joint.child, "status": _WORDS[found.status], "reason": found.reason,
+            "child": found.joint.child, "status": WORDS[found.status], "reason": found.reason,
             "side": found.estimate.side if found.estimate else "",
             "markers": ", ".join(found.estimate.markers) if found.estimate else "",
         }  # fmt: skip
@@ -47,31 +45,29 @@ def joint_table(joints: Joints) -> pd.DataFrame:
             row |= {f"{name}_{axis}": float(x) for axis, x in zip("xyz", vector, strict=True)}
         pairs = [(i, j) for i in range(3) for j in range(i, 3)]
         row |= {f"cov_{'xyz'[i]}{'xyz'[j]}": float(found.covariance[i, j]) for i, j in pairs}
-        rows.append(row | _numbers(found))
+        rows.append(row | numbers(found))
     return pd.DataFrame(rows)
 
 
-def _numbers(found: FoundJoint) -> dict[str, float]:
-    """What a joint's estimate rests on."""
+def numbers(found: FoundJoint) -> dict[str, float]:
+    """What a joint's estimate rests on, by the names of the columns of `joint_table`; NaN where there is nothing."""
     names = ("error", "radius_mean", "sigma", "rho", "moved_least", "moved_most", "frames", "worth", "apart")
-    numbers = dict.fromkeys(names, np.nan)
+    known = dict.fromkeys(names, float("nan"))
     estimate = found.estimate
     if estimate is None:
-        return numbers
-    numbers |= {"error": estimate.worst, "frames": float(estimate.count), "worth": float(estimate.worth)}
-    numbers["apart"] = max((_apart(estimate, other) for other in found.others), default=np.nan)
+        return known
+    known |= {"error": estimate.worst, "frames": float(estimate.count), "worth": float(estimate.worth)}
+    known["apart"] = max((_apart(estimate, other) for other in found.others), default=float("nan"))
+    swing = np.zeros(0)
     if estimate.sphere is not None:
-        sphere = estimate.sphere
-        radii = sphere.radii[np.isfinite(sphere.radii)]
-        numbers |= {"sigma": float(sphere.noise), "rho": float(sphere.condition)}
-        numbers["radius_mean"] = float(radii.mean()) if len(radii) else np.nan
-        swing = np.degrees(sphere.swing)
+        radii = estimate.sphere.radii[np.isfinite(estimate.sphere.radii)]
+        known |= {"sigma": float(estimate.sphere.noise), "rho": float(estimate.sphere.condition)}
+        known |= {"radius_mean": float(radii.mean())} if len(radii) else {}
+        swing = np.degrees(estimate.sphere.swing)
     elif estimate.pair is not None:
-        swing = np.degrees(np.sort(estimate.pair.turns))
-        numbers["sigma"] = float(estimate.pair.gap) / np.sqrt(3.0)
-    else:
-        return numbers
-    return numbers | {"moved_least": float(swing[0]), "moved_most": float(swing[-1])}
+        known["sigma"] = float(estimate.pair.gap) / np.sqrt(3.0)
+        swing = np.degrees(estimate.pair.turns)
+    return known | ({"moved_least": float(swing.min()), "moved_most": float(swing.max())} if len(swing) else {})
 
 
 def _apart(one: Estimate, other: Estimate) -> float:
@@ -83,33 +79,3 @@ def _apart(one: Estimate, other: Estimate) -> float:
     squares = (between**2).sum(axis=0)
     squares = squares[~np.isnan(squares)]
     return float(np.sqrt(squares.mean())) if len(squares) else float("nan")
-
-
-def printed(joints: Joints) -> Iterator[str]:
-    """The table, a line per joint in millimetres and degrees, and then what is to be said of some of them."""
-    table = joint_table(joints)
-    wide = max(len(name) for name in [*table["joint"], "joint"])
-    yield (
-        f"{'joint':{wide}}  {'status':15}  {'from':6}  {'centre in its parent / mm':>25}  {'error':>6}  {'noise':>6}  "
-        f"{'moved':>9}  {'ρ':>5}  {'frames':>6}  {'worth':>6}  {'apart':>6}"
-    )
-    for row in table.itertuples():
-        place = " ".join(_mm(getattr(row, f"center_parent_{axis}"), 8) for axis in "xyz")
-        moved = "-" if np.isnan(row.moved_least) else f"{row.moved_least:.0f}°-{row.moved_most:.0f}°"
-        frames, worth = ("-" if np.isnan(n) else f"{n:.0f}" for n in (row.frames, row.worth))
-        rho = "-" if np.isnan(row.rho) else f"{row.rho:.3f}"
-        yield (
-            f"{row.joint:{wide}}  {row.status:15}  {row.side or '-':6}  {place}  {_mm(row.error, 6)}  "
-            f"{_mm(row.sigma, 6)}  {moved:>9}  {rho:>5}  {frames:>6}  {worth:>6}  {_mm(row.apart, 6)}"
-        ).rstrip()
-    yield "error: largest standard error; noise: of a coordinate; moved: root mean square angles; worth: independent frames;"
-    yield "apart: of the other sides' answers, all in mm."
-    for found in joints.joints:
-        if found.status not in USABLE:
-            yield f"{found.joint.name}: {found.reason}"
-    for segment, why in joints.frameless.items():
-        yield f"no frame of its own: {segment}: {why}"
-
-
-def _mm(metres: float, width: int) -> str:
-    return f"{'-':>{width}}" if np.isnan(metres) else f"{1000 * metres:{width}.1f}"
