@@ -52,9 +52,9 @@ class CaseStudy:
         scatter: a row per joint, way of taking frames (``random`` or ``window``), whether a hinge's axis is dropped,
             and N: ``mean_x, …`` and ``sd_x, …``: mean and standard deviation of the centre in the parent's axes, of
             fits that are ok; ``sd``: root of the summed variances; ``median``: median distance from the whole
-            recording's answer, fits that are not ok counted as farther than any; ``near``: share within a centimetre; ``failed``:
-            share not positive definite; ``effective``: N_eff; ``error``: the scatter and the whole answer's standard
-            error together.
+            recording's answer, fits that are not ok counted as farther than any; ``near``: share within a centimetre;
+            ``failed``: share not positive definite; ``effective``: N_eff; ``error``: the scatter and the whole
+            answer's standard error together.
         joints: a row per joint: ``cap`` in degrees, ``condition`` ρ, ``hinge``, ``memory`` τ in frames, ``worth`` T/τ,
             ``sets``: the largest distance between two of the four sets' medians at the middle N, ``along``: share of
             the scatter along the direction in which the markers moved least, ``median``: scatter at the largest N,
