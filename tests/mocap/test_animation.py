@@ -64,8 +64,15 @@ def test_places_that_cannot_be(ffmpeg, scene, tmp_path):
 
 
 def test_ffmpeg_that_stops(ffmpeg, scene, tmp_path, monkeypatch):
-    """If ffmpeg ends on its own, the half video is taken away."""
-    monkeypatch.setattr("study.mocap.animation._QUALITY", "no number")
-    with pytest.raises((RecordingError, subprocess.SubprocessError)):
+    """If ffmpeg ends on its own, a line says so, and the half video is taken away."""
+
+    def stopping(path, *_, **__):
+        with open(path, "wb") as file:
+            file.write(b"half")
+        yield
+        raise OSError(32, "Broken pipe")
+
+    monkeypatch.setattr(ffmpeg, "write_frames", stopping)
+    with pytest.raises(RecordingError, match=r"motion\.mp4: cannot be written: Broken pipe"):
         write_video(scene.part(slice(0, 3)), tmp_path / "motion.mp4")
     assert list(tmp_path.iterdir()) == []
