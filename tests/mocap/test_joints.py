@@ -85,11 +85,11 @@ def test_noise_is_covered():
     assert covered >= 150
 
 
-@pytest.mark.parametrize("noise", [0.001, 0.003])
+@pytest.mark.parametrize("noise", [0.001, 0.003, 0.005])
 def test_gaps_of_a_fifth(noise):
-    """Joints that moved by more than 30°: within 3 mm, with 1-3 mm of noise and a fifth of all samples missing.
+    """Joints that moved by more than 30°: within 3 mm, with 1-5 mm of noise and a fifth of all samples missing.
 
-    43 seconds of motion. (With 5 mm of noise the standard errors themselves are 1-3 mm, and 3 mm is kept by most.)
+    43 seconds of motion. (With 5 mm standard errors are 1-3 mm: over seeds 6 to 13, 98 of 99 joints keep to it.)
     """
     recording, truth = synthesize(Recipe(frames=5200, noise=noise, gaps=0.2, seed=5))
     found = find_joints(CMU41, recording)
@@ -98,6 +98,7 @@ def test_gaps_of_a_fifth(noise):
         if moved(truth, name) > 30:
             assert error < 0.003, name
             assert found[name].status in (JointStatus.OK, JointStatus.HINGE)
+    assert all(axis_off(found, truth, name) < 2.0 for name in HINGES)
 
 
 def test_swaps_do_no_harm():
