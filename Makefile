@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
-.PHONY: paper calibration test smoke lint bench clean
+.PHONY: paper calibration skeleton test smoke lint bench clean
 .DELETE_ON_ERROR:
 
 # The paper's study, all that its claims are judged by, figures (in figures/), verdicts, and one page about everything.
@@ -36,6 +36,18 @@ calibration: $(VENV)/.run
 	    $(BIN)/study posterior "$$run"; \
 	    $(BIN)/study figures "$$run" fig_calibration; \
 	done
+
+# A body that moves, made here, so that nothing is downloaded: its joints, its skeleton, a figure, a page that shows it.
+BODY := results/recordings/body
+skeleton: $(VENV)/.mocap
+	@set -e; \
+	echo "A synthetic body, noise of 2 mm, a twentieth of the samples missing:"; \
+	$(BIN)/study synthetic --noise 0.002 --gaps 0.05 --out $(BODY)/body.c3d; \
+	echo; echo "Its joints, fitted once:"; \
+	$(BIN)/study joints $(BODY)/body.c3d; \
+	echo; echo "Its skeleton in every frame:"; \
+	$(BIN)/study skeleton $(BODY)/body.c3d --calibration $(BODY); \
+	echo; echo "Open $(BODY)/viewer.html in a browser; the figure is $(BODY)/fig1_skeleton.png"
 
 test: $(VENV)/.dev
 	$(BIN)/python -m pytest -q
@@ -68,6 +80,10 @@ $(VENV)/bin/python:
 $(VENV)/.run: $(VENV)/bin/python pyproject.toml constraints.txt
 	$(INSTALL) -e .
 	$(BIN)/study plan configs/smoke.toml >/dev/null
+	touch $@
+
+$(VENV)/.mocap: $(VENV)/.run
+	$(INSTALL) -e '.[mocap]'
 	touch $@
 
 $(VENV)/.dev: $(VENV)/.run

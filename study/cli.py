@@ -11,6 +11,8 @@ from typing import Annotated, Any
 
 import typer
 
+from study.mocap import commands
+
 app = typer.Typer(
     help="Monte-Carlo study of closed-form sphere fits (Knight & Semwal 2009).",
     no_args_is_help=True,
@@ -207,6 +209,14 @@ def cost(
         typer.echo(line)
 
 
+app.command()(commands.recording)
+app.command()(commands.joints)
+app.command()(commands.skeleton)
+app.command()(commands.case_study)
+app.command()(commands.synthetic)
+app.command()(commands.fetch)
+
+
 @contextlib.contextmanager
 def _progress(words: str) -> Iterator[Callable[[float], None]]:
     """A bar on a terminal's standard error; what it gives is told each share of the work that is done."""
@@ -254,9 +264,10 @@ def main(command: Callable[..., Any] = app) -> None:
         from study.experiment.faults import ConfigError
         from study.experiment.replay import ReplayError
         from study.experiment.work import WorkError
+        from study.mocap.recording import RecordingError
         from study.runs.store import RunError
 
-        if isinstance(error, ConfigError | PointFileError | ReplayError):
+        if isinstance(error, ConfigError | PointFileError | RecordingError | ReplayError):
             raise SystemExit(_said(str(error), 2)) from None
         if isinstance(error, RunError | WorkError):
             raise SystemExit(_said(str(error), 1)) from None

@@ -1,0 +1,114 @@
+// A motion from its JSON, checked part by part, so that another file is refused in words; then plain arrays.
+
+const FORMAT = "sphere-fit-study motion";
+const VERSION = 1;
+const MISSING = -32768;
+const LARGEST = 32767;
+
+class MotionError extends Error {}
+
+function demand(holds, words) {
+    if (!holds) throw new MotionError(words);
+}
+
+function isCount(value) {
+    return Number.isInteger(value) && value >= 0;
+}
+
+function isTexts(value) {
+    return Array.isArray(value) && value.every((text) => typeof text === "string");
+}
+
+// Numbers of a base64 text: `bytes` per number, as many as the shape says.
+function unpacked(arrays, name, bytes, count) {
+    const text = arrays && arrays[name];
+    demand(typeof text === "string", `its array "${name}" is missing`);
+    let raw;
+    try {
+        raw = atob(text);
+    } catch {
+        throw new MotionError(`its array "${name}" is not base64; the file is damaged`);
+    }
+    demand(raw.length === bytes * count, `its array "${name}" has ${raw.length} bytes instead of ${bytes * count}; the file is cut short or damaged`);
+    const view = new DataView(Uint8Array.from(raw, (c) => c.charCodeAt(0)).buffer);
+    return bytes === 1 ? new Uint8Array(view.buffer) : Int16Array.from({ length: count }, (_, i) => view.getInt16(2 * i, true));
+}
+
+// Whole numbers of a step to metres, NaN where unknown.
+function metres(counts, step, origin) {
+    return Float32Array.from(counts, (n, i) => (n === MISSING ? NaN : origin[i % 3] + step * n));
+}
+
+// Reads a motion. Throws MotionError with what is wrong, to be put after the file's name.
+function readMotion(text) {
+    let d;
+    try {
+        d = JSON.parse(text);
+    } catch {
+        throw new MotionError("it is not JSON; open a motion.json that `study skeleton` wrote");
+    }
+    demand(d !== null && typeof d === "object" && d.format === FORMAT, `it is JSON, but no motion (its "format" is not "${FORMAT}"); open a motion.json that \`study skeleton\` wrote`);
+    demand(d.version === VERSION, `it is of version ${d.version}, and this page reads version ${VERSION}; make the page or the file anew`);
+    demand(isCount(d.frames) && d.frames > 0, `its number of frames is ${d.frames}`);
+    demand(Number.isFinite(d.rate) && d.rate > 0, `its rate is ${d.rate} frames per second`);
+    demand(isTexts(d.markers) && isTexts(d.tips) && Array.isArray(d.joints) && d.joints.length > 0, "its markers, joints or tips are missing");
+    demand(d.joints.every((joint) => joint && typeof joint.name === "string" && Array.isArray(joint.half_axes) && joint.half_axes.length === 3), "a joint has no name or no half axes");
+    const points = d.joints.length + d.tips.length;
+    demand(Array.isArray(d.bones) && d.bones.every((pair) => Array.isArray(pair) && pair.length === 2 && pair.every((i) => isCount(i) && i < points)), `a bone is not between two of its ${points} points`);
+    demand(Number.isFinite(d.step) && Array.isArray(d.origin) && d.origin.length === 3 && d.origin.every(Number.isFinite), "its step or origin is missing");
+    const joints = d.joints.length;
+    const motion = {
+        name: String(d.name ?? "motion"),
+        source: String(d.source ?? ""),
+        notes: isTexts(d.notes) ? d.notes : [],
+        rate: d.rate,
+        frames: d.frames,
+        floor: Number.isFinite(d.floor) ? d.floor : 0,
+        level: Number.isFinite(d.level) ? d.level : 0.95,
+        exaggeration: Number.isFinite(d.exaggeration) && d.exaggeration > 0 ? d.exaggeration : 1,
+        markers: d.markers,
+        joints: d.joints.map((joint) => ({
+            name: joint.name,
+            doubt: String(joint.doubt ?? ""),
+            half: joint.half_axes.map((x) => (Number.isFinite(x) ? x : NaN)),
+            errors: Array.isArray(joint.errors) ? joint.errors : [],
+        })),
+        tips: d.tips,
+        sides: isTexts(d.sides) && d.sides.length === points ? d.sides : Array(points).fill(""),
+        bones: d.bones,
+        places: metres(unpacked(d.arrays, "markers", 2, 3 * d.frames * d.markers.length), d.step, d.origin),
+        points: metres(unpacked(d.arrays, "points", 2, 3 * d.frames * points), d.step, d.origin),
+        turns: Float32Array.from(unpacked(d.arrays, "turns", 2, 4 * d.frames * joints), (n) => (n === MISSING ? NaN : n / LARGEST)),
+        flags: unpacked(d.arrays, "flags", 1, d.frames * joints),
+    };
+    motion.count = points;
+    motion.middle = calmMiddle(motion);
+    return motion;
+}
+
+// Course of the skeleton's middle, averaged over a second and a half (frames × 3): what the view follows.
+function calmMiddle(motion) {
+    const { frames, count, points } = motion;
+    const sums = new Float64Array(3 * (frames + 1));
+    let last = [0, 0, 0.9];
+    for (let t = 0; t < frames; t++) {
+        const sum = [0, 0, 0];
+        let known = 0;
+        for (let i = 0; i < count; i++) {
+            const at = 3 * (t * count + i);
+            if (Number.isNaN(points[at])) continue;
+            known++;
+            for (let k = 0; k < 3; k++) sum[k] += points[at + k];
+        }
+        if (known) last = sum.map((x) => x / known);
+        for (let k = 0; k < 3; k++) sums[3 * (t + 1) + k] = sums[3 * t + k] + last[k];
+    }
+    const half = Math.max(Math.round(0.75 * motion.rate), 1);
+    const middle = new Float32Array(3 * frames);
+    for (let t = 0; t < frames; t++) {
+        const from = Math.max(t - half, 0);
+        const to = Math.min(t + half + 1, frames);
+        for (let k = 0; k < 3; k++) middle[3 * t + k] = (sums[3 * to + k] - sums[3 * from + k]) / (to - from);
+    }
+    return middle;
+}

@@ -1,0 +1,236 @@
+// What is drawn with three.js: bones, joints, markers, ellipsoids and the floor of one motion, moved frame by frame.
+
+const ROD = 0.06; // metres from a hinge to either end of the line along its axis
+const SQUARE = 0.5; // metres between the lines on the floor
+
+class Stage {
+    constructor(canvas) {
+        this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true });
+        this.renderer.setClearColor(0xffffff);
+        this.scene = new THREE.Scene();
+        this.camera = new THREE.PerspectiveCamera(30, 1, 0.05, 200);
+        this.camera.up.set(0, 0, 1);
+        this.orbit = new THREE.OrbitControls(this.camera, canvas);
+        this.orbit.minDistance = 0.3;
+        this.orbit.maxDistance = 60;
+        this.scene.add(new THREE.HemisphereLight(0xffffff, 0xb0b4b8, 2.4));
+        const sun = new THREE.DirectionalLight(0xffffff, 1.3);
+        sun.position.set(2, -3, 5);
+        this.scene.add(sun);
+        this.ball = new THREE.SphereGeometry(1, 24, 16);
+        this.rod = new THREE.CylinderGeometry(1, 1, 1, 14).rotateX(Math.PI / 2); // along z
+        const solid = (color, opacity = 1) => new THREE.MeshLambertMaterial({ color, transparent: opacity < 1, opacity, depthWrite: opacity === 1 });
+        this.materials = {
+            bones: Object.fromEntries(Object.entries(LOOKS.sides).map(([side, color]) => [side, solid(color)])),
+            bridged: Object.fromEntries(Object.entries(LOOKS.sides).map(([side, color]) => [side, solid(color, 0.35)])),
+            joint: solid(LOOKS.sides[""]),
+            flagged: solid(LOOKS.flagged),
+            marker: solid(LOOKS.marker),
+            ellipsoid: solid(LOOKS.ellipsoid, 0.42),
+            axis: solid(LOOKS.ellipsoid),
+        };
+        this.body = null;
+        this.factor = 1;
+        this.shows = { markers: true, ellipsoids: true };
+        this.frame = 0;
+    }
+
+    // Takes another motion in place of the one that is shown.
+    load(motion) {
+        if (this.body) {
+            this.scene.remove(this.body);
+            this.markers?.dispose();
+            this.floor.geometry.dispose();
+        }
+        this.motion = motion;
+        this.factor = motion.exaggeration;
+        this.body = new THREE.Group();
+        const mesh = (geometry, material) => {
+            const made = new THREE.Mesh(geometry, material);
+            this.body.add(made);
+            return made;
+        };
+        this.bones = motion.bones.map(() => mesh(this.rod, this.materials.joint));
+        this.joints = motion.joints.map(() => mesh(this.ball, this.materials.joint));
+        this.tips = motion.tips.map(() => mesh(this.ball, this.materials.joint));
+        this.ellipsoids = motion.joints.map((joint) => (joint.half.some((x) => x > 0) ? mesh(this.ball, this.materials.ellipsoid) : null));
+        this.axes = motion.joints.map((joint) => (this.isHinge(joint) ? mesh(this.rod, this.materials.axis) : null));
+        this.markers = null;
+        if (motion.markers.length) {
+            this.markers = new THREE.InstancedMesh(this.ball, this.materials.marker, motion.markers.length);
+            this.markers.frustumCulled = false;
+            this.body.add(this.markers);
+        }
+        this.floor = this.grid();
+        this.body.add(this.floor);
+        this.scene.add(this.body);
+        this.size = this.reach();
+        this.show(0);
+        this.look("");
+    }
+
+    isHinge(joint) {
+        return Number.isNaN(joint.half[2]) && joint.half[0] > 0;
+    }
+
+    // Point of a frame by its number: joints, then tips.
+    point(i, frame = this.frame) {
+        const at = 3 * (frame * this.motion.count + i);
+        return new THREE.Vector3(...this.motion.points.subarray(at, at + 3));
+    }
+
+    middle(frame = this.frame) {
+        return new THREE.Vector3(...this.motion.middle.subarray(3 * frame, 3 * frame + 3));
+    }
+
+    isFlagged(i, frame = this.frame) {
+        return this.motion.joints[i].doubt !== "" || this.motion.flags[frame * this.motion.joints.length + i] !== 0;
+    }
+
+    // Puts everything where it is in a frame.
+    show(frame) {
+        const { motion } = this;
+        const before = this.middle();
+        this.frame = frame;
+        const points = Array.from({ length: motion.count }, (_, i) => this.point(i));
+        motion.bones.forEach(([i, j], n) => this.bone(this.bones[n], i, j, points));
+        points.forEach((x, i) => {
+            const isJoint = i < motion.joints.length;
+            const drawn = isJoint ? this.joints[i] : this.tips[i - motion.joints.length];
+            // the end of a limb whose joint is not known hangs on nothing, and says nothing
+            drawn.visible = !Number.isNaN(x.x) && (isJoint || motion.bones.some((pair, n) => pair.includes(i) && this.bones[n].visible));
+            drawn.position.copy(x);
+            drawn.scale.setScalar(isJoint ? 0.017 : 0.012);
+            if (isJoint) drawn.material = this.isFlagged(i) ? this.materials.flagged : this.materials.joint;
+        });
+        motion.joints.forEach((joint, i) => this.ellipsoid(joint, i, points[i]));
+        if (this.markers) this.placeMarkers();
+        if (this.follows) {
+            const moved = this.middle().sub(before);
+            this.camera.position.add(moved);
+            this.orbit.target.add(moved);
+        }
+    }
+
+    bone(drawn, i, j, points) {
+        const [a, b] = [points[i], points[j]];
+        const along = b.clone().sub(a);
+        const length = along.length();
+        drawn.visible = length > 0;
+        if (!drawn.visible) return;
+        const sides = [...new Set([this.motion.sides[i], this.motion.sides[j]].filter(Boolean))];
+        const side = sides.length === 1 && sides[0] in LOOKS.sides ? sides[0] : "";
+        const count = this.motion.joints.length;
+        const bridged = [i, j].some((k) => k < count && this.motion.flags[this.frame * count + k] !== 0);
+        drawn.material = (bridged ? this.materials.bridged : this.materials.bones)[side];
+        drawn.position.addVectors(a, b).multiplyScalar(0.5);
+        drawn.quaternion.setFromUnitVectors(new THREE.Vector3(0, 0, 1), along.divideScalar(length));
+        drawn.scale.set(0.011, 0.011, length);
+    }
+
+    ellipsoid(joint, i, x) {
+        const at = 4 * (this.frame * this.motion.joints.length + i);
+        const turn = new THREE.Quaternion(...this.motion.turns.subarray(at, at + 4));
+        const known = this.shows.ellipsoids && !Number.isNaN(x.x) && !Number.isNaN(turn.x);
+        for (const drawn of [this.ellipsoids[i], this.axes[i]]) {
+            if (!drawn) continue;
+            drawn.visible = known;
+            if (!known) continue;
+            drawn.position.copy(x);
+            drawn.quaternion.copy(turn).normalize();
+        }
+        this.ellipsoids[i]?.scale.set(...joint.half.map((h) => Math.max(this.factor * (h > 0 ? h : 0), 0.0005)));
+        this.axes[i]?.scale.set(0.003, 0.003, 2 * ROD);
+    }
+
+    placeMarkers() {
+        const { motion } = this;
+        this.markers.visible = this.shows.markers;
+        const matrix = new THREE.Matrix4();
+        motion.markers.forEach((_, m) => {
+            const [x, y, z] = motion.places.subarray(3 * (this.frame * motion.markers.length + m), 3 * (this.frame * motion.markers.length + m) + 3);
+            const size = Number.isNaN(x) ? 0 : 0.0085;
+            matrix.makeScale(size, size, size);
+            if (size) matrix.setPosition(x, y, z);
+            this.markers.setMatrixAt(m, matrix);
+        });
+        this.markers.instanceMatrix.needsUpdate = true;
+    }
+
+    // Half the height of what the view must hold about the middle, metres: of the skeleton in nearly all frames.
+    reach() {
+        const far = [];
+        const step = Math.max(Math.floor(this.motion.frames / 200), 1);
+        for (let t = 0; t < this.motion.frames; t += step) {
+            const middle = this.middle(t);
+            const away = Array.from({ length: this.motion.count }, (_, i) => this.point(i, t).distanceTo(middle)).filter((d) => !Number.isNaN(d));
+            if (away.length) far.push(Math.max(...away));
+        }
+        far.sort((a, b) => a - b);
+        return (far.length ? far[Math.floor(0.9 * (far.length - 1))] : 1) + 0.15;
+    }
+
+    // Looks from a side ("front", "side", "back", "top"; "" for the usual one) at the whole skeleton.
+    look(view) {
+        const angles = { front: [0, 6], side: [-90, 6], back: [180, 6], top: [0, 89] }[view] ?? [35, 14];
+        const facing = view ? this.facing() : this.facing(0);
+        const [azimuth, elevation] = [facing + (angles[0] * Math.PI) / 180, (angles[1] * Math.PI) / 180];
+        // a body is taller than wide most of the time, and names beside it want some room
+        const narrow = Math.min(1.3 * this.camera.aspect, 1);
+        const distance = (0.84 * this.size) / Math.sin((this.camera.fov / 2) * (Math.PI / 180)) / narrow;
+        this.orbit.target.copy(this.middle());
+        const flat = Math.cos(elevation);
+        const away = new THREE.Vector3(flat * Math.cos(azimuth), flat * Math.sin(azimuth), Math.sin(elevation));
+        this.camera.position.copy(this.orbit.target).addScaledVector(away, distance);
+        this.orbit.update();
+    }
+
+    // Where the body faces, radians from x to y: across the mean direction from its left points to its right ones.
+    facing(frame = this.frame) {
+        const across = new THREE.Vector3();
+        this.motion.sides.forEach((side, i) => {
+            const x = this.point(i, frame);
+            if (side && !Number.isNaN(x.x)) across.addScaledVector(x, side === "left" ? 1 : -1);
+        });
+        return across.x || across.y ? Math.atan2(across.y, across.x) - Math.PI / 2 : 0;
+    }
+
+    grid() {
+        const { motion } = this;
+        let [low, high] = [[Infinity, Infinity], [-Infinity, -Infinity]];
+        for (let i = 0; i < motion.points.length; i += 3) {
+            for (let k = 0; k < 2; k++) {
+                const x = motion.points[i + k];
+                if (x < low[k]) low[k] = x;
+                if (x > high[k]) high[k] = x;
+            }
+        }
+        const cell = Math.max(SQUARE, Math.ceil(Math.max(high[0] - low[0], high[1] - low[1]) / (60 * SQUARE)) * SQUARE);
+        low = low.map((x) => Math.floor(x / cell - 1) * cell);
+        high = high.map((x) => Math.ceil(x / cell + 1) * cell);
+        const ends = [];
+        for (let x = low[0]; x <= high[0] + 1e-6; x += cell) ends.push(x, low[1], motion.floor, x, high[1], motion.floor);
+        for (let y = low[1]; y <= high[1] + 1e-6; y += cell) ends.push(low[0], y, motion.floor, high[0], y, motion.floor);
+        const geometry = new THREE.BufferGeometry();
+        geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(ends), 3));
+        this.gridMaterial ??= new THREE.LineBasicMaterial({ color: LOOKS.floor });
+        return new THREE.LineSegments(geometry, this.gridMaterial);
+    }
+
+    resize(width, height) {
+        this.renderer.setPixelRatio(Math.min(window.devicePixelRatio || 1, 2));
+        this.renderer.setSize(width, height, false);
+        this.camera.aspect = width / height;
+        this.camera.updateProjectionMatrix();
+    }
+
+    // Where a point is on the screen: pixels from the left and from the top.
+    seen(x, width, height) {
+        const v = x.clone().project(this.camera);
+        return { x: 0.5 * (v.x + 1) * width, y: 0.5 * (1 - v.y) * height, front: v.z < 1 };
+    }
+
+    draw() {
+        this.renderer.render(this.scene, this.camera);
+    }
+}

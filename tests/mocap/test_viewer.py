@@ -1,0 +1,257 @@
+"""The viewer in a real browser: silent; plays, scrubs, orbits; switches work; what it opens, and what it refuses."""
+
+import json
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from study.mocap.exchange import motion, write_motion
+from study.mocap.webpage import write_viewer
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+FLAGS = ["--no-sandbox", "--no-first-run", "--disable-sync", "--disable-quic"]
+FLAGS += ["--disable-background-networking", "--disable-component-update"]
+FLAGS += ["--use-angle=swiftshader", "--enable-unsafe-swiftshader"]  # three dimensions without a graphics card
+
+JOINT = """name => viewer.stage.joints[viewer.motion.joints.findIndex(j => j.name === name)].position.toArray()"""
+OVERFLOW = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
+# labels that cover one another, by their boxes; one pixel is none
+COVERED = """[...document.querySelectorAll('#labels span')].filter(e => !e.hidden).map(e => [e.textContent,
+    e.getBoundingClientRect()]).filter(([, a], i, all) => all.some(([, b], j) => j > i && a.left < b.right - 1
+    && b.left < a.right - 1 && a.top < b.bottom - 4 && b.top < a.bottom - 4)).map(([name]) => name)"""
+COLORS = """() => { viewer.stage.draw(); const gl = viewer.stage.renderer.getContext();
+    const [w, h] = [gl.drawingBufferWidth, gl.drawingBufferHeight]; const p = new Uint8Array(4 * w * h);
+    gl.readPixels(0, 0, w, h, gl.RGBA, gl.UNSIGNED_BYTE, p); let blue = 0, green = 0;
+    for (let i = 0; i < p.length; i += 4) { if (p[i + 2] > p[i] + 60) blue++; if (p[i + 1] > p[i] + 25
+    && p[i + 1] > p[i + 2] + 8) green++; } return [blue, green]; }"""
+
+
+def until(tab, holds):
+    """Wait for something in the page, at most ten seconds; the page's policy forbids what would wait within it."""
+    for _ in range(500):
+        if tab.evaluate(holds):
+            return
+        tab.wait_for_timeout(20)
+    pytest.fail(f"never: {holds}")
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """Chromium or Chrome, if the machine has one."""
+    path = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if path is None:
+        pytest.skip(f"no browser on this machine: none of {', '.join(BROWSERS)} is on the path")
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    with playwright.sync_playwright() as driver:
+        launched = driver.chromium.launch(executable_path=path, args=FLAGS)
+        yield launched
+        launched.close()
+
+
+@pytest.fixture(scope="module")
+def opened(browser, scene, tmp_path_factory):
+    """A tab with the page, and what the browser says of it."""
+    file = write_viewer(scene, tmp_path_factory.mktemp("viewer") / "viewer.html")
+    said = []
+    tab = browser.new_page(viewport={"width": 1000, "height": 700})
+    tab.on("console", lambda message: said.append(f"{message.type}: {message.text}"))
+    tab.on("pageerror", lambda error: said.append(f"error: {error}"))
+    tab.on("request", lambda request: said.append(request.url) if not request.url.startswith(("file:", "data:")) else 0)
+    tab.goto(file.as_uri())
+    if not tab.evaluate("!!window.viewer"):
+        words = tab.locator("#words").text_content()
+        assert "WebGL" in words, (words, said)
+        pytest.skip("the browser of this machine cannot draw in three dimensions")
+    return tab, said
+
+
+@pytest.fixture
+def tab(opened):
+    """The tab at its start; it must have stayed silent."""
+    page, said = opened
+    said.clear()
+    page.evaluate("viewer.playing = false; viewer.frame = 0; say('')")
+    yield page
+    assert said == []
+
+
+def test_what_is_drawn_is_the_scene(tab, scene):
+    """Joints are where the scene has them, in colours of left and right, with their ellipsoids."""
+    shown = scene.at_most(60.0)
+    for frame in (0, 22):
+        tab.evaluate(f"viewer.frame = {frame}")
+        for name in ("left_knee", "right_ankle", "neck"):
+            x = tab.evaluate(JOINT, name)
+            assert np.allclose(x, shown.centers[shown.joints.index(name), :, frame], atol=2e-4)
+    blue, green = tab.evaluate(COLORS)
+    assert blue > 300
+    assert green > 100
+
+
+def test_play_and_pause(tab):
+    """Play moves the joints and the slider; pause stops them; at the end it stops by itself."""
+    before = tab.evaluate(JOINT, "left_wrist")
+    tab.locator("#play").click()
+    assert tab.locator("#play").text_content() == "Pause"
+    until(tab, "viewer.frame >= 3")
+    tab.locator("#play").click()
+    assert tab.locator("#play").text_content() == "Play"
+    frame = tab.evaluate("viewer.frame")
+    assert int(tab.locator("#frame").input_value()) == frame
+    assert tab.evaluate(JOINT, "left_wrist") != before
+    tab.wait_for_timeout(100)
+    assert tab.evaluate("viewer.frame") == frame
+    tab.select_option("#speed", "4")
+    tab.locator("#play").click()
+    until(tab, "!viewer.playing")
+    assert tab.evaluate("viewer.frame") == 44
+    tab.select_option("#speed", "1")
+
+
+def test_speed(tab):
+    """A tick of the clock is that much more of the motion as the speed says."""
+    for speed in ("0.1", "1", "4"):
+        tab.select_option("#speed", speed)
+        time = tab.evaluate("(() => { viewer.time = 0; viewer.last = 0; viewer.advance(100); return viewer.time; })()")
+        assert time == pytest.approx(float(speed) * 0.1)
+    tab.select_option("#speed", "1")
+
+
+def test_scrub(tab):
+    """The slider shows its frame, with the time; so do the arrow keys."""
+    tab.locator("#frame").fill("30")
+    assert tab.evaluate("viewer.frame") == 30
+    assert tab.locator("#clock").text_content() == "0.67 of 0.98 s"
+    tab.locator("#canvas").focus()
+    tab.keyboard.press("ArrowLeft")
+    assert tab.evaluate("viewer.frame") == 29
+    tab.keyboard.press(" ")
+    assert tab.evaluate("viewer.playing")
+    tab.keyboard.press(" ")
+    assert not tab.evaluate("viewer.playing")
+
+
+def test_orbit(tab):
+    """Dragging turns the view about the skeleton; a wheel comes nearer; a side can be chosen."""
+    where = "viewer.stage.camera.position.toArray()"
+    distance = "viewer.stage.camera.position.distanceTo(viewer.stage.orbit.target)"
+    before, far = tab.evaluate(where), tab.evaluate(distance)
+    tab.mouse.move(500, 300)
+    tab.mouse.down()
+    tab.mouse.move(620, 300, steps=3)
+    tab.mouse.up()
+    assert np.linalg.norm(np.subtract(tab.evaluate(where), before)) > 0.5
+    assert tab.evaluate(distance) == pytest.approx(far)
+    tab.mouse.wheel(0, -300)
+    until(tab, f"{distance} < {0.95 * far}")
+    tab.select_option("#view", "top")
+    x, y, z = np.subtract(tab.evaluate(where), tab.evaluate("viewer.stage.orbit.target.toArray()"))
+    assert z > 20 * np.hypot(x, y)
+    tab.select_option("#view", "front")
+    left, right = (tab.evaluate(f"viewer.stage.seen(viewer.stage.point({i}), 100, 100).x") for i in range(2))
+    assert left != right
+
+
+def test_front_is_the_front(tab, scene):
+    """Seen from the front, what is left of the body is on the right of the picture."""
+    tab.select_option("#view", "front")
+    spots = {name: tab.evaluate(f"viewer.stage.seen(viewer.stage.point({scene.joints.index(name)}), 100, 100).x")
+             for name in ("left_hip", "right_hip")}  # fmt: skip
+    assert spots["left_hip"] > spots["right_hip"]
+
+
+def test_switches(tab):
+    """Markers, ellipsoids and names go and come back, by mouse and by key; ellipsoids grow by their factor."""
+    tab.evaluate("viewer.frame = 1")
+    tab.uncheck("#markers")
+    assert not tab.evaluate("viewer.stage.markers.visible")
+    tab.uncheck("#ellipsoids")
+    blue, green = tab.evaluate(COLORS)
+    assert blue > 300
+    assert green < 30
+    tab.uncheck("#labelled")
+    until(tab, "[...document.querySelectorAll('#labels span')].every(e => e.hidden)")
+    tab.locator("#canvas").focus()
+    for key in "men":
+        tab.keyboard.press(key)
+    assert tab.evaluate("viewer.stage.markers.visible")
+    until(tab, "[...document.querySelectorAll('#labels span')].some(e => !e.hidden)")
+    before = tab.evaluate("viewer.stage.ellipsoids[0].scale.x / viewer.stage.factor")
+    tab.select_option("#factor", "10")
+    assert tab.evaluate("viewer.stage.ellipsoids[0].scale.x") == pytest.approx(10 * before)
+
+
+def test_what_is_bridged_or_doubtful(tab, scene):
+    """Frames that are bridged say so, bones to such a joint are faint, and doubts are in the panel."""
+    name = scene.joints[3]
+    assert tab.locator("#state").text_content() == ""
+    tab.evaluate("viewer.frame = 22")
+    assert tab.locator("#state").text_content() == f"{name.replace('_', ' ')} bridged"
+    pairs = [n for n, bone in enumerate(scene.bones) if 3 in bone]
+    assert tab.evaluate(f"viewer.stage.bones[{pairs[0]}].material.opacity") < 1
+    assert "neck: moved too little" in tab.locator("#notes").text_content()
+    assert "true joints" in tab.locator("#source").text_content()
+
+
+def test_another_motion(tab, scene, tmp_path):
+    """The file menu opens another motion, which takes the place of the first, and its name is text."""
+    other = replace(scene.part(slice(0, 20)), name="<b>another</b>")
+    path = write_motion(other, tmp_path / "other.json")
+    tab.set_input_files("#file", path)
+    until(tab, "viewer.motion.frames === 10")
+    assert tab.locator("#name").text_content() == "<b>another</b>"
+    assert tab.locator("#frame").get_attribute("max") == "9"
+    assert not tab.locator("#message").is_visible()
+    tab.set_input_files("#file", write_motion(scene, tmp_path / "back.json"))
+    until(tab, "viewer.motion.frames === 45")
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda d: "not { json", "it is not JSON; open a motion.json"),
+        (lambda d: "[1, 2]", "it is JSON, but no motion"),
+        (lambda d: "null", "it is JSON, but no motion"),
+        (lambda d: d | {"version": 99}, "it is of version 99, and this page reads version 1"),
+        (lambda d: d | {"frames": 46}, 'its array "markers" has'),
+        (lambda d: d | {"frames": -1}, "its number of frames is -1"),
+        (lambda d: d | {"rate": 0}, "its rate is 0"),
+        (lambda d: d | {"bones": [[0, 99]]}, "a bone is not between two of its"),
+        (lambda d: d | {"joints": []}, "its markers, joints or tips are missing"),
+        (lambda d: d | {"arrays": d["arrays"] | {"turns": "!"}}, 'its array "turns" is not base64'),
+        (
+            lambda d: d | {"arrays": d["arrays"] | {"flags": d["arrays"]["flags"][:40]}},
+            'its array "flags" has 30 bytes',
+        ),
+        (lambda d: {k: v for k, v in d.items() if k != "arrays"}, 'its array "markers" is missing'),
+    ],
+)
+def test_a_file_that_is_no_motion(tab, scene, change, words):
+    """What is wrong with a file is said, with its name; what was shown stays."""
+    changed = change(motion(scene))
+    text = changed if isinstance(changed, str) else json.dumps(changed)
+    tab.set_input_files("#file", {"name": "bad.json", "mimeType": "application/json", "buffer": text.encode()})
+    until(tab, "!document.getElementById('message').hidden")
+    said = tab.locator("#words").text_content()
+    assert said.startswith(f"bad.json cannot be opened: {words}"), said
+    assert tab.evaluate("viewer.motion.frames") == 45
+    tab.locator("#dismiss").click()
+    assert not tab.locator("#message").is_visible()
+
+
+@pytest.mark.parametrize(("width", "height"), [(1280, 800), (768, 900), (360, 640)])
+def test_on_screens(tab, width, height):
+    """On a desk, a tablet and a phone the page fits, its controls are reached, and no name covers another."""
+    tab.set_viewport_size({"width": width, "height": height})
+    tab.evaluate("viewer.resize(); viewer.stage.look(''); viewer.redraw()")
+    until(tab, "!viewer.waiting")
+    assert tab.evaluate(OVERFLOW) <= 0
+    for control in ("play", "frame", "speed", "markers", "ellipsoids", "labelled", "open"):
+        box = tab.locator(f"#{control}").bounding_box()
+        assert box["x"] >= 0
+        assert box["x"] + box["width"] <= width
+        assert box["y"] + box["height"] <= height
+    assert tab.locator("#stage").bounding_box()["height"] > 0.5 * height
+    assert tab.evaluate(COVERED) == []
