@@ -38,7 +38,7 @@ def _discard_stale_code() -> None:
     Numba keys a cached function by its own file alone: after a change in a function that it calls, the
     caller would be served from the cache with the old callee inlined. A stamp of all sources prevents it.
     """
-    rooms = [_PACKAGE / name for name in ("sphere", "estimators", "experiment")]
+    rooms = [_PACKAGE / name for name in ("sphere", "estimators", "experiment", "mocap")]
     sources = sorted(path for room in rooms for path in room.glob("*.py"))
     digest = hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()[:16]
     stamp = Path(__file__).parent / "__pycache__" / f"compiled-{digest}"

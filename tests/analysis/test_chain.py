@@ -344,8 +344,8 @@ def at_rim(points, noise, width):
 def test_a_box_that_decides_the_answer(on_cap, noise, width):
     """On a cap of 20° the likelihood does not fall towards a plane: where the integral has mass at the rim, so it says.
 
-    The draws are still the posterior's, unless it has two humps that walkers hardly ever cross between: with other noise
-    (generators 12, 16 and 21) a chain can settle on one of them and look long enough.
+    The draws are still the posterior's, unless it has two humps that walkers hardly ever cross between: with other
+    noise (generators 12, 16 and 21) a chain can settle on one of them and look long enough.
     """
     points, _ = on_cap(np.random.default_rng(18), 50, angle=20.0, d=2, noise=noise)
     grid, share = at_rim(points, noise, width)
