@@ -4,7 +4,9 @@ Every compiled function of the package is decorated with :func:`compiled`, so th
 
 * ``nogil``: threads can run kernels side by side;
 * ``error_model="numpy"``: a division may yield inf or nan instead of raising (and so can be vectorised);
-* ``fastmath`` without ``nnan``/``ninf``: sums may be reordered and contracted, but the logic of NaN stays intact.
+* ``fastmath`` without ``nnan``/``ninf``: sums may be reordered and contracted, but the logic of NaN stays intact;
+* ``forceinline``: a function that two others call is compiled into each. Left to stand alone it has a version in each,
+  and which of them runs depends on whether they were just compiled or come from the cache: bits differed.
 
 A loop over samples keeps its sums in what :func:`zeros` gives: tuples in few dimensions, whose length the compiler
 knows, so that it unrolls the loops over coordinates and vectorises the one over samples; arrays in many. :func:`put`
@@ -60,7 +62,7 @@ _discard_stale_code()
 def compiled(function: F) -> F:
     """Compile a function with the package's options; the result is cached on disk."""
     options = {"reassoc", "contract", "arcp", "nsz"}
-    return cast(F, njit(cache=True, nogil=True, error_model="numpy", fastmath=options)(function))
+    return cast(F, njit(cache=True, nogil=True, error_model="numpy", fastmath=options, forceinline=True)(function))
 
 
 def zeros(dimension: int, per: int = 1) -> Any:
