@@ -5,7 +5,7 @@ from collections.abc import Callable
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Field, SerializerFunctionWrapHandler, model_serializer
 
 from study.experiment.faults import shorten
 from study.experiment.laws import Choice, Constant, Frozen, Law, LogUniform, Uniform, is_number
@@ -114,3 +114,14 @@ class GridDesign(Frozen):
     radius: Annotated[tuple[float, ...], _axis("radius")] = (1.0,)
     center: Annotated[tuple[float, ...], _axis("center")] = (0.0,)
     draws: Literal["shared", "independent"] = "shared"
+    most_samples: Annotated[int, Field(ge=1)] | None = None
+    """Cells of many samples have fewer trials: so many that trials times samples do not exceed this."""
+
+    @model_serializer(mode="wrap")
+    def _written(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Without the limit where there is none: configs from before it was are what they were."""
+        return {k: v for k, v in handler(self).items() if k != "most_samples" or v is not None}
+
+    def trials_of(self, samples: int) -> int:
+        """Number of trials of each cell of so many samples."""
+        return self.trials if self.most_samples is None else max(1, min(self.trials, self.most_samples // samples))

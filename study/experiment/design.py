@@ -146,9 +146,10 @@ def _grid_units(study: Study, design: GridDesign) -> Iterator[Unit]:
             size = block_trials(samples)
             batches: list[Batch] = []
             load, most = 0, math.inf if study.keep == "summary" else _SAMPLES_PER_UNIT
+            trials = design.trials_of(samples)
             levels = 1 if study.route == "moments" else len({cell.level for cell in group})
-            for block, first in enumerate(range(0, design.trials, size)):
-                batches.append(Batch((*name, block), first, min(size, design.trials - first), group))
+            for block, first in enumerate(range(0, trials, size)):
+                batches.append(Batch((*name, block), first, min(size, trials - first), group))
                 load += batches[-1].trials * samples * levels
                 if load >= most:
                     yield Unit(tuple(batches))

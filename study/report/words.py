@@ -135,10 +135,12 @@ def design(study: Study) -> str:
         if axis is not None
     ]
     cells = study.cells()
+    trials = {made.trials_of(n) for n in made.samples}
+    number = count(made.trials) if len(trials) == 1 else f"{count(min(trials))} to {count(max(trials))}"
     if cells == 1:
-        return f"one cell of {count(made.trials)} trials: {'; '.join(values)}"
+        return f"one cell of {number} trials: {'; '.join(values)}"
     draws = "all from the same draws" if made.draws == "shared" else "each with draws of its own"
-    return f"{count(cells)} cells of {count(made.trials)} trials, {draws}: {'; '.join(values)}"
+    return f"{count(cells)} cells of {number} trials, {draws}: {'; '.join(values)}"
 
 
 def _law(law: Constant | Choice | Uniform | LogUniform, unit: str) -> str:
