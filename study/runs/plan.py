@@ -1,21 +1,19 @@
 """What a study will cost, told before it runs: counts, bytes, and seconds from a short calibration."""
 
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
-
-import numpy as np
+from dataclasses import dataclass
 
 from study.experiment.config import Study
-from study.experiment.design import Batch, Cell, Unit, units
-from study.experiment.work import compute
+from study.experiment.design import Cell, units
+from study.experiment.errors import levels
+from study.experiment.work import Reduce
+from study.runs.pace import measure
 
 _ROW_BYTES = 75.0
 """Measured size of a row of a compressed error table, by and large (doubles of noise do not compress)."""
 _POINT_BYTES = 26.0
-_PROBES = 8
-_MOST_PROBED = 200_000
-_EFFICIENCY = 0.5
-"""What a second worker adds: threads share the interpreter. Measured 0.15 (small batches) to 0.8 (large ones)."""
+_ROW_SECONDS = 1e-6
+"""Time to write a row, by and large: a tenth of a second for a hundred thousand."""
+_CELLS_LOOKED_AT = 5000
 
 
 @dataclass(frozen=True)
@@ -55,28 +53,42 @@ class Plan:
         ]
 
 
-def plan(study: Study, jobs: int) -> Plan:
-    """Count a study's work and predict its time, without running it."""
-    cells: dict[int, Cell] = {}
-    n_units = trials = draws = samples = batches = calls = 0
+def plan(study: Study, jobs: int, reduce: Reduce | None = None) -> Plan:
+    """Count a study's work and predict its time, without running it.
+
+    Args:
+        study: the config.
+        jobs: number of workers.
+        reduce: makes the rows of the summary of a study that keeps nothing else.
+    """
+    cells: dict[int, tuple[Cell, ...]] = {}
+    counted: dict[int, int] = {}
+    work: dict[tuple[int, int], int] = {}
+    shares: list[list[tuple[int, int, int]]] = []
+    n_units = trials = draws = samples = 0
     for unit in units(study):
         n_units += 1
+        share: dict[tuple[int, int], int] = {}
         for batch in unit.batches:
+            key = id(batch.cells)
+            if cells.setdefault(key, batch.cells) is not batch.cells or key not in counted:
+                counted[key] = len(list(levels(batch.cells)))
+            kind = (batch.samples, counted[key])
+            share[kind] = share.get(kind, 0) + batch.trials
             size = batch.trials * batch.samples
-            batches, calls = batches + 1, calls + len(batch.cells)
             trials += batch.trials * len(batch.cells)
             draws += size
             samples += size * len(batch.cells)
-            cells.setdefault(hash(batch.cells), batch.cells[len(batch.cells) // 2])
-    kept = min(study.keep_points, study.design.trials) * samples / study.design.trials
+        for kind, count in share.items():
+            work[kind] = work.get(kind, 0) + count
+        shares.append([(*kind, count) for kind, count in share.items()])
+    pace = measure(study, _spread(list(cells.values())), jobs, reduce)
+    seconds = sum(pace.seconds(n, count, level) for (n, level), count in work.items())
+    longest = max(sum(pace.seconds(n, count, level) for n, level, count in share) for share in shares)
     fits = trials * len(study.estimators)
-    chosen = list(cells.values())
-    probes = [chosen[i] for i in np.linspace(0, len(chosen) - 1, min(_PROBES, len(chosen))).astype(int)]
-    with ThreadPoolExecutor(1) as pool:  # not the main thread: see `study.runs.runner`
-        costs = pool.submit(_calibrate, study, probes).result()
-    per_draw, per_sample, per_batch, per_call, per_trial = costs
-    seconds = per_draw * draws + per_sample * samples + per_batch * batches + per_call * calls + per_trial * trials
-    workers = 1.0 + _EFFICIENCY * (min(jobs, n_units) - 1)
+    rows = study.cells() * len(study.estimators) if study.keep == "summary" else fits
+    kept = min(study.keep_points, study.design.trials) * samples / study.design.trials
+    seconds += pace.summary * study.cells() if study.keep == "summary" else 0.0
     return Plan(
         cells=study.cells(),
         units=n_units,
@@ -84,36 +96,12 @@ def plan(study: Study, jobs: int) -> Plan:
         draws=draws,
         samples=samples,
         fits=fits,
-        bytes=_ROW_BYTES * fits + _POINT_BYTES * kept,
-        seconds=float(seconds / workers),
+        bytes=_ROW_BYTES * rows + _POINT_BYTES * kept,
+        seconds=max(seconds / min(jobs, n_units), longest) + _ROW_SECONDS * rows,
     )
 
 
-_DRAW_STEPS = ("draw", "bound")
-
-
-def _calibrate(study: Study, probes: list[Cell]) -> tuple[float, float, float, float, float]:
-    """Seconds per sample drawn, per sample fitted, per batch, per cell of a batch, and per trial.
-
-    The study's own conditions are run at three sizes - one trial of few samples, many of them, one of many samples -
-    which separates what costs per call, per trial and per sample.
-    """
-    large = max(2000, min(_MOST_PROBED, max(cell.samples for cell in probes)))
-    small = max(12, study.dimension + 1)
-    sizes = [(small, 1), (small, 200), (large, 1)]
-    drawing, fitting = np.zeros(len(sizes)), np.zeros(len(sizes))
-    for index, (count, trials) in enumerate(sizes):
-        batches = tuple(
-            Batch(("probe", i), 0, trials, (replace(cell, samples=count),)) for i, cell in enumerate(probes)
-        )
-        seconds = []
-        for _ in range(3):
-            timings = compute(study.model_copy(update={"keep_points": 0}), Unit(batches)).timings
-            draw = np.isin(timings["step"].astype(str), _DRAW_STEPS)
-            seconds.append((timings["seconds"][draw].sum(), timings["seconds"][~draw].sum()))
-        drawing[index], fitting[index] = np.median(seconds, axis=0) / len(probes)
-    # call + trials (per trial + samples × per sample), solved for the three costs
-    matrix = np.array([[1.0, trials, trials * count] for count, trials in sizes])
-    batch, draw_trial, per_draw = np.maximum(np.linalg.solve(matrix, drawing), 0.0)
-    call, trial, per_sample = np.maximum(np.linalg.solve(matrix, fitting), 0.0)
-    return per_draw, per_sample, batch, call, trial + draw_trial
+def _spread(groups: list[tuple[Cell, ...]]) -> list[Cell]:
+    """Some hundreds of cells of all groups, or all of them."""
+    every = max(1, sum(map(len, groups)) // _CELLS_LOOKED_AT)
+    return [cell for group in groups for cell in group][::every]
