@@ -18,6 +18,7 @@ from study.figures import (
     fig7_power_law,
     fig_calibration,
     fig_efficiency,
+    fig_map,
     fig_posterior,
     style,
 )
@@ -43,6 +44,7 @@ FIGURES: dict[str, Drawing] = {
     "fig6_mgdk": fig6_mgdk,
     "fig7_power_law": fig7_power_law,
     "fig_efficiency": fig_efficiency,
+    "fig_map": fig_map,
     "fig_posterior": fig_posterior,
     "fig_calibration": fig_calibration,
 }

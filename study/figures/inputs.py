@@ -23,7 +23,7 @@ class Tables:
         dimension: d of the spheres.
         design: "grid" or "random".
         noise_shape: covariance of a sample in units of σ² (d, d).
-        errors: the error table; see `study.runs.tables.errors`.
+        rows: the error table, `errors` to the figures; None if the study kept its summary alone.
         summary: the summary table; see `study.runs.tables.summary`.
         points: the points of the trials that were kept; None if none were.
         posterior: a row per chain; None if none was run. See `study.runs.tables.posterior`.
@@ -36,7 +36,7 @@ class Tables:
     dimension: int
     design: str
     noise_shape: NDArray[np.float64]
-    errors: pd.DataFrame
+    rows: pd.DataFrame | None
     summary: pd.DataFrame
     points: pd.DataFrame | None = None
     posterior: pd.DataFrame | None = None
@@ -59,13 +59,25 @@ class Tables:
             design=study.design.kind,
             independent=study.independent(),
             noise_shape=np.eye(study.dimension) if shape is None else np.array(shape),
-            errors=run.table("errors"),
+            rows=run.table("errors") if study.keep == "errors" else None,
             summary=run.table("summary"),
             points=run.table("points") if study.keep_points else None,
             **{name: run.table(name) for name in ("posterior", "answers", "draws") if run.has("posterior")},
         )
 
     @property
+    def errors(self) -> pd.DataFrame:
+        """The error table; see `study.runs.tables.errors`.
+
+        Raises:
+            NotApplicable: if the study kept its summary alone.
+        """
+        if self.rows is None:
+            raise NotApplicable('needs every error: keep = "errors" in the config')
+        return self.rows
+
+    @property
     def estimators(self) -> list[str]:
         """Names of the estimators, in the order of the config."""
-        return [str(name) for name in self.errors["estimator"].unique()]
+        table = self.summary if self.rows is None else self.rows
+        return [str(name) for name in table["estimator"].unique()]

@@ -104,7 +104,7 @@ def frames(runs):
 HAS = {
     "circles": ["fig3_gdke_ellipse", "fig4_ugdk_ellipse", "fig5_methods", "fig7_power_law"],
     "markers": ["fig6_mgdk"],
-    "noises": ["fig_efficiency"],
+    "noises": ["fig_efficiency", "fig_map"],
     "posteriors": ["fig_posterior", "fig_calibration"],
     "random": ["fig2_error"],
 }
@@ -205,7 +205,7 @@ def test_figures_carry_the_runs_name_and_trials(runs, frames, kind, name):
 def test_tables_are_left_alone(circles, name):
     """A figure changes none of the tables that the next one is drawn from."""
     tables = Tables.of(circles)
-    before = dataclasses.replace(tables, errors=tables.errors.copy(), summary=tables.summary.copy())
+    before = dataclasses.replace(tables, rows=tables.errors.copy(), summary=tables.summary.copy())
     FIGURES[name].draw(FIGURES[name].prepare(tables)).draw_without_rendering()
     assert tables.errors.equals(before.errors)
     assert tables.summary.equals(before.summary)

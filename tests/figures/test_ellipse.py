@@ -118,9 +118,9 @@ def test_reasons(circle_tables, power_tables, figure):
         figure.prepare(dataclasses.replace(circle_tables, points=None))
     errors = circle_tables.errors
     with pytest.raises(NotApplicable, match="estimator ugdk"):
-        figure.prepare(dataclasses.replace(circle_tables, errors=errors[errors["estimator"] != "ugdk"]))
+        figure.prepare(dataclasses.replace(circle_tables, rows=errors[errors["estimator"] != "ugdk"]))
     with pytest.raises(NotApplicable, match="at least 50 trials"):
-        figure.prepare(dataclasses.replace(circle_tables, errors=errors[errors["trial"] < 20]))
+        figure.prepare(dataclasses.replace(circle_tables, rows=errors[errors["trial"] < 20]))
     failed = errors.assign(status=int(Status.SINGULAR))
     with pytest.raises(NotApplicable, match="no ok fit"):
-        figure.prepare(dataclasses.replace(circle_tables, errors=failed))
+        figure.prepare(dataclasses.replace(circle_tables, rows=failed))

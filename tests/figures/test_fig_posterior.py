@@ -186,7 +186,7 @@ def test_tables_as_stored(tables):
         made,
         posterior=made.posterior.astype(dict.fromkeys(words, "category")),
         draws=made.draws.astype(dict.fromkeys(words, "category")),
-        errors=made.errors.astype({"cell": "category", "estimator": "category"}),
+        rows=made.errors.astype({"cell": "category", "estimator": "category"}),
     )
     one, other = (fig_posterior.prepare(each) for each in (made, stored))
     assert (one.stamp, one.names) == (other.stamp, other.names)
@@ -228,7 +228,7 @@ def test_a_trial_that_no_estimator_answers(tables):
 def test_in_the_plane(tables):
     """Two dimensions have the same two planes."""
     made = tables([chain("c", 1)])
-    flat = {name: getattr(made, name).drop(columns="error_3") for name in ("errors", "draws")}
+    flat = {name: getattr(made, name).drop(columns="error_3") for name in ("rows", "draws")}
     frame = fig_posterior.prepare(dataclasses.replace(made, dimension=2, **flat))
     np.testing.assert_array_equal(frame.views[0].share, fig_posterior.prepare(made).views[0].share)
     fig_posterior.draw(frame).draw_without_rendering()
