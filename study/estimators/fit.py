@@ -43,6 +43,7 @@ class Status(Worded):
     NOT_FINITE = 6, "a coordinate is not finite, or so large that its fourth power is not"
     INSIGNIFICANT = 7, "along some direction the points' extent is within the noise: the centre is unreliable"
     HINGE = 8, "the points lie on an arc or in a plane, within the noise: the centre was taken in their plane"
+    FAILED = 9, "the estimator raised an exception, or the worker that ran it died"
 
 
 def explain(status: int) -> str:
@@ -73,6 +74,14 @@ class Samples:
         samples = cls(np.empty((*regression.mean.shape, 0)), noise)
         samples.__dict__["regression"] = regression  # in place of the cached property
         return samples
+
+    def only(self, index: int) -> "Samples":
+        """One set of the batch."""
+        one = slice(index, index + 1)
+        noise = self.noise[one] if isinstance(self.noise, np.ndarray) and self.noise.ndim == 1 else self.noise
+        if self.x.shape[2] or "regression" not in self.__dict__:
+            return Samples(self.x[one], noise)
+        return Samples.of_regression(self.regression.only(index), noise)
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -230,6 +239,7 @@ class Estimator:
         flops_of: what they are for, where that is not the whole fit.
         caution: what a user should know beside the answer, whatever its status.
         moments_suffice: whether it looks at ``Samples.moments`` alone.
+        version: to be raised with every change of its numbers, so that runs do not mix old rows with new ones.
     """
 
     function: Callable[[Samples], Fit]
@@ -239,6 +249,7 @@ class Estimator:
     flops_of: str = ""
     caution: str = ""
     moments_suffice: bool = False
+    version: int = 1
 
     def __call__(self, samples: Samples) -> Fit:
         """Fit."""

@@ -47,6 +47,8 @@ class Study(Frozen):
     """Covariance of a sample in units of σ² (d, d); the identity if absent."""
     keep_points: Annotated[int, Field(ge=0)] = 0
     """The trials whose points are stored: those with a number below this one, in each cell."""
+    tolerate_failures: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
+    """Share of the fits that may fail - raise, or kill their worker - before a complete run counts as a bad one."""
     route: Literal["points", "moments"] = "points"
     """How fits are computed: from points, as the paper did, rounding included; or, closed forms only, from the joint
     moments of directions and noise, which gives the statistical error alone and all noise levels at once."""
@@ -68,9 +70,17 @@ class Study(Frozen):
         return isinstance(self.design, RandomDesign) or self.design.draws == "independent" or self.cells() == 1
 
     def canonical(self) -> str:
-        """All that determines the error table, as JSON: the config without its ``[posterior]``."""
-        usual = {name for name in ("route", "keep") if getattr(self, name) == type(self).model_fields[name].default}
-        return self.model_dump_json(exclude={"posterior", *usual})
+        """All that determines the error table, as JSON: the config without its ``[posterior]`` and tolerance."""
+        return self.model_dump_json(exclude={"posterior", "tolerate_failures", *self._usual()})
+
+    def stem(self) -> str:
+        """What determines any row besides its condition, trial and estimator, as JSON: the seed, for example."""
+        left_out = {"posterior", "tolerate_failures", "name", "design", "estimators", "keep_points"}
+        return self.model_dump_json(exclude={*left_out, *self._usual()})
+
+    def _usual(self) -> set[str]:
+        """Keys that leave no trace at their defaults, so that configs from before they were are what they were."""
+        return {name for name in ("route", "keep") if getattr(self, name) == type(self).model_fields[name].default}
 
     def digest(self) -> str:
         """Ten hexadecimal digits that stand for the canonical config."""

@@ -1,12 +1,15 @@
 """One trial again, from its name: the same points to the last bit, wherever its run was made."""
 
+import difflib
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 from study.estimators import Samples
 from study.experiment.config import Study
-from study.experiment.design import Batch, Cell, units
+from study.experiment.design import Batch, Cell, RandomGroup, Span, spans, units
 from study.experiment.sampling import Floats, draw
+
+_MOST_COMPARED = 20_000
 
 
 class ReplayError(Exception):
@@ -56,6 +59,61 @@ def addresses(study: Study) -> Iterator[Address]:
                     yield Address(batch, cell, trial)
 
 
+def locate(study: Study, cell: str) -> tuple[Cell, list[Span]]:
+    """A cell of a study by its name.
+
+    Args:
+        study: the config.
+        cell: the cell's name, or its beginning, as far as no other begins so.
+
+    Returns:
+        The cell, and the units, or their share, that hold its trials.
+
+    Raises:
+        ReplayError: if there is no such cell, or more than one.
+    """
+    found: dict[str, tuple[Cell, list[Span]]] = {}
+    names: list[str] = []
+    group: object = None
+    matching: list[Cell] = []
+    for span in spans(study):
+        if isinstance(span.group, RandomGroup):
+            for batch in span.unit().batches:
+                names += [batch.cells[0].name] * (len(names) < _MOST_COMPARED)
+                if batch.cells[0].name.startswith(cell):
+                    place = found.setdefault(batch.cells[0].name, (batch.cells[0], []))
+                    place[1].append(Span(span.group, batch.first, batch.first + 1))
+            continue
+        if span.group is not group:  # its units come one after the other
+            group, matching = span.group, [c for c in span.group.cells if c.name.startswith(cell)]
+            names += [c.name for c in span.group.cells[: _MOST_COMPARED - len(names)]]
+        for each in matching:
+            found.setdefault(each.name, (each, []))[1].append(span)
+    if not found:
+        near = difflib.get_close_matches(cell, names, n=1)
+        hint = f"did you mean {near[0]}? The" if near else "the"
+        raise ReplayError(
+            f"cell {cell!r}: no such cell in {study.run_name()}; {hint} error table's first column has them"
+        )
+    if len(found) > 1:
+        raise ReplayError(f"cell {cell!r}: not one cell but {len(found)}: {', '.join(sorted(found)[:5])} …")
+    return next(iter(found.values()))
+
+
+def named(cell: str, trial: int | None) -> tuple[str, int]:
+    """A cell's name and a trial's number from what a user gives: both, or one name, ``CELL/TRIAL``.
+
+    Raises:
+        ReplayError: if it is neither.
+    """
+    name, _, number = cell.partition("/")
+    if trial is None and number.isascii() and number.isdigit():
+        return name, int(number)
+    if trial is None or number:
+        raise ReplayError(f"trial {cell!r}: give a cell and the number of a trial, or both as CELL/TRIAL")
+    return cell, trial
+
+
 def find(study: Study, cell: str, trial: int) -> Address:
     """Where a trial of a cell is drawn.
 
@@ -67,24 +125,15 @@ def find(study: Study, cell: str, trial: int) -> Address:
     Raises:
         ReplayError: if there is no such cell, more than one, or no such trial in it.
     """
-    trials: dict[str, set[int]] = {}
-    found: Address | None = None
-    for unit in units(study):
-        for batch in unit.batches:
-            for each in (c for c in batch.cells if c.name.startswith(cell)):
-                trials.setdefault(each.name, set()).update(range(batch.first, batch.first + batch.trials))
-                if batch.first <= trial < batch.first + batch.trials:
-                    found = Address(batch, each, trial)
-    if not trials:
-        raise ReplayError(f"cell {cell!r}: no such cell in {study.run_name()}; the error table's first column has them")
-    if len(trials) > 1:
-        raise ReplayError(f"cell {cell!r}: not one cell but {len(trials)}: {', '.join(sorted(trials)[:5])} …")
-    if found is None:
-        ((name, numbers),) = trials.items()
-        first, last = min(numbers), max(numbers)
-        span = f"{first} to {last}" if 1 < len(numbers) == last - first + 1 else ", ".join(map(str, sorted(numbers)))
-        raise ReplayError(f"trial {trial}: cell {name} has trial {span}")
-    return found
+    place, where = locate(study, cell)
+    for span in where:
+        if span.first <= trial < span.last:
+            batches = span.unit().batches
+            return Address(next(b for b in batches if b.first <= trial < b.first + b.trials), place, trial)
+    first, last = where[0].first, where[-1].last - 1
+    whole = 1 < sum(span.last - span.first for span in where) == last - first + 1
+    said = f"{first} to {last}" if whole else ", ".join(str(i) for s in where for i in range(s.first, s.last))
+    raise ReplayError(f"trial {trial}: cell {place.name} has trial {said}")
 
 
 def replay(study: Study, address: Address) -> Trial:

@@ -98,16 +98,20 @@ class Draws:
 def draw(study: Study, batches: Sequence[Batch], array: Array = new) -> Draws:
     """Draw batches of equal cells from their named streams: heights from one, normals from another for each."""
     d, samples, angle = study.dimension, batches[0].samples, math.radians(batches[0].angle)
-    trials = sum(batch.trials for batch in batches)
+    trials = sum(batch.skip + batch.trials for batch in batches)
     uniform = array("uniform", (trials, samples))
     directions, noise = array("directions", (trials, d, samples)), array("noise", (trials, d, samples))
+    used = np.ones(trials, dtype=bool)
     first = 0
     for batch in batches:
-        part = slice(first, first + batch.trials)
+        part = slice(first, first + batch.skip + batch.trials)
         stream(study.seed, "heights", *batch.stream).random(out=uniform[part])
         normals = state_of(stream(study.seed, "normals", *batch.stream))
         cap.draw(normals, cap.heights(uniform[part], angle, d), directions[part], noise[part])
-        first += batch.trials
+        used[first : first + batch.skip] = False
+        first = part.stop
+    if not used.all():
+        directions, noise = directions[used], noise[used]
     covariance = np.eye(d)
     if study.noise_shape is not None:
         covariance = np.array(study.noise_shape)

@@ -7,7 +7,9 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
-from study.estimators import ESTIMATORS, Fit, Samples
+from study.estimators import Samples, Status
+from study.estimators.fit import blank
+from study.experiment.attempt import Failures, attempt
 from study.experiment.config import Study
 from study.experiment.design import Batch, Cell, Unit
 from study.experiment.errors import Columns, Errors, levels
@@ -23,19 +25,16 @@ Reduce = Callable[[Errors], Columns]
 
 @dataclass(frozen=True)
 class Result:
-    """What a unit computes: columns of equal length for each table."""
+    """What a unit computes: columns of equal length for each table, none where it has no rows."""
 
     errors: Columns
     timings: Columns
     points: Columns
+    failures: Columns
     summary: Columns
 
 
 _workspace = Workspace()
-
-
-class WorkError(Exception):
-    """An estimator raised; the message names it and the data."""
 
 
 class Clock:
@@ -74,17 +73,41 @@ def compute(study: Study, unit: Unit, reduce: Reduce | None = None) -> Result:
         unit: the work.
         reduce: where a study keeps summaries alone, what makes them of the errors of the unit's cells.
     """
-    clock, kept = Clock(), Kept(study)
-    found = _from_moments(study, unit, clock) if study.route == "moments" else _from_points(study, unit, clock, kept)
+    clock, kept, failures = Clock(), Kept(study), Failures(study.estimators)
+    if study.route == "moments":
+        found = _from_moments(study, unit, clock, failures)
+    else:
+        found = _from_points(study, unit, clock, kept, failures)
     blocks = list(found)
+    errors, summary = _told(study, blocks, reduce)
+    if summary:
+        clock.read("summary", unit.batches[0].samples, sum(block.radius.size for block in blocks))
+    return Result(errors, clock.columns(), stack(kept.columns()), failures.columns(), summary)
+
+
+def lost(study: Study, unit: Unit, message: str, reduce: Reduce | None = None) -> Result:
+    """What is told of a unit that could not be computed: every fit failed, and the bounds are not known."""
+    d, blocks, failures = study.dimension, [], Failures(study.estimators, "worker")
+    for batch in unit.batches:
+        fit, bound = blank(batch.trials, d), np.full((batch.trials, d + 1, d + 1), np.nan)
+        fit.status[:] = Status.FAILED
+        errors, all_cells = Errors.blank(batch.cells, study.estimators, batch.first, bound), range(len(batch.cells))
+        for index, name in enumerate(study.estimators):
+            errors.record(all_cells, index, fit, np.zeros(d), 0.0)
+            failures.note(name, all_cells, [batch], dict.fromkeys(range(batch.trials), message))
+        blocks.append(errors)
+    rows, summary = _told(study, blocks, reduce)
+    return Result(rows, {}, {}, failures.columns(), summary)
+
+
+def _told(study: Study, blocks: list[Errors], reduce: Reduce | None) -> tuple[Columns, Columns]:
+    """Rows of the errors and of the summary: those that the study keeps."""
     if study.keep == "errors" or reduce is None:
-        return Result(stack(block.columns() for block in blocks), clock.columns(), stack(kept.columns()), {})
-    summary = reduce(Errors.joined(blocks))
-    clock.read("summary", unit.batches[0].samples, sum(block.radius.size for block in blocks))
-    return Result({}, clock.columns(), {}, summary)
+        return stack(block.columns() for block in blocks), {}
+    return {}, reduce(Errors.joined(blocks))
 
 
-def _from_points(study: Study, unit: Unit, clock: Clock, kept: "Kept") -> Iterator[Errors]:
+def _from_points(study: Study, unit: Unit, clock: Clock, kept: "Kept", failures: Failures) -> Iterator[Errors]:
     """Form the points of each level and fit them: what the paper did, and what shows rounding."""
     for batches in together(unit.batches):
         n, cells, first = batches[0].samples, batches[0].cells, batches[0].first
@@ -100,18 +123,16 @@ def _from_points(study: Study, unit: Unit, clock: Clock, kept: "Kept") -> Iterat
             samples.regression.along  # noqa: B018  now, so that no estimator is charged for what all share
             clock.read("moments", n, trials)
             for index, name in enumerate(study.estimators):
-                fit = _fit(name, samples, cells[places[0]], first, trials)
+                fit, raised = attempt(name, samples)
                 errors.record(places, index, fit, np.array(level.center), level.radius)
+                failures.note(name, places, batches, raised)
                 clock.read(name, n, trials)
             for place in places:
                 kept.take(cells[place], batches, samples)
-        start = 0
-        for batch in batches:
-            yield errors.trials(start, batch.trials)
-            start += batch.trials
+        yield from _by_batch(errors, batches)
 
 
-def _from_moments(study: Study, unit: Unit, clock: Clock) -> Iterator[Errors]:
+def _from_moments(study: Study, unit: Unit, clock: Clock, failures: Failures) -> Iterator[Errors]:
     """Reduce the draws to their joint moments, and fit all levels of all trials from those: statistics alone."""
     parts, bounds, cells = [], [], unit.batches[0].cells
     for batches in together(unit.batches):
@@ -134,10 +155,19 @@ def _from_moments(study: Study, unit: Unit, clock: Clock) -> Iterator[Errors]:
         regression.along  # noqa: B018
         clock.read("points", n, trials)
         for index, name in enumerate(study.estimators):
-            fit = _fit(name, samples, cells[places[0]], errors.first, trials)
+            fit, raised = attempt(name, samples)
             errors.record(places, index, fit, np.zeros(d), 0.0)
+            failures.note(name, places, unit.batches, raised)
             clock.read(name, n, trials)
-    yield errors
+    yield from _by_batch(errors, unit.batches)
+
+
+def _by_batch(errors: Errors, batches: Sequence[Batch]) -> Iterator[Errors]:
+    """The errors of each batch: the order of rows does not depend on what was computed together."""
+    start = 0
+    for batch in batches:
+        yield errors.trials(start, batch.trials)
+        start += batch.trials
 
 
 def together(batches: Sequence[Batch]) -> Iterator[list[Batch]]:
@@ -151,15 +181,6 @@ def together(batches: Sequence[Batch]) -> Iterator[list[Batch]]:
         group.append(batch)
     if group:
         yield group
-
-
-def _fit(name: str, samples: Samples, cell: Cell, first: int, trials: int) -> Fit:
-    """Call an estimator; what it raises is told with the data that it raised on."""
-    try:
-        return ESTIMATORS[name](samples)
-    except Exception as error:
-        last = first + trials - 1
-        raise WorkError(f"{name} on cell {cell.name}, trials {first} to {last}: {error!r}") from error
 
 
 def stack(parts: Iterable[Columns]) -> Columns:

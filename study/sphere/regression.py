@@ -6,7 +6,7 @@ answer does not depend on o. From the points themselves o is the centroid, and t
 (`study.sphere.joint`), and so is the answer.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
@@ -51,6 +51,10 @@ class Regression:
             variance = moments.fourth / n - square * square
         nothing = np.zeros(moments.mean.shape)
         return cls(n, moments.mean, nothing, moments.covariance, moments.third_central, variance, square, np.zeros(b))
+
+    def only(self, index: int) -> "Regression":
+        """That of one set of the batch."""
+        return Regression(*(getattr(self, each.name)[index : index + 1] for each in fields(self)))
 
     @cached_property
     def spectrum(self) -> tuple[Floats, Floats]:

@@ -59,7 +59,7 @@ def test_through_the_library(rng, on_cap, d):
 @pytest.mark.usefixtures("registered")
 def test_in_a_study(tmp_path):
     """A config that names it is valid, and its rows stand in the run's table beside the others', on the same points."""
-    runner.run(parse(CONFIG), CONFIG, tmp_path / "run", jobs=2)
+    runner.run(parse(CONFIG), CONFIG, tmp_path / "run", 2)
     table = pd.read_parquet(tmp_path / "run" / "errors.parquet")
     mine, theirs = (table[table["estimator"] == name].reset_index(drop=True) for name in ("coope", "gdke"))
     assert len(mine) == len(theirs) == 40 * 4

@@ -1,5 +1,6 @@
 """One unit of work: rows that compare each fit with its truth, and an estimator that raises."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -7,9 +8,9 @@ import pytest
 
 import study
 from study.estimators.fit import Estimator, blank
-from study.experiment.design import units
+from study.experiment.design import Span, spans, units
 from study.experiment.sampling import draw
-from study.experiment.work import Result, WorkError, compute
+from study.experiment.work import Result, compute, lost
 
 ANSWER = (3.0, -4.0, 12.0, 0.5, 0.25)
 
@@ -109,8 +110,9 @@ def test_rows_are_fits_of_the_stored_points(make_study, name, shaped):
     try:
         study.fit(np.eye(4, 3), name, noise)
     except ValueError:  # an estimator that takes no covariance says so in a run, too
-        with pytest.raises(WorkError, match=name):
-            compute(made, next(units(made)))
+        result = compute(made, next(units(made)))
+        assert set(result.errors["status"]) == {study.Status.FAILED}
+        assert all(message.startswith("ValueError: ") for message in result.failures["message"])
         return
     result = compute(made, next(units(made)))
     x = np.stack([result.points[f"x_{i + 1}"] for i in range(3)], axis=-1).reshape(3, 30, 3)
@@ -163,18 +165,90 @@ def test_timings_account_for_every_fit(make_study):
         assert np.all(result.timings["seconds"] >= 0.0)
 
 
-def test_an_estimator_that_raises_is_named(make_study, monkeypatch):
-    """What a user's estimator raises is told with its name, the cell, the trials and the reason."""
+@pytest.fixture
+def sometimes(monkeypatch):
+    """An estimator that is lls, but raises on batches with points of a first coordinate above 1.2."""
 
-    def broken(samples):
-        raise ZeroDivisionError("my own mistake")
+    def estimator(samples):
+        if samples.x[:, 0].max() > 1.2:
+            raise ZeroDivisionError("my own mistake")
+        return study.ESTIMATORS["lls"](samples)
 
-    monkeypatch.setitem(study.ESTIMATORS, "broken", Estimator(broken, "a test"))
-    made = make_study({"estimators": ["lls", "broken"]}, trials=5)
+    monkeypatch.setitem(study.ESTIMATORS, "sometimes", Estimator(estimator, "a test"))
+
+
+@pytest.mark.usefixtures("sometimes")
+def test_an_exception_is_a_status_of_its_trial(make_study):
+    """The trials on which an estimator raises are told by name; the others, and other estimators, are as ever."""
+    made = make_study({"estimators": ["lls", "sometimes"], "keep_points": 40}, trials=40, noise=[0.1, 0.2])
+    result = compute(made, next(units(made)))
+    found, failures, points = result.errors, result.failures, result.points
+    mine, lls = found["estimator"] == "sometimes", found["estimator"] == "lls"
+    failed = found["status"][mine] == study.Status.FAILED
+    pairs = list(zip(found["cell"][mine], found["trial"][mine], strict=True))
+    large = {(c, t) for c, t, x in zip(points["cell"], points["trial"], points["x_1"], strict=True) if x > 1.2}
+    assert 5 < len(large) < 75
+    assert {pair for pair, bad in zip(pairs, failed, strict=True) if bad} == large
+    for name in ("error", "radius_error", "status"):
+        np.testing.assert_array_equal(found[name][mine][~failed], found[name][lls][~failed])
+        assert name == "status" or np.isnan(found[name][mine][failed]).all()
+    np.testing.assert_array_equal(found["bound"][mine], found["bound"][lls])
+    assert not np.any(found["status"][lls] == study.Status.FAILED)
+    assert set(zip(failures["cell"], failures["trial"], strict=True)) == large
+    assert set(failures["estimator"]) == {"sometimes"}
+    assert set(failures["message"]) == {"ZeroDivisionError: my own mistake"}
+    assert set(failures["cause"]) == {"exception"}
+    assert list(failures["name"]) == [f"{c}/{t}" for c, t in zip(failures["cell"], failures["trial"], strict=True)]
+
+
+@pytest.mark.usefixtures("sometimes")
+def test_failures_do_not_depend_on_batches(make_study, monkeypatch):
+    """The same trials fail, with the same numbers beside them, whatever is computed together."""
+    made = make_study({"estimators": ["sometimes"]}, trials=12, noise=0.2)
+    whole = compute(made, next(units(made))).errors
+    group = next(spans(made)).group
+    for first, last in ((0, 5), (5, 6), (6, 12)):
+        part = compute(made, Span(group, first, last).unit()).errors
+        for name, column in part.items():
+            np.testing.assert_array_equal(column, whole[name][first:last])
+
+
+@pytest.mark.parametrize("wrong", ["center", "radius", "status"])
+def test_answers_of_another_shape_are_failures(make_study, monkeypatch, wrong):
+    """An estimator that gives fewer answers than it was given sets fails on all of them, not silently."""
+
+    def short(samples):
+        fit = study.ESTIMATORS["lls"](samples)
+        return dataclasses.replace(fit, **{wrong: getattr(fit, wrong)[:0]})
+
+    monkeypatch.setitem(study.ESTIMATORS, "short", Estimator(short, "a test"))
+    made = make_study({"estimators": ["short"]}, trials=3)
+    result = compute(made, next(units(made)))
+    assert set(result.errors["status"]) == {study.Status.FAILED}
+    assert all(f"ValueError: {wrong} has shape (0," in message for message in result.failures["message"])
+
+
+def test_a_long_message_is_cut(make_study, monkeypatch):
+    """A message is not longer than a line or some."""
+
+    def talkative(samples):
+        raise RuntimeError("x" * 10_000)
+
+    monkeypatch.setitem(study.ESTIMATORS, "talkative", Estimator(talkative, "a test"))
+    made = make_study({"estimators": ["talkative"]}, trials=1)
+    assert [len(m) for m in compute(made, next(units(made))).failures["message"]] == [500]
+
+
+def test_a_lost_unit(make_study):
+    """A unit that could not be computed has all its rows, in the same order, failed and without numbers."""
+    made = make_study({"estimators": ["ugdk", "lls"]}, trials=4, noise=[0.1, 0.2])
     unit = next(units(made))
-    with pytest.raises(WorkError) as caught:
-        compute(made, unit)
-    said = str(caught.value)
-    assert all(word in said for word in ("broken", unit.batches[0].cells[0].name, "trials 0 to 4", "my own mistake"))
-    assert isinstance(caught.value.__cause__, ZeroDivisionError)
-    assert "\n" not in said
+    told, real = lost(made, unit, "the worker died"), compute(made, unit)
+    assert list(told.errors) == list(real.errors)
+    for name in ("cell", "trial", "estimator", "samples", "noise", "angle", "radius", "center"):
+        np.testing.assert_array_equal(told.errors[name], real.errors[name])
+    assert set(told.errors["status"]) == {study.Status.FAILED}
+    assert np.isnan(told.errors["error"]).all()
+    assert np.isnan(told.errors["bound"]).all()
+    assert len(told.failures["message"]) == len(told.errors["trial"])
+    assert set(told.failures["cause"]) == {"worker"}
