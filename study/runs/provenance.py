@@ -1,8 +1,10 @@
 """Where a run's numbers come from: versions, commit, machine, threads."""
 
+import hashlib
 import os
 import platform
 import subprocess
+from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -11,6 +13,7 @@ from threadpoolctl import threadpool_info
 
 import study
 
+_HOME = Path(__file__).parents[1]
 _PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "pandas", "pyarrow", "joblib", "matplotlib")
 
 
@@ -23,6 +26,37 @@ def software() -> dict[str, Any]:
         "python": platform.python_version(),
         "packages": {name: _version(name) for name in _PACKAGES},
         "code_generated_for": os.environ.get("NUMBA_CPU_NAME", "native"),
+    }
+
+
+def described(software: Mapping[str, Any]) -> str:
+    """Version and commit, for a reader."""
+    commit = software.get("commit")
+    words = f"version {software.get('study', 'unknown')}" + (f", commit {commit[:10]}" if commit else "")
+    return words + (" with changes" if software.get("dirty") else "")
+
+
+def other_version(made: Mapping[str, Any]) -> str | None:
+    """A warning if something was made by another version of this program; None if not, or if it is not known."""
+    if not made or (made.get("study"), made.get("commit")) == (study.__version__, _git("rev-parse", "HEAD")):
+        return None
+    return f"made by {described(made)}; this is {described(software())}, whose numbers may differ"
+
+
+def fingerprint() -> dict[str, str | None]:
+    """What determines the bytes of an error table besides its config, of this very process."""
+    import llvmlite.binding
+    import numpy  # noqa: F401  whose linear algebra is asked for its kernels
+    from numba.core import config
+
+    sources = sorted(path for room in ("sphere", "estimators", "experiment") for path in (_HOME / room).glob("*.py"))
+    blas = {str(pool.get("architecture")) for pool in threadpool_info() if pool["user_api"] == "blas"}
+    return {
+        "study": study.__version__,
+        "sources": hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()[:12],
+        **{name: _version(name) for name in ("numpy", "scipy", "numba", "llvmlite", "emcee")},
+        "code generated for": getattr(config, "CPU_NAME", None) or llvmlite.binding.get_host_cpu_name(),
+        "BLAS kernels for": ", ".join(sorted(blas)),
     }
 
 

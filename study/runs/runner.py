@@ -1,103 +1,166 @@
-"""From units to the store: joblib computes, the parent writes each unit as it comes back."""
+"""From a study to its finished run: what is missing is computed, stored as it comes back, and joined at the end."""
 
 import contextlib
-import time
-import warnings
-from collections.abc import Callable, Generator
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+import sys
+from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 
-from joblib import Parallel, delayed
 from threadpoolctl import threadpool_limits
 
 from study.experiment.config import Study
-from study.experiment.design import Unit, units
-from study.experiment.work import Result, compute
+from study.experiment.design import spans
+from study.experiment.work import Reduce
 from study.runs import provenance
+from study.runs.finish import finish
+from study.runs.growth import Cut, Earlier, beside, damaged, finished, up_to_date
+from study.runs.jobs import Asked, Job, Order, execute, give_up
+from study.runs.lock import writing
+from study.runs.parts import Parts
 from study.runs.store import Run
+from study.runs.workers import Crew, Pool, Workers, kept
 
 Progress = Callable[[float], None]
-"""Told the share of the work, in [0, 1], that one more unit was."""
+"""Told the share of the work, in [0, 1], that was done since it was told last."""
+Warn = Callable[[str], None]
+"""Told, in a line, what a user should know and can do nothing about at the moment."""
 
 
-def weight(unit: Unit) -> float:
-    """Work of a unit in comparable numbers: samples drawn and fitted, and an overhead per batch and cell."""
-    return sum(
-        batch.trials * batch.samples * (1.0 + len(batch.cells)) + 10_000.0 * (1 + len(batch.cells))
-        for batch in unit.batches
-    )
+def weight(job: Job) -> float:
+    """Work of a job; the heaviest are computed first."""
+    return job.weight
 
 
-def run(study: Study, config: str, folder: Path, jobs: int = 2, progress: Progress | None = None) -> Run:
-    """Run a study.
+def run(
+    study: Study,
+    config: str,
+    folder: Path,
+    jobs: Workers | int = 2,
+    progress: Progress | None = None,
+    warn: Warn | None = None,
+    reduce: Reduce | None = None,
+) -> Run:
+    """Run a study, as far as it has not been run.
 
     Args:
         study: the config.
         config: its text, stored beside the tables.
         folder: the run's folder.
-        jobs: number of workers. They are threads: the compiled loops release the interpreter's lock.
-        progress: called after each unit with its share of the work.
+        jobs: number of threads, or who else computes.
+        progress: called with each share of the work.
+        warn: called with lines for the user.
+        reduce: makes the rows of the summary (`study.analysis.summary.of_errors`) of a study that keeps nothing else.
 
     Returns:
-        The finished run. Its error table does not depend on ``jobs`` or on the order in which units finish.
+        The finished run. Its error table does not depend on the workers, on the order in which they finish, or on what
+        was interrupted before.
 
     Raises:
-        RunError: if the folder belongs to another config or cannot be written.
+        RunError: if the folder belongs to another config, is being written to, or cannot be written, or the workers
+            cannot be had. What was finished is kept.
+        ValueError: if the study keeps summaries alone and nothing makes them.
     """
-    started, clock = datetime.now(UTC), time.perf_counter()
-    store = Run.create(folder, study, config)
-    todo = list(units(study))
-    weights = [weight(unit) for unit in todo]
-    whole = sum(weights)
-    longest_first = sorted(range(len(todo)), key=lambda i: -weights[i])
-    results: dict[int, Result] = {}
-    with threadpool_limits(limits=1), contextlib.closing(_compute(study, todo, longest_first, jobs)) as finished:
-        machine = provenance.machine()
-        for index, result in finished:
-            store.commit(todo[index], result)
-            results[index] = replace(result, errors={})
-            if progress is not None:
-                progress(weights[index] / whole)
-    computed = time.perf_counter() - clock
-    software = provenance.software()
-    store.finish(todo, lambda: (results[i] for i in range(len(todo))), software)
-    before = store.manifest() if (folder / "manifest.json").is_file() else {}
-    store.save_manifest(
-        {key: value for key, value in before.items() if key == "posterior"}
-        | {
-            "run": study.run_name(),
-            "config": study.model_dump(mode="json"),
-            "cells": study.cells(),
-            "started": started.isoformat(timespec="seconds"),
-            "seconds_computing": round(computed, 3),
-            "seconds": round(time.perf_counter() - clock, 3),
-            "jobs": jobs,
-            "software": software,
-            "machine": machine,
-        }
-    )
-    return store
+    if study.keep == "summary" and reduce is None:
+        raise ValueError(f'{study.run_name()}: keep = "summary" needs a function that makes a summary; give reduce')
+    crew = Workers(jobs=jobs) if isinstance(jobs, int) else jobs
+    with contextlib.ExitStack() as stack:
+        pool = stack.enter_context(crew.open())
+        stack.enter_context(threadpool_limits(limits=1))
+        store = Run.create(folder, study)
+        stack.enter_context(writing(folder))
+        parts = Parts(folder, "units", provenance.software())
+        started = datetime.now(UTC)
+        store.begin(config)
+        if finished(store) and up_to_date(store):
+            parts.remove()  # of a run that was killed after its last step but this
+            return store
+        work = _Work(store, parts, progress or (lambda share: None), warn or _say, Order(study, reduce))
+        work.prepare()
+        work.compute(pool)
+        while not parts.whole():
+            work.tell_of_damage()
+            work.compute(pool)
+        finish(store, parts, work.cut, started, crew)
+        return store
 
 
-def _compute(study: Study, todo: list[Unit], order: list[int], jobs: int) -> Generator[tuple[int, Result]]:
-    """Results of the units with their numbers, as they finish.
-
-    None is computed in the main thread, where Ctrl-C could strike inside compiled code that cannot take it.
-    """
-    if jobs == 1:  # joblib would use the main thread
-        with ThreadPoolExecutor(1) as pool:
-            for i in order:
-                yield pool.submit(_numbered, study, i, todo[i]).result()
-        return
-    parallel = Parallel(n_jobs=jobs, prefer="threads", return_as="generator_unordered", pre_dispatch="2*n_jobs")
-    with warnings.catch_warnings():
-        # said when a run ends early, which is told in our own words
-        warnings.filterwarnings("ignore", message=".*tasks have been successfully executed", category=UserWarning)
-        warnings.filterwarnings("ignore", message=".*tasks which were still being processed", category=UserWarning)
-        yield from parallel(delayed(_numbered)(study, i, todo[i]) for i in order)
+def _say(line: str) -> None:
+    print(line, file=sys.stderr)
 
 
-def _numbered(study: Study, index: int, unit: Unit) -> tuple[int, Result]:
-    return index, compute(study, unit)
+class _Work:
+    """A run on its way."""
+
+    def __init__(self, store: Run, parts: Parts, progress: Progress, warn: Warn, order: Order) -> None:
+        self.order = order
+        self.store, self.parts, self.progress, self.warn = store, parts, progress, warn
+        self.study = store.study
+        self.asked = Asked(self.study)
+        self.cut = Cut(self.study, None)
+        self.told = 0
+
+    def prepare(self) -> None:
+        """Read what is there, and take what an earlier run has."""
+        for name in damaged(self.store):
+            self.warn(f"{self.store.path(name)}: damaged; set aside in parts/damaged, and made again")
+            self.store.set_aside(name)
+        self.parts.load()
+        self.tell_of_damage()
+        for made in self.parts.made_by:
+            self.warn(f"{self.store.folder}: goes on with what {provenance.described(made)} computed")
+        source = self._source()
+        if source is None:
+            return
+        self.cut = Cut(self.study, source.run.study)
+        self.parts.note = source.run.study.canonical()
+        taken = total = 0
+        for job in self._missing():
+            total += 1
+            if (packet := source.take(job)) is not None:
+                taken += 1
+                self.parts.add(packet)
+        self.parts.commit()
+        if taken:
+            self.warn(f"{self.store.folder}: rows of {taken:,} of {total:,} units are taken from {source.run.folder}")
+
+    def _source(self) -> Earlier | None:
+        """The run that rows are taken from; what is begun goes on with the one that it began with."""
+        before = Study.model_validate_json(self.parts.note) if self.parts.note else None
+        self.cut = Cut(self.study, before)
+        if self.parts.count and before is None:
+            return None
+        for run in (self.store, beside(self.study, self.store.folder)):
+            if run is None or (before is not None and run.study.canonical() != before.canonical()):
+                continue
+            if (source := Earlier.of(run)) is not None:
+                return source
+        return None
+
+    def tell_of_damage(self) -> None:
+        """Name the parts that were set aside."""
+        for name in self.parts.damaged[self.told :]:
+            self.warn(f"{self.parts.folder / name}: damaged; set aside in parts/damaged, and computed again")
+        self.told = len(self.parts.damaged)
+
+    def _missing(self) -> Iterator[Job]:
+        pieces = (piece for span in spans(self.study) for piece in self.cut(span))
+        return self.asked.lacking(pieces, self.parts.outputs)
+
+    def compute(self, pool: Pool) -> None:
+        """Compute what is missing, and store it as it comes back."""
+        whole = sum(weight(job) for job in self._missing())
+        lost: list[tuple[Job, str]] = []
+        crew: Crew[Job] = Crew(pool, execute, self.order)
+        with kept(crew, self.parts):
+            for done in crew.results(self._missing(), weight, self.parts.patience):
+                if done is None:
+                    self.parts.commit()
+                    continue
+                if done.packet is None:
+                    lost += [(job, done.message) for job in done.items]
+                else:
+                    self.parts.add(done.packet)
+                self.progress(sum(weight(job) for job in done.items) / whole)
+        for job, message in lost:  # stored at the end: an interrupted run tries them again
+            self.parts.add(give_up(self.order, (job,), message))
+        self.parts.commit()

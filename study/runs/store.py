@@ -1,42 +1,36 @@
-"""The run folder: the only code that writes a run's files, each under a temporary name, synced, then renamed.
+"""The run folder, and the tables in it.
 
     results/<name>-<digest>/
         config.toml        the config, as it was given
-        manifest.json      what was run, on what, how long it took
-        parts/             rows of one unit of work each, named by content
+        manifest.json      what was run, on what, how long it took; written last: with it, a run is finished
+        parts/             what is computed of a run that is not finished; see `study.runs.parts`
         errors.parquet     a row per cell, trial and estimator
+        failures.parquet   fits that raised, or whose worker died, if there are any
         timings.parquet    apart, so that error tables can be compared byte by byte
         points.parquet     points of the trials that the config keeps
         summary.parquet    performance measures with their Monte-Carlo error
         posterior.parquet, answers.parquet, draws.parquet   ensemble posteriors, where the config asks for them
 
-Workers compute and write nothing; the parent commits each unit as it comes back.
+Workers compute and write nothing; the parent alone writes, and only while it holds the folder's lock.
 """
 
-import contextlib
 import hashlib
 import json
-import os
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from study.experiment.config import Study, load
-from study.experiment.design import Unit
 from study.experiment.faults import ConfigError
-from study.experiment.work import Result
+from study.experiment.replay import locate
 from study.runs import tables
+from study.runs.parts import DAMAGED, FORMAT
+from study.runs.write import RunError, explained, join, write, write_table
 
-FORMAT = 1
-_ROWS_PER_GROUP = 1 << 17
-
-
-class RunError(Exception):
-    """A run folder that cannot be used, or cannot be written; the message says why and what to do."""
+__all__ = ["Run", "RunError"]
 
 
 class Run:
@@ -52,29 +46,29 @@ class Run:
         self.study = study
 
     @classmethod
-    def create(cls, folder: Path, study: Study, config: str) -> "Run":
+    def create(cls, folder: Path, study: Study) -> "Run":
         """Make a folder for a study, or take the one that is there, if it is of the same config.
 
         Raises:
-            RunError: if it belongs to another config, is a file, or cannot be written.
+            RunError: if it belongs to another config or a newer version, is a file, or cannot be written.
         """
-        with _explained(folder):
+        with explained(folder):
             found_folder = folder.exists()
         if found_folder:
             if not folder.is_dir():
                 raise RunError(f"{folder}: is a file, not a run folder; choose another with --out")
             if (folder / "config.toml").exists():
-                found = cls.open(folder).study
-                if found.digest() != study.digest():
+                found = cls.open(folder)
+                found.refuse_newer()
+                if found.study.digest() != study.digest():
                     raise RunError(
-                        f"{folder}: holds a run of another config ({found.run_name()}, not {study.run_name()}); "
+                        f"{folder}: holds a run of another config ({found.study.run_name()}, not {study.run_name()}); "
                         "choose another folder with --out, or remove this one"
                     )
-            elif any(folder.iterdir()):
+            elif any(path.name != ".lock" for path in folder.iterdir()):
                 raise RunError(f"{folder}: is not empty and no run folder; choose another with --out")
-        with _explained(folder):
-            (folder / "parts").mkdir(parents=True, exist_ok=True)
-            write(folder / "config.toml", config.encode())
+        with explained(folder):
+            folder.mkdir(parents=True, exist_ok=True)
         return cls(folder, study)
 
     @classmethod
@@ -91,16 +85,57 @@ class Run:
         except ConfigError as error:
             raise RunError(f"{folder}: its config cannot be read any more: {error}") from None
 
+    def begin(self, config: str) -> "Run":
+        """Store the config's text, remove what a killed writer left half written, and return the run."""
+        with explained(self.folder):
+            for place in (self.folder, self.folder / "parts"):
+                for path in place.glob(".*.tmp"):
+                    path.unlink()
+            path = self.folder / "config.toml"
+            if not path.is_file() or path.read_bytes() != config.encode():
+                write(path, config.encode())
+        return self
+
+    def path(self, name: str) -> Path:
+        """File of a table."""
+        return self.folder / f"{name}.parquet"
+
+    def has(self, name: str) -> bool:
+        """Whether a table is stored."""
+        return self.path(name).is_file()
+
     def table(self, name: str, columns: list[str] | None = None) -> Any:
         """A stored table as a data frame.
 
         Raises:
             RunError: if it is not there, because the run did not finish.
         """
-        return self._read(name, lambda path: tables.read(path, columns))
+        return self.read(name, lambda path: tables.read(path, columns))
 
-    def _read(self, name: str, read: Callable[[Path], Any]) -> Any:
-        path = self.folder / f"{name}.parquet"
+    def cell(self, name: str) -> Any:
+        """The error table's rows of one cell as a data frame, read without the others.
+
+        Args:
+            name: the cell's name, or its beginning, as far as no other begins so.
+
+        Raises:
+            ReplayError: if there is no such cell.
+            RunError: if the run did not finish.
+        """
+        cell, where = locate(self.study, name)
+        values = {"samples": cell.samples, "noise": cell.noise, "angle": cell.angle, "radius": cell.radius}
+        # row groups know the least and largest value of each column: those that cannot hold the cell are not read
+        rows = [("cell", "==", cell.name), ("trial", ">=", where[0].first), ("trial", "<", where[-1].last)]
+        rows += [(column, "==", value) for column, value in values.items()]
+        return self.read("errors", lambda path: pq.read_table(path, filters=rows).to_pandas())
+
+    def arrow(self, name: str) -> pa.Table:
+        """A stored table as it is on disk; see `table`."""
+        return self.read(name, pq.read_table)
+
+    def read(self, name: str, read: Callable[[Path], Any]) -> Any:
+        """What a function reads from a table's file; see `table`."""
+        path = self.path(name)
         if not path.is_file():
             raise RunError(f"{path}: missing; finish the run with `study run {self.folder / 'config.toml'}`")
         try:
@@ -108,92 +143,51 @@ class Run:
         except (OSError, pa.ArrowInvalid) as error:
             raise RunError(f"{path}: cannot be read: {error}") from None
 
-    def part_path(self, unit: Unit) -> Path:
-        """File of a unit's rows, named by all that determines them."""
-        shape, estimators = self.study.noise_shape, self.study.estimators
-        content = repr((FORMAT, self.study.seed, self.study.dimension, shape, estimators, self.study.keep_points, unit))
-        return self.folder / "parts" / f"{hashlib.sha256(content.encode()).hexdigest()[:20]}.parquet"
-
-    def commit(self, unit: Unit, result: Result) -> None:
-        """Write a unit's rows."""
-        with _explained(self.folder):
-            _write_table(self.part_path(unit), tables.table(tables.errors(self.study.dimension), result.errors))
-
-    def finish(self, units: Iterable[Unit], results: Callable[[], Iterator[Result]], software: dict[str, Any]) -> None:
-        """Join the parts, in the order of the units, into the run's tables, and remove them.
-
-        The error table's metadata hold the config and the software, but nothing of time, machine or workers, so
-        that equal runs are equal to the byte.
-        """
-        dimension = self.study.dimension
-        metadata = {"study.config": self.study.canonical(), "study.software": json.dumps(software)}
-        with _explained(self.folder):
-            paths = [self.part_path(unit) for unit in units]
-            parts = (pq.read_table(path) for path in paths)
-            _join(self.folder / "errors.parquet", tables.schema(tables.errors(dimension), metadata), parts)
-            timings = (tables.table(tables.TIMINGS, result.timings) for result in results())
-            _join(self.folder / "timings.parquet", tables.schema(tables.TIMINGS, metadata), timings)
-            if self.study.keep_points:
-                columns = tables.points(dimension)
-                kept = (tables.table(columns, result.points) for result in results() if result.points)
-                _join(self.folder / "points.parquet", tables.schema(columns, metadata), kept)
-            for path in paths:
-                path.unlink(missing_ok=True)
-            with contextlib.suppress(OSError):
-                (self.folder / "parts").rmdir()
-
-    def has(self, name: str) -> bool:
-        """Whether a table is stored."""
-        return (self.folder / f"{name}.parquet").is_file()
-
-    def arrow(self, name: str) -> pa.Table:
-        """A stored table as it is on disk; see `table`."""
-        return self._read(name, pq.read_table)
-
     def metadata(self, name: str) -> dict[str, str]:
         """What a stored table says of itself; empty if it is not there or cannot be read."""
         try:
-            found = pq.read_schema(self.folder / f"{name}.parquet").metadata
+            found = pq.read_schema(self.path(name)).metadata
         except (OSError, pa.ArrowInvalid):
             return {}
         return {key.decode(): value.decode() for key, value in (found or {}).items()}
 
-    def has_parts(self, part: str) -> bool:
-        """Whether a chain's rows are there."""
-        return self._part(part, "posterior").is_file()
-
-    def commit_parts(self, part: str, found: Mapping[str, pa.Table]) -> None:
-        """Write a chain's rows, ``posterior`` last: where it is, the others are."""
-        with _explained(self.folder):
-            (self.folder / "parts").mkdir(exist_ok=True)
-            for name in sorted(found, key="posterior".__eq__):
-                _write_table(self._part(part, name), found[name])
-
-    def join_parts(
-        self, parts: list[str], schemas: Mapping[str, list[tables.Column]], metadata: Mapping[str, str]
-    ) -> None:
-        """Join the rows of chains, in order, into their tables, and remove them."""
-        with _explained(self.folder):
-            for name in sorted(schemas, key="posterior".__eq__):
-                found = (pq.read_table(self._part(part, name)) for part in parts)
-                _join(self.folder / f"{name}.parquet", tables.schema(schemas[name], metadata), found)
-            for part in parts:
-                for name in schemas:
-                    self._part(part, name).unlink(missing_ok=True)
-            with contextlib.suppress(OSError):
-                (self.folder / "parts").rmdir()
-
-    def _part(self, part: str, name: str) -> Path:
-        return self.folder / "parts" / f"{part}.{name}.parquet"
+    def fingerprint(self, name: str) -> str | None:
+        """SHA-256 of a table's file, which equal runs have in common; None if it is not there."""
+        try:
+            with open(self.path(name), "rb") as file:
+                return hashlib.file_digest(file, "sha256").hexdigest()
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            raise RunError(f"{self.path(name)}: cannot be read: {error.strerror or error}") from None
 
     def save(self, name: str, table: pa.Table) -> None:
         """Write a whole table."""
-        with _explained(self.folder):
-            _write_table(self.folder / f"{name}.parquet", table)
+        with explained(self.folder):
+            write_table(self.path(name), table)
+
+    def join(
+        self, name: str, columns: list[tables.Column], parts: Iterable[pa.Table], metadata: Mapping[str, str]
+    ) -> None:
+        """Write a table from parts, none of which stays in memory."""
+        with explained(self.folder):
+            join(self.path(name), tables.schema(columns, metadata), parts)
+
+    def remove(self, name: str) -> None:
+        """Remove a table, if it is there."""
+        with explained(self.folder):
+            self.path(name).unlink(missing_ok=True)
+
+    def set_aside(self, name: str) -> None:
+        """Move a table that is damaged out of the way."""
+        with explained(self.folder):
+            if self.has(name):
+                (self.folder / "parts" / DAMAGED).mkdir(parents=True, exist_ok=True)
+                self.path(name).rename(self.folder / "parts" / DAMAGED / self.path(name).name)
 
     def save_manifest(self, manifest: dict[str, Any]) -> None:
         """Write the manifest."""
-        with _explained(self.folder):
+        with explained(self.folder):
             write(self.folder / "manifest.json", (json.dumps(manifest, indent=2, ensure_ascii=False) + "\n").encode())
 
     def manifest(self) -> dict[str, Any]:
@@ -203,8 +197,10 @@ class Run:
             RunError: if it is not there, because the run did not finish.
         """
         try:
-            found: dict[str, Any] = json.loads((self.folder / "manifest.json").read_text(encoding="utf-8"))
+            found = json.loads((self.folder / "manifest.json").read_text(encoding="utf-8"))
         except (OSError, ValueError):
+            found = None
+        if not isinstance(found, dict):
             hint = f"finish the run with `study run {self.folder / 'config.toml'}`"
             raise RunError(f"{self.folder / 'manifest.json'}: missing or not readable; {hint}") from None
         return found
@@ -214,70 +210,20 @@ class Run:
         if (self.folder / "manifest.json").is_file():
             self.save_manifest(self.manifest() | entries)
 
+    def maker(self) -> dict[str, Any]:
+        """The software that finished the run, as `study.runs.provenance` tells it; empty if it is not known."""
+        try:
+            found = self.manifest().get("software", {})
+        except RunError:
+            return {}
+        return found if isinstance(found, dict) else {}
 
-def write(path: Path, data: bytes) -> None:
-    """Write a file so that it is there whole or not at all."""
-    with _replacing(path) as temporary, open(temporary, "wb") as file:
-        file.write(data)
-
-
-def save_frame(frame: pd.DataFrame, path: Path) -> None:
-    """Write a data frame to a file of a user's choice, as CSV or parquet by its suffix, whole or not at all.
-
-    Raises:
-        RunError: if the suffix is another, or the file cannot be written.
-    """
-    if path.suffix not in (".csv", ".parquet"):
-        raise RunError(f"{path}: give a name that ends in .csv or .parquet")
-    with _explained(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with _replacing(path) as temporary:
-            if path.suffix == ".csv":
-                frame.to_csv(temporary, index=False)
-            else:
-                frame.to_parquet(temporary, index=False)
-
-
-@contextlib.contextmanager
-def _replacing(path: Path) -> Iterator[Path]:
-    """A temporary name in the same folder; synced and renamed at the end, removed on failure."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        yield temporary
-        with open(temporary, "rb") as file:
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
-    finally:
-        with contextlib.suppress(OSError):
-            temporary.unlink()
-
-
-def _write_table(path: Path, table: pa.Table) -> None:
-    with _replacing(path) as temporary:
-        pq.write_table(table, temporary, compression="zstd")
-
-
-def _join(path: Path, schema: pa.Schema, parts: Iterable[pa.Table]) -> None:
-    """Stream tables into one file, in row groups of equal size whatever the parts' sizes."""
-    with _replacing(path) as temporary, pq.ParquetWriter(temporary, schema, compression="zstd") as writer:
-        waiting: list[pa.Table] = []
-        rows = 0
-        for part in parts:
-            waiting.append(part.cast(schema.remove_metadata()))
-            rows += part.num_rows
-            while rows >= _ROWS_PER_GROUP:
-                whole = pa.concat_tables(waiting)
-                writer.write_table(whole.slice(0, _ROWS_PER_GROUP).combine_chunks())
-                waiting = [whole.slice(_ROWS_PER_GROUP)]
-                rows -= _ROWS_PER_GROUP
-        if rows:
-            writer.write_table(pa.concat_tables(waiting).combine_chunks())
-
-
-@contextlib.contextmanager
-def _explained(place: Path) -> Iterator[None]:
-    """Turn a failure to write into one clear line."""
-    try:
-        yield
-    except OSError as error:
-        raise RunError(f"{place}: cannot be written: {error.strerror or error}; what was finished is kept") from None
+    def refuse_newer(self) -> None:
+        """RunError if the run was finished by a newer program, whose files this one might read wrongly."""
+        try:
+            found = self.manifest().get("format", 1)
+        except RunError:
+            return
+        if not isinstance(found, int) or found > FORMAT:
+            words = f"made by a newer version of this program ({self.maker().get('study', 'unknown')})"
+            raise RunError(f"{self.folder}: {words}; update it, or choose another folder with --out")

@@ -52,6 +52,16 @@ def errors(dimension: int) -> list[Column]:
     ]  # fmt: skip
 
 
+FAILURES = [
+    Column("cell", _WORD, "", "name of the condition"),
+    Column("trial", pa.int64(), "", "number of the data set"),
+    Column("estimator", _WORD, "", "name of the estimator"),
+    Column("name", pa.string(), "", "the data set, as `study replay RUN NAME` draws it again"),
+    Column("cause", _WORD, "", "exception, raised by the estimator; or worker, which died of the whole unit, twice"),
+    Column("message", pa.string(), "", "what was raised, or how the worker ended"),
+]  # fmt: skip
+
+
 TIMINGS = [
     Column("step", _WORD, "", "draw, bound, points, moments, or an estimator (moments not included)"),
     Column("samples", pa.int64(), "", "number of samples N"),
@@ -192,6 +202,17 @@ CLAIMS = [
     Column("runs", pa.string(), "", "names of the runs that were read"),
     Column("figure", pa.string(), "", "the figure that shows it"),
 ]  # fmt: skip
+
+
+def of_units(dimension: int) -> dict[str, list[Column]]:
+    """The tables that the study's units fill: the summary instead of the errors where the study keeps that alone."""
+    return {
+        "errors": errors(dimension),
+        "timings": TIMINGS,
+        "points": points(dimension),
+        "failures": FAILURES,
+        "summary": summary(),
+    }
 
 
 def schema(columns: list[Column], metadata: Mapping[str, str] | None = None) -> pa.Schema:

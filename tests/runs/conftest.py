@@ -1,12 +1,16 @@
 """What the tests of runs share: small configs, and a function that runs them into fresh folders."""
 
+import contextlib
 import functools
 import itertools
+import os
+import shutil
+import subprocess
 
 import pytest
 
 from study.experiment.config import parse
-from study.runs import provenance, runner
+from study.runs import jobs, provenance, runner
 
 
 def _toml(value):
@@ -34,12 +38,12 @@ def make_text():
 
 @pytest.fixture
 def start(make_text, tmp_path):
-    """Run a config of these arguments, and return the run."""
+    """Run a config of these arguments, and return the run; ``jobs`` is a number of threads, or other workers."""
     numbers = itertools.count()
 
-    def run(top=None, jobs=2, folder=None, progress=None, **design):
+    def run(top=None, jobs=2, folder=None, progress=None, warn=None, **design):
         text = make_text(top, **design)
-        return runner.run(parse(text), text, folder or tmp_path / f"run-{next(numbers)}", jobs, progress)
+        return runner.run(parse(text), text, folder or tmp_path / f"run-{next(numbers)}", jobs, progress, warn)
 
     return run
 
@@ -63,7 +67,78 @@ def small_units(monkeypatch):
     monkeypatch.setattr("study.experiment.design._SAMPLES_PER_UNIT", 500)
 
 
+@pytest.fixture
+def small_parts(monkeypatch):
+    """A part for every unit, so that a small study has many."""
+    monkeypatch.setattr("study.runs.workers.Pool.enough", 0.0)
+    monkeypatch.setattr("study.runs.parts._SECONDS", 0.0)
+    monkeypatch.setattr("study.runs.parts._SHARE", 0.0)
+
+
+@pytest.fixture
+def computed(monkeypatch):
+    """A list that grows by what is computed: a cell's name, a trial and an estimator for each fit."""
+    done, real = [], jobs.compute
+
+    def watched(made, unit, reduce=None):
+        for batch in unit.batches:
+            numbers = range(batch.first, batch.first + batch.trials)
+            done.extend((c.name, t, e) for c in batch.cells for t in numbers for e in made.estimators)
+        return real(made, unit, reduce)
+
+    monkeypatch.setattr(jobs, "compute", watched)
+    return done
+
+
 @pytest.fixture(scope="session")
 def files():
     """All files under a folder with their bytes."""
     return lambda folder: {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+@pytest.fixture
+def try_mount(tmp_path):
+    """Mount a small disk of one's own; None where that is not allowed."""
+    folders = []
+
+    def mount(options):
+        folder = tmp_path / f"disk-{len(folders)}"
+        folder.mkdir()
+        command = ["mount", "-t", "tmpfs", "-o", options, "tmpfs", str(folder)]
+        if os.geteuid() or not shutil.which("mount") or subprocess.run(command, capture_output=True).returncode:
+            return None
+        folders.append(folder)
+        return folder
+
+    yield mount
+    for folder in folders:
+        subprocess.run(["umount", "--lazy", str(folder)], check=True)
+
+
+@pytest.fixture
+def mounted(try_mount):
+    """Mount a small disk of one's own; skip where that is not allowed."""
+
+    def mount(options):
+        folder = try_mount(options)
+        if folder is None:
+            pytest.skip("mounting is not allowed here")
+        return folder
+
+    return mount
+
+
+@pytest.fixture
+def small_disk(try_mount, tmp_path):
+    """A run's folder on a small disk, and functions that fill it up, if it is one, and make room again."""
+    place = try_mount("size=40m")
+    ballast = (place or tmp_path) / "ballast"
+
+    def fill():
+        if place is not None:
+            with contextlib.suppress(OSError), open(ballast, "wb", buffering=0) as file:
+                while True:
+                    file.write(bytes(1 << 16))
+        return place is not None
+
+    return (place or tmp_path) / "run", fill, lambda: ballast.unlink(missing_ok=True)

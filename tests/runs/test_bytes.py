@@ -53,7 +53,7 @@ def test_bytes_do_not_depend_on_the_order_of_work(start, entries, monkeypatch, s
     """Units computed in a shuffled order give the same files."""
     expected = tables(start(**entries))
     shuffled = random.Random(seed)
-    monkeypatch.setattr(runner, "weight", lambda unit: shuffled.random())
+    monkeypatch.setattr(runner, "weight", lambda job: shuffled.random())
     assert tables(start(**entries)) == expected
 
 

@@ -3,8 +3,9 @@
 import pytest
 
 from study.experiment.config import parse
-from study.experiment.design import units
-from study.experiment.work import compute
+from study.experiment.design import spans
+from study.runs.jobs import Asked, Order, execute
+from study.runs.parts import Parts
 from study.runs.store import Run, RunError
 
 pytestmark = pytest.mark.usefixtures("same_software")
@@ -105,24 +106,27 @@ def test_an_interrupted_run_is_finished_by_running_again(start, make_text, tmp_p
     """Parts, and tables, of a run that stopped half-way do not show in the finished one."""
     study = parse(make_text())
     folder = tmp_path / "stopped"
-    store = Run.create(folder, study, make_text())
-    first = next(units(study))
-    store.commit(first, compute(study, first))
-    assert [path.name for path in (folder / "parts").iterdir()] == [store.part_path(first).name]
-    start(folder=folder)
+    store = Run.create(folder, study).begin(make_text())
+    parts = Parts(store.folder, "units")
+    parts.add(execute(Order(study), (Asked(study).job(next(spans(study))),)))
+    parts.commit()
+    assert len(list((folder / "parts").iterdir())) == 1
+    start(folder=folder, warn=str)
     expected = start()
     assert set(files(folder)) == set(files(expected.folder))
     assert (folder / "errors.parquet").read_bytes() == (expected.folder / "errors.parquet").read_bytes()
 
 
-def test_a_part_is_named_by_its_content(make_text, tmp_path):
-    """A part's name depends on the unit and on what the rows depend on, not on its position or the grid."""
+def test_a_unit_is_named_by_its_content(make_text):
+    """A unit's key depends on all that its rows depend on, not on its position, the grid or other estimators."""
 
-    def paths(top=None, **design):
+    def keys(top=None, **design):
         study = parse(make_text(top, **design))
-        return {Run(tmp_path, study).part_path(unit) for unit in units(study)}
+        return {Asked(study).job(span).key for span in spans(study)}
 
-    alone = paths(samples=[40])
-    assert alone < paths(samples=[6, 40])
-    for top in ({"seed": 2}, {"dimension": 2}, {"estimators": ["lls"]}, {"keep_points": 1}, {"name": "other"}):
-        assert (paths(top, samples=[40]) == alone) == ("name" in top)
+    alone = keys(samples=[40])
+    assert alone < keys(samples=[6, 40])
+    for top in ({"name": "other"}, {"estimators": ["lls"]}, {"keep_points": 1}, {"tolerate_failures": 0.5}):
+        assert keys(top, samples=[40]) == alone
+    for change in ({"top": {"seed": 2}}, {"top": {"dimension": 2}}, {"draws": "independent"}, {"noise": [0.1]}):
+        assert not keys(**({"samples": [40]} | change)) & alone

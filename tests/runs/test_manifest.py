@@ -21,13 +21,14 @@ def manifest(make_text, tmp_path_factory):
     from study.runs import runner
 
     text = make_text()
-    run = runner.run(parse(text), text, tmp_path_factory.mktemp("manifest") / "run", jobs=2)
+    run = runner.run(parse(text), text, tmp_path_factory.mktemp("manifest") / "run", 2)
     return run, json.loads((run.folder / "manifest.json").read_text(encoding="utf-8"))
 
 
 def test_fields(manifest):
     """The manifest has the declared fields and no others."""
     expected = {"run", "config", "cells", "started", "seconds_computing", "seconds", "jobs", "software", "machine"}
+    expected |= {"format", "fits", "failures", "lost", "estimators", "tables", "backend", "also_computed_by"}
     assert set(manifest[1]) == expected
 
 

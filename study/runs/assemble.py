@@ -1,0 +1,85 @@
+"""From what is stored of a unit, in whatever pieces it was computed, to its rows in the order of the tables."""
+
+from collections.abc import Callable, Iterable, Iterator
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+from numpy.typing import NDArray
+
+from study.experiment.config import Study
+from study.experiment.design import GridGroup, Span
+from study.runs.jobs import POINTS, Asked, estimators_of
+from study.runs.parts import Parts
+from study.runs.write import RunError
+
+Pieces = Callable[[Span], Iterable[Span]]
+"""A unit as it was asked for: whole, or cut where an earlier run had some of it."""
+
+
+def rows(study: Study, parts: Parts, units: Iterable[Span], pieces: Pieces, name: str) -> Iterator[pa.Table]:
+    """A table's rows, unit by unit.
+
+    Args:
+        study: the config.
+        parts: what is stored.
+        units: the study's units in order.
+        pieces: how each was cut.
+        name: the table: errors, points, failures, timings or summary.
+
+    Raises:
+        RunError: if rows are missing.
+    """
+    asked = Asked(study)
+    if not parts.holds(name):
+        return
+    for span in units:
+        found: list[pa.Table] = []
+        first: tuple[str, ...] = ()
+        for piece in pieces(span):
+            for outputs, table in _asked_for(asked, parts, piece, name):
+                first = first or outputs
+                found.append(table)
+        expected = {"errors": span.rows, "summary": len(span.group.cells)}.get(name, 0) * len(study.estimators)
+        if expected and sum(table.num_rows for table in found) != expected:
+            raise RunError(f"{parts.folder}: rows of trials {span.first} to {span.last - 1} are missing; run again")
+        whole = len(found) == 1 and (name == "points" or estimators_of(first) == study.estimators)
+        if whole or (found and name == "timings"):
+            yield from found
+        elif found:
+            table = pa.concat_tables(found)
+            yield table.take(pa.array(_order(study, span, table)))
+
+
+def _asked_for(asked: Asked, parts: Parts, piece: Span, name: str) -> Iterator[tuple[tuple[str, ...], pa.Table]]:
+    """Stored rows of a piece, and the outputs that they are of, without those that nobody asks for."""
+    job = asked.job(piece)
+    for outputs, fresh, table in parts.tables(job.key, name):
+        wanted = tuple(output for output in fresh if output in job.outputs)
+        if not wanted or (name == "points" and not any(o.startswith(POINTS) for o in wanted)):
+            continue
+        if wanted != outputs and name in ("errors", "failures", "summary"):
+            table = table.filter(pc.is_in(_words(table, "estimator"), pa.array(estimators_of(wanted))))
+        yield wanted, table
+
+
+def _order(study: Study, span: Span, table: pa.Table) -> NDArray[np.int64]:
+    if "group" in table.schema.names:  # a summary, of the cells of a grid
+        cells = _places(table, "group", [cell.name for cell in span.group.cells if cell is not None])
+        return np.lexsort([_places(table, "estimator", study.estimators), cells])
+    trial = table["trial"].to_numpy()
+    keys = [trial]
+    if "estimator" in table.schema.names:
+        keys.append(_places(table, "estimator", study.estimators))
+    if isinstance(span.group, GridGroup):
+        keys.append(_places(table, "cell", [cell.name for cell in span.group.cells]))
+    return np.lexsort([*keys, trial // span.group.size])  # the last counts most
+
+
+def _places(table: pa.Table, column: str, words: Iterable[str]) -> NDArray[np.int64]:
+    return np.asarray(pc.index_in(_words(table, column), pa.array(list(words))).to_numpy())
+
+
+def _words(table: pa.Table, column: str) -> pa.ChunkedArray:
+    """A column of words, without its dictionary."""
+    return table[column].cast(pa.string())

@@ -1,0 +1,38 @@
+"""Commands about runs, for `study.cli`: how they end, how far a run is, and a worker of a cluster."""
+
+from enum import IntEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+Folder = Annotated[Path, typer.Argument(metavar="RUN", help="a run's folder, such as results/paper-0123456789")]
+
+
+class Code(IntEnum):
+    """How a command ended."""
+
+    COMPLETE = 0
+    FAILURE = 1
+    USAGE = 2
+    FAILURES = 3  # complete, with more failed fits than the config tolerates
+    BUDGET = 4  # stopped by a budget of time
+    INTERRUPTED = 130  # by Ctrl-C or SIGTERM
+
+
+def status(folder: Folder) -> None:
+    """Say how far a run is: units, parts, failures, tables, who made it and who writes to it."""
+    from study.runs.status import printed
+
+    for line in printed(folder):
+        typer.echo(line)
+
+
+def worker(
+    scheduler: Annotated[str, typer.Argument(metavar="ADDRESS", help="of a Dask scheduler: tcp://host:8786")],
+    options: Annotated[list[str] | None, typer.Argument(metavar="-- OPTION…", help="see `dask worker --help`")] = None,
+) -> None:
+    """Start a Dask worker that computes as `study run --backend dask` does, to the last bit."""
+    from study.runs.cluster import serve
+
+    serve(scheduler, options or [])

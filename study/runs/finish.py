@@ -1,0 +1,90 @@
+"""The last step of a run: what was computed in parts becomes its tables, and the manifest says that they are whole."""
+
+import json
+import time
+from collections import Counter
+from collections.abc import Iterator
+from datetime import datetime
+from itertools import chain, islice
+
+import pyarrow as pa
+
+from study.estimators import ESTIMATORS
+from study.experiment.design import spans
+from study.runs import assemble, provenance, tables
+from study.runs.parts import FORMAT, Parts
+from study.runs.store import Run
+from study.runs.workers import Workers
+
+
+def finish(store: Run, parts: Parts, cut: assemble.Pieces, started: datetime, workers: Workers) -> None:
+    """Join the parts, in the order of the units, into the run's tables, and remove them.
+
+    The error table's metadata hold the config and the software, but nothing of time, machine or workers, so that equal
+    runs are equal to the byte. The manifest comes last: a run that is killed before is finished again from its parts.
+
+    Args:
+        store: the run.
+        parts: all that is asked of its units.
+        cut: how each unit was cut; see `study.runs.assemble`.
+        started: when.
+        workers: who computed.
+
+    Raises:
+        RunError: if the folder cannot be written; the parts stay.
+    """
+    study, clock = store.study, time.perf_counter()
+    metadata = {"study.config": study.canonical(), "study.software": json.dumps(parts.software)}
+    store.amend_manifest({"tables": {}})  # those that it tells of are about to go
+    store.remove("summary")
+    written, causes = [], Counter[str]()
+    for name, columns in tables.of_units(study.dimension).items():
+        rows = assemble.rows(study, parts, spans(study), cut, name)
+        if name == "failures":
+            rows = _counted(rows, causes)
+        first = list(islice(rows, 1))
+        if first or name in (study.keep, "timings") or (name == "points" and study.keep_points):
+            store.join(name, columns, chain(first, rows), metadata)
+            written.append(name)
+        else:
+            store.remove(name)
+    before = store.manifest() if (store.folder / "manifest.json").is_file() else {}
+    store.save_manifest(
+        {key: value for key, value in before.items() if key == "posterior"}
+        | {
+            "format": FORMAT,
+            "run": study.run_name(),
+            "config": study.model_dump(mode="json"),
+            "cells": study.cells(),
+            "fits": sum(span.rows for span in spans(study)) * len(study.estimators),
+            "failures": causes.total(),
+            "lost": causes["worker"],
+            "estimators": {name: ESTIMATORS[name].version for name in study.estimators},
+            "tables": {name: store.fingerprint(name) for name in written},
+            "started": started.isoformat(timespec="seconds"),
+            "seconds_computing": round(parts.seconds, 3),
+            "seconds": round(parts.seconds + time.perf_counter() - clock, 3),
+            "jobs": workers.jobs,
+            "backend": workers.backend,
+            "software": parts.software,
+            "also_computed_by": parts.made_by,
+            "machine": provenance.machine(),
+        }
+    )
+    parts.remove()
+
+
+def complaint(run: Run) -> str | None:
+    """What to say of a finished run if a larger share of its fits failed than its config tolerates."""
+    said, tolerated = run.manifest(), run.study.tolerate_failures
+    failures, fits = said["failures"], said["fits"]
+    if failures <= tolerated * fits:
+        return None
+    words = f"{failures:,} of {fits:,} fits raised an exception or killed their worker"
+    return f"{run.path('failures')}: {words}; tolerate_failures = {tolerated:g}"
+
+
+def _counted(rows: Iterator[pa.Table], causes: Counter[str]) -> Iterator[pa.Table]:
+    for table in rows:
+        causes.update(table["cause"].cast(pa.string()).to_pylist())
+        yield table

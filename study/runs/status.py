@@ -1,0 +1,73 @@
+"""How far a run is, told without touching it."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from study.experiment.config import Study
+from study.experiment.design import spans
+from study.runs.growth import Cut, damaged, finished, up_to_date
+from study.runs.jobs import Asked
+from study.runs.lock import holder
+from study.runs.parts import DAMAGED, Parts
+from study.runs.provenance import described, other_version
+from study.runs.store import Run
+from study.runs.write import RunError
+
+
+def printed(folder: Path) -> Iterator[str]:
+    """The state of a run for a terminal: a line per fact.
+
+    Raises:
+        RunError: if there is no run, or it is of a newer version.
+    """
+    run = Run.open(folder)
+    run.refuse_newer()
+    parts = Parts(folder, "units")
+    parts.load(set_aside=False)
+    yield f"{run.study.run_name()}: {_state(run, parts)}"
+    if (writer := holder(folder)) is not None:
+        yield f"  written by   {writer}, at this moment"
+    yield f"  units        {_units(run, parts)}"
+    yield f"  parts        {parts.count:,} whole, {_aside(parts)}"
+    yield f"  failures     {_failures(run)}"
+    yield f"  tables       {_tables(run)}"
+    makers = [made for made in [run.maker(), *parts.made_by] if made]
+    for made in makers or [{}]:
+        yield f"  made by      {described(made)}" + (", which is another" if other_version(made) else "")
+
+
+def _state(run: Run, parts: Parts) -> str:
+    if finished(run):
+        return "finished" if up_to_date(run) else "finished, but `study run` would compute some of it anew"
+    if damaged(run):
+        return "damaged: `study run` computes again what is lost"
+    return "begun, not finished" if parts.count else "not begun, or nothing is left of it"
+
+
+def _units(run: Run, parts: Parts) -> str:
+    total = sum(1 for _ in spans(run.study))
+    if finished(run) and up_to_date(run):
+        return f"{total:,}, all done"
+    cut = Cut(run.study, Study.model_validate_json(parts.note) if parts.note else None)
+    pieces = [piece for span in spans(run.study) for piece in cut(span)]
+    missing = sum(1 for _ in Asked(run.study).lacking(pieces, parts.outputs))
+    return f"{len(pieces):,}, of which {len(pieces) - missing:,} are done and {missing:,} missing"
+
+
+def _aside(parts: Parts) -> str:
+    aside = len(list((parts.folder / DAMAGED).glob("*"))) if parts.folder.is_dir() else 0
+    return f"{len(parts.damaged):,} damaged, {aside:,} set aside as damaged before"
+
+
+def _failures(run: Run) -> str:
+    try:
+        said = run.manifest()
+        return f"{said['failures']:,} of {said['fits']:,} fits, {said['lost']:,} of them by a worker that died"
+    except (RunError, KeyError):
+        return "known when the run is finished"
+
+
+def _tables(run: Run) -> str:
+    broken = damaged(run)
+    found = sorted(path.stem for path in run.folder.glob("*.parquet"))
+    return ", ".join(f"{name} (damaged)" if name in broken else name for name in found) or "none"

@@ -1,0 +1,118 @@
+"""Writing: every file under a temporary name, synced, then renamed, so that it is there whole or not at all."""
+
+import contextlib
+import os
+from collections import deque
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import pandas as pd
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+
+_ROWS_PER_GROUP = 1 << 17
+
+
+class RunError(Exception):
+    """A run that cannot be used, written or computed; the message says why and what to do."""
+
+
+@contextlib.contextmanager
+def explained(place: Path) -> Iterator[None]:
+    """Turn a failure to write into one clear line."""
+    try:
+        yield
+    except OSError as error:
+        raise RunError(f"{place}: cannot be written: {error.strerror or error}; what was finished is kept") from None
+
+
+@contextlib.contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """A temporary name in the same folder; synced and renamed at the end, removed on failure."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        yield temporary
+        with open(temporary, "rb") as file:
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+        _sync_folder(path.parent)
+    finally:
+        with contextlib.suppress(OSError):
+            temporary.unlink()
+
+
+def _sync_folder(folder: Path) -> None:
+    """Make a renaming last through a loss of power, where the system lets folders be synced."""
+    if os.name != "nt":
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+
+
+def write(path: Path, data: bytes) -> None:
+    """Write a file."""
+    with replacing(path) as temporary, open(temporary, "wb") as file:
+        file.write(data)
+
+
+def write_table(path: Path, table: pa.Table) -> None:
+    """Write a table as parquet."""
+    with replacing(path) as temporary:
+        pq.write_table(table, temporary, compression="zstd")
+
+
+def join(path: Path, schema: pa.Schema, tables: Iterable[pa.Table]) -> None:
+    """Stream tables into one parquet file, in row groups of equal size whatever the tables' sizes.
+
+    The words that a row group knows are those of the tables that reach into it, in the order of their rows.
+    """
+    plain = schema.remove_metadata()
+    with replacing(path) as temporary, pq.ParquetWriter(temporary, schema, compression="zstd") as writer:
+        waiting: deque[pa.Table] = deque()
+        rows = written = 0  # of those that wait; of the first that waits
+
+        def write_group(size: int) -> int:
+            group = _encoded(pa.concat_tables(waiting), plain).slice(written, size)
+            writer.write_table(group.combine_chunks())
+            end = written + size
+            while waiting and end >= waiting[0].num_rows:
+                end -= waiting.popleft().num_rows
+            return end
+
+        for table in tables:
+            waiting.append(table)
+            rows += table.num_rows
+            while rows >= _ROWS_PER_GROUP:
+                rows -= _ROWS_PER_GROUP
+                written = write_group(_ROWS_PER_GROUP)
+        if rows:
+            write_group(rows)
+
+
+def _encoded(table: pa.Table, schema: pa.Schema) -> pa.Table:
+    """A table whose dictionaries have the words of its rows in order, and no others."""
+    for index, field in enumerate(schema):
+        if pa.types.is_dictionary(field.type):
+            words = table[field.name].cast(pa.string()).combine_chunks()
+            table = table.set_column(index, field.name, pc.dictionary_encode(words))
+    return table.cast(schema)
+
+
+def save_frame(frame: pd.DataFrame, path: Path) -> None:
+    """Write a data frame to a file of a user's choice, as CSV or parquet by its suffix, whole or not at all.
+
+    Raises:
+        RunError: if the suffix is another, or the file cannot be written.
+    """
+    if path.suffix not in (".csv", ".parquet"):
+        raise RunError(f"{path}: give a name that ends in .csv or .parquet")
+    with explained(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(path) as temporary:
+            if path.suffix == ".csv":
+                frame.to_csv(temporary, index=False)
+            else:
+                frame.to_parquet(temporary, index=False)

@@ -1,0 +1,108 @@
+"""The same run by threads, by processes and by a Dask cluster, one of whose workers is killed: the same bytes."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import study
+from study.runs.workers import Workers
+from study.runs.write import RunError
+
+pytestmark = pytest.mark.usefixtures("same_software")
+
+ENTRIES = {"top": {"keep_points": 1}, "trials": 120, "samples": [20, 1000], "draws": "independent"}
+
+
+def tables(run):
+    """Bytes of the tables that do not depend on time."""
+    return {name: (run.folder / f"{name}.parquet").read_bytes() for name in ("errors", "points")}
+
+
+@pytest.fixture
+def one_unit_in_a_task(monkeypatch):
+    """Many small tasks, so that all workers have some."""
+    monkeypatch.setattr("study.experiment.design._SAMPLES_PER_UNIT", 500)
+    monkeypatch.setattr("study.runs.workers.Pool.enough", 0.0)
+    monkeypatch.setattr("study.runs.cluster.Cluster.enough", 0.0)
+
+
+@pytest.fixture
+def expected(start, one_unit_in_a_task):
+    """The tables that one thread makes."""
+    return tables(start(jobs=1, **ENTRIES))
+
+
+@pytest.fixture
+def cluster(tmp_path):
+    """A scheduler and two workers, each a process, started as the manual says; its address and the workers."""
+    paths = [str(Path(study.__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
+    processes, place = [], tmp_path / "scheduler.json"
+
+    def begin(*words):
+        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+        processes.append(subprocess.Popen([sys.executable, "-m", *words], cwd=tmp_path, env=environment, **quiet))
+        return processes[-1]
+
+    scheduler = ["--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--no-jupyter", "--scheduler-file", str(place)]
+    try:
+        begin("distributed.cli.dask_scheduler", *scheduler)
+        while not place.exists() or not place.read_text():
+            assert processes[0].poll() is None
+            time.sleep(0.02)
+        address = json.loads(place.read_text())["address"]
+        more = ["--", "--nthreads", "1", "--no-nanny", "--no-dashboard"]
+        yield address, [begin("study.cli", "worker", address, *more) for _ in range(2)]
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
+
+
+def test_loky(start, expected):
+    """Two processes of this machine."""
+    run = start(jobs=Workers("loky", 2), **ENTRIES)
+    assert tables(run) == expected
+    assert run.manifest()["backend"] == "loky"
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning:distributed")
+def test_dask_with_a_worker_killed_midway(start, expected, cluster):
+    """A real scheduler and two real workers, of which one is killed when a few results are there."""
+    address, workers = cluster
+    shares = []
+
+    def progress(share):
+        shares.append(share)
+        if len(shares) == 4:
+            workers[0].kill()
+
+    run = start(jobs=Workers("dask", 2, address), progress=progress, **ENTRIES)
+    assert len(shares) > 10
+    assert tables(run) == expected
+    assert not run.has("failures")
+    assert run.manifest()["backend"] == "dask"
+
+
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nonsense://x", "127.0.0.1:notaport"])
+def test_no_scheduler(start, tmp_path, monkeypatch, address):
+    """An address where none answers: one line that names it, and nothing is written."""
+    monkeypatch.setattr("study.runs.cluster._PATIENCE", 0.5)
+    with pytest.raises(RunError, match="no scheduler answers there") as told:
+        start(jobs=Workers("dask", 2, address), folder=tmp_path / "run")
+    assert address in str(told.value)
+    assert "\n" not in str(told.value)
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize("wrong", [Workers("dask"), Workers("threads", 2, "tcp://x:1"), Workers("slurm")], ids=str)
+def test_no_such_backend(start, tmp_path, wrong):
+    """A backend that is not known, or lacks its scheduler, is told in one line."""
+    with pytest.raises(RunError, match="--"):
+        start(jobs=wrong, folder=tmp_path / "run")
+    assert not (tmp_path / "run").exists()

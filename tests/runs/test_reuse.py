@@ -1,0 +1,193 @@
+"""A study that grew takes what an earlier run of it has: only the new is computed, and the tables do not show it."""
+
+from dataclasses import replace
+
+import pytest
+
+import study
+from study.experiment.config import parse
+
+pytestmark = pytest.mark.usefixtures("same_software", "small_units")
+
+GRID = {"trials": 10, "samples": [6, 40], "noise": [0.05, 0.5], "angle": [60]}
+RANDOM = {
+    "kind": "random",
+    "trials": 60,
+    "samples": {"law": "log_uniform", "low": 5, "high": 60},
+    "noise": {"law": "log_uniform", "low": 1e-6, "high": 2},
+    "angle": {"law": "uniform", "low": 0, "high": 180},
+}
+TWO = {"estimators": ["mle", "lls"]}
+
+
+@pytest.fixture
+def named(start, make_text, tmp_path):
+    """Run a study into its own folder, as the command line does; lines for the user are kept in ``told``."""
+    told = []
+
+    def run(top=None, **design):
+        folder = tmp_path / "results" / parse(make_text(top, **design)).run_name()
+        return start(top, folder=folder, warn=told.append, **design)
+
+    run.told = told
+    return run
+
+
+def rows(design, top=TWO):
+    """How many fits a study of GRID or RANDOM has."""
+    cells = len(design["samples"]) * len(design["noise"]) * len(design["angle"]) if "kind" not in design else 1
+    return cells * design["trials"] * len(top["estimators"])
+
+
+GROWTH = {
+    "trials": (TWO, GRID | {"trials": 23}),
+    "trials within a block": (TWO, GRID | {"trials": 11}),
+    "noise": (TWO, GRID | {"noise": [0.01, 0.05, 0.1, 0.5]}),
+    "samples": (TWO, GRID | {"samples": [20, 6, 40]}),
+    "an estimator": ({"estimators": ["gdke", "lls", "mle"]}, GRID),
+    "all": (
+        {"estimators": ["lls", "ugdk", "mle"]},
+        GRID | {"trials": 15, "noise": [0.5, 0.1, 0.05], "angle": [60, 90]},
+    ),
+    "points": (TWO | {"keep_points": 1}, GRID | {"trials": 12}),
+}
+
+
+@pytest.mark.parametrize("kind", ["shared", "independent"])
+@pytest.mark.parametrize("name", list(GROWTH))
+def test_only_the_new_is_computed(named, start, computed, name, kind):
+    """Each fit that the earlier run lacks is computed once, and no other; the bytes are those of a run from nothing."""
+    top, design = GROWTH[name]
+    more = {"draws": "independent"} if kind == "independent" else {}
+    named(TWO, **GRID, **more)
+    before = set(computed)
+    computed.clear()
+    grown = named(top, **design, **more)
+    again = list(computed)
+    computed.clear()
+    fresh = start(top, **design, **more)
+    assert len(set(again)) == len(again)
+    assert set(again) == set(computed) - before
+    assert len(computed) == rows(design, top)
+    for table in ["errors"] + ["points"] * ("keep_points" in top):
+        assert grown.path(table).read_bytes() == fresh.path(table).read_bytes()
+    assert any("are taken from" in line for line in named.told)
+
+
+def test_a_random_design_grows(named, start, computed):
+    """More trials continue the old ones; other laws have nothing in common with them."""
+    named(TWO, **RANDOM)
+    computed.clear()
+    grown = named(TWO, **RANDOM | {"trials": 140})
+    assert len(computed) == 2 * 80
+    assert grown.path("errors").read_bytes() == start(TWO, **RANDOM | {"trials": 140}).path("errors").read_bytes()
+    computed.clear()
+    named(TWO, **RANDOM | {"angle": {"law": "uniform", "low": 0, "high": 90}})
+    assert len(computed) == 2 * 60
+
+
+@pytest.mark.parametrize(
+    ("top", "design"),
+    [
+        (TWO | {"seed": 2}, GRID | {"trials": 11}),
+        (TWO | {"dimension": 2}, GRID | {"trials": 11}),
+        (TWO | {"name": "other"}, GRID | {"trials": 11}),
+        (TWO, GRID | {"trials": 11, "draws": "independent"}),
+        ({"estimators": ["gdke"]}, GRID),
+    ],
+    ids=str,
+)
+def test_what_is_not_the_same_is_not_taken(named, computed, top, design):
+    """Another seed, dimension or name, draws that are not shared, other estimators: all is computed."""
+    named(TWO, **GRID)
+    computed.clear()
+    named(top, **design)
+    assert len(computed) == rows(design, top)
+    assert named.told == []
+
+
+def test_the_same_config_elsewhere_is_computed_again(named, start, computed, tmp_path):
+    """A run is checked by running it again: a copy would prove nothing."""
+    run = named(TWO, **GRID)
+    computed.clear()
+    start(TWO, folder=tmp_path / "results" / f"{run.study.run_name()}-again", warn=named.told.append, **GRID)
+    assert len(computed) == rows(GRID)
+    assert named.told == []
+
+
+def test_of_several_the_largest_is_taken(named, computed):
+    """Where several runs have some of it, the one with the most is taken."""
+    for trials in (5, 20, 10):
+        named(TWO, **GRID | {"trials": trials})
+    computed.clear()
+    named.told.clear()
+    named(TWO, **GRID | {"trials": 24})
+    assert len(computed) == rows(GRID | {"trials": 4})
+    assert len(named.told) == 1
+
+
+def test_another_version_is_not_taken(named, computed, monkeypatch):
+    """Rows of an estimator that has changed are computed, those of the others taken."""
+    named(TWO, **GRID)
+    monkeypatch.setitem(study.ESTIMATORS, "lls", replace(study.ESTIMATORS["lls"], version=7))
+    computed.clear()
+    named(TWO, **GRID | {"trials": 11})
+    assert sum(e == "mle" for *_, e in computed) == 4
+    assert sum(e == "lls" for *_, e in computed) == 44
+
+
+def test_a_damaged_run_is_not_taken(named, computed):
+    """An earlier run whose table is not as it was written is left alone."""
+    run = named(TWO, **GRID)
+    data = bytearray(run.path("errors").read_bytes())
+    data[len(data) // 2] ^= 1
+    run.path("errors").write_bytes(data)
+    computed.clear()
+    named(TWO, **GRID | {"trials": 11})
+    assert len(computed) == rows(GRID | {"trials": 11})
+
+
+@pytest.mark.usefixtures("small_parts")
+def test_a_grown_run_that_stops_goes_on(named, start, computed, make_text, tmp_path):
+    """What was taken and computed before a break is not computed again, even if the earlier run is gone."""
+    design = GRID | {"trials": 23, "noise": [0.05, 0.1, 0.5]}
+    earlier = named(TWO, **GRID)
+    folder = tmp_path / "results" / parse(make_text(TWO, **design)).run_name()
+    before = set(computed)
+    computed.clear()
+
+    class Stop(BaseException):
+        pass
+
+    def stop(share):
+        raise Stop
+
+    with pytest.raises(Stop):
+        start(TWO, folder=folder, progress=stop, warn=str, **design)
+    first = list(computed)
+    for path in earlier.folder.iterdir():
+        path.unlink()
+    computed.clear()
+    done = named(TWO, **design)
+    assert not set(computed) & (before | set(first))
+    computed.clear()
+    assert done.path("errors").read_bytes() == start(TWO, **design).path("errors").read_bytes()
+
+
+def test_failures_are_taken_too(named, monkeypatch, computed):
+    """Rows that failed by an exception are taken with their messages: they would fail again."""
+
+    def raises(samples):
+        if samples.shape[2] == 40:
+            raise ZeroDivisionError("my own mistake")
+        return study.ESTIMATORS["lls"](samples)
+
+    monkeypatch.setitem(study.ESTIMATORS, "raises", replace(study.ESTIMATORS["lls"], function=raises))
+    top = {"estimators": ["raises", "mle"], "tolerate_failures": 1.0}
+    named(top, **GRID)
+    computed.clear()
+    grown = named(top, **GRID | {"trials": 11})
+    assert len(computed) == 4 * 2
+    failures = grown.table("failures")
+    assert len(failures) == grown.manifest()["failures"] == 2 * 11
+    assert sorted(failures["trial"]) == sorted(2 * list(range(11)))

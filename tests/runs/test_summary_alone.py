@@ -1,0 +1,134 @@
+"""A study that keeps summaries alone: no errors are stored, and the summary is that of the errors, to the bit."""
+
+import functools
+
+import pytest
+
+import study
+from study.analysis.summary import of_errors, summarise
+from study.estimators import Status
+from study.estimators.fit import Estimator
+from study.experiment.config import parse
+from study.experiment.design import units
+from study.experiment.errors import Errors
+from study.experiment.work import compute
+from study.runs import runner
+from study.runs.store import Run
+from study.runs.workers import Workers
+
+pytestmark = pytest.mark.usefixtures("same_software")
+
+GRID = {"trials": 70, "samples": [6, 700], "noise": [0.05, 0.5], "radius": [1.0, 10.0]}
+
+
+@pytest.fixture
+def keep(make_text, tmp_path):
+    """Run a study that keeps summaries alone."""
+
+    def run(name, top=None, jobs=2, **design):
+        text = make_text({"keep": "summary"} | (top or {}), **(GRID | design))
+        return runner.run(parse(text), text, tmp_path / name, jobs, warn=str, reduce=of_errors)
+
+    return run
+
+
+@pytest.mark.parametrize("route", ["points", "moments"])
+def test_the_summary_is_that_of_the_errors(start, keep, files, route):
+    """The same table as from stored errors, whose rows are not stored; for both routes."""
+    top = {"route": route, "estimators": ["gdke", "ugdk"]} if route == "moments" else {}
+    short, whole = keep("short", top), start(top, **GRID)
+    summarise(whole)
+    assert short.table("summary").equals(whole.table("summary"))
+    assert set(files(short.folder)) == {"config.toml", "manifest.json", "timings.parquet", "summary.parquet"}
+    assert short.manifest()["tables"].keys() == {"timings", "summary"}
+
+
+@pytest.mark.parametrize("draws", ["shared", "independent"])
+def test_bytes_do_not_depend_on_workers(keep, draws):
+    """Threads and processes write the same summary."""
+    found = [keep(str(jobs), jobs=jobs, draws=draws) for jobs in (1, 2)]
+    found.append(keep("loky", jobs=Workers("loky", 2), draws=draws))
+    assert len({run.path("summary").read_bytes() for run in found}) == 1
+
+
+def test_rows_from_arrays_are_rows_from_tables(make_text):
+    """Of errors in arrays, with fits that are not ok, `of_errors` makes what `summary` makes of their rows."""
+    import pandas as pd
+
+    from study.analysis.summary import summary
+
+    made = parse(make_text({"estimators": ["ugdk", "mle"]}, **(GRID | {"noise": [0.05, 3.0], "samples": 5})))
+    found = []
+
+    def both(errors):
+        expected = summary(pd.DataFrame(errors.columns()), by_decade=False)
+        rows = pd.DataFrame(of_errors(errors))
+        assert (rows["ok"] < rows["planned"]).any()
+        pd.testing.assert_frame_equal(rows, expected[list(rows)], check_exact=True)
+        found.append(errors)
+        return {}
+
+    for unit in units(made.model_copy(update={"keep": "summary"})):
+        compute(made.model_copy(update={"keep": "summary"}), unit, both)
+    assert all(isinstance(errors, Errors) for errors in found)
+    assert found
+
+
+def test_a_run_that_stops_goes_on(keep, computed, monkeypatch):
+    """What was finished is not computed again; a finished run computes nothing; a damaged summary is made again."""
+    monkeypatch.setattr("study.runs.workers.Pool.enough", 0.0)
+    monkeypatch.setattr("study.runs.parts._SECONDS", 0.0)
+    whole = keep("whole")
+    everything = list(computed)
+
+    class Stop(BaseException):
+        pass
+
+    def stop(share):
+        raise Stop
+
+    computed.clear()
+    real = runner.run
+    monkeypatch.setattr(runner, "run", functools.partial(real, progress=stop))
+    with pytest.raises(Stop):
+        keep("broken")
+    first = list(computed)
+    monkeypatch.setattr(runner, "run", real)
+    computed.clear()
+    run = keep("broken")
+    assert sorted([*first, *computed]) == sorted(everything)
+    assert run.path("summary").read_bytes() == whole.path("summary").read_bytes()
+    computed.clear()
+    keep("broken")
+    assert computed == []
+    run.path("summary").write_bytes(run.path("summary").read_bytes()[:-5])
+    assert keep("broken").path("summary").read_bytes() == whole.path("summary").read_bytes()
+
+
+def test_failures_are_rows(keep, monkeypatch):
+    """What an estimator raises is in the table of failures, and counted in the summary."""
+
+    def raises(samples):
+        raise ZeroDivisionError("my own mistake")
+
+    monkeypatch.setitem(study.ESTIMATORS, "raises", Estimator(raises))
+    run = keep("run", {"estimators": ["raises", "lls"]})
+    rows = run.table("summary").set_index("estimator")
+    assert set(rows.loc["raises"][Status.FAILED.name.lower()]) == {70}
+    assert set(rows.loc["lls"][Status.FAILED.name.lower()]) == {0}
+    assert len(run.table("failures")) == run.manifest()["failures"] == 70 * 16
+
+
+def test_nothing_makes_the_summary(make_text, tmp_path):
+    """Without a function that makes it, nothing is begun."""
+    text = make_text({"keep": "summary"}, **GRID)
+    with pytest.raises(ValueError, match="needs a function that makes a summary"):
+        runner.run(parse(text), text, tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+def test_it_is_opened_like_any_other(keep):
+    """Its summary is read back; its errors are missing, and said to be."""
+    run = Run.open(keep("run").folder)
+    assert len(run.table("summary")) == 16 * 4
+    assert not run.has("errors")
