@@ -2,16 +2,19 @@
 
 import contextlib
 import io
-import os
-import platform
+import signal
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from study.analysis.commands import diff, worst
 from study.mocap import commands
+from study.runs import target
+from study.runs.commands import Code, Folder, status, worker
 
 app = typer.Typer(
     help="Monte-Carlo study of closed-form sphere fits (Knight & Semwal 2009).",
@@ -22,22 +25,24 @@ app = typer.Typer(
 )
 
 Config = Annotated[Path, typer.Argument(metavar="CONFIG", help="a study's config, such as configs/sweep.toml")]
-Folder = Annotated[Path, typer.Argument(metavar="RUN", help="a run's folder, such as results/paper-0123456789")]
 Folders = Annotated[list[Path], typer.Argument(metavar="RUN", help="folders of runs of different configs")]
 Cost = Annotated[Path | None, typer.Option("--cost", help="the table that `study cost` stores, for claims of cost")]
 Figures = Annotated[list[str] | None, typer.Argument(metavar="FIGURE…", help="such as fig2_error [default: all]")]
 Out = Annotated[Path | None, typer.Option("--out", help="the run's folder [default: results/<name>-<digest>]")]
 Jobs = Annotated[int, typer.Option("--jobs", "-j", min=1, max=1024, help="number of workers")]
+Backend = Annotated[str, typer.Option("--backend", help="who computes: threads, loky (processes) or dask (a cluster)")]
+Scheduler = Annotated[str | None, typer.Option("--scheduler", help="address of a Dask scheduler: tcp://host:8786")]
 
 
 @app.command()
 def plan(config: Config, jobs: Jobs = 2) -> None:
     """Say what a study will cost, without running it."""
+    from study.analysis.summary import of_errors
     from study.experiment.config import load
     from study.runs.plan import plan as make_plan
 
     study = load(config)
-    made = make_plan(study, jobs)
+    made = make_plan(study, jobs, of_errors)
     typer.echo(f"{study.run_name()}")
     for label, value in made.lines():
         typer.echo(f"  {label:<10} {value}")
@@ -48,23 +53,35 @@ def run(
     configs: Annotated[list[Path], typer.Argument(metavar="CONFIG…", help="studies' configs")],
     jobs: Jobs = 2,
     out: Out = None,
+    backend: Backend = "threads",
+    scheduler: Scheduler = None,
 ) -> None:
-    """Run studies and store their tables; print the folder of each."""
+    """Run studies, as far as they have not been run, and store their tables; print the folder of each."""
     from study.analysis.posterior import compute
-    from study.analysis.summary import summarise
+    from study.analysis.summary import of_errors, summarise
     from study.experiment.config import read
     from study.runs import runner
+    from study.runs.finish import complaint
+    from study.runs.workers import Workers
 
+    if (backend == "dask") != (scheduler is not None) or backend not in ("threads", "loky", "dask"):
+        raise typer.BadParameter("--backend is threads, loky, or dask, which alone takes a --scheduler, and needs it")
     if out is not None and len(configs) > 1:
         raise typer.BadParameter(f"--out {out} is one folder, for one config; leave it out")
+    workers, complaints = Workers(backend, jobs, scheduler), []
     for study, text in [read(config) for config in configs]:  # all are read before any is run
         with _progress(study.run_name()) as advance:
-            done = runner.run(study, text, out or Path("results") / study.run_name(), jobs, advance)
-        summarise(done)
+            folder = out or Path("results") / study.run_name()
+            done = runner.run(study, text, folder, workers, advance, reduce=of_errors)
+        if not done.has("summary"):
+            summarise(done)
         if study.posterior is not None:
             with _progress("posteriors") as advance:
-                compute(done, jobs, advance)
+                compute(done, workers, advance)
         typer.echo(str(done.folder))
+        complaints += [said for said in [complaint(done)] if said]
+    if complaints:
+        raise typer.Exit(_said("\n".join(complaints), Code.FAILURES))
 
 
 @app.command()
@@ -167,21 +184,33 @@ def fit(
 @app.command()
 def replay(
     folder: Folder,
-    cell: Annotated[str, typer.Argument(metavar="CELL", help="the cell's name, or its beginning")],
-    trial: Annotated[int, typer.Argument(metavar="TRIAL", min=0, help="number of the data set")],
+    cell: Annotated[str, typer.Argument(metavar="CELL", help="the cell's name, or its beginning; or CELL/TRIAL")],
+    trial: Annotated[int | None, typer.Argument(metavar="[TRIAL]", min=0, help="number of the data set")] = None,
     out: Annotated[Path | None, typer.Option("--out", help="write the points here, as CSV or parquet")] = None,
+    plot: Annotated[Path | None, typer.Option("--plot", help="draw points, fits and truth here")] = None,
 ) -> None:
     """Draw one trial of a run again, and show the truth and every estimator's answer."""
-    from study.analysis.replayed import points, printed
-    from study.experiment.replay import find, replay
-    from study.runs.store import Run, save_frame
+    from study.analysis.replayed import fits, points, printed
+    from study.experiment.replay import find, named, replay
+    from study.runs.provenance import other_version
+    from study.runs.store import Run
+    from study.runs.write import save_frame
 
-    study = Run.open(folder).study
-    drawn = replay(study, find(study, cell, trial))
-    for line in printed(study, drawn):
+    run = Run.open(folder)
+    drawn = replay(run.study, find(run.study, *named(cell, trial)))
+    if (warning := other_version(run.maker())) is not None:
+        _said(f"{folder}: {warning}", 0)
+    for line in printed(run.study, drawn):
         typer.echo(line)
     if out is not None:
         save_frame(points(drawn), out)
+    if plot is not None:
+        from study.figures.fit import draw, prepare
+        from study.figures.style import save_picture
+
+        frame = points(drawn)
+        axes = [str(name) for name in frame.columns]
+        save_picture(draw(prepare(frame.to_numpy(), fits(run.study, drawn), axes)), plot)
 
 
 @app.command()
@@ -201,7 +230,7 @@ def cost(
 ) -> None:
     """Count the operations of a fit and time it, beside the paper's figures; store the table."""
     from study.analysis.flops import cost_table, printed
-    from study.runs.store import save_frame
+    from study.runs.write import save_frame
 
     table = cost_table()
     save_frame(table, out)
@@ -209,6 +238,10 @@ def cost(
         typer.echo(line)
 
 
+app.command()(status)
+app.command()(diff)
+app.command()(worst)
+app.command()(worker)
 app.command()(commands.recording)
 app.command()(commands.joints)
 app.command()(commands.skeleton)
@@ -229,49 +262,36 @@ def _progress(words: str) -> Iterator[Callable[[float], None]]:
         yield lambda share: bar.advance(task, share)
 
 
-def _fix_code_target() -> None:
-    """Generate the same machine code on every x86-64 processor since 2013, so that equal runs are equal to the byte.
-
-    The default is code for the processor at hand, whose wider registers add in another order; a name alone would
-    leave its features in. It must be set before numba is imported; a user's own choice stands.
-    """
-    if platform.machine() not in ("x86_64", "AMD64") or "NUMBA_CPU_NAME" in os.environ:
-        return
-    try:
-        flags = set(Path("/proc/cpuinfo").read_text(encoding="utf-8").split())
-    except OSError:
-        return
-    if {"avx2", "fma", "bmi2"} <= flags:
-        os.environ["NUMBA_CPU_NAME"] = "x86-64-v3"
-        os.environ["NUMBA_CPU_FEATURES"] = ""  # those that the name implies, and no others
-        os.environ.setdefault("OPENBLAS_CORETYPE", "Haswell")
-
-
 def main(command: Callable[..., Any] = app) -> None:
-    """Entry point: exit code 0 complete, 1 failure, 2 usage or config, 130 interrupted."""
-    _fix_code_target()
+    """Entry point; see `Code`."""
+    target.fix()
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGTERM, _interrupt)  # what a batch system sends when time is up: as Ctrl-C
     for stream in (sys.stdout, sys.stderr):  # a terminal without Greek shows a question mark
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
     try:
         command()
     except SystemExit as end:
-        if end.code == 130:
-            _said("interrupted; the parts that were finished are kept", 130)
+        if end.code == Code.INTERRUPTED:
+            _said("interrupted; what was finished is kept, and running again goes on from there", Code.INTERRUPTED)
         raise
     except Exception as error:
         from study.analysis.pointfile import PointFileError
         from study.experiment.faults import ConfigError
         from study.experiment.replay import ReplayError
-        from study.experiment.work import WorkError
         from study.mocap.recording import RecordingError
         from study.runs.store import RunError
 
         if isinstance(error, ConfigError | PointFileError | RecordingError | ReplayError):
-            raise SystemExit(_said(str(error), 2)) from None
-        if isinstance(error, RunError | WorkError):
-            raise SystemExit(_said(str(error), 1)) from None
+            raise SystemExit(_said(str(error), Code.USAGE)) from None
+        if isinstance(error, RunError):
+            raise SystemExit(_said(str(error), Code.FAILURE)) from None
         raise
+
+
+def _interrupt(number: int, frame: object) -> None:
+    raise KeyboardInterrupt
 
 
 def _said(message: str, code: int) -> int:

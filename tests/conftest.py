@@ -3,14 +3,15 @@
 Factories are session fixtures that return functions, so that hypothesis tests can use them too.
 """
 
-import study.cli
+from study.runs import target
 
 # before numba is there: tests run the code that the command runs, and it is compiled once for both
-study.cli._fix_code_target()
+target.fix()
 
 import numpy as np  # noqa: E402
 import pytest  # noqa: E402
 
+import study  # noqa: E402
 from study.sphere.cap import sample_cap  # noqa: E402
 
 CIRCLES = """

@@ -5,20 +5,15 @@ So the tables depend neither on the number of workers nor on what was interrupte
 chains that are there as they were.
 """
 
-import contextlib
 import hashlib
 import json
-import signal
-import time
-import warnings
-from collections.abc import Callable, Generator, Iterator
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-from joblib import Parallel, delayed
 from threadpoolctl import threadpool_limits
 
 from study.analysis import answers, calibration
@@ -29,11 +24,18 @@ from study.experiment.posterior import Posterior
 from study.experiment.replay import Address, addresses, replay
 from study.experiment.streams import old_stream
 from study.runs import tables
-from study.runs.store import Run, RunError
+from study.runs.lock import writing
+from study.runs.parts import Packet, Parts
+from study.runs.store import Run
+from study.runs.workers import Crew, Pool, Workers, kept
+from study.runs.write import RunError
 
 FORMAT = 1
 """To be raised when a chain of the same name would draw otherwise: finished chains are kept by it."""
-Parts = dict[str, pa.Table]
+_OUTPUTS = ("chain",)
+_HEAVY = 1e8
+"""Weight of a chain per sample: none is so light that it would be sent together with others."""
+Shared = tuple[Study, Posterior]
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,7 @@ class Task:
         content = repr((FORMAT, study.seed, study.dimension, study.estimators, settings, self.key, self.address.cell))
         return hashlib.sha256(content.encode()).hexdigest()[:20]
 
-    def compute(self, study: Study, posterior: Posterior) -> Parts:
+    def compute(self, study: Study, posterior: Posterior) -> dict[str, pa.Table]:
         """Run the chain."""
         trial = replay(study, self.address)
         prior = prior_of(trial.cell, posterior, self.noise_is == "known")
@@ -93,44 +95,49 @@ def tasks(study: Study, posterior: Posterior) -> list[Task]:
     return [Task(place, name, noise) for place in places for name in posterior.likelihood for noise in posterior.noise]
 
 
-def compute(run: Run, jobs: int = 2, progress: Callable[[float], None] | None = None) -> None:
+def compute(run: Run, jobs: Workers | int = 2, progress: Callable[[float], None] | None = None) -> None:
     """Compute the posterior tables that a run's config asks for; what is there already is not computed again.
 
     Args:
         run: the run; only its config is looked at.
-        jobs: number of workers, which are processes: emcee's steps hold the interpreter's lock.
+        jobs: number of workers, or who they are. Threads are made processes: emcee's steps hold the interpreter's lock.
         progress: called after each chain with its share of the work.
 
     Raises:
         RunError: if the config asks for none, chooses no cell, or the folder cannot be written.
     """
+    workers = Workers(jobs=jobs) if isinstance(jobs, int) else jobs
     study, posterior = run.study, run.study.posterior
     if posterior is None:
         raise RunError(f"{run.folder}: its config has no [posterior]; add one, as in configs/posterior.toml")
     todo = tasks(study, posterior)
     if not todo:
         raise RunError(f"{run.folder}: [posterior] where = {dict(posterior.where)} chooses none of its cells")
-    clock = time.perf_counter()
-    parts = [task.part(study, posterior) for task in todo]
-    metadata = {"study.config": study.canonical(), "study.posterior": json.dumps(parts)}
+    keys = {task.part(study, posterior): task for task in todo}
+    metadata = {"study.config": study.canonical(), "study.posterior": json.dumps(list(keys))}
     if run.metadata("posterior").get("study.posterior") == metadata["study.posterior"]:
         return
     d = study.dimension
     schemas = {"answers": tables.answers(d), "draws": tables.draws(d), "posterior": tables.posterior(d)}
-    _keep_finished(run, dict(zip(parts, todo, strict=True)), list(schemas))
-    missing = [i for i, part in enumerate(parts) if not run.has_parts(part)]
-    with threadpool_limits(limits=1), contextlib.closing(_computed(study, posterior, todo, missing, jobs)) as finished:
-        for index, found in finished:
-            run.commit_parts(parts[index], found)
-            if progress is not None:
-                progress(1.0 / len(missing))
-    run.join_parts(parts, schemas, metadata)
-    run.amend_manifest(
-        {"posterior": {"chains": len(todo), "seconds": round(time.perf_counter() - clock, 3), "jobs": jobs}}
-    )
+    if workers.backend == "threads" and workers.jobs > 1:
+        workers = replace(workers, backend="loky")
+    with workers.open() as pool, threadpool_limits(limits=1), writing(run.folder):
+        parts = Parts(run.folder, "chains")
+        parts.load()
+        for name in parts.damaged:
+            print(f"{parts.folder / name}: damaged; set aside in parts/damaged, and computed again", file=sys.stderr)
+        _keep_finished(run, parts, keys, list(schemas))
+        _compute(parts, (study, posterior), keys, pool, progress)
+        for name, columns in schemas.items():  # ``posterior`` last: where it is, the others are
+            found = (table for key in keys for _, _, table in parts.tables(key, name))
+            run.join(name, columns, found, metadata)
+        run.amend_manifest(
+            {"posterior": {"chains": len(todo), "seconds": round(parts.seconds, 3), "jobs": workers.jobs}}
+        )
+        parts.remove()
 
 
-def _keep_finished(run: Run, wanted: dict[str, Task], names: list[str]) -> None:
+def _keep_finished(run: Run, parts: Parts, wanted: dict[str, Task], names: list[str]) -> None:
     """Take chains out of finished tables that held others, so that only the new ones are computed."""
     held = set(json.loads(run.metadata("posterior").get("study.posterior", "[]"))) & set(wanted)
     stored = {name: run.arrow(name) for name in names} if held else {}
@@ -138,29 +145,35 @@ def _keep_finished(run: Run, wanted: dict[str, Task], names: list[str]) -> None:
         mine = pc.scalar(True)
         for column, value in wanted[part].key.items():
             mine = mine & (pc.field(column) == value)
-        run.commit_parts(part, {name: table.filter(mine) for name, table in stored.items()})
+        parts.add(Packet.of([(part, _OUTPUTS)], [{name: table.filter(mine) for name, table in stored.items()}]))
+    parts.commit()
 
 
-def _computed(
-    study: Study, posterior: Posterior, todo: list[Task], missing: list[int], jobs: int
-) -> Generator[tuple[int, Parts]]:
-    """Finished chains with their numbers, the longest first, none in the main thread; see `study.runs.runner`."""
-    order = sorted(missing, key=lambda i: -todo[i].address.cell.samples)
-    if jobs == 1:
-        with ThreadPoolExecutor(1) as pool:
-            for i in order:
-                yield i, pool.submit(todo[i].compute, study, posterior).result()
-        return
-    parallel = Parallel(n_jobs=jobs, backend="loky", return_as="generator_unordered", pre_dispatch="2*n_jobs")
-    with warnings.catch_warnings():  # said when a run ends early, which is told in our own words
-        warnings.filterwarnings("ignore", message=".*tasks have been successfully executed", category=UserWarning)
-        warnings.filterwarnings("ignore", message=".*tasks which were still being processed", category=UserWarning)
-        yield from parallel(delayed(_numbered)(i, todo[i], study, posterior) for i in order)
+def _compute(
+    parts: Parts, shared: Shared, keys: dict[str, Task], pool: Pool, progress: Callable[[float], None] | None
+) -> None:
+    """Run the chains that are not there, and store each as it comes back."""
+    missing = [item for item in keys.items() if not parts.outputs(item[0])]
+    lost: list[str] = []
+    crew: Crew[tuple[str, Task]] = Crew(pool, _chains, shared)
+    with kept(crew, parts):
+        for done in crew.results(missing, lambda item: _HEAVY * item[1].address.cell.samples, parts.patience):
+            if done is None:
+                parts.commit()
+                continue
+            if done.packet is None:
+                lost.append(done.message)
+            else:
+                parts.add(done.packet)
+            if progress is not None:
+                progress(len(done.items) / len(missing))
+    if lost:
+        raise RunError(f"{parts.folder.parent}: {len(lost)} chains could not be run: {lost[0]}; the others are kept")
 
 
-def _numbered(index: int, task: Task, study: Study, posterior: Posterior) -> tuple[int, Parts]:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends Ctrl-C to the workers too; the parent ends them
-    return index, task.compute(study, posterior)
+def _chains(shared: Shared, items: tuple[tuple[str, Task], ...]) -> Packet:
+    """Run chains; this is what a worker does."""
+    return Packet.of([(key, _OUTPUTS) for key, _ in items], [task.compute(*shared) for _, task in items])
 
 
 def printed(run: Run) -> Iterator[str]:

@@ -5,8 +5,9 @@ from collections.abc import Iterator
 import numpy as np
 import pandas as pd
 
-from study.estimators import ESTIMATORS
-from study.estimators.fit import explain
+from study.estimators import Fit
+from study.estimators.fit import blank, explain
+from study.experiment.attempt import attempt
 from study.experiment.config import Study
 from study.experiment.replay import Trial
 
@@ -14,6 +15,15 @@ from study.experiment.replay import Trial
 def points(trial: Trial) -> pd.DataFrame:
     """The points, a row per sample: columns x_1 … x_d."""
     return pd.DataFrame({f"x_{i + 1}": row for i, row in enumerate(trial.samples.x[0])})
+
+
+def fits(study: Study, trial: Trial) -> dict[str, Fit]:
+    """Every estimator's answer, and the true sphere, each a fit of shape ()."""
+    cell = trial.cell
+    found = {name: attempt(name, trial.samples)[0].reshape(samples=trial.samples) for name in study.estimators}
+    truth = blank(1, study.dimension)
+    truth.center[:], truth.radius[:] = cell.center, cell.radius
+    return {"truth": truth.reshape(samples=trial.samples)} | found
 
 
 def answers(study: Study, trial: Trial) -> pd.DataFrame:
@@ -28,7 +38,7 @@ def answers(study: Study, trial: Trial) -> pd.DataFrame:
     bound = trial.cell.noise * float(np.sqrt(np.trace(trial.unit_bound[:d, :d])))
     rows = []
     for name in study.estimators:
-        fit = ESTIMATORS[name](trial.level)
+        fit, raised = attempt(name, trial.level)
         vector = (fit.center[0] - np.array(level.center)) * scale
         error = float(np.linalg.norm(vector))
         rows.append(
@@ -41,7 +51,7 @@ def answers(study: Study, trial: Trial) -> pd.DataFrame:
                 "noise": float(np.sqrt(fit.noise_variance[0]) * scale),
                 "condition": float(fit.condition[0]),
                 "iterations": int(fit.iterations[0]),
-                "status": explain(int(fit.status[0])),
+                "status": raised.get(0, explain(int(fit.status[0]))),
             }
         )
     return pd.DataFrame(rows)

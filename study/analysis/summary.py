@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
+import pyarrow as pa
 
+from study.analysis.grouped import Grouped, label
 from study.analysis.measures import (
     UNKNOWN,
     Measure,
@@ -22,24 +23,26 @@ from study.analysis.measures import (
     tail_index,
 )
 from study.estimators import Status
-from study.experiment.conditions import RandomDesign
+from study.experiment.errors import Columns, Errors
 from study.runs import tables
 from study.runs.store import Run
 
 _CONDITIONS = ["samples", "noise", "angle", "radius", "center"]
+_COLUMNS = [*_CONDITIONS, "error", "error_1", "bound", "status"]
 FAR = 10.0
 """Error over √tr CRLB beyond which a fit is an outlier."""
 
 
-def summarise(run: Run) -> pd.DataFrame:
-    """Summarise a run's error table, store the summary beside it, and return it."""
-    errors = run.table("errors")
-    frame = summary(errors, by_decade=isinstance(run.study.design, RandomDesign))
-    columns = tables.summary()
-    metadata = {"study.config": run.study.canonical()}
-    data = {column.name: frame[column.name].to_numpy() for column in columns}
-    run.save("summary", tables.table(columns, data).replace_schema_metadata(metadata))
-    return frame
+def summarise(run: Run) -> None:
+    """Summarise a run's error table, and store the summary beside it; a few groups are in memory at a time."""
+    grouped, columns = Grouped(run), tables.summary()
+
+    def parts() -> Iterator[pa.Table]:
+        for keys in grouped.batches():
+            found = grouped.read(keys, _COLUMNS)
+            yield tables.table(columns, _stacked([_row(*key, _arrays(found[key])) for key in keys]))
+
+    run.join("summary", columns, parts(), {"study.config": run.study.canonical()})
 
 
 def summary(errors: pd.DataFrame, by_decade: bool) -> pd.DataFrame:
@@ -52,44 +55,77 @@ def summary(errors: pd.DataFrame, by_decade: bool) -> pd.DataFrame:
     Returns:
         A row per group and estimator, in the order of the table; columns as `tables.summary` declares them.
     """
+    errors = label(errors, by_decade)
     if by_decade:
-        lower = decade(errors["noise"] / errors["radius"]).astype(int)
-        errors = errors.assign(group=[f"1e{power:+03d}" for power in lower], decade=lower)
         errors = errors.sort_values("decade", kind="stable")
-    else:
-        errors = errors.assign(group=errors["cell"].astype(str), decade=np.nan)
     groups = errors.groupby(["group", "estimator"], sort=False, observed=True)
-    rows = [{"group": group, "estimator": estimator, **_row(part)} for (group, estimator), part in groups]
-    return pd.DataFrame(rows)
+    return pd.DataFrame([_row(str(group), str(estimator), _arrays(part)) for (group, estimator), part in groups])
 
 
-def decade(values: ArrayLike) -> NDArray[np.float64]:
-    """Lower end of the decade that each value lies in, as a power of ten; what rounding put just below it is in it."""
-    return np.asarray(np.floor(np.log10(values) + 1e-9))
+def of_errors(errors: Errors) -> Columns:
+    """Rows of the summary table from the errors of whole cells of a grid, which no table needs to hold.
+
+    Args:
+        errors: all trials of some cells.
+
+    Returns:
+        Columns as `tables.summary` declares them; the rows are those that `summary` makes of the same errors.
+    """
+    distance, bound, rows = errors.distance, errors.center_bound, []
+    for place, cell in enumerate(errors.cells):
+        conditions = (cell.samples, cell.noise, cell.angle, cell.radius, cell.distance)
+        known = {name: np.array([value]) for name, value in zip(_CONDITIONS, conditions, strict=True)}
+        for index, estimator in enumerate(errors.estimators):
+            found = {
+                "error": distance[place, index],
+                "error_1": errors.center[place, index, :, 0],
+                "bound": bound[place],
+                "status": errors.status[place, index],
+                "decade": np.array([np.nan]),
+            }
+            rows.append(_row(cell.name, estimator, known | found))
+    return _stacked(rows)
 
 
-def _row(part: pd.DataFrame) -> dict[str, Any]:
+def _stacked(rows: list[dict[str, Any]]) -> Columns:
+    """Rows as columns of the summary table."""
+    frame = pd.DataFrame(rows)
+    return {column.name: frame[column.name].to_numpy() for column in tables.summary()}
+
+
+def _arrays(part: pd.DataFrame) -> Columns:
+    return {name: part[name].to_numpy() for name in [*_COLUMNS, "decade"]}
+
+
+def _row(group: str, estimator: str, column: Columns) -> dict[str, Any]:
     """One group of one estimator."""
-    status = part["status"].to_numpy()
+    status, error, bound = column["status"], column["error"], column["bound"]
     ok = status == Status.OK
-    row: dict[str, Any] = {"decade": part["decade"].iloc[0], "planned": len(part)}
-    row |= {name: part[name].iloc[0] if part[name].nunique() == 1 else np.nan for name in _CONDITIONS}
+    row: dict[str, Any] = {
+        "group": group,
+        "estimator": estimator,
+        "decade": column["decade"][0],
+        "planned": len(status),
+    }
+    row |= {name: column[name][0] if np.all(column[name] == column[name][0]) else np.nan for name in _CONDITIONS}
     row |= {s.name.lower(): int(np.sum(status == s)) for s in Status}
-    over_radius = (part["error"] / part["radius"]).to_numpy()
-    # where the directions do not determine the centre, the bound is infinite and says nothing: worse than any
-    over_bound = (part["error"] / part["bound"]).where(np.isfinite(part["bound"]), np.inf).to_numpy()
+    with np.errstate(all="ignore"):
+        over_radius = error / column["radius"]
+        # where the directions do not determine the centre, the bound is infinite and says nothing: worse than any
+        over_bound = np.where(np.isfinite(bound), error / bound, np.inf)
+        along_axis = (column["error_1"] / bound)[ok]
     for name, values in (("relative", over_radius), ("ratio", over_bound)):
-        for label, p in (("median", 0.5), ("q05", 0.05), ("q95", 0.95)):
-            row |= _pair(f"{name}_{label}_ok", quantile(values[ok], p))
-            row |= _pair(f"{name}_{label}_all", quantile(np.where(ok, values, np.inf), p))
+        for part_of, p in (("median", 0.5), ("q05", 0.05), ("q95", 0.95)):
+            row |= _pair(f"{name}_{part_of}_ok", quantile(values[ok], p))
+            row |= _pair(f"{name}_{part_of}_all", quantile(np.where(ok, values, np.inf), p))
     far = over_bound > FAR
     row |= _pair("far_ok", share(int(np.sum(far & ok)), int(np.sum(ok))))
     row |= _pair("far_all", share(int(np.sum(far | ~ok)), len(ok)))
-    row |= _pair("axis_median_ok", quantile((part["error_1"] / part["bound"]).to_numpy()[ok], 0.5))
+    row |= _pair("axis_median_ok", quantile(along_axis, 0.5))
     index = tail_index(over_bound[ok])
     safe = moments_exist(index)
     row |= _pair("tail_index", index)
-    row |= _pair("bias", mean((part["error_1"] / part["bound"]).to_numpy()[ok]) if safe else UNKNOWN)
+    row |= _pair("bias", mean(along_axis) if safe else UNKNOWN)
     row |= _pair("rmse", root_mean_square(over_bound[ok]) if safe else UNKNOWN)
     return row
 

@@ -1,9 +1,13 @@
 """The worst trials of a run: where an estimator said ok and yet was farthest from the truth."""
 
+from collections.abc import Iterator
+
 import numpy as np
 import pandas as pd
 
 from study.estimators import Status
+from study.runs.store import Run
+from study.runs.write import RunError
 
 
 def worst(errors: pd.DataFrame, count: int = 5, estimator: str | None = None) -> pd.DataFrame:
@@ -34,3 +38,26 @@ def worst(errors: pd.DataFrame, count: int = 5, estimator: str | None = None) ->
     found = found[found["ratio"].notna()]
     found = found.sort_values(["ratio", "cell", "trial", "estimator"], ascending=[False, True, True, True])
     return found.drop_duplicates(["cell", "trial"]).head(count).reset_index(drop=True)
+
+
+def printed(run: Run, count: int, estimator: str | None = None) -> Iterator[str]:
+    """The worst trials for a terminal, each by the name that `study replay RUN NAME` takes.
+
+    Raises:
+        RunError: if the run did not finish, or does not have the estimator.
+    """
+    known = run.study.estimators
+    if estimator is not None and estimator not in known:
+        raise RunError(f"{run.folder}: estimator {estimator!r} is not in it; it has {', '.join(known)}")
+    columns = ["cell", "trial", "samples", "noise", "radius", "angle", "estimator", "error", "bound", "status"]
+    found = worst(run.table("errors", columns), count, estimator)
+    yield f"{run.study.run_name()}: the largest errors over the Cramér-Rao bound of fits that are ok"
+    yield f"{'trial':<20}{'estimator':<14}{'over bound':>12}{'error/r':>10}{'N':>9}{'σ/r':>10}{'φ':>8}"
+    for row in found.to_dict("records"):
+        yield (
+            f"{row['cell'] + '/' + str(row['trial']):<20}{row['estimator']:<14}{row['ratio']:>12.4g}"
+            f"{row['error'] / row['radius']:>10.3g}{row['samples']:>9}{row['noise'] / row['radius']:>10.3g}"
+            f"{row['angle']:>7.4g}°"
+        )
+    if len(found):
+        yield f"to see the first: study replay {run.folder} {found['cell'][0]}/{found['trial'][0]} --plot worst.png"

@@ -22,7 +22,8 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 from scipy import stats
 
-from study.analysis.summary import FAR, decade
+from study.analysis.grouped import decade
+from study.analysis.summary import FAR
 from study.estimators import Status
 from study.figures import style
 from study.figures.inputs import NotApplicable, Tables

@@ -14,7 +14,7 @@ import numpy as np
 
 from study.mocap.recording import Floats, RecordingError
 from study.mocap.skeleton import Skeleton, hung
-from study.runs.store import write
+from study.runs.write import write
 
 _UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 _TURNS = "Zrotation Xrotation Yrotation"

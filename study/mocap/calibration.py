@@ -19,7 +19,7 @@ from study.mocap.markerset import Joint, MarkerSet
 from study.mocap.recording import Floats, Recording, RecordingError
 from study.mocap.rigid import nearest_rotation
 from study.mocap.segments import Frames
-from study.runs.store import write
+from study.runs.write import write
 
 FORMAT = "sphere-fit-study calibration"
 VERSION = 1

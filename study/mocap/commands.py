@@ -53,7 +53,7 @@ def joints(
     from study.mocap.jointtable import joint_table
     from study.mocap.opening import folder_for, opened
     from study.mocap.phases import calibrate
-    from study.runs.store import save_frame
+    from study.runs.write import save_frame
 
     match = opened(file, markerset, unit, rate, subject)
     folder = folder_for(match.source.name, out)
@@ -89,7 +89,7 @@ def skeleton(
     from study.mocap.phases import require_same_subject, skeleton_scene
     from study.mocap.skeleton import draw_skeleton
     from study.mocap.webpage import write_viewer
-    from study.runs.store import save_frame
+    from study.runs.write import save_frame
 
     if video:
         animation.encoder()  # is told before the work is done
@@ -136,7 +136,7 @@ def case_study(
     from study.mocap import casestudy, fig7_case
     from study.mocap.joints import find_joints
     from study.mocap.opening import folder_for, opened
-    from study.runs.store import save_frame
+    from study.runs.write import save_frame
 
     match = opened(file, markerset, unit, rate, subject)
     folder = folder_for(match.source.name, out)

@@ -13,7 +13,7 @@ import numpy as np
 from study.mocap.ellipsoids import LEVEL, exaggeration, half_axes
 from study.mocap.recording import Floats, RecordingError
 from study.mocap.scene import Scene
-from study.runs.store import write
+from study.runs.write import write
 
 FORMAT = "sphere-fit-study motion"
 VERSION = 1

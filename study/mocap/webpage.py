@@ -12,7 +12,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from study.mocap import looks
 from study.mocap.exchange import motion_text
 from study.mocap.scene import Scene
-from study.runs.store import RunError, write
+from study.runs.write import RunError, write
 
 _FOLDER = Path(__file__).parent / "viewer"
 _SCRIPTS = ("motion.js", "stage.js", "labels.js", "page.js")

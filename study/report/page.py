@@ -12,7 +12,8 @@ from study.report.material import Material
 from study.report.overview import overview_section
 from study.report.posterior import posterior_section
 from study.report.results import run_section
-from study.runs.store import Run, RunError, write
+from study.runs.store import Run
+from study.runs.write import RunError, write
 
 
 def figures_section(material: Material) -> Iterable[Section]:

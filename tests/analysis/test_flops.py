@@ -14,7 +14,7 @@ import pytest
 import study
 from study.analysis import flops
 from study.analysis.flops import PAPER, Counted, cost_table, counted
-from study.runs.store import save_frame
+from study.runs.write import save_frame
 
 KERNEL = {"mle": "mle", "lls": "lls", "igdk": "igdk"}
 DIMENSIONS = [2, 3, 4, 5]

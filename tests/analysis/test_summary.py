@@ -6,7 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from study.analysis.summary import decade, summary
+from study.analysis.grouped import decade
+from study.analysis.summary import summary
 from study.estimators import Status
 from study.runs import tables
 

@@ -6,8 +6,8 @@ import sys
 import pytest
 
 COMPILED_FOR = """
-from study.cli import _fix_code_target
-_fix_code_target()
+from study.runs import target
+target.fix()
 from numba.core.registry import cpu_target
 print(cpu_target.target_context.codegen().magic_tuple())
 """

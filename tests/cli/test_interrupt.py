@@ -5,8 +5,9 @@ import signal
 import subprocess
 import time
 
-import pyarrow.parquet as pq
 import pytest
+
+from study.runs.parts import Parts
 
 # 200 units of 8 million samples: minutes of work, of which the first second is done
 LONG = """name = "long"
@@ -27,13 +28,16 @@ def _take_interrupts():
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no SIGINT to send to another process")
-@pytest.mark.parametrize("jobs", [1, 2])
-def test_interrupt(command, tmp_path, jobs):
-    """Ctrl-C ends a run with code 130 and one line; parts written before are whole, temporary files are gone."""
+@pytest.mark.parametrize(
+    ("backend", "jobs", "number"),
+    [("threads", 1, signal.SIGINT), ("threads", 2, signal.SIGTERM), ("loky", 2, signal.SIGINT)],
+)
+def test_interrupt(command, tmp_path, backend, jobs, number):
+    """Ctrl-C and SIGTERM end a run with code 130 and one line; its parts are whole, temporary files are gone."""
     words, environment = command
     (tmp_path / "long.toml").write_text(LONG)
     process = subprocess.Popen(
-        [*words, "run", "long.toml", "--out", "out", "--jobs", str(jobs)],
+        [*words, "run", "long.toml", "--out", "out", "--jobs", str(jobs), "--backend", backend],
         cwd=tmp_path,
         env=environment,
         preexec_fn=_take_interrupts,
@@ -44,18 +48,18 @@ def test_interrupt(command, tmp_path, jobs):
     parts = tmp_path / "out" / "parts"
     try:
         for _ in range(10_000):
-            if process.poll() is not None or (parts.is_dir() and any(parts.glob("[!.]*.parquet"))):
+            if process.poll() is not None or (parts.is_dir() and any(parts.glob("[!.]*.part"))):
                 break
             time.sleep(0.02)
         assert process.poll() is None, process.communicate()
-        process.send_signal(signal.SIGINT)
+        process.send_signal(number)
         said, complained = process.communicate(timeout=60)
     finally:
         process.kill()
     assert process.returncode == 130
     assert said == ""
-    kept = list(parts.iterdir())
-    assert kept
-    assert all(pq.read_table(path).num_rows > 0 for path in kept)
+    kept = Parts(tmp_path / "out", "units")
+    kept.load()
+    assert kept.count == len(list(parts.iterdir())) > 0
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["config.toml", "parts"]
-    assert complained.splitlines() == ["interrupted; the parts that were finished are kept"]
+    assert complained.splitlines() == ["interrupted; what was finished is kept, and running again goes on from there"]

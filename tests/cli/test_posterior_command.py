@@ -7,8 +7,9 @@ import time
 
 import pytest
 
-from study.analysis.posterior import compute, printed
+from study.analysis.posterior import compute, printed, tasks
 from study.experiment.config import parse
+from study.runs.parts import Parts
 from study.runs.store import Run
 
 NAMES = ["answers", "draws", "posterior"]
@@ -49,7 +50,7 @@ def stored(folder):
 
 def computed(folder, text):
     """The same tables by the library, in one worker, without a break."""
-    run = Run.create(folder, parse(text), text)
+    run = Run.create(folder, parse(text)).begin(text)
     compute(run, 1)
     return run
 
@@ -214,7 +215,7 @@ def test_interrupt(command, call_here, long, tmp_path, jobs, everyone):
     parts = tmp_path / "parts"
     try:
         for _ in range(12_000):
-            if process.poll() is not None or (parts.is_dir() and any(parts.glob("[!.]*.posterior.parquet"))):
+            if process.poll() is not None or (parts.is_dir() and any(parts.glob("[!.]*.part"))):
                 break
             time.sleep(0.005)
         assert process.poll() is None, process.communicate()
@@ -223,10 +224,17 @@ def test_interrupt(command, call_here, long, tmp_path, jobs, everyone):
     finally:
         process.kill()
     assert (process.returncode, said) == (130, ""), complained
-    assert complained.splitlines() == ["interrupted; the parts that were finished are kept"]
+    assert complained.splitlines() == ["interrupted; what was finished is kept, and running again goes on from there"]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["config.toml", "parts"]
-    kept = {path.name.split(".")[0] for path in parts.glob("*.posterior.parquet")}
+    there, run = Parts(tmp_path, "chains"), Run.open(tmp_path)
+    there.load()
+    kept = [
+        task
+        for task in tasks(run.study, run.study.posterior)
+        if there.outputs(task.part(run.study, run.study.posterior))
+    ]
     assert 0 < len(kept) < 16
+    assert not there.damaged
     assert not list(parts.glob(".*"))
     # of a chain that was interrupted between its files some are there, too: it is computed again
     before = {path: path.stat().st_mtime_ns for path in parts.iterdir() if path.name.split(".")[0] in kept}

@@ -135,12 +135,18 @@ def test_a_trial_that_is_not_there(call_here, folder, points):
     refused(call_here(folder, "replay", "out", cell, "5"), 2, f"trial 5: cell {cell} has trial 0 to 4")
 
 
-@pytest.mark.parametrize("arguments", [["c0", "-1"], ["c0", "one"], ["c0"], [], ["c0", "0", "1"]], ids=str)
+@pytest.mark.parametrize("arguments", [["c0", "-1"], ["c0", "one"], [], ["c0", "0", "1"]], ids=str)
 def test_wrong_usage(call_here, folder, arguments):
     """What is no number of a trial, or not there, is code 2 and the usage."""
     code, said, complained = call_here(folder, "replay", "out", *arguments)
     assert (code, said) == (2, "")
     assert "Usage: " in complained
+
+
+@pytest.mark.parametrize("arguments", [["c0"], ["c0/"], ["c0/x"], ["c0/-1"], ["c0/1", "1"], ["/1/2"]], ids=str)
+def test_a_name_that_is_none(call_here, folder, arguments):
+    """A name without a trial's number, or with two, is code 2 and one line that says how names look."""
+    refused(call_here(folder, "replay", "out", *arguments), 2, arguments[0], "CELL/TRIAL")
 
 
 def test_what_is_no_run(call_here, folder):

@@ -30,8 +30,8 @@ from study.analysis.claims.measured import (
     with_trials,
 )
 from study.analysis.expected import gdke_leaves
+from study.analysis.grouped import decade
 from study.analysis.measures import UNKNOWN
-from study.analysis.summary import decade
 from study.sphere.cap import cap_moments
 
 Floats = NDArray[np.float64]

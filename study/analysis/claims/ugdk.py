@@ -7,6 +7,7 @@ import pandas as pd
 
 from study.analysis.claims.ledger import Claim, Evidence, Number, Verdict
 from study.analysis.claims.measured import failures_last, formed, law, level, of, over, ratio, vectors, within
+from study.analysis.grouped import decade
 from study.analysis.markers import joints
 from study.analysis.measures import (
     UNKNOWN,
@@ -19,7 +20,6 @@ from study.analysis.measures import (
     share,
     tail_index,
 )
-from study.analysis.summary import decade
 from study.estimators import Status, fit
 
 PAPER_CONDITION = 0.557238

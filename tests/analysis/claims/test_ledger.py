@@ -77,7 +77,7 @@ def test_a_missing_run():
 
 def test_an_unfinished_run(tmp_path):
     """A run without its tables says how it is finished."""
-    run = Run.create(tmp_path / "run", parse(CONFIG), CONFIG)
+    run = Run.create(tmp_path / "run", parse(CONFIG)).begin(CONFIG)
     (finding,) = evaluate([claim(of_small)], Evidence.of([run]))
     assert_no_verdict(finding, "errors.parquet", "study run")
 
@@ -91,7 +91,7 @@ def test_a_broken_table(small):
 
 def test_two_runs_of_one_name(small, tmp_path):
     """Which of two would be meant is not guessed; both are named."""
-    other = Run.create(tmp_path / "other", parse(CONFIG), CONFIG)
+    other = Run.create(tmp_path / "other", parse(CONFIG)).begin(CONFIG)
     with pytest.raises(RunError) as caught:
         Evidence.of([small, other])
     for folder in (small.folder, other.folder):
