@@ -14,7 +14,7 @@ paper: $(VENV)/.run results/cost.parquet
 	@set -e; \
 	echo "The paper's 1000 trials, and ten studies that its claims are judged by:"; \
 	runs=$$($(BIN)/study run $(PAPER:%=configs/%.toml)); \
-	set -- $$runs; printf '  %s\n' "$$@"; \
+	set -- $$runs; printf '  %s\n' "$$@"; first=$$1; \
 	$(BIN)/study figures "$$1" fig2_error --out figures; \
 	$(BIN)/study figures "$$2" fig3_gdke_ellipse fig4_ugdk_ellipse fig5_methods --out figures; \
 	$(BIN)/study figures "$$3" fig6_mgdk --out figures; \
@@ -22,7 +22,9 @@ paper: $(VENV)/.run results/cost.parquet
 	$(BIN)/study figures "$$5" fig_efficiency --out figures; \
 	shift 10; $(BIN)/study figures "$$1" fig_posterior fig_calibration --out figures; \
 	$(BIN)/study claims $$runs --cost results/cost.parquet; \
-	$(BIN)/study report $$runs --cost results/cost.parquet --out results/report.html
+	$(BIN)/study report $$runs --cost results/cost.parquet --out results/report.html; \
+	echo "The reference run in this repository, and this one:"; \
+	$(BIN)/study diff results/paper "$$first"
 
 # What fits cost on this machine: operations counted, seconds measured. Made once.
 results/cost.parquet: $(VENV)/.run
