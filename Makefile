@@ -67,7 +67,8 @@ lint: $(VENV)/.dev
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-bench: $(VENV)/.dev
+# Ratios to the limits of this machine and to other people's code, and growth; stored in results/bench.csv.
+bench: $(VENV)/.bench
 	$(BIN)/python -m pytest -q benchmarks --benchmark-group-by=group --benchmark-columns=min,median,rounds
 
 clean:
@@ -86,6 +87,10 @@ $(VENV)/.run: $(VENV)/bin/python pyproject.toml constraints.txt
 
 $(VENV)/.mocap: $(VENV)/.run
 	$(INSTALL) -e '.[mocap]'
+	touch $@
+
+$(VENV)/.bench: $(VENV)/.dev
+	$(INSTALL) -e '.[bench]'
 	touch $@
 
 $(VENV)/.dev: $(VENV)/.run

@@ -110,7 +110,6 @@ def _slope(run: Callable[[Any], None], dimension: int) -> float:
 def count(dimension: int) -> dict[str, float]:
     """Operations per sample of each kernel; compilation must be off."""
     moments = import_module("study.sphere.moments")
-    lls: Any
     lls, mle, igdk = (import_module(f"study.estimators.{name}") for name in ("lls", "mle", "igdk"))
     d = dimension
 
@@ -121,10 +120,8 @@ def count(dimension: int) -> dict[str, float]:
         sums = _objects(1, d), _objects(1, d, d), _objects(1, d), _objects(1)
         moments.accumulate(x, *sums, zeros(d), zeros(d, d))
 
-    lls._regular = lambda *_: True  # once per fit, and not equally long
-
     def linear(x: Any) -> None:
-        answers = _objects(1, d), _objects(1), _objects(1), _objects(1), np.zeros(1, dtype=bool)
+        answers = _objects(1, d), _objects(1), _objects(1), _objects(1), _objects(1, d, d)
         lls._fit_all(x, _objects(1, d), *answers, zeros(d))
 
     def one_pass(x: Any) -> None:

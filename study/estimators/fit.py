@@ -217,13 +217,16 @@ class Fit:
 
 def blank(batch: int, dimension: int) -> Fit:
     """A fit of NaN throughout, status ok, for an estimator to fill in."""
+    # two allocations: five cost more than fitting one small set
+    numbers, whole = np.full(batch * (dimension + 3), np.nan), np.zeros((2, batch), dtype=np.int64)
+    radius, noise_variance, condition = numbers[batch * dimension :].reshape(3, batch)
     return Fit(
-        center=np.full((batch, dimension), np.nan),
-        radius=np.full(batch, np.nan),
-        noise_variance=np.full(batch, np.nan),
-        status=np.zeros(batch, dtype=np.int64),
-        condition=np.full(batch, np.nan),
-        iterations=np.zeros(batch, dtype=np.int64),
+        center=numbers[: batch * dimension].reshape(batch, dimension),
+        radius=radius,
+        noise_variance=noise_variance,
+        status=whole[0],
+        condition=condition,
+        iterations=whole[1],
     )
 
 

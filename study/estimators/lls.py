@@ -14,7 +14,7 @@ import numpy as np
 from study.estimators.fit import Fit, Samples, Status, blank
 from study.estimators.gdk import noise_of_residuals
 from study.sphere.compiled import CHUNK, compiled, dot, fill, fresh, put, total, window, zeros
-from study.sphere.linalg import diagonalise
+from study.sphere.linalg import eigenbasis
 
 _EPS = 2.0**-52
 _NEAR = 32
@@ -72,16 +72,14 @@ def _append(triangle: Any, rows: Any, m: int, products: Any) -> None:
 
 
 @compiled
-def _regular(triangle: Any, scatter: Any, vectors: Any) -> bool:
-    """Whether the points span all dimensions: the rule of `gdk`, on the scatter of the centred columns."""
+def _scatter(triangle: Any, scatter: Any) -> None:
+    """The scatter of the centred columns y₁ … y_d."""
     d = scatter.shape[0]
     for i in range(d):
         for j in range(d):
             scatter[i, j] = 0.0
             for k in range(min(i, j) + 1):
                 scatter[i, j] += triangle[k + 1, i + 1] * triangle[k + 1, j + 1]
-    diagonalise(scatter, vectors)
-    return bool(scatter[0, 0] > d * _EPS * scatter[d - 1, d - 1])
 
 
 @compiled
@@ -114,14 +112,13 @@ def _columns(x: Any, t: int, start: int, m: int, origin: Any, rows: Any, product
 
 @compiled
 def _fit_all(
-    x: Any, near: Any, center: Any, radius_squared: Any, residual: Any, noise: Any, regular: Any, zero: Any
+    x: Any, near: Any, center: Any, radius_squared: Any, residual: Any, noise: Any, scatter: Any, zero: Any
 ) -> None:
     """Solve each point set of a batch (b, d, n); ``near`` (b, d) are points near them."""
     b, d, n = x.shape
     q = d + 2
     rows, copy, products = np.empty((q, CHUNK)), np.empty((1, d, CHUNK)), np.empty(q)
     triangle, beta = np.empty((q, q)), np.empty(d + 1)
-    scatter, vectors = np.empty((d, d)), np.empty((d, d))
     fill(rows[0], 1.0)
     for t in range(b):
         triangle[:] = 0.0
@@ -133,7 +130,7 @@ def _fit_all(
             y, s, first = window(x, t, start, m, copy, zero)
             _columns(y, s, first, m, origin, rows, products)
             _append(triangle, rows, m, products)
-        regular[t] = _regular(triangle, scatter, vectors)
+        _scatter(triangle, scatter[t])
         _solve(triangle, beta)
         residual[t] = triangle[d + 1, d + 1] ** 2 / n
         radius_squared[t] = beta[0]
@@ -151,10 +148,12 @@ def lls(samples: Samples) -> Fit:
     """
     b, d, _ = samples.shape
     fit = blank(b, d)
-    square, residual, regular = np.empty(b), np.empty(b), np.empty(b, dtype=np.bool_)
+    square, residual, scatter = np.empty(b), np.empty(b), np.empty((b, d, d))
     with np.errstate(all="ignore"):  # degenerate sets have a status of their own
         near = samples.x[:, :, :_NEAR].mean(axis=2)
-        _fit_all(samples.x, near, fit.center, square, residual, fit.noise_variance, regular, zeros(d))
+        _fit_all(samples.x, near, fit.center, square, residual, fit.noise_variance, scatter, zeros(d))
+        values, _ = eigenbasis(scatter)
+        regular = values[:, 0] > d * _EPS * values[:, -1]  # the points span all dimensions: the rule of `gdk`
         fit.radius[:] = np.sqrt(square)
     fit.status[~regular] = Status.SINGULAR
     fit.status[~np.isfinite(residual)] = Status.NOT_FINITE

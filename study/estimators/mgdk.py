@@ -16,6 +16,7 @@ from scipy.optimize import brentq
 
 from study.estimators.fit import Status
 from study.sphere.bounds import noise_covariance
+from study.sphere.linalg import eigenbasis
 from study.sphere.moments import Moments
 
 Floats = NDArray[np.float64]
@@ -79,7 +80,7 @@ def mgdk(markers: Sequence[ArrayLike], noise: ArrayLike | None = None, weighted:
         return _nothing(d, count, Status.SINGULAR)
     center, subtracted, weights = joint.solve(known, weighted)
     total = np.einsum("p,pij->ij", weights, joint.c)
-    share = np.linalg.solve(total, np.einsum("p,pij->ij", weights, subtracted))
+    share = _solved(total, np.einsum("p,pij->ij", weights, subtracted))
     condition = float(np.linalg.eigvals(share).real.max())
     squares = np.full(len(arrays), np.nan)
     squares[count >= 2] = joint.square_radii(center, subtracted)
@@ -130,7 +131,7 @@ class _Joint:
         origin = self.mean.mean(axis=0)
         right = np.einsum("pij,pj->pi", left, self.mean - origin) + 0.5 * self.s
         matrix = np.einsum("p,pij->ij", weights, left)
-        return np.asarray(origin + np.linalg.solve(matrix, np.einsum("p,pi->i", weights, right)))
+        return np.asarray(origin + _solved(matrix, np.einsum("p,pi->i", weights, right)))
 
     def square_radii(self, center: Floats, subtracted: Floats) -> Floats:
         """Eq. 23, squared."""
@@ -138,22 +139,43 @@ class _Joint:
         return np.asarray(np.trace(self.c - subtracted, axis1=1, axis2=2) + np.einsum("pi,pi->p", away, away))
 
     def root(self, weights: Floats) -> float:
-        """η for which the residuals' variances equal what that noise gives: Σ w (Var f - 4r²η - 2dη²) = 0."""
+        """η for which the residuals' variances equal what that noise gives: Σ w (Var f - 4r²η - 2dη²) = 0.
+
+        About the weighted mean of the centroids, with b the right-hand side of eq. 22 and λ_k the extents, that is
+
+            g(η) = Σ w Var |y|² - 4η Σ w mean |y|² + 2dη² - Σ 4b_k²/(λ_k - η),
+
+        written from g(0), which is rounding if there is no noise. Where all of the least extent is not enough, η is
+        just above it: the noise hides how far the markers moved, and the fit is not positive definite.
+        """
         w = weights / weights.sum()
-        top = float(np.linalg.eigvalsh(np.einsum("p,pij->ij", w, self.c))[0])
+        away = self.mean - w @ self.mean
+        moved = np.einsum("pij,pj->pi", self.c, away)
+        extents, vectors = (part[0] for part in eigenbasis(np.einsum("p,pij->ij", w, self.c)[None]))
+        squares = (2.0 * (w @ (moved + 0.5 * self.s)) @ vectors) ** 2
         m2 = np.trace(self.c, axis1=1, axis2=2)
+        variance = self.fourth - m2**2 + 4.0 * np.einsum("pi,pi->p", away, self.s + moved)
+        start = float(w @ variance - (squares / extents).sum())
+        size = float(w @ (m2 + np.einsum("pi,pi->p", away, away)))
 
         def excess(eta: float) -> float:
-            offset = self.center(np.broadcast_to(eta * np.eye(self.d), self.c.shape), weights) - self.mean
-            variance = self.fourth - m2**2 - 4.0 * np.einsum("pi,pi->p", offset, self.s)
-            variance += 4.0 * np.einsum("pi,pij,pj->p", offset, self.c, offset)
-            mean_square = m2 + np.einsum("pi,pi->p", offset, offset)
-            # r² = mean square - dη, so 4r²η + 2dη² = 4 (mean square) η - 2dη²
-            return float(np.sum(w * (variance - 4.0 * mean_square * eta + 2.0 * self.d * eta**2)))
+            drawn = float((squares / (extents * (extents - eta))).sum())
+            return start - eta * (4.0 * size - 2.0 * self.d * eta + drawn)
 
-        if not excess(0.0) > 0.0:
+        if not start > 0.0:
             return 0.0
-        return float(brentq(excess, 0.0, top * (1.0 - 1e-12), xtol=1e-15 * top, rtol=1e-13))
+        high = float(extents[0]) * (1.0 - 1e-12)
+        if excess(high) >= 0.0:
+            return float(extents[0]) * (1.0 + 1e-9)
+        return float(brentq(excess, 0.0, high, xtol=1e-15 * high, rtol=1e-13))
+
+
+def _solved(matrix: Floats, right: Floats) -> Floats:
+    """Solution of a linear system (d, d), the least one if the matrix is singular to the last bit."""
+    try:
+        return np.asarray(np.linalg.solve(matrix, right))
+    except np.linalg.LinAlgError:
+        return np.asarray(np.linalg.pinv(matrix) @ right)
 
 
 def _unit_bound(arrays: list[Floats], center: Floats, noise: Floats) -> Floats:

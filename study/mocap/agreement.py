@@ -67,10 +67,7 @@ def _centers(points: list[Floats]) -> dict[str, Floats]:
     """What the library's estimators say of markers' samples (n, 3) in one frame."""
     if not points:
         return {}
-    try:
-        together = mgdk(points)
-    except ValueError:  # residuals that are rounding, or all noise, bracket no η; then there is no answer to compare
-        return {}
+    together = mgdk(points)
     most = max(points, key=lambda y: float(np.trace(np.cov(y.T))))
     centers = {"mgdk": together.center, "gdke": fit(most, "gdke").center, "mle": fit(most, "mle").center}
     if together.noise_variance > 0.0:

@@ -52,7 +52,7 @@ def joints(
     from study.mocap.joints import find_joints
     from study.mocap.jointtable import joint_table
     from study.mocap.opening import folder_for, opened
-    from study.mocap.phases import calibrate
+    from study.mocap.phases import calibrated
     from study.runs.write import save_frame
 
     match = opened(file, markerset, unit, rate, subject)
@@ -64,7 +64,7 @@ def joints(
     _print(agreed(compared))
     save_frame(joint_table(found).merge(compared, on="joint"), folder / "joints.parquet")
     typer.echo(str(folder / "joints.parquet"))
-    typer.echo(str(calibrate(match.recording, match.markerset).save(folder / "calibration.json")))
+    typer.echo(str(calibrated(found, match.recording).save(folder / "calibration.json")))
 
 
 def skeleton(
@@ -183,7 +183,11 @@ def fetch(
     """Get a recording from a public library, once; print where it is."""
     from study.mocap import fetch as library_of
 
-    path = library_of.fetch(library, name)
+    try:
+        path = library_of.fetch(library, name)
+    except library_of.DownloadError as error:  # a failure, not a mistake in what was asked for
+        typer.echo(str(error), err=True)
+        raise typer.Exit(1) from None
     typer.echo(f"{library}: {library_of.LIBRARIES[library].terms}", err=True)
     typer.echo(str(path))
 

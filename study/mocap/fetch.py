@@ -16,6 +16,10 @@ from study.mocap.recording import RecordingError
 _SECONDS = 30.0
 
 
+class DownloadError(RecordingError):
+    """A download that failed although the library may have the recording: another time, or elsewhere, it may not."""
+
+
 @dataclass(frozen=True)
 class Library:
     """Where recordings are, and how they are called there."""
@@ -60,7 +64,8 @@ def fetch(library: str, name: str, *, base: str | None = None, folder: Path | No
         Path of the file.
 
     Raises:
-        RecordingError: one line: no such library, a name that it cannot have, no network, no such recording, cut short.
+        RecordingError: one line: no such library, a name that it cannot have, no such recording.
+        DownloadError: one line: no network, a server that refuses, cut short, a cache that cannot be written.
     """
     try:
         import pooch
@@ -88,11 +93,15 @@ def fetch(library: str, name: str, *, base: str | None = None, folder: Path | No
         pooch.HTTPDownloader(timeout=_SECONDS)(address, output, None)
         read_c3d(Path(output))
 
+    kind: type[RecordingError] = DownloadError
     try:
         pooch.retrieve(url, known_hash=None, fname=target.name, path=folder, downloader=download)
     except requests.HTTPError as error:
         status = getattr(error.response, "status_code", None)
-        words = f"there is no recording {name}" if status == 404 else f"the server answered {status}; try again later"
+        if status == 404:
+            kind, words = RecordingError, f"there is no recording {name}"
+        else:
+            words = f"the server answered {status}; try again later"
     except (requests.ConnectionError, requests.Timeout, requests.exceptions.ChunkedEncodingError) as error:
         words = f"the server cannot be reached, or broke off ({_reason(error)}); is there a network?"
     except requests.RequestException as error:
@@ -103,7 +112,7 @@ def fetch(library: str, name: str, *, base: str | None = None, folder: Path | No
         words = f"cannot be kept in {folder}: {error.strerror or error}"
     else:
         return target
-    raise RecordingError(f"{url}: {words}")
+    raise kind(f"{url}: {words}")
 
 
 def _reason(error: BaseException) -> str:

@@ -184,12 +184,14 @@ class _Search:
             return estimate
         above = self.above[segment]
         part = np.linspace(0, self.recording.frames - 1, min(self.recording.frames, _THINNED)).astype(int)
-        fixed = estimate.frames.at(part)
-        own = own_points(self.markerset.segment(segment), self.recording)
+        fixed, above = estimate.frames.at(part), replace(above, frames=above.frames.at(part))
+        own = [
+            Point(each.name, each.x[:, part]) for each in own_points(self.markerset.segment(segment), self.recording)
+        ]
 
         def place(step: Floats) -> Floats:
             points = [_as_point(fixed.points[0], above, step), *own]
-            moved = fixed_by(segment, [_thinned(point, part) for point in points])
+            moved = fixed_by(segment, points)
             center = again(moved, part) if isinstance(moved, Frames) else None
             if center is None or not isinstance(moved, Frames):
                 return np.full(3, np.nan)
@@ -238,10 +240,6 @@ def _as_point(name: str, estimate: Estimate, step: Floats | float = 0.0) -> Poin
     """A joint as a point of another segment's frame, perhaps moved by a step (3,) in the axes that it is fixed in."""
     place, frames = estimate.center + step, estimate.frames
     return Point(name, frames.show(place), frames.carry(place, estimate.covariance))
-
-
-def _thinned(point: Point, part: NDArray[np.int64]) -> Point:
-    return Point(point.name, point.x[:, part], None if point.noise is None else point.noise[:, :, part])
 
 
 def _both_sides(found: FoundJoint, frames: Mapping[str, Frames]) -> FoundJoint:

@@ -11,7 +11,7 @@ import numpy as np
 
 from study.mocap.calibration import Calibration, keep
 from study.mocap.estimates import USABLE
-from study.mocap.joints import find_joints
+from study.mocap.joints import Joints, find_joints
 from study.mocap.markerset import MarkerSet
 from study.mocap.recording import Recording, RecordingError
 from study.mocap.scene import Scene
@@ -38,7 +38,12 @@ def calibrate(recording: Recording, markerset: MarkerSet) -> Calibration:
     Returns:
         The calibration; every joint has a status and a reason, and those that could not be found have no place.
     """
-    found = keep(find_joints(markerset, recording), recording)
+    return calibrated(find_joints(markerset, recording), recording)
+
+
+def calibrated(joints: Joints, recording: Recording) -> Calibration:
+    """The calibration that joints make which were found in a recording (see `calibrate`)."""
+    found = keep(joints, recording)
     if not any(shape.own for shape in found.shapes):
         return found
     misfits = draw_skeleton(found, recording).misfits
@@ -110,7 +115,8 @@ def skeleton_scene(skeleton: Skeleton, recording: Recording) -> Scene:
         RecordingError: if none of its joints is known in any frame.
     """
     verdict, kept = check(skeleton), skeleton.calibration
-    source = f"calibrated on {kept.source}" if kept.source != skeleton.name else "two phases"
+    own = kept.source == skeleton.name
+    source = "joints found in this recording" if own else f"joints found in {kept.source}"
     doubts = [] if verdict.fits else ["another subject's calibration"]
     joints = []
     for place, center, flags in zip(kept.joints, skeleton.centers, skeleton.flags, strict=True):

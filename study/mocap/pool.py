@@ -7,19 +7,24 @@ residuals is what such noise gives (theory §5.5). All of it can be done in a pl
 its own.
 """
 
+import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 from study.mocap.seen import Seen, squared_noise
+from study.sphere.compiled import compiled, dot
+from study.sphere.linalg import diagonalise
 
 Floats = NDArray[np.float64]
 
 TINY = 1e-13
 """Share of the markers' extent below which rounding is all that is left of it."""
 _ROUNDS = 4
+_HALVINGS = 45
+"""Of the interval in which the noise's size lies: to 3·10⁻¹⁴ of it."""
 _SHAPE = 0.1
 """Share of the noise's variance to which its shape is known."""
 
@@ -56,7 +61,7 @@ class Pool:
         """The size of noise that would explain all of the extent along some direction."""
         total = basis.T @ np.einsum("p,pij->ij", self.w, self.c) @ basis
         noise = basis.T @ np.einsum("p,pij->ij", self.w, self.f) @ basis
-        return float(_pencil(total, noise)[0][0])
+        return _top(total, noise)
 
     def offsets(self, center: Floats, basis: Floats) -> Floats:
         """The offset o = c - x̄ of each marker (M, 3), within the basis."""
@@ -64,7 +69,9 @@ class Pool:
 
     def squared(self, center: Floats) -> Floats:
         """Tr F² of each marker (M,), as far as it shows in residuals about a centre."""
-        return squared_noise(center - self.pivot, self.mean - self.pivot, self.shift, self.tilt)
+        result = np.empty(len(self.n))
+        squared_noise(center, self.mean, self.pivot, self.shift, self.tilt, result)
+        return result
 
     def strain(self, o: Floats) -> Floats:
         """Mean vᵀFv of each marker (M,), v = z - o."""
@@ -82,25 +89,16 @@ class Pool:
         self.w = self.n / np.maximum(self.square_radii(center, 0.0, basis), 1e-300)
 
     def solve(self, basis: Floats, given: float | None = None) -> tuple[float, Floats]:
-        """Size η of the noise, unless given, and centre (3,); the weights stay as they were used."""
-        size = 0.0
-        middle = _Sums(self, basis, self.mean[0]).center(0.0)
-        for _ in range(_ROUNDS):
-            before = self.w
-            self.weigh(middle, basis)
-            sums = _Sums(self, basis, middle)
-            high = float(sums.top[0]) * (1.0 - 1e-9)
-            if given is not None:
-                size = given
-            elif not (high > 0.0 and sums.excess(0.0) > 0.0):
-                size = 0.0
-            elif sums.excess(high) >= 0.0:
-                return high, sums.center(high)  # not positive definite; where that leads is of no use
-            else:
-                size = float(brentq(sums.excess, 0.0, high, xtol=1e-12 * high, rtol=1e-10))
-            middle = sums.center(size)
-            if np.abs(self.w - before).max() < 1e-6 * self.w.max():
-                break
+        """Size η of the noise, unless given, and centre (3,); the weights stay as they were used.
+
+        Where no size below that at which the noise explains all of the extent is enough, it is that one: the centre is
+        then of no use.
+        """
+        middle = np.empty(3)
+        size = _solve(
+            self.n, self.mean, self.c, self.s, self.f, self.pulled, self.traced, self.along, self.variance,
+            self.shift, self.tilt, self.pivot, basis, math.nan if given is None else given, self.w, middle,
+        )  # fmt: skip
         return size, middle
 
     def noise(self, size: float, center: Floats, basis: Floats) -> float:
@@ -142,48 +140,200 @@ class Pool:
         return slopes
 
 
-class _Sums:
-    """What the centre and the size follow from, summed over markers, in the basis and about the centroids' mean."""
+@compiled
+def _pencil(c: Any, f: Any, work: Any, values: Any, vectors: Any) -> None:
+    """Extents (d,) in units of the noise, ascending, and directions (d, d), with VᵀFV = I and VᵀCV diagonal.
 
-    def __init__(self, pool: Pool, basis: Floats, near: Floats) -> None:
-        w, self.basis = pool.w, basis
-        self.origin = w @ pool.mean / w.sum()
-        mean = (pool.mean - self.origin) @ basis
-        c, f = basis.T @ pool.c @ basis, basis.T @ pool.f @ basis
-        s, pulled, traced = pool.s @ basis, pool.pulled @ basis, pool.traced @ basis
-        cm, fm = np.einsum("pij,pj->pi", c, mean), np.einsum("pij,pj->pi", f, mean)
-        self.c, self.f = np.einsum("p,pij->ij", w, c), np.einsum("p,pij->ij", w, f)
-        self.right, self.pull = w @ (cm + 0.5 * s), w @ (fm + pulled)
-        self.right_noise = self.pull + 0.5 * (w @ traced)
-        self.variance = w @ (pool.variance + np.einsum("pi,pi->p", mean, 4.0 * s + 4.0 * cm))
-        self.strain = w @ (pool.along + np.einsum("pi,pi->p", mean, 2.0 * pulled + fm))
-        self.squared = w @ pool.squared(near)
+    ``work`` (2, d, d) is room to work in.
+    """
+    d = len(values)
+    inverse, inner = work[0], work[1]
+    # Cholesky's factor of F, and its inverse row by row
+    for i in range(d):
+        for j in range(i + 1):
+            entry = f[i, j]
+            for k in range(j):
+                entry -= inner[i, k] * inner[j, k]
+            inner[i, j] = math.sqrt(entry) if i == j else entry / inner[j, j]
+    for i in range(d):
+        for j in range(d):
+            entry = 1.0 if i == j else 0.0
+            for k in range(j, i):
+                entry -= inner[i, k] * inverse[k, j]
+            inverse[i, j] = entry / inner[i, i] if j <= i else 0.0
+    for i in range(d):
+        for j in range(i + 1):
+            entry = 0.0
+            for k in range(i + 1):
+                for m in range(j + 1):
+                    entry += inverse[i, k] * c[k, m] * inverse[j, m]
+            inner[i, j] = entry
+            inner[j, i] = entry
+    diagonalise(inner, vectors)
+    for k in range(d):
+        values[k] = max(inner[k, k], 0.0)
+    for k in range(d):
+        for i in range(d):
+            entry = 0.0
+            for m in range(i, d):
+                entry += inverse[m, i] * vectors[m, k]
+            vectors[i, k] = entry  # row i is needed no more: L⁻ᵀ is triangular
 
-        # in the basis in which F is I and C diagonal, everything is a sum of d fractions of the size
-        self.top, self.vectors = _pencil(self.c, self.f)
-        columns = [self.top, *(v @ self.vectors for v in (self.right, self.right_noise, self.pull))]
-        shown = self.top > TINY * self.top[-1]  # along the others there is nothing but rounding
-        self.parts = [tuple(map(float, part)) for part in np.stack(columns, axis=1)[shown]]
-        self.vectors = self.vectors[:, shown]
 
-    def center(self, size: float) -> Floats:
-        """ĉ (3,); across the basis, the mean of the centroids."""
-        along = [(right - size * noise) / (extent - size) for extent, right, noise, _ in self.parts]
-        return np.asarray(self.origin + self.basis @ self.vectors @ np.array(along))
-
-    def excess(self, size: float) -> float:
-        """Variance of the residuals less what noise of this size gives (theory §5.5), summed over markers."""
-        variance, strain = self.variance, self.strain
-        for extent, right, noise, pull in self.parts:
-            a = (right - size * noise) / (extent - size)
-            variance += 4.0 * a * (extent * a - 2.0 * right)
-            strain += a * (a - 2.0 * pull)
-        return float(variance - 4.0 * size * strain + 2.0 * size**2 * self.squared)
+@compiled
+def _excess(parts: Any, variance: float, strain: float, squared: float, size: float) -> float:
+    """Variance of the residuals less what noise of this size gives (theory §5.5), summed over markers."""
+    for k in range(parts.shape[0]):
+        extent, right, noise, pull = parts[k, 0], parts[k, 1], parts[k, 2], parts[k, 3]
+        a = (right - size * noise) / (extent - size)
+        variance += 4.0 * a * (extent * a - 2.0 * right)
+        strain += a * (a - 2.0 * pull)
+    return variance - 4.0 * size * strain + 2.0 * size * size * squared
 
 
-def _pencil(c: Floats, f: Floats) -> tuple[Floats, Floats]:
-    """Extents in units of the noise, ascending, and directions (d, d) as columns, with VᵀFV = I and VᵀCV diagonal."""
-    root = np.linalg.cholesky(f)
-    inverse = np.linalg.inv(root)
-    values, vectors = np.linalg.eigh(inverse @ c @ inverse.T)
-    return np.maximum(values, 0.0), inverse.T @ vectors
+@compiled
+def _weigh(n: Any, mean: Any, c: Any, within: Any, middle: Any, w: Any) -> float:
+    """Put n/r̂² into ``w``, of radii that the noise is not taken off; the largest change, as a share, is returned."""
+    change, most = 0.0, 0.0
+    for p in range(len(n)):
+        square = 0.0
+        for i in range(3):
+            offset = 0.0
+            for j in range(3):
+                square += within[i, j] * c[p, i, j]
+                offset += within[i, j] * (middle[j] - mean[p, j])
+            square += offset * offset
+        before = w[p]
+        w[p] = n[p] / max(square, 1e-300)
+        change, most = max(change, abs(w[p] - before)), max(most, w[p])
+    return change / most
+
+
+@compiled
+def _sum(
+    w: Any, mean: Any, c: Any, s: Any, f: Any, pulled: Any, traced: Any, along: Any, variance: Any,
+    within: Any, origin: Any, total: Any, noise: Any, sums: Any,
+) -> tuple[float, float]:  # fmt: skip
+    """Weighted sums over markers about the mean of their centroids, that goes into ``origin``, within a subspace.
+
+    ``total`` and ``noise`` (3, 3) receive Σ w C and Σ w F, ``sums`` (3, 3) the right-hand side, what one unit of noise
+    takes off it, and the part of that which shows in the strain; returned are the residuals' variance and strain.
+    """
+    m, cm, fm = np.empty(3), np.empty(3), np.empty(3)
+    weight, spread, strain = 0.0, 0.0, 0.0
+    for i in range(3):
+        origin[i] = 0.0
+        for j in range(3):
+            sums[i, j], total[i, j], noise[i, j] = 0.0, 0.0, 0.0
+    for p in range(len(w)):
+        weight += w[p]
+        for i in range(3):
+            origin[i] += w[p] * mean[p, i]
+    for i in range(3):
+        origin[i] /= weight
+    for p in range(len(w)):
+        for i in range(3):
+            m[i] = 0.0
+            for j in range(3):
+                m[i] += within[i, j] * (mean[p, j] - origin[j])
+        spread += w[p] * variance[p]
+        strain += w[p] * along[p]
+        for i in range(3):
+            cm[i] = c[p, i, 0] * m[0] + c[p, i, 1] * m[1] + c[p, i, 2] * m[2]
+            fm[i] = f[p, i, 0] * m[0] + f[p, i, 1] * m[1] + f[p, i, 2] * m[2]
+            spread += w[p] * m[i] * (4.0 * s[p, i] + 4.0 * cm[i])
+            strain += w[p] * m[i] * (2.0 * pulled[p, i] + fm[i])
+            sums[0, i] += w[p] * (cm[i] + 0.5 * s[p, i])
+            sums[1, i] += w[p] * (fm[i] + pulled[p, i] + 0.5 * traced[p, i])
+            sums[2, i] += w[p] * (fm[i] + pulled[p, i])
+            for j in range(3):
+                total[i, j] += w[p] * c[p, i, j]
+                noise[i, j] += w[p] * f[p, i, j]
+    return spread, strain
+
+
+@compiled
+def _root(parts: Any, variance: float, strain: float, squared: float, high: float) -> float:
+    """The size at which `_excess` is none, by halving; 0 if the residuals are too small, ``high`` if too large."""
+    if not (high > 0.0 and _excess(parts, variance, strain, squared, 0.0) > 0.0):
+        return 0.0
+    if _excess(parts, variance, strain, squared, high) >= 0.0:
+        return high
+    low = 0.0
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        if _excess(parts, variance, strain, squared, middle) > 0.0:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)
+
+
+@compiled
+def _solve(
+    n: Any, mean: Any, c: Any, s: Any, f: Any, pulled: Any, traced: Any, along: Any, variance: Any,
+    shift: Any, tilt: Any, pivot: Any, basis: Any, given: float, w: Any, center: Any,
+) -> float:  # fmt: skip
+    """`Pool.solve`: the size is returned, found if ``given`` is NaN; ``w`` and ``center`` are written."""
+    d = basis.shape[1]
+    within, total, noise, sums, origin = (
+        np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty(3),
+    )  # fmt: skip
+    of_c, of_f, work, extent, vectors = (
+        np.empty((d, d)), np.empty((d, d)), np.empty((2, d, d)), np.empty(d), np.empty((d, d)),
+    )  # fmt: skip
+    parts, square = np.empty((d, 4)), np.empty(len(n))
+    for i in range(3):
+        for j in range(3):
+            within[i, j] = 0.0
+            for k in range(d):
+                within[i, j] += basis[i, k] * basis[j, k]
+    size = 0.0
+    for trial in range(_ROUNDS + 1):  # the first is a start, without noise
+        change = _weigh(n, mean, c, within, center, w) if trial > 0 else 1.0
+        spread, strain = _sum(
+            w, mean, c, s, f, pulled, traced, along, variance, within, origin, total, noise, sums
+        )  # fmt: skip
+        for k in range(d):
+            for q in range(d):
+                of_c[k, q], of_f[k, q] = 0.0, 0.0
+                for i in range(3):
+                    for j in range(3):
+                        of_c[k, q] += basis[i, k] * total[i, j] * basis[j, q]
+                        of_f[k, q] += basis[i, k] * noise[i, j] * basis[j, q]
+        # where F is I and C diagonal, everything is a sum of d fractions of the size
+        _pencil(of_c, of_f, work, extent, vectors)
+        for k in range(d):
+            parts[k, 0] = extent[k]
+            for r in range(3):
+                parts[k, 1 + r] = 0.0
+                for q in range(d):
+                    for i in range(3):
+                        parts[k, 1 + r] += vectors[q, k] * basis[i, q] * sums[r, i]
+        first = 0  # along the directions before it there is nothing but rounding
+        while first < d and not extent[first] > TINY * extent[d - 1]:
+            first += 1
+        limit = extent[0] * (1.0 - 1e-9)
+        if trial > 0 and math.isnan(given):
+            squared_noise(center, mean, pivot, shift, tilt, square)
+            size = _root(parts[first:], spread, strain, dot(w, square), limit)
+        elif trial > 0:
+            size = given
+        for i in range(3):
+            center[i] = origin[i]
+        for k in range(first, d):
+            along_k = (parts[k, 1] - size * parts[k, 2]) / (parts[k, 0] - size)
+            for q in range(d):
+                for i in range(3):
+                    center[i] += along_k * vectors[q, k] * basis[i, q]
+        if change < 1e-6 or (math.isnan(given) and size > 0.0 and size == limit):
+            break  # at the limit it is not positive definite; where that leads is of no use
+    return size
+
+
+def _top(c: Floats, f: Floats) -> float:
+    """Least extent in units of the noise."""
+    d = len(c)
+    values = np.empty(d)
+    _pencil(c, f, np.empty((2, d, d)), values, np.empty((d, d)))
+    return float(values[0])

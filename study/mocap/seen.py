@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from study.mocap.carried import CarriedNoise, skew
+from study.mocap.carried import CarriedNoise
 from study.sphere.compiled import compiled
 
 Floats = NDArray[np.float64]
@@ -53,24 +53,47 @@ class Seen:
     z: Floats
 
     def squared(self, center: Floats) -> float:
-        """Half the variance of |noise|² in the residuals about a centre: Tr F², if noise were as (*) says it is.
-
-        A turn about the pivot leaves the distance from it as it is: only as far as the centre is from the pivot does it
-        count at second order.
-        """
-        return float(squared_noise(center - self.pivot, self.mean - self.pivot, self.shift, self.tilt))
+        """Half the variance of |noise|² in the residuals about a centre; see `squared_noise`."""
+        result = np.empty(1)
+        squared_noise(center, self.mean[None], self.pivot[None], self.shift[None], self.tilt[None], result)
+        return float(result[0])
 
 
-def squared_noise(d: Floats, v: Floats, shift: Floats, tilt: Floats) -> Floats:
-    """Half the variance of |noise|² (…) about a centre at d from the pivot (…, 3), of a marker at v from it (…, 3).
+@compiled
+def squared_noise(center: Any, mean: Any, pivot: Any, shift: Any, tilt: Any, into: Any) -> None:
+    """Half the variance of |noise|² in the residuals about a centre: Tr F², if noise were as (*) says it is.
 
-    ``shift`` and ``tilt`` (…, 3, 3) are as in `Seen`; see its ``squared``.
+    A turn about the pivot leaves the distance from it as it is: only as far as the centre is from the pivot does it
+    count at second order. With d and v the centre and the marker's mean from there, S the shift and T the tilt, it is
+    Tr S (S + 2 [d] T [d]ᵀ) + Tr Q², Q = (½ (d vᵀ + v dᵀ) - d·v) T.
+
+    Args:
+        center: (3,).
+        mean: of each marker (M, 3).
+        pivot: of each (M, 3), metres, as in `Seen`.
+        shift: of each (M, 3, 3), m², likewise.
+        tilt: of each (M, 3, 3), rad², likewise.
+        into: receives the result (M,).
     """
-    k, dv = skew(d), d[..., :, None] * v[..., None, :]
-    trace = (d * v).sum(axis=-1)[..., None, None]
-    q = (0.5 * (dv + dv.swapaxes(-1, -2)) - trace * np.eye(3)) @ tilt
-    turned = k @ tilt @ k.swapaxes(-1, -2)
-    return np.asarray((shift * (shift + 2.0 * turned) + q * q.swapaxes(-1, -2)).sum(axis=(-1, -2)))
+    d, v, turned, q = np.empty(3), np.empty(3), np.empty((3, 3)), np.empty((3, 3))
+    for p in range(len(into)):
+        along = 0.0
+        for i in range(3):
+            d[i], v[i] = center[i] - pivot[p, i], mean[p, i] - pivot[p, i]
+            along += d[i] * v[i]
+        for j in range(3):
+            a, b, c = tilt[p, 0, j], tilt[p, 1, j], tilt[p, 2, j]
+            turned[0, j], turned[1, j], turned[2, j] = d[1] * c - d[2] * b, d[2] * a - d[0] * c, d[0] * b - d[1] * a
+            from_v, from_d = v[0] * a + v[1] * b + v[2] * c, d[0] * a + d[1] * b + d[2] * c
+            for i in range(3):
+                q[i, j] = 0.5 * (d[i] * from_v + v[i] * from_d) - along * tilt[p, i, j]
+        total = 0.0
+        for i in range(3):
+            a, b, c = turned[i, 0], turned[i, 1], turned[i, 2]
+            turned[i, 0], turned[i, 1], turned[i, 2] = d[1] * c - d[2] * b, d[2] * a - d[0] * c, d[0] * b - d[1] * a
+            for j in range(3):
+                total += shift[p, i, j] * (shift[p, i, j] + 2.0 * turned[i, j]) + q[i, j] * q[j, i]
+        into[p] = total
 
 
 def seen(y: Floats, used: Bools, carried: CarriedNoise, own: float, size: float) -> Seen:

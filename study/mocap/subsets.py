@@ -1,11 +1,14 @@
 """Joint centres from parts of a recording: batches of MGDK on subsets of the frames, and how the frames are chosen."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from study.mocap.estimates import Estimate
 from study.mocap.recording import Bools, Floats
 from study.mocap.spread import cap_angle
+from study.sphere.compiled import compiled
 
 Ints = NDArray[np.int64]
 
@@ -66,23 +69,8 @@ class Whole:
     def _pool(self, index: Ints) -> tuple[Floats, Floats]:
         """Σ w n (C - σ²I) / Σ w n (B, 3, 3), and the same of (C - σ²I) x̄ + ½S (B, 3), for frames (B, N)."""
         left, right = np.zeros((len(index), 3, 3)), np.zeros((len(index), 3))
-        total = np.zeros(len(index))
-        for y, used, weight in zip(self.y, self.used, self.weights, strict=True):
-            there = used[index]
-            n = there.sum(axis=1)
-            some = n > 1
-            x = y.T[index]
-            mean = x.sum(axis=1) / np.maximum(n, 1)[:, None]
-            d = np.where(there[:, :, None], x - mean[:, None], 0.0)
-            share = 1.0 / np.maximum(n - 1, 1)
-            c = np.matmul(d.transpose(0, 2, 1), d) * share[:, None, None] - self.noise * np.eye(3)
-            s = np.matmul(d.transpose(0, 2, 1), (d**2).sum(axis=2)[:, :, None])[:, :, 0] * share[:, None]
-            w = np.where(some, weight * n, 0.0)
-            left += w[:, None, None] * c
-            right += w[:, None] * (np.einsum("bij,bj->bi", c, mean) + 0.5 * s)
-            total += w
-        total = np.maximum(total, 1e-300)
-        return left / total[:, None, None], right / total[:, None]
+        _pool(self.y, self.used, self.weights, self.noise, index, left, right)
+        return left, right
 
     def centers(self, index: Ints, axis: Floats | None) -> tuple[Floats, Bools]:
         """MGDK's centres (B, 3) of frames (B, N), and which are positive definite (B,).
@@ -112,6 +100,56 @@ class Whole:
     def effective(self, number: int) -> float:
         """N_eff of so many random frames."""
         return float(number / (1.0 + (number - 1) * (self.memory - 1.0) / max(self.frames - 1, 1)))
+
+
+@compiled
+def _pool(y: Any, used: Any, weights: Any, noise: float, index: Any, left: Any, right: Any) -> None:
+    """`Whole._pool` into ``left`` (B, 3, 3) and ``right`` (B, 3), which are zero."""
+    mean, c, s = np.empty(3), np.empty((3, 3)), np.empty(3)
+    for b in range(index.shape[0]):
+        total = 0.0
+        for p in range(y.shape[0]):
+            n = 0.0
+            for i in range(3):
+                mean[i], s[i] = 0.0, 0.0
+                for j in range(3):
+                    c[i, j] = 0.0
+            for t in index[b]:
+                if used[p, t]:
+                    n += 1.0
+                    for i in range(3):
+                        mean[i] += y[p, i, t]
+            if n < 2.0:
+                continue
+            for i in range(3):
+                mean[i] /= n
+            for t in index[b]:
+                if used[p, t]:
+                    d0, d1, d2 = y[p, 0, t] - mean[0], y[p, 1, t] - mean[1], y[p, 2, t] - mean[2]
+                    square = d0 * d0 + d1 * d1 + d2 * d2
+                    c[0, 0] += d0 * d0
+                    c[0, 1] += d0 * d1
+                    c[0, 2] += d0 * d2
+                    c[1, 1] += d1 * d1
+                    c[1, 2] += d1 * d2
+                    c[2, 2] += d2 * d2
+                    s[0] += square * d0
+                    s[1] += square * d1
+                    s[2] += square * d2
+            c[1, 0], c[2, 0], c[2, 1] = c[0, 1], c[0, 2], c[1, 2]
+            weight = weights[p] * n
+            total += weight
+            for i in range(3):
+                for j in range(3):
+                    entry = c[i, j] / (n - 1.0) - (noise if i == j else 0.0)
+                    left[b, i, j] += weight * entry
+                    right[b, i] += weight * entry * mean[j]
+                right[b, i] += weight * 0.5 * s[i] / (n - 1.0)
+        total = max(total, 1e-300)
+        for i in range(3):
+            right[b, i] /= total
+            for j in range(3):
+                left[b, i, j] /= total
 
 
 def taken(way: str, seen: Ints, number: int, subsets: int, rng: np.random.Generator) -> Ints:

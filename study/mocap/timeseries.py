@@ -9,9 +9,13 @@ many that they lie well below the one at which the series forgets: τ = 1 + 2 Σ
 Source: Sokal 1997 (τ); Lazarus, Lewis, Stock & Watson 2018 (equal weights on the lowest frequencies).
 """
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
+
+from study.sphere.compiled import compiled
 
 Floats = NDArray[np.float64]
 
@@ -31,14 +35,25 @@ def autocorrelation_time(series: Floats) -> Floats:
     if n < 2:
         return np.ones(len(series))
     size = fft.next_fast_len(2 * n, real=True)
-    power = np.abs(fft.rfft(series, size, axis=1)) ** 2
-    covariance = fft.irfft(power, size, axis=1)[:, :n]
-    still = covariance[:, :1] <= 0.0
-    rho = np.where(still, 0.0, covariance / np.where(still, 1.0, covariance[:, :1]))
-    tau = 1.0 + 2.0 * np.cumsum(rho[:, 1:], axis=1)
-    enough = np.arange(1, n) >= _WINDOW * tau
-    first = np.where(enough.any(axis=1), enough.argmax(axis=1), n - 2)
-    return np.asarray(np.maximum(tau[np.arange(len(series)), first], 1.0))
+    spectrum = fft.rfft(series, size, axis=1)
+    covariance = fft.irfft(spectrum.real**2 + spectrum.imag**2, size, axis=1)
+    tau = np.empty(len(series))
+    _summed(covariance, n, tau)
+    return tau
+
+
+@compiled
+def _summed(covariance: Any, n: int, tau: Any) -> None:
+    """Autocorrelation times (k,) from autocovariances (k, n or more) of lags from 0."""
+    for row in range(len(tau)):
+        tau[row] = 1.0
+        if not covariance[row, 0] > 0.0:
+            continue
+        for lag in range(1, n):
+            tau[row] += 2.0 * covariance[row, lag] / covariance[row, 0]
+            if lag >= _WINDOW * tau[row]:
+                break
+        tau[row] = max(tau[row], 1.0)
 
 
 def long_run(scores: Floats) -> tuple[Floats, Floats]:

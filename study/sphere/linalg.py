@@ -9,7 +9,23 @@ from numpy.typing import NDArray
 from study.sphere.compiled import compiled
 
 _MAX_SWEEPS = 40
+_LANES = 16
+"""Matrices that are diagonalised side by side."""
 _EPS = 2.0**-52
+
+
+@compiled
+def _significant(pp: float, qq: float, off: float) -> bool:
+    """Whether an entry off the diagonal would change the eigenvalues that its plane has now."""
+    return abs(off) > 0.25 * _EPS * math.sqrt(abs(pp * qq))
+
+
+@compiled
+def _tangent(pp: float, qq: float, off: float) -> float:
+    """Of the smaller angle that takes an entry off the diagonal to zero."""
+    theta = 0.5 * (qq - pp) / off
+    t = 1.0 / (abs(theta) + math.sqrt(theta * theta + 1.0))
+    return -t if theta < 0.0 else t
 
 
 @compiled
@@ -30,13 +46,10 @@ def diagonalise(matrix: Any, vectors: Any) -> None:
         for p in range(d - 1):
             for q in range(p + 1, d):
                 off = matrix[p, q]
-                if not abs(off) > 0.25 * _EPS * math.sqrt(abs(matrix[p, p] * matrix[q, q])):
+                if not _significant(matrix[p, p], matrix[q, q], off):
                     continue
                 rotated = True
-                theta = 0.5 * (matrix[q, q] - matrix[p, p]) / off
-                t = 1.0 / (abs(theta) + math.sqrt(theta * theta + 1.0))
-                if theta < 0.0:
-                    t = -t
+                t = _tangent(matrix[p, p], matrix[q, q], off)
                 c = 1.0 / math.sqrt(t * t + 1.0)
                 s = t * c
                 matrix[p, p] -= t * off
@@ -61,6 +74,82 @@ def diagonalise(matrix: Any, vectors: Any) -> None:
             matrix[i, i], matrix[low, low] = matrix[low, low], matrix[i, i]
             for k in range(d):
                 vectors[k, i], vectors[k, low] = vectors[k, low], vectors[k, i]
+
+
+@compiled
+def _turn(pp: Any, qq: Any, pq: Any, cosine: Any, sine: Any) -> bool:
+    """Choose the rotations that take the p-q entries of some matrices to zero, and apply them to those entries."""
+    rotated = 0.0
+    for k in range(_LANES):
+        significant = _significant(pp[k], qq[k], pq[k])
+        off = pq[k] if significant else 0.0
+        t = _tangent(pp[k], qq[k], pq[k] if significant else 1.0) if significant else 0.0
+        c = 1.0 / math.sqrt(t * t + 1.0)
+        cosine[k] = c
+        sine[k] = t * c
+        pp[k] -= t * off
+        qq[k] += t * off
+        pq[k] = 0.0 if significant else pq[k]
+        rotated += 1.0 if significant else 0.0
+    return rotated > 0.0
+
+
+@compiled
+def _apply(first: Any, second: Any, cosine: Any, sine: Any) -> None:
+    """Rotate pairs of entries."""
+    for k in range(_LANES):
+        a, b = first[k], second[k]
+        first[k] = cosine[k] * a - sine[k] * b
+        second[k] = sine[k] * a + cosine[k] * b
+
+
+@compiled
+def _sweep(matrix: Any, vectors: Any, cosine: Any, sine: Any) -> bool:
+    """Rotate in every plane once; whether there was anything to rotate. The upper triangle alone is kept."""
+    d = matrix.shape[0]
+    rotated = False
+    for p in range(d - 1):
+        for q in range(p + 1, d):
+            if not _turn(matrix[p, p], matrix[q, q], matrix[p, q], cosine, sine):
+                continue
+            rotated = True
+            for k in range(d):
+                if k != p and k != q:
+                    _apply(matrix[min(k, p), max(k, p)], matrix[min(k, q), max(k, q)], cosine, sine)
+                _apply(vectors[k, p], vectors[k, q], cosine, sine)
+    return rotated
+
+
+@compiled
+def _diagonalise(matrices: Any, values: Any, basis: Any) -> None:
+    """The same on so many matrices at a time, side by side in vector registers.
+
+    A matrix that is done is turned by nothing while others go on, so its numbers do not depend on its neighbours.
+    """
+    b, d, _ = matrices.shape
+    matrix, vectors = np.empty((d, d, _LANES)), np.empty((d, d, _LANES))
+    cosine, sine = np.empty(_LANES), np.empty(_LANES)
+    for start in range(0, b, _LANES):
+        count = min(_LANES, b - start)
+        for i in range(d):
+            for j in range(d):
+                for k in range(_LANES):
+                    unit = 1.0 if i == j else 0.0
+                    vectors[i, j, k] = unit
+                    matrix[i, j, k] = matrices[start + k, i, j] if k < count else unit
+        for _ in range(_MAX_SWEEPS):
+            if not _sweep(matrix, vectors, cosine, sine):
+                break
+        for k in range(count):
+            t = start + k
+            for j in range(d):  # ascending: the place of each is the number of those before it
+                place = 0
+                for i in range(d):
+                    if matrix[i, i, k] < matrix[j, j, k] or (i < j and not matrix[i, i, k] > matrix[j, j, k]):
+                        place += 1
+                values[t, place] = matrix[j, j, k]
+                for i in range(d):
+                    basis[t, i, place] = vectors[i, j, k]
 
 
 @compiled
@@ -94,18 +183,10 @@ def cholesky_solve(matrix: Any, right: Any) -> bool:
     return True
 
 
-@compiled
-def _diagonalise_all(matrices: Any, values: Any, vectors: Any) -> None:
-    for t in range(matrices.shape[0]):
-        diagonalise(matrices[t], vectors[t])
-        for i in range(values.shape[1]):
-            values[t, i] = matrices[t, i, i]
-
-
 def eigenbasis(matrices: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Eigenvalues (b, d), ascending, and eigenvectors (b, d, d), as columns, of symmetric matrices (b, d, d)."""
     values, vectors = np.empty(matrices.shape[:2]), np.empty(matrices.shape)
-    _diagonalise_all(matrices.copy(), values, vectors)
+    _diagonalise(matrices, values, vectors)
     return values, vectors
 
 

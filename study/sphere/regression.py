@@ -8,14 +8,33 @@ answer does not depend on o. From the points themselves o is the centroid, and t
 
 from dataclasses import dataclass, fields
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from study.sphere.compiled import compiled
 from study.sphere.linalg import components, eigenbasis
 from study.sphere.moments import Moments
 
 Floats = NDArray[np.float64]
+
+
+@compiled
+def _central(
+    count: Any, second: Any, third: Any, fourth: Any, covariance: Any, cross: Any, variance: Any, square: Any
+) -> None:
+    """C and S (paper eqs 5 and 6), and variance and mean of |y|², of sums about the centroid."""
+    b, d = third.shape
+    for t in range(b):
+        n, trace = count[t], 0.0
+        for i in range(d):
+            trace += second[t, i, i]
+            cross[t, i] = third[t, i] / (n - 1.0)
+            for j in range(d):
+                covariance[t, i, j] = second[t, i, j] / (n - 1.0)
+        square[t] = trace / n
+        variance[t] = fourth[t] / n - square[t] * square[t]
 
 
 @dataclass(frozen=True)
@@ -45,12 +64,10 @@ class Regression:
     @classmethod
     def of(cls, moments: Moments) -> "Regression":
         """About the centroids."""
-        n, b = moments.count, len(moments.count)
-        square = np.einsum("bii->b", moments.second) / n
-        with np.errstate(all="ignore"):  # points that are not finite have a status of their own
-            variance = moments.fourth / n - square * square
-        nothing = np.zeros(moments.mean.shape)
-        return cls(n, moments.mean, nothing, moments.covariance, moments.third_central, variance, square, np.zeros(b))
+        m, (b, d) = moments, moments.mean.shape
+        covariance, cross, variance, square = np.empty((b, d, d)), np.empty((b, d)), np.empty(b), np.empty(b)
+        _central(m.count, m.second, m.third, m.fourth, covariance, cross, variance, square)
+        return cls(m.count, m.mean, np.zeros((b, d)), covariance, cross, variance, square, np.zeros(b))
 
     def only(self, index: int) -> "Regression":
         """That of one set of the batch."""

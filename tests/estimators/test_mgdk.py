@@ -191,6 +191,38 @@ def test_exact_points(rng, weighted):
     assert 0.0 <= fit.noise_variance < 1e-14
 
 
+@pytest.mark.parametrize("noise", [0.0, 1e-13, 1e-10, 1e-6])
+@pytest.mark.parametrize("count", [4, 5, 30])
+def test_hardly_any_noise_on_a_small_cap(rng, count, noise):
+    """Where residuals are rounding there may be no root between none and all of the least extent: nothing raises.
+
+    Without noise the centre is GDKE's, to what 5° leave of rounding; with a little, as `als` has it.
+    """
+    for _ in range(40):
+        (points,), _ = drawn(rng, [count], [0.5], noise, 5.0, 1.0)
+        fit = mgdk([points])
+        assert fit.status is Status.OK
+        wanted = study.fit(points, "als" if noise and count > 4 else "gdke").center
+        np.testing.assert_allclose(fit.center, wanted, rtol=0, atol=1e-6 if noise < 1e-9 else 1e-3)
+
+
+def test_a_matrix_that_is_singular_to_the_last_bit():
+    """Noise as large as the extent itself is a status."""
+    square = np.array([[0.0, 0.0], [2.0, 0.0], [0.0, 2.0], [2.0, 2.0]])
+    for noise in (np.eye(2) * 4.0 / 3.0, np.diag([4.0 / 3.0, 1.0])):
+        fit = mgdk([square], noise)
+        assert fit.status in (Status.OK, Status.NOT_POSITIVE_DEFINITE)
+        assert fit.condition == pytest.approx(1.0)
+
+
+def test_noise_that_hides_everything():
+    """Two cubes about one middle, all taken for one marker: no noise below all of the extent explains the residuals."""
+    cube = np.array([[i, j, k] for i in (-1.0, 1.0) for j in (-1.0, 1.0) for k in (-1.0, 1.0)])
+    fit = mgdk([np.concatenate([cube, 0.01 * cube])])
+    assert fit.status is Status.NOT_POSITIVE_DEFINITE
+    assert fit.condition > 1.0
+
+
 def test_statuses(rng):
     """What leaves the centre undetermined has a status and NaN: nothing raises, nothing warns."""
     flat, line = rng.standard_normal((9, 3)) * [1, 1, 0], np.outer(np.arange(9.0), [1, 2, 3])

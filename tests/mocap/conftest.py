@@ -7,6 +7,10 @@ import c3d
 import numpy as np
 import pytest
 
+from study.mocap.joints import find_joints
+from study.mocap.match import choose
+from study.mocap.phases import calibrate, calibrated
+from study.mocap.reading import read_recording
 from study.mocap.recording import Recording
 from study.mocap.setfile import load_markerset
 from study.mocap.staging import Shown, stage
@@ -25,6 +29,52 @@ def shared(name):
 def shared_file():
     """Path of a recording of the shared data by its name, or a skip."""
     return shared
+
+
+@pytest.fixture(scope="session")
+def kata():
+    """A real recording, a karate kata of 5202 frames, with the marker set that fits it."""
+    return choose(read_recording(shared("cmu_135_02.c3d")))
+
+
+@pytest.fixture(scope="session")
+def kata_joints(kata):
+    """Its joints."""
+    return find_joints(kata.markerset, kata.recording)
+
+
+@pytest.fixture(scope="session")
+def kata_calibration(kata, kata_joints):
+    """The calibration that they make."""
+    return calibrated(kata_joints, kata.recording)
+
+
+@pytest.fixture(scope="session")
+def kata_halves(kata):
+    """Its first and its second half, each with a calibration of its own."""
+    half = kata.recording.frames // 2
+    pieces = [kata.recording.select(frames=part) for part in (slice(0, half), slice(half, None))]
+    return [(piece, calibrate(piece, kata.markerset)) for piece in pieces]
+
+
+@pytest.fixture(scope="session")
+def exact():
+    """A synthetic figure without noise, what is true of it, and its joints."""
+    recording, truth = synthesize(Recipe(frames=800, noise=1e-9))
+    return recording, truth, find_joints(load_markerset("cmu41"), recording)
+
+
+@pytest.fixture(scope="session")
+def figure():
+    """A synthetic figure with 1 mm of noise, what is true of it, and its joints."""
+    recording, truth = synthesize(Recipe(frames=600, noise=0.001))
+    return recording, truth, find_joints(load_markerset("cmu41"), recording)
+
+
+@pytest.fixture(scope="session")
+def figure_calibration(figure):
+    """The calibration that they make."""
+    return calibrated(figure[2], figure[0])
 
 
 @pytest.fixture(scope="session")

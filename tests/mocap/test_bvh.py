@@ -63,10 +63,9 @@ def read_bvh(path):
     return {node["name"]: node["place"].T for node in nodes}, time
 
 
-def test_another_reader_finds_the_joints_where_they_are(tmp_path):
+def test_another_reader_finds_the_joints_where_they_are(figure, figure_calibration, tmp_path):
     """Every joint of the skeleton, to a hundredth of a millimetre: y up, metres; and the frame time."""
-    recording, _ = synthesize(Recipe(frames=300, noise=0.001))
-    skeleton = draw_skeleton(calibrate(recording, CMU41), recording)
+    skeleton = draw_skeleton(figure_calibration, figure[0].select(frames=slice(0, 300)))
     places, time = read_bvh(write_bvh(skeleton, tmp_path / "walk.bvh"))
     assert time == pytest.approx(1 / 120, abs=1e-8)
     for joint in skeleton.joints:
@@ -92,30 +91,28 @@ def test_a_segment_that_hangs_on_no_known_joint_moves_freely(tmp_path):
             np.testing.assert_allclose(places[joint], np.stack([x, z, -y]), atol=1e-5, err_msg=joint)
 
 
-def test_unknown_frames_hold_the_pose(tmp_path):
+def test_unknown_frames_hold_the_pose(figure, figure_calibration, tmp_path):
     """Numbers everywhere, the last known ones where nothing is known."""
-    recording, _ = synthesize(Recipe(frames=400, noise=0.001))
-    calibration = calibrate(recording, CMU41)
+    recording = figure[0].select(frames=slice(0, 400))
     positions = recording.positions.copy()
     positions[:, :, 100:] = np.nan
     hidden = type(recording)("hidden", recording.markers, positions, recording.rate)
-    places, _ = read_bvh(write_bvh(draw_skeleton(calibration, hidden, bridge=0.1), tmp_path / "hidden.bvh"))
+    places, _ = read_bvh(write_bvh(draw_skeleton(figure_calibration, hidden, bridge=0.1), tmp_path / "hidden.bvh"))
     for place in places.values():
         assert np.isfinite(place).all()
         np.testing.assert_allclose(place[:, 150:], place[:, [-1]] * np.ones(250), atol=1e-9)
 
 
-def test_no_root(tmp_path):
+def test_no_root(figure, figure_calibration, tmp_path):
     """A recording without a pelvis: one line."""
-    recording, _ = synthesize(Recipe(frames=300, noise=0.001))
-    calibration = calibrate(recording, CMU41)
+    recording = figure[0]
     rest = recording.select([m for m in recording.markers if m[1:] not in ("FWT", "BWT")])
     with pytest.raises(RecordingError, match="its pelvis is known in no frame"):
-        write_bvh(draw_skeleton(calibration, rest), tmp_path / "none.bvh")
+        write_bvh(draw_skeleton(figure_calibration, rest), tmp_path / "none.bvh")
 
 
-def test_a_folder_that_cannot_be_written(tmp_path):
+def test_a_folder_that_cannot_be_written(figure, figure_calibration, tmp_path):
     (tmp_path / "file").touch()
-    recording, _ = synthesize(Recipe(frames=50, noise=0.001))
+    skeleton = draw_skeleton(figure_calibration, figure[0].select(frames=slice(0, 50)))
     with pytest.raises(RecordingError, match="cannot be written"):
-        write_bvh(draw_skeleton(calibrate(recording, CMU41), recording), tmp_path / "file" / "walk.bvh")
+        write_bvh(skeleton, tmp_path / "file" / "walk.bvh")

@@ -121,7 +121,7 @@ def test_more_frames_than_the_header_can_count(tmp_path):
     found = read_recording(path)
     assert found.frames == LONG + 10
     np.testing.assert_allclose(found.positions, positions, rtol=1e-6)
-    path.write_bytes(path.read_bytes()[:-4000])
+    path.write_bytes(path.read_bytes()[:100_000])  # which takes no time to find out
     with pytest.raises(RecordingError, match=f"of {LONG + 10} frames are there"):
         read_recording(path)
 

@@ -8,21 +8,12 @@ from study.mocap.match import choose
 from study.mocap.phases import calibrate, check, draw_skeleton, require_same_subject, skeleton_scene
 from study.mocap.reading import read_recording
 from study.mocap.recording import RecordingError
-from study.mocap.setfile import load_markerset
 from study.mocap.synthetic import Recipe, synthesize
 
-CMU41 = load_markerset("cmu41")
 
-
-@pytest.fixture(scope="module")
-def figure():
-    recording, _ = synthesize(Recipe(frames=600, noise=0.001))
-    return recording, calibrate(recording, CMU41)
-
-
-def test_saved_and_read_it_is_the_same(figure, tmp_path):
+def test_saved_and_read_it_is_the_same(figure, figure_calibration, tmp_path):
     """Every number as it was, so that the same skeleton comes of it to the last bit."""
-    recording, made = figure
+    recording, made = figure[0], figure_calibration
     read = load_calibration(made.save(tmp_path / "of" / "calibration.json"))
     assert read.markerset == made.markerset
     assert (read.source, read.frames) == (made.source, made.frames)
@@ -52,9 +43,9 @@ def test_what_is_no_calibration_is_one_line(text, words, tmp_path):
         load_calibration(tmp_path / "none.json")
 
 
-def test_damage_is_noticed(figure, tmp_path):
+def test_damage_is_noticed(figure_calibration, tmp_path):
     """A matrix of the wrong size, a joint or status that is none."""
-    path = figure[1].save(tmp_path / "c.json")
+    path = figure_calibration.save(tmp_path / "c.json")
     for change in (("covariance", [[1.0]]), ("status", "FINE"), ("joint", "tail"), ("in_child", [1.0, 2.0])):
         document = json.loads(path.read_text())
         document["joints"][0][change[0]] = change[1]
@@ -63,28 +54,28 @@ def test_damage_is_noticed(figure, tmp_path):
             load_calibration(path.with_name("d.json"))
 
 
-def test_another_subject_is_refused(shared_file):
+def test_another_subject_is_refused(kata, kata_calibration, kata_halves, shared_file):
     """Two real people, each with the other's calibration; and each with one from the other half of the recording."""
-    found = [choose(read_recording(shared_file(f"cmu_{name}.c3d"))) for name in ("135_02", "85_02")]
-    made = [calibrate(each.recording, each.markerset) for each in found]
-    for calibration, other in ((made[0], found[1].recording), (made[1], found[0].recording)):
+    someone = choose(read_recording(shared_file("cmu_85_02.c3d")))
+    theirs = calibrate(someone.recording, someone.markerset)
+    for calibration, other in ((kata_calibration, someone.recording), (theirs, kata.recording)):
         with pytest.raises(RecordingError, match="does not show the subject calibrated in") as caught:
             require_same_subject(draw_skeleton(calibration, other))
         assert "\n" not in str(caught.value)
-    recording = found[0].recording
-    half = recording.frames // 2
-    first, second = (recording.select(frames=part) for part in (slice(0, half), slice(half, None)))
-    for one, other in ((first, second), (second, first)):
-        assert check(draw_skeleton(calibrate(one, found[0].markerset), other)).fits
+    (first, of_first), (second, of_second) = kata_halves
+    for calibration, other in ((of_first, second), (of_second, first)):
+        assert check(draw_skeleton(calibration, other)).fits
 
 
-def test_a_scene_says_what_is_doubtful(figure):
+def test_a_scene_says_what_is_doubtful(figure, figure_calibration):
     """Another subject's calibration is on every joint and in the notes."""
-    recording, calibration = figure
+    recording, calibration = figure[0], figure_calibration
     scene = skeleton_scene(draw_skeleton(calibration, recording), recording)
     assert len(scene.joints) == 14
     assert not any(scene.doubts)
-    other, _ = synthesize(Recipe(frames=300, height=1.5))
+    assert scene.source == "joints found in this recording"
+    other, _ = synthesize(Recipe(frames=300, height=1.5, seed=2))
     scene = skeleton_scene(draw_skeleton(calibration, other), other)
+    assert scene.source == "joints found in synthetic-1"
     assert all("another subject" in doubt for doubt in scene.doubts)
     assert any("does not show the subject" in note for note in scene.notes)

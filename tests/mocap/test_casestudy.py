@@ -4,8 +4,6 @@ import pytest
 from study.mocap import fig7_case
 from study.mocap.casestudy import case_study
 from study.mocap.joints import find_joints
-from study.mocap.match import choose
-from study.mocap.reading import read_recording
 from study.mocap.recording import RecordingError
 from study.mocap.setfile import load_markerset
 from study.mocap.synthetic import Recipe, synthesize
@@ -16,15 +14,21 @@ CMU41 = load_markerset("cmu41")
 @pytest.fixture(scope="module")
 def independent():
     """A case study of poses drawn anew in every frame."""
-    recording, _ = synthesize(Recipe(frames=8000, independent=True, noise=0.001))
+    recording, _ = synthesize(Recipe(frames=4000, independent=True, noise=0.001))
     return case_study(find_joints(CMU41, recording), recording, subsets=80, numbers=(50, 100, 200, 500, 1000))
 
 
 @pytest.fixture(scope="module")
-def real(shared_file):
-    found = choose(read_recording(shared_file("cmu_135_02.c3d")))
-    joints = find_joints(found.markerset, found.recording)
-    return case_study(joints, found.recording, subsets=80)
+def few():
+    """A few poses drawn anew, and their joints."""
+    recording, _ = synthesize(Recipe(frames=400, independent=True))
+    return recording, find_joints(CMU41, recording)
+
+
+@pytest.fixture(scope="module")
+def real(kata, kata_joints):
+    """A case study of the kata."""
+    return case_study(kata_joints, kata.recording, subsets=40)
 
 
 def law(case, axis):
@@ -87,9 +91,8 @@ def test_outliers_of_a_real_recording_have_reasons(real):
     assert any("right ankle" in line for line in fig7_case.words(real))
 
 
-def test_the_same_seed_gives_the_same():
-    recording, _ = synthesize(Recipe(frames=400, independent=True))
-    joints = find_joints(CMU41, recording)
+def test_the_same_seed_gives_the_same(few):
+    recording, joints = few
     one, other = (case_study(joints, recording, subsets=8, numbers=(20, 50)) for _ in range(2))
     assert one.scatter.equals(other.scatter)
 
@@ -101,10 +104,10 @@ def test_the_figure_draws(independent):
 
 
 @pytest.mark.parametrize(("kwargs", "words"), [({"subsets": 6}, "multiple of 4"), ({}, "needs at least 200")])
-def test_wrong_arguments(kwargs, words):
-    recording, _ = synthesize(Recipe(frames=400 if kwargs else 100, independent=True))
+def test_wrong_arguments(few, kwargs, words):
+    recording, joints = few
     with pytest.raises(RecordingError, match=words):
-        case_study(find_joints(CMU41, recording), recording, **kwargs)
+        case_study(joints, recording if kwargs else recording.select(frames=slice(0, 100)), **kwargs)
 
 
 def test_nothing_to_study():

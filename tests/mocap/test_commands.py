@@ -252,12 +252,12 @@ def test_a_name_stays_in_the_folder(call, tmp_path):
 
 
 def test_fetch(call, monkeypatch, tmp_path):
-    """A name that the library cannot have, another library, or no server: one line each."""
+    """A name that the library cannot have, or another library, is a mistake; no server is a failure: one line each."""
     refused(call("fetch", "cmu", "../secret"), "'../secret' is no recording of cmu", "60_08")
     refused(call("fetch", "nasa", "60_08"), "no library 'nasa'; there are cmu")
     monkeypatch.setenv("STUDY_CMU_URL", "http://127.0.0.1:9")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    refused(call("fetch", "cmu", "60_08"), "the server cannot be reached")
+    refused(call("fetch", "cmu", "60_08"), "the server cannot be reached", code=1)
 
 
 @pytest.mark.parametrize("options", [["--frames", "1"], ["--gaps", "2"], ["--noise", "-1"], ["--out", "x.txt"]])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from study.mocap.export import write_recording
-from study.mocap.fetch import LIBRARIES, fetch
+from study.mocap.fetch import LIBRARIES, DownloadError, fetch
 from study.mocap.reading import read_recording
 from study.mocap.recording import RecordingError
 
@@ -121,8 +121,9 @@ def test_a_library_that_is_not_known(tmp_path):
     [(404, "there is no recording 60_08"), (500, "the server answered 500; try again later"), (403, "answered 403")],
 )
 def test_the_server_refuses(server, tmp_path, status, words):
+    """That a recording is not there is a mistake in its name; anything else may be otherwise another time."""
     server.status = status
-    refused(server, tmp_path, words)
+    refused(server, tmp_path, words, kind=RecordingError if status == 404 else DownloadError)
 
 
 def test_the_download_is_cut_short(server, tmp_path, body):
@@ -146,10 +147,11 @@ def test_there_is_no_server(server, tmp_path):
         refused(server, tmp_path, r"cannot be reached, or broke off \(.*refused.*\); is there a network", base)
 
 
-def refused(server, folder, words, base=None):
+def refused(server, folder, words, base=None, kind=DownloadError):
     """One line that begins with the address; nothing is left in the cache."""
     with pytest.raises(RecordingError, match=words) as caught:
         get(server, folder / "cache", base=base)
+    assert type(caught.value) is kind
     assert str(caught.value).startswith(f"{base or server.base}/60/60_08.c3d: ")
     assert "\n" not in str(caught.value)
     assert not (folder / "cache").exists() or not list((folder / "cache").iterdir())
@@ -158,5 +160,5 @@ def refused(server, folder, words, base=None):
 def test_a_cache_that_cannot_be_written(server, tmp_path, body):
     server.body = body
     (tmp_path / "file").write_text("")
-    with pytest.raises(RecordingError, match="cannot be kept in"):
+    with pytest.raises(DownloadError, match="cannot be kept in"):
         get(server, tmp_path / "file" / "cache")

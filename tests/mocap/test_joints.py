@@ -4,8 +4,6 @@ from scipy import stats
 
 from study.mocap.estimates import UNSURE, JointStatus
 from study.mocap.joints import find_joints
-from study.mocap.match import choose
-from study.mocap.reading import read_recording
 from study.mocap.recording import Recording
 from study.mocap.setfile import load_markerset
 from study.mocap.spread import turn_angle
@@ -55,10 +53,9 @@ def axis_off(found, truth, name):
 HINGES = ("left_elbow", "right_elbow", "left_knee", "right_knee")
 
 
-def test_without_noise_every_joint_is_exact():
+def test_without_noise_every_joint_is_exact(exact):
     """To a micrometre, hinges across their axes, which are found to 0.01°."""
-    recording, truth = synthesize(Recipe(frames=800, noise=1e-9))
-    found = find_joints(CMU41, recording)
+    _, truth, found = exact
     for name, (error, _, _) in compared(found, truth).items():
         assert error < 1e-6, name
         wanted = JointStatus.HINGE if name in HINGES else JointStatus.OK
@@ -109,10 +106,9 @@ def test_swaps_do_no_harm():
         assert error < 0.001, name
 
 
-def test_places_and_axes_in_both_segments():
+def test_places_and_axes_in_both_segments(figure):
     """The same point of the world in either frame, within what the frames' noise moves it; so for a hinge's axis."""
-    recording, _ = synthesize(Recipe(frames=1000, noise=0.001))
-    found = find_joints(CMU41, recording)
+    found = figure[2]
     for name in ("neck", "left_elbow", "left_knee", "right_hip"):
         joint = found[name]
         parent, child = found.frames[joint.joint.parent], found.frames[joint.joint.child]
@@ -127,9 +123,9 @@ def test_places_and_axes_in_both_segments():
     assert np.isnan(found["left_wrist"].in_child).all()  # a hand with one marker has no frame of its own
 
 
-def test_a_marker_that_is_not_there():
+def test_a_marker_that_is_not_there(figure):
     """Without one thigh marker its knee has no frame, and says why; what does not need it is as it was."""
-    recording, _ = synthesize(Recipe(frames=800, noise=0.001))
+    recording = figure[0]
     names = [name for name in recording.markers if name not in ("LTHI", "LHEE")]
     found = find_joints(CMU41, recording.select(names))
     assert found["left_knee"].status == JointStatus.NO_FRAME
@@ -163,11 +159,9 @@ def test_nothing_but_missing_samples():
     assert {each.status for each in found.joints} <= {JointStatus.NO_FRAME, JointStatus.UNSEEN}
 
 
-def test_a_real_recording(shared_file):
+def test_a_real_recording(kata_joints):
     """Every joint of a karate kata is found or flagged with a reason; femora and tibiae of the sides agree to 8 %."""
-    recording = read_recording(shared_file("cmu_135_02.c3d"))
-    matched = choose(recording)
-    found = find_joints(matched.markerset, matched.recording)
+    found = kata_joints
     assert len(found.joints) == 14
     assert all(each.estimate is not None and each.reason for each in found.joints)
     sure = {each.joint.name for each in found.joints if each.status in (JointStatus.OK, JointStatus.HINGE)}

@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 
 from study.mocap.estimates import USABLE
-from study.mocap.match import choose
-from study.mocap.phases import calibrate, check, draw_skeleton
-from study.mocap.reading import read_recording
+from study.mocap.phases import calibrate, calibrated, check, draw_skeleton
 from study.mocap.recording import Recording, RecordingError
 from study.mocap.scene import Flag
 from study.mocap.setfile import load_markerset
@@ -17,10 +15,10 @@ HINGES = ("left_elbow", "right_elbow", "left_knee", "right_knee")
 
 
 @pytest.fixture(scope="module")
-def exact():
-    """A figure without noise, and its calibration."""
-    recording, truth = synthesize(Recipe(frames=800, noise=1e-9))
-    return recording, truth, calibrate(recording, CMU41)
+def still(exact):
+    """A figure without noise, what is true of it, and its calibration."""
+    recording, truth, found = exact
+    return recording, truth, calibrated(found, recording)
 
 
 def errors(skeleton, truth, joint):
@@ -41,9 +39,9 @@ def without(recording, hidden):
     return Recording(recording.name, recording.markers, positions, recording.rate)
 
 
-def test_without_noise_joints_are_where_they_are(exact):
+def test_without_noise_joints_are_where_they_are(still):
     """Every frame of every joint, to a hundredth of a millimetre, all of them seen."""
-    recording, truth, calibration = exact
+    recording, truth, calibration = still
     skeleton = draw_skeleton(calibration, recording)
     for joint in skeleton.joints:
         assert errors(skeleton, truth, joint).max() < 1e-5, joint
@@ -61,9 +59,9 @@ def test_noise_of_millimetres(noise):
         assert rms < 3.5 * noise, joint
 
 
-def test_one_marker_gives_a_direction(exact):
+def test_one_marker_gives_a_direction(still):
     """A forearm of which one marker is left, on an elbow: it points along the marker, and is flagged."""
-    recording, _, calibration = exact
+    recording, _, calibration = still
     part = slice(100, 180)
     skeleton = draw_skeleton(calibration, without(recording, {"LFRM": part, "LWRA": part}))
     whole = draw_skeleton(calibration, recording)
@@ -81,9 +79,9 @@ def test_one_marker_gives_a_direction(exact):
     assert (skeleton.flags[wrist, part] == Flag.BRIDGED).all()
 
 
-def test_gaps_are_bridged_for_a_while_and_then_unknown(exact):
+def test_gaps_are_bridged_for_a_while_and_then_unknown(still):
     """A shank out of sight: near frames are guessed and flagged, far ones are not known, and so what hangs on them."""
-    recording, _, calibration = exact
+    recording, _, calibration = still
     part = slice(200, 600)
     hidden = without(recording, dict.fromkeys(("LSHN", "LANK", "LHEE", "LTOE", "LMT5"), part))
     skeleton = draw_skeleton(calibration, hidden, bridge=0.5)
@@ -96,9 +94,9 @@ def test_gaps_are_bridged_for_a_while_and_then_unknown(exact):
     assert (skeleton.flags[skeleton.joints.index("left_knee")] == Flag.SEEN).all()
 
 
-def test_a_root_out_of_sight(exact):
+def test_a_root_out_of_sight(still):
     """Two of the pelvis's markers left: hips are still near, and flagged with all that hangs on them."""
-    recording, truth, calibration = exact
+    recording, truth, calibration = still
     part = slice(300, 330)
     skeleton = draw_skeleton(calibration, without(recording, {"LFWT": part, "LBWT": part}))
     for joint in ("left_hip", "right_hip", "waist", "right_ankle", "left_wrist"):
@@ -106,9 +104,9 @@ def test_a_root_out_of_sight(exact):
     assert errors(skeleton, truth, "right_hip")[part].max() < 0.02
 
 
-def test_a_swapped_marker_is_left_out(exact):
+def test_a_swapped_marker_is_left_out(still):
     """Knee and ankle markers exchanged for a while: their segments do not follow them."""
-    recording, truth, calibration = exact
+    recording, truth, calibration = still
     positions = recording.positions.copy()
     pair = [recording.place(marker) for marker in ("LKNE", "LTOE")]
     positions[pair, :, 400:420] = positions[pair[::-1], :, 400:420]
@@ -130,18 +128,13 @@ def test_gaps_of_a_fifth():
         assert np.isnan(away[flags == Flag.UNKNOWN]).all()
 
 
-def test_bones_keep_their_lengths(shared_file):
+def test_bones_keep_their_lengths(kata_halves):
     """Of a real recording: constant to a nanometre in frames that are seen; halves agree within the stated errors.
 
     Lengths of one half against the other: 8 bones, none beyond 4 combined standard errors, most within 2.
     """
-    found = choose(read_recording(shared_file("cmu_135_02.c3d")))
-    recording = found.recording
-    half = recording.frames // 2
     lengths, stated = [], []
-    for part in (slice(0, half), slice(half, None)):
-        piece = recording.select(frames=part)
-        calibration = calibrate(piece, found.markerset)
+    for piece, calibration in kata_halves:
         skeleton = draw_skeleton(calibration, piece)
         rows, errors_of = [], []
         for side in ("left", "right"):
@@ -165,38 +158,36 @@ def test_bones_keep_their_lengths(shared_file):
         assert abs(left - right) < 0.08 * (left + right) / 2
 
 
-def test_joints_stay_inside_the_markers(shared_file):
+def test_joints_stay_inside_the_markers(kata, kata_calibration):
     """Of a real recording: every joint is in the box of all markers, but for what an elbow is thick; most are well in.
 
     An elbow has one marker, on its outer side: at arm's length its middle is up to 4 cm outside the box.
     """
-    found = choose(read_recording(shared_file("cmu_135_02.c3d")))
-    skeleton = draw_skeleton(calibrate(found.recording, found.markerset), found.recording)
-    low, high = np.nanmin(found.recording.positions, axis=0), np.nanmax(found.recording.positions, axis=0)
+    skeleton = draw_skeleton(kata_calibration, kata.recording)
+    low, high = np.nanmin(kata.recording.positions, axis=0), np.nanmax(kata.recording.positions, axis=0)
     for joint, center in zip(skeleton.joints, skeleton.centers, strict=True):
         outside = np.maximum(low - center, center - high).max(axis=0)
         assert np.nanmax(outside) < 0.05, joint
         assert (outside > 0.01).mean() < (0.25 if "elbow" in joint else 0.03), joint
 
 
-def test_another_recording_of_the_same_subject_and_of_another():
+def test_another_recording_of_the_same_subject_and_of_another(figure_calibration):
     """Same body, other motion: it fits. A body 5 cm smaller: it does not, and the message says where."""
-    calibration = calibrate(synthesize(Recipe(frames=1500))[0], CMU41)
     same, truth = synthesize(Recipe(frames=800, seed=2))
-    skeleton = draw_skeleton(calibration, same)
+    skeleton = draw_skeleton(figure_calibration, same)
     assert check(skeleton).fits
     assert np.median(errors(skeleton, truth, "left_ankle")) < 0.005
     other, _ = synthesize(Recipe(frames=800, seed=2, height=1.70))
-    verdict = check(draw_skeleton(calibration, other))
+    verdict = check(draw_skeleton(figure_calibration, other))
     assert not verdict.fits
     assert "does not show the subject" in verdict.words
     assert "when calibrated" in verdict.words
 
 
 @pytest.mark.parametrize("frames", [1, 3])
-def test_hardly_any_frames(exact, frames):
+def test_hardly_any_frames(still, frames):
     """One frame can be drawn with a calibration; it cannot be calibrated on."""
-    recording, truth, calibration = exact
+    recording, truth, calibration = still
     few = recording.select(frames=slice(0, frames))
     assert errors(draw_skeleton(calibration, few), truth=_part(truth, frames), joint="left_hip").max() < 1e-5
     own = calibrate(few, CMU41)
@@ -210,9 +201,9 @@ def _part(truth, frames):
     return replace(truth, centers=truth.centers[:, :, :frames], rotations=truth.rotations[:, :frames])
 
 
-def test_nothing_seen(exact):
+def test_nothing_seen(still):
     """NaN everywhere: nothing is known, and nothing is calibrated."""
-    recording, _, calibration = exact
+    recording, _, calibration = still
     empty = Recording("empty", recording.markers, np.full((41, 3, 20), np.nan), 100.0)
     skeleton = draw_skeleton(calibration, empty)
     assert np.isnan(skeleton.centers).all()
@@ -233,15 +224,15 @@ def test_a_body_that_does_not_move():
             assert np.isnan(center).all()
 
 
-def test_wrong_arguments(exact):
-    recording, _, calibration = exact
+def test_wrong_arguments(still):
+    recording, _, calibration = still
     with pytest.raises(RecordingError, match="0 or more"):
         draw_skeleton(calibration, recording, bridge=-1.0)
 
 
-def test_speed(exact):
+def test_speed(still):
     """50 000 frames per second for 15 segments is what was promised, on a machine at rest; a busy one gets a third."""
-    recording, _, calibration = exact
+    recording, _, calibration = still
     draw_skeleton(calibration, recording)
     best = np.inf
     for _ in range(5):

@@ -1,0 +1,76 @@
+"""Results of a run of the benchmarks as one table of ratios: printed, and stored beside the machine's name.
+
+In each group one row is the unit, marked with ``extra_info["unit"]``; a row's ratio is its time per item over the
+unit's, both the fastest of many rounds in the same run. ``extra_info["items"]`` says how many items a round has, and
+``extra_info["aim"]`` what the ratio should be. No ratio fails a test: machines differ, and this one may be busy.
+"""
+
+import csv
+import os
+import platform
+from pathlib import Path
+
+import pytest
+
+import study.cli
+
+# before numba is there: what is timed is the code that the command runs
+study.cli._fix_code_target()
+
+RESULTS = Path(__file__).resolve().parents[1] / "results" / "bench.csv"
+COLUMNS = ("group", "what", "cost", "measured", "ratio", "aim", "machine")
+
+
+@pytest.fixture
+def timed(benchmark):
+    """Time a function: ``timed(group, what, function, items=…, unit=…, aim=…)``; its result comes back."""
+
+    def run(group, what, function, *arguments, items=1, unit=False, aim="", rounds=15):
+        benchmark.group = group
+        benchmark.extra_info.update(what=what, items=items, unit=unit, aim=aim)
+        return benchmark.pedantic(function, args=arguments, rounds=rounds, warmup_rounds=2)
+
+    return run
+
+
+def machine():
+    """What the numbers were measured on."""
+    name = platform.processor() or platform.machine()
+    if Path("/proc/cpuinfo").exists():
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+        name = next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), name)
+    return f"{name}, {os.cpu_count()} cores, Python {platform.python_version()}"
+
+
+def rows(benchmarks):
+    """A row per benchmark that says what it is, in the order in which they ran."""
+    found = [b for b in benchmarks if b.stats and "what" in b.extra_info]
+    cost = {id(b): b.extra_info.get("megabytes") or 1e9 * b.stats.min / b.extra_info["items"] for b in found}
+    unit = {b.group: cost[id(b)] for b in found if b.extra_info["unit"]}
+    for b in found:
+        ratio = f"{cost[id(b)] / unit[b.group]:.3g}" if b.group in unit else ""
+        measured = "MB" if "megabytes" in b.extra_info else "ns"
+        values = (b.group, b.extra_info["what"], f"{cost[id(b)]:.4g}", measured, ratio, b.extra_info["aim"], machine())
+        yield dict(zip(COLUMNS, values, strict=True))
+
+
+def pytest_terminal_summary(terminalreporter, config):
+    """Print the table, and store it if the whole of it was run."""
+    session = getattr(config, "_benchmarksession", None)
+    table = list(rows(session.benchmarks)) if session else []
+    if not table:
+        return
+    terminalreporter.section(f"ratios · {table[0]['machine']}")
+    for group in dict.fromkeys(row["group"] for row in table):
+        terminalreporter.write_line(group)
+        for row in (row for row in table if row["group"] == group):
+            line = f"    {row['what']:<52}{row['cost']:>12} {row['measured']}{row['ratio']:>10}   {row['aim']}"
+            terminalreporter.write_line(line.rstrip())
+    if len({b.fullname.partition("::")[0] for b in session.benchmarks}) == len(
+        list(Path(__file__).parent.glob("test_*.py"))
+    ):
+        RESULTS.parent.mkdir(exist_ok=True)
+        with RESULTS.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+            writer.writeheader()
+            writer.writerows(table)

@@ -1,0 +1,83 @@
+"""Other people's sphere fits, each as a function of one set of points (n, d) that returns its centre."""
+
+import importlib.util
+import warnings
+
+import numpy as np
+from scipy import optimize
+
+
+def scikit_guess():
+    """Its 0.0.2 asks NumPy for ``float_``, which NumPy 2 calls ``float64``."""
+    vars(np).setdefault("float_", np.float64)
+    from skg import nsphere_fit
+
+    return lambda x: nsphere_fit(x)[1]
+
+
+def scikit_spatial():
+    from skspatial.objects import Sphere
+
+    return lambda x: Sphere.best_fit(x).point
+
+
+def trimesh():
+    from trimesh.nsphere import fit_nsphere
+
+    return lambda x: fit_nsphere(x)[0]
+
+
+def compas():
+    from compas.geometry import bestfit_sphere_numpy
+
+    return lambda x: bestfit_sphere_numpy(x)[0]
+
+
+def circle_fit():
+    """Circles only."""
+    from circle_fit import taubinSVD
+
+    return lambda x: taubinSVD(x)[:2]
+
+
+CLOSED = {"scikit-guess": ("skg", scikit_guess), "scikit-spatial": ("skspatial", scikit_spatial)}
+CLOSED |= {"trimesh": ("trimesh", trimesh), "compas": ("compas", compas)}
+CIRCLES = {"circle-fit": ("circle_fit", circle_fit)}
+
+
+def fit_of(name, table):
+    """A peer's fit, or None where it is not installed."""
+    module, make = table[name]
+    return make() if importlib.util.find_spec(module) else None
+
+
+def levenberg_marquardt(x):
+    """Scipy's least squares with an analytic Jacobian, from the algebraic answer."""
+    centre, radius = algebraic(x)
+
+    def residuals(p):
+        return np.sqrt(((x - p[:3]) ** 2).sum(axis=1)) - p[3]
+
+    def jacobian(p):
+        y = p[:3] - x
+        return np.hstack([y / np.sqrt((y**2).sum(axis=1))[:, None], -np.ones((len(x), 1))])
+
+    return optimize.least_squares(residuals, np.append(centre, radius), jac=jacobian, method="lm").x[:3]
+
+
+def orthogonal_distance(x):
+    """scipy.odr of the implicit sphere, which SciPy has deprecated."""
+    centre, radius = algebraic(x)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)
+        from scipy import odr
+
+        model = odr.Model(lambda p, v: ((v - p[:3, None]) ** 2).sum(axis=0) - p[3] ** 2, implicit=True)
+        return odr.ODR(odr.Data(x.T, 1), model, beta0=np.append(centre, radius)).run().beta[:3]
+
+
+def algebraic(x):
+    """Centre and radius by linear least squares."""
+    design = np.hstack([2.0 * x, np.ones((len(x), 1))])
+    beta = np.linalg.lstsq(design, (x**2).sum(axis=1), rcond=None)[0]
+    return beta[:3], np.sqrt(beta[3] + beta[:3] @ beta[:3])

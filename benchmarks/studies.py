@@ -1,0 +1,22 @@
+"""Studies that are timed: grids of one angle, computed as a run computes them."""
+
+from functools import partial
+
+from study.experiment.config import Study
+from study.experiment.design import Unit, units
+from study.experiment.work import compute
+
+FOUR = ["mle", "lls", "gdke", "ugdk"]
+
+
+def grid(samples, trials, levels=(0.05,), estimators=FOUR, dimension=3, **entries):
+    """A study of one number of samples on caps of 60°."""
+    design = {"kind": "grid", "trials": trials, "samples": [samples], "noise": list(levels), "angle": 60.0}
+    return Study.model_validate(
+        {"name": "bench", "seed": 1, "dimension": dimension, "estimators": estimators, "design": design, **entries}
+    )
+
+
+def whole(study):
+    """The study as one unit, ready to be computed in this thread."""
+    return partial(compute, study, Unit(tuple(batch for unit in units(study) for batch in unit.batches)))
