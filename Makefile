@@ -22,7 +22,7 @@ paper: $(VENV)/.run results/cost.parquet
 	$(BIN)/study figures "$$5" fig_efficiency --out figures; \
 	shift 10; $(BIN)/study figures "$$1" fig_posterior fig_calibration --out figures; \
 	$(BIN)/study claims $$runs --cost results/cost.parquet; \
-	$(BIN)/study report $$runs --cost results/cost.parquet --out results/report.html; \
+	$(BIN)/study report $$runs --cost results/cost.parquet --bench results/bench.csv --out results/report.html; \
 	echo "The reference run in this repository, and this one:"; \
 	$(BIN)/study diff results/paper "$$first"
 

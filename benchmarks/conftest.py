@@ -44,13 +44,14 @@ def machine():
 
 def rows(benchmarks):
     """A row per benchmark that says what it is, in the order in which they ran."""
-    found = [b for b in benchmarks if b.stats and "what" in b.extra_info]
-    cost = {id(b): b.extra_info.get("megabytes") or 1e9 * b.stats.min / b.extra_info["items"] for b in found}
-    unit = {b.group: cost[id(b)] for b in found if b.extra_info["unit"]}
+    found = [b for b in benchmarks if b.stats]
+    cost = {id(b): b.extra_info.get("megabytes") or 1e9 * b.stats.min / b.extra_info.get("items", 1) for b in found}
+    unit = {b.group: cost[id(b)] for b in found if b.extra_info.get("unit")}
     for b in found:
         ratio = f"{cost[id(b)] / unit[b.group]:.3g}" if b.group in unit else ""
         measured = "MB" if "megabytes" in b.extra_info else "ns"
-        values = (b.group, b.extra_info["what"], f"{cost[id(b)]:.4g}", measured, ratio, b.extra_info["aim"], machine())
+        what, aim = b.extra_info.get("what", b.name), b.extra_info.get("aim", "")
+        values = (b.group, what, f"{cost[id(b)]:.4g}", measured, ratio, aim, machine())
         yield dict(zip(COLUMNS, values, strict=True))
 
 

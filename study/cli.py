@@ -146,14 +146,16 @@ def report(
     folders: Folders,
     out: Annotated[Path | None, typer.Option("--out", help="the page's file [default: RUN/report.html]")] = None,
     cost: Cost = None,
+    bench: Annotated[Path | None, typer.Option("--bench", help="the table that `make bench` stores")] = None,
 ) -> None:
     """Write one HTML page about runs: claims, figures, tables, provenance; it needs no other file."""
     from study.analysis.claims import judge_all
-    from study.report import render, save
+    from study.report import read_bench, render, save
     from study.runs.store import Run
 
     runs = [Run.open(folder) for folder in folders]
-    page = render(runs, judge_all(runs, cost))
+    measured = read_bench(bench) if bench else None
+    page = render(runs, judge_all(runs, cost), measured)
     typer.echo(str(save(page, out or runs[0].folder / "report.html")))
 
 

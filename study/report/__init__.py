@@ -4,5 +4,6 @@ To add a section, write a function from `Material` to `Section`s and a line in `
 """
 
 from study.report.page import render, save
+from study.report.speed import read_bench
 
-__all__ = ["render", "save"]
+__all__ = ["read_bench", "render", "save"]

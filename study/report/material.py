@@ -124,15 +124,17 @@ class Material:
         claims: the claims table; columns as `study.runs.tables.CLAIMS`, perhaps without rows.
         pictures: each figure that some run can feed, by name.
         undrawn: for each other figure the runs' reasons, by the run's name.
+        bench: the table that `make bench` stores, if it is given.
     """
 
     records: list[Record]
     claims: pd.DataFrame
     pictures: dict[str, Picture]
     undrawn: dict[str, dict[str, str]]
+    bench: pd.DataFrame | None = None
 
     @classmethod
-    def of(cls, runs: Sequence[Run], claims: pd.DataFrame) -> Self:
+    def of(cls, runs: Sequence[Run], claims: pd.DataFrame, bench: pd.DataFrame | None = None) -> Self:
         """Read runs, one after the other, so that no two error tables are in memory together.
 
         Raises:
@@ -148,4 +150,4 @@ class Material:
             records.append(Record.of(run, tables))
             add_pictures(tables, pictures, undrawn)
         ordered = {name: pictures[name] for name in FIGURES if name in pictures}
-        return cls(records, claims, ordered, undrawn)
+        return cls(records, claims, ordered, undrawn, bench)

@@ -12,6 +12,7 @@ from study.report.material import Material
 from study.report.overview import overview_section
 from study.report.posterior import posterior_section
 from study.report.results import run_section
+from study.report.speed import speed_section
 from study.runs.store import Run
 from study.runs.write import RunError, write
 
@@ -42,16 +43,18 @@ SECTIONS: list[Callable[[Material], Iterable[Section]]] = [
     figures_section,
     posterior_section,
     run_sections,
+    speed_section,
 ]
 """The page, in order. Each entry gives one section, several, or none where the runs have nothing for it."""
 
 
-def render(runs: Sequence[Run], claims: pd.DataFrame) -> str:
+def render(runs: Sequence[Run], claims: pd.DataFrame, bench: pd.DataFrame | None = None) -> str:
     """Write the page about runs: one HTML document that needs no other file.
 
     Args:
         runs: finished runs, at least one, no two of the same name.
         claims: the claims table; columns as `study.runs.tables.CLAIMS`, perhaps without rows.
+        bench: the table that `make bench` stores, if it is to be shown; see `study.report.speed`.
 
     Returns:
         The document. The same runs and claims give the same bytes.
@@ -59,7 +62,7 @@ def render(runs: Sequence[Run], claims: pd.DataFrame) -> str:
     Raises:
         RunError: if a run did not finish, is given twice, or a table cannot be read.
     """
-    material = Material.of(runs, claims)
+    material = Material.of(runs, claims, bench)
     sections = [section for make in SECTIONS for section in make(material)]
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent, encoding="utf-8"),

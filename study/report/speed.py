@@ -1,0 +1,46 @@
+"""How fast it is: the ratios that `make bench` stored, group by group, with the machine's name."""
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import pandas as pd
+
+from study.report.blocks import Block, Row, Section, Table, Text
+from study.report.material import Material
+from study.runs.write import RunError
+
+COLUMNS = ("group", "what", "cost", "measured", "ratio", "aim", "machine")
+
+
+def read_bench(path: Path) -> pd.DataFrame:
+    """The table that `make bench` writes.
+
+    Raises:
+        RunError: if it cannot be read, or is no such table.
+    """
+    try:
+        found = pd.read_csv(path, dtype=str, keep_default_na=False)
+    except (OSError, UnicodeDecodeError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
+        raise RunError(f"{path}: cannot be read: {error}; make bench writes it") from None
+    if tuple(found.columns) != COLUMNS or found.empty:
+        raise RunError(f"{path}: no table of ratios: needs the columns {', '.join(COLUMNS)}; make bench writes it")
+    return found
+
+
+def speed_section(material: Material) -> Iterable[Section]:
+    """A table for each group of benchmarks; nothing where none were given."""
+    if material.bench is None:
+        return
+    machine = material.bench["machine"].iloc[0]
+    content: list[Block] = [
+        Text(
+            f"Measured on {machine}. A ratio is to the row of its group that has 1, the best of many rounds of each, "
+            "in one run; where a group has no such row there are times alone."
+        )
+    ]
+    for group, part in material.bench.groupby("group", sort=False):
+        cells = part[["what", "cost", "measured", "ratio", "aim"]].to_numpy(dtype=str).tolist()
+        rows = [Row([what, f"{cost} {measured}", ratio, aim]) for what, cost, measured, ratio, aim in cells]
+        head = ["What", "Cost", "Ratio", "Aim"]
+        content.append(Table(f"Speed: {group}", str(group), head, rows, numeric=frozenset({1, 2})))
+    yield Section("Speed", "speed", content)

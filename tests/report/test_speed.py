@@ -1,0 +1,50 @@
+"""The table of ratios on the page."""
+
+import pytest
+
+from study.report import read_bench
+from study.report.blocks import Table
+from study.report.material import Material
+from study.report.speed import COLUMNS, speed_section
+from study.runs.write import RunError
+
+ROWS = """group,what,cost,measured,ratio,aim,machine
+"loop, per sample",filling memory,36.2,ns,1,,Some CPU
+"loop, per sample",ours,33.7,ns,0.931,≤ 1,Some CPU
+memory,one worker,512,MB,,< 1024,Some CPU
+"""
+
+
+@pytest.fixture
+def stored(tmp_path):
+    """A stored table."""
+    (tmp_path / "bench.csv").write_text(ROWS, encoding="utf-8")
+    return tmp_path / "bench.csv"
+
+
+def test_a_table_for_each_group(stored):
+    """In the order of the file, cells as they are stored, the machine named."""
+    (section,) = speed_section(Material([], None, {}, {}, read_bench(stored)))
+    text, *tables = section.content
+    assert "Some CPU" in text.content
+    assert [table.caption for table in tables] == ["loop, per sample", "memory"]
+    assert all(isinstance(table, Table) for table in tables)
+    assert [list(row.cells) for row in tables[0].rows] == [
+        ["filling memory", "36.2 ns", "1", ""],
+        ["ours", "33.7 ns", "0.931", "≤ 1"],
+    ]
+
+
+def test_no_table_no_section():
+    """A page about runs alone has none."""
+    assert list(speed_section(Material([], None, {}, {}))) == []
+
+
+@pytest.mark.parametrize("content", [None, "", "a,b\n1,2\n", ",".join(COLUMNS) + "\n", "\xff\xfe"])
+def test_other_files(tmp_path, content):
+    """A file that is none, or not this table, is named, with what writes one."""
+    path = tmp_path / "other.csv"
+    if content is not None:
+        path.write_bytes(content.encode("latin-1"))
+    with pytest.raises(RunError, match=r"other\.csv: .*make bench writes it"):
+        read_bench(path)
