@@ -51,8 +51,10 @@ skeleton: $(VENV)/.mocap
 	$(BIN)/study skeleton $(BODY)/body.c3d --calibration $(BODY); \
 	echo; echo "Open $(BODY)/viewer.html in a browser; the figure is $(BODY)/fig1_skeleton.png"
 
+# On two workers; those of a file stay together, for they share what is made once.
+JOBS ?= 2
 test: $(VENV)/.dev
-	$(BIN)/python -m pytest -q
+	$(BIN)/python -m pytest -q -n $(JOBS) --dist loadfile
 
 # A small study of everything, for continuous integration.
 smoke: $(VENV)/.run

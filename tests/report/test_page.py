@@ -398,4 +398,4 @@ def test_a_row_that_does_not_fit():
 
 def test_the_rooms_interface():
     """The package offers what the command needs."""
-    assert report.__all__ == ["render", "save"]
+    assert report.__all__ == ["read_bench", "render", "save"]
