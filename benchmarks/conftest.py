@@ -12,10 +12,10 @@ from pathlib import Path
 
 import pytest
 
-import study.cli
+from study.runs import target
 
 # before numba is there: what is timed is the code that the command runs
-study.cli._fix_code_target()
+target.fix()
 
 RESULTS = Path(__file__).resolve().parents[1] / "results" / "bench.csv"
 COLUMNS = ("group", "what", "cost", "measured", "ratio", "aim", "machine")

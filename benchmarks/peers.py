@@ -8,9 +8,11 @@ from scipy import optimize
 
 
 def scikit_guess():
-    """Its 0.0.2 asks NumPy for ``float_``, which NumPy 2 calls ``float64``."""
+    """Its 0.0.2 asks NumPy for ``float_``, which NumPy 2 calls ``float64``, and for what has moved."""
     vars(np).setdefault("float_", np.float64)
-    from skg import nsphere_fit
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)
+        from skg import nsphere_fit
 
     return lambda x: nsphere_fit(x)[1]
 
