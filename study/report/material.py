@@ -73,8 +73,9 @@ class Record:
         estimators: names, in the config's order.
         trials, samples: data sets of all cells, and the points in them.
         summary, timings: the stored tables.
-        worst: the worst trials; see `study.analysis.worst`.
-        fingerprint: SHA-256 of the error table's file, which equal runs have in common.
+        worst: the worst trials; see `study.analysis.worst`. None where the study kept its summary alone.
+        main: name of the table that the study kept: errors, or else summary.
+        fingerprint: SHA-256 of that table's file, which equal runs have in common.
     """
 
     run: Run
@@ -86,7 +87,8 @@ class Record:
     samples: int
     summary: pd.DataFrame
     timings: pd.DataFrame
-    worst: pd.DataFrame
+    worst: pd.DataFrame | None
+    main: str
     fingerprint: str
 
     @classmethod
@@ -96,9 +98,12 @@ class Record:
         Raises:
             RunError: if something is missing.
         """
-        errors = tables.errors
-        one = errors[errors["estimator"] == tables.estimators[0]]
-        with open(run.folder / "errors.parquet", "rb") as file:
+        one = tables.summary[tables.summary["estimator"] == tables.estimators[0]]
+        samples = int((one["planned"] * one["samples"]).sum())
+        if tables.rows is not None:  # in a random design a row of the summary has many numbers of samples
+            samples = int(tables.rows.loc[tables.rows["estimator"] == tables.estimators[0], "samples"].sum())
+        main = run.study.keep
+        with open(run.path(main), "rb") as file:
             fingerprint = hashlib.file_digest(file, "sha256").hexdigest()
         return cls(
             run=run,
@@ -106,11 +111,12 @@ class Record:
             manifest=Manifest.of(run),
             config=(run.folder / "config.toml").read_text(encoding="utf-8"),
             estimators=tables.estimators,
-            trials=len(one),
-            samples=int(one["samples"].sum()),
+            trials=int(one["planned"].sum()),
+            samples=samples,
             summary=tables.summary,
             timings=run.table("timings"),
-            worst=worst(errors),
+            worst=None if tables.rows is None else worst(tables.rows),
+            main=main,
             fingerprint=fingerprint,
         )
 

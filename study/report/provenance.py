@@ -92,7 +92,7 @@ def provenance(record: Record) -> list[Block]:
         ("Started", words.moment(manifest.started)),
         ("Seed", str(record.run.study.seed)),
         ("Digest of the config", Code(record.run.study.digest())),
-        ("SHA-256 of errors.parquet", Code(record.fingerprint)),
+        (f"SHA-256 of {record.main}.parquet", Code(record.fingerprint)),
     ]
     again = shlex.join(["study", "run", str(folder / "config.toml"), "--jobs", str(manifest.jobs)])
     other = shlex.quote(f"{folder}-again")

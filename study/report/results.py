@@ -125,6 +125,8 @@ def statuses(record: Record) -> list[Block]:
 def worst_trials(record: Record) -> list[Block]:
     """Where the largest errors over the bound are, and how to see each of them again."""
     frame = record.worst
+    if frame is None:
+        return [Text('The study kept its summary alone (keep = "summary"): which trials were worst is not known.')]
     if frame.empty:
         return [Text("No fit is ok and has a finite bound.")]
     folder = shlex.quote(str(record.run.folder))

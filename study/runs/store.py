@@ -136,6 +136,10 @@ class Run:
     def read(self, name: str, read: Callable[[Path], Any]) -> Any:
         """What a function reads from a table's file; see `table`."""
         path = self.path(name)
+        if name == "errors" and self.study.keep == "summary":
+            raise RunError(
+                f'{path}: not kept: the study keeps its summary alone; keep = "errors" in the config keeps it'
+            )
         if not path.is_file():
             raise RunError(f"{path}: missing; finish the run with `study run {self.folder / 'config.toml'}`")
         try:

@@ -2,7 +2,8 @@
 
 import pytest
 
-from study.report import read_bench
+from study.analysis.claims import judge_all
+from study.report import read_bench, render
 from study.report.blocks import Table
 from study.report.material import Material
 from study.report.speed import COLUMNS, speed_section
@@ -48,3 +49,25 @@ def test_other_files(tmp_path, content):
         path.write_bytes(content.encode("latin-1"))
     with pytest.raises(RunError, match=r"other\.csv: .*make bench writes it"):
         read_bench(path)
+
+
+def test_a_study_that_kept_its_summary_alone(make_run):
+    """Has its page, too: trials and samples are counted from the summary, and what is not known is said."""
+    run = make_run(
+        """name = "alone"
+seed = 3
+estimators = ["gdke", "ugdk"]
+keep = "summary"
+[design]
+kind = "grid"
+trials = 30
+samples = [10, 20]
+noise = 0.05
+angle = [60, 90]
+"""
+    )
+    page = render([run], judge_all([run], None))
+    assert "which trials were worst is not known" in page
+    assert "SHA-256 of summary.parquet" in page
+    record = Material.of([run], judge_all([run], None)).records[0]
+    assert (record.trials, record.samples) == (120, 2 * 30 * (10 + 20))

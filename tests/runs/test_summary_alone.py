@@ -15,6 +15,7 @@ from study.experiment.work import compute
 from study.runs import runner
 from study.runs.store import Run
 from study.runs.workers import Workers
+from study.runs.write import RunError
 
 pytestmark = pytest.mark.usefixtures("same_software")
 
@@ -132,3 +133,9 @@ def test_it_is_opened_like_any_other(keep):
     run = Run.open(keep("run").folder)
     assert len(run.table("summary")) == 16 * 4
     assert not run.has("errors")
+
+
+def test_errors_that_were_not_kept(keep):
+    """Who asks for them is told why they are not there, and not to finish a run that is finished."""
+    with pytest.raises(RunError, match="keeps its summary alone"):
+        keep("alone").table("errors")
