@@ -7,11 +7,11 @@ slowly may be; where even that hides it, as none: GDKE's answer, which is drawn 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from enum import IntEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
+from study.estimators.fit import Worded
 from study.mocap.center import LIMIT, Center, Marker, center
 from study.mocap.segments import Frames
 from study.mocap.sift import near_sphere, sifted
@@ -30,16 +30,8 @@ _MOVED = 0.005
 """Standard deviation of a marker's place, over its distance from the frame's middle, below which it did not move."""
 
 
-class JointStatus(IntEnum):
-    """What to think of a joint. ``text`` is what a user reads."""
-
-    text: str
-
-    def __new__(cls, value: int, text: str) -> "JointStatus":
-        member = int.__new__(cls, value)
-        member._value_ = value
-        member.text = text
-        return member
+class JointStatus(Worded):
+    """What to think of a joint."""
 
     OK = 0, "ok"
     HINGE = 1, "hinge: known across the axis; along it, where the joint is put shows in nothing or in skin alone"
