@@ -3,7 +3,7 @@
 A joint's centre is that of the spheres on which the child's markers move in the parent's frame. From the root outwards:
 hips come from the pelvis's own markers, and a hip is the third point of a thigh that has two. Where the child has a
 frame of its own, the parent's markers are fitted in that, too, and the point in which both frames agree; the estimate
-that knows the place best is taken, and the others are kept beside it.
+that knows the place best is taken, and the others are kept beside it, to contradict it if they must.
 
 Source: paper §2, §7; theory §1.2.
 """
@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from study.mocap.center import middle_of
+from study.mocap.disagreement import weighed
 from study.mocap.estimates import USABLE, Estimate, JointStatus, from_frames, from_spheres, marker_from
 from study.mocap.markerset import Joint, MarkerSet
 from study.mocap.recording import Recording
@@ -28,7 +29,7 @@ _THINNED = 300
 """Frames on which errors are traced from joint to joint."""
 _ROUNDING = 1e-9
 """Metres."""
-_BUILT_ON = (*USABLE, JointStatus.UNSURE, JointStatus.INSIGNIFICANT)
+_BUILT_ON = (*USABLE, JointStatus.DISAGREE, JointStatus.UNSURE, JointStatus.INSIGNIFICANT)
 """A joint that may serve as the third point of a segment: its errors go with it."""
 
 
@@ -137,7 +138,8 @@ class _Search:
         if not estimates:
             status = self.why_not(joint)
             return FoundJoint(joint, status, status.text)
-        return FoundJoint(joint, estimates[0].status, estimates[0].status.text, estimates[0], tuple(estimates[1:]))
+        taken, doubt = weighed(estimates[0], estimates[1:])
+        return FoundJoint(joint, taken.status, doubt or taken.status.text, taken, tuple(estimates[1:]))
 
     def why_not(self, joint: Joint) -> JointStatus:
         """Why a joint that has a frame has no estimate."""
