@@ -259,15 +259,26 @@ def _both_sides(found: FoundJoint, frames: Mapping[str, Frames]) -> FoundJoint:
         covariance = _seen_from(frames[parent], estimate.frames, covariance)
     axes = np.full((2, 3), np.nan)
     if estimate.axis is not None:
-        axes[0 if estimate.side != "child" else 1] = estimate.axis
-        if found.joint.parent in frames and found.joint.child in frames:
-            # turns show an axis better than the planes of a few markers' arcs
-            pair = two_sided(frames[found.joint.parent], frames[found.joint.child])
+        own = 1 if estimate.side == "child" else 0
+        axes[own] = estimate.axis
+        if parent in frames and found.joint.child in frames:
+            two = frames[parent], frames[found.joint.child]
+            # turns show an axis better than the planes of a few markers' arcs; but errors are across that of the answer
+            pair = None if found.status == JointStatus.DISAGREE else two_sided(*two)
             axes = axes if pair is None else pair.axes
+            axes[1 - own] = _turned(two[own], two[1 - own], axes[own]) if pair is None else axes[1 - own]
     return replace(
         found, in_parent=places[found.joint.parent], in_child=places[found.joint.child],
         covariance=covariance, axis_in_parent=axes[0], axis_in_child=axes[1],
     )  # fmt: skip
+
+
+def _turned(one: Frames, other: Frames, axis: Floats) -> Floats:
+    """A direction in one frame's axes (3,) as it is in another's, on average over the frames."""
+    both = one.known & other.known
+    mean = np.einsum("jit,jkt,k->i", other.rotation[:, :, both], one.rotation[:, :, both], axis, optimize=True)
+    length = np.linalg.norm(mean)
+    return mean / length if length > 0.0 else np.full(3, np.nan)
 
 
 def _seen_from(parent: Frames, child: Frames, covariance: Floats) -> Floats:

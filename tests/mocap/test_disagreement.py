@@ -129,6 +129,17 @@ def test_joints_that_skin_draws_off():
     assert flagged[far].mean() > 1.3 * flagged[error < 0.01].mean()
 
 
+def test_the_axis_drawn_is_the_one_that_errors_are_across(kata_joints, kata_calibration):
+    """Of an elbow whose sides turn its axis by 80°: its own answer's axis, so that nothing of its error is left out."""
+    elbow = kata_joints["right_elbow"]
+    assert elbow.status == JointStatus.DISAGREE
+    np.testing.assert_array_equal(elbow.axis_in_child, elbow.estimate.axis)
+    across = np.eye(3) - np.outer(elbow.axis_in_parent, elbow.axis_in_parent)
+    worst = np.sqrt(np.linalg.eigvalsh(across @ kata_calibration["right_elbow"].covariance @ across)[-1])
+    assert worst > 0.7 * elbow.estimate.worst  # the forearm turned, which spreads what parts them over directions
+    assert np.linalg.norm(elbow.axis_in_parent) == pytest.approx(1.0)
+
+
 def test_a_real_ankle(kata_joints):
     """Its shank's answer is more than a centimetre from the frames' in the room, which 3 mm and 5 mm do not explain."""
     ankle = kata_joints["right_ankle"]
