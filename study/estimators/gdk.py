@@ -53,7 +53,7 @@ def ugdk(samples: Samples) -> Fit:
     noise = np.asarray(samples.noise)
     if noise.ndim == 2:
         return subtracting(samples.regression, np.broadcast_to(noise, (b, d, d)))
-    fit = member(samples.regression, np.broadcast_to(noise**2, b), -float(d))
+    fit = member(samples.regression, np.zeros(b) + noise**2, -float(d))
     fit.noise_variance[:] = noise**2
     return fit
 

@@ -111,11 +111,10 @@ def _columns(x: Any, t: int, start: int, m: int, origin: Any, rows: Any, product
 
 
 @compiled
-def _fit_all(
-    x: Any, near: Any, center: Any, radius_squared: Any, residual: Any, noise: Any, scatter: Any, zero: Any
-) -> None:
-    """Solve each point set of a batch (b, d, n); ``near`` (b, d) are points near them."""
+def _fit_all(x: Any, center: Any, radius: Any, residual: Any, noise: Any, scatter: Any, zero: Any) -> None:
+    """Solve each point set of a batch (b, d, n), about a point near it: the mean of its first samples."""
     b, d, n = x.shape
+    near, some = np.empty(d), min(n, _NEAR)
     q = d + 2
     rows, copy, products = np.empty((q, CHUNK)), np.empty((1, d, CHUNK)), np.empty(q)
     triangle, beta = np.empty((q, q)), np.empty(d + 1)
@@ -123,8 +122,10 @@ def _fit_all(
     for t in range(b):
         triangle[:] = 0.0
         origin = fresh(zero)
+        y, s, first = window(x, t, 0, some, copy, zero)
         for i in range(d):
-            origin = put(origin, i, near[t, i])
+            near[i] = total(y[s, i, first : first + np.uintp(some)]) / some
+            origin = put(origin, i, near[i])
         for start in range(0, n, CHUNK):
             m = min(CHUNK, n - start)
             y, s, first = window(x, t, start, m, copy, zero)
@@ -133,12 +134,13 @@ def _fit_all(
         _scatter(triangle, scatter[t])
         _solve(triangle, beta)
         residual[t] = triangle[d + 1, d + 1] ** 2 / n
-        radius_squared[t] = beta[0]
+        radius_squared = beta[0]
         for i in range(d):
             half = 0.5 * beta[i + 1]
-            center[t, i] = near[t, i] + half
-            radius_squared[t] += half * half
-        noise[t] = noise_of_residuals(residual[t], radius_squared[t], float(n), d)
+            center[t, i] = near[i] + half
+            radius_squared += half * half
+        radius[t] = math.sqrt(radius_squared) if radius_squared >= 0.0 else math.nan
+        noise[t] = noise_of_residuals(residual[t], radius_squared, float(n), d)
 
 
 def lls(samples: Samples) -> Fit:
@@ -148,13 +150,10 @@ def lls(samples: Samples) -> Fit:
     """
     b, d, _ = samples.shape
     fit = blank(b, d)
-    square, residual, scatter = np.empty(b), np.empty(b), np.empty((b, d, d))
-    with np.errstate(all="ignore"):  # degenerate sets have a status of their own
-        near = samples.x[:, :, :_NEAR].mean(axis=2)
-        _fit_all(samples.x, near, fit.center, square, residual, fit.noise_variance, scatter, zeros(d))
-        values, _ = eigenbasis(scatter)
-        regular = values[:, 0] > d * _EPS * values[:, -1]  # the points span all dimensions: the rule of `gdk`
-        fit.radius[:] = np.sqrt(square)
+    residual, scatter = np.empty(b), np.empty((b, d, d))
+    _fit_all(samples.x, fit.center, fit.radius, residual, fit.noise_variance, scatter, zeros(d))
+    values, _ = eigenbasis(scatter)
+    regular = values[:, 0] > d * _EPS * values[:, -1]  # the points span all dimensions: the rule of `gdk`
     fit.status[~regular] = Status.SINGULAR
     fit.status[~np.isfinite(residual)] = Status.NOT_FINITE
     lost = fit.status != Status.OK

@@ -101,13 +101,14 @@ def _half_hessian(n: int, radius: float, mean: Any, curve: Any, matrix: Any) -> 
 
 @compiled
 def _minimise(
-    x: Any, t: int, origin: Any, radius: float, a: Any, bound: float, result: Any, rows: Any, zero: Any, square: Any
+    x: Any, t: int, origin: Any, spread: float, a: Any, result: Any, rows: Any, zero: Any, square: Any
 ) -> int:
     """Minimise F for one point set of a batch; ``a`` is the start, from ``origin``, and receives the centre.
 
-    ``radius`` is the start's; ``result`` receives the radius, F and the number of steps.
+    ``spread`` is the mean of |x - origin|²; ``result`` receives the radius, F and the number of steps.
     """
     d, n = x.shape[1], x.shape[2]
+    bound, radius = _BOUND * math.sqrt(spread), math.sqrt(spread + dot(a, a))  # eq. 3: it keeps R - r small
     matrix, vectors = np.empty((d, d)), np.empty((d, d))
     step, descent, trial = np.empty(d), np.empty(d), a.copy()
     best, before, halvings, steps, wanted, size, last = math.inf, radius, 0, 0, 0.0, 0.0, 0.0
@@ -189,12 +190,21 @@ def _minimise(
 
 @compiled
 def _fit_all(
-    x: Any, mean: Any, radius: Any, offset: Any, bound: Any, status: Any, results: Any, zero: Any, square: Any
-) -> None:
-    rows = np.empty((1, x.shape[1], CHUNK))
+    x: Any, origin: Any, spread: Any, offset: Any, center: Any, radius: Any, noise: Any, iterations: Any, status: Any,
+    zero: Any, square: Any,
+) -> None:  # fmt: skip
+    d, n = x.shape[1], x.shape[2]
+    rows, result = np.empty((1, d, CHUNK)), np.empty(3)
     for t in range(status.size):
+        result[0] = result[1] = math.nan
+        result[2] = 0.0
         if status[t] == 0:
-            status[t] = _minimise(x, t, mean[t], radius[t], offset[t], bound[t], results[t], rows, zero, square)
+            status[t] = _minimise(x, t, origin[t], spread[t], offset[t], result, rows, zero, square)
+        for i in range(d):
+            center[t, i] = origin[t, i] + offset[t, i]
+        radius[t], iterations[t] = result[0], int(result[2])
+        least = max(result[1], 0.0) if result[1] == result[1] else math.nan  # rounding can take F below 0 on a sphere
+        noise[t] = least / (n - d - 1) if n > d + 1 else math.nan
 
 
 def mle(samples: Samples) -> Fit:
@@ -214,21 +224,16 @@ def minimum_from(samples: Samples, share: float) -> Fit:
     ĉ is Taubin's answer where the noise is clearly below the points' extent, which saves a pass or two, and GDKE's,
     which does not run away, where it is not.
     """
-    b, d, n = samples.shape
+    b, d, _ = samples.shape
     regression = samples.regression
     eta = root(regression, 0.0)
     clear = eta < _CLEAR * regression.spectrum[0][:, 0]
     start = member(regression, np.where(clear, eta, 0.0), 0.0)
     fit = blank(b, d)
     fit.status[:] = start.status
-    offset, results = share * (start.center - regression.origin), np.full((b, 3), np.nan)
-    spread = regression.square
-    radius = np.sqrt(spread + np.einsum("bi,bi->b", offset, offset))  # eq. 3: a reference that keeps R - r small
-    bound = _BOUND * np.sqrt(spread)
-    _fit_all(samples.x, regression.origin, radius, offset, bound, fit.status, results, zeros(d), zeros(d, d))
-    fit.center[:] = regression.origin + offset
-    fit.radius[:] = results[:, 0]
-    least = np.maximum(results[:, 1], 0.0)  # rounding can take F below 0 where the points lie on a sphere
-    fit.noise_variance[:] = least / (n - d - 1) if n > d + 1 else np.nan
-    fit.iterations[:] = np.nan_to_num(results[:, 2])
+    offset = share * (start.center - regression.origin)
+    _fit_all(
+        samples.x, regression.origin, regression.square, offset, fit.center, fit.radius, fit.noise_variance,
+        fit.iterations, fit.status, zeros(d), zeros(d, d),
+    )  # fmt: skip
     return fit

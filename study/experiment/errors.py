@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,13 @@ Floats = NDArray[np.float64]
 
 
 _OF_FITS = ("center", "radius", "noise_variance", "status", "condition", "iterations")
+
+
+class Truth(NamedTuple):
+    """A sphere that fits are compared with, in the unit in which they were made."""
+
+    center: tuple[float, ...]
+    radius: float
 
 
 @dataclass(frozen=True)
@@ -45,16 +52,33 @@ class Errors:
     iterations: NDArray[np.int32]
 
     @classmethod
-    def blank(
-        cls, cells: tuple[Cell, ...], estimators: tuple[str, ...], first: int, blocks: tuple[int, ...], bound: Floats
-    ) -> "Errors":
-        """To be filled by `record`."""
-        shape, d = (len(cells), len(estimators), len(bound)), bound.shape[1] - 1
+    def of(
+        cls, cells: tuple[Cell, ...], estimators: tuple[str, ...], first: int, blocks: tuple[int, ...], bound: Floats,
+        fits: Sequence[Fit], truths: Sequence[Truth],
+    ) -> "Errors":  # fmt: skip
+        """From ``fits`` of all trials, by level, as `levels` has them, and estimator, and the ``truths`` of the levels.
+
+        The other arguments are those of the class.
+        """
+        places = list(levels(cells))
+        shape, level = (len(places), len(estimators), len(bound)), np.empty(len(cells), dtype=np.intp)
+        for index, some in enumerate(places):
+            level[some] = index
+        scale = np.array([cell.scale for cell in cells])[:, None, None]
+        true_center = np.array([truth.center for truth in truths])[:, None, None]
+        true_radius = np.array([truth.radius for truth in truths])[:, None, None]
+
+        def found(name: str) -> NDArray[Any]:
+            values = np.concatenate([getattr(fit, name) for fit in fits])
+            return values.reshape(*shape, *values.shape[1:])
+
         return cls(
             cells, estimators, first, blocks, bound,
-            center=np.empty((*shape, d)), radius=np.empty(shape), noise_variance=np.empty(shape),
-            status=np.empty(shape, dtype=np.int8), condition=np.empty(shape),
-            iterations=np.empty(shape, dtype=np.int32),
+            center=(found("center") - true_center)[level] * scale[..., None],
+            radius=(found("radius") - true_radius)[level] * scale,
+            noise_variance=found("noise_variance")[level] * scale**2,
+            status=found("status").astype(np.int8)[level], condition=found("condition")[level],
+            iterations=found("iterations").astype(np.int32)[level],
         )  # fmt: skip
 
     @classmethod
@@ -67,19 +91,6 @@ class Errors:
         }
         sizes = tuple(size for b in blocks for size in b.blocks)
         return replace(blocks[0], blocks=sizes, bound=np.concatenate([b.bound for b in blocks]), **of_fits)
-
-    def record(self, cells: Sequence[int], estimator: int, fit: Fit, center: Floats, radius: float) -> None:
-        """Store the fits of one level's trials for the cells of that level, which differ by their scale alone.
-
-        ``center`` and ``radius`` are the truth in the unit of the fits.
-        """
-        away, larger = fit.center - center, fit.radius - radius
-        for index in cells:
-            place, scale = (index, estimator), self.cells[index].scale
-            self.center[place], self.radius[place] = away * scale, larger * scale
-            self.noise_variance[place] = fit.noise_variance * scale**2
-            self.status[place], self.condition[place] = fit.status, fit.condition
-            self.iterations[place] = fit.iterations
 
     @property
     def noise(self) -> Floats:

@@ -7,12 +7,12 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
-from study.estimators import Samples, Status
+from study.estimators import Fit, Samples, Status
 from study.estimators.fit import blank
 from study.experiment.attempt import Failures, attempt
 from study.experiment.config import Study
 from study.experiment.design import Batch, Cell, Unit
-from study.experiment.errors import Columns, Errors, levels
+from study.experiment.errors import Columns, Errors, Truth, levels
 from study.experiment.sampling import Workspace, draw
 from study.sphere.joint import JointMoments
 
@@ -91,17 +91,18 @@ def lost(study: Study, unit: Unit, message: str, reduce: Reduce | None = None) -
     for batch in unit.batches:
         fit, bound = blank(batch.trials, d), np.full((batch.trials, d + 1, d + 1), np.nan)
         fit.status[:] = Status.FAILED
-        errors, all_cells = _blank(study, [batch], bound), range(len(batch.cells))
-        for index, name in enumerate(study.estimators):
-            errors.record(all_cells, index, fit, np.zeros(d), 0.0)
-            failures.note(name, all_cells, [batch], dict.fromkeys(range(batch.trials), message))
-        blocks.append(errors)
+        for name in study.estimators:
+            failures.note(name, range(len(batch.cells)), [batch], dict.fromkeys(range(batch.trials), message))
+        truths = [Truth((0.0,) * d, 0.0) for _ in levels(batch.cells)]
+        blocks.append(_errors(study, [batch], bound, [fit] * len(study.estimators) * len(truths), truths))
     rows, summary = _told(study, blocks, reduce)
     return Result(rows, {}, {}, failures.columns(), summary)
 
 
 def _told(study: Study, blocks: list[Errors], reduce: Reduce | None) -> tuple[Columns, Columns]:
     """Rows of the errors and of the summary: those that the study keeps."""
+    if not blocks:
+        return {}, {}
     if study.keep == "errors" or reduce is None:
         return stack(block.columns() for block in blocks), {}
     return {}, reduce(Errors.joined(blocks))
@@ -114,7 +115,7 @@ def _from_points(study: Study, unit: Unit, clock: Clock, kept: "Kept", failures:
         draws = draw(study, batches, _workspace)
         trials = len(draws.noise)
         clock.read("draw", n, trials)
-        errors = _blank(study, batches, draws.unit_bound())
+        bound, fits, truths = draws.unit_bound(), [], []
         clock.read("bound", n, trials)
         for places in levels(cells):
             level = cells[places[0]].level
@@ -122,14 +123,16 @@ def _from_points(study: Study, unit: Unit, clock: Clock, kept: "Kept", failures:
             clock.read("points", n, trials)
             samples.regression.along  # noqa: B018  now, so that no estimator is charged for what all share
             clock.read("moments", n, trials)
-            for index, name in enumerate(study.estimators):
+            truths.append(Truth(level.center, level.radius))
+            for name in study.estimators:
                 fit, raised = attempt(name, samples)
-                errors.record(places, index, fit, np.array(level.center), level.radius)
+                fits.append(fit)
                 failures.note(name, places, batches, raised)
                 clock.read(name, n, trials)
             for place in places:
                 kept.take(cells[place], batches, samples)
-        yield errors
+        if fits:
+            yield _errors(study, batches, bound, fits, truths)
 
 
 def _from_moments(study: Study, unit: Unit, clock: Clock, failures: Failures) -> Iterator[Errors]:
@@ -143,7 +146,7 @@ def _from_moments(study: Study, unit: Unit, clock: Clock, failures: Failures) ->
         clock.read("moments", n, len(draws.noise))
         bounds.append(draws.unit_bound())
         clock.read("bound", n, len(draws.noise))
-    joint, errors = JointMoments.joined(parts), _blank(study, unit.batches, np.concatenate(bounds))
+    joint, fits, truths = JointMoments.joined(parts), [], []
     trials, d = len(joint.count), study.dimension
     for places in levels(cells):
         level = cells[places[0]].level
@@ -151,18 +154,21 @@ def _from_moments(study: Study, unit: Unit, clock: Clock, failures: Failures) ->
         samples = Samples.of_regression(regression, level.noise)
         regression.along  # noqa: B018
         clock.read("points", n, trials)
-        for index, name in enumerate(study.estimators):
+        truths.append(Truth((0.0,) * d, 0.0))  # its fits are errors already
+        for name in study.estimators:
             fit, raised = attempt(name, samples)
-            errors.record(places, index, fit, np.zeros(d), 0.0)
+            fits.append(fit)
             failures.note(name, places, unit.batches, raised)
             clock.read(name, n, trials)
-    yield errors
+    yield _errors(study, unit.batches, np.concatenate(bounds), fits, truths)
 
 
-def _blank(study: Study, batches: Sequence[Batch], bound: NDArray[np.float64]) -> Errors:
-    """Where the errors of batches of the same cells go: their rows do not depend on what is computed together."""
+def _errors(
+    study: Study, batches: Sequence[Batch], bound: NDArray[np.float64], fits: list[Fit], truths: list[Truth]
+) -> Errors:
+    """Errors of batches of the same cells, whose rows do not depend on what is computed together."""
     blocks = tuple(batch.trials for batch in batches)
-    return Errors.blank(batches[0].cells, study.estimators, batches[0].first, blocks, bound)
+    return Errors.of(batches[0].cells, study.estimators, batches[0].first, blocks, bound, fits, truths)
 
 
 def together(batches: Sequence[Batch]) -> Iterator[list[Batch]]:
