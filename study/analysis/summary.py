@@ -115,8 +115,11 @@ def printed(run: Run) -> Iterator[str]:
     groups = list(frame.groupby("group", sort=False))
     varying = [name for name in ("radius", "center") if frame[name].nunique() > 1]
     labels = [_label(part.iloc[0], varying) for _, part in groups]
-    wide = max(map(len, labels))
     yield f"{run.study.run_name()}: median error of the centre over the Cramér-Rao bound ± Monte-Carlo error (not ok)"
+    if frame.empty:
+        yield "no cell has a trial yet"
+        return
+    wide = max(map(len, labels))
     yield " " * wide + "".join(f"  {name:<26}" for name in estimators).rstrip()
     for text, (_, part) in zip(labels, groups, strict=True):
         yield f"{text:<{wide}}" + "".join(f"  {_short(row):<26}" for _, row in part.iterrows()).rstrip()

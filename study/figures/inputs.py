@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from study.runs.store import Run
+from study.runs.store import Run, RunError
 
 
 class NotApplicable(Exception):  # noqa: N818  no error: most runs have some figure that they cannot feed
@@ -49,9 +49,11 @@ class Tables:
         """Load a finished run.
 
         Raises:
-            RunError: if a table is missing, because the run did not finish.
+            RunError: if a table is missing, because the run did not finish, or its budget ended before any trial.
         """
-        study = run.study
+        study, summary = run.study, run.table("summary")
+        if summary.empty:
+            raise RunError(f"{run.folder}: its budget ended before any cell had a trial; `study run` goes on")
         shape = study.noise_shape
         return cls(
             name=study.run_name(),
@@ -60,7 +62,7 @@ class Tables:
             independent=study.independent(),
             noise_shape=np.eye(study.dimension) if shape is None else np.array(shape),
             rows=run.table("errors") if study.keep == "errors" else None,
-            summary=run.table("summary"),
+            summary=summary,
             points=run.table("points") if study.keep_points else None,
             **{name: run.table(name) for name in ("posterior", "answers", "draws") if run.has("posterior")},
         )
