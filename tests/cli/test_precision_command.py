@@ -48,7 +48,7 @@ def test_a_budget_that_ends_at_once(call_here, folder):
 
 
 def test_a_finished_run(call_here, folder):
-    """It tells which cells reached the target, and so does a report; a trial that a cell has not is drawn, and says so."""
+    """It tells which cells reached the target, so does a report; a trial that a cell has not is drawn, and says so."""
     assert call_here(folder, "run", "need.toml", "--out", "out")[0] == 0
     run = Run.open(folder / "out")
     trials = run.trials()
