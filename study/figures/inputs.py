@@ -51,21 +51,22 @@ class Tables:
         Raises:
             RunError: if a table is missing, because the run did not finish, or its budget ended before any trial.
         """
-        study, summary = run.study, run.table("summary")
-        if summary.empty:
-            raise RunError(f"{run.folder}: its budget ended before any cell had a trial; `study run` goes on")
+        study = run.study
         shape = study.noise_shape
-        return cls(
+        tables = cls(
             name=study.run_name(),
             dimension=study.dimension,
             design=study.design.kind,
             independent=study.independent(),
             noise_shape=np.eye(study.dimension) if shape is None else np.array(shape),
             rows=run.table("errors") if study.keep == "errors" else None,
-            summary=summary,
+            summary=run.table("summary"),
             points=run.table("points") if study.keep_points else None,
             **{name: run.table(name) for name in ("posterior", "answers", "draws") if run.has("posterior")},
         )
+        if tables.summary.empty:
+            raise RunError(f"{run.folder}: its budget ended before any cell had a trial; `study run` goes on")
+        return tables
 
     @property
     def errors(self) -> pd.DataFrame:
