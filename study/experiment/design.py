@@ -129,7 +129,7 @@ class GridGroup:
     @cached_property
     def levels(self) -> int:
         """How many times the draws are placed and fitted."""
-        return len({cell.level for cell in self.cells})
+        return len({cell.level for cell in self.cells}) if len(self.cells) > 1 else 1
 
     @cached_property
     def digest(self) -> bytes:
