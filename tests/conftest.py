@@ -1,7 +1,9 @@
-"""What several tests share: a seeded generator, point sets on spherical caps, a statistical assertion, small runs.
+"""What tests share: a seeded generator, points on spherical caps, a statistical assertion, small runs, a browser.
 
 Factories are session fixtures that return functions, so that hypothesis tests can use them too.
 """
+
+import shutil
 
 from study.runs import target
 
@@ -42,6 +44,25 @@ samples = { law = "log_uniform", low = 4, high = 100 }
 noise = { law = "log_uniform", low = 1e-9, high = 1e9 }
 angle = { law = "uniform", low = 0, high = 180 }
 """
+
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+FLAGS = ["--no-sandbox", "--no-first-run", "--disable-sync", "--disable-quic"]
+FLAGS += ["--disable-background-networking", "--disable-component-update"]
+FLAGS += ["--use-angle=swiftshader", "--enable-unsafe-swiftshader"]  # three dimensions without a graphics card
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """Chromium or Chrome, if the machine has one."""
+    path = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if path is None:
+        pytest.skip(f"no browser on this machine: none of {', '.join(BROWSERS)} is on the path")
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    with playwright.sync_playwright() as driver:
+        launched = driver.chromium.launch(executable_path=path, args=FLAGS)
+        yield launched
+        launched.close()
 
 
 @pytest.fixture

@@ -25,7 +25,7 @@ def _moments(d: int) -> float:
 _BIASED = "pulled towards the points by the noise, which its standard errors do not show; als is not"
 
 ESTIMATORS: dict[str, Estimator] = {
-    "mle": Estimator(mle, "paper §4.3; Shakarji 1998", flops=lambda d: d * d + 10 * d + 7, flops_of="a pass"),
+    "mle": Estimator(mle, "paper §4.3; Shakarji 1998", flops=lambda d: d * d + 10 * d + 6, flops_of="a pass"),
     "mle_centroid": Estimator(mle_centroid, "mle from another start, the centroid of the points"),
     "mle_mirror": Estimator(mle_mirror, "mle from a wrong start, beyond the points"),
     "lls": Estimator(lls, "paper §4.4", flops=lambda d: 2 * d * d + 10 * d + 5, caution=_BIASED),

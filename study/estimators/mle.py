@@ -29,7 +29,7 @@ _TOLERANCE = 1e-9
 """A Newton step below this share of the radius ends the iteration: the next one would be its square."""
 _CLEAR = 0.3
 """Noise below this share of the points' least variance leaves no doubt where to begin."""
-_SHORT, _SURE = 1e-3, 1e-12
+_SHORT, _SURE = 1e-2, 1e-10
 """So does a step this short, beside the one before it and the radius, if it lets expect a next one this short ..."""
 _THIRD = 1e-8
 """... and what is of third order in it is this short beside F."""
@@ -51,13 +51,13 @@ _BOUND = 1e8
 def _pass(x: Any, t: int, origin: Any, center: Any, radius: float, rows: Any, zero: Any, square: Any) -> Any:
     """One pass over a point set for a trial centre, which is taken from ``origin``.
 
-    Returns Σ(R-r), Σ(R-r)², Σ1/R, Σ(R-r)e, Σe and, in its lower triangle, Σeeᵀ/R.
+    Returns Σ(R-r), Σ(R-r)², Σ(R-r)e, Σe and, in its lower triangle, Σeeᵀ/R, whose trace is Σ1/R.
     """
     d, n = len(zero), x.shape[2]
     near, away, e, pull, mean, curve = fresh(zero), fresh(zero), fresh(zero), fresh(zero), fresh(zero), fresh(square)
     for i in range(d):
         near, away = put(near, i, origin[i]), put(away, i, center[i])
-    excess = squares = inverse = 0.0
+    excess = squares = 0.0
     for start in range(0, n, CHUNK):
         m = min(CHUNK, n - start)
         y, s, first = window(x, t, start, m, rows, zero)
@@ -71,7 +71,6 @@ def _pass(x: Any, t: int, origin: Any, center: Any, radius: float, rows: Any, ze
             residual = distance - radius
             excess += residual
             squares += residual * residual
-            inverse += over
             for i in range(d):
                 e = put(e, i, e[i] * over)
                 mean = put(mean, i, mean[i] + e[i])
@@ -79,13 +78,21 @@ def _pass(x: Any, t: int, origin: Any, center: Any, radius: float, rows: Any, ze
                 weighted = e[i] * over
                 for j in range(i + 1):
                     curve = put(curve, i * d + j, curve[i * d + j] + weighted * e[j])
-    return excess, squares, inverse, pull, mean, curve
+    return excess, squares, pull, mean, curve
 
 
 @compiled
-def _half_hessian(n: int, radius: float, inverse: float, mean: Any, curve: Any, matrix: Any) -> None:
+def _trace(square: Any, d: int) -> float:
+    result = 0.0
+    for i in range(d):
+        result += square[i * d + i]
+    return result
+
+
+@compiled
+def _half_hessian(n: int, radius: float, mean: Any, curve: Any, matrix: Any) -> None:
     """½∇²F from the sums of a pass."""
-    d = len(mean)
+    d, inverse = len(mean), _trace(curve, len(mean))
     for i in range(d):
         for j in range(i + 1):
             matrix[i, j] = matrix[j, i] = radius * curve[i * d + j] - mean[i] * mean[j] / n
@@ -105,11 +112,11 @@ def _minimise(
     step, descent, trial = np.empty(d), np.empty(d), a.copy()
     best, before, halvings, steps, wanted, size, last = math.inf, radius, 0, 0, 0.0, 0.0, 0.0
     while True:
-        excess, squares, inverse, pull, mean, curve = _pass(x, t, origin, trial, radius, rows, zero, square)
+        excess, squares, pull, mean, curve = _pass(x, t, origin, trial, radius, rows, zero, square)
         value = squares - excess * excess / n
         if excess * excess > _CANCELLED * n * value:
             radius += excess / n
-            excess, squares, inverse, pull, mean, curve = _pass(x, t, origin, trial, radius, rows, zero, square)
+            excess, squares, pull, mean, curve = _pass(x, t, origin, trial, radius, rows, zero, square)
             value = squares - excess * excess / n
         newton = True
         if value <= best:
@@ -122,11 +129,11 @@ def _minimise(
             steps += 1
             for i in range(d):
                 descent[i] = pull[i] - (before - radius) * mean[i]  # Σ(R - R̄)e, from Σ(R - r)e
-            _half_hessian(n, before, inverse, mean, curve, matrix)
+            _half_hessian(n, before, mean, curve, matrix)
             step[:] = descent
             if not cholesky_solve(matrix, step):
                 newton = False
-                _half_hessian(n, before, inverse, mean, curve, matrix)
+                _half_hessian(n, before, mean, curve, matrix)
                 diagonalise(matrix, vectors)
                 step[:] = 0.0
                 for j in range(d):
@@ -168,7 +175,7 @@ def _minimise(
         if done or length <= _TOLERANCE * before:
             if halvings == 0:  # what the step changes in R̄ and F, to second order in a step this short
                 a[:] = trial
-                bend = inverse * length * length
+                bend = _trace(curve, d) * length * length
                 for i in range(d):
                     result[1] -= step[i] * descent[i]
                     for j in range(d):

@@ -14,7 +14,7 @@ Columns = dict[str, NDArray[Any]]
 Floats = NDArray[np.float64]
 
 
-_PER_TRIAL = ("center", "radius", "noise_variance", "status", "condition", "iterations")
+_OF_FITS = ("center", "radius", "noise_variance", "status", "condition", "iterations")
 
 
 @dataclass(frozen=True)
@@ -25,6 +25,7 @@ class Errors:
         cells: the conditions.
         estimators: the names.
         first: number of the first trial.
+        blocks: numbers of trials, which add up to T: rows of the table come block by block.
         bound: the Cramér-Rao bound at σ = 1 of each trial's directions (T, d+1, d+1).
         center: estimated minus true centre (C, E, T, d), in the unit of the cells.
         radius: estimated minus true radius (C, E, T).
@@ -34,6 +35,7 @@ class Errors:
     cells: tuple[Cell, ...]
     estimators: tuple[str, ...]
     first: int
+    blocks: tuple[int, ...]
     bound: Floats
     center: Floats
     radius: Floats
@@ -43,11 +45,13 @@ class Errors:
     iterations: NDArray[np.int32]
 
     @classmethod
-    def blank(cls, cells: tuple[Cell, ...], estimators: tuple[str, ...], first: int, bound: Floats) -> "Errors":
+    def blank(
+        cls, cells: tuple[Cell, ...], estimators: tuple[str, ...], first: int, blocks: tuple[int, ...], bound: Floats
+    ) -> "Errors":
         """To be filled by `record`."""
         shape, d = (len(cells), len(estimators), len(bound)), bound.shape[1] - 1
         return cls(
-            cells, estimators, first, bound,
+            cells, estimators, first, blocks, bound,
             center=np.empty((*shape, d)), radius=np.empty(shape), noise_variance=np.empty(shape),
             status=np.empty(shape, dtype=np.int8), condition=np.empty(shape),
             iterations=np.empty(shape, dtype=np.int32),
@@ -58,10 +62,11 @@ class Errors:
         """Blocks of consecutive trials of the same cells as one."""
         if len(blocks) == 1:
             return blocks[0]
-        per_trial: dict[str, Any] = {
-            name: np.concatenate([getattr(b, name) for b in blocks], axis=2) for name in _PER_TRIAL
+        of_fits: dict[str, Any] = {
+            name: np.concatenate([getattr(b, name) for b in blocks], axis=2) for name in _OF_FITS
         }
-        return replace(blocks[0], bound=np.concatenate([b.bound for b in blocks]), **per_trial)
+        sizes = tuple(size for b in blocks for size in b.blocks)
+        return replace(blocks[0], blocks=sizes, bound=np.concatenate([b.bound for b in blocks]), **of_fits)
 
     def record(self, cells: Sequence[int], estimator: int, fit: Fit, center: Floats, radius: float) -> None:
         """Store the fits of one level's trials for the cells of that level, which differ by their scale alone.
@@ -96,38 +101,34 @@ class Errors:
         """√CRLB of the radius (C, T)."""
         return np.asarray(self.noise[:, None] * np.sqrt(self.bound[:, -1, -1]))
 
-    def trials(self, first: int, count: int) -> "Errors":
-        """Those of some of the trials, counted from the first of these."""
-        part = slice(first, first + count)
-        per_trial: dict[str, Any] = {name: getattr(self, name)[:, :, part] for name in _PER_TRIAL}
-        return replace(self, first=self.first + first, bound=self.bound[part], **per_trial)
-
     def columns(self) -> Columns:
-        """Rows of the error table: cell by cell, estimator by estimator, trial by trial."""
+        """Rows of the error table: block by block, cell by cell, estimator by estimator, trial by trial."""
         c, e, t = self.radius.shape
-        per_cell = {
+        places, ends = np.arange(c * e * t).reshape(c, e, t), np.cumsum(self.blocks)[:-1]
+        place = np.concatenate([part.ravel() for part in np.split(places, ends, axis=2)])
+        cell, estimator, trial = np.unravel_index(place, (c, e, t))
+        conditions = {
             "samples": np.array([cell.samples for cell in self.cells]),
             "noise": self.noise,
             "angle": np.array([cell.angle for cell in self.cells]),
             "radius": np.array([cell.radius for cell in self.cells]),
             "center": np.array([cell.distance for cell in self.cells]),
         }
-        names = np.array([cell.name for cell in self.cells], dtype=object)
-        estimators = np.array(self.estimators, dtype=object)
+        error = self.center.reshape(c * e * t, self.center.shape[3])[place]
         return {
-            "cell": np.repeat(names, e * t),
-            "trial": np.tile(np.arange(self.first, self.first + t), c * e),
-            **{name: np.repeat(values, e * t) for name, values in per_cell.items()},
-            "estimator": np.tile(np.repeat(estimators, t), c),
-            **{f"error_{i + 1}": self.center[..., i].ravel() for i in range(self.center.shape[3])},
-            "error": self.distance.ravel(),
-            "radius_error": self.radius.ravel(),
-            "bound": np.repeat(self.center_bound, e, axis=0).ravel(),
-            "radius_bound": np.repeat(self.radius_bound, e, axis=0).ravel(),
-            "noise_variance": self.noise_variance.ravel(),
-            "status": self.status.ravel(),
-            "condition": self.condition.ravel(),
-            "iterations": self.iterations.ravel(),
+            "cell": np.array([cell.name for cell in self.cells], dtype=object)[cell],
+            "trial": self.first + trial,
+            **{name: values[cell] for name, values in conditions.items()},
+            "estimator": np.array(self.estimators, dtype=object)[estimator],
+            **{f"error_{i + 1}": error[:, i] for i in range(error.shape[1])},
+            "error": self.distance.ravel()[place],
+            "radius_error": self.radius.ravel()[place],
+            "bound": self.center_bound[cell, trial],
+            "radius_bound": self.radius_bound[cell, trial],
+            "noise_variance": self.noise_variance.ravel()[place],
+            "status": self.status.ravel()[place],
+            "condition": self.condition.ravel()[place],
+            "iterations": self.iterations.ravel()[place],
         }
 
 

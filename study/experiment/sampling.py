@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 from study.estimators import Samples
 from study.experiment.config import Study
 from study.experiment.design import Batch, Level
-from study.experiment.streams import stream
+from study.experiment.streams import lanes
 from study.sphere import cap
 from study.sphere.bounds import bound_from_scatter, normal_weights, weighted_scatter
 from study.sphere.compiled import compiled
-from study.sphere.normals import state_of
 
 Floats = NDArray[np.float64]
 
@@ -81,9 +80,9 @@ class Draws:
         It is exact at tiny angles, because it is formed from heights: the sign of u₁ drops out of the variances,
         and its offset from the mean.
         """
-        b, d, n = self.directions.shape
+        _, d, n = self.directions.shape
         if np.array_equal(self.shape, np.eye(d)):
-            weights = np.ones((b, n))
+            weights = np.ones((1, n))
         else:
             u = self.directions.swapaxes(1, 2).copy()
             u[:, :, 0] = 1.0 - u[:, :, 0]
@@ -96,18 +95,15 @@ class Draws:
 
 
 def draw(study: Study, batches: Sequence[Batch], array: Array = new) -> Draws:
-    """Draw batches of equal cells from their named streams: heights from one, normals from another for each."""
+    """Draw batches of equal cells from their named streams."""
     d, samples, angle = study.dimension, batches[0].samples, math.radians(batches[0].angle)
     trials = sum(batch.skip + batch.trials for batch in batches)
-    uniform = array("uniform", (trials, samples))
     directions, noise = array("directions", (trials, d, samples)), array("noise", (trials, d, samples))
     used = np.ones(trials, dtype=bool)
     first = 0
     for batch in batches:
         part = slice(first, first + batch.skip + batch.trials)
-        stream(study.seed, "heights", *batch.stream).random(out=uniform[part])
-        normals = state_of(stream(study.seed, "normals", *batch.stream))
-        cap.draw(normals, cap.heights(uniform[part], angle, d), directions[part], noise[part])
+        cap.draw(lanes(study.seed, *batch.stream), angle, directions[part], noise[part])
         used[first : first + batch.skip] = False
         first = part.stop
     if not used.all():

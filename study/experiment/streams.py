@@ -9,6 +9,8 @@ import hashlib
 
 import numpy as np
 
+from study.sphere.bits import WORDS, State, seeded
+
 Name = tuple[str | int | float, ...]
 OldStream = np.random.RandomState
 
@@ -24,6 +26,14 @@ def stream(seed: int, *name: str | int | float) -> np.random.Generator:
         A fresh generator at the start of its stream.
     """
     return np.random.Generator(np.random.SFC64(_sequence(seed, name)))
+
+
+def lanes(seed: int, *name: str | int | float) -> State:
+    """Make the state of a named stream for compiled loops: generators side by side, as `study.sphere.bits` has them.
+
+    Every word that the state begins with is a hash of the name, which costs less than a `SeedSequence`.
+    """
+    return seeded(np.frombuffer(hashlib.shake_128(repr((seed, *name)).encode()).digest(8 * WORDS), dtype="<u8"))
 
 
 def old_stream(seed: int, *name: str | int | float) -> OldStream:

@@ -91,7 +91,7 @@ def lost(study: Study, unit: Unit, message: str, reduce: Reduce | None = None) -
     for batch in unit.batches:
         fit, bound = blank(batch.trials, d), np.full((batch.trials, d + 1, d + 1), np.nan)
         fit.status[:] = Status.FAILED
-        errors, all_cells = Errors.blank(batch.cells, study.estimators, batch.first, bound), range(len(batch.cells))
+        errors, all_cells = _blank(study, [batch], bound), range(len(batch.cells))
         for index, name in enumerate(study.estimators):
             errors.record(all_cells, index, fit, np.zeros(d), 0.0)
             failures.note(name, all_cells, [batch], dict.fromkeys(range(batch.trials), message))
@@ -110,11 +110,11 @@ def _told(study: Study, blocks: list[Errors], reduce: Reduce | None) -> tuple[Co
 def _from_points(study: Study, unit: Unit, clock: Clock, kept: "Kept", failures: Failures) -> Iterator[Errors]:
     """Form the points of each level and fit them: what the paper did, and what shows rounding."""
     for batches in together(unit.batches):
-        n, cells, first = batches[0].samples, batches[0].cells, batches[0].first
+        n, cells = batches[0].samples, batches[0].cells
         draws = draw(study, batches, _workspace)
         trials = len(draws.noise)
         clock.read("draw", n, trials)
-        errors = Errors.blank(cells, study.estimators, first, draws.unit_bound())
+        errors = _blank(study, batches, draws.unit_bound())
         clock.read("bound", n, trials)
         for places in levels(cells):
             level = cells[places[0]].level
@@ -129,7 +129,7 @@ def _from_points(study: Study, unit: Unit, clock: Clock, kept: "Kept", failures:
                 clock.read(name, n, trials)
             for place in places:
                 kept.take(cells[place], batches, samples)
-        yield from _by_batch(errors, batches)
+        yield errors
 
 
 def _from_moments(study: Study, unit: Unit, clock: Clock, failures: Failures) -> Iterator[Errors]:
@@ -143,10 +143,7 @@ def _from_moments(study: Study, unit: Unit, clock: Clock, failures: Failures) ->
         clock.read("moments", n, len(draws.noise))
         bounds.append(draws.unit_bound())
         clock.read("bound", n, len(draws.noise))
-    joint, errors = (
-        JointMoments.joined(parts),
-        Errors.blank(cells, study.estimators, unit.batches[0].first, np.concatenate(bounds)),
-    )
+    joint, errors = JointMoments.joined(parts), _blank(study, unit.batches, np.concatenate(bounds))
     trials, d = len(joint.count), study.dimension
     for places in levels(cells):
         level = cells[places[0]].level
@@ -159,15 +156,13 @@ def _from_moments(study: Study, unit: Unit, clock: Clock, failures: Failures) ->
             errors.record(places, index, fit, np.zeros(d), 0.0)
             failures.note(name, places, unit.batches, raised)
             clock.read(name, n, trials)
-    yield from _by_batch(errors, unit.batches)
+    yield errors
 
 
-def _by_batch(errors: Errors, batches: Sequence[Batch]) -> Iterator[Errors]:
-    """The errors of each batch: the order of rows does not depend on what was computed together."""
-    start = 0
-    for batch in batches:
-        yield errors.trials(start, batch.trials)
-        start += batch.trials
+def _blank(study: Study, batches: Sequence[Batch], bound: NDArray[np.float64]) -> Errors:
+    """Where the errors of batches of the same cells go: their rows do not depend on what is computed together."""
+    blocks = tuple(batch.trials for batch in batches)
+    return Errors.blank(batches[0].cells, study.estimators, batches[0].first, blocks, bound)
 
 
 def together(batches: Sequence[Batch]) -> Iterator[list[Batch]]:

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from study.estimators import fit, mgdk
-from study.mocap.estimates import Estimate
+from study.mocap.disagreement import away
 from study.mocap.joints import FoundJoint, Joints
 from study.mocap.recording import Floats, Recording
 from study.mocap.spread import cap_angle, turn_angle
@@ -50,7 +50,7 @@ def _row(found: FoundJoint, joints: Joints, recording: Recording) -> dict[str, A
     every = (found.estimate, *found.others)
     pair = next((each for each in every if each.side == "both"), None)
     if pair is not None:
-        row["from_two_sided"] = _distance(found.estimate, pair.frames.show(pair.center))
+        row["from_two_sided"] = float(np.linalg.norm(away(found.estimate, pair.frames.show(pair.center))))
     sphere = next((each for each in every if each.sphere is not None), None)
     if sphere is not None and sphere.sphere is not None:
         row["radii"] = sphere.sphere.radii.tolist()
@@ -59,7 +59,7 @@ def _row(found: FoundJoint, joints: Joints, recording: Recording) -> dict[str, A
         row["cap"] = float(np.degrees(max(caps, default=np.nan)))
         points = [y[:, used].T for y, used in zip(seen, sphere.used, strict=True) if used.sum() >= 5]
         for name, center in _centers(points).items():
-            row[f"from_{name}"] = _distance(found.estimate, sphere.frames.show(center))
+            row[f"from_{name}"] = float(np.linalg.norm(away(found.estimate, sphere.frames.show(center))))
     return row
 
 
@@ -73,15 +73,3 @@ def _centers(points: list[Floats]) -> dict[str, Floats]:
     if together.noise_variance > 0.0:
         centers["ugdk"] = fit(most, "ugdk", noise=float(np.sqrt(together.noise_variance))).center
     return centers
-
-
-def _distance(taken: Estimate, there: Floats) -> float:
-    """How far a point of the world (3, frames) is from what was taken, on average in its axes."""
-    y = taken.frames.see(there)
-    y = y[:, ~np.isnan(y[0])]
-    if not y.shape[1]:
-        return float("nan")
-    away = y.mean(axis=1) - taken.center
-    if taken.axis is not None:
-        away = away - (away @ taken.axis) * taken.axis
-    return float(np.linalg.norm(away))

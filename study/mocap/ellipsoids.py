@@ -11,8 +11,8 @@ Floats = NDArray[np.float64]
 LEVEL = 0.95
 """How often an ellipsoid holds its joint, if the standard errors are right."""
 FACTORS = (1, 2, 3, 5, 10, 20, 30, 50, 100)
-_SIZE = 0.045
-"""Metres: what a typical ellipsoid's half axis is made no longer than by exaggeration."""
+_SIZE, _LONGEST = 0.045, 0.4
+"""Metres: what a typical ellipsoid's half axis, and the longest, is made no longer than by exaggeration."""
 
 
 def reach(known: int) -> float:
@@ -34,7 +34,8 @@ def exaggeration(scene: Scene) -> int:
     longest = longest[longest > 0.0]
     if not len(longest):
         return 1
-    return max([factor for factor in FACTORS if factor * np.median(longest) <= _SIZE], default=1)
+    most = min(_SIZE / np.median(longest), _LONGEST / longest.max())
+    return max([factor for factor in FACTORS if factor <= most], default=1)
 
 
 def hinges(scene: Scene) -> NDArray[np.bool_]:

@@ -7,11 +7,11 @@ slowly may be; where even that hides it, as none: GDKE's answer, which is drawn 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from enum import IntEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
+from study.estimators.fit import Worded
 from study.mocap.center import LIMIT, Center, Marker, center
 from study.mocap.segments import Frames
 from study.mocap.sift import near_sphere, sifted
@@ -22,7 +22,7 @@ Bools = NDArray[np.bool_]
 
 UNSURE = 0.01
 """Metres: a centre whose standard error exceeds this in some direction is not known to the paper's centimetre."""
-_BRIEF = 10
+BRIEF = 10
 """Frames of which fewer say nothing about how they scatter, and so give no standard error."""
 _EXTENT = 2.0
 """Standard errors by which the least extent must exceed the noise, as for `als`."""
@@ -30,25 +30,18 @@ _MOVED = 0.005
 """Standard deviation of a marker's place, over its distance from the frame's middle, below which it did not move."""
 
 
-class JointStatus(IntEnum):
-    """What to think of a joint. ``text`` is what a user reads."""
-
-    text: str
-
-    def __new__(cls, value: int, text: str) -> "JointStatus":
-        member = int.__new__(cls, value)
-        member._value_ = value
-        member.text = text
-        return member
+class JointStatus(Worded):
+    """What to think of a joint."""
 
     OK = 0, "ok"
     HINGE = 1, "hinge: known across the axis; along it, where the joint is put shows in nothing or in skin alone"
-    UNSURE = 2, "moved too little for its noise, or was seen too briefly: a standard error may exceed 1 cm"
-    INSIGNIFICANT = 3, "along some direction the frame's own noise would explain how far the markers moved"
-    NOT_POSITIVE_DEFINITE = 4, "the noise hides how far the markers moved: the centre is drawn to them"
-    STILL = 5, "did not move: the markers stay where they are in the frame"
-    NO_FRAME = 6, "neither of its segments has a frame"
-    UNSEEN = 7, "its markers were not seen, or never together with a frame"
+    DISAGREE = 2, "its sides contradict each other by more than 1 cm or 20°, beyond what their errors explain"
+    UNSURE = 3, "moved too little for its noise, or was seen too briefly: a standard error may exceed 1 cm"
+    INSIGNIFICANT = 4, "along some direction the frame's own noise would explain how far the markers moved"
+    NOT_POSITIVE_DEFINITE = 5, "the noise hides how far the markers moved: the centre is drawn to them"
+    STILL = 6, "did not move: the markers stay where they are in the frame"
+    NO_FRAME = 7, "neither of its segments has a frame"
+    UNSEEN = 8, "its markers were not seen, or never together with a frame"
 
 
 USABLE = (JointStatus.OK, JointStatus.HINGE)
@@ -99,7 +92,7 @@ class Estimate:
             status = JointStatus.NOT_POSITIVE_DEFINITE
         elif self.noise == "isotropic" or (self.sphere is not None and not self.sphere.round):
             status = JointStatus.INSIGNIFICANT
-        elif not (self.worst < UNSURE and self.count >= _BRIEF):
+        elif not (self.worst < UNSURE and self.count >= BRIEF):
             status = JointStatus.UNSURE
         else:
             status = JointStatus.OK if self.axis is None else JointStatus.HINGE

@@ -42,7 +42,7 @@ def printed(joints: Joints) -> Iterator[str]:
             f"{found.joint.name:{wide}}  {WORDS[found.status]:15}  {side:6}  {place}  {_mm(n['error'], 6)}  "
             f"{_mm(n['sigma'], 6)}  {moved:>9}  {rho:>5}  {counts}  {_mm(n['apart'], 6)}"
         )
-    yield "error: largest standard error; noise: of a coordinate; apart: how far the other sides' answers are; in mm"
+    yield "error: largest standard error; noise: of a coordinate; apart: the farthest other side with an error; in mm"
     yield "moved: least and greatest root mean square angle; worth: independent frames that the frames are worth"
     for found in joints.joints:
         if found.status not in USABLE:

@@ -3,7 +3,7 @@
 A joint's centre is that of the spheres on which the child's markers move in the parent's frame. From the root outwards:
 hips come from the pelvis's own markers, and a hip is the third point of a thigh that has two. Where the child has a
 frame of its own, the parent's markers are fitted in that, too, and the point in which both frames agree; the estimate
-that knows the place best is taken, and the others are kept beside it.
+that knows the place best is taken, and the others are kept beside it, to contradict it if they must.
 
 Source: paper §2, §7; theory §1.2.
 """
@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from study.mocap.center import middle_of
+from study.mocap.disagreement import weighed
 from study.mocap.estimates import USABLE, Estimate, JointStatus, from_frames, from_spheres, marker_from
 from study.mocap.markerset import Joint, MarkerSet
 from study.mocap.recording import Recording
@@ -28,7 +29,7 @@ _THINNED = 300
 """Frames on which errors are traced from joint to joint."""
 _ROUNDING = 1e-9
 """Metres."""
-_BUILT_ON = (*USABLE, JointStatus.UNSURE, JointStatus.INSIGNIFICANT)
+_BUILT_ON = (*USABLE, JointStatus.DISAGREE, JointStatus.UNSURE, JointStatus.INSIGNIFICANT)
 """A joint that may serve as the third point of a segment: its errors go with it."""
 
 
@@ -137,7 +138,8 @@ class _Search:
         if not estimates:
             status = self.why_not(joint)
             return FoundJoint(joint, status, status.text)
-        return FoundJoint(joint, estimates[0].status, estimates[0].status.text, estimates[0], tuple(estimates[1:]))
+        taken, doubt = weighed(estimates[0], estimates[1:])
+        return FoundJoint(joint, taken.status, doubt or taken.status.text, taken, tuple(estimates[1:]))
 
     def why_not(self, joint: Joint) -> JointStatus:
         """Why a joint that has a frame has no estimate."""
@@ -257,15 +259,26 @@ def _both_sides(found: FoundJoint, frames: Mapping[str, Frames]) -> FoundJoint:
         covariance = _seen_from(frames[parent], estimate.frames, covariance)
     axes = np.full((2, 3), np.nan)
     if estimate.axis is not None:
-        axes[0 if estimate.side != "child" else 1] = estimate.axis
-        if found.joint.parent in frames and found.joint.child in frames:
-            # turns show an axis better than the planes of a few markers' arcs
-            pair = two_sided(frames[found.joint.parent], frames[found.joint.child])
+        own = 1 if estimate.side == "child" else 0
+        axes[own] = estimate.axis
+        if parent in frames and found.joint.child in frames:
+            two = frames[parent], frames[found.joint.child]
+            # turns show an axis better than the planes of a few markers' arcs; but errors are across that of the answer
+            pair = None if found.status == JointStatus.DISAGREE else two_sided(*two)
             axes = axes if pair is None else pair.axes
+            axes[1 - own] = _turned(two[own], two[1 - own], axes[own]) if pair is None else axes[1 - own]
     return replace(
         found, in_parent=places[found.joint.parent], in_child=places[found.joint.child],
         covariance=covariance, axis_in_parent=axes[0], axis_in_child=axes[1],
     )  # fmt: skip
+
+
+def _turned(one: Frames, other: Frames, axis: Floats) -> Floats:
+    """A direction in one frame's axes (3,) as it is in another's, on average over the frames."""
+    both = one.known & other.known
+    mean = np.einsum("jit,jkt,k->i", other.rotation[:, :, both], one.rotation[:, :, both], axis, optimize=True)
+    length = np.linalg.norm(mean)
+    return mean / length if length > 0.0 else np.full(3, np.nan)
 
 
 def _seen_from(parent: Frames, child: Frames, covariance: Floats) -> Floats:

@@ -3,12 +3,14 @@
 import numpy as np
 import pandas as pd
 
-from study.mocap.estimates import Estimate, JointStatus
+from study.mocap.disagreement import differences
+from study.mocap.estimates import JointStatus
 from study.mocap.joints import FoundJoint, Joints
 
 WORDS = {
     JointStatus.OK: "ok",
     JointStatus.HINGE: "hinge",
+    JointStatus.DISAGREE: "sides disagree",
     JointStatus.UNSURE: "unsure",
     JointStatus.INSIGNIFICANT: "insignificant",
     JointStatus.NOT_POSITIVE_DEFINITE: "hidden by noise",
@@ -25,11 +27,12 @@ def joint_table(joints: Joints) -> pd.DataFrame:
     Returns:
         Columns: joint, kind, parent, child, status and reason in words; side, the segment from which the markers were
         seen, or both; markers; center_parent_* and center_child_* (metres, in the segments' axes); error, the largest
-        standard error across a dropped axis (metres); cov_xx ... cov_zz (m², in the parent's axes); axis_parent_* and
-        axis_child_* of a hinge; radius_mean (metres) of the markers' spheres; sigma (metres), noise of one coordinate;
-        rho, share of the least extent that is noise; moved_least, moved_most (degrees), root mean square angles about
-        the joint; frames; worth, as many independent ones as these are worth; apart (metres), the farthest of the other
-        sides' answers. NaN where there is none.
+        standard error across a dropped axis (metres), what parts the sides included if they disagree; cov_xx ...
+        cov_zz (m², in the parent's axes); axis_parent_* and axis_child_* of a hinge; radius_mean (metres) of the
+        markers' spheres; sigma (metres), noise of one coordinate; rho, share of the least extent that is noise;
+        moved_least, moved_most (degrees), root mean square angles about the joint; frames; worth, as many independent
+        ones as these are worth; apart (metres), the farthest of the other sides' answers that can be compared with it
+        (see `disagreement`). NaN where there is none.
     """
     rows: list[dict[str, object]] = []
     for found in joints.joints:
@@ -57,7 +60,8 @@ def numbers(found: FoundJoint) -> dict[str, float]:
     if estimate is None:
         return known
     known |= {"error": estimate.worst, "frames": float(estimate.count), "worth": float(estimate.worth)}
-    known["apart"] = max((_apart(estimate, other) for other in found.others), default=float("nan"))
+    apart = (each.distance for each in differences(estimate, found.others))
+    known["apart"] = max(apart, default=float("nan"))
     swing = np.zeros(0)
     if estimate.sphere is not None:
         radii = estimate.sphere.radii[np.isfinite(estimate.sphere.radii)]
@@ -68,14 +72,3 @@ def numbers(found: FoundJoint) -> dict[str, float]:
         known["sigma"] = float(estimate.pair.gap) / np.sqrt(3.0)
         swing = np.degrees(estimate.pair.turns)
     return known | ({"moved_least": float(swing.min()), "moved_most": float(swing.max())} if len(swing) else {})
-
-
-def _apart(one: Estimate, other: Estimate) -> float:
-    """Root mean square distance of two estimates of a joint over the frames that both have, metres."""
-    between = one.frames.show(one.center) - other.frames.show(other.center)
-    if one.axis is not None:  # along it neither knows where the joint is
-        axis = np.einsum("ijt,j->it", one.frames.rotation, one.axis)
-        between = between - axis * (axis * between).sum(axis=0)
-    squares = (between**2).sum(axis=0)
-    squares = squares[~np.isnan(squares)]
-    return float(np.sqrt(squares.mean())) if len(squares) else float("nan")

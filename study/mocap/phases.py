@@ -11,6 +11,7 @@ import numpy as np
 
 from study.mocap.calibration import Calibration, keep
 from study.mocap.estimates import USABLE
+from study.mocap.hull import outside
 from study.mocap.joints import Joints, find_joints
 from study.mocap.markerset import MarkerSet
 from study.mocap.recording import Recording, RecordingError
@@ -105,7 +106,8 @@ def require_same_subject(skeleton: Skeleton) -> Skeleton:
 def skeleton_scene(skeleton: Skeleton, recording: Recording) -> Scene:
     """What pictures show of a skeleton.
 
-    Joints that are not to be relied on say why. A skeleton drawn with another subject's calibration says so, too.
+    Joints that are not to be relied on say why, those that leave the markers' hull among them. A skeleton drawn with
+    another subject's calibration says so, too.
 
     Args:
         skeleton: of phase 2.
@@ -119,8 +121,9 @@ def skeleton_scene(skeleton: Skeleton, recording: Recording) -> Scene:
     source = "joints found in this recording" if own else f"joints found in {kept.source}"
     doubts = [] if verdict.fits else ["another subject's calibration"]
     joints = []
-    for place, center, flags in zip(kept.joints, skeleton.centers, skeleton.flags, strict=True):
-        reasons = [*([] if place.status in USABLE else [place.reason]), *doubts]
+    hull = outside(recording.positions, skeleton.centers)
+    for place, center, flags, out in zip(kept.joints, skeleton.centers, skeleton.flags, hull, strict=True):
+        reasons = [*([] if place.status in USABLE else [place.reason]), *([out.words] if out.words else []), *doubts]
         axis = None if np.isnan(place.axis_in_parent).any() else place.axis_in_parent
         joint = place.joint
         shown = Shown(

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from study.mocap.rigid import turn
+from study.mocap.rigid import centroids, cross_sums, turn
 from study.sphere.compiled import compiled
 
 Floats = NDArray[np.float64]
@@ -51,39 +51,15 @@ def _follow(
         least = 2 if pinned else 3
         count = _count(used, t)
         while count >= least:
-            a0, a1, a2, x0, x1, x2 = pin[0], pin[1], pin[2], at[0, t], at[1, t], at[2, t]
+            a, b = (pin[0], pin[1], pin[2]), (at[0, t], at[1, t], at[2, t])
             if not pinned:
-                a0, a1, a2, x0, x1, x2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-                share = 1.0 / count
-                for k in range(m):
-                    if used[k, t]:
-                        a0 += share * places[k, 0]
-                        a1 += share * places[k, 1]
-                        a2 += share * places[k, 2]
-                        x0 += share * x[k, 0, t]
-                        x1 += share * x[k, 1, t]
-                        x2 += share * x[k, 2, t]
-            for i in range(3):
-                for j in range(3):
-                    cross[i, j] = 0.0
-            for k in range(m):
-                if used[k, t]:
-                    d0, d1, d2 = places[k, 0] - a0, places[k, 1] - a1, places[k, 2] - a2
-                    e0, e1, e2 = x[k, 0, t] - x0, x[k, 1, t] - x1, x[k, 2, t] - x2
-                    cross[0, 0] += e0 * d0
-                    cross[0, 1] += e0 * d1
-                    cross[0, 2] += e0 * d2
-                    cross[1, 0] += e1 * d0
-                    cross[1, 1] += e1 * d1
-                    cross[1, 2] += e1 * d2
-                    cross[2, 0] += e2 * d0
-                    cross[2, 1] += e2 * d1
-                    cross[2, 2] += e2 * d2
+                _, a, b = centroids(places, x, used, t)
+            cross_sums(places, x, used, t, a, b, cross)
             if not turn(cross, room, vectors, r):
                 break
-            o0 = x0 - r[0, 0] * a0 - r[0, 1] * a1 - r[0, 2] * a2
-            o1 = x1 - r[1, 0] * a0 - r[1, 1] * a1 - r[1, 2] * a2
-            o2 = x2 - r[2, 0] * a0 - r[2, 1] * a1 - r[2, 2] * a2
+            o0 = b[0] - r[0, 0] * a[0] - r[0, 1] * a[1] - r[0, 2] * a[2]
+            o1 = b[1] - r[1, 0] * a[0] - r[1, 1] * a[1] - r[1, 2] * a[2]
+            o2 = b[2] - r[2, 0] * a[0] - r[2, 1] * a[1] - r[2, 2] * a[2]
             worst, which, total = 0.0, -1, 0.0
             for k in range(m):
                 if used[k, t]:

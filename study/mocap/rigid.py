@@ -65,30 +65,28 @@ def turn(cross: Any, square: Any, vectors: Any, rotation: Any) -> bool:
 
 
 @compiled
-def place(template: Any, x: Any, used: Any, t: int, work: Any, rotation: Any, origin: Any) -> bool:
-    """Rotation (3, 3) and origin (3,) of a template (m, 3) in frame t of its points x (m, 3, n); False if unknown.
-
-    ``used`` (m, n) says which points count; ``work`` (3, 3, 3) is room to work in.
-    """
-    m = template.shape[0]
-    cross, square, vectors = work[0], work[1], work[2]
+def centroids(places: Any, x: Any, used: Any, t: int) -> Any:
+    """How many points count in frame t, and the means of their places (m, 3) and of where they are seen (m, 3, n)."""
     count, a0, a1, a2, x0, x1, x2 = 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for k in range(m):
+    for k in range(places.shape[0]):
         if used[k, t]:
             count += 1
-            a0, a1, a2 = a0 + template[k, 0], a1 + template[k, 1], a2 + template[k, 2]
+            a0, a1, a2 = a0 + places[k, 0], a1 + places[k, 1], a2 + places[k, 2]
             x0, x1, x2 = x0 + x[k, 0, t], x1 + x[k, 1, t], x2 + x[k, 2, t]
-    if count < 3:
-        return False
-    share = 1.0 / count
-    a0, a1, a2, x0, x1, x2 = share * a0, share * a1, share * a2, share * x0, share * x1, share * x2
+    share = 1.0 / max(count, 1)
+    return count, (share * a0, share * a1, share * a2), (share * x0, share * x1, share * x2)
+
+
+@compiled
+def cross_sums(places: Any, x: Any, used: Any, t: int, a: Any, b: Any, cross: Any) -> None:
+    """Sum (x - b)(place - a)ᵀ over the points that count in frame t, into ``cross`` (3, 3)."""
     for i in range(3):
         for j in range(3):
             cross[i, j] = 0.0
-    for k in range(m):
+    for k in range(places.shape[0]):
         if used[k, t]:
-            d0, d1, d2 = template[k, 0] - a0, template[k, 1] - a1, template[k, 2] - a2
-            e0, e1, e2 = x[k, 0, t] - x0, x[k, 1, t] - x1, x[k, 2, t] - x2
+            d0, d1, d2 = places[k, 0] - a[0], places[k, 1] - a[1], places[k, 2] - a[2]
+            e0, e1, e2 = x[k, 0, t] - b[0], x[k, 1, t] - b[1], x[k, 2, t] - b[2]
             cross[0, 0] += e0 * d0
             cross[0, 1] += e0 * d1
             cross[0, 2] += e0 * d2
@@ -98,11 +96,23 @@ def place(template: Any, x: Any, used: Any, t: int, work: Any, rotation: Any, or
             cross[2, 0] += e2 * d0
             cross[2, 1] += e2 * d1
             cross[2, 2] += e2 * d2
+
+
+@compiled
+def place(template: Any, x: Any, used: Any, t: int, work: Any, rotation: Any, origin: Any) -> bool:
+    """Rotation (3, 3) and origin (3,) of a template (m, 3) in frame t of its points x (m, 3, n); False if unknown.
+
+    ``used`` (m, n) says which points count; ``work`` (3, 3, 3) is room to work in.
+    """
+    cross, square, vectors = work[0], work[1], work[2]
+    count, a, b = centroids(template, x, used, t)
+    if count < 3:
+        return False
+    cross_sums(template, x, used, t, a, b, cross)
     if not turn(cross, square, vectors, rotation):
         return False
-    origin[0] = x0 - rotation[0, 0] * a0 - rotation[0, 1] * a1 - rotation[0, 2] * a2
-    origin[1] = x1 - rotation[1, 0] * a0 - rotation[1, 1] * a1 - rotation[1, 2] * a2
-    origin[2] = x2 - rotation[2, 0] * a0 - rotation[2, 1] * a1 - rotation[2, 2] * a2
+    for i in range(3):
+        origin[i] = b[i] - rotation[i, 0] * a[0] - rotation[i, 1] * a[1] - rotation[i, 2] * a[2]
     return True
 
 

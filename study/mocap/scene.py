@@ -4,11 +4,11 @@ It holds plain arrays in metres, z up, and nothing of how they were found. `stag
 """
 
 from dataclasses import dataclass, replace
-from enum import IntEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
+from study.estimators.fit import Worded
 from study.mocap.links import side
 from study.mocap.recording import RecordingError
 
@@ -16,16 +16,8 @@ Floats = NDArray[np.float64]
 Flags = NDArray[np.uint8]
 
 
-class Flag(IntEnum):
-    """How a joint's place in one frame is known. ``text`` is what a reader sees."""
-
-    text: str
-
-    def __new__(cls, value: int, text: str) -> "Flag":
-        member = int.__new__(cls, value)
-        member._value_ = value
-        member.text = text
-        return member
+class Flag(Worded):
+    """How a joint's place in one frame is known."""
 
     SEEN = 0, "from markers"
     BRIDGED = 1, "bridged: too few markers seen"

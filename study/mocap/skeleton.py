@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from study.mocap.calibration import Calibration, Place, Shape
-from study.mocap.estimates import JointStatus
+from study.mocap.estimates import USABLE, JointStatus
 from study.mocap.markerset import Segment
 from study.mocap.pose import follow, point
 from study.mocap.recording import Bools, Floats, Recording, RecordingError
@@ -26,7 +26,7 @@ _FAR = 6.0
 """Scatters from its place, and..."""
 _SLACK = 0.1
 """...share of its segment's size, beyond which a marker is left out."""
-_PINNED = (JointStatus.OK, JointStatus.HINGE, JointStatus.UNSURE, JointStatus.INSIGNIFICANT)
+_PINNED = (*USABLE, JointStatus.DISAGREE, JointStatus.UNSURE, JointStatus.INSIGNIFICANT)
 """A joint on which a segment hangs even if its own markers would do without."""
 
 

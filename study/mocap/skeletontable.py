@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 import pandas as pd
 
+from study.mocap.hull import outside
 from study.mocap.scene import Flag, Scene
 
 UNEVEN = 0.08
@@ -59,7 +60,7 @@ def bone_table(scene: Scene) -> pd.DataFrame:
 
 
 def printed(scene: Scene) -> Iterator[str]:
-    """Bones, how much was bridged, and what is not to be relied on."""
+    """Bones, joints against the markers' hull, how much was bridged, and what is not to be relied on."""
     yield f"{'bone':32}  {'length':>8}  {'error':>8}  {'varies':>8}  left to right"
     table = bone_table(scene)
     numbers = table[["length", "error", "spread", "uneven"]].to_numpy(dtype=float)
@@ -69,6 +70,11 @@ def printed(scene: Scene) -> Iterator[str]:
         error = "-" if np.isnan(worst) else f"{1000 * worst:.1f} mm"
         bone = f"{start} - {end}"
         yield f"{bone:32}  {length:6.3f} m  {error:>8}  {1000 * spread:5.1f} mm  {compared:>7}{flagged}".rstrip()
+    yield f"{'joint':32}  {'outside':>8}  {'by':>9}  the markers' hull: share of the frames; 95 % of them at most"
+    for name, out in zip(scene.joints, outside(scene.places, scene.centers), strict=True):
+        share = "-" if np.isnan(out.share) else f"{out.share:.0%}"
+        far = "-" if not out.far > 0.0 else f"{1000 * out.far:.1f} mm"
+        yield f"{name:32}  {share:>8}  {far:>9}"
     for name, flags in zip(scene.joints, scene.flags, strict=True):
         shares = [
             f"{flag.name.lower()} in {(flags == flag).mean():.1%} of the frames" for flag in Flag if flag != Flag.SEEN

@@ -24,56 +24,55 @@ _FLAT = 4 * 2.0**-52
 
 
 @compiled
-def _first(u: Any, t: int, start: int, weights: Any, first: Any) -> Any:
-    """Add Σωu of as many samples of a set as there are weights."""
-    for k in range(weights.size):
-        for i in range(len(first)):
-            first = put(first, i, first[i] + weights[k] * u[t, i, start + np.uintp(k)])
-    return first
-
-
-@compiled
-def _second(u: Any, t: int, start: int, weights: Any, middle: Any, second: Any) -> Any:
-    """Add Σω(u-ū)(u-ū)ᵀ, its lower triangle."""
-    d, y = len(middle), fresh(middle)
+def _sums(u: Any, t: int, start: int, weights: Any, middle: Any, square: Any) -> Any:
+    """Σωy and the lower triangle of Σωyyᵀ, y = u - middle, of as many samples of a set as there are weights."""
+    d = len(middle)
+    y, first, second = fresh(middle), fresh(middle), fresh(square)
+    for i in range(d):
+        first = put(first, i, 0.0)
     for k in range(weights.size):
         for i in range(d):
             y = put(y, i, u[t, i, start + np.uintp(k)] - middle[i])
         for i in range(d):
+            weighted = weights[k] * y[i]
+            first = put(first, i, first[i] + weighted)
             for j in range(i + 1):
-                second = put(second, i * d + j, second[i * d + j] + weights[k] * y[i] * y[j])
-    return second
+                second = put(second, i * d + j, second[i * d + j] + weighted * y[j])
+    return first, second
 
 
 @compiled
 def _scatter(directions: Any, weights: Any, sums: Any, mean: Any, scatter: Any, zero: Any, square: Any) -> None:
+    """Once over the samples: about the mean of the first of them, which is near enough to that of all."""
     b, d, n = directions.shape
     rows = np.empty((1, d, CHUNK))
     for t in range(b):
-        middle, second = fresh(zero), fresh(square)
-        whole = sums[t] = total(weights[t])
-        for start in range(0, n, CHUNK):
-            part = weights[t, start : start + CHUNK]
-            u, s, place = window(directions, t, start, part.size, rows, zero)
-            first = _first(u, s, place, part, fresh(zero))
-            for i in range(d):
-                middle = put(middle, i, middle[i] + first[i])
+        weight = weights[t % len(weights)]
+        part = weight[:CHUNK]
+        u, s, place = window(directions, t, 0, part.size, rows, zero)
+        middle, _ = _sums(u, s, place, part, zero, square)
+        whole = total(part)
         for i in range(d):
             middle = put(middle, i, middle[i] / whole)
-            mean[t, i] = middle[i]
+        whole, first, second = 0.0, fresh(zero), fresh(square)
         for start in range(0, n, CHUNK):
-            part = weights[t, start : start + CHUNK]
+            part = weight[start : start + CHUNK]
             u, s, place = window(directions, t, start, part.size, rows, zero)
-            more = _second(u, s, place, part, middle, fresh(square))
+            more, squares = _sums(u, s, place, part, middle, square)
+            whole += total(part)
+            for i in range(d):
+                first = put(first, i, first[i] + more[i])
             for i in range(d * d):
-                second = put(second, i, second[i] + more[i])
+                second = put(second, i, second[i] + squares[i])
+        sums[t] = whole
         for i in range(d):
+            mean[t, i] = middle[i] + first[i] / whole
             for j in range(i + 1):
-                scatter[t, i, j] = scatter[t, j, i] = second[i * d + j]
+                scatter[t, i, j] = scatter[t, j, i] = second[i * d + j] - first[i] * first[j] / whole
 
 
 def weighted_scatter(directions: Floats, weights: Floats) -> tuple[Floats, Floats, Floats]:
-    """Σω, ū = Σωu/Σω and Σω(u-ū)(u-ū)ᵀ for a batch of directions (b, d, n) and weights (b, n)."""
+    """Σω, ū = Σωu/Σω and Σω(u-ū)(u-ū)ᵀ for a batch of directions (b, d, n) and weights (b, n), or (1, n) for all."""
     b, d, _ = directions.shape
     sums, mean, scatter = np.empty(b), np.empty((b, d)), np.empty((b, d, d))
     _scatter(directions, weights, sums, mean, scatter, zeros(d), zeros(d, d))

@@ -13,10 +13,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
+from study.sphere.bits import LANES, State, fill_words, put_back, spare, to_uniform
 from study.sphere.compiled import CHUNK, compiled, fill
-from study.sphere.normals import fill_normal, loaded
+from study.sphere.normals import to_normals
 
 Floats = NDArray[np.float64]
+
+_EIGHTH = 0.25 * math.pi
+_S3, _S5, _S7, _S9, _S11, _S13, _S15 = ((-1.0) ** k / math.factorial(2 * k + 1) for k in range(1, 8))
+_C2, _C4, _C6, _C8, _C10, _C12, _C14, _C16 = ((-1.0) ** k / math.factorial(2 * k) for k in range(1, 9))
+"""Terms of sine and cosine; the next ones are below 1e-16 up to π/4."""
+_1, _2, _4 = (np.uint64(k) for k in (1, 2, 4))
 
 
 def heights(uniform: Floats, half_angle: float, dimension: int) -> Floats:
@@ -45,45 +52,113 @@ def heights(uniform: Floats, half_angle: float, dimension: int) -> Floats:
 
 
 @compiled
-def _turn(height: Any, directions: Any) -> None:
-    """Directions (d, n) from their heights (n,) and, in rows 1 to d - 1, normals across the axis; in place.
-
-    Row 0 receives the height t = 1 - u₁ in place of u₁.
-    """
-    d, n = directions.shape
-    for start in range(0, n, CHUNK):
-        t, scale = height[start : start + CHUNK], directions[0, start : start + CHUNK]
-        fill(scale, 0.0)
-        for i in range(1, d):
-            w = directions[i, start : start + CHUNK]
-            for k in range(t.size):
-                scale[k] += w[k] * w[k]
-        for k in range(t.size):
-            scale[k] = math.sqrt(t[k] * (2.0 - t[k]) / scale[k])
-        for i in range(1, d):
-            w = directions[i, start : start + CHUNK]
-            for k in range(t.size):
-                w[k] *= scale[k]
-        for k in range(t.size):
-            scale[k] = t[k]
+def _to_sign(words: Any, row: Any) -> None:
+    """-1 or 1, by a bit that uniform numbers leave aside."""
+    for k in range(row.size):
+        row[k] = 1.0 if words[k] & _1 else -1.0
 
 
 @compiled
-def draw(state: Any, height: Any, directions: Any, normals: Any) -> None:
-    """Draw a block of trials: directions (b, d, n) for given heights (b, n), and standard normals (b, d, n).
+def _to_circle(words: Any, x: Any, y: Any) -> None:
+    """Points of the unit circle: an angle in [0, π/4), whose sine and cosine are short series, and three mirrors."""
+    to_uniform(words, x)
+    for k in range(x.size):
+        angle, word = _EIGHTH * x[k], words[k]
+        q = angle * angle
+        sine = angle + angle * q * (_S3 + q * (_S5 + q * (_S7 + q * (_S9 + q * (_S11 + q * (_S13 + q * _S15))))))
+        cosine = _C4 + q * (_C6 + q * (_C8 + q * (_C10 + q * (_C12 + q * (_C14 + q * _C16)))))
+        cosine = 1.0 + q * (_C2 + q * cosine)
+        across = sine if word & _1 else cosine
+        along = cosine if word & _1 else sine
+        x[k] = across if word & _2 else -across
+        y[k] = along if word & _4 else -along
 
-    Trial after trial from one stream, whose state (see `study.sphere.normals.state_of`) is moved on, so that a block's
-    first trials do not depend on how many follow. Row 0 of the directions receives the height t = 1 - u₁ instead of u₁.
-    """
-    b, d, _ = directions.shape
-    place = loaded(state)
+
+@compiled
+def _to_unit_length(directions: Any, trial: int, start: int, length: Any) -> None:
+    """Vectors across the axis, in rows 1 to d - 1 of a trial, divided by their lengths."""
+    fill(length, 0.0)
+    for i in range(1, directions.shape[1]):
+        w = directions[trial, i, start : start + length.size]
+        for k in range(w.size):
+            length[k] += w[k] * w[k]
+    for i in range(1, directions.shape[1]):
+        w = directions[trial, i, start : start + length.size]
+        for k in range(w.size):
+            w[k] /= math.sqrt(length[k])
+
+
+@compiled
+def _aim(directions: Any, trial: int, start: int, length: Any) -> None:
+    """Give unit vectors across the axis, in rows 1 to d - 1 of a trial, the lengths that belong to the heights."""
+    t = directions[trial, 0, start : start + length.size]
+    for k in range(t.size):
+        length[k] = math.sqrt(t[k] * (2.0 - t[k]))
+    for i in range(1, directions.shape[1]):
+        w = directions[trial, i, start : start + length.size]
+        for k in range(t.size):
+            w[k] *= length[k]
+
+
+@compiled
+def _draw(state: Any, height: float, directions: Any, normals: Any) -> None:
+    """Uniform numbers times ``height`` in row 0 of the directions, and unit vectors across the axis in the others."""
+    b, d, n = directions.shape
+    per_sample = d + (d - 1 if d < 4 else d)
+    words, length, lane = np.empty(per_sample * CHUNK, dtype=np.uint64), np.empty(CHUNK), spare(state)
     for trial in range(b):
-        for i in range(1, d):
-            place = fill_normal(place, directions[trial, i])
-        _turn(height[trial], directions[trial])
-        for i in range(d):
-            place = fill_normal(place, normals[trial, i])
-    state[0], state[1], state[2], state[3] = place
+        for start in range(0, n, CHUNK):
+            m = min(CHUNK, n - start)
+            fill_words(state, words[: -(-per_sample * m // LANES) * LANES])
+            t = directions[trial, 0, start : start + m]
+            to_uniform(words, t)
+            for k in range(m):
+                t[k] *= height
+            used = m
+            if d == 2:
+                _to_sign(words, directions[trial, 1, start : start + m])
+            elif d == 3:
+                _to_circle(words[m:], directions[trial, 1, start : start + m], directions[trial, 2, start : start + m])
+                _aim(directions, trial, start, length[:m])
+                used += m
+            else:
+                for i in range(1, d):
+                    lane = to_normals(words[used:], directions[trial, i, start : start + m], lane)
+                    used += m
+                _to_unit_length(directions, trial, start, length[:m])
+            for i in range(d):
+                lane = to_normals(words[used:], normals[trial, i, start : start + m], lane)
+                used += m
+    put_back(state, lane)
+
+
+@compiled
+def _aim_all(directions: Any) -> None:
+    b, _, n = directions.shape
+    length = np.empty(CHUNK)
+    for trial in range(b):
+        for start in range(0, n, CHUNK):
+            _aim(directions, trial, start, length[: min(CHUNK, n - start)])
+
+
+def draw(state: State, half_angle: float, directions: Floats, normals: Floats) -> None:
+    """Draw a block of trials: directions uniform on a cap, and standard normals.
+
+    Trial after trial, so that a block's first trials do not depend on how many follow.
+
+    Args:
+        state: of the generators, see `study.sphere.bits`; it is moved on.
+        half_angle: φ in radians, 0 < φ ≤ π.
+        directions: receives directions (b, d, n) about the first axis, with the height t = 1 - u₁ in place of u₁.
+        normals: receives numbers (b, d, n).
+    """
+    d = directions.shape[1]
+    if d == 3:  # where heights are uniform, they are formed at once
+        _draw(state, float(heights(np.ones(1), half_angle, d)[0]), directions, normals)
+        return
+    _draw(state, 1.0, directions, normals)
+    heights(directions[:, 0], half_angle, d)
+    _aim_all(directions)
 
 
 def sample_cap(
@@ -109,10 +184,9 @@ def sample_cap(
     if dimension < 2:
         raise ValueError(f"dimension = {dimension!r}: a sphere needs at least 2")
     t = heights(rng.random(count), half_angle, dimension)
-    u = np.empty((dimension, count))
-    rng.standard_normal(out=u[1:])
-    _turn(t, u)
-    u[0] = 1.0 - t
+    across = rng.standard_normal((dimension - 1, count))
+    across *= np.sqrt(t * (2.0 - t)) / np.linalg.norm(across, axis=0)
+    u = np.vstack([1.0 - t, across])
     points: Floats = u.T
     if axis is None:
         return points

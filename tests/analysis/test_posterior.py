@@ -668,8 +668,9 @@ def test_the_whole_sphere_moves_the_radius(tmp_path, d):
     """Against the geometric likelihood by -(d-1)σ²/2r in the limit of many points: -0.01 and -0.005 at σ = 0.1 r.
 
     Trial by trial the factor (R r)^(-(d-1)/2) per point pushes c and r against the information of the directions that
-    were drawn; of a hundred points this is a radius moved by a twentieth more, ± a twentieth. The mean over trials
-    is known to 1 and 2.5 %: the 10 % that it may be off are passed by chance in 1 of 10⁴ seeds.
+    were drawn; of a hundred points this is a radius moved by a twentieth more, ± a twentieth. The posterior's
+    covariance is the bound's to √(2/N) or so, 14 %, which mixes what is told of the parameters; a tenth is allowed for.
+    The mean over trials is known to 1 and 2.5 %: the 10 % that it may be off are passed by chance in 1 of 10⁴ seeds.
     """
     entries = {"walkers": 128, "max_steps": 20_000, "noise": '"known"', "keep_draws": 0}
     entries["likelihood"] = '["geometric", "whole_sphere"]'
@@ -688,7 +689,7 @@ def test_the_whole_sphere_moves_the_radius(tmp_path, d):
         error = whole.loc[key, [f"sd_{e}" for e in endings(d, False)]].to_numpy(float) * math.sqrt(
             1.0 / whole.loc[key, "draws"] + 1.0 / plain.loc[key, "draws"]
         )
-        pull = (shift.loc[key, names].to_numpy(float) - told) / np.hypot(error, 0.05 * np.abs(told))
+        pull = (shift.loc[key, names].to_numpy(float) - told) / np.hypot(error, 0.1 * np.linalg.norm(told))
         assert np.all(np.abs(pull) < 5.0), pull
         radius.append(told[-1])
     limit = -(d - 1) * 0.1**2 / 2.0

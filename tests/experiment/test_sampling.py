@@ -43,13 +43,13 @@ def test_points_are_centre_plus_direction_plus_noise(make_study, d):
 @pytest.mark.parametrize("d", [2, 3, 5])
 @pytest.mark.parametrize("angle", [1e-4, 20, 90, 180])
 def test_directions_are_unit_vectors_within_the_cap(make_study, d, angle):
-    """Directions have length 1 and lie within the confinement angle of the first axis."""
+    """Directions have length 1, within the confinement angle of the first axis, and reach there (false alarm 1e-6)."""
     study = make_study({"dimension": d}, samples=1000, angle=angle)
     directions = draw(study, [first_batch(study)]).directions
     height, across = directions[:, 0], np.sum(directions[:, 1:] ** 2, axis=1)
     np.testing.assert_allclose(across, height * (2 - height), rtol=1e-12, atol=1e-15)
     limit = 2 * np.sin(np.radians(angle) / 2) ** 2
-    assert 0.99 * limit < height.max() <= limit * (1 + 4 * EPS)
+    assert 0.9 * limit < height.max() <= limit * (1 + 4 * EPS)
 
 
 def stored_points(study):

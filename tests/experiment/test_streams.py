@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import study
-from study.experiment.streams import stream
+from study.experiment.streams import lanes, stream
 
 PACKAGE = Path(study.__file__).parent
 NAMES = [
@@ -38,6 +38,14 @@ def test_different_names_share_no_number(left, right):
     Two of 2 × 1000 uniform numbers of 53 bits are equal in 1 of 10¹⁰ cases.
     """
     assert not set(stream(*left).random(1000)) & set(stream(*right).random(1000))
+
+
+@pytest.mark.parametrize(("left", "right"), list(combinations(NAMES, 2)), ids=str)
+def test_different_names_share_no_lane(left, right):
+    """The same of generators side by side: no word of 64 bits that one begins with is among the other's."""
+    one, other = lanes(*left), lanes(*right)
+    assert not np.intersect1d(one[:3], other[:3]).size
+    np.testing.assert_array_equal(one, lanes(*left))
 
 
 def test_siblings_are_uncorrelated():

@@ -1,10 +1,12 @@
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from study.mocap.estimates import USABLE
-from study.mocap.phases import calibrate, calibrated, check, draw_skeleton
+from study.mocap.hull import outside
+from study.mocap.phases import calibrate, calibrated, check, draw_skeleton, skeleton_scene
 from study.mocap.recording import Recording, RecordingError
 from study.mocap.scene import Flag
 from study.mocap.setfile import load_markerset
@@ -166,9 +168,26 @@ def test_joints_stay_inside_the_markers(kata, kata_calibration):
     skeleton = draw_skeleton(kata_calibration, kata.recording)
     low, high = np.nanmin(kata.recording.positions, axis=0), np.nanmax(kata.recording.positions, axis=0)
     for joint, center in zip(skeleton.joints, skeleton.centers, strict=True):
-        outside = np.maximum(low - center, center - high).max(axis=0)
-        assert np.nanmax(outside) < 0.05, joint
-        assert (outside > 0.01).mean() < (0.25 if "elbow" in joint else 0.03), joint
+        beyond = np.maximum(low - center, center - high).max(axis=0)
+        assert np.nanmax(beyond) < 0.05, joint
+        assert (beyond > 0.01).mean() < (0.25 if "elbow" in joint else 0.03), joint
+    found = dict(zip(skeleton.joints, outside(kata.recording.positions, skeleton.centers), strict=True))
+    for joint, out in found.items():
+        assert out.far < (0.035 if "elbow" in joint else 0.025), joint
+        assert out.words == "", joint
+    assert found["left_elbow"].far > 0.01
+
+
+def test_a_joint_that_leaves_the_body_is_doubted(still):
+    """A waist that the calibration puts 30 cm before the body: the scene says so of it, and of no other joint."""
+    recording, _, calibration = still
+    skeleton = draw_skeleton(calibration, recording)
+    centers = skeleton.centers.copy()
+    k = skeleton.joints.index("waist")
+    centers[k] += 0.3 * skeleton.rotation("pelvis")[:, 0]
+    scene = skeleton_scene(replace(skeleton, centers=centers), recording)
+    doubted = {joint for joint, doubt in zip(scene.joints, scene.doubts, strict=True) if "markers' hull in" in doubt}
+    assert doubted == {"waist"}
 
 
 def test_another_recording_of_the_same_subject_and_of_another(figure_calibration):
@@ -196,8 +215,6 @@ def test_hardly_any_frames(still, frames):
 
 
 def _part(truth, frames):
-    from dataclasses import replace
-
     return replace(truth, centers=truth.centers[:, :, :frames], rotations=truth.rotations[:, :frames])
 
 

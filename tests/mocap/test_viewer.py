@@ -1,7 +1,6 @@
 """The viewer in a real browser: silent; plays, scrubs, orbits; switches work; what it opens, and what it refuses."""
 
 import json
-import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -9,11 +8,6 @@ import pytest
 
 from study.mocap.exchange import motion, write_motion
 from study.mocap.webpage import write_viewer
-
-BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-FLAGS = ["--no-sandbox", "--no-first-run", "--disable-sync", "--disable-quic"]
-FLAGS += ["--disable-background-networking", "--disable-component-update"]
-FLAGS += ["--use-angle=swiftshader", "--enable-unsafe-swiftshader"]  # three dimensions without a graphics card
 
 JOINT = """name => viewer.stage.joints[viewer.motion.joints.findIndex(j => j.name === name)].position.toArray()"""
 OVERFLOW = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
@@ -35,19 +29,6 @@ def until(tab, holds):
             return
         tab.wait_for_timeout(20)
     pytest.fail(f"never: {holds}")
-
-
-@pytest.fixture(scope="module")
-def browser():
-    """Chromium or Chrome, if the machine has one."""
-    path = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if path is None:
-        pytest.skip(f"no browser on this machine: none of {', '.join(BROWSERS)} is on the path")
-    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    with playwright.sync_playwright() as driver:
-        launched = driver.chromium.launch(executable_path=path, args=FLAGS)
-        yield launched
-        launched.close()
 
 
 @pytest.fixture(scope="module")

@@ -1,16 +1,11 @@
 """The page in a real browser: silent, complete, without a request, within its width on a desk, a phone and paper."""
 
-import shutil
-
 import pytest
 
 from study.report import render
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 WIDTHS = (1280, 768, 375)
 PAPER = 680  # the width between the margins of an A4 page, in pixels of 1/96 inch
-FLAGS = ["--no-sandbox", "--no-first-run", "--disable-gpu", "--disable-sync", "--disable-quic"]
-FLAGS += ["--disable-background-networking", "--disable-component-update"]
 
 OVERFLOW = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
 PICTURES = "[...document.images].filter(i => !(i.complete && i.naturalWidth > 0)).map(i => i.alt)"
@@ -45,16 +40,9 @@ QUESTIONS = {
 
 
 @pytest.fixture(scope="module")
-def tab():
-    """A tab of Chromium or Chrome, if the machine has one."""
-    path = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if path is None:
-        pytest.skip(f"no browser on this machine: none of {', '.join(BROWSERS)} is on the path")
-    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    with playwright.sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=path, args=FLAGS)
-        yield browser.new_page()
-        browser.close()
+def tab(browser):
+    """A tab of it."""
+    return browser.new_page()
 
 
 @pytest.fixture

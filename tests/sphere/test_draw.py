@@ -1,76 +1,99 @@
-"""The compiled drawing loop: NumPy's own stream, trial after trial."""
+"""The compiled drawing loop: directions on a cap and normal numbers, trial after trial."""
 
+import math
+
+import mpmath
 import numpy as np
 import pytest
+from scipy import stats
 
+from study.experiment.streams import lanes
 from study.sphere.cap import draw, sample_cap
-from study.sphere.normals import state_of
 
 EPS = np.finfo(float).eps
 
 
-def drawn(seed, height, d):
-    """State afterwards, directions and normals of a block of trials with the given heights."""
-    state = state_of(numpys(seed))
-    b, n = height.shape
+def drawn(name, b, n, d, angle=1.0):
+    """Directions and normals of a block of trials."""
     directions, normals = np.full((2, b, d, n), np.nan)
-    draw(state, height, directions, normals)
-    return state, directions, normals
-
-
-def numpys(seed):
-    """NumPy's generator of the kind that the loop draws from."""
-    return np.random.Generator(np.random.SFC64(seed))
+    draw(lanes(1, name), angle, directions, normals)
+    return directions, normals
 
 
 @pytest.mark.parametrize("d", [2, 3, 5])
-def test_stream_is_numpys(d):
-    """The compiled loop yields the bits of Generator.standard_normal and leaves the generator in the same state.
-
-    2d - 1 rows of 60 000 normals hold some 50 from the ziggurat's tail, its rarest branch.
-    """
-    height = np.full((2, 30_000), 0.25)
-    state, directions, normals = drawn(11, height, d)
-    own = numpys(11)
-    for trial in range(2):
-        across = own.standard_normal((d - 1, 30_000))
-        np.testing.assert_array_equal(normals[trial], own.standard_normal((d, 30_000)))
-        unit = across / np.linalg.norm(across, axis=0)
-        np.testing.assert_allclose(directions[trial, 1:], np.sqrt(0.25 * 1.75) * unit, rtol=16 * EPS, atol=0)
-    np.testing.assert_array_equal(state, state_of(own))
-
-
-@pytest.mark.parametrize("d", [2, 3, 5])
-def test_first_trials_do_not_depend_on_how_many_follow(rng, d):
+def test_first_trials_do_not_depend_on_how_many_follow(d):
     """A block of 3 trials is, bit for bit, the beginning of a block of 7."""
-    height = rng.random((7, 13))
-    _, u, z = drawn(3, height, d)
-    _, v, w = drawn(3, height[:3], d)
+    u, z = drawn("block", 7, 333, d)
+    v, w = drawn("block", 3, 333, d)
     np.testing.assert_array_equal(v, u[:3])
     np.testing.assert_array_equal(w, z[:3])
 
 
-def test_row_zero_holds_the_height(rng):
-    """The first row is the height itself, untouched, so tiny angles lose nothing."""
-    height = 1e-15 * rng.random((2, 9))
-    _, u, _ = drawn(3, height, 3)
-    np.testing.assert_array_equal(u[:, 0], height)
-    np.testing.assert_allclose(np.sum(u[:, 1:] ** 2, axis=1), height * (2 - height), rtol=8 * EPS)
+@pytest.mark.parametrize("angle", [1e-7, 0.3, math.pi])
+@pytest.mark.parametrize("d", [2, 3, 4, 6])
+def test_height_and_distance_from_the_axis_belong_together(d, angle):
+    """Row 0 is the height t, and the others have the length √(t(2 - t)), at tiny angles too."""
+    u, _ = drawn("rows", 2, 300, d, angle)
+    t = u[:, 0]
+    assert 0 <= t.min() < t.max() <= 2 * math.sin(angle / 2) ** 2
+    np.testing.assert_allclose(np.sum(u[:, 1:] ** 2, axis=1), t * (2 - t), rtol=16 * EPS, atol=0)
 
 
-def test_poles(rng):
-    """Heights 0 and 2, where the circle across the axis is a point, give no NaN."""
-    _, u, _ = drawn(3, np.array([[0.0, 2.0]]), 3)
-    np.testing.assert_array_equal(u[0, 1:], 0.0)
+@pytest.mark.parametrize("d", [2, 3, 4, 6])
+@pytest.mark.parametrize("degrees", [1e-3, 40, 130, 180])
+def test_heights_follow_their_law(d, degrees):
+    """t/2 is Beta((d-1)/2, (d-1)/2), cut off. Sixteen Kolmogorov-Smirnov tests at 1e-5: false alarm 2e-4."""
+    angle, k = math.radians(degrees), (d - 1) / 2
+    u, _ = drawn("law", 40, 500, d, angle)
+    law, top = stats.beta(k, k), math.sin(angle / 2) ** 2
+    share = law.cdf(u[:, 0].ravel() / 2) / law.cdf(top)
+    assert stats.kstest(share, "uniform").pvalue > 1e-5
+
+
+@pytest.mark.parametrize("d", [2, 3, 4, 6])
+def test_directions_across_the_axis_are_uniform(d):
+    """First and second moments of the unit vectors across; the angle itself, where it is one. False alarm 1e-4."""
+    u, _ = drawn("across", 40, 500, d)
+    w = (u[:, 1:] / np.linalg.norm(u[:, 1:], axis=1, keepdims=True)).swapaxes(0, 1).reshape(d - 1, -1)
+    count = w.shape[1]
+    assert np.abs(w.mean(axis=1)).max() < 5 / math.sqrt(count)
+    assert np.abs(w @ w.T / count - np.eye(d - 1) / (d - 1)).max() < 5 / math.sqrt(count)
+    if d == 3:
+        assert stats.kstest(np.arctan2(w[1], w[0]), stats.uniform(-math.pi, 2 * math.pi).cdf).pvalue > 1e-5
+
+
+def test_points_of_the_circle_are_sines_and_cosines():
+    """In three dimensions: whichever point it is, its coordinates belong together to the last bits."""
+    u, _ = drawn("circle", 1, 400, 3, math.pi)
+    for t, x, y in u[0].T:
+        with mpmath.workdps(40):
+            length = mpmath.sqrt(mpmath.mpf(t) * (2 - mpmath.mpf(t)))
+            angle = mpmath.atan2(y, x)
+            assert abs(length * mpmath.cos(angle) - x) < 4 * EPS * length
+            assert abs(length * mpmath.sin(angle) - y) < 4 * EPS * length
+
+
+def test_normals_are_normal_and_do_not_follow_one_another():
+    """Their law (Kolmogorov-Smirnov at 1e-5), their tails, and pairs of them, rows and neighbours: false alarm 5e-5."""
+    _, z = drawn("normal", 10, 30_000, 3)
+    assert stats.kstest(z.ravel(), "norm").pvalue > 1e-5
+    beyond = np.sum(np.abs(z) > 3.6541528853610088)  # the edge of the lowest layer, where another method begins
+    expected = z.size * 2 * stats.norm.sf(3.6541528853610088)
+    assert abs(beyond - expected) < 5 * math.sqrt(expected)
+    pairs = [(z[:, 0], z[:, 1]), (z[:, 1], z[:, 2]), *((z[..., :-lag], z[..., lag:]) for lag in (1, 16, 32, 256))]
+    for one, other in pairs:
+        assert abs(np.mean(one * other)) < 5 / math.sqrt(one.size)
+        assert abs(np.mean((one**2 - 1) * (other**2 - 1))) < 5 * 2 / math.sqrt(one.size)
+
+
+def test_directions_and_normals_are_of_different_words():
+    """No normal number follows from a direction: rank correlations of all pairs of rows. False alarm 1e-5."""
+    u, z = drawn("apart", 1, 50_000, 3)
+    ranks = stats.spearmanr(np.vstack([u[0], z[0], np.abs(z[0])]), axis=1).statistic
+    assert np.abs(ranks[:3, 3:]).max() < 5 / math.sqrt(50_000)
 
 
 def test_same_seed_same_directions():
     """All randomness comes from the generator given."""
     one, two = (sample_cap(np.random.default_rng(4), 50, 0.3, 3, [1, 2, 3]) for _ in range(2))
     np.testing.assert_array_equal(one, two)
-
-
-def test_other_bits_are_refused():
-    """Another bit generator is told apart by name, instead of its state being misread."""
-    with pytest.raises(TypeError, match="PCG64: its bits must come from SFC64"):
-        state_of(np.random.default_rng(1))

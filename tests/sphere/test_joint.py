@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from study.estimators import ESTIMATORS, Samples
-from study.sphere.cap import draw, heights
+from study.sphere.bits import WORDS, seeded
+from study.sphere.cap import draw
 from study.sphere.joint import JointMoments
-from study.sphere.normals import state_of
 
 CLOSED = ["gdke", "ugdk", "als", "taubin", "pratt", "hyper"]
 EPS = 2.0**-52
@@ -22,8 +22,7 @@ def stream(seed):
 def drawn(rng, trials, n, angle, d=3):
     """Directions with heights in place of their first component, and noise of unit size, (trials, d, n) each."""
     directions, noise = np.empty((trials, d, n)), np.empty((trials, d, n))
-    height = heights(rng.random((trials, n)), math.radians(angle), d)
-    draw(state_of(rng), height, directions, noise)
+    draw(seeded(rng.integers(0, 2**64, WORDS, dtype=np.uint64)), math.radians(angle), directions, noise)
     return directions, noise
 
 
