@@ -11,10 +11,10 @@ from typing import Annotated, Any
 
 import typer
 
-from study.analysis.commands import diff, worst
+from study.analysis.commands import diff, status, worst
 from study.mocap import commands
 from study.runs import target
-from study.runs.commands import Code, Folder, status, worker
+from study.runs.commands import Code, Folder, worker
 
 app = typer.Typer(
     help="Monte-Carlo study of closed-form sphere fits (Knight & Semwal 2009).",
@@ -31,6 +31,9 @@ Figures = Annotated[list[str] | None, typer.Argument(metavar="FIGURE…", help="
 Out = Annotated[Path | None, typer.Option("--out", help="the run's folder [default: results/<name>-<digest>]")]
 Jobs = Annotated[int, typer.Option("--jobs", "-j", min=1, max=1024, help="number of workers")]
 Backend = Annotated[str, typer.Option("--backend", help="who computes: threads, loky (processes) or dask (a cluster)")]
+Seconds = Annotated[
+    float | None, typer.Option("--budget", min=0.0, help="seconds that work is begun, where [precision] asks for it")
+]
 Scheduler = Annotated[str | None, typer.Option("--scheduler", help="address of a Dask scheduler: tcp://host:8786")]
 
 
@@ -39,13 +42,16 @@ def plan(config: Config, jobs: Jobs = 2) -> None:
     """Say what a study will cost, without running it."""
     from study.analysis.summary import of_errors
     from study.experiment.config import load
+    from study.runs.plan import extremes
     from study.runs.plan import plan as make_plan
 
     study = load(config)
-    made = make_plan(study, jobs, of_errors)
     typer.echo(f"{study.run_name()}")
-    for label, value in made.lines():
-        typer.echo(f"  {label:<10} {value}")
+    for title, part in extremes(study).items():
+        if title:
+            typer.echo(f"  {title}")
+        for label, value in make_plan(part, jobs, of_errors).lines():
+            typer.echo(f"  {label:<10} {value}")
 
 
 @app.command()
@@ -55,33 +61,44 @@ def run(
     out: Out = None,
     backend: Backend = "threads",
     scheduler: Scheduler = None,
+    budget: Seconds = None,
 ) -> None:
     """Run studies, as far as they have not been run, and store their tables; print the folder of each."""
+    from study.analysis.performance import measured
     from study.analysis.posterior import compute
     from study.analysis.summary import of_errors, summarise
     from study.experiment.config import read
     from study.runs import runner
-    from study.runs.finish import complaint
+    from study.runs.budget import Budget
+    from study.runs.finish import complaint, stopped
     from study.runs.workers import Workers
 
     if (backend == "dask") != (scheduler is not None) or backend not in ("threads", "loky", "dask"):
         raise typer.BadParameter("--backend is threads, loky, or dask, which alone takes a --scheduler, and needs it")
     if out is not None and len(configs) > 1:
         raise typer.BadParameter(f"--out {out} is one folder, for one config; leave it out")
-    workers, complaints = Workers(backend, jobs, scheduler), []
-    for study, text in [read(config) for config in configs]:  # all are read before any is run
+    workers, complaints, code = Workers(backend, jobs, scheduler), [], Code.FAILURES
+    studies = [read(config) for config in configs]  # all are read before any is run
+    for config, (study, _) in zip(configs, studies, strict=True):
+        if budget is not None and study.precision is None:
+            raise typer.BadParameter(f"--budget {budget:g}: {config} has no [precision], and is computed whole")
+    for study, text in studies:
         with _progress(study.run_name()) as advance:
             folder = out or Path("results") / study.run_name()
-            done = runner.run(study, text, folder, workers, advance, reduce=of_errors)
+            end = None if budget is None else Budget(budget)
+            done = runner.run(study, text, folder, workers, advance, reduce=of_errors, judge=measured, budget=end)
         if not done.has("summary"):
             summarise(done)
-        if study.posterior is not None:
+        if (words := stopped(done)) is not None:
+            complaints.append(words)
+            code = Code.BUDGET
+        elif study.posterior is not None:
             with _progress("posteriors") as advance:
                 compute(done, workers, advance)
         typer.echo(str(done.folder))
         complaints += [said for said in [complaint(done)] if said]
     if complaints:
-        raise typer.Exit(_said("\n".join(complaints), Code.FAILURES))
+        raise typer.Exit(_said("\n".join(complaints), code))
 
 
 @app.command()
@@ -200,6 +217,8 @@ def replay(
 
     run = Run.open(folder)
     drawn = replay(run.study, find(run.study, *named(cell, trial)))
+    if drawn.trial >= (count := run.trials().get(drawn.cell.name, drawn.trial + 1)):
+        _said(f"{folder}: cell {drawn.cell.name} has {count:,} trials; trial {drawn.trial} is not in its tables", 0)
     if (warning := other_version(run.maker())) is not None:
         _said(f"{folder}: {warning}", 0)
     for line in printed(run.study, drawn):

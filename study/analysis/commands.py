@@ -1,4 +1,4 @@
-"""Commands that look into runs, for `study.cli`: two of them compared, and the worst trials of one."""
+"""Commands that look into runs, for `study.cli`: how far one is, two compared, and the worst trials of one."""
 
 from pathlib import Path
 from typing import Annotated
@@ -6,6 +6,15 @@ from typing import Annotated
 import typer
 
 from study.runs.commands import Code, Folder
+
+
+def status(folder: Folder) -> None:
+    """Say how far a run is: units, parts, failures, tables, who made it and who writes to it."""
+    from study.analysis.performance import measured
+    from study.runs.status import printed
+
+    for line in printed(folder, measured):
+        typer.echo(line)
 
 
 def diff(

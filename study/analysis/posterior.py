@@ -91,7 +91,7 @@ def tasks(study: Study, posterior: Posterior) -> list[Task]:
         values = {"samples": cell.samples, "noise": cell.noise, "noise_over_radius": relative, "angle": cell.angle}
         return posterior.chooses(**values, radius=cell.radius, center=cell.distance)
 
-    places = [a for a in addresses(study) if a.trial < posterior.trials and chosen(a.cell)]
+    places = [a for a in addresses(study, posterior.trials) if chosen(a.cell)]
     return [Task(place, name, noise) for place in places for name in posterior.likelihood for noise in posterior.noise]
 
 

@@ -12,16 +12,7 @@ import pandas as pd
 import pyarrow as pa
 
 from study.analysis.grouped import Grouped, label
-from study.analysis.measures import (
-    UNKNOWN,
-    Measure,
-    mean,
-    moments_exist,
-    quantile,
-    root_mean_square,
-    share,
-    tail_index,
-)
+from study.analysis.performance import MEASURES, Fits
 from study.estimators import Status
 from study.experiment.errors import Columns, Errors
 from study.runs import tables
@@ -29,8 +20,6 @@ from study.runs.store import Run
 
 _CONDITIONS = ["samples", "noise", "angle", "radius", "center"]
 _COLUMNS = [*_CONDITIONS, "error", "error_1", "bound", "status"]
-FAR = 10.0
-"""Error over √tr CRLB beyond which a fit is an outlier."""
 
 
 def summarise(run: Run) -> None:
@@ -99,8 +88,7 @@ def _arrays(part: pd.DataFrame) -> Columns:
 
 def _row(group: str, estimator: str, column: Columns) -> dict[str, Any]:
     """One group of one estimator."""
-    status, error, bound = column["status"], column["error"], column["bound"]
-    ok = status == Status.OK
+    status = column["status"]
     row: dict[str, Any] = {
         "group": group,
         "estimator": estimator,
@@ -109,29 +97,10 @@ def _row(group: str, estimator: str, column: Columns) -> dict[str, Any]:
     }
     row |= {name: column[name][0] if np.all(column[name] == column[name][0]) else np.nan for name in _CONDITIONS}
     row |= {s.name.lower(): int(np.sum(status == s)) for s in Status}
-    with np.errstate(all="ignore"):
-        over_radius = error / column["radius"]
-        # where the directions do not determine the centre, the bound is infinite and says nothing: worse than any
-        over_bound = np.where(np.isfinite(bound), error / bound, np.inf)
-        along_axis = (column["error_1"] / bound)[ok]
-    for name, values in (("relative", over_radius), ("ratio", over_bound)):
-        for part_of, p in (("median", 0.5), ("q05", 0.05), ("q95", 0.95)):
-            row |= _pair(f"{name}_{part_of}_ok", quantile(values[ok], p))
-            row |= _pair(f"{name}_{part_of}_all", quantile(np.where(ok, values, np.inf), p))
-    far = over_bound > FAR
-    row |= _pair("far_ok", share(int(np.sum(far & ok)), int(np.sum(ok))))
-    row |= _pair("far_all", share(int(np.sum(far | ~ok)), len(ok)))
-    row |= _pair("axis_median_ok", quantile(along_axis, 0.5))
-    index = tail_index(over_bound[ok])
-    safe = moments_exist(index)
-    row |= _pair("tail_index", index)
-    row |= _pair("bias", mean(along_axis) if safe else UNKNOWN)
-    row |= _pair("rmse", root_mean_square(over_bound[ok]) if safe else UNKNOWN)
+    fits = Fits(column)
+    for name, measure in MEASURES.items():
+        row[name], row[f"{name}_error"] = measure(fits)
     return row
-
-
-def _pair(name: str, measure: Measure) -> dict[str, float]:
-    return {name: measure.value, f"{name}_error": measure.error}
 
 
 def printed(run: Run) -> Iterator[str]:
@@ -146,8 +115,11 @@ def printed(run: Run) -> Iterator[str]:
     groups = list(frame.groupby("group", sort=False))
     varying = [name for name in ("radius", "center") if frame[name].nunique() > 1]
     labels = [_label(part.iloc[0], varying) for _, part in groups]
-    wide = max(map(len, labels))
     yield f"{run.study.run_name()}: median error of the centre over the Cramér-Rao bound ± Monte-Carlo error (not ok)"
+    if frame.empty:
+        yield "no cell has a trial yet"
+        return
+    wide = max(map(len, labels))
     yield " " * wide + "".join(f"  {name:<26}" for name in estimators).rstrip()
     for text, (_, part) in zip(labels, groups, strict=True):
         yield f"{text:<{wide}}" + "".join(f"  {_short(row):<26}" for _, row in part.iterrows()).rstrip()

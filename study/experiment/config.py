@@ -16,6 +16,7 @@ from study.experiment.conditions import ALLOWED, MAX_CELLS, GridDesign, RandomDe
 from study.experiment.faults import ConfigError, Fault, report
 from study.experiment.laws import Choice, Constant, Frozen, is_number
 from study.experiment.posterior import CONDITIONS, Posterior, same
+from study.experiment.precision import Precision, precision_faults
 
 
 def _tuples(value: object) -> object:
@@ -56,6 +57,8 @@ class Study(Frozen):
     """What is stored of the trials: every error, or their summary alone."""
     design: Annotated[RandomDesign | GridDesign, Field(discriminator="kind")]
     posterior: Posterior | None = None
+    precision: Precision | None = None
+    """When a cell has trials enough; without it each has as many as its design says."""
 
     def cells(self) -> int:
         """Number of conditions: in a random design, one per trial."""
@@ -70,17 +73,19 @@ class Study(Frozen):
         return isinstance(self.design, RandomDesign) or self.design.draws == "independent" or self.cells() == 1
 
     def canonical(self) -> str:
-        """All that determines the error table, as JSON: the config without its ``[posterior]`` and tolerance."""
-        return self.model_dump_json(exclude={"posterior", "tolerate_failures", *self._usual()})
+        """All that determines the error table, as JSON: without ``[posterior]``, tolerance, and budget of time."""
+        left_out: dict[str, Any] = dict.fromkeys(("posterior", "tolerate_failures"), True) | {"precision": {"seconds"}}
+        return self.model_dump_json(exclude=left_out | dict.fromkeys(self._usual(), True))
 
     def stem(self) -> str:
         """What determines any row besides its condition, trial and estimator, as JSON: the seed, for example."""
-        left_out = {"posterior", "tolerate_failures", "name", "design", "estimators", "keep_points"}
+        left_out = {"posterior", "precision", "tolerate_failures", "name", "design", "estimators", "keep_points"}
         return self.model_dump_json(exclude={*left_out, *self._usual()})
 
     def _usual(self) -> set[str]:
         """Keys that leave no trace at their defaults, so that configs from before they were are what they were."""
-        return {name for name in ("route", "keep") if getattr(self, name) == type(self).model_fields[name].default}
+        names = ("route", "keep", "precision")
+        return {name for name in names if getattr(self, name) == type(self).model_fields[name].default}
 
     def digest(self) -> str:
         """Ten hexadecimal digits that stand for the canonical config."""
@@ -113,8 +118,13 @@ def parse(text: str, source: str = "config") -> Study:
         faults = report(error, _KEYS) + faults
     if study is not None and study.cells() > MAX_CELLS:
         faults.append(Fault(("design",), f"{study.cells():,} cells; at most {MAX_CELLS:,} are allowed"))
-    elif study is not None and study.posterior is not None:
-        faults += _posterior_faults(study, study.posterior)
+    elif study is not None:
+        if study.posterior is not None:
+            faults += _posterior_faults(study, study.posterior)
+        if study.precision is not None:
+            design = study.design
+            grid, cap = isinstance(design, GridDesign), design.trials
+            faults += precision_faults(study.precision, study.estimators, grid, study.keep, cap)
     if faults or study is None:
         raise ConfigError.listing(source, text, faults)
     return study
@@ -270,6 +280,7 @@ def _fewest(design: RandomDesign | GridDesign) -> float:
 _KEYS: dict[tuple[str, ...], list[str]] = {
     (): list(Study.model_fields),
     ("posterior",): list(Posterior.model_fields),
+    ("precision",): list(Precision.model_fields),
     ("design",): sorted({*RandomDesign.model_fields, *GridDesign.model_fields}),
     **{("design", key): ["law", "value", "values", "low", "high", "linspace", "logspace"] for key in ALLOWED},
 }

@@ -129,7 +129,7 @@ class GridGroup:
     @cached_property
     def levels(self) -> int:
         """How many times the draws are placed and fitted."""
-        return len({cell.level for cell in self.cells})
+        return len({cell.level for cell in self.cells}) if len(self.cells) > 1 else 1
 
     @cached_property
     def digest(self) -> bytes:
@@ -219,17 +219,15 @@ def units(study: Study) -> Iterator[Unit]:
 
 def spans(study: Study) -> Iterator[Span]:
     """The study's units, in the order of its tables, before they are made."""
-    design = study.design
-    if isinstance(design, RandomDesign):
-        group = RandomGroup(study, design)
-        for first in range(0, design.trials, _TRIALS_PER_UNIT):
-            yield Span(group, first, min(design.trials, first + _TRIALS_PER_UNIT))
-        return
-    for each in _groups(study, design):
-        blocks = _blocks(study, each)
-        trials = trials_of(study, each)
-        for first in range(0, trials, each.size * blocks):
-            yield Span(each, first, min(trials, first + each.size * blocks))
+    return (span for group in groups(study) for span in spans_of(study, group))
+
+
+def spans_of(study: Study, group: GridGroup | RandomGroup, below: int | None = None) -> Iterator[Span]:
+    """The units of a group; those that have trials below a number, if one is given."""
+    trials = trials_of(study, group)
+    step = _TRIALS_PER_UNIT if isinstance(group, RandomGroup) else group.size * _blocks(study, group)
+    for first in range(0, trials if below is None else min(below, trials), step):
+        yield Span(group, first, min(trials, first + step))
 
 
 def trials_of(study: Study, group: GridGroup | RandomGroup) -> int:
@@ -258,7 +256,16 @@ def block_trials(samples: int) -> int:
     return max(1, min(BLOCK_TRIALS, BLOCK_SAMPLES // samples))
 
 
-def _groups(study: Study, design: GridDesign) -> Iterator[GridGroup]:
+def groups(study: Study) -> Iterator[GridGroup | RandomGroup]:
+    """The study's groups of cells that are served from the same draws, in the order of its tables."""
+    design = study.design
+    if isinstance(design, RandomDesign):
+        yield RandomGroup(study, design)
+    else:
+        yield from _grid_groups(study, design)
+
+
+def _grid_groups(study: Study, design: GridDesign) -> Iterator[GridGroup]:
     noises = design.noise or design.noise_over_radius or ()
     relative = design.noise is None
     for samples, angle in product(design.samples, design.angle):

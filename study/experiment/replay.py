@@ -3,10 +3,11 @@
 import difflib
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import chain
 
 from study.estimators import Samples
 from study.experiment.config import Study
-from study.experiment.design import Batch, Cell, RandomGroup, Span, spans, units
+from study.experiment.design import Batch, Cell, RandomGroup, Span, groups, spans, spans_of
 from study.experiment.sampling import Floats, draw
 
 _MOST_COMPARED = 20_000
@@ -50,12 +51,18 @@ class Trial:
     unit_bound: Floats
 
 
-def addresses(study: Study) -> Iterator[Address]:
-    """Every trial of a study, in the order in which its cells come and its trials count up."""
-    for unit in units(study):
-        for batch in unit.batches:
+def addresses(study: Study, below: int | None = None) -> Iterator[Address]:
+    """Every trial of a study, in the order in which its cells come and its trials count up.
+
+    Args:
+        study: the config.
+        below: the trials with a number below this one alone, if it is given.
+    """
+    for span in chain.from_iterable(spans_of(study, group, below) for group in groups(study)):
+        for batch in span.unit().batches:
+            last = batch.first + batch.trials
             for cell in batch.cells:
-                for trial in range(batch.first, batch.first + batch.trials):
+                for trial in range(batch.first, last if below is None else min(below, last)):
                     yield Address(batch, cell, trial)
 
 

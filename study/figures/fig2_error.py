@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from study.analysis.grouped import decade
-from study.analysis.summary import FAR
+from study.analysis.performance import FAR
 from study.estimators import Status
 from study.figures import style
 from study.figures.inputs import NotApplicable, Tables

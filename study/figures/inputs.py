@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from study.runs.store import Run
+from study.runs.store import Run, RunError
 
 
 class NotApplicable(Exception):  # noqa: N818  no error: most runs have some figure that they cannot feed
@@ -49,11 +49,11 @@ class Tables:
         """Load a finished run.
 
         Raises:
-            RunError: if a table is missing, because the run did not finish.
+            RunError: if a table is missing, because the run did not finish, or its budget ended before any trial.
         """
         study = run.study
         shape = study.noise_shape
-        return cls(
+        tables = cls(
             name=study.run_name(),
             dimension=study.dimension,
             design=study.design.kind,
@@ -64,6 +64,9 @@ class Tables:
             points=run.table("points") if study.keep_points else None,
             **{name: run.table(name) for name in ("posterior", "answers", "draws") if run.has("posterior")},
         )
+        if tables.summary.empty:
+            raise RunError(f"{run.folder}: its budget ended before any cell had a trial; `study run` goes on")
+        return tables
 
     @property
     def errors(self) -> pd.DataFrame:

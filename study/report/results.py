@@ -24,6 +24,7 @@ from study.report.blocks import (
 )
 from study.report.material import Record
 from study.report.overview import run_id
+from study.report.precision import precision
 from study.report.provenance import provenance, times
 
 _LONG = 40
@@ -34,6 +35,7 @@ def run_section(record: Record) -> Section:
     """All tables of a run."""
     parts = {
         "Error against the bound": ("efficiency", efficiency),
+        **({"Trials by need": ("precision", precision)} if record.run.has("precision") else {}),
         "How the fits ended": ("status", statuses),
         "The worst trials": ("worst", worst_trials),
         "Time": ("time", times),

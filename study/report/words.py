@@ -134,13 +134,13 @@ def design(study: Study) -> str:
         for k, axis in axes.items()
         if axis is not None
     ]
-    cells = study.cells()
+    cells, most = study.cells(), "up to " if study.precision is not None else ""
     trials = {made.trials_of(n) for n in made.samples}
     number = count(made.trials) if len(trials) == 1 else f"{count(min(trials))} to {count(max(trials))}"
     if cells == 1:
-        return f"one cell of {number} trials: {'; '.join(values)}"
+        return f"one cell of {most}{number} trials: {'; '.join(values)}"
     draws = "all from the same draws" if made.draws == "shared" else "each with draws of its own"
-    return f"{count(cells)} cells of {number} trials, {draws}: {'; '.join(values)}"
+    return f"{count(cells)} cells of {most}{number} trials, {draws}: {'; '.join(values)}"
 
 
 def _law(law: Constant | Choice | Uniform | LogUniform, unit: str) -> str:

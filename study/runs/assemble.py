@@ -1,6 +1,6 @@
 """From what is stored of a unit, in whatever pieces it was computed, to its rows in the order of the tables."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 import pyarrow as pa
@@ -10,21 +10,18 @@ from numpy.typing import NDArray
 from study.experiment.config import Study
 from study.experiment.design import GridGroup, Span
 from study.runs.jobs import POINTS, Asked, estimators_of
+from study.runs.layout import Layout
 from study.runs.parts import Parts
 from study.runs.write import RunError
 
-Pieces = Callable[[Span], Iterable[Span]]
-"""A unit as it was asked for: whole, or cut where an earlier run had some of it."""
 
-
-def rows(study: Study, parts: Parts, units: Iterable[Span], pieces: Pieces, name: str) -> Iterator[pa.Table]:
+def rows(study: Study, parts: Parts, layout: Layout, name: str) -> Iterator[pa.Table]:
     """A table's rows, unit by unit.
 
     Args:
         study: the config.
         parts: what is stored.
-        units: the study's units in order.
-        pieces: how each was cut.
+        layout: what there should be.
         name: the table: errors, points, failures, timings or summary.
 
     Raises:
@@ -33,14 +30,16 @@ def rows(study: Study, parts: Parts, units: Iterable[Span], pieces: Pieces, name
     asked = Asked(study)
     if not parts.holds(name):
         return
-    for span in units:
+    for span in layout.units():
         found: list[pa.Table] = []
         first: tuple[str, ...] = ()
-        for piece in pieces(span):
-            for outputs, table in _asked_for(asked, parts, piece, name):
+        datasets = 0
+        for piece in layout(span):
+            datasets += piece.rows
+            for outputs, table in stored(asked, parts, piece, name):
                 first = first or outputs
                 found.append(table)
-        expected = {"errors": span.rows, "summary": len(span.group.cells)}.get(name, 0) * len(study.estimators)
+        expected = {"errors": datasets, "summary": len(span.group.cells)}.get(name, 0) * len(study.estimators)
         if expected and sum(table.num_rows for table in found) != expected:
             raise RunError(f"{parts.folder}: rows of trials {span.first} to {span.last - 1} are missing; run again")
         whole = len(found) == 1 and (name == "points" or estimators_of(first) == study.estimators)
@@ -51,8 +50,15 @@ def rows(study: Study, parts: Parts, units: Iterable[Span], pieces: Pieces, name
             yield table.take(pa.array(_order(study, span, table)))
 
 
-def _asked_for(asked: Asked, parts: Parts, piece: Span, name: str) -> Iterator[tuple[tuple[str, ...], pa.Table]]:
-    """Stored rows of a piece, and the outputs that they are of, without those that nobody asks for."""
+def stored(asked: Asked, parts: Parts, piece: Span, name: str) -> Iterator[tuple[tuple[str, ...], pa.Table]]:
+    """Stored rows of a piece, and the outputs that they are of, without those that nobody asks for.
+
+    Args:
+        asked: what the study asks for.
+        parts: what is stored.
+        piece: of a unit.
+        name: the table.
+    """
     job = asked.job(piece)
     for outputs, fresh, table in parts.tables(job.key, name):
         wanted = tuple(output for output in fresh if output in job.outputs)

@@ -1,4 +1,4 @@
-"""Commands about runs, for `study.cli`: how they end, how far a run is, and a worker of a cluster."""
+"""Commands about runs, for `study.cli`: how they end, and a worker of a cluster."""
 
 from enum import IntEnum
 from pathlib import Path
@@ -16,16 +16,8 @@ class Code(IntEnum):
     FAILURE = 1
     USAGE = 2
     FAILURES = 3  # complete, with more failed fits than the config tolerates
-    BUDGET = 4  # stopped by a budget of time
+    BUDGET = 4  # stopped by its budget of time, before every cell had trials enough
     INTERRUPTED = 130  # by Ctrl-C or SIGTERM
-
-
-def status(folder: Folder) -> None:
-    """Say how far a run is: units, parts, failures, tables, who made it and who writes to it."""
-    from study.runs.status import printed
-
-    for line in printed(folder):
-        typer.echo(line)
 
 
 def worker(

@@ -10,15 +10,19 @@ from itertools import chain, islice
 import pyarrow as pa
 
 from study.estimators import ESTIMATORS
-from study.experiment.design import spans
 from study.runs import assemble, provenance, tables
+from study.runs.budget import Budget
+from study.runs.layout import Layout
 from study.runs.parts import FORMAT, Parts
+from study.runs.rounds import BUDGET, TARGET, Rounds
 from study.runs.store import Run
 from study.runs.workers import Workers
 
 
-def finish(store: Run, parts: Parts, cut: assemble.Pieces, started: datetime, workers: Workers) -> None:
-    """Join the parts, in the order of the units, into the run's tables, and remove them.
+def finish(
+    store: Run, parts: Parts, layout: Layout, started: datetime, workers: Workers, budget: Budget | None = None
+) -> None:
+    """Join the parts, in the order of the units, into the run's tables, and remove them, if no budget stopped the run.
 
     The error table's metadata hold the config and the software, but nothing of time, machine or workers, so that equal
     runs are equal to the byte. The manifest comes last: a run that is killed before is finished again from its parts.
@@ -26,9 +30,10 @@ def finish(store: Run, parts: Parts, cut: assemble.Pieces, started: datetime, wo
     Args:
         store: the run.
         parts: all that is asked of its units.
-        cut: how each unit was cut; see `study.runs.assemble`.
+        layout: the units, and how each was cut; where cells are still open, they are left as they were judged last.
         started: when.
         workers: who computed.
+        budget: what the run had.
 
     Raises:
         RunError: if the folder cannot be written; the parts stay.
@@ -37,9 +42,14 @@ def finish(store: Run, parts: Parts, cut: assemble.Pieces, started: datetime, wo
     metadata = {"study.config": study.canonical(), "study.software": json.dumps(parts.software)}
     store.amend_manifest({"tables": {}})  # those that it tells of are about to go
     store.remove("summary")
-    written, causes = [], Counter[str]()
+    written, causes, reasons = [], Counter[str](), Counter[str]()
+    if isinstance(layout, Rounds):
+        layout.stop()
+        reasons = layout.reasons()
+        store.join("precision", tables.PRECISION, [layout.table()], metadata)
+        written.append("precision")
     for name, columns in tables.of_units(study.dimension).items():
-        rows = assemble.rows(study, parts, spans(study), cut, name)
+        rows = assemble.rows(study, parts, layout, name)
         if name == "failures":
             rows = _counted(rows, causes)
         first = list(islice(rows, 1))
@@ -51,12 +61,14 @@ def finish(store: Run, parts: Parts, cut: assemble.Pieces, started: datetime, wo
     before = store.manifest() if (store.folder / "manifest.json").is_file() else {}
     store.save_manifest(
         {key: value for key, value in before.items() if key == "posterior"}
+        | ({"precision": dict(reasons)} if reasons else {})
+        | ({"stopped_after": budget.seconds} if budget and reasons[BUDGET] else {})
         | {
             "format": FORMAT,
             "run": study.run_name(),
             "config": study.model_dump(mode="json"),
             "cells": study.cells(),
-            "fits": sum(span.rows for span in spans(study)) * len(study.estimators),
+            "fits": sum(piece.rows for piece in layout.pieces()) * len(study.estimators),
             "failures": causes.total(),
             "lost": causes["worker"],
             "estimators": {name: ESTIMATORS[name].version for name in study.estimators},
@@ -71,7 +83,18 @@ def finish(store: Run, parts: Parts, cut: assemble.Pieces, started: datetime, wo
             "machine": provenance.machine(),
         }
     )
-    parts.remove()
+    if not reasons[BUDGET]:
+        parts.remove()
+
+
+def stopped(run: Run) -> str | None:
+    """What to say of a run that its budget stopped; None of another."""
+    if (seconds := run.stopped()) is None:
+        return None
+    found, all_cells = run.manifest()["precision"], run.manifest()["cells"]
+    done = f"{found.get(TARGET, 0):,} of {all_cells:,} cells reached the target"
+    again = f"`study run {run.folder / 'config.toml'} --out {run.folder}` goes on"
+    return f"{run.folder}: stopped by its budget of {seconds:g} s: {done}; {again}"
 
 
 def complaint(run: Run) -> str | None:

@@ -3,7 +3,8 @@
 More trials, cells or estimators leave the rows of a smaller study as they are, bit for bit. So where a finished run of
 a smaller study lies beside a new one, the new one's units are cut into what the earlier has and what it has not. Rows
 of an estimator of another version, and of units that a worker died of, are computed anew. A run of the very same config
-in another folder is left alone: running a study again is how it is checked.
+in another folder is left alone: running a study again is how it is checked. A study with a precision neither takes rows
+from another run nor gives any.
 """
 
 import re
@@ -20,12 +21,13 @@ from study.experiment.conditions import GridDesign, RandomDesign
 from study.experiment.config import Study
 from study.experiment.design import Cell, GridGroup, Span, spans, trials_of
 from study.runs.jobs import Job, estimators_of, output
+from study.runs.layout import Layout
 from study.runs.parts import FORMAT, Packet
 from study.runs.store import Run
 from study.runs.write import RunError
 
 
-class Cut:
+class Cut(Layout):
     """How a study's units are cut along those of an earlier one.
 
     Args:
@@ -34,6 +36,7 @@ class Cut:
     """
 
     def __init__(self, study: Study, earlier: Study | None) -> None:
+        super().__init__(study)
         self.earlier = earlier if earlier is not None and _related(study, earlier) else None
         self._cells: dict[object, frozenset[Cell]] = {}
         self._halves: tuple[GridGroup, GridGroup, GridGroup] | None = None
@@ -139,7 +142,7 @@ class Earlier:
 
 def finished(run: Run) -> bool:
     """Whether a run is finished, and its tables are those that its manifest tells of."""
-    return run.study.keep in _told(run) and not damaged(run)
+    return run.study.keep in _told(run) and run.stopped() is None and not damaged(run)
 
 
 def damaged(run: Run) -> list[str]:
@@ -181,8 +184,10 @@ def beside(study: Study, folder: Path) -> Run | None:
 
 
 def _related(study: Study, earlier: Study) -> bool:
-    """Whether equal conditions have equal rows in two studies."""
+    """Whether equal conditions have equal rows in two studies, and each has as many as its design says."""
     one, other = study.design, earlier.design
+    if study.precision is not None or earlier.precision is not None:
+        return False
     if study.stem() != earlier.stem() or one.kind != other.kind:
         return False
     if isinstance(one, RandomDesign):

@@ -14,6 +14,7 @@ taken, so that the number of files grows with the logarithm of time. That is all
 
 import hashlib
 import json
+import os
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -28,6 +29,7 @@ from study.runs.write import RunError, explained, write
 FORMAT = 3
 """To be raised when rows of the same key would be others, or files would be read wrongly."""
 DAMAGED = "damaged"
+_SUFFIX = ".part"
 _BYTES = 32 << 20
 _SECONDS = 1.0
 _SHARE = 0.01
@@ -72,7 +74,7 @@ def encode(table: pa.Table) -> bytes:
 class _Stored:
     """A packet on disk: where each table begins, how long it is, and the first row of each key."""
 
-    path: Path
+    path: str
     tables: Mapping[str, tuple[int, int]]
     starts: Mapping[str, Sequence[int]]
 
@@ -121,19 +123,26 @@ class Parts:
             RunError: if a part is of a newer version, or cannot be read at all.
         """
         self._forget()
-        for path in sorted(self.folder.glob(f"{self.kind}-*.part")):
+        for name in self._files():
+            path = os.path.join(self.folder, name)
             try:
-                data = path.read_bytes()
+                with open(path, "rb", buffering=0) as file:
+                    data = file.readall()
             except OSError as error:
                 raise RunError(f"{path}: cannot be read: {error.strerror or error}") from None
-            if hashlib.sha256(data).hexdigest() == path.stem.removeprefix(f"{self.kind}-"):
+            if hashlib.sha256(data).hexdigest() == name.removeprefix(f"{self.kind}-").removesuffix(_SUFFIX):
                 self._index(path, data)
                 continue
-            self.damaged.append(path.name)
+            self.damaged.append(name)
             if set_aside:
-                with explained(path):
+                with explained(Path(path)):
                     (self.folder / DAMAGED).mkdir(exist_ok=True)
-                    path.rename(self.folder / DAMAGED / path.name)
+                    os.rename(path, self.folder / DAMAGED / name)
+
+    def _files(self) -> list[str]:
+        """Names of the files; plain words, because a path takes as long to make as a small file to read."""
+        there = os.listdir(self.folder) if self.folder.is_dir() else []
+        return sorted(name for name in there if name.startswith(f"{self.kind}-") and name.endswith(_SUFFIX))
 
     def whole(self) -> bool:
         """Whether all files still are as they were written; those that are not are set aside."""
@@ -207,23 +216,23 @@ class Parts:
         }
         line = json.dumps(header, separators=(",", ":")).encode() + b"\n"
         data = b"".join([line, *(table for packet in packets for table in packet.tables.values())])
-        path = self.folder / f"{self.kind}-{hashlib.sha256(data).hexdigest()}.part"
+        path = self.folder / f"{self.kind}-{hashlib.sha256(data).hexdigest()}{_SUFFIX}"
         with explained(self.folder.parent):
             self.folder.mkdir(exist_ok=True)
             write(path, data)
         self._since = now
-        self._index(path, data)
+        self._index(str(path), data)
 
     def remove(self) -> None:
         """Remove the files: what was in them is in tables now."""
         with explained(self.folder.parent):
-            for path in self.folder.glob(f"{self.kind}-*.part"):
-                path.unlink()
+            for name in self._files():
+                os.unlink(self.folder / name)
             if self.folder.is_dir() and not any(self.folder.iterdir()):
                 self.folder.rmdir()
         self._forget()
 
-    def _index(self, path: Path, data: bytes) -> None:
+    def _index(self, path: str, data: bytes) -> None:
         """Note where the rows of each key are."""
         length = data.index(b"\n") + 1
         header = json.loads(data[:length])

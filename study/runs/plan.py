@@ -101,6 +101,15 @@ def plan(study: Study, jobs: int, reduce: Reduce | None = None) -> Plan:
     )
 
 
+def extremes(study: Study) -> dict[str, Study]:
+    """A study of the least and one of the most work that a study can be, by a title; one alone if its work is known."""
+    if study.precision is None:
+        return {"": study}
+    first = min(study.precision.first, study.design.trials)
+    least = study.model_copy(update={"design": study.design.model_copy(update={"trials": first})})
+    return {f"up to the first checkpoint, {first:,} trials": least, "at most, with every cell at the cap": study}
+
+
 def _spread(groups: list[tuple[Cell, ...]]) -> list[Cell]:
     """Some hundreds of cells of all groups, or all of them."""
     every = max(1, sum(map(len, groups)) // _CELLS_LOOKED_AT)

@@ -9,14 +9,17 @@ from pathlib import Path
 from threadpoolctl import threadpool_limits
 
 from study.experiment.config import Study
-from study.experiment.design import spans
 from study.experiment.work import Reduce
 from study.runs import provenance
+from study.runs.budget import Budget
 from study.runs.finish import finish
 from study.runs.growth import Cut, Earlier, beside, damaged, finished, up_to_date
 from study.runs.jobs import Asked, Job, Order, execute, give_up
+from study.runs.judging import Judge
+from study.runs.layout import Layout
 from study.runs.lock import writing
 from study.runs.parts import Parts
+from study.runs.rounds import Rounds
 from study.runs.store import Run
 from study.runs.workers import Crew, Pool, Workers, kept
 
@@ -39,6 +42,8 @@ def run(
     progress: Progress | None = None,
     warn: Warn | None = None,
     reduce: Reduce | None = None,
+    judge: Judge | None = None,
+    budget: Budget | None = None,
 ) -> Run:
     """Run a study, as far as it has not been run.
 
@@ -50,18 +55,27 @@ def run(
         progress: called with each share of the work.
         warn: called with lines for the user.
         reduce: makes the rows of the summary (`study.analysis.summary.of_errors`) of a study that keeps nothing else.
+        judge: finds a measure (`study.analysis.performance.measured`) for a study that asks for a precision.
+        budget: how long such a study may go on; the config's, if None.
 
     Returns:
-        The finished run. Its error table does not depend on the workers, on the order in which they finish, or on what
-        was interrupted before.
+        The finished run, or one that its budget stopped (`Run.stopped`), and that goes on when it is run again. The
+        error table of a finished one does not depend on the workers, on the order in which they finish, or on what was
+        interrupted before.
 
     Raises:
         RunError: if the folder belongs to another config, is being written to, or cannot be written, or the workers
             cannot be had. What was finished is kept.
-        ValueError: if the study keeps summaries alone and nothing makes them.
+        ValueError: if the study keeps summaries alone and nothing makes them, or asks for a precision and nothing finds
+            it, or has a budget and no precision.
     """
     if study.keep == "summary" and reduce is None:
         raise ValueError(f'{study.run_name()}: keep = "summary" needs a function that makes a summary; give reduce')
+    if study.precision is not None and judge is None:
+        raise ValueError(f"{study.run_name()}: [precision] needs a function that finds a measure; give judge")
+    if study.precision is None and budget is not None:
+        raise ValueError(f"{study.run_name()}: a budget is for a config with [precision]")
+    budget = budget or Budget(study.precision.seconds if study.precision else None)
     crew = Workers(jobs=jobs) if isinstance(jobs, int) else jobs
     with contextlib.ExitStack() as stack:
         pool = stack.enter_context(crew.open())
@@ -74,13 +88,12 @@ def run(
         if finished(store) and up_to_date(store):
             parts.remove()  # of a run that was killed after its last step but this
             return store
-        work = _Work(store, parts, progress or (lambda share: None), warn or _say, Order(study, reduce))
-        work.prepare()
+        work = _Work(store, parts, progress or (lambda share: None), warn or _say, Order(study, reduce), budget)
+        work.prepare(judge)
         work.compute(pool)
-        while not parts.whole():
-            work.tell_of_damage()
+        while work.layout.advance(parts) or not work.whole():
             work.compute(pool)
-        finish(store, parts, work.cut, started, crew)
+        finish(store, parts, work.layout, started, crew, budget)
         return store
 
 
@@ -91,15 +104,16 @@ def _say(line: str) -> None:
 class _Work:
     """A run on its way."""
 
-    def __init__(self, store: Run, parts: Parts, progress: Progress, warn: Warn, order: Order) -> None:
-        self.order = order
+    def __init__(self, store: Run, parts: Parts, progress: Progress, warn: Warn, order: Order, budget: Budget) -> None:
+        self.order, self.budget = order, budget
         self.store, self.parts, self.progress, self.warn = store, parts, progress, warn
         self.study = store.study
         self.asked = Asked(self.study)
-        self.cut = Cut(self.study, None)
+        self.layout = Layout(self.study)
         self.told = 0
+        self.left = 1.0
 
-    def prepare(self) -> None:
+    def prepare(self, judge: Judge | None) -> None:
         """Read what is there, and take what an earlier run has."""
         for name in damaged(self.store):
             self.warn(f"{self.store.path(name)}: damaged; set aside in parts/damaged, and made again")
@@ -108,10 +122,13 @@ class _Work:
         self.tell_of_damage()
         for made in self.parts.made_by:
             self.warn(f"{self.store.folder}: goes on with what {provenance.described(made)} computed")
+        if judge is not None and self.study.precision is not None:
+            self.layout = Rounds(self.study, judge)
+            return
         source = self._source()
         if source is None:
             return
-        self.cut = Cut(self.study, source.run.study)
+        self.layout = Cut(self.study, source.run.study)
         self.parts.note = source.run.study.canonical()
         taken = total = 0
         for job in self._missing():
@@ -126,7 +143,7 @@ class _Work:
     def _source(self) -> Earlier | None:
         """The run that rows are taken from; what is begun goes on with the one that it began with."""
         before = Study.model_validate_json(self.parts.note) if self.parts.note else None
-        self.cut = Cut(self.study, before)
+        self.layout = Cut(self.study, before)
         if self.parts.count and before is None:
             return None
         for run in (self.store, beside(self.study, self.store.folder)):
@@ -142,17 +159,26 @@ class _Work:
             self.warn(f"{self.parts.folder / name}: damaged; set aside in parts/damaged, and computed again")
         self.told = len(self.parts.damaged)
 
+    def whole(self) -> bool:
+        """Whether all parts still are as they were written; if not, what they held is pending again."""
+        if self.parts.whole():
+            return True
+        self.tell_of_damage()
+        self.layout.restart()
+        return False
+
     def _missing(self) -> Iterator[Job]:
-        pieces = (piece for span in spans(self.study) for piece in self.cut(span))
-        return self.asked.lacking(pieces, self.parts.outputs)
+        return self.asked.lacking(self.layout.pending(), self.parts.outputs)
 
     def compute(self, pool: Pool) -> None:
-        """Compute what is missing, and store it as it comes back."""
+        """Compute what is missing, as far as the budget goes, and store it as it comes back."""
         whole = sum(weight(job) for job in self._missing())
+        share = self.left * self.layout.ahead() if whole else 0.0
+        self.left -= share
         lost: list[tuple[Job, str]] = []
         crew: Crew[Job] = Crew(pool, execute, self.order)
         with kept(crew, self.parts):
-            for done in crew.results(self._missing(), weight, self.parts.patience):
+            for done in crew.results(self._missing(), weight, self.parts.patience, self.budget.spent):
                 if done is None:
                     self.parts.commit()
                     continue
@@ -160,7 +186,7 @@ class _Work:
                     lost += [(job, done.message) for job in done.items]
                 else:
                     self.parts.add(done.packet)
-                self.progress(sum(weight(job) for job in done.items) / whole)
+                self.progress(share * sum(weight(job) for job in done.items) / whole)
         for job, message in lost:  # stored at the end: an interrupted run tries them again
             self.parts.add(give_up(self.order, (job,), message))
         self.parts.commit()

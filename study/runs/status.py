@@ -1,5 +1,6 @@
 """How far a run is, told without touching it."""
 
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -7,15 +8,22 @@ from study.experiment.config import Study
 from study.experiment.design import spans
 from study.runs.growth import Cut, damaged, finished, up_to_date
 from study.runs.jobs import Asked
+from study.runs.judging import Judge
+from study.runs.layout import Layout
 from study.runs.lock import holder
 from study.runs.parts import DAMAGED, Parts
 from study.runs.provenance import described, other_version
+from study.runs.rounds import CAP, TARGET, Rounds
 from study.runs.store import Run
 from study.runs.write import RunError
 
 
-def printed(folder: Path) -> Iterator[str]:
+def printed(folder: Path, judge: Judge) -> Iterator[str]:
     """The state of a run for a terminal: a line per fact.
+
+    Args:
+        folder: the run's.
+        judge: finds the measure of a study that asks for a precision; see `study.runs.runner.run`.
 
     Raises:
         RunError: if there is no run, or it is of a newer version.
@@ -27,7 +35,10 @@ def printed(folder: Path) -> Iterator[str]:
     yield f"{run.study.run_name()}: {_state(run, parts)}"
     if (writer := holder(folder)) is not None:
         yield f"  written by   {writer}, at this moment"
-    yield f"  units        {_units(run, parts)}"
+    layout = _layout(run, parts, judge)
+    yield f"  units        {_units(run, parts, layout)}"
+    if run.study.precision is not None:
+        yield f"  cells        {_cells(run, layout)}"
     yield f"  parts        {parts.count:,} whole, {_aside(parts)}"
     yield f"  failures     {_failures(run)}"
     yield f"  tables       {_tables(run)}"
@@ -41,17 +52,37 @@ def _state(run: Run, parts: Parts) -> str:
         return "finished" if up_to_date(run) else "finished, but `study run` would compute some of it anew"
     if damaged(run):
         return "damaged: `study run` computes again what is lost"
+    if (seconds := run.stopped()) is not None:
+        return f"stopped by its budget of {seconds:g} s; `study run` goes on"
     return "begun, not finished" if parts.count else "not begun, or nothing is left of it"
 
 
-def _units(run: Run, parts: Parts) -> str:
-    total = sum(1 for _ in spans(run.study))
+def _layout(run: Run, parts: Parts, judge: Judge) -> Layout:
+    if run.study.precision is None:
+        return Cut(run.study, Study.model_validate_json(parts.note) if parts.note else None)
+    rounds = Rounds(run.study, judge)
+    while rounds.advance(parts):
+        pass
+    return rounds
+
+
+def _units(run: Run, parts: Parts, layout: Layout) -> str:
     if finished(run) and up_to_date(run):
-        return f"{total:,}, all done"
-    cut = Cut(run.study, Study.model_validate_json(parts.note) if parts.note else None)
-    pieces = [piece for span in spans(run.study) for piece in cut(span)]
-    missing = sum(1 for _ in Asked(run.study).lacking(pieces, parts.outputs))
-    return f"{len(pieces):,}, of which {len(pieces) - missing:,} are done and {missing:,} missing"
+        return "all done" if run.study.precision else f"{sum(1 for _ in spans(run.study)):,}, all done"
+    total = sum(1 for _ in layout.pieces())
+    missing = sum(1 for _ in Asked(run.study).lacking(layout.pending(), parts.outputs))
+    known = f"{total:,} up to this round" if run.study.precision else f"{total:,}"
+    return f"{known}, of which {total - missing:,} are done and {missing:,} missing"
+
+
+def _cells(run: Run, layout: Layout) -> str:
+    """How many cells have trials enough, and why; the others are open."""
+    found = Counter(run.manifest()["precision"]) if finished(run) else Counter[str]()
+    if not found and isinstance(layout, Rounds):
+        found = layout.reasons()
+    total = run.study.cells()
+    parts = [f"{found[TARGET]:,} reached the target", f"{found[CAP]:,} the cap", f"{total - found.total():,} are open"]
+    return f"{total:,}, of which {', '.join(parts)}"
 
 
 def _aside(parts: Parts) -> str:

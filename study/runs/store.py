@@ -8,6 +8,7 @@
         failures.parquet   fits that raised, or whose worker died, if there are any
         timings.parquet    apart, so that error tables can be compared byte by byte
         points.parquet     points of the trials that the config keeps
+        precision.parquet  trials of each cell, and why it has no more, where the config asks for a precision
         summary.parquet    performance measures with their Monte-Carlo error
         posterior.parquet, answers.parquet, draws.parquet   ensemble posteriors, where the config asks for them
 
@@ -213,6 +214,21 @@ class Run:
         """Add entries to the manifest, of a run that has one."""
         if (self.folder / "manifest.json").is_file():
             self.save_manifest(self.manifest() | entries)
+
+    def stopped(self) -> float | None:
+        """Seconds of the budget that stopped the run before it was finished; None if none did."""
+        try:
+            found = self.manifest().get("stopped_after")
+        except RunError:
+            return None
+        return float(found) if isinstance(found, int | float) else None
+
+    def trials(self) -> dict[str, int]:
+        """Trials of each cell by its name, where a precision decided; empty where it did not, or not yet."""
+        if not self.has("precision"):
+            return {}
+        found = self.table("precision", ["cell", "trials"])
+        return dict(zip(found["cell"].astype(str), found["trials"].astype(int), strict=True))
 
     def maker(self) -> dict[str, Any]:
         """The software that finished the run, as `study.runs.provenance` tells it; empty if it is not known."""

@@ -204,6 +204,23 @@ CLAIMS = [
 ]  # fmt: skip
 
 
+PRECISION = [
+    Column("cell", _WORD, "", "name of the condition"),
+    Column("samples", pa.int64(), "", "number of samples N"),
+    Column("noise", pa.float64(), "length", "standard deviation σ"),
+    Column("angle", pa.float64(), "degree", "confinement half-angle φ"),
+    Column("radius", pa.float64(), "length", "true radius r"),
+    Column("center", pa.float64(), "length", "distance |c| from the origin"),
+    Column("trials", pa.int64(), "", "data sets that the cell has; 0 if the budget ended before its first checkpoint"),
+    Column("checkpoints", pa.int64(), "", "how often it was judged"),
+    Column("estimator", _WORD, "", "of those that the target is for, the one that is farthest from it"),
+    Column("value", pa.float64(), "", "the measure of that estimator, at the last checkpoint"),
+    Column("error", pa.float64(), "", "its Monte-Carlo standard error, which decided"),
+    Column("goal", pa.float64(), "", "what that had to reach: target, or relative_target times |value|"),
+    Column("reason", _WORD, "", "why it has no more trials: target, cap (of design.trials), or budget (of time)"),
+]  # fmt: skip
+
+
 def of_units(dimension: int) -> dict[str, list[Column]]:
     """The tables that the study's units fill: the summary instead of the errors where the study keeps that alone."""
     return {

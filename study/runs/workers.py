@@ -192,7 +192,11 @@ class Crew(Generic[T]):
         self._broken = False
 
     def results(
-        self, items: Iterable[T], weigh: Callable[[T], float], patience: Callable[[], float | None]
+        self,
+        items: Iterable[T],
+        weigh: Callable[[T], float],
+        patience: Callable[[], float | None],
+        over: Callable[[], bool] = lambda: False,
     ) -> Generator[Done[T] | None]:
         """Compute items.
 
@@ -200,13 +204,15 @@ class Crew(Generic[T]):
             items: what to compute; taken as needed.
             weigh: the work that an item is.
             patience: seconds to wait for a result.
+            over: whether no more is to be begun; what runs is waited for.
 
         Yields:
             What becomes of each task; None when patience ends before.
         """
         tasks = _tasks(items, weigh, self._pool.enough)
         while True:
-            self._send(tasks)
+            if not over():
+                self._send(tasks)
             if not self._running:
                 return
             try:

@@ -9,7 +9,7 @@ from study.experiment.config import parse
 from study.experiment.design import spans
 from study.runs.jobs import Asked, Order, execute
 from study.runs.lock import writing
-from study.runs.parts import Parts
+from study.runs.parts import FORMAT, Parts
 from study.runs.store import Run
 
 
@@ -106,7 +106,7 @@ def test_what_is_no_run(call_here, tmp_path, verb):
 def test_a_run_of_a_newer_version(call_here, run, files_of, verb):
     """Code 1, one line, nothing touched."""
     path = run / "out" / "manifest.json"
-    path.write_text(path.read_text().replace('"format": 2', '"format": 99'))
+    path.write_text(path.read_text().replace(f'"format": {FORMAT}', '"format": 99'))
     before = files_of(run)
     refused(call_here(run, *verb), 1, "made by a newer version of this program")
     assert files_of(run) == before

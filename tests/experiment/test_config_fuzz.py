@@ -8,9 +8,10 @@ from hypothesis import strategies as st
 
 from study.experiment.config import ConfigError, Study, parse
 
-KEYS = ["name", "seed", "dimension", "estimators", "noise_shape", "keep_points", "design"]
+KEYS = ["name", "seed", "dimension", "estimators", "noise_shape", "keep_points", "precision", "design"]
 KEYS += ["kind", "trials", "samples", "noise", "noise_over_radius", "angle", "radius", "center", "draws"]
 KEYS += ["law", "value", "values", "low", "high", "linspace", "logspace", "grid", "random", "uniform", "constant"]
+KEYS += ["target", "relative_target", "measure", "first", "seconds"]
 WORDS = ["grid", "random", "uniform", "log_uniform", "choice", "constant", "shared", "lls", "mle", "test", "", "a.b"]
 
 texts = st.sampled_from(WORDS) | st.text(st.characters(codec="utf-8", exclude_categories=["C"]), max_size=5)
@@ -64,8 +65,8 @@ def test_arbitrary_toml(data):
 @settings(max_examples=400, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 @given(
     kind=st.sampled_from(["grid", "random"]),
-    head=st.dictionaries(st.sampled_from(KEYS[:6]) | texts, values, max_size=2),
-    body=st.dictionaries(st.sampled_from(KEYS[7:16]) | texts, numbers | values, max_size=2),
+    head=st.dictionaries(st.sampled_from(KEYS[:7]) | texts, values, max_size=2),
+    body=st.dictionaries(st.sampled_from(KEYS[8:17]) | texts, numbers | values, max_size=2),
 )
 def test_almost_right(kind, head, body):
     """A good config with up to four keys replaced by anything is a study or a fault."""

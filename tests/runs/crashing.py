@@ -16,6 +16,7 @@ import threading
 import traceback
 from pathlib import Path
 
+from study.analysis.performance import measured
 from study.experiment import design
 from study.experiment.config import parse
 from study.runs import jobs, parts, runner, workers
@@ -94,7 +95,8 @@ def serve(request, log):
     crew = workers.Workers(request.get("backend", "threads"), 2)
     progress = killer(request["kill_workers"]) if "kill_workers" in request else None
     try:
-        runner.run(parse(request["config"]), request["config"], Path(request["folder"]), crew, progress, lambda line: 0)
+        study, folder = parse(request["config"]), Path(request["folder"])
+        runner.run(study, request["config"], folder, crew, progress, lambda line: 0, judge=measured)
     except RunError as error:
         return FULL if "No space left" in str(error) else 1
     finally:

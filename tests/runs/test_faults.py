@@ -29,6 +29,7 @@ samples = [300, 1000]
 noise = [0.05, 0.5]
 angle = [60, 180]
 """
+BY_NEED = CONFIG.replace("fragile", "by-need") + "[precision]\nrelative_target = 0.08\nfirst = 100\n"
 OF_THE_PARENT = 18
 OF_WORKERS = [3, 14]
 FULL = 3
@@ -149,3 +150,21 @@ def test_killed_while_it_finishes(serve, unbroken, tmp_path):
         assert serve(folder)["code"] == 0
         assert tables(folder) == tables(whole)
         assert not (folder / "parts").exists()
+
+
+def test_trials_by_need_killed(serve, tmp_path):
+    """Killed in any round, nine times, once with its workers: the decisions and the bytes of an unbroken run."""
+    took = serve(tmp_path / "whole", config=BY_NEED)
+    whole = Run.open(tmp_path / "whole")
+    assert len(set(whole.trials().values())) > 1
+    chance, folder = random.Random(4), tmp_path / "run"
+    for number in range(9):
+        request = (
+            {"kill_at": chance.randrange(1, took["steps"] // 10)} if number else {"kill_at": 20, "backend": "loky"}
+        )
+        assert serve(folder, config=BY_NEED, **request)["signal"] == signal.SIGKILL, number
+    answer = serve(folder, config=BY_NEED)
+    assert answer["code"] == 0
+    assert 0 < len(answer["computed"]) < len(took["computed"])
+    assert tables(folder) == tables(whole.folder)
+    assert Run.open(folder).fingerprint("precision") == whole.fingerprint("precision")

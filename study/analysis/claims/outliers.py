@@ -12,7 +12,7 @@ import pandas as pd
 from study.analysis.claims.ledger import Claim, Evidence, Number, Verdict
 from study.analysis.claims.measured import LEAST, beside, level, median, over, with_all
 from study.analysis.measures import UNKNOWN, share
-from study.analysis.summary import FAR
+from study.analysis.performance import FAR
 from study.estimators import Status
 
 _ABOUT_RADIUS = (0.3, 3.0)

@@ -1,0 +1,395 @@
+"""Trials by need: which cells have how many, that workers and breaks do not show, and what a budget leaves."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+from study.analysis.performance import measured
+from study.analysis.summary import printed, summarise, summary
+from study.experiment.config import parse
+from study.runs import judging, runner
+from study.runs.budget import Budget
+from study.runs.rounds import Rounds
+from study.runs.status import printed as status
+from study.runs.store import RunError
+from study.runs.workers import Workers
+
+pytestmark = pytest.mark.usefixtures("same_software")
+
+FIXED = """name = "test"
+seed = 7
+estimators = ["lls", "ugdk", "als"]
+keep_points = 2
+[design]
+kind = "grid"
+trials = 800
+samples = [6, 60]
+noise = [0.02, 0.1, 0.6]
+angle = [60, 180]
+"""
+CONFIG = FIXED + "[precision]\nrelative_target = 0.05\nfirst = 100\n"
+CHECKPOINTS = (100, 200, 400, 800)
+
+
+@pytest.fixture
+def small(monkeypatch, small_parts):
+    """Units of one block, whose size divides no checkpoint, and a part for each."""
+    monkeypatch.setattr("study.experiment.design.BLOCK_TRIALS", 30)
+    monkeypatch.setattr("study.experiment.design._SAMPLES_PER_UNIT", 100)
+
+
+@pytest.fixture
+def go(tmp_path):
+    """Run a config of trials by need into a folder of its own, or of a name."""
+
+    def run(text=CONFIG, folder="run", jobs=2, **arguments):
+        study = parse(text)
+        judge = measured if study.precision else None
+        return runner.run(study, text, tmp_path / folder, jobs, judge=judge, **arguments)
+
+    return run
+
+
+def told(run):
+    """Bytes of the tables that do not depend on time."""
+    return {name: run.path(name).read_bytes() for name in ("errors", "points", "precision")}
+
+
+class Clock:
+    """Time that goes on by one with each unit that is done."""
+
+    def __init__(self):
+        self.now = 0.0
+
+    def __call__(self):
+        """Tell the time."""
+        return self.now
+
+    def tick(self, share):
+        """Let it go on; a progress callback."""
+        self.now += 1.0
+
+
+def stopped_after(go, units, **arguments):
+    """A run that is stopped when so many tasks are done."""
+    clock = Clock()
+    return go(budget=Budget(units, clock), progress=clock.tick, jobs=1, **arguments)
+
+
+def rule(rows, estimators, target):
+    """The trials that a cell should have, by the rule as it is documented, from a run that has all of them."""
+    for count in CHECKPOINTS:
+        table = summary(rows[rows["trial"] < count], by_decade=False).set_index("estimator")
+        chosen = table.loc[list(estimators)]
+        if (chosen["ratio_median_ok_error"] <= target * chosen["ratio_median_ok"]).all():
+            return count, "target"
+    return CHECKPOINTS[-1], "cap"
+
+
+def test_the_rule(go):
+    """Each cell has the trials that the summary's own errors of a larger, fixed run ask for, and its rows, bit for bit.
+
+    The order of the rows is that of the fixed run.
+    """
+    adaptive, fixed = go().table("errors"), go(FIXED, "fixed").table("errors")
+    table = go().table("precision").set_index("cell")
+    assert set(table["reason"]) == {"target", "cap"}
+    assert table["trials"].nunique() >= 3
+    for cell, rows in fixed.groupby("cell", observed=True):
+        count, reason = rule(rows, ["lls", "ugdk", "als"], 0.05)
+        assert tuple(table.loc[cell, ["trials", "reason", "checkpoints"]]) == (
+            count,
+            reason,
+            1 + CHECKPOINTS.index(count),
+        )
+    limits = fixed["cell"].astype(str).map(table["trials"].to_dict())
+    expected = fixed[fixed["trial"] < limits].reset_index(drop=True)
+    for name in expected.columns:
+        words = str if name in ("cell", "estimator") else adaptive[name].dtype
+        np.testing.assert_array_equal(adaptive[name].astype(words), expected[name].astype(words), err_msg=name)
+
+
+def test_the_table_tells_what_decided(go):
+    """The estimator farthest from the target, its measure and error as the stored summary has them, and the goal."""
+    run = go()
+    summarise(run)
+    found = run.table("summary").astype({"estimator": str})
+    for row in run.table("precision").astype({"cell": str, "estimator": str}).to_dict("records"):
+        mine = found[found["group"] == row["cell"]].set_index("estimator")
+        away = mine["ratio_median_ok_error"] / mine["ratio_median_ok"]
+        assert row["estimator"] == away.idxmax()
+        assert row["value"] == mine["ratio_median_ok"][row["estimator"]]
+        assert row["error"] == mine["ratio_median_ok_error"][row["estimator"]]
+        assert row["goal"] == 0.05 * row["value"]
+        assert row["trials"] == mine["planned"].iloc[0]
+        assert (row["error"] <= row["goal"]) == (row["reason"] == "target")
+
+
+def test_the_manifest_counts_what_there_is(go):
+    """Fits are those of the table, cells are counted by the reason, and nothing is left to compute."""
+    run = go()
+    said = run.manifest()
+    assert said["fits"] == len(run.table("errors"))
+    assert said["precision"] == run.table("precision")["reason"].value_counts().to_dict()
+    assert sum(said["precision"].values()) == said["cells"] == 12
+    assert run.stopped() is None
+    assert not (run.folder / "parts").exists()
+    before = run.path("errors").stat().st_mtime_ns
+    assert go().path("errors").stat().st_mtime_ns == before
+
+
+@pytest.mark.parametrize("jobs", [1, Workers("loky", 2)], ids=["one thread", "two processes"])
+def test_workers_do_not_show(go, jobs, small):
+    """The same trials and bytes on one worker and two, threads and processes; also from units of few trials."""
+    assert told(go(folder="other", jobs=jobs)) == told(go())
+
+
+def test_cells_do_not_depend_on_others(go):
+    """More cells, and estimators that the target is not for, leave a cell's trials as they are."""
+    named = CONFIG + 'estimators = ["lls", "ugdk", "als"]\n'
+    alone = go(named.replace("[0.02, 0.1, 0.6]", "[0.1]"), "alone").trials()
+    more = go(named.replace('"als"]\nkeep', '"als", "taubin", "mle"]\nkeep'), "more").trials()
+    usual = go().trials()
+    assert len(alone) == 4
+    assert alone.items() <= usual.items()
+    assert more == usual
+
+
+def test_draws_of_each_cell_and_the_route_of_moments(go):
+    """Independent draws and joint moments: the first trials of the fixed study, too."""
+    for line in ("", 'route = "moments"\n'):
+        text = CONFIG.replace("seed = 7\n", f"seed = 7\n{line}").replace("angle =", 'draws = "independent"\nangle =')
+        text = text.replace("keep_points = 2\n", "").replace('"lls"', '"gdke"')
+        run = go(text, f"adaptive {line.strip()}")
+        fixed = go(text[: text.index("[precision]")], f"fixed {line.strip()}").table("errors").astype({"cell": str})
+        mine = run.table("errors").astype({"cell": str})
+        limits = fixed["cell"].map(run.trials())
+        expected = fixed[fixed["trial"] < limits].reset_index(drop=True)
+        assert len(mine) == len(expected) < len(fixed)
+        for name in ("cell", "trial", "error", "status", "condition"):
+            np.testing.assert_array_equal(mine[name], expected[name])
+
+
+def test_most_samples_is_a_cap(go):
+    """A cell that may have fewer trials than the first checkpoint is judged once, at its own cap."""
+    run = go(CONFIG.replace("trials = 800", "trials = 800\nmost_samples = 3000"))
+    table = run.table("precision")
+    assert set(table.loc[table["samples"] == 60, "trials"]) == {50}
+    assert table.loc[table["samples"] == 60, "reason"].isin(["cap", "target"]).all()
+    assert table.loc[table["samples"] == 6, "trials"].max() > 100
+
+
+def test_few_rows_at_a_time(go, monkeypatch):
+    """Judged in pieces of a group, the decisions are the same."""
+    usual = told(go())
+    monkeypatch.setattr(judging, "_ROWS", 700)
+    assert told(go(folder="pieces")) == usual
+
+
+def test_no_answers_at_all(go, monkeypatch):
+    """An estimator without an ok fit has no measure: its cells go to the cap, and the table says whose fault it is."""
+    from dataclasses import replace
+
+    import study
+
+    def never(samples):
+        raise ZeroDivisionError("never")
+
+    monkeypatch.setitem(study.ESTIMATORS, "never", replace(study.ESTIMATORS["lls"], function=never))
+    run = go(CONFIG.replace('"lls",', '"lls", "never",').replace("[0.02, 0.1, 0.6]", "0.02"))
+    table = run.table("precision")
+    assert set(table["reason"]) == {"cap"}
+    assert set(table["estimator"]) == {"never"}
+    assert set(table["trials"]) == {800}
+
+
+class TestResume:
+    """A run that is broken off, and goes on."""
+
+    class Stop(BaseException):
+        """What breaks it off."""
+
+    @pytest.mark.usefixtures("small")
+    @pytest.mark.parametrize("after", [1, 10, 30, 60])
+    def test_broken_off(self, go, computed, after):
+        """In any round: what was stored is not computed again, and the tables do not show it."""
+        calls = []
+
+        def stop(share):
+            calls.append(share)
+            if len(calls) == after:
+                raise self.Stop
+
+        with pytest.raises(self.Stop):
+            go(progress=stop)
+        go()
+        assert len(set(computed)) == len(computed)
+        assert told(go()) == told(go(folder="whole"))
+
+    @pytest.mark.usefixtures("small")
+    def test_damaged_parts(self, go):
+        """They are computed again, and what was decided by them is decided again."""
+        clock = Clock()
+        run = go(budget=Budget(40, clock), progress=clock.tick)
+        for path in sorted((run.folder / "parts").iterdir())[::9]:
+            path.write_bytes(path.read_bytes()[:-50])
+        assert told(go(warn=lambda line: None)) == told(go(folder="whole"))
+
+    @pytest.mark.usefixtures("small")
+    def test_parts_damaged_while_it_runs(self, go):
+        """A part that changes after it was judged is found at the end; all is decided anew, from whole parts."""
+        calls = []
+
+        def harm(share):
+            calls.append(share)
+            if len(calls) == 50:
+                path = min((harm.folder / "parts").iterdir())
+                path.write_bytes(path.read_bytes()[:-50])
+
+        whole = go(folder="whole")
+        harm.folder = whole.folder.parent / "run"
+        lines = []
+        assert told(go(progress=harm, warn=lines.append)) == told(whole)
+        assert any("damaged" in line for line in lines)
+
+    def test_a_damaged_table(self, go):
+        """The run is made again, to the same bytes."""
+        run = go()
+        before = told(run)
+        run.path("precision").write_bytes(b"not parquet")
+        assert told(go(warn=lambda line: None)) == before
+
+
+@pytest.mark.usefixtures("small")
+class TestBudget:
+    """A budget that ends a run before all cells have trials enough."""
+
+    @pytest.mark.parametrize("units", [0, 1, 20, 45, 70])
+    def test_stopped_and_gone_on_with(self, go, units):
+        """Cells keep the last checkpoint that is complete; run again, the tables are those of an unbroken run."""
+        whole = go(folder="whole")
+        run = stopped_after(go, units)
+        table = run.table("precision")
+        counts = table["reason"].value_counts().to_dict()
+        assert run.stopped() == units
+        assert counts == run.manifest()["precision"]
+        assert counts["budget"] > 0
+        assert set(table["trials"]) <= {0, *CHECKPOINTS}
+        usual, rows = whole.trials(), run.table("errors").astype({"cell": str})
+        for row in table.astype({"cell": str}).to_dict("records"):
+            assert (rows["cell"] == row["cell"]).sum() == 3 * row["trials"]
+            if row["reason"] == "budget":
+                assert row["trials"] < usual[row["cell"]]
+            else:
+                assert row["trials"] == usual[row["cell"]]
+        assert (run.folder / "parts").exists() == (units > 0)
+        summarise(run)
+        assert len(run.table("summary")) == 3 * (table["trials"] > 0).sum()
+        assert told(go()) == told(whole)
+        assert go().stopped() is None
+        assert not (run.folder / "parts").exists()
+
+    def test_little_by_little(self, go, computed):
+        """Many budgets, one after the other: each goes on where the last ended, and nothing is computed twice."""
+        whole = told(go(folder="whole"))
+        computed.clear()
+        stops = 0
+        while stopped_after(go, 15).stopped() is not None:
+            stops += 1
+        assert stops > 2
+        assert len(set(computed)) == len(computed)
+        assert told(go()) == whole
+
+    def test_before_the_first_checkpoint(self, go):
+        """No rows, no crash: tables are empty, cells have 0 trials, and the summary says so."""
+        run = stopped_after(go, 0)
+        table = run.table("precision")
+        assert (table["trials"] == 0).all()
+        assert (table["reason"] == "budget").all()
+        assert len(run.table("errors")) == 0
+        summarise(run)
+        assert list(printed(run))[1:] == ["no cell has a trial yet"]
+
+    def test_status(self, go):
+        """How many cells are open, and that the budget stopped it; of a finished run, why each cell stopped."""
+        run = stopped_after(go, 40)
+        counts = run.table("precision")["reason"].value_counts()
+        lines = list(status(run.folder, measured))
+        assert lines[0].endswith("stopped by its budget of 40 s; `study run` goes on")
+        (cells,) = [line for line in lines if line.startswith("  cells")]
+        assert f"{counts['target']} reached the target" in cells
+        assert f"{counts['budget']} are open" in cells
+        go()
+        lines = list(status(run.folder, measured))
+        assert lines[0].endswith(": finished")
+        assert "0 are open" in next(line for line in lines if line.startswith("  cells"))
+
+    def test_it_names_no_run(self, go):
+        """Another budget in the config is the same run, which goes on."""
+        stopped_after(go, 20)
+        assert told(go(CONFIG + "seconds = 1e9\n")) == told(go(folder="whole"))
+
+
+def test_progress_stays_within_one(go):
+    """Shares of the work add up to no more than all of it, with every cell at its cap as the most."""
+    shares = []
+    go(progress=shares.append)
+    assert 0.0 < sum(shares) <= 1.0
+    shares.clear()
+    go(CONFIG.replace("0.05\nfirst", "1e-9\nfirst"), "cap", progress=shares.append)
+    assert sum(shares) == pytest.approx(1.0)
+
+
+def test_what_it_needs(go, tmp_path):
+    """A function that finds the measure; and a budget is for trials by need alone."""
+    with pytest.raises(ValueError, match="give judge"):
+        runner.run(parse(CONFIG), CONFIG, tmp_path / "run")
+    with pytest.raises(ValueError, match="a budget is for a config with"):
+        go(FIXED, budget=Budget(1.0))
+    assert not (tmp_path / "run").exists()
+
+
+def test_neither_takes_rows_nor_gives_any(go, computed):
+    """Beside a finished run of the same study, all is computed; and the other way round."""
+    go(FIXED, f"test-{parse(FIXED).digest()}")
+    fixed = len(computed)
+    computed.clear()
+    run = go(folder=f"test-{parse(CONFIG).digest()}")
+    assert len(computed) == run.manifest()["fits"]
+    computed.clear()
+    shutil.rmtree(run.folder.parent / f"test-{parse(FIXED).digest()}")
+    go(FIXED, f"test-{parse(FIXED).digest()}")
+    assert len(computed) == fixed
+
+
+def test_a_run_that_is_not_so_far(go, tmp_path):
+    """Trials are not known, and not asked for, before a run has its table; of a fixed one, never."""
+    assert go(FIXED, "fixed").trials() == {}
+    run = go()
+    assert json.loads((run.folder / "manifest.json").read_text())["tables"]["precision"] == run.fingerprint("precision")
+    assert len(run.trials()) == 12
+    run.path("precision").unlink()
+    assert run.trials() == {}
+    with pytest.raises(RunError, match="missing"):
+        run.table("precision")
+
+
+def test_one_cell_is_read_alone(go):
+    """`Run.cell` has the rows of its own trials, however many other cells have."""
+    run = go()
+    rows = run.table("errors").astype({"cell": str})
+    for name, count in run.trials().items():
+        mine = run.cell(name)
+        assert len(mine) == 3 * count
+        np.testing.assert_array_equal(mine["error"], rows.loc[rows["cell"] == name, "error"])
+
+
+def test_units_are_known_from_the_rounds():
+    """Before any part is there, what is pending is the first checkpoint of every group."""
+    rounds = Rounds(parse(CONFIG), measured)
+    pending = list(rounds.pending())
+    assert {span.group.stream for span in pending} == set(rounds.courses)
+    assert sum(span.rows for span in pending) == 12 * 100
+    assert rounds.ahead() == pytest.approx(1 / 8)
