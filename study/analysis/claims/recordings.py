@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from study.analysis.claims.ledger import Claim, Evidence, Number, Verdict
-from study.analysis.claims.measured import formed
+from study.analysis.claims.measured import Floats, formed
 from study.analysis.measures import Measure, mean, share
 
 _ENOUGH = 200
@@ -21,9 +21,9 @@ def _measure_recordings(evidence: Evidence) -> list[Number]:
     spreads = evidence.spreads()
     many = spreads["samples"] > _ENOUGH
     above, upto = _below(spreads[many], "spread"), _below(spreads[~many], "spread")
-    gain = np.asarray((above - upto).dropna(), dtype=float)
-    recordings = spreads["recording"].nunique()
-    of = f"{spreads['joint'].nunique()} joints of {recordings} recording{'s' * (recordings > 1)}"
+    joints, recordings = (above.index.unique(level).size for level in ("joint", "recording"))
+    of = f"{joints} joints of {recordings} recording{'s' * (recordings != 1)}"
+    gain = _per_joint(above - upto)
     return [
         _share(f"share of {of} with a spread below 1 cm, above {_ENOUGH} samples", above),
         _over_joints(f"the same less the share up to {_ENOUGH} samples, joint by joint", mean(gain), len(gain)),
@@ -37,12 +37,18 @@ def _measure_recordings(evidence: Evidence) -> list[Number]:
 
 
 def _below(spreads: pd.DataFrame, column: str) -> "pd.Series[float]":
-    """For each joint the share of its spreads that are below a centimetre; recordings count alike."""
+    """For each joint in each recording the share of its spreads that are below a centimetre."""
     below = (spreads[column] < _CENTIMETRE).astype(float)
-    return below.groupby([spreads["joint"], spreads["recording"]]).mean().groupby("joint").mean()
+    return below.groupby([spreads["joint"], spreads["recording"]]).mean()
 
 
-def _share(words: str, joints: "pd.Series[float]") -> Number:
+def _per_joint(values: "pd.Series[float]") -> Floats:
+    """Each joint's mean over the recordings that have a value; they count alike, however long they are."""
+    return np.asarray(values.dropna().groupby("joint").mean(), dtype=float)
+
+
+def _share(words: str, below: "pd.Series[float]") -> Number:
+    joints = _per_joint(below)
     return _over_joints(words, share(float(joints.sum()), len(joints)), len(joints))
 
 

@@ -87,6 +87,15 @@ def test_a_long_recording_counts_no_more(judged):
     assert judged(table[~short]).numbers[0].value == pytest.approx(0.5)
 
 
+def test_a_short_recording_says_nothing(judged):
+    """One without large subsets is not counted, and does not make the others' joints look better with few samples."""
+    table = spreads([FAR] * 6, [NEAR] * 6, recordings=2)
+    table.loc[table["recording"] == 1, "spread"] = NEAR
+    found = judged(table[(table["recording"] == 0) | (table["samples"] <= 200)])
+    assert [n.value for n in found.numbers[:2]] == [1.0, 1.0]
+    assert "6 joints of 1 recording " in found.numbers[0].words
+
+
 def test_what_is_shown_besides(judged):
     """The whole answer's own error, and the axes of hinges, enter numbers of their own and no verdict."""
     table = spreads([FAR] * 10, [0.006] * 10).assign(with_axes=FAR)
@@ -99,7 +108,10 @@ def test_what_is_shown_besides(judged):
     ("table", "words"),
     [
         (spreads([FAR] * 4, [NEAR] * 4), "share of 4 joints of 1 recording"),
-        (spreads([FAR] * 14, []), "above 200 samples (takes 5 joints)"),
+        (
+            spreads([FAR] * 14, []),
+            "share of 0 joints of 0 recordings with a spread below 1 cm, above 200 samples (takes 5",
+        ),
         (spreads([], [NEAR] * 14), "up to 200 samples, joint by joint (takes 5 joints)"),
     ],
 )
