@@ -27,6 +27,10 @@ app = typer.Typer(
 Config = Annotated[Path, typer.Argument(metavar="CONFIG", help="a study's config, such as configs/sweep.toml")]
 Folders = Annotated[list[Path], typer.Argument(metavar="RUN", help="folders of runs of different configs")]
 Cost = Annotated[Path | None, typer.Option("--cost", help="the table that `study cost` stores, for claims of cost")]
+Recordings = Annotated[
+    list[Path] | None,
+    typer.Option("--recording", metavar="DIR", help="folder that `study case-study` wrote; can be given repeatedly"),
+]
 Figures = Annotated[list[str] | None, typer.Argument(metavar="FIGURE…", help="such as fig2_error [default: all]")]
 Out = Annotated[Path | None, typer.Option("--out", help="the run's folder [default: results/<name>-<digest>]")]
 Jobs = Annotated[int, typer.Option("--jobs", "-j", min=1, max=1024, help="number of workers")]
@@ -146,13 +150,14 @@ def figures(
 
 
 @app.command()
-def claims(folders: Folders, cost: Cost = None) -> None:
+def claims(folders: Folders, cost: Cost = None, recording: Recordings = None) -> None:
     """Judge the paper's claims by runs; store the table in the first one's folder, and print it."""
     from study.analysis.claims import judge_all, printed, save
+    from study.mocap.casetables import read_case_studies
     from study.runs.store import Run
 
     runs = [Run.open(folder) for folder in folders]
-    judged = judge_all(runs, cost)
+    judged = judge_all(runs, cost, read_case_studies(recording) if recording else None)
     save(runs[0], judged)
     for line in printed(judged):
         typer.echo(line)
@@ -163,17 +168,19 @@ def report(
     folders: Folders,
     out: Annotated[Path | None, typer.Option("--out", help="the page's file [default: RUN/report.html]")] = None,
     cost: Cost = None,
+    recording: Recordings = None,
     bench: Annotated[Path | None, typer.Option("--bench", help="the table that `make bench` stores")] = None,
 ) -> None:
     """Write one HTML page about runs: claims, figures, tables, provenance; it needs no other file."""
     from study.analysis.claims import judge_all
+    from study.mocap.casetables import read_case_studies
     from study.report import read_bench, render, save
     from study.runs.store import Run
 
     runs = [Run.open(folder) for folder in folders]
     measured = read_bench(bench) if bench else None
-    page = render(runs, judge_all(runs, cost), measured)
-    typer.echo(str(save(page, out or runs[0].folder / "report.html")))
+    judged = judge_all(runs, cost, read_case_studies(recording) if recording else None)
+    typer.echo(str(save(render(runs, judged, measured), out or runs[0].folder / "report.html")))
 
 
 @app.command()

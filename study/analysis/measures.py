@@ -80,8 +80,11 @@ def inside(errors: Floats, sd: Floats, level: float) -> NDArray[np.bool_]:
     return np.asarray(np.sum((errors / sd) ** 2, axis=1) <= stats.chi2.ppf(level, errors.shape[1]))
 
 
-def share(count: int, total: int) -> Measure:
-    """Share of trials, with the binomial standard error (Agresti & Coull's, which is not 0 at 0 or all)."""
+def share(count: float, total: int) -> Measure:
+    """Share of trials, with the binomial standard error (Agresti & Coull's, which is not 0 at 0 or all).
+
+    Of trials that count in part, as a count that is not whole, the error is an upper bound.
+    """
     if total == 0:
         return UNKNOWN
     adjusted = (count + 2.0) / (total + 4.0)

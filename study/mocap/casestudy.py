@@ -166,7 +166,7 @@ def _scatter(
     }  # fmt: skip
 
 
-def _best(scatter: pd.DataFrame) -> pd.DataFrame:
+def best(scatter: pd.DataFrame) -> pd.DataFrame:
     """Rows without a hinge's axis where that can be dropped, else all of a joint's."""
     hinges = set(scatter.loc[scatter["dropped"], "joint"])
     return scatter[scatter["dropped"] == scatter["joint"].isin(hinges)]
@@ -176,7 +176,7 @@ def _law(scatter: pd.DataFrame, axis: str) -> dict[str, object]:
     """Median of the joints' exponents, so that all count alike; 95 % interval by bootstrap over joints."""
     way = "window" if axis == "window" else "random"
     x_name, y_name = ("effective", "error") if axis == "effective" else ("samples", "median")
-    part = _best(scatter)
+    part = best(scatter)
     part = part[(part["way"] == way) & (part["samples"] >= _LAW) & np.isfinite(part["median"]) & (part["median"] > 0)]
     exponents = np.array(
         [

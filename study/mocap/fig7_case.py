@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from study.figures import style
-from study.mocap.casestudy import NEAR, CaseStudy
+from study.mocap.casestudy import NEAR, CaseStudy, best
 from study.mocap.subsets import SETS
 
 _GREY, _OUT = "0.6", "#c1272d"
@@ -52,15 +52,13 @@ def prepare(case: CaseStudy) -> Frame:
     plain = scatter[(scatter["way"] == "random") & ~scatter["dropped"]].merge(
         case.joints[["joint", "outlier"]], on="joint"
     )
-    hinges = scatter.loc[scatter["dropped"], "joint"].unique()
-    best = scatter[scatter["dropped"] == scatter["joint"].isin(hinges)]
-    middle = []
+    middle, rows = [], best(scatter)
     for axis, way, x, y in (
         ("raw", "random", "samples", "median"),
         ("effective", "random", "effective", "error"),
         ("window", "window", "effective", "median"),
     ):
-        part = best[best["way"] == way].groupby("samples", sort=True)
+        part = rows[rows["way"] == way].groupby("samples", sort=True)
         middle += [{"axis": axis, "x": group[x].median(), "y": 100 * group[y].median()} for _, group in part]
     near = plain.groupby("samples", sort=True)["near"].mean().reset_index()
     outliers = case.joints[case.joints["outlier"]]

@@ -16,7 +16,6 @@ _LOOKS = {
     Verdict.REPRODUCED: "good",
     Verdict.PARTLY: "partly",
     Verdict.NOT_REPRODUCED: "bad",
-    Verdict.NOT_TESTABLE: "untested",
     Verdict.NOT_EVALUATED: "untested",
 }
 
@@ -103,8 +102,9 @@ def _missing(rest: pd.DataFrame, judged: pd.DataFrame, material: Material) -> It
     needed: list[str | Block] = [f"configs/{name}.toml" for name in configs if name not in given]
     if needed:
         needed = [f"runs of {', '.join(map(str, needed))}"]
-    if "cost" in reads and "cost" not in _reads(judged):
-        needed += [" and "] * bool(needed) + ["the table of ", Code("study cost"), ", given by ", Code("--cost")]
+    for table, option in (("cost", "--cost"), ("case-study", "--recording")):
+        if table in reads and table not in _reads(judged):
+            needed += [", and "] * bool(needed) + ["what ", Code(f"study {table}"), " writes, given by ", Code(option)]
     if needed:
         yield Text(["Missing are ", *needed, "."])
 

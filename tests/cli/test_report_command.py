@@ -85,7 +85,8 @@ def test_a_cost_table(call_here, folder, monkeypatch):
     """The runs and the cost table's path are what claims are judged by."""
     given = []
 
-    def judge_all(runs, cost):
+    def judge_all(runs, cost, spreads):
+        assert spreads is None
         given.append(([str(run.folder) for run in runs], str(cost)))
         return pd.DataFrame(columns=[column.name for column in tables.CLAIMS])
 

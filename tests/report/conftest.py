@@ -70,12 +70,11 @@ def claims(make_claims, circles):
         (Verdict.REPRODUCED, {"figure": "fig7_power_law", "runs": f"{name}, other-0123456789"}),
         (Verdict.PARTLY, {"figure": "fig6_mgdk"}),
         (Verdict.NOT_REPRODUCED, {"remark": "a remark of its own"}),
-        (Verdict.NOT_TESTABLE, {}),
         (
             Verdict.NOT_EVALUATED,
             {
                 "finding": "needs a run of configs/mgdk.toml; `study run` makes one",
-                "reads": "mgdk/points, circles/errors, cost",
+                "reads": "mgdk/points, circles/errors, cost, case-study",
             },
         ),
         (Verdict.REPRODUCED, {}),

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from study.analysis.claims import bias, bound, costs, errors, markers, outliers, power, ugdk
+from study.analysis.claims import bias, bound, costs, errors, markers, outliers, power, recordings, ugdk
 from study.analysis.claims.ledger import Claim, Evidence, Verdict, evaluate, frame
 from study.runs import tables
 from study.runs.store import Run
@@ -22,17 +22,19 @@ CLAIMS: tuple[Claim, ...] = (
     *markers.CLAIMS,
     *costs.CLAIMS,
     *power.CLAIMS,
+    *recordings.CLAIMS,
 )
 
 __all__ = ["CLAIMS", "Claim", "Evidence", "Verdict", "judge_all", "printed", "save"]
 
 
-def judge_all(runs: Iterable[Run], cost: Path | None = None) -> pd.DataFrame:
+def judge_all(runs: Iterable[Run], cost: Path | None = None, spreads: pd.DataFrame | None = None) -> pd.DataFrame:
     """Judge every claim by the runs at hand.
 
     Args:
         runs: finished runs, of different configs.
         cost: the file of a cost table, as `study cost` writes it.
+        spreads: of the joints of recordings, as `study.mocap.casetables` reads them.
 
     Returns:
         The claims table: a row per claim; columns as `study.runs.tables.CLAIMS` declares them.
@@ -40,7 +42,7 @@ def judge_all(runs: Iterable[Run], cost: Path | None = None) -> pd.DataFrame:
     Raises:
         RunError: if two runs have one name, or the cost table cannot be read.
     """
-    evidence = Evidence.of(runs, cost)
+    evidence = Evidence.of(runs, cost, spreads)
     return frame(evaluate(CLAIMS, evidence), evidence)
 
 

@@ -25,7 +25,6 @@ class Verdict(StrEnum):
     REPRODUCED = "reproduced"
     PARTLY = "partly"
     NOT_REPRODUCED = "not reproduced"
-    NOT_TESTABLE = "not testable here"
     NOT_EVALUATED = "not evaluated"
 
 
@@ -72,15 +71,17 @@ class Evidence:
     Attributes:
         runs: by the name of their config: ``paper`` of configs/paper.toml.
         cost: the table of `study cost`, or None.
+        recordings: spreads of joints from case studies, or None; columns as `study.mocap.casetables` has them.
     """
 
     runs: Mapping[str, Run]
     cost: pd.DataFrame | None = None
+    recordings: pd.DataFrame | None = None
     _read: dict[tuple[str, str], pd.DataFrame] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @classmethod
-    def of(cls, runs: Iterable[Run], cost: Path | None = None) -> "Evidence":
-        """Take runs, of different configs, and the file of a cost table.
+    def of(cls, runs: Iterable[Run], cost: Path | None = None, recordings: pd.DataFrame | None = None) -> "Evidence":
+        """Take runs, of different configs, the file of a cost table, and spreads of joints.
 
         Raises:
             RunError: if two runs are of one config's name, or a file cannot be read.
@@ -91,7 +92,7 @@ class Evidence:
             if name in named:
                 raise RunError(f"{named[name].folder} and {run.folder}: both are runs named {name!r}; give one of them")
             named[name] = run
-        return cls(named, None if cost is None else _cost(cost))
+        return cls(named, None if cost is None else _cost(cost), recordings)
 
     def table(self, config: str, name: str) -> Any:
         """A table of the run of a config, read once.
@@ -118,6 +119,16 @@ class Evidence:
             raise TableMissing("needs the cost table: `study cost` makes it")
         return self.cost
 
+    def spreads(self) -> pd.DataFrame:
+        """Spreads of joints of recordings.
+
+        Raises:
+            TableMissing: if none were given.
+        """
+        if self.recordings is None:
+            raise TableMissing("needs a recording: `study case-study FILE --out DIR`, then `--recording DIR` here")
+        return self.recordings
+
 
 @dataclass(frozen=True)
 class Claim:
@@ -129,7 +140,7 @@ class Claim:
         statement: what the paper says, in our words.
         quantity: what is measured.
         criterion: how the numbers become the verdict, in words; it says what ``judge`` does.
-        reads: tables, as "config/table"; "cost" for the cost table.
+        reads: tables, as "config/table"; "cost" for the cost table, "case-study" for those of recordings.
         measure: from the tables to numbers, the headline first.
         judge: from these numbers, in that order, to a verdict. It sees nothing else.
         figure: name of the figure that shows it, or "".

@@ -26,14 +26,14 @@ class Stored:
 def find():
     """Evaluate the claim of a name by tables ``{"config/table": frame}``; it may read what it declares, no more."""
 
-    def run(claims, name, tables, cost=None):
+    def run(claims, name, tables, cost=None, recordings=None):
         (claim,) = (c for c in claims if c.name == name)
         asked, configs = set(), {}
         for path, frame in tables.items():
             config, _, table = path.partition("/")
             configs.setdefault(config, {})[table] = frame
         runs = {config: Stored(config, held, asked) for config, held in configs.items()}
-        (finding,) = evaluate([claim], Evidence(runs, cost))
+        (finding,) = evaluate([claim], Evidence(runs, cost, recordings))
         assert asked <= set(claim.reads)
         return finding
 

@@ -1,4 +1,4 @@
-"""Claims of section 9.1: the power law follows from the stored run, and recordings wait for a table of them."""
+"""The claim of section 9.1 on the power law follows from the stored run."""
 
 import numpy as np
 import pandas as pd
@@ -57,22 +57,3 @@ def test_two_numbers_of_samples_are_no_law(find, grid):
     errors = grid(ugdk=-0.5)
     found = find(CLAIMS, "power-law", {"power-law/errors": errors[errors["samples"] <= 100]})
     assert found.verdict is Verdict.NOT_EVALUATED
-
-
-def test_recordings_are_not_there(find):
-    """Without recordings the claim says that it cannot be tested, and that none were measured."""
-    found = find(CLAIMS, "recordings-within-1-cm", {})
-    assert found.verdict is Verdict.NOT_TESTABLE
-    assert [n.value for n in found.numbers] == [0.0]
-
-
-@pytest.mark.parametrize(
-    ("below", "above", "verdict"),
-    [(0.05, 0.002, Verdict.REPRODUCED), (0.002, 0.002, Verdict.PARTLY), (0.05, 0.05, Verdict.NOT_REPRODUCED)],
-)
-def test_recordings(find, below, above, verdict):
-    """With a table of joints the verdict is about their spreads up to and above 200 samples."""
-    joints = pd.DataFrame({"samples": np.repeat([50, 200, 400, 3000], 20), "spread": np.repeat([below, above], 40)})
-    found = find(CLAIMS, "recordings-within-1-cm", {"recordings/joints": joints})
-    assert found.verdict is verdict
-    assert found.numbers[0].value == 80

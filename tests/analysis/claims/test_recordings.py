@@ -1,0 +1,130 @@
+"""The claim of section 9.1 on recordings: tables made by hand, and what they say of joints, not of rows."""
+
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from study.analysis.claims.ledger import Verdict
+from study.analysis.claims.recordings import CLAIMS
+
+FEW, MANY = (50, 200), (500, 1000)
+NEAR, FAR = 0.002, 0.05
+
+
+def spreads(upto, above, recordings=1):
+    """Spreads of joints (metres), a list for up to 200 samples and one for above, alike in all recordings."""
+    rows = [
+        {"recording": r, "joint": f"joint {j}", "samples": n, "spread": s, "with_axes": s, "error": 2.0 * s}
+        for r in range(recordings)
+        for values, sizes in ((upto, FEW), (above, MANY))
+        for j, s in enumerate(values)
+        for n in sizes
+    ]
+    return pd.DataFrame(rows)
+
+
+@pytest.fixture
+def judged(find):
+    """The claim's finding by a table of spreads."""
+    return lambda table: find(CLAIMS, "recordings-within-1-cm", {}, recordings=table)
+
+
+@pytest.mark.parametrize(
+    ("upto", "above", "verdict"),
+    [
+        ([FAR] * 14, [NEAR] * 14, Verdict.REPRODUCED),
+        ([FAR] * 14, [NEAR] * 12 + [FAR, math.inf], Verdict.REPRODUCED),
+        ([NEAR] * 14, [NEAR] * 14, Verdict.PARTLY),  # no more than with few samples
+        ([FAR] * 14, [NEAR] * 8 + [FAR] * 6, Verdict.PARTLY),  # more than half, but within the error of it
+        ([FAR] * 14, [NEAR] * 7 + [FAR] * 7, Verdict.NOT_REPRODUCED),
+        ([FAR] * 14, [FAR] * 14, Verdict.NOT_REPRODUCED),
+    ],
+)
+def test_verdicts(judged, upto, above, verdict):
+    """More than half, surely, and surely more than with few samples."""
+    found = judged(spreads(upto, above))
+    assert found.verdict is verdict
+    share, gain = found.numbers[:2]
+    assert share.value == pytest.approx(np.mean(np.array(above) < 0.01))
+    assert gain.value == pytest.approx(share.value - np.mean(np.array(upto) < 0.01))
+    assert "14 joints of 1 recording " in share.words
+
+
+def test_a_share_of_its_spreads(judged):
+    """A joint that is near at one of two numbers of samples counts half; a spread of a centimetre is not below it."""
+    table = spreads([FAR] * 10, [NEAR] * 10)
+    table.loc[table["samples"] == 500, "spread"] = 0.01
+    found = judged(table)
+    assert found.numbers[0].value == pytest.approx(0.5)
+    assert found.verdict is Verdict.NOT_REPRODUCED
+
+
+def test_errors_count_joints(judged):
+    """More rows of the same joints, or more recordings of them, make no error smaller; more joints do."""
+    upto, above = [FAR] * 9 + [NEAR], [NEAR] * 9 + [FAR]
+    once = judged(spreads(upto, above))
+    table = spreads(upto, above)
+    rows = pd.concat([table, table[table["samples"] == 1000].assign(samples=2000)])
+    twice, thrice = judged(spreads(upto, above, recordings=3)), judged(rows)
+    for other in (twice, thrice):
+        for one, same in zip(once.numbers, other.numbers, strict=True):
+            assert same[1:] == pytest.approx(one[1:])
+        assert other.verdict is once.verdict is Verdict.REPRODUCED
+    assert "10 joints of 3 recordings " in twice.numbers[0].words
+    assert {n.trials for n in once.numbers} == {10}
+    adjusted = (9 + 2) / (10 + 4)
+    assert once.numbers[0].error == pytest.approx(math.sqrt(adjusted * (1 - adjusted) / 14))
+    assert judged(spreads(2 * upto, 2 * above)).numbers[0].error < once.numbers[0].error
+
+
+def test_a_long_recording_counts_no_more(judged):
+    """Recordings count alike, whatever the numbers of samples that they have room for."""
+    table = spreads([FAR] * 6, [NEAR] * 6, recordings=2)
+    table.loc[table["recording"] == 1, "spread"] = FAR
+    short = (table["recording"] == 1) & (table["samples"] == 1000)
+    assert judged(table[~short]).numbers[0].value == pytest.approx(0.5)
+
+
+def test_a_short_recording_says_nothing(judged):
+    """One without large subsets is not counted, and does not make the others' joints look better with few samples."""
+    table = spreads([FAR] * 6, [NEAR] * 6, recordings=2)
+    table.loc[table["recording"] == 1, "spread"] = NEAR
+    found = judged(table[(table["recording"] == 0) | (table["samples"] <= 200)])
+    assert [n.value for n in found.numbers[:2]] == [1.0, 1.0]
+    assert "6 joints of 1 recording " in found.numbers[0].words
+
+
+def test_what_is_shown_besides(judged):
+    """The whole answer's own error, and the axes of hinges, enter numbers of their own and no verdict."""
+    table = spreads([FAR] * 10, [0.006] * 10).assign(with_axes=FAR)
+    found = judged(table)
+    assert [n.value for n in found.numbers] == [1.0, 1.0, 0.0, 0.0]
+    assert found.verdict is Verdict.REPRODUCED
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        (spreads([FAR] * 4, [NEAR] * 4), "share of 4 joints of 1 recording"),
+        (
+            spreads([FAR] * 14, []),
+            "share of 0 joints of 0 recordings with a spread below 1 cm, above 200 samples (takes 5",
+        ),
+        (spreads([], [NEAR] * 14), "up to 200 samples, joint by joint (takes 5 joints)"),
+    ],
+)
+def test_too_few(judged, table, words):
+    """Four joints that are all alike are chance as often as not in 20; a short recording has no large subset."""
+    found = judged(table)
+    assert found.verdict is Verdict.NOT_EVALUATED
+    assert words in found.reason
+
+
+def test_without_a_recording(judged):
+    """The reason names the command and the option."""
+    found = judged(None)
+    assert found.verdict is Verdict.NOT_EVALUATED
+    assert "`study case-study FILE --out DIR`" in found.reason
+    assert "`--recording DIR`" in found.reason

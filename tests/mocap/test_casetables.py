@@ -1,0 +1,106 @@
+"""Case studies read back: which rows count, and one line where there is none, a damaged one, or one of other days."""
+
+import math
+
+import pandas as pd
+import pytest
+
+from study.mocap.casetables import read_case_studies
+from study.mocap.recording import RecordingError
+
+NAME = "case-study-scatter.parquet"
+
+
+def scatter(**changes):
+    """A joint, and a hinge whose axis was dropped, at two numbers of random frames and one of a window."""
+    rows = [
+        ("neck", "random", False, 100, 0.004, 0.005),
+        ("neck", "random", False, 500, 0.002, 0.004),
+        ("neck", "window", False, 500, 0.040, 0.040),
+        ("knee", "random", False, 100, math.inf, math.inf),
+        ("knee", "random", False, 500, 0.030, 0.031),
+        ("knee", "random", True, 100, 0.003, 0.006),
+        ("knee", "random", True, 500, 0.001, 0.005),
+    ]
+    table = pd.DataFrame(rows, columns=["joint", "way", "dropped", "samples", "median", "error"])
+    return table.assign(**changes)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Store a table as a case study's, in a folder of this name."""
+
+    def make(table, name="study"):
+        (tmp_path / name).mkdir()
+        table.to_parquet(tmp_path / name / NAME)
+        return tmp_path / name
+
+    return make
+
+
+def test_which_rows(folder):
+    """Random frames alone; a hinge without its axis, and with it in a column of its own."""
+    found = read_case_studies([folder(scatter())]).set_index(["joint", "samples"])
+    assert len(found) == 4
+    assert set(found["recording"]) == {0}
+    assert found["spread"].to_dict() == {
+        ("neck", 100): 0.004, ("neck", 500): 0.002, ("knee", 100): 0.003, ("knee", 500): 0.001
+    }  # fmt: skip
+    assert found.loc[("knee", 100), "with_axes"] == math.inf
+    assert found.loc[("knee", 500), "with_axes"] == 0.03
+    assert found.loc[("knee", 500), "error"] == 0.005
+    assert found.loc[("neck", 500), "with_axes"] == 0.002
+
+
+def test_several(folder):
+    """Folders are numbered as they are given."""
+    first, second = folder(scatter(), "a"), folder(scatter(median=0.5), "b")
+    found = read_case_studies([first, second])
+    assert found.groupby("recording")["spread"].max().to_dict() == {0: 0.004, 1: 0.5}
+
+
+def test_one_twice(folder):
+    """The same case study, were it in another folder, would count twice."""
+    first, second = folder(scatter(), "a"), folder(scatter(), "b")
+    for folders in ([first, first], [first, second]):
+        with pytest.raises(RecordingError, match="the same case study; give it once"):
+            read_case_studies(folders)
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        (scatter().drop(columns=["median", "error"]), "not of this version: median, error missing or of another type"),
+        (scatter(samples="many"), "not of this version: samples missing"),
+        (scatter(dropped=1.0), "not of this version: dropped missing"),
+        (scatter(way="window"), "not one row per joint"),
+        (scatter(samples=100), "not one row per joint"),
+    ],
+)
+def test_other_tables(folder, table, words):
+    """A table that was written by another version, or by something else."""
+    place = folder(table)
+    with pytest.raises(RecordingError) as caught:
+        read_case_studies([place])
+    assert str(caught.value).startswith(f"{place / NAME}: {words}")
+    assert str(caught.value).endswith(f"`study case-study FILE --out {place}` makes one")
+
+
+def test_no_case_study(folder, tmp_path):
+    """A folder that is not there, one without a case study, a file."""
+    place = folder(scatter())
+    (tmp_path / "empty").mkdir()
+    for wrong in (tmp_path / "none", tmp_path / "empty", place / NAME):
+        with pytest.raises(RecordingError, match="not the folder of a case study") as caught:
+            read_case_studies([wrong])
+        assert str(caught.value).startswith(f"{wrong}: ")
+
+
+@pytest.mark.parametrize("keep", [0, 4, 0.5, 0.98])
+def test_damage(folder, keep):
+    """A file that was cut short, wherever."""
+    place = folder(scatter())
+    whole = (place / NAME).read_bytes()
+    (place / NAME).write_bytes(whole[: int(keep * len(whole)) if isinstance(keep, float) else keep])
+    with pytest.raises(RecordingError, match="cannot be read: damaged, or no parquet"):
+        read_case_studies([place])
