@@ -122,7 +122,7 @@ def count(dimension: int) -> dict[str, float]:
 
     def linear(x: Any) -> None:
         answers = _objects(1, d), _objects(1), _objects(1), _objects(1), _objects(1, d, d)
-        lls._fit_all(x, _objects(1, d), *answers, zeros(d))
+        lls._fit_all(x, *answers, zeros(d))
 
     def one_pass(x: Any) -> None:
         mle._pass(x, 0, _objects(d), _objects(d), 1.0, None, zeros(d), zeros(d, d))
