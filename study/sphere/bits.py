@@ -55,17 +55,19 @@ def put_back(state: Any, lane: Any) -> None:
 @compiled
 def fill_words(state: Any, words: Any) -> None:
     """Fill a row with words, LANES at a time; its length is a multiple of that."""
-    a, b, c, count = state[0, :LANES], state[1, :LANES], state[2, :LANES], state[3, :LANES]
+    a, b, c, count = state[0, :LANES], state[1, :LANES], state[2, :LANES], state[3, 0]  # they count alike
     for start in range(0, words.size, LANES):
         out = words[start : start + LANES]
         for k in range(LANES):
-            old = b[k]
-            bits = a[k] + old + count[k]
+            old, other = b[k], c[k]
+            bits = a[k] + old + count
             out[k] = bits
             a[k] = old ^ (old >> _11)
-            b[k] = c[k] + (c[k] << _3)
-            c[k] = ((c[k] << _24) | (c[k] >> _40)) + bits
-            count[k] += _1
+            b[k] = other + (other << _3)
+            c[k] = ((other << _24) | (other >> _40)) + bits
+        count += _1
+    for k in range(LANES):
+        state[3, k] = count
 
 
 @compiled
