@@ -3,11 +3,12 @@
 import os
 import subprocess
 import sys
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 from studies import grid, whole
+
+from study.runs.workers import Workers
 
 MEMORY = """
 import resource, sys
@@ -49,19 +50,21 @@ def test_dimension(timed, dimension):
     timed(group, f"d = {dimension}", loop, items=200_000, unit=dimension == 3, rounds=8)
 
 
-@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("workers", ["1 thread", "2 threads", "2 processes"])
 def test_workers(timed, workers):
-    """Eight equal units on one thread and on two."""
+    """Eight equal units on one worker and on two: threads as in short studies, processes as in long ones."""
     unit = whole(grid(10_000, 50))
-    if workers > (os.cpu_count() or 1):
+    if workers[0] == "2" and (os.cpu_count() or 1) < 2:
         pytest.skip("one core")
-    aim = "≤ 0.59" if workers == 2 else ""
-    with ThreadPoolExecutor(workers) as pool:
+    aim = "≤ 0.59" if workers == "2 processes" else ""
+    crew = Workers("loky" if workers == "2 processes" else "threads", int(workers[0]))
+    with crew.open() as pool:
 
         def eight():
-            list(pool.map(lambda _: unit(), range(8)))
+            for future in [pool.submit(unit) for _ in range(8)]:
+                future.result()
 
-        timed("growth with workers, eight units", f"{workers} threads", eight, unit=workers == 1, aim=aim, rounds=8)
+        timed("growth with workers, eight units", workers, eight, unit=workers == "1 thread", aim=aim, rounds=8)
 
 
 @pytest.mark.parametrize("samples", [1000, 1_000_000])

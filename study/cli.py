@@ -34,7 +34,13 @@ Recordings = Annotated[
 Figures = Annotated[list[str] | None, typer.Argument(metavar="FIGURE…", help="such as fig2_error [default: all]")]
 Out = Annotated[Path | None, typer.Option("--out", help="the run's folder [default: results/<name>-<digest>]")]
 Jobs = Annotated[int, typer.Option("--jobs", "-j", min=1, max=1024, help="number of workers")]
-Backend = Annotated[str, typer.Option("--backend", help="who computes: threads, loky (processes) or dask (a cluster)")]
+Backend = Annotated[
+    str | None,
+    typer.Option(
+        "--backend",
+        help="who computes: threads, loky (processes) or dask (a cluster) [default: threads; loky for long studies]",
+    ),
+]
 Seconds = Annotated[
     float | None, typer.Option("--budget", min=0.0, help="seconds that work is begun, where [precision] asks for it")
 ]
@@ -63,7 +69,7 @@ def run(
     configs: Annotated[list[Path], typer.Argument(metavar="CONFIG…", help="studies' configs")],
     jobs: Jobs = 2,
     out: Out = None,
-    backend: Backend = "threads",
+    backend: Backend = None,
     scheduler: Scheduler = None,
     budget: Seconds = None,
 ) -> None:
@@ -75,18 +81,20 @@ def run(
     from study.runs import runner
     from study.runs.budget import Budget
     from study.runs.finish import complaint, stopped
+    from study.runs.jobs import long
     from study.runs.workers import Workers
 
-    if (backend == "dask") != (scheduler is not None) or backend not in ("threads", "loky", "dask"):
+    if (backend == "dask") != (scheduler is not None) or backend not in (None, "threads", "loky", "dask"):
         raise typer.BadParameter("--backend is threads, loky, or dask, which alone takes a --scheduler, and needs it")
     if out is not None and len(configs) > 1:
         raise typer.BadParameter(f"--out {out} is one folder, for one config; leave it out")
-    workers, complaints, code = Workers(backend, jobs, scheduler), [], Code.FAILURES
+    complaints, code = [], Code.FAILURES
     studies = [read(config) for config in configs]  # all are read before any is run
     for config, (study, _) in zip(configs, studies, strict=True):
         if budget is not None and study.precision is None:
             raise typer.BadParameter(f"--budget {budget:g}: {config} has no [precision], and is computed whole")
     for study, text in studies:
+        workers = Workers(backend or ("loky" if jobs > 1 and long(study) else "threads"), jobs, scheduler)
         with _progress(study.run_name()) as advance:
             folder = out or Path("results") / study.run_name()
             end = None if budget is None else Budget(budget)

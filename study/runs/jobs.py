@@ -7,7 +7,7 @@ from itertools import groupby
 
 from study.estimators import ESTIMATORS
 from study.experiment.config import Study
-from study.experiment.design import Span
+from study.experiment.design import Span, spans
 from study.experiment.work import Reduce, Result, compute, lost, stack
 from study.runs import tables
 from study.runs.parts import FORMAT, Packet, encode
@@ -17,7 +17,8 @@ _OVERHEAD = 10_000.0
 """Samples that take as long to draw as a call takes without any."""
 _ROW = 10.0
 """Samples that take as long to draw as a row takes; it keeps packets of few samples small, which are read whole."""
-
+_LONG = 1e9
+"""Weight, some ten seconds of one worker, that is worth the two seconds in which processes start."""
 
 @dataclass(frozen=True)
 class Job:
@@ -67,6 +68,16 @@ class Asked:
             there = have(job.key)
             if missing := tuple(o for o in job.outputs if o not in there):
                 yield Job(span, job.key, missing)
+
+
+def long(study: Study) -> bool:
+    """Whether processes compute a study sooner than threads, which start at once but share one interpreter."""
+    asked, weight = Asked(study), 0.0
+    for span in spans(study):
+        weight += asked.job(span).weight
+        if weight > _LONG:
+            return True
+    return False
 
 
 def output(estimator: str) -> str:

@@ -6,6 +6,7 @@ from study.experiment.config import Study
 from study.experiment.design import Cell, units
 from study.experiment.errors import levels
 from study.experiment.work import Reduce
+from study.runs.jobs import long
 from study.runs.pace import measure
 
 _ROW_BYTES = 75.0
@@ -13,6 +14,8 @@ _ROW_BYTES = 75.0
 _POINT_BYTES = 26.0
 _ROW_SECONDS = 1e-6
 """Time to write a row, by and large: a tenth of a second for a hundred thousand."""
+_START_SECONDS = 2.0
+"""Time that processes take to start, by and large."""
 _CELLS_LOOKED_AT = 5000
 
 
@@ -82,7 +85,8 @@ def plan(study: Study, jobs: int, reduce: Reduce | None = None) -> Plan:
         for kind, count in share.items():
             work[kind] = work.get(kind, 0) + count
         shares.append([(*kind, count) for kind, count in share.items()])
-    pace = measure(study, _spread(list(cells.values())), jobs, reduce)
+    processes = jobs > 1 and long(study)  # which do not wait for each other, but take a while to start
+    pace = measure(study, _spread(list(cells.values())), 1 if processes else jobs, reduce)
     seconds = sum(pace.seconds(n, count, level) for (n, level), count in work.items())
     longest = max(sum(pace.seconds(n, count, level) for n, level, count in share) for share in shares)
     fits = trials * len(study.estimators)
@@ -97,7 +101,7 @@ def plan(study: Study, jobs: int, reduce: Reduce | None = None) -> Plan:
         samples=samples,
         fits=fits,
         bytes=_ROW_BYTES * rows + _POINT_BYTES * kept,
-        seconds=max(seconds / min(jobs, n_units), longest) + _ROW_SECONDS * rows,
+        seconds=max(seconds / min(jobs, n_units), longest) + _ROW_SECONDS * rows + _START_SECONDS * processes,
     )
 
 
