@@ -20,6 +20,7 @@ _ROW = 10.0
 _LONG = 1e9
 """Weight, some ten seconds of one worker, that is worth the two seconds in which processes start."""
 
+
 @dataclass(frozen=True)
 class Job:
     """Outputs to compute of a unit.
