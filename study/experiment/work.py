@@ -16,7 +16,7 @@ from study.experiment.errors import Columns, Errors, Truth, levels
 from study.experiment.sampling import Workspace, draw
 from study.sphere.joint import JointMoments
 
-_TOGETHER = 2**16
+TOGETHER = 2**17
 """Samples drawn at a time: several batches, so that the calls on them cost little, and little enough for a cache."""
 
 Reduce = Callable[[Errors], Columns]
@@ -175,7 +175,7 @@ def together(batches: Sequence[Batch]) -> Iterator[list[Batch]]:
     """Batches of the same cells that are computed at once, in order."""
     group: list[Batch] = []
     for batch in batches:
-        full = sum(b.trials for b in group) * batch.samples + batch.trials * batch.samples > _TOGETHER
+        full = sum(b.trials for b in group) * batch.samples + batch.trials * batch.samples > TOGETHER
         if group and (full or batch.cells != group[0].cells):
             yield group
             group = []

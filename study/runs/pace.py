@@ -13,14 +13,13 @@ from study.experiment.conditions import RandomDesign
 from study.experiment.config import Study
 from study.experiment.design import Batch, Cell, Unit
 from study.experiment.errors import levels
-from study.experiment.work import Reduce, compute
+from study.experiment.work import TOGETHER, Reduce, compute
 
 Floats = NDArray[np.float64]
 
 _SIZES = 7
 _MOST_PROBED = 250_000
 """Samples: beyond, a trial costs in proportion."""
-_TOGETHER = 2**16
 _CELLS = 6
 _LEVELS = 5
 _REPEATS = 3
@@ -86,7 +85,7 @@ def _probes(study: Study, cells: Sequence[Cell], size: int) -> list[Unit]:
     if isinstance(study.design, RandomDesign):
         batches = (Batch(("probe", i), 0, 1, (replace(cell, samples=size),)) for i, cell in enumerate(chosen))
         return [Unit((batch,)) for batch in batches]
-    trials = min(study.design.trials_of(size), max(1, _TOGETHER // size))
+    trials = min(study.design.trials_of(size), max(1, TOGETHER // size))
     units = []
     for i, cell in enumerate(chosen):
         alike = [replace(c, samples=size) for c in near if c.angle == cell.angle]

@@ -18,7 +18,7 @@ from study.sphere.compiled import CHUNK, compiled, fresh, put, window, zeros
 
 Floats = NDArray[np.float64]
 
-_BLOCK = 16 * CHUNK
+_BLOCK = 128 * CHUNK
 """Samples whose moments are formed about one point."""
 _NEAR = 32
 """Samples whose mean is near enough to all of them."""
