@@ -13,7 +13,7 @@ from study.runs.store import Run
 
 Key = tuple[str, str]
 """Names of a group and an estimator."""
-ROWS = 1 << 19
+ROWS = 1 << 18
 """As many rows are held at a time, if a single group has not more."""
 _CONDITIONS = ["cell", "noise", "radius", "estimator"]
 

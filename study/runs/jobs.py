@@ -15,8 +15,8 @@ from study.runs.parts import FORMAT, Packet, encode
 POINTS = "points"
 _OVERHEAD = 10_000.0
 """Samples that take as long to draw as a call takes without any."""
-_ROW = 10.0
-"""Samples that take as long to draw as a row takes; it keeps packets of few samples small, which are read whole."""
+_ROW = 40.0
+"""Samples for which a row counts: more than take as long to draw, because packets of many rows are read whole."""
 _LONG = 1e9
 """Weight, some ten seconds of one worker, that is worth the two seconds in which processes start."""
 

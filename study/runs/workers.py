@@ -24,8 +24,8 @@ from study.runs.write import RunError
 T = TypeVar("T")
 _WINDOW = 1024
 """Items in sight, of which the heaviest goes first."""
-_ENOUGH = 2e6
-"""Weight of a task, some 50 ms: below it, what surrounds the work would count."""
+_ENOUGH = 6e6
+"""Weight of a task, some 80 ms: below it, what surrounds the work would count."""
 
 
 @dataclass(frozen=True)
