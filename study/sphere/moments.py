@@ -18,7 +18,9 @@ from study.sphere.compiled import CHUNK, compiled, fresh, put, window, zeros
 
 Floats = NDArray[np.float64]
 
-_BLOCK = 128 * CHUNK
+_RUN = 16 * CHUNK
+"""Samples that are summed up before their sums are added to others: long sums lose digits."""
+_BLOCK = 8 * _RUN
 """Samples whose moments are formed about one point."""
 _NEAR = 32
 """Samples whose mean is near enough to all of them."""
@@ -131,11 +133,19 @@ def _block_moments(
     origin, one, two, three, fourth = fresh(zero), fresh(zero), fresh(square), fresh(zero), 0.0
     for i in range(d):
         origin = put(origin, i, mean[i])
-    for a in range(start, start + m, CHUNK):
-        count = min(CHUNK, start + m - a)
-        y, s, first = window(x, t, a, count, rows, zero)
-        one, two = _low(y, s, first, count, origin, one, two)
-        three, fourth = _high(y, s, first, count, origin, three, fourth)
+    for part in range(start, start + m, _RUN):
+        end = min(part + _RUN, start + m)
+        some_one, some_two, some_three, some_fourth = fresh(zero), fresh(square), fresh(zero), 0.0
+        for a in range(part, end, CHUNK):
+            count = min(CHUNK, end - a)
+            y, s, first = window(x, t, a, count, rows, zero)
+            some_one, some_two = _low(y, s, first, count, origin, some_one, some_two)
+            some_three, some_fourth = _high(y, s, first, count, origin, some_three, some_fourth)
+        fourth += some_fourth
+        for i in range(d):
+            one, three = put(one, i, one[i] + some_one[i]), put(three, i, three[i] + some_three[i])
+            for j in range(i + 1):
+                two = put(two, i * d + j, two[i * d + j] + some_two[i * d + j])
     delta, residue = work[0], work[1]
     for i in range(d):
         residue[i], third[i], delta[i] = one[i], three[i], one[i] / m
