@@ -53,10 +53,10 @@ def test_dimension(timed, dimension):
 @pytest.mark.parametrize("workers", ["1 thread", "2 threads", "2 processes"])
 def test_workers(timed, workers):
     """Eight equal units on one worker and on two: threads as in short studies, processes as in long ones."""
-    unit = whole(grid(10_000, 50))
+    unit = whole(grid(10_000, 100))
     if workers[0] == "2" and (os.cpu_count() or 1) < 2:
         pytest.skip("one core")
-    aim = "≤ 0.59" if workers == "2 processes" else ""
+    aim = "≤ 0.59" if workers[0] == "2" else ""
     crew = Workers("loky" if workers == "2 processes" else "threads", int(workers[0]))
     with crew.open() as pool:
 

@@ -5,6 +5,7 @@ joint; SCoRE 50 times as fast as biobuddy's. The last is of both fits from poses
 noise out of the turns, and gives a covariance and the axis. biobuddy is tried where it is installed.
 """
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -30,44 +31,50 @@ def matched():
     return choose(synthesize(Recipe(frames=FRAMES))[0])
 
 
-def test_phase_one(benchmark, matched):
+def test_phase_one(timed, matched):
     """Fourteen joints with their errors."""
-    benchmark.group = f"phase 1, {FRAMES} frames of 41 markers"
-    assert len(benchmark(find_joints, matched.markerset, matched.recording).joints) == 14
+    group = f"phase 1, {FRAMES} frames of 41 markers (aim: below 1e9 ns)"
+    found = timed(group, "frames, joints and errors", find_joints, matched.markerset, matched.recording, rounds=5)
+    assert len(found.joints) == 14
 
 
-def test_phase_two(benchmark, matched):
+def test_phase_two(timed, matched):
     """Fifteen segments in every frame."""
     calibration = calibrate(matched.recording, matched.markerset)
-    benchmark.group = f"phase 2, {FRAMES} frames of 15 segments"
-    skeleton = benchmark(draw_skeleton, calibration, matched.recording)
-    benchmark.extra_info["frames per second"] = FRAMES / benchmark.stats.stats.min
+    group = "phase 2, per frame of 15 segments (aim: 20,000 ns)"
+    skeleton = timed(group, "all joints", draw_skeleton, calibration, matched.recording, items=FRAMES)
     assert skeleton.frames == FRAMES
 
 
-def test_live(benchmark, matched):
+def test_live(timed, matched):
     """One frame into all joints' sums, and their centres."""
     live = LiveJoints(calibrate(matched.recording, matched.markerset), matched.recording.markers, 0.002)
     frame = matched.recording.positions[:, :, 0].copy()
-    benchmark.group = f"live, one frame of {len(live.joints)} joints"
-    benchmark(live.update, frame)
-    benchmark.extra_info["seconds per joint"] = benchmark.stats.stats.min / len(live.joints)
+
+    def hundred():
+        for _ in range(100):
+            live.update(frame)
+
+    joints = len(live.joints)
+    group = "live, per frame and joint (aim: 50,000 ns)"
+    timed(group, f"sums and centres of {joints} joints", hundred, items=100 * joints)
 
 
 @pytest.mark.parametrize("whose", ["ours", "biobuddy"])
-def test_score(benchmark, matched, whose):
+def test_score(timed, matched, whose):
     """The waist from pelvis and chest, whose poses are known: two centres, ours with its covariance."""
     found = find_joints(matched.markerset, matched.recording)
     pelvis, thorax = found.frames["pelvis"], found.frames["thorax"]
-    benchmark.group = f"SCoRE of one joint, {FRAMES} frames"
+    group = f"SCoRE of one joint, {FRAMES} frames"
     ours = two_sided(pelvis, thorax)
     if whose == "ours":
-        benchmark(two_sided, pelvis, thorax)
+        timed(group, "symmetric fit, with covariance and axis", two_sided, pelvis, thorax, unit=True)
         return
     biobuddy = pytest.importorskip("biobuddy", reason="pip install biobuddy to see it beside ours")
     score = pytest.importorskip("biobuddy.model_modifiers.joint_center_tool").Score.perform_algorithm
     poses = [biobuddy.RotoTransMatrixTimeSeries.from_rt_matrix(_poses(frames)) for frames in (pelvis, thorax)]
-    found = benchmark.pedantic(score, args=poses, kwargs={"recursive_outlier_removal": False}, rounds=3)
+    score = partial(score, recursive_outlier_removal=False)
+    found = timed(group, "biobuddy", score, *poses, aim="≥ 50", rounds=5)
     # they leave the noise in the turns: some centimetres, where these are small against it
     assert np.linalg.norm(found[1] - ours.in_parent) < 0.1
 
