@@ -1,9 +1,9 @@
 """Directions uniform by area on a spherical cap, in any dimension d ≥ 2.
 
 A direction is u = (1 - t, √(t(2 - t)) w): its height t = 1 - cos θ below the pole, and a unit vector w across the
-axis. The height comes from one uniform number through the inverse of its distribution; w is a normalised vector of
-d - 1 normals (a sign, where d = 2). Heights are kept instead of cosines, so nothing is lost at tiny angles: 1 - cos φ
-is formed as 2 sin²(φ/2), never by subtraction.
+axis. The height comes from one uniform number through the inverse of its distribution; w is a sign in two dimensions,
+a point of the circle by its angle in three, and a normalised vector of d - 1 normals in more. Heights are kept instead
+of cosines, so nothing is lost at tiny angles: 1 - cos φ is formed as 2 sin²(φ/2), never by subtraction.
 """
 
 import math
