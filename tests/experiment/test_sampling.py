@@ -49,7 +49,8 @@ def test_directions_are_unit_vectors_within_the_cap(make_study, d, angle):
     height, across = directions[:, 0], np.sum(directions[:, 1:] ** 2, axis=1)
     np.testing.assert_allclose(across, height * (2 - height), rtol=1e-12, atol=1e-15)
     limit = 2 * np.sin(np.radians(angle) / 2) ** 2
-    assert 0.9 * limit < height.max() <= limit * (1 + 4 * EPS)
+    near = 0.9 if (d, angle) == (5, 180) else 0.99  # about the lower pole of a sphere in many dimensions there is little
+    assert near * limit < height.max() <= limit * (1 + 4 * EPS)
 
 
 def stored_points(study):
