@@ -49,7 +49,7 @@ def test_directions_are_unit_vectors_within_the_cap(make_study, d, angle):
     height, across = directions[:, 0], np.sum(directions[:, 1:] ** 2, axis=1)
     np.testing.assert_allclose(across, height * (2 - height), rtol=1e-12, atol=1e-15)
     limit = 2 * np.sin(np.radians(angle) / 2) ** 2
-    near = 0.9 if (d, angle) == (5, 180) else 0.99  # about the lower pole of a sphere in many dimensions there is little
+    near = 0.9 if (d, angle) == (5, 180) else 0.99  # few points are near a pole in five dimensions
     assert near * limit < height.max() <= limit * (1 + 4 * EPS)
 
 
