@@ -30,7 +30,7 @@ def newton_step(points, center):
 @pytest.mark.parametrize("d", [2, 3, 4])
 @pytest.mark.parametrize("noise", [1e-4, 0.01, 0.05])
 def test_converges_to_a_minimum(rng, on_cap, noise, d):
-    """At the answer the Hessian is positive definite and less than 2e-10 of a radius is left to go (1e-10 is expected)."""
+    """At the answer the Hessian is positive definite and less than 2e-10 of a radius is left to go."""
     for n, angle in [(12, 120.0), (40, 60.0), (600, 90.0)]:
         points = on_cap(rng, n, angle, d, noise=noise, center=1.0, sets=40)[0]
         fit = study.fit(points, "mle")
