@@ -125,7 +125,8 @@ def count(dimension: int) -> dict[str, float]:
         lls._fit_all(x, *answers, zeros(d))
 
     def one_pass(x: Any) -> None:
-        mle._pass(x, 0, _objects(d), _objects(d), 1.0, None, zeros(d), zeros(d, d))
+        sums = _objects(2 + 2 * d + d * d)
+        mle._pass(x, 0, 0, x.shape[2], _objects(d), _objects(d), 1.0, None, sums, zeros(d), zeros(d, d))
 
     def incremental(x: Any) -> None:
         inverse = _objects(1, d, d)

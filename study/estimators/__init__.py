@@ -25,10 +25,12 @@ def _moments(d: int) -> float:
 _BIASED = "pulled towards the points by the noise, which its standard errors do not show; als is not"
 
 ESTIMATORS: dict[str, Estimator] = {
-    "mle": Estimator(mle, "paper §4.3; Shakarji 1998", flops=lambda d: d * d + 10 * d + 6, flops_of="a pass"),
-    "mle_centroid": Estimator(mle_centroid, "mle from another start, the centroid of the points"),
-    "mle_mirror": Estimator(mle_mirror, "mle from a wrong start, beyond the points"),
-    "lls": Estimator(lls, "paper §4.4", flops=lambda d: 2 * d * d + 10 * d + 5, caution=_BIASED),
+    "mle": Estimator(
+        mle, "paper §4.3; Shakarji 1998", flops=lambda d: d * d + 10 * d + 6, flops_of="a pass", by_window=True
+    ),
+    "mle_centroid": Estimator(mle_centroid, "mle from another start, the centroid of the points", by_window=True),
+    "mle_mirror": Estimator(mle_mirror, "mle from a wrong start, beyond the points", by_window=True),
+    "lls": Estimator(lls, "paper §4.4", flops=lambda d: 2 * d * d + 10 * d + 5, caution=_BIASED, by_window=True),
     "lls_nr": Estimator(lls_nr, "paper §4.4; Press et al. 1992: centred, singular values cut at 1e-5", caution=_BIASED),
     "lls_nr_raw": Estimator(lls_nr_raw, "paper §4.4; Press et al. 1992: not centred, cut at 1e-6", caution=_BIASED),
     "lls_single": Estimator(lls_single, "lls by normal equations in single precision", caution=_BIASED),

@@ -13,6 +13,7 @@ from scipy import stats
 from study.sphere.bounds import bound_from_scatter, noise_covariance, normal_weights, weighted_scatter
 from study.sphere.linalg import eigenbasis
 from study.sphere.moments import Moments
+from study.sphere.points import Placed, extent, form
 from study.sphere.regression import Regression
 
 Floats = NDArray[np.float64]
@@ -56,11 +57,11 @@ class Samples:
     """A batch of point sets as estimators see them, with what several of them share computed once.
 
     Attributes:
-        x: the points, coordinates first (b, d, n), float64, any memory layout.
+        source: the points, coordinates first (b, d, n), float64, any memory layout; or what they are formed of.
         noise: σ, the same for all sets or one for each (b,), a covariance Σ (d, d), or None if it is not known.
     """
 
-    x: Floats
+    source: Floats | Placed
     noise: float | Floats | None = None
 
     @classmethod
@@ -79,15 +80,22 @@ class Samples:
         """One set of the batch."""
         one = slice(index, index + 1)
         noise = self.noise[one] if isinstance(self.noise, np.ndarray) and self.noise.ndim == 1 else self.noise
-        if self.x.shape[2] or "regression" not in self.__dict__:
-            return Samples(self.x[one], noise)
+        _, d, n = self.shape
+        if isinstance(self.source, Placed):
+            return Samples(form(self.source, np.empty((1, d, n)), index), noise)
+        if n or "regression" not in self.__dict__:
+            return Samples(self.source[one], noise)
         return Samples.of_regression(self.regression.only(index), noise)
 
     @property
     def shape(self) -> tuple[int, int, int]:
         """Number of sets b, dimension d, samples n."""
-        b, d, n = self.x.shape
-        return b, d, n
+        return extent(self.source)
+
+    @cached_property
+    def x(self) -> Floats:
+        """The points, coordinates first (b, d, n)."""
+        return form(self.source, np.empty(self.shape)) if isinstance(self.source, Placed) else self.source
 
     @property
     def points(self) -> Floats:
@@ -97,7 +105,7 @@ class Samples:
     @cached_property
     def moments(self) -> Moments:
         """Centred moments of each set."""
-        return Moments.of(self.x)
+        return Moments.of(self.source)
 
     @cached_property
     def regression(self) -> Regression:
@@ -140,6 +148,14 @@ class Fit:
             iterations=self.iterations.reshape(lead),
             samples=samples,
         )
+
+    def every(self, step: int, first: int) -> "Fit":
+        """Of fits of one point set each, the one numbered ``first`` and each ``step``-th after it."""
+        part = slice(first, None, step)
+        return Fit(
+            self.center[part], self.radius[part], self.noise_variance[part], self.status[part],
+            self.condition[part], self.iterations[part],
+        )  # fmt: skip
 
     @cached_property
     def count(self) -> Ints:
@@ -242,6 +258,8 @@ class Estimator:
         flops_of: what they are for, where that is not the whole fit.
         caution: what a user should know beside the answer, whatever its status.
         moments_suffice: whether it looks at ``Samples.moments`` alone.
+        by_window: whether all else that it reads comes from `study.sphere.points.window`, so that points need not lie
+            in memory.
         version: to be raised with every change of its numbers, so that runs do not mix old rows with new ones.
     """
 
@@ -252,6 +270,7 @@ class Estimator:
     flops_of: str = ""
     caution: str = ""
     moments_suffice: bool = False
+    by_window: bool = False
     version: int = 1
 
     def __call__(self, samples: Samples) -> Fit:

@@ -13,12 +13,11 @@ import numpy as np
 
 from study.estimators.fit import Fit, Samples, Status, blank
 from study.estimators.gdk import noise_of_residuals
-from study.sphere.compiled import CHUNK, compiled, dot, fill, fresh, put, total, window, zeros
+from study.sphere.compiled import CHUNK, compiled, compiled_as_written, dot, fill, fresh, put, total, zeros
 from study.sphere.linalg import eigenbasis
+from study.sphere.points import abreast, at, extent, near, window
 
 _EPS = 2.0**-52
-_NEAR = 32
-"""Samples whose mean is near enough to all of them."""
 
 
 @compiled
@@ -93,54 +92,56 @@ def _solve(triangle: Any, beta: Any) -> None:
         beta[i] /= triangle[i, i]
 
 
-@compiled
-def _columns(x: Any, t: int, start: int, m: int, origin: Any, rows: Any, products: Any) -> None:
-    """Columns y₁ … y_d and |y|² of m samples, y = x - origin, beside the first of ones, and its products with all."""
+@compiled_as_written
+def _columns(view: Any, m: int, origin: Any, rows: Any) -> None:
+    """Columns y₁ … y_d and |y|² of m samples, y = x - origin, beside the first of ones."""
     d = len(origin)
-    square = rows[d + 1, :m]
-    fill(square, 0.0)
-    for i in range(d):
-        y, whole = rows[i + 1, :m], 0.0
-        for k in range(m):
-            value = x[t, i, start + np.uintp(k)] - origin[i]
-            y[k] = value
-            square[k] += value * value
-            whole += value
-        products[i + 1] = whole
-    products[0], products[d + 1] = float(m), total(square)
+    for k in range(m):
+        square = 0.0
+        for i in range(d):
+            y = at(view, i, k) - origin[i]
+            rows[i + 1, k] = y
+            square += y * y
+        rows[d + 1, k] = square
 
 
 @compiled
-def _fit_all(x: Any, center: Any, radius: Any, residual: Any, noise: Any, scatter: Any, zero: Any) -> None:
+def _fit_all(x: Any, group: int, center: Any, radius: Any, residual: Any, noise: Any, scatter: Any, zero: Any) -> None:
     """Solve each point set of a batch (b, d, n), about a point near it: the mean of its first samples."""
-    b, d, n = x.shape
-    near, some = np.empty(d), min(n, _NEAR)
+    b, d, n = extent(x)
     q = d + 2
-    rows, copy, products = np.empty((q, CHUNK)), np.empty((1, d, CHUNK)), np.empty(q)
-    triangle, beta = np.empty((q, q)), np.empty(d + 1)
+    rows, copy, products, beta = np.empty((q, CHUNK)), np.empty((1, d, CHUNK)), np.empty(q), np.empty(d + 1)
+    origins, triangles = np.empty((group, d)), np.empty((group, q, q))
     fill(rows[0], 1.0)
-    for t in range(b):
-        triangle[:] = 0.0
-        origin = fresh(zero)
-        y, s, first = window(x, t, 0, some, copy, zero)
-        for i in range(d):
-            near[i] = total(y[s, i, first : first + np.uintp(some)]) / some
-            origin = put(origin, i, near[i])
+    for head in range(0, b, group):
+        triangles[:] = 0.0
+        for g in range(group):
+            point = near(x, head + g, n, copy, zero)
+            for i in range(d):
+                origins[g, i] = point[i]
         for start in range(0, n, CHUNK):
             m = min(CHUNK, n - start)
-            y, s, first = window(x, t, start, m, copy, zero)
-            _columns(y, s, first, m, origin, rows, products)
-            _append(triangle, rows, m, products)
-        _scatter(triangle, scatter[t])
-        _solve(triangle, beta)
-        residual[t] = triangle[d + 1, d + 1] ** 2 / n
-        radius_squared = beta[0]
-        for i in range(d):
-            half = 0.5 * beta[i + 1]
-            center[t, i] = near[i] + half
-            radius_squared += half * half
-        radius[t] = math.sqrt(radius_squared) if radius_squared >= 0.0 else math.nan
-        noise[t] = noise_of_residuals(residual[t], radius_squared, float(n), d)
+            for g in range(group):
+                origin = fresh(zero)
+                for i in range(d):
+                    origin = put(origin, i, origins[g, i])
+                view = window(x, head + g, start, m, copy, zero)
+                _columns(view, m, origin, rows)
+                for j in range(q):
+                    products[j] = total(rows[j, :m])
+                _append(triangles[g], rows, m, products)
+        for g in range(group):
+            t, triangle = head + g, triangles[g]
+            _scatter(triangle, scatter[t])
+            _solve(triangle, beta)
+            residual[t] = triangle[d + 1, d + 1] ** 2 / n
+            radius_squared = beta[0]
+            for i in range(d):
+                half = 0.5 * beta[i + 1]
+                center[t, i] = origins[g, i] + half
+                radius_squared += half * half
+            radius[t] = math.sqrt(radius_squared) if radius_squared >= 0.0 else math.nan
+            noise[t] = noise_of_residuals(residual[t], radius_squared, float(n), d)
 
 
 def lls(samples: Samples) -> Fit:
@@ -151,7 +152,9 @@ def lls(samples: Samples) -> Fit:
     b, d, _ = samples.shape
     fit = blank(b, d)
     residual, scatter = np.empty(b), np.empty((b, d, d))
-    _fit_all(samples.x, fit.center, fit.radius, residual, fit.noise_variance, scatter, zeros(d))
+    _fit_all(
+        samples.source, abreast(samples.source), fit.center, fit.radius, residual, fit.noise_variance, scatter, zeros(d)
+    )
     values, _ = eigenbasis(scatter)
     regular = values[:, 0] > d * _EPS * values[:, -1]  # the points span all dimensions: the rule of `gdk`
     fit.status[~regular] = Status.SINGULAR

@@ -1,13 +1,8 @@
 """Maximum likelihood: geometric least squares, minimising F(c) = Σ(Rᵢ - R̄)² over the centre, Rᵢ = |xᵢ - c|.
 
 Newton's method with the exact Hessian, from GDKE's or Taubin's answer: 1-8 passes over the data where Gauss-Newton
-takes 7-78. Never from UGDK's, which can lie anywhere. With e = (x - c)/R and r = R̄,
-
-    ½∇F = -Σ(R - r)e,    ½∇²F = Σ[(1 - r/R) I + (r/R) eeᵀ] - n ē ēᵀ,
-
-and where that is not positive definite its eigenvalues are replaced by their absolute values. A step is at most the
-current radius long and is halved until F falls. On a small cap the infimum can lie at infinity, where the sphere is
-a plane: the centre is stopped at a bound, and the status says so.
+takes 7-78. Never from UGDK's, which can lie anywhere. The steps are in `newton.py`, the sums they need here. Sets that
+share their draws go on side by side, pass by pass, because these are formed from what is in a cache then.
 
 Source: paper §4.3 and Shakarji 1998, which minimise the same function by Levenberg-Marquardt.
 """
@@ -17,54 +12,38 @@ from typing import Any
 
 import numpy as np
 
-from study.estimators.fit import Fit, Samples, Status, blank
+from study.estimators.fit import Fit, Samples, blank
 from study.estimators.gdk import member
+from study.estimators.newton import ON, SEARCH, advance, begin
 from study.estimators.roots import root
-from study.sphere.compiled import CHUNK, compiled, dot, fresh, put, window, zeros
-from study.sphere.linalg import cholesky_solve, diagonalise
+from study.sphere.compiled import CHUNK, compiled, fill, fresh, put, zeros
+from study.sphere.points import BLOCK, abreast, at, extent, window
 
-_MAX_ITERATIONS = 100
-_MAX_HALVINGS = 40
-_TOLERANCE = 1e-9
-"""A Newton step below this share of the radius ends the iteration: the next one would be its square."""
 _CLEAR = 0.3
 """Noise below this share of the points' least variance leaves no doubt where to begin."""
-_SHORT, _SURE = 1e-2, 1e-10
-"""So does a step this short, beside the one before it and the radius, if it lets expect a next one this short ..."""
-_THIRD = 1e-8
-"""... and what is of third order in it is this short beside F."""
-_EPS = 2.0**-52
-_LEVEL = 0.01
-"""Where rounding ends the iteration although Newton's step is above this share of the radius, F has levelled off on the
-way to a plane: it no longer tells centres apart that differ."""
-_FAR = 1e-5
-"""An iteration that does not end beyond this share of the bound is on its way to it."""
-_CANCELLED = 1e4
-"""F is formed about the last radius. Where a long step leaves less than this share of the sum, it is formed again."""
-_FLAT = 1e-15
-"""Least curvature, per sample, that a step is divided by."""
-_BOUND = 1e8
-"""Largest distance from the centroid, in units of the points' spread √Tr C: so flat a sphere is a plane in float64."""
 
 
 @compiled
-def _pass(x: Any, t: int, origin: Any, center: Any, radius: float, rows: Any, zero: Any, square: Any) -> Any:
-    """One pass over a point set for a trial centre, which is taken from ``origin``.
+def _pass(
+    x: Any, t: int, start: int, m: int, origin: Any, center: Any, radius: float, rows: Any, sums: Any,
+    zero: Any, square: Any,
+) -> None:  # fmt: skip
+    """Add a block of samples to the sums for a trial centre, which is taken from ``origin``.
 
-    Returns Σ(R-r), Σ(R-r)², Σ(R-r)e, Σe and, in its lower triangle, Σeeᵀ/R, whose trace is Σ1/R.
+    They are Σ(R-r), Σ(R-r)², Σ(R-r)e, Σe and, in its lower triangle, Σeeᵀ/R, whose trace is Σ1/R.
     """
-    d, n = len(zero), x.shape[2]
+    d = len(zero)
     near, away, e, pull, mean, curve = fresh(zero), fresh(zero), fresh(zero), fresh(zero), fresh(zero), fresh(square)
     for i in range(d):
         near, away = put(near, i, origin[i]), put(away, i, center[i])
     excess = squares = 0.0
-    for start in range(0, n, CHUNK):
-        m = min(CHUNK, n - start)
-        y, s, first = window(x, t, start, m, rows, zero)
-        for k in range(m):
+    for part in range(start, start + m, CHUNK):
+        count = min(CHUNK, start + m - part)
+        view = window(x, t, part, count, rows, zero)
+        for k in range(count):
             distance = 1e-300  # a sample may lie at the centre
             for i in range(d):
-                e = put(e, i, (y[s, i, first + np.uintp(k)] - near[i]) - away[i])
+                e = put(e, i, (at(view, i, k) - near[i]) - away[i])
                 distance += e[i] * e[i]
             distance = math.sqrt(distance)
             over = 1.0 / distance
@@ -78,133 +57,64 @@ def _pass(x: Any, t: int, origin: Any, center: Any, radius: float, rows: Any, ze
                 weighted = e[i] * over
                 for j in range(i + 1):
                     curve = put(curve, i * d + j, curve[i * d + j] + weighted * e[j])
-    return excess, squares, pull, mean, curve
-
-
-@compiled
-def _trace(square: Any, d: int) -> float:
-    result = 0.0
+    sums[0] += excess
+    sums[1] += squares
     for i in range(d):
-        result += square[i * d + i]
-    return result
-
-
-@compiled
-def _half_hessian(n: int, radius: float, mean: Any, curve: Any, matrix: Any) -> None:
-    """½∇²F from the sums of a pass."""
-    d, inverse = len(mean), _trace(curve, len(mean))
-    for i in range(d):
-        for j in range(i + 1):
-            matrix[i, j] = matrix[j, i] = radius * curve[i * d + j] - mean[i] * mean[j] / n
-        matrix[i, i] += n - radius * inverse
-
-
-@compiled
-def _minimise(
-    x: Any, t: int, origin: Any, spread: float, a: Any, result: Any, rows: Any, zero: Any, square: Any
-) -> int:
-    """Minimise F for one point set of a batch; ``a`` is the start, from ``origin``, and receives the centre.
-
-    ``spread`` is the mean of |x - origin|²; ``result`` receives the radius, F and the number of steps.
-    """
-    d, n = x.shape[1], x.shape[2]
-    bound, radius = _BOUND * math.sqrt(spread), math.sqrt(spread + dot(a, a))  # eq. 3: it keeps R - r small
-    matrix, vectors = np.empty((d, d)), np.empty((d, d))
-    step, descent, trial = np.empty(d), np.empty(d), a.copy()
-    best, before, halvings, steps, wanted, size, last = math.inf, radius, 0, 0, 0.0, 0.0, 0.0
-    while True:
-        excess, squares, pull, mean, curve = _pass(x, t, origin, trial, radius, rows, zero, square)
-        value = squares - excess * excess / n
-        if excess * excess > _CANCELLED * n * value:
-            radius += excess / n
-            excess, squares, pull, mean, curve = _pass(x, t, origin, trial, radius, rows, zero, square)
-            value = squares - excess * excess / n
-        newton = True
-        if value <= best:
-            best, halvings = value, 0
-            a[:] = trial
-            before = radius + excess / n  # R̄, the radius that belongs to this centre
-            result[0], result[1], result[2] = before, best, float(steps)
-            if steps >= _MAX_ITERATIONS:
-                return Status.AT_BOUND if size > (_FAR * bound) ** 2 else Status.NOT_CONVERGED
-            steps += 1
-            for i in range(d):
-                descent[i] = pull[i] - (before - radius) * mean[i]  # Σ(R - R̄)e, from Σ(R - r)e
-            _half_hessian(n, before, mean, curve, matrix)
-            step[:] = descent
-            if not cholesky_solve(matrix, step):
-                newton = False
-                _half_hessian(n, before, mean, curve, matrix)
-                diagonalise(matrix, vectors)
-                step[:] = 0.0
-                for j in range(d):
-                    along = dot(vectors[:, j], descent) / max(abs(matrix[j, j]), _FLAT * n)
-                    for i in range(d):
-                        step[i] += along * vectors[i, j]
-        elif halvings == 0 and value <= best + 2.0 * _EPS * radius * math.sqrt(n * best):
-            a[:] = trial  # rounding no longer lets F tell two centres apart: this one is a Newton step further
-            result[0], result[1], result[2] = radius + excess / n, value, float(steps)
-            return Status.AT_BOUND if wanted > _LEVEL * before else Status.OK
-        else:
-            halvings += 1
-            if halvings > _MAX_HALVINGS:
-                return Status.AT_BOUND if size > (_FAR * bound) ** 2 else Status.NOT_CONVERGED
-            for i in range(d):
-                step[i] *= 0.5
-        length = along = size = 0.0
-        for i in range(d):
-            length += step[i] * step[i]
-        length = math.sqrt(length)
-        if not length < math.inf:
-            return Status.NOT_FINITE
-        if halvings == 0:
-            wanted = length
-        if length > before:
-            newton = False
-            for i in range(d):
-                step[i] *= before / length
-        for i in range(d):
-            trial[i] = a[i] + step[i]
-            size += trial[i] * trial[i]
-            along += step[i] * mean[i]
-        radius = before
-        full = newton and halvings == 0
-        following = length * (length / last) ** 2  # steps fall off as the squares of those before them
-        done = full and length <= _SHORT * min(before, last) and following <= _SURE * before
-        done = done and n * length**3 <= _THIRD * best * before
-        last = length if full else 0.0
-        if done or length <= _TOLERANCE * before:
-            if halvings == 0:  # what the step changes in R̄ and F, to second order in a step this short
-                a[:] = trial
-                bend = _trace(curve, d) * length * length
-                for i in range(d):
-                    result[1] -= step[i] * descent[i]
-                    for j in range(d):
-                        bend -= step[i] * curve[max(i, j) * d + min(i, j)] * step[j]
-                result[0] += (0.5 * bend - along) / n
-            result[2] = float(steps)
-            return Status.AT_BOUND if wanted > _LEVEL * before else Status.OK
-        if size > bound * bound:
-            return Status.AT_BOUND
+        sums[2 + i] += pull[i]
+        sums[2 + d + i] += mean[i]
+    for i in range(d * d):
+        sums[2 + 2 * d + i] += curve[i]
 
 
 @compiled
 def _fit_all(
-    x: Any, origin: Any, spread: Any, offset: Any, center: Any, radius: Any, noise: Any, iterations: Any, status: Any,
-    zero: Any, square: Any,
+    x: Any, group: int, origin: Any, spread: Any, least: Any, offset: Any, center: Any, radius: Any, noise: Any,
+    iterations: Any, status: Any, zero: Any, square: Any,
 ) -> None:  # fmt: skip
-    d, n = x.shape[1], x.shape[2]
-    rows, result = np.empty((1, d, CHUNK)), np.empty(3)
-    for t in range(status.size):
-        result[0] = result[1] = math.nan
-        result[2] = 0.0
-        if status[t] == 0:
-            status[t] = _minimise(x, t, origin[t], spread[t], offset[t], result, rows, zero, square)
-        for i in range(d):
-            center[t, i] = origin[t, i] + offset[t, i]
-        radius[t], iterations[t] = result[0], int(result[2])
-        least = max(result[1], 0.0) if result[1] == result[1] else math.nan  # rounding can take F below 0 on a sphere
-        noise[t] = least / (n - d - 1) if n > d + 1 else math.nan
+    """Minimise F for each set of a batch from ``offset``, which receives the centres, both taken from ``origin``.
+
+    ``spread`` is the mean of |x - origin|², ``least`` the smallest eigenvalue of C.
+    """
+    b, d, n = extent(x)
+    rows, search, going = np.empty((1, d, CHUNK)), np.empty(group, SEARCH), np.empty(group, np.bool_)
+    sums, result = np.empty((group, 2 + 2 * d + d * d)), np.empty((group, 3))
+    trial, step, descent = np.empty((group, d)), np.empty((group, d)), np.empty(d)
+    matrix, vectors = np.empty((d, d)), np.empty((d, d))
+    for head in range(0, b, group):
+        left = 0
+        for g in range(group):
+            result[g, 0] = result[g, 1] = math.nan
+            result[g, 2] = 0.0
+            going[g] = status[head + g] == 0
+            if going[g]:
+                left += 1
+                t, plane = head + g, (n - 1.0) * least[head + g]
+                begin(search[g], spread[t], plane, offset[t], trial[g])
+        while left > 0:
+            for g in range(group):
+                fill(sums[g], 0.0)
+            for start in range(0, n, BLOCK):
+                m = min(BLOCK, n - start)
+                for g in range(group):
+                    if going[g]:
+                        t, about = head + g, search[g].radius
+                        _pass(x, t, start, m, origin[t], trial[g], about, rows, sums[g], zero, square)
+            for g in range(group):
+                if going[g]:
+                    t = head + g
+                    found = advance(
+                        search[g], n, sums[g], offset[t], trial[g], step[g], result[g], descent, matrix, vectors
+                    )
+                    if found != ON:
+                        status[t], going[g] = found, False
+                        left -= 1
+        for g in range(group):
+            t = head + g
+            for i in range(d):
+                center[t, i] = origin[t, i] + offset[t, i]
+            radius[t], iterations[t] = result[g, 0], int(result[g, 2])
+            value = max(result[g, 1], 0.0) if result[g, 1] == result[g, 1] else math.nan  # rounding can take F below 0
+            noise[t] = value / (n - d - 1) if n > d + 1 else math.nan
 
 
 def mle(samples: Samples) -> Fit:
@@ -227,13 +137,14 @@ def minimum_from(samples: Samples, share: float) -> Fit:
     b, d, _ = samples.shape
     regression = samples.regression
     eta = root(regression, 0.0)
-    clear = eta < _CLEAR * regression.spectrum[0][:, 0]
+    least = regression.spectrum[0][:, 0]
+    clear = eta < _CLEAR * least
     start = member(regression, np.where(clear, eta, 0.0), 0.0)
     fit = blank(b, d)
     fit.status[:] = start.status
     offset = share * (start.center - regression.origin)
     _fit_all(
-        samples.x, regression.origin, regression.square, offset, fit.center, fit.radius, fit.noise_variance,
-        fit.iterations, fit.status, zeros(d), zeros(d, d),
+        samples.source, abreast(samples.source), regression.origin, regression.square, least, offset,
+        fit.center, fit.radius, fit.noise_variance, fit.iterations, fit.status, zeros(d), zeros(d, d),
     )  # fmt: skip
     return fit

@@ -4,7 +4,6 @@ import math
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +14,7 @@ from study.experiment.design import Batch, Level
 from study.experiment.streams import lanes
 from study.sphere import cap
 from study.sphere.bounds import bound_from_scatter, normal_weights, weighted_scatter
-from study.sphere.compiled import compiled
+from study.sphere.points import Placed, form
 
 Floats = NDArray[np.float64]
 
@@ -62,9 +61,18 @@ class Draws:
 
     def place(self, level: Level, array: Array = new) -> Samples:
         """The points x = c + r u + σ z of a level, (b, d, n), and the noise that estimators are told of them."""
-        points = array("points", self.noise.shape)
-        _place(self.directions, self.noise, np.array(level.center), level.radius, level.noise, points)
-        return Samples(points, self.told(level.noise))
+        return Samples(form(self._placed([level]), array("points", self.noise.shape)), self.told(level.noise))
+
+    def place_each(self, levels: Sequence[Level]) -> Samples:
+        """The points of several levels, which are formed where they are read: each trial's first, then the next one's.
+
+        The noise must be isotropic.
+        """
+        return Samples(self._placed(levels), np.tile([level.noise for level in levels], len(self.noise)))
+
+    def _placed(self, levels: Sequence[Level]) -> Placed:
+        center, radius, sigma = (np.array(values) for values in zip(*((c, r, s) for s, r, c in levels), strict=True))
+        return Placed(self.directions, self.noise, center, radius, sigma)
 
     def told(self, noise: float) -> float | Floats:
         """The noise that estimators are told: σ, or a covariance (d, d) if it is not isotropic."""
@@ -113,17 +121,3 @@ def draw(study: Study, batches: Sequence[Batch], array: Array = new) -> Draws:
         covariance = np.array(study.noise_shape)
         noise = np.linalg.cholesky(covariance) @ noise
     return Draws(directions, noise, covariance)
-
-
-@compiled
-def _place(directions: Any, noise: Any, center: Any, radius: float, sigma: float, points: Any) -> None:
-    b, d, n = points.shape
-    for t in range(b):
-        for i in range(d):
-            u, z, x, c = directions[t, i], noise[t, i], points[t, i], center[i]
-            if i == 0:
-                for k in range(n):
-                    x[k] = c + radius * (1.0 - u[k]) + sigma * z[k]
-            else:
-                for k in range(n):
-                    x[k] = c + radius * u[k] + sigma * z[k]

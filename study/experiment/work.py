@@ -7,7 +7,7 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
-from study.estimators import Fit, Samples, Status
+from study.estimators import ESTIMATORS, Fit, Samples, Status
 from study.estimators.fit import blank
 from study.experiment.attempt import Failures, attempt
 from study.experiment.config import Study
@@ -18,6 +18,9 @@ from study.sphere.joint import JointMoments
 
 TOGETHER = 2**17
 """Samples drawn at a time: several batches, so that the calls on them cost little, and little enough for a cache."""
+
+_SETS = 2**15
+"""Point sets fitted at a time: what is known of so many stays in a cache."""
 
 Reduce = Callable[[Errors], Columns]
 """Makes rows of a summary from the errors of whole cells."""
@@ -117,22 +120,39 @@ def _from_points(study: Study, unit: Unit, clock: Clock, kept: "Kept", failures:
         clock.read("draw", n, trials)
         bound, fits, truths = draws.unit_bound(), [], []
         clock.read("bound", n, trials)
-        for places in levels(cells):
-            level = cells[places[0]].level
-            samples = draws.place(level, _workspace)
-            clock.read("points", n, trials)
+        for some in _abreast(study, cells, trials):
+            on = [cells[places[0]].level for places in some]
+            samples = draws.place(on[0], _workspace) if len(on) == 1 else draws.place_each(on)
+            clock.read("points", n, trials * len(on))
             samples.regression.along  # noqa: B018  now, so that no estimator is charged for what all share
-            clock.read("moments", n, trials)
-            truths.append(Truth(level.center, level.radius))
+            clock.read("moments", n, trials * len(on))
+            answers = []
             for name in study.estimators:
-                fit, raised = attempt(name, samples)
-                fits.append(fit)
-                failures.note(name, places, batches, raised)
-                clock.read(name, n, trials)
-            for place in places:
-                kept.take(cells[place], batches, samples)
+                answers.append(attempt(name, samples))
+                clock.read(name, n, trials * len(on))
+            for k, places in enumerate(some):
+                truths.append(Truth(on[k].center, on[k].radius))
+                for name, (fit, raised) in zip(study.estimators, answers, strict=True):
+                    fits.append(fit.every(len(on), k))
+                    of_level = {t // len(on): message for t, message in raised.items() if t % len(on) == k}
+                    failures.note(name, places, batches, of_level)
+                for place in places:
+                    kept.take(cells[place], batches, samples)
         if fits:
             yield _errors(study, batches, bound, fits, truths)
+
+
+def _abreast(study: Study, cells: tuple[Cell, ...], trials: int) -> Iterator[list[list[int]]]:
+    """The places of the cells of each level, by as many levels as are computed at once.
+
+    That is one, where an estimator, or who keeps points, wants them in memory, or where the noise is not isotropic.
+    """
+    entries = [ESTIMATORS[name] for name in study.estimators]
+    alone = study.keep_points or study.noise_shape is not None
+    alone = alone or not all(entry.moments_suffice or entry.by_window for entry in entries)
+    count, places = 1 if alone else max(1, _SETS // trials), list(levels(cells))
+    for first in range(0, len(places), count):
+        yield places[first : first + count]
 
 
 def _from_moments(study: Study, unit: Unit, clock: Clock, failures: Failures) -> Iterator[Errors]:

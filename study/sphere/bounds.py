@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from study.sphere.compiled import CHUNK, compiled, fresh, put, total, window, zeros
+from study.sphere.compiled import CHUNK, compiled, fresh, put, total, zeros
 from study.sphere.linalg import eigenbasis
+from study.sphere.points import at, window
 
 Floats = NDArray[np.float64]
 
@@ -24,7 +25,7 @@ _FLAT = 4 * 2.0**-52
 
 
 @compiled
-def _sums(u: Any, t: int, start: int, weights: Any, middle: Any, square: Any) -> Any:
+def _sums(view: Any, weights: Any, middle: Any, square: Any) -> Any:
     """Σωy and the lower triangle of Σωyyᵀ, y = u - middle, of as many samples of a set as there are weights."""
     d = len(middle)
     y, first, second = fresh(middle), fresh(middle), fresh(square)
@@ -32,7 +33,7 @@ def _sums(u: Any, t: int, start: int, weights: Any, middle: Any, square: Any) ->
         first = put(first, i, 0.0)
     for k in range(weights.size):
         for i in range(d):
-            y = put(y, i, u[t, i, start + np.uintp(k)] - middle[i])
+            y = put(y, i, at(view, i, k) - middle[i])
         for i in range(d):
             weighted = weights[k] * y[i]
             first = put(first, i, first[i] + weighted)
@@ -49,16 +50,16 @@ def _scatter(directions: Any, weights: Any, sums: Any, mean: Any, scatter: Any, 
     for t in range(b):
         weight = weights[t % len(weights)]
         part = weight[:CHUNK]
-        u, s, place = window(directions, t, 0, part.size, rows, zero)
-        middle, _ = _sums(u, s, place, part, zero, square)
+        view = window(directions, t, 0, part.size, rows, zero)
+        middle, _ = _sums(view, part, zero, square)
         whole = total(part)
         for i in range(d):
             middle = put(middle, i, middle[i] / whole)
         whole, first, second = 0.0, fresh(zero), fresh(square)
         for start in range(0, n, CHUNK):
             part = weight[start : start + CHUNK]
-            u, s, place = window(directions, t, start, part.size, rows, zero)
-            more, squares = _sums(u, s, place, part, middle, square)
+            view = window(directions, t, start, part.size, rows, zero)
+            more, squares = _sums(view, part, middle, square)
             whole += total(part)
             for i in range(d):
                 first = put(first, i, first[i] + more[i])

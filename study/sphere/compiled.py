@@ -21,9 +21,10 @@ from typing import Any, TypeVar, cast
 import numpy as np
 from numba import njit, types
 from numba.cpython.unsafe.tuple import tuple_setitem
-from numba.extending import overload
+from numba.extending import intrinsic, overload
 
 _set: Any = tuple_setitem
+_OPTIONS: Any = {"cache": True, "nogil": True, "error_model": "numpy", "forceinline": True}
 F = TypeVar("F", bound=Callable[..., Any])
 
 CHUNK = 256
@@ -61,8 +62,12 @@ _discard_stale_code()
 
 def compiled(function: F) -> F:
     """Compile a function with the package's options; the result is cached on disk."""
-    options = {"reassoc", "contract", "arcp", "nsz"}
-    return cast(F, njit(cache=True, nogil=True, error_model="numpy", fastmath=options, forceinline=True)(function))
+    return cast(F, njit(fastmath={"reassoc", "contract", "arcp", "nsz"}, **_OPTIONS)(function))
+
+
+def compiled_as_written(function: F) -> F:
+    """The same without ``fastmath``: for numbers that are to have the same bits wherever the function is inlined."""
+    return cast(F, njit(fastmath=False, **_OPTIONS)(function))
 
 
 def zeros(dimension: int, per: int = 1) -> Any:
@@ -104,28 +109,14 @@ def _fresh(sums: Any) -> Any:
     return same if isinstance(sums, types.BaseTuple) else copied
 
 
-def window(x: Any, t: int, start: int, count: int, rows: Any, zero: Any) -> Any:
-    """Where to read ``count`` samples of set t of a batch (b, d, n): an array of that shape, a set and a first sample.
+@intrinsic
+def fma(typing: Any, factor: Any, other: Any, term: Any) -> Any:
+    """``factor * other + term``, rounded once: the same bits wherever it is compiled into."""
 
-    It is the batch itself if that lies in memory coordinate by coordinate, and else ``rows`` (1, d, CHUNK), to which
-    the samples are copied: ``y, t, start = window(…)``. ``zero`` are sums of one for each dimension. So the layout does
-    not show in any sum.
-    """
-    return x, np.uintp(t), np.uintp(start)
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.fma(*arguments)
 
-
-@overload(window)
-def _window(x: Any, t: Any, start: Any, count: Any, rows: Any, zero: Any) -> Any:
-    def itself(x: Any, t: Any, start: Any, count: Any, rows: Any, zero: Any) -> Any:
-        return x, np.uintp(t), np.uintp(start)
-
-    def copied(x: Any, t: Any, start: Any, count: Any, rows: Any, zero: Any) -> Any:
-        for k in range(count):
-            for i in range(len(zero)):
-                rows[0, i, k] = x[t, i, np.uintp(start) + np.uintp(k)]
-        return rows, np.uintp(0), np.uintp(0)
-
-    return itself if x.layout == "C" else copied
+    return types.float64(types.float64, types.float64, types.float64), generate
 
 
 @compiled

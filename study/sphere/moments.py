@@ -14,16 +14,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from study.sphere.compiled import CHUNK, compiled, fresh, put, window, zeros
+from study.sphere.compiled import CHUNK, compiled, fresh, put, zeros
+from study.sphere.points import BLOCK, Placed, abreast, at, extent, near, window
 
 Floats = NDArray[np.float64]
 
 _RUN = 16 * CHUNK
 """Samples that are summed up before their sums are added to others: long sums lose digits."""
-_BLOCK = 8 * _RUN
-"""Samples whose moments are formed about one point."""
-_NEAR = 32
-"""Samples whose mean is near enough to all of them."""
 
 
 @compiled
@@ -81,24 +78,12 @@ def merge_into(
 
 
 @compiled
-def _mean(x: Any, t: int, start: int, m: int, zero: Any) -> Any:
-    """Mean of m samples of a set."""
-    total = fresh(zero)
-    for k in range(m):
-        for i in range(len(zero)):
-            total = put(total, i, total[i] + x[t, i, start + np.uintp(k)])
-    for i in range(len(zero)):
-        total = put(total, i, total[i] / m)
-    return total
-
-
-@compiled
-def _low(x: Any, t: int, start: int, m: int, origin: Any, first: Any, second: Any) -> Any:
+def _low(view: Any, m: int, origin: Any, first: Any, second: Any) -> Any:
     """Add Σy and Σyyᵀ (lower triangle), y = x - origin, of m samples of a set."""
     d, y = len(first), fresh(first)
     for k in range(m):
         for i in range(d):
-            y = put(y, i, x[t, i, start + np.uintp(k)] - origin[i])
+            y = put(y, i, at(view, i, k) - origin[i])
         for i in range(d):
             first = put(first, i, first[i] + y[i])
             for j in range(i + 1):
@@ -107,13 +92,13 @@ def _low(x: Any, t: int, start: int, m: int, origin: Any, first: Any, second: An
 
 
 @compiled
-def _high(x: Any, t: int, start: int, m: int, origin: Any, third: Any, fourth: float) -> Any:
+def _high(view: Any, m: int, origin: Any, third: Any, fourth: float) -> Any:
     """Add Σy|y|² and Σ|y|⁴. Apart from `_low`, because together they need more registers than there are."""
     d, y = len(third), fresh(third)
     for k in range(m):
         square = 0.0
         for i in range(d):
-            y = put(y, i, x[t, i, start + np.uintp(k)] - origin[i])
+            y = put(y, i, at(view, i, k) - origin[i])
             square += y[i] * y[i]
         for i in range(d):
             third = put(third, i, third[i] + y[i] * square)
@@ -129,7 +114,7 @@ def _block_moments(
 
     ``mean`` holds a point near it, from which the samples are taken until their mean is known.
     """
-    d = x.shape[1]
+    d = len(zero)
     origin, one, two, three, fourth = fresh(zero), fresh(zero), fresh(square), fresh(zero), 0.0
     for i in range(d):
         origin = put(origin, i, mean[i])
@@ -138,9 +123,9 @@ def _block_moments(
         some_one, some_two, some_three, some_fourth = fresh(zero), fresh(square), fresh(zero), 0.0
         for a in range(part, end, CHUNK):
             count = min(CHUNK, end - a)
-            y, s, first = window(x, t, a, count, rows, zero)
-            some_one, some_two = _low(y, s, first, count, origin, some_one, some_two)
-            some_three, some_fourth = _high(y, s, first, count, origin, some_three, some_fourth)
+            view = window(x, t, a, count, rows, zero)
+            some_one, some_two = _low(view, count, origin, some_one, some_two)
+            some_three, some_fourth = _high(view, count, origin, some_three, some_fourth)
         fourth += some_fourth
         for i in range(d):
             one, three = put(one, i, one[i] + some_one[i]), put(three, i, three[i] + some_three[i])
@@ -158,27 +143,31 @@ def _block_moments(
 
 
 @compiled
-def accumulate(x: Any, mean: Any, second: Any, third: Any, fourth: Any, zero: Any, square: Any) -> None:
+def accumulate(
+    x: Any, group: int, mean: Any, second: Any, third: Any, fourth: Any, zero: Any, square: Any
+) -> None:  # fmt: skip
     """Moments of each point set of a batch (b, d, n), written into the given arrays."""
-    b, d, n = x.shape
+    b, d, n = extent(x)
     rows, work = np.empty((1, d, CHUNK)), np.empty((2, d))
     mean2, second2, third2 = np.empty(d), np.empty((d, d)), np.empty(d)
-    for t in range(b):
-        y, s, first = window(x, t, 0, min(n, _NEAR), rows, zero)
-        near = _mean(y, s, first, min(n, _NEAR), zero)
-        for i in range(d):
-            mean[t, i] = near[i]
-        m = min(n, _BLOCK)
-        fourth[t] = _block_moments(x, t, 0, m, mean[t], second[t], third[t], rows, work, zero, square)
-        for start in range(_BLOCK, n, _BLOCK):
-            m = min(_BLOCK, n - start)
-            for i in range(d):
-                mean2[i] = mean[t, i]
-            fourth2 = _block_moments(x, t, start, m, mean2, second2, third2, rows, work, zero, square)
-            fourth[t] = merge_into(
-                float(start), mean[t], second[t], third[t], fourth[t],
-                float(m), mean2, second2, third2, fourth2, work,
-            )  # fmt: skip
+    for head in range(0, b, group):
+        for start in range(0, n, BLOCK):
+            m = min(BLOCK, n - start)
+            for t in range(head, head + group):
+                if start == 0:
+                    point = near(x, t, n, rows, zero)
+                    for i in range(d):
+                        mean[t, i] = point[i]
+                for i in range(d):
+                    mean2[i] = mean[t, i]
+                fourth2 = _block_moments(x, t, start, m, mean2, second2, third2, rows, work, zero, square)
+                if start == 0:
+                    mean[t], second[t], third[t], fourth[t] = mean2, second2, third2, fourth2
+                else:
+                    fourth[t] = merge_into(
+                        float(start), mean[t], second[t], third[t], fourth[t],
+                        float(m), mean2, second2, third2, fourth2, work,
+                    )  # fmt: skip
 
 
 @compiled
@@ -213,11 +202,11 @@ class Moments:
     fourth: Floats
 
     @classmethod
-    def of(cls, x: Floats) -> "Moments":
-        """Moments of point sets given coordinates first, (b, d, n), in any memory layout."""
-        b, d, n = x.shape
+    def of(cls, x: Floats | Placed) -> "Moments":
+        """Moments of point sets given coordinates first, (b, d, n), in any memory layout, or by what forms them."""
+        b, d, n = extent(x)
         result = cls(np.full(b, float(n)), np.empty((b, d)), np.empty((b, d, d)), np.empty((b, d)), np.empty(b))
-        accumulate(x, result.mean, result.second, result.third, result.fourth, zeros(d), zeros(d, d))
+        accumulate(x, abreast(x), result.mean, result.second, result.third, result.fourth, zeros(d), zeros(d, d))
         return result
 
     def merge(self, other: "Moments") -> "Moments":

@@ -75,3 +75,21 @@ def test_runaways_say_so(rng, on_cap):
     assert far.sum() > 5
     assert set(np.unique(fit.status[far])) == {Status.AT_BOUND}
     assert np.all(fit.status[~far] == Status.OK)
+
+
+@pytest.mark.parametrize(("samples", "angle", "noise"), [(10, 5.0, 0.001), (10, 15.0, 0.01), (100, 15.0, 0.03)])
+def test_a_far_sphere_that_is_no_better_than_a_plane_is_not_ok(rng, on_cap, samples, angle, noise):
+    """Far out, rounding of the curvature can end the search with steps as short as at a minimum: 1 fit in 50 was ok.
+
+    The best plane leaves λ_min (n - 1), and no far sphere on the wrong side of a cap does better.
+    """
+    points = on_cap(rng, samples, angle, noise=noise, sets=2000)[0]
+    fit = study.fit(points, "mle_mirror")
+    far = fit.radius > 1e3
+    assert far.mean() > 0.9
+    centred = points - points.mean(axis=1, keepdims=True)
+    plane = np.linalg.eigvalsh(centred.swapaxes(1, 2) @ centred)[:, 0]
+    away = np.linalg.norm(points - fit.center[:, None], axis=2)
+    left = np.sum((away - away.mean(axis=1, keepdims=True)) ** 2, axis=1)
+    assert np.all(left[far] > plane[far] * (1 - 1e-6))
+    assert set(np.unique(fit.status[far])) == {Status.AT_BOUND}

@@ -165,6 +165,64 @@ def test_timings_account_for_every_fit(make_study):
         assert np.all(result.timings["seconds"] >= 0.0)
 
 
+@pytest.mark.parametrize(("d", "samples"), [(2, 10), (3, 7), (3, 9000), (5, 30)])
+def test_levels_do_not_depend_on_what_is_fitted_beside_them(make_study, d, samples):
+    """Levels fitted side by side, from points formed in a cache, have the bytes of levels fitted one at a time.
+
+    They are that where an estimator wants its points in memory, where points are kept, and where there is one alone.
+    """
+    names, design = ["mle", "lls", "gdke", "ugdk"], {"samples": samples, "noise": [1e-6, 0.02, 0.3, 5.0], "trials": 3}
+    together = rows(make_study({"estimators": names, "dimension": d}, **design))
+    others = [
+        rows(make_study({"estimators": [*names, "igdk"], "dimension": d}, **design)),
+        rows(make_study({"estimators": names, "dimension": d, "keep_points": 1}, **design)),
+        rows(make_study({"estimators": names, "dimension": d}, **design | {"noise": [0.02]})),
+    ]
+    order = {
+        key: i for i, key in enumerate(zip(together["cell"], together["estimator"], together["trial"], strict=True))
+    }
+    for other in others:
+        keys = zip(other["cell"], other["estimator"], other["trial"], strict=True)
+        place = np.array([order.get(key, -1) for key in keys])
+        shared = place >= 0
+        assert shared.sum() >= 12
+        for name, values in together.items():
+            np.testing.assert_array_equal(other[name][shared], values[place[shared]])
+
+
+@pytest.fixture
+def hesitant(monkeypatch):
+    """An estimator that is gdke from moments alone, but raises where the points' mean is beyond .85 of the axis."""
+
+    def estimator(samples):
+        if samples.regression.origin[:, 0].max() > 0.85:
+            raise ZeroDivisionError("my own mistake")
+        return study.ESTIMATORS["gdke"](samples)
+
+    monkeypatch.setitem(study.ESTIMATORS, "hesitant", Estimator(estimator, "a test", moments_suffice=True))
+
+
+@pytest.mark.usefixtures("hesitant")
+def test_an_exception_among_levels_is_a_status_of_its_trial(make_study):
+    """Where levels are fitted side by side, too, the level and the trial on which an estimator raises are told."""
+    made = make_study({"estimators": ["gdke", "hesitant"]}, trials=40, noise=[0.1, 0.4], angle=60)
+    unit = next(units(made))
+    result = compute(made, unit)
+    cells, draws = unit.batches[0].cells, draw(made, unit.batches)
+    expected = set()
+    for cell in cells:
+        mean = draws.place(cell.level).x.mean(axis=2)[:, 0]
+        expected |= {(cell.name, trial) for trial in np.flatnonzero(mean > 0.85)}
+    assert 5 < len(expected) < 75
+    assert {cell for cell, _ in expected} == {cell.name for cell in cells}
+    found, mine = result.errors, result.errors["estimator"] == "hesitant"
+    failed = found["status"][mine] == study.Status.FAILED
+    pairs = list(zip(found["cell"][mine], found["trial"][mine], strict=True))
+    assert {pair for pair, bad in zip(pairs, failed, strict=True) if bad} == expected
+    assert set(zip(result.failures["cell"], result.failures["trial"], strict=True)) == expected
+    np.testing.assert_array_equal(found["error"][mine][~failed], found["error"][~mine][~failed])
+
+
 @pytest.fixture
 def sometimes(monkeypatch):
     """An estimator that is lls, but raises on batches with points of a first coordinate above 1.2."""
