@@ -15,6 +15,7 @@ from scipy import special
 
 from study.sphere.bits import LANES, State, fill_words, put_back, spare, to_uniform
 from study.sphere.compiled import CHUNK, compiled, fill
+from study.sphere.heights import cap_law, to_heights
 from study.sphere.normals import to_normals
 
 Floats = NDArray[np.float64]
@@ -44,10 +45,9 @@ def heights(uniform: Floats, half_angle: float, dimension: int) -> Floats:
     elif dimension == 3:
         uniform *= 2.0 * top
     else:
-        k = 0.5 * (dimension - 1)
-        uniform *= special.betainc(k, k, top)
-        special.betaincinv(k, k, uniform, out=uniform)
-        uniform *= 2.0
+        flat = uniform.ravel()  # a copy, if it is strided
+        to_heights(flat, cap_law(half_angle, dimension))
+        uniform[...] = flat.reshape(uniform.shape)
     return uniform
 
 
@@ -76,16 +76,18 @@ def _to_circle(words: Any, x: Any, y: Any) -> None:
 
 @compiled
 def _to_unit_length(directions: Any, trial: int, start: int, length: Any) -> None:
-    """Vectors across the axis, in rows 1 to d - 1 of a trial, divided by their lengths."""
+    """Divide vectors across the axis, in rows 1 to d - 1 of a trial, by their lengths."""
     fill(length, 0.0)
     for i in range(1, directions.shape[1]):
         w = directions[trial, i, start : start + length.size]
         for k in range(w.size):
             length[k] += w[k] * w[k]
+    for k in range(length.size):
+        length[k] = 1.0 / math.sqrt(length[k])
     for i in range(1, directions.shape[1]):
         w = directions[trial, i, start : start + length.size]
         for k in range(w.size):
-            w[k] /= math.sqrt(length[k])
+            w[k] *= length[k]
 
 
 @compiled
@@ -102,7 +104,10 @@ def _aim(directions: Any, trial: int, start: int, length: Any) -> None:
 
 @compiled
 def _draw(state: Any, height: float, directions: Any, normals: Any) -> None:
-    """Uniform numbers times ``height`` in row 0 of the directions, and unit vectors across the axis in the others."""
+    """Uniform numbers times ``height`` in row 0 of the directions, vectors across the axis in the others, and normals.
+
+    The vectors are those of the directions in three dimensions, of length 1 in two, and normal numbers in more.
+    """
     b, d, n = directions.shape
     per_sample = d + (d - 1 if d < 4 else d)
     words, length, lane = np.empty(per_sample * CHUNK, dtype=np.uint64), np.empty(CHUNK), spare(state)
@@ -125,7 +130,6 @@ def _draw(state: Any, height: float, directions: Any, normals: Any) -> None:
                 for i in range(1, d):
                     lane = to_normals(words[used:], directions[trial, i, start : start + m], lane)
                     used += m
-                _to_unit_length(directions, trial, start, length[:m])
             for i in range(d):
                 lane = to_normals(words[used:], normals[trial, i, start : start + m], lane)
                 used += m
@@ -134,11 +138,25 @@ def _draw(state: Any, height: float, directions: Any, normals: Any) -> None:
 
 @compiled
 def _aim_all(directions: Any) -> None:
+    """From heights and vectors of length 1 to directions."""
     b, _, n = directions.shape
     length = np.empty(CHUNK)
     for trial in range(b):
         for start in range(0, n, CHUNK):
             _aim(directions, trial, start, length[: min(CHUNK, n - start)])
+
+
+@compiled
+def _to_directions(directions: Any, law: Any) -> None:
+    """From uniform numbers and vectors of any length to directions."""
+    b, _, n = directions.shape
+    length = np.empty(CHUNK)
+    for trial in range(b):
+        for start in range(0, n, CHUNK):
+            m = min(CHUNK, n - start)
+            to_heights(directions[trial, 0, start : start + m], law)
+            _to_unit_length(directions, trial, start, length[:m])
+            _aim(directions, trial, start, length[:m])
 
 
 def draw(state: State, half_angle: float, directions: Floats, normals: Floats) -> None:
@@ -153,12 +171,13 @@ def draw(state: State, half_angle: float, directions: Floats, normals: Floats) -
         normals: receives numbers (b, d, n).
     """
     d = directions.shape[1]
-    if d == 3:  # where heights are uniform, they are formed at once
-        _draw(state, float(heights(np.ones(1), half_angle, d)[0]), directions, normals)
-        return
-    _draw(state, 1.0, directions, normals)
-    heights(directions[:, 0], half_angle, d)
-    _aim_all(directions)
+    # where heights are uniform, they are formed at once
+    _draw(state, float(heights(np.ones(1), half_angle, d)[0]) if d == 3 else 1.0, directions, normals)
+    if d == 2:
+        heights(directions[:, 0], half_angle, d)
+        _aim_all(directions)
+    elif d > 3:
+        _to_directions(directions, cap_law(half_angle, d))
 
 
 def sample_cap(
