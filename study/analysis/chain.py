@@ -197,11 +197,11 @@ def _until_long_enough(
         with np.errstate(all="ignore"):  # walkers that never moved have no autocorrelation
             tau = float(np.max(emcee.autocorr.integrated_time(kept, tol=0, quiet=True)))
         needed = _LENGTH * tau
-        enough = len(kept) >= needed and abs(before - tau) < _STABLE * tau
-        if enough and _mixed(kept):
+        enough = len(kept) >= needed
+        if enough and abs(before - tau) < _STABLE * tau and _mixed(kept):
             return ChainStatus.OK, tau
         if taken >= max_steps:
-            return ChainStatus.NOT_MIXED if enough else ChainStatus.NOT_CONVERGED, tau
+            return ChainStatus.NOT_MIXED if enough and not _mixed(kept) else ChainStatus.NOT_CONVERGED, tau
         before = tau
         ahead = math.ceil(needed / (1.0 - _WARM_UP)) if math.isfinite(needed) else 0
         target = min(max(ahead, math.ceil(1.1 * taken)), 4 * taken, max_steps)

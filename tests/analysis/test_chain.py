@@ -390,8 +390,8 @@ def test_walkers_that_do_not_mix(on_cap, monkeypatch):
     monkeypatch.setattr(chain, "_AFRESH", 0.0)
     monkeypatch.setattr(chain, "_ACROSS", 0.0)
     points, _ = on_cap(np.random.default_rng(12), 50, angle=40.0, d=2, noise=0.2)
-    found = run(points, 0.2, width=3.0, max_steps=1000)
-    assert found.status in (ChainStatus.NOT_MIXED, ChainStatus.NOT_CONVERGED)
+    found = run(points, 0.2, width=3.0, max_steps=3000)
+    assert found.status is ChainStatus.NOT_MIXED
     assert not chain._mixed(found.draws)
 
 
