@@ -7,8 +7,13 @@ constant. Where the box decides the answer, the status says so.
 Most moves propose places drawn afresh from Student's distribution with the mean and the covariance of the other half of
 the walkers: posteriors here are so nearly normal that the integrated autocorrelation time τ (Goodman & Weare 2010, as
 emcee computes it) is about 3 steps, where the stretch move's is about 50. One in ten is differential evolution (ter
-Braak 2006), which holds its own where they are not. A chain is long enough when what is left after its first fifth is
-50 τ, and τ is stable to 1 %.
+Braak 2006), which holds its own where they are not. Where there may be mass elsewhere than about the best sphere
+(`rays.py`), half of the walkers start there, places are drawn in coordinates in which the humps are neighbours, and one
+move in five is to the other side of the points.
+
+A chain is long enough when what is left after its first fifth is 50 τ, and τ is stable to 1 %. As τ is a mean over
+walkers, each about its own mean, it is blind to walkers that stay at one hump each: a chain must be mixed as well, by
+the variance between their means, or is reported as one that is not.
 """
 
 import math
@@ -19,6 +24,7 @@ import emcee
 import numpy as np
 from numpy.typing import NDArray
 
+from study.analysis.rays import Rays
 from study.estimators import ESTIMATORS, Samples, Status
 from study.experiment.posterior import ChainStatus
 from study.experiment.streams import OldStream
@@ -28,11 +34,17 @@ Floats = NDArray[np.float64]
 
 LIKELIHOODS = {"geometric": likelihood.geometric, "whole_sphere": likelihood.whole_sphere}
 _FIRST_LOOK = 100
+_AFRESH = 0.9
+"""Share of moves to places drawn afresh; the others are differential evolution."""
+_ACROSS = 0.2
+"""Share of moves across the points, where there are other humps."""
 _FREEDOM = 5.0
 """Degrees of freedom of the proposals: tails heavier than the posterior's, so that no walker is stuck in one."""
 _LENGTH = 50.0
 _STABLE = 0.01
 _WARM_UP = 0.2
+_MIXED = 0.1
+"""Largest share of a variance that may lie between the walkers' own means."""
 _NOISE_RANGE = 1e3
 _RIM = 0.9
 """Draws beyond this share of the box's half-width are at its rim."""
@@ -40,20 +52,50 @@ _AT_RIM = 0.01
 
 
 class Afresh(emcee.moves.RedBlueMove):  # type: ignore[misc]
-    """Propose places that do not depend on where a walker is, from a fit to the walkers that do not move."""
+    """Propose places that do not depend on where a walker is, from a fit to the walkers that do not move.
+
+    Args:
+        rays: coordinates in which to fit and to propose; the walkers' own if None.
+    """
+
+    def __init__(self, rays: Rays | None = None) -> None:
+        super().__init__()
+        self.rays = rays
 
     def get_proposal(self, s: Floats, c: list[Floats], random: OldStream) -> tuple[Floats, Floats]:
         """Places for walkers ``s`` (k, p), from the others ``c``, and the log-densities that balance the choice."""
         others = np.concatenate(c, axis=0)
-        mean, root = others.mean(axis=0), np.linalg.cholesky(np.cov(others.T))
-        stretch = np.sqrt(_FREEDOM / random.chisquare(_FREEDOM, len(s)))
-        unit = random.standard_normal(s.shape) * stretch[:, None]
-        back = np.linalg.solve(root, (s - mean).T).T
-        here, there = (-0.5 * (_FREEDOM + s.shape[1]) * np.log1p((u**2).sum(axis=1) / _FREEDOM) for u in (back, unit))
-        return mean + unit @ root.T, here - there
+        if self.rays is None:
+            return _drawn(s, others, random)
+        here, volume = self.rays.coordinates(s)
+        places, balance = _drawn(here, self.rays.coordinates(others)[0], random)
+        walkers, after = self.rays.walkers(places)
+        return walkers, balance + after - volume
 
 
-_MOVES = [(Afresh(), 0.9), (emcee.moves.DEMove(), 0.1)]
+class Across(emcee.moves.RedBlueMove):  # type: ignore[misc]
+    """Propose the sphere on the other side of the points, as far away: for a hump that few walkers are at."""
+
+    def __init__(self, rays: Rays) -> None:
+        super().__init__()
+        self.rays = rays
+
+    def get_proposal(self, s: Floats, c: list[Floats], random: OldStream) -> tuple[Floats, Floats]:
+        """Mirror places of walkers ``s`` (k, p), and the log-densities that balance the choice."""
+        here, volume = self.rays.coordinates(s)
+        here[:, : len(self.rays.points)] *= -1.0
+        walkers, after = self.rays.walkers(here)
+        return walkers, after - volume
+
+
+def _drawn(s: Floats, others: Floats, random: OldStream) -> tuple[Floats, Floats]:
+    """Student's draws (k, p) by others' mean and covariance, and the log-density at ``s`` less that at the draws."""
+    mean, root = others.mean(axis=0), np.linalg.cholesky(np.cov(others.T))
+    stretch = np.sqrt(_FREEDOM / random.chisquare(_FREEDOM, len(s)))
+    unit = random.standard_normal(s.shape) * stretch[:, None]
+    back = np.linalg.solve(root, (s - mean).T).T
+    here, there = (-0.5 * (_FREEDOM + s.shape[1]) * np.log1p((u**2).sum(axis=1) / _FREEDOM) for u in (back, unit))
+    return mean + unit @ root.T, here - there
 
 
 @dataclass(frozen=True)
@@ -123,8 +165,13 @@ def sample(samples: Samples, prior: Prior, name: str, random: OldStream, walkers
     def log_probability(scaled: Floats) -> Floats:
         return _log_probability(scaled @ spread.T, reference, origin, prior, name)
 
-    first = _inside(random.standard_normal((walkers, parameters)), log_probability)
-    sampler = emcee.EnsembleSampler(walkers, parameters, log_probability, moves=_MOVES, vectorize=True)
+    first = random.standard_normal((walkers, parameters))
+    moves, rays = [(Afresh(), _AFRESH), (emcee.moves.DEMove(), 1.0 - _AFRESH)], Rays(samples.x[0], origin, spread)
+    if rays.needed(prior.width, log_probability):
+        first = rays.spread_out(first, prior.width, random)
+        moves = [(Afresh(rays), _AFRESH - _ACROSS), (Across(rays), _ACROSS), moves[1]]
+    first = _inside(first, log_probability)
+    sampler = emcee.EnsembleSampler(walkers, parameters, log_probability, moves=moves, vectorize=True)
     state = emcee.State(first, random_state=random.get_state())
     status, tau = _until_long_enough(sampler, state, max_steps)
     taken = sampler.get_chain().shape[0]
@@ -150,13 +197,24 @@ def _until_long_enough(
         with np.errstate(all="ignore"):  # walkers that never moved have no autocorrelation
             tau = float(np.max(emcee.autocorr.integrated_time(kept, tol=0, quiet=True)))
         needed = _LENGTH * tau
-        if len(kept) >= needed and abs(before - tau) < _STABLE * tau:
+        enough = len(kept) >= needed
+        if enough and abs(before - tau) < _STABLE * tau and _mixed(kept):
             return ChainStatus.OK, tau
         if taken >= max_steps:
-            return ChainStatus.NOT_CONVERGED, tau
+            return ChainStatus.NOT_MIXED if enough and not _mixed(kept) else ChainStatus.NOT_CONVERGED, tau
         before = tau
         ahead = math.ceil(needed / (1.0 - _WARM_UP)) if math.isfinite(needed) else 0
         target = min(max(ahead, math.ceil(1.1 * taken)), 4 * taken, max_steps)
+
+
+def _mixed(kept: Floats) -> bool:
+    """Whether walkers (steps, walkers, parameters) have all been everywhere.
+
+    Of independent walkers of a chain of 50 τ a 50th of the variance is between their means: a χ² of so many degrees of
+    freedom that even for 8 walkers it passes a tenth in 1 of 10⁵ chains only.
+    """
+    between, all_of_it = kept.mean(axis=0).var(axis=0), kept.var(axis=(0, 1))
+    return bool((between <= _MIXED * all_of_it).all())
 
 
 def _start(samples: Samples, prior: Prior) -> tuple[Floats, Floats] | None:

@@ -30,7 +30,7 @@ from study.runs.store import Run
 from study.runs.workers import Crew, Pool, Workers, kept
 from study.runs.write import RunError
 
-FORMAT = 1
+FORMAT = 2
 """To be raised when a chain of the same name would draw otherwise: finished chains are kept by it."""
 _OUTPUTS = ("chain",)
 _HEAVY = 1e8

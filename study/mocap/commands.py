@@ -136,15 +136,16 @@ def case_study(
     from study.mocap import casestudy, fig7_case
     from study.mocap.joints import find_joints
     from study.mocap.opening import folder_for, opened
+    from study.mocap.origin import digest_of, with_origin
     from study.runs.write import save_frame
 
-    match = opened(file, markerset, unit, rate, subject)
+    match, digest = opened(file, markerset, unit, rate, subject), digest_of(file)
     folder = folder_for(match.source.name, out)
     _say(match)
     case = casestudy.case_study(find_joints(match.markerset, match.recording), match.recording, subsets, seed)
     _print(fig7_case.words(case))
     for name, table in {"scatter": case.scatter, "joints": case.joints, "laws": case.laws}.items():
-        save_frame(table, folder / f"case-study-{name}.parquet")
+        save_frame(with_origin(table, case.recording, digest), folder / f"case-study-{name}.parquet")
         typer.echo(str(folder / f"case-study-{name}.parquet"))
     _print(map(str, save(fig7_case.draw(fig7_case.prepare(case)), folder / "fig7_case")))
 

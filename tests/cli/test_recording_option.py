@@ -2,7 +2,10 @@
 
 import shutil
 
+import pandas as pd
 import pytest
+
+from study.mocap.origin import digest_of
 
 BAD = "case-study-scatter.parquet"
 
@@ -14,8 +17,10 @@ def folder(finished, call, tmp_path_factory):
     shutil.copytree(finished[0] / "out", place / "out")
     said = call(place, "synthetic", "--frames", "2000", "--noise", "0.002", "--gaps", "0.05", "--out", "body.c3d")
     assert (said[0], said[2]) == (0, "")
-    said = call(place, "case-study", "body.c3d", "--subsets", "20", "--out", "body")
-    assert (said[0], said[2]) == (0, "")
+    shutil.copy(place / "body.c3d", place / "copy.c3d")
+    for file, seed, out in (("body.c3d", "1", "body"), ("copy.c3d", "2", "again")):
+        said = call(place, "case-study", file, "--subsets", "20", "--seed", seed, "--out", out)
+        assert (said[0], said[2]) == (0, "")
     return place
 
 
@@ -34,6 +39,18 @@ def test_claims(call_here, folder):
     assert numbers[0].startswith("    share of 14 joints of 1 recording with a spread below 1 cm, ")
     assert "above 200 samples: 1 ± 0.07" in numbers[0]
     assert numbers[1].endswith("joint by joint: 0")
+
+
+def test_one_recording_twice(call_here, folder):
+    """Two seeds on one recording, were it copied, are one recording; the tables say which."""
+    code, said, complained = call_here(folder, "claims", "out", "--recording", "body", "--recording", "again")
+    assert (code, complained) == (0, "")
+    assert of_recordings(said)[1].startswith("    share of 14 joints of 1 recording with a spread below 1 cm, ")
+    for name in ("scatter", "joints", "laws"):
+        body, again = (pd.read_parquet(folder / out / f"case-study-{name}.parquet") for out in ("body", "again"))
+        assert set(body["recording"]) == {"body"}
+        assert set(again["recording"]) == {"copy"}
+        assert set(body["digest"]) == set(again["digest"]) == {digest_of(folder / "body.c3d")}
 
 
 def test_claims_without(call_here, folder):

@@ -6,6 +6,7 @@ import pandas as pd
 import pytest
 
 from study.mocap.casetables import read_case_studies
+from study.mocap.origin import digest_of, with_origin
 from study.mocap.recording import RecordingError
 
 NAME = "case-study-scatter.parquet"
@@ -23,7 +24,7 @@ def scatter(**changes):
         ("knee", "random", True, 500, 0.001, 0.005),
     ]
     table = pd.DataFrame(rows, columns=["joint", "way", "dropped", "samples", "median", "error"])
-    return table.assign(**changes)
+    return with_origin(table, "walk", "0123456789ab").assign(**changes)
 
 
 @pytest.fixture
@@ -42,7 +43,7 @@ def test_which_rows(folder):
     """Random frames alone; a hinge without its axis, and with it in a column of its own."""
     found = read_case_studies([folder(scatter())]).set_index(["joint", "samples"])
     assert len(found) == 4
-    assert set(found["recording"]) == {0}
+    assert set(found["recording"]) == {"0123456789ab"}
     assert found["spread"].to_dict() == {
         ("neck", 100): 0.004, ("neck", 500): 0.002, ("knee", 100): 0.003, ("knee", 500): 0.001
     }  # fmt: skip
@@ -53,10 +54,41 @@ def test_which_rows(folder):
 
 
 def test_several(folder):
-    """Folders are numbered as they are given."""
-    first, second = folder(scatter(), "a"), folder(scatter(median=0.5), "b")
-    found = read_case_studies([first, second])
-    assert found.groupby("recording")["spread"].max().to_dict() == {0: 0.004, 1: 0.5}
+    """Recordings are told apart by the digest of their file, whatever its name."""
+    one, seed = folder(scatter(), "a"), folder(scatter(median=0.3, recording="copy"), "b")
+    other = folder(scatter(median=0.5, digest="ba9876543210"), "c")
+    found = read_case_studies([one, seed, other])
+    assert found.groupby("recording")["spread"].max().to_dict() == {"0123456789ab": 0.3, "ba9876543210": 0.5}
+    assert len(found) == 12
+
+
+def test_digest(tmp_path):
+    """Twelve digits of SHA-256 (of "abc", FIPS 180-4 example), which another name leaves and another byte changes."""
+    for name, content in (("a", b"abc"), ("b", b"abc"), ("c", b"abd")):
+        (tmp_path / name).write_bytes(content)
+    assert digest_of(tmp_path / "a") == digest_of(tmp_path / "b") == "ba7816bf8f01"
+    assert digest_of(tmp_path / "c") != digest_of(tmp_path / "a")
+    with pytest.raises(RecordingError, match="none: cannot be read: No such file"):
+        digest_of(tmp_path / "none")
+
+
+@pytest.mark.parametrize("lacking", [["digest"], ["recording", "digest"]])
+def test_tables_that_do_not_name_their_recording(folder, lacking):
+    """A table of before: one line with the folder and the remedy."""
+    place = folder(scatter().drop(columns=lacking))
+    with pytest.raises(RecordingError) as caught:
+        read_case_studies([place])
+    said = str(caught.value)
+    assert said.startswith(f"{place}: a case study that does not name its recording: {NAME} has no columns recording")
+    assert said.endswith(f"run the case study again: `study case-study FILE --out {place}`")
+    assert "\n" not in said
+
+
+def test_a_table_of_two_recordings(folder):
+    """What was put together by hand is not taken for one."""
+    table = pd.concat([scatter(), scatter(digest="ba9876543210", joint="hip")], ignore_index=True)
+    with pytest.raises(RecordingError, match="of 2 recordings, not of one; run the case study again"):
+        read_case_studies([folder(table)])
 
 
 def test_one_twice(folder):

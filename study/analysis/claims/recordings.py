@@ -1,7 +1,8 @@
 """The claim of section 9.1 on recordings: above about 200 samples most joints are within a centimetre.
 
-All fits to a joint share the frames of its recording, and joints of one name in several recordings are alike. So each
-joint counts once, by the share of its spreads that are below a centimetre, and every error is one over joints.
+All fits to a joint share the frames of its recording, whichever case study of it they are in, and joints of one name
+in several recordings are alike. So each joint counts once, by the share of its spreads that are below a centimetre, and
+every error is one over joints.
 """
 
 import numpy as np
@@ -37,7 +38,11 @@ def _measure_recordings(evidence: Evidence) -> list[Number]:
 
 
 def _below(spreads: pd.DataFrame, column: str) -> "pd.Series[float]":
-    """For each joint in each recording the share of its spreads that are below a centimetre."""
+    """For each joint in each recording the share of its spreads that are below a centimetre.
+
+    Case studies of one recording, with other seeds, are pooled: each is as good a look at the same frames, and to take
+    the first would let the order in which they are given decide. They make no second recording.
+    """
     below = (spreads[column] < _CENTIMETRE).astype(float)
     return below.groupby([spreads["joint"], spreads["recording"]]).mean()
 

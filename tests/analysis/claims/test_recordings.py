@@ -79,6 +79,16 @@ def test_errors_count_joints(judged):
     assert judged(spreads(2 * upto, 2 * above)).numbers[0].error < once.numbers[0].error
 
 
+def test_case_studies_of_one_recording_are_pooled(judged):
+    """Another seed on a recording is another look at it: a mean over both, in either order, and one recording."""
+    one, other = spreads([FAR] * 8, [NEAR] * 8), spreads([FAR] * 8, [NEAR] * 4 + [FAR] * 4)
+    for tables in ([one, other], [other, one]):
+        found = judged(pd.concat(tables, ignore_index=True))
+        assert found.numbers[0].value == pytest.approx(0.75)
+        assert found.numbers[0].trials == 8
+        assert "8 joints of 1 recording " in found.numbers[0].words
+
+
 def test_a_long_recording_counts_no_more(judged):
     """Recordings count alike, whatever the numbers of samples that they have room for."""
     table = spreads([FAR] * 6, [NEAR] * 6, recordings=2)
