@@ -149,14 +149,6 @@ class Fit:
             samples=samples,
         )
 
-    def every(self, step: int, first: int) -> "Fit":
-        """Of fits of one point set each, the one numbered ``first`` and each ``step``-th after it."""
-        part = slice(first, None, step)
-        return Fit(
-            self.center[part], self.radius[part], self.noise_variance[part], self.status[part],
-            self.condition[part], self.iterations[part],
-        )  # fmt: skip
-
     @cached_property
     def count(self) -> Ints:
         """Samples used (…): rows with a NaN are missing and left out."""

@@ -54,14 +54,15 @@ class Errors:
     @classmethod
     def of(
         cls, cells: tuple[Cell, ...], estimators: tuple[str, ...], first: int, blocks: tuple[int, ...], bound: Floats,
-        fits: Sequence[Fit], truths: Sequence[Truth],
+        fits: Sequence[Sequence[Fit]], truths: Sequence[Truth],
     ) -> "Errors":  # fmt: skip
-        """From ``fits`` of all trials, by level, as `levels` has them, and estimator, and the ``truths`` of the levels.
+        """From the ``fits`` of all trials, and the ``truths`` of their levels, as `levels` has these.
 
-        The other arguments are those of the class.
+        Levels may have been fitted together: for each such group there is a fit per estimator, of each trial's levels
+        one after the other. The other arguments are those of the class.
         """
         places = list(levels(cells))
-        shape, level = (len(places), len(estimators), len(bound)), np.empty(len(cells), dtype=np.intp)
+        level = np.empty(len(cells), dtype=np.intp)
         for index, some in enumerate(places):
             level[some] = index
         scale = np.array([cell.scale for cell in cells])[:, None, None]
@@ -69,8 +70,12 @@ class Errors:
         true_radius = np.array([truth.radius for truth in truths])[:, None, None]
 
         def found(name: str) -> NDArray[Any]:
-            values = np.concatenate([getattr(fit, name) for fit in fits])
-            return values.reshape(*shape, *values.shape[1:])
+            groups = []
+            for some in fits:
+                values = np.stack([getattr(fit, name) for fit in some])
+                by_level = values.reshape(len(some), len(bound), -1, *values.shape[2:])
+                groups.append(np.moveaxis(by_level, 2, 0))
+            return np.concatenate(groups)
 
         return cls(
             cells, estimators, first, blocks, bound,

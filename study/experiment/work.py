@@ -92,12 +92,13 @@ def lost(study: Study, unit: Unit, message: str, reduce: Reduce | None = None) -
     """What is told of a unit that could not be computed: every fit failed, and the bounds are not known."""
     d, blocks, failures = study.dimension, [], Failures(study.estimators, "worker")
     for batch in unit.batches:
-        fit, bound = blank(batch.trials, d), np.full((batch.trials, d + 1, d + 1), np.nan)
+        on, bound = list(levels(batch.cells)), np.full((batch.trials, d + 1, d + 1), np.nan)
+        fit = blank(batch.trials * len(on), d)
         fit.status[:] = Status.FAILED
         for name in study.estimators:
             failures.note(name, range(len(batch.cells)), [batch], dict.fromkeys(range(batch.trials), message))
-        truths = [Truth((0.0,) * d, 0.0) for _ in levels(batch.cells)]
-        blocks.append(_errors(study, [batch], bound, [fit] * len(study.estimators) * len(truths), truths))
+        truths = [Truth((0.0,) * d, 0.0) for _ in on]
+        blocks.append(_errors(study, [batch], bound, [[fit] * len(study.estimators)], truths))
     rows, summary = _told(study, blocks, reduce)
     return Result(rows, {}, {}, failures.columns(), summary)
 
@@ -130,10 +131,10 @@ def _from_points(study: Study, unit: Unit, clock: Clock, kept: "Kept", failures:
             for name in study.estimators:
                 answers.append(attempt(name, samples))
                 clock.read(name, n, trials * len(on))
+            fits.append([fit for fit, _ in answers])
             for k, places in enumerate(some):
                 truths.append(Truth(on[k].center, on[k].radius))
-                for name, (fit, raised) in zip(study.estimators, answers, strict=True):
-                    fits.append(fit.every(len(on), k))
+                for name, (_, raised) in zip(study.estimators, answers, strict=True):
                     of_level = {t // len(on): message for t, message in raised.items() if t % len(on) == k}
                     failures.note(name, places, batches, of_level)
                 for place in places:
@@ -166,7 +167,8 @@ def _from_moments(study: Study, unit: Unit, clock: Clock, failures: Failures) ->
         clock.read("moments", n, len(draws.noise))
         bounds.append(draws.unit_bound())
         clock.read("bound", n, len(draws.noise))
-    joint, fits, truths = JointMoments.joined(parts), [], []
+    joint, truths = JointMoments.joined(parts), []
+    fits: list[list[Fit]] = []
     trials, d = len(joint.count), study.dimension
     for places in levels(cells):
         level = cells[places[0]].level
@@ -175,16 +177,17 @@ def _from_moments(study: Study, unit: Unit, clock: Clock, failures: Failures) ->
         regression.along  # noqa: B018
         clock.read("points", n, trials)
         truths.append(Truth((0.0,) * d, 0.0))  # its fits are errors already
+        fits.append([])
         for name in study.estimators:
             fit, raised = attempt(name, samples)
-            fits.append(fit)
+            fits[-1].append(fit)
             failures.note(name, places, unit.batches, raised)
             clock.read(name, n, trials)
     yield _errors(study, unit.batches, np.concatenate(bounds), fits, truths)
 
 
 def _errors(
-    study: Study, batches: Sequence[Batch], bound: NDArray[np.float64], fits: list[Fit], truths: list[Truth]
+    study: Study, batches: Sequence[Batch], bound: NDArray[np.float64], fits: list[list[Fit]], truths: list[Truth]
 ) -> Errors:
     """Errors of batches of the same cells, whose rows do not depend on what is computed together."""
     blocks = tuple(batch.trials for batch in batches)
