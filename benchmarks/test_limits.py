@@ -11,6 +11,8 @@ from study.experiment.design import units
 from study.experiment.sampling import Workspace, draw
 
 MILLION = 1_000_000
+LEVELS = 8
+"""Levels of noise that are fitted side by side, all near the usual one."""
 FILL = "numpy standard_normal fills the same 3 N numbers"
 
 
@@ -47,22 +49,24 @@ def test_whole_loop(timed, normals, samples):
 
 @pytest.mark.parametrize("samples", [0, 1000, 10_000, 100_000])
 def test_one_more_level(timed, normals, samples):
-    """Points, moments and four estimators at another noise, on directions and noise that are there."""
+    """Points, moments and four estimators of another noise, on directions and noise that are there, beside others."""
     group = "one more level of noise, per sample"
     if not samples:
         timed(group, FILL, fill, *normals, items=MILLION, unit=True)
         return
-    asked = grid(samples, max(1, 2**16 // samples))
+    asked = grid(samples, max(1, 2**16 // samples), levels=np.geomspace(0.02, 0.125, LEVELS))
     batches = [batch for unit in units(asked) for batch in unit.batches]
     room = Workspace()
     draws = draw(asked, batches, room)
+    levels = [cell.level for cell in batches[0].cells]
 
-    def level():
-        fitted = draws.place(batches[0].cells[0].level, room)
+    def more():
+        fitted = draws.place_each(levels)
         for name in FOUR:
             ESTIMATORS[name](fitted)
 
-    timed(group, f"N = {samples:,}", level, items=draws.noise.size // 3, aim="≤ 0.35" if samples >= 10_000 else "")
+    items = LEVELS * draws.noise.size // 3
+    timed(group, f"N = {samples:,}", more, items=items, aim="≤ 0.35" if samples >= 10_000 else "")
 
 
 @pytest.mark.parametrize("case", ["read", "(d, n)", "(n, d)"])

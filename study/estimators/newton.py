@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from study.estimators.fit import Status
-from study.sphere.compiled import compiled, dot
+from study.sphere.compiled import compiled, dot, fill
 from study.sphere.linalg import cholesky_solve, diagonalise
 
 _MAX_ITERATIONS = 100
@@ -52,6 +52,13 @@ ON = -1
 
 
 @compiled
+def _copy(source: Any, target: Any) -> None:
+    """A slice assignment would take the compiler half a second, each."""
+    for i in range(source.size):
+        target[i] = source[i]
+
+
+@compiled
 def _trace(square: Any, d: int) -> float:
     result = 0.0
     for i in range(d):
@@ -78,7 +85,7 @@ def begin(search: Any, spread: float, plane: float, a: Any, trial: Any) -> None:
     search.best = math.inf
     search.wanted = search.size = search.last = 0.0
     search.steps = search.halvings = search.again = 0
-    trial[:] = a
+    _copy(a, trial)
 
 
 @compiled
@@ -109,7 +116,7 @@ def advance(
     newton, around = True, search.radius + excess / n  # R̄, the radius that belongs to this centre
     if value <= search.best:
         search.best, search.before, search.halvings = value, around, 0
-        a[:] = trial
+        _copy(trial, a)
         result[0], result[1], result[2] = around, value, float(search.steps)
         if search.steps >= _MAX_ITERATIONS:
             return Status.AT_BOUND if search.size > (_FAR * search.bound) ** 2 else Status.NOT_CONVERGED
@@ -117,18 +124,18 @@ def advance(
         for i in range(d):
             descent[i] = pull[i] - (around - search.radius) * mean[i]  # Σ(R - R̄)e, from Σ(R - r)e
         _half_hessian(n, around, mean, curve, matrix)
-        step[:] = descent
+        _copy(descent, step)
         if not cholesky_solve(matrix, step):
             newton = False
             _half_hessian(n, around, mean, curve, matrix)
             diagonalise(matrix, vectors)
-            step[:] = 0.0
+            fill(step, 0.0)
             for j in range(d):
                 along = dot(vectors[:, j], descent) / max(abs(matrix[j, j]), _FLAT * n)
                 for i in range(d):
                     step[i] += along * vectors[i, j]
     elif search.halvings == 0 and value <= search.best + 2.0 * _EPS * search.radius * math.sqrt(n * search.best):
-        a[:] = trial  # rounding no longer lets F tell two centres apart: this one is a Newton step further
+        _copy(trial, a)  # rounding no longer lets F tell two centres apart: this one is a Newton step further
         result[0], result[1], result[2] = around, value, float(search.steps)
         return _ended(search, n, value)
     else:
@@ -156,7 +163,7 @@ def advance(
     search.last = length if full else 0.0
     if done or length <= _TOLERANCE * before:
         if search.halvings == 0:  # what the step changes in R̄ and F, to second order in a step this short
-            a[:] = trial
+            _copy(trial, a)
             bend = _trace(curve, d) * length * length
             for i in range(d):
                 result[1] -= step[i] * descent[i]

@@ -119,7 +119,8 @@ def _from_points(study: Study, unit: Unit, clock: Clock, kept: "Kept", failures:
         draws = draw(study, batches, _workspace)
         trials = len(draws.noise)
         clock.read("draw", n, trials)
-        bound, fits, truths = draws.unit_bound(), [], []
+        bound, truths = draws.unit_bound(), []
+        fits: list[list[Fit]] = []
         clock.read("bound", n, trials)
         for some in _abreast(study, cells, trials):
             on = [cells[places[0]].level for places in some]
@@ -127,18 +128,17 @@ def _from_points(study: Study, unit: Unit, clock: Clock, kept: "Kept", failures:
             clock.read("points", n, trials * len(on))
             samples.regression.along  # noqa: B018  now, so that no estimator is charged for what all share
             clock.read("moments", n, trials * len(on))
-            answers = []
+            fits.append([])
             for name in study.estimators:
-                answers.append(attempt(name, samples))
-                clock.read(name, n, trials * len(on))
-            fits.append([fit for fit, _ in answers])
-            for k, places in enumerate(some):
-                truths.append(Truth(on[k].center, on[k].radius))
-                for name, (_, raised) in zip(study.estimators, answers, strict=True):
+                fit, raised = attempt(name, samples)
+                fits[-1].append(fit)
+                for k, places in enumerate(some) if raised else ():
                     of_level = {t // len(on): message for t, message in raised.items() if t % len(on) == k}
                     failures.note(name, places, batches, of_level)
-                for place in places:
-                    kept.take(cells[place], batches, samples)
+                clock.read(name, n, trials * len(on))
+            truths += [Truth(level.center, level.radius) for level in on]
+            for place in some[0] if study.keep_points else ():
+                kept.take(cells[place], batches, samples)
         if fits:
             yield _errors(study, batches, bound, fits, truths)
 

@@ -162,7 +162,11 @@ def accumulate(
                     mean2[i] = mean[t, i]
                 fourth2 = _block_moments(x, t, start, m, mean2, second2, third2, rows, work, zero, square)
                 if start == 0:
-                    mean[t], second[t], third[t], fourth[t] = mean2, second2, third2, fourth2
+                    fourth[t] = fourth2
+                    for i in range(d):
+                        mean[t, i], third[t, i] = mean2[i], third2[i]
+                        for j in range(d):
+                            second[t, i, j] = second2[i, j]
                 else:
                     fourth[t] = merge_into(
                         float(start), mean[t], second[t], third[t], fourth[t],
