@@ -113,7 +113,8 @@ def advance(
         search.again = 1
         return ON
     search.again = 0
-    newton, around = True, search.radius + excess / n  # R̄, the radius that belongs to this centre
+    newton, rise = True, excess / n
+    around = search.radius + rise  # R̄, the radius that belongs to this centre
     if value <= search.best:
         search.best, search.before, search.halvings = value, around, 0
         _copy(trial, a)
@@ -122,7 +123,7 @@ def advance(
             return Status.AT_BOUND if search.size > (_FAR * search.bound) ** 2 else Status.NOT_CONVERGED
         search.steps += 1
         for i in range(d):
-            descent[i] = pull[i] - (around - search.radius) * mean[i]  # Σ(R - R̄)e, from Σ(R - r)e
+            descent[i] = pull[i] - rise * mean[i]  # Σ(R - R̄)e, from Σ(R - r)e: not by R̄ - r, which has lost digits
         _half_hessian(n, around, mean, curve, matrix)
         _copy(descent, step)
         if not cholesky_solve(matrix, step):
