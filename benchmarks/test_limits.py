@@ -11,8 +11,8 @@ from study.experiment.design import units
 from study.experiment.sampling import Workspace, draw
 
 MILLION = 1_000_000
-LEVELS = 8
-"""Levels of noise that are fitted side by side, all near the usual one."""
+DECADES = np.geomspace(1e-13, 1e14, 28)
+"""Levels of noise that are fitted side by side: those of the factorial study."""
 FILL = "numpy standard_normal fills the same 3 N numbers"
 
 
@@ -54,7 +54,7 @@ def test_one_more_level(timed, normals, samples):
     if not samples:
         timed(group, FILL, fill, *normals, items=MILLION, unit=True)
         return
-    asked = grid(samples, max(1, 2**16 // samples), levels=np.geomspace(0.02, 0.125, LEVELS))
+    asked = grid(samples, max(1, 2**16 // samples), levels=DECADES)
     batches = [batch for unit in units(asked) for batch in unit.batches]
     room = Workspace()
     draws = draw(asked, batches, room)
@@ -65,7 +65,7 @@ def test_one_more_level(timed, normals, samples):
         for name in FOUR:
             ESTIMATORS[name](fitted)
 
-    items = LEVELS * draws.noise.size // 3
+    items = len(levels) * draws.noise.size // 3
     timed(group, f"N = {samples:,}", more, items=items, aim="≤ 0.35" if samples >= 10_000 else "")
 
 
