@@ -118,11 +118,11 @@ def count(dimension: int) -> dict[str, float]:
 
     def closed(x: Any) -> None:
         sums = _objects(1, d), _objects(1, d, d), _objects(1, d), _objects(1)
-        moments.accumulate(x, *sums, zeros(d), zeros(d, d))
+        moments.accumulate(x, 1, *sums, zeros(d), zeros(d, d))
 
     def linear(x: Any) -> None:
         answers = _objects(1, d), _objects(1), _objects(1), _objects(1), _objects(1, d, d)
-        lls._fit_all(x, *answers, zeros(d))
+        lls._fit_all(x, 1, *answers, zeros(d))
 
     def one_pass(x: Any) -> None:
         sums = _objects(2 + 2 * d + d * d)

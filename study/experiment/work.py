@@ -139,7 +139,7 @@ def _from_points(study: Study, unit: Unit, clock: Clock, kept: "Kept", failures:
             truths += [Truth(level.center, level.radius) for level in on]
             for place in some[0] if study.keep_points else ():
                 kept.take(cells[place], batches, samples)
-        if fits:
+        if study.estimators:  # a run whose fits are known may ask for points or timings alone
             yield _errors(study, batches, bound, fits, truths)
 
 
@@ -183,7 +183,8 @@ def _from_moments(study: Study, unit: Unit, clock: Clock, failures: Failures) ->
             fits[-1].append(fit)
             failures.note(name, places, unit.batches, raised)
             clock.read(name, n, trials)
-    yield _errors(study, unit.batches, np.concatenate(bounds), fits, truths)
+    if study.estimators:
+        yield _errors(study, unit.batches, np.concatenate(bounds), fits, truths)
 
 
 def _errors(
