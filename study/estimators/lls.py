@@ -127,7 +127,8 @@ def _fit_all(x: Any, group: int, center: Any, radius: Any, residual: Any, noise:
                     origin = put(origin, i, origins[g, i])
                 view = window(x, head + g, start, m, copy, zero)
                 _columns(view, m, origin, rows)
-                for j in range(q):
+                products[0] = float(m)
+                for j in range(1, q):
                     products[j] = total(rows[j, :m])
                 _append(triangles[g], rows, m, products)
         for g in range(group):

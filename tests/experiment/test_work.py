@@ -190,6 +190,16 @@ def test_levels_do_not_depend_on_what_is_fitted_beside_them(make_study, d, sampl
             np.testing.assert_array_equal(other[name][shared], values[place[shared]])
 
 
+@pytest.mark.parametrize("route", ["points", "moments"])
+def test_no_estimators_leave_no_rows(make_study, route):
+    """Timings, and points, can be asked for alone, as a run does whose tables of them are lost: no fits are told of."""
+    made = make_study({"estimators": ["gdke"], "route": route}, noise=[0.1, 0.2])
+    alone = made.model_copy(update={"estimators": ()})
+    result = compute(alone, next(units(made)))
+    assert result.errors == {}
+    assert {"draw", "bound", "moments"} <= set(result.timings["step"])
+
+
 @pytest.fixture
 def hesitant(monkeypatch):
     """An estimator that is gdke from moments alone, but raises where the points' mean is beyond .85 of the axis."""
