@@ -26,7 +26,7 @@ import pyarrow as pa
 
 from study.runs.write import RunError, explained, write
 
-FORMAT = 4
+FORMAT = 5
 """To be raised when rows of the same key would be others, or files would be read wrongly."""
 DAMAGED = "damaged"
 _SUFFIX = ".part"

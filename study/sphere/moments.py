@@ -3,9 +3,9 @@
 With y = x - x̄ they are n, x̄, Σyyᵀ, Σy|y|² and Σ|y|⁴ - 14 numbers in three dimensions - and two sets of them merge
 exactly, whatever the number of samples behind each.
 
-The samples are taken block by block, each from the mean of those before it, and then moved to their own mean by what
-their first moment says (theory: the formulas assume Σy = 0, which a rounded mean does not give); blocks are merged. So
-the data are read once, a distant origin costs no digits, and neither does an order of the samples.
+The samples are taken from the mean of the first few, and their sums then moved to their own mean by what their first
+moment says (theory: the formulas assume Σy = 0, which a rounded mean does not give). So the data are read once, and a
+distant origin costs no digits. Sums are formed block by block and then added, for long sums lose digits.
 """
 
 from dataclasses import dataclass
@@ -18,9 +18,6 @@ from study.sphere.compiled import CHUNK, compiled, fresh, put, zeros
 from study.sphere.points import BLOCK, Placed, abreast, at, extent, near, window
 
 Floats = NDArray[np.float64]
-
-_RUN = 16 * CHUNK
-"""Samples that are summed up before their sums are added to others: long sums lose digits."""
 
 
 @compiled
@@ -107,71 +104,59 @@ def _high(view: Any, m: int, origin: Any, third: Any, fourth: float) -> Any:
 
 
 @compiled
-def _block_moments(
-    x: Any, t: int, start: int, m: int, mean: Any, second: Any, third: Any, rows: Any, work: Any, zero: Any, square: Any
-) -> float:
-    """Moments of m samples of a set about their own mean; the fourth is returned.
-
-    ``mean`` holds a point near it, from which the samples are taken until their mean is known.
-    """
+def _add(
+    x: Any, t: int, start: int, m: int, origin: Any, first: Any, second: Any, third: Any, fourth: float,
+    rows: Any, zero: Any, square: Any,
+) -> float:  # fmt: skip
+    """Add the sums of m samples of a set, about ``origin``, to those given; the fourth is returned."""
     d = len(zero)
-    origin, one, two, three, fourth = fresh(zero), fresh(zero), fresh(square), fresh(zero), 0.0
+    here, one, two, three, four = fresh(zero), fresh(zero), fresh(square), fresh(zero), 0.0
     for i in range(d):
-        origin = put(origin, i, mean[i])
-    for part in range(start, start + m, _RUN):
-        end = min(part + _RUN, start + m)
-        some_one, some_two, some_three, some_fourth = fresh(zero), fresh(square), fresh(zero), 0.0
-        for a in range(part, end, CHUNK):
-            count = min(CHUNK, end - a)
-            view = window(x, t, a, count, rows, zero)
-            some_one, some_two = _low(view, count, origin, some_one, some_two)
-            some_three, some_fourth = _high(view, count, origin, some_three, some_fourth)
-        fourth += some_fourth
-        for i in range(d):
-            one, three = put(one, i, one[i] + some_one[i]), put(three, i, three[i] + some_three[i])
-            for j in range(i + 1):
-                two = put(two, i * d + j, two[i * d + j] + some_two[i * d + j])
-    delta, residue = work[0], work[1]
+        here = put(here, i, origin[i])
+    for a in range(start, start + m, CHUNK):
+        count = min(CHUNK, start + m - a)
+        view = window(x, t, a, count, rows, zero)
+        one, two = _low(view, count, here, one, two)
+        three, four = _high(view, count, here, three, four)
     for i in range(d):
-        residue[i], third[i], delta[i] = one[i], three[i], one[i] / m
+        first[i] += one[i]
+        third[i] += three[i]
         for j in range(i + 1):
-            second[i, j] = second[j, i] = two[i * d + j]
-    fourth = shift(float(m), delta, residue, second, third, fourth)
-    for i in range(d):
-        mean[i] += delta[i]
-    return fourth
+            second[i, j] += two[i * d + j]
+    return fourth + four
 
 
 @compiled
 def accumulate(
     x: Any, group: int, mean: Any, second: Any, third: Any, fourth: Any, zero: Any, square: Any
 ) -> None:  # fmt: skip
-    """Moments of each point set of a batch (b, d, n), written into the given arrays."""
+    """Moments of each point set of a batch (b, d, n), written into the given arrays; ``group`` as `abreast` has it."""
     b, d, n = extent(x)
-    rows, work = np.empty((1, d, CHUNK)), np.empty((2, d))
-    mean2, second2, third2 = np.empty(d), np.empty((d, d)), np.empty(d)
+    rows, first, delta = np.empty((1, d, CHUNK)), np.empty((group, d)), np.empty(d)
     for head in range(0, b, group):
+        for g in range(group):
+            t, fourth[head + g] = head + g, 0.0
+            point = near(x, t, n, rows, zero)
+            for i in range(d):
+                mean[t, i], first[g, i], third[t, i] = point[i], 0.0, 0.0
+                for j in range(i + 1):
+                    second[t, i, j] = 0.0
         for start in range(0, n, BLOCK):
             m = min(BLOCK, n - start)
-            for t in range(head, head + group):
-                if start == 0:
-                    point = near(x, t, n, rows, zero)
-                    for i in range(d):
-                        mean[t, i] = point[i]
-                for i in range(d):
-                    mean2[i] = mean[t, i]
-                fourth2 = _block_moments(x, t, start, m, mean2, second2, third2, rows, work, zero, square)
-                if start == 0:
-                    fourth[t] = fourth2
-                    for i in range(d):
-                        mean[t, i], third[t, i] = mean2[i], third2[i]
-                        for j in range(d):
-                            second[t, i, j] = second2[i, j]
-                else:
-                    fourth[t] = merge_into(
-                        float(start), mean[t], second[t], third[t], fourth[t],
-                        float(m), mean2, second2, third2, fourth2, work,
-                    )  # fmt: skip
+            for g in range(group):
+                t = head + g
+                fourth[t] = _add(
+                    x, t, start, m, mean[t], first[g], second[t], third[t], fourth[t], rows, zero, square
+                )  # fmt: skip
+        for g in range(group):
+            t = head + g
+            for i in range(d):
+                delta[i] = first[g, i] / n
+                for j in range(i):
+                    second[t, j, i] = second[t, i, j]
+            fourth[t] = shift(float(n), delta, first[g], second[t], third[t], fourth[t])
+            for i in range(d):
+                mean[t, i] += delta[i]
 
 
 @compiled
@@ -214,7 +199,10 @@ class Moments:
         return result
 
     def merge(self, other: "Moments") -> "Moments":
-        """Moments of the union of each set with the other's set of equal place: exact, and as good in any order."""
+        """Moments of the union of each set with the other's set of equal place, in any order.
+
+        Means are stored rounded, to ε|x̄|: where that shows beside the points' extent, fit them at once.
+        """
         result = Moments(
             self.count + other.count, *(a.copy() for a in (self.mean, self.second, self.third, self.fourth))
         )

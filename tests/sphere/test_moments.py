@@ -5,10 +5,9 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from study.sphere.compiled import CHUNK
 from study.sphere.moments import Moments, merge_into
+from study.sphere.points import BLOCK
 
-EPS = np.finfo(float).eps
 SIZES = [1, 2, 5, 511, 512, 513, 1024, 1025]
 
 
@@ -51,14 +50,29 @@ def test_against_exact_arithmetic(rng, n, d):
 
 
 @pytest.mark.parametrize("offset", [1e6, 1e9])
-@pytest.mark.parametrize("n", [7, 512, 600, 2000])
+@pytest.mark.parametrize("n", [7, 512, 600, 2000, BLOCK + 100])
 def test_far_origin(rng, offset, n):
-    """An origin 10⁶ or 10⁹ spreads away costs a chunk nothing: its mean is subtracted twice.
-
-    Chunks are merged by their means, which are rounded to ε|x|: that much, in units of the spread, may be lost.
-    """
+    """An origin 10⁶ or 10⁹ spreads away costs nothing, whatever the number of samples."""
     points = rng.standard_normal((n, 3)) + offset * np.array([1.0, -0.7, 0.3])
-    assert_exact(parts(of(points)), points, 1e-14 if n <= CHUNK else EPS * offset)
+    assert_exact(parts(of(points)), points, 1e-14)
+
+
+@pytest.mark.parametrize("order", ["as they come", "by height", "by a side", "around"])
+def test_order_of_samples(rng, order):
+    """Whatever the order, the variance along the axis of a flat cap, 2.5e-9 of that across it, keeps 13 digits.
+
+    Of blocks that were merged by their means, which are rounded, it was wrong by 1e-9 to 5e-7.
+    """
+    n, height = BLOCK + 5000, 1.0 - np.cos(np.radians(0.01))
+    heights, turns = height * rng.random(n), 2.0 * np.pi * rng.random(n)
+    across = np.sqrt(heights * (2.0 - heights))
+    points = np.column_stack([1.0 - heights, across * np.cos(turns), across * np.sin(turns)]) + 100.0
+    keys = {"by height": points[:, 0], "by a side": points[:, 1], "around": turns}
+    points = points[np.argsort(keys.get(order, np.arange(n)))]
+    axial = [Fraction(v) for v in points[:, 0].tolist()]
+    mean = sum(axial) / n
+    expected = float(sum((v - mean) ** 2 for v in axial))
+    np.testing.assert_allclose(of(points).second[0, 0, 0], expected, rtol=1e-13)
 
 
 @pytest.mark.parametrize("n", [5, 513, 1025])
