@@ -32,11 +32,12 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     """Import the library on first use, so that `study --help` need not wait for it."""
     if name == "crlb":
-        from study.sphere.bounds import crlb
-
-        return crlb
-    if name in __all__:
+        from study.sphere.bounds import crlb as found
+    elif name in __all__:
         from study import estimators
 
-        return getattr(estimators, name)
-    raise AttributeError(f"module 'study' has no attribute {name!r}")
+        found = getattr(estimators, name)
+    else:
+        raise AttributeError(f"module 'study' has no attribute {name!r}")
+    globals()[name] = found  # not asked for again: it would cost as much as a sum over a thousand samples
+    return found

@@ -226,7 +226,8 @@ class Fit:
 def blank(batch: int, dimension: int) -> Fit:
     """A fit of NaN throughout, status ok, for an estimator to fill in."""
     # two allocations: five cost more than fitting one small set
-    numbers, whole = np.full(batch * (dimension + 3), np.nan), np.zeros((2, batch), dtype=np.int64)
+    numbers, whole = np.empty(batch * (dimension + 3)), np.zeros((2, batch), dtype=np.int64)
+    numbers.fill(np.nan)
     radius, noise_variance, condition = numbers[batch * dimension :].reshape(3, batch)
     return Fit(
         center=numbers[: batch * dimension].reshape(batch, dimension),

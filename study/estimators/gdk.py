@@ -70,29 +70,39 @@ def member(regression: Regression, eta: Floats, radius_weight: float | Floats, k
     Returns:
         The fit, its noise variance estimated from the residuals.
     """
-    (values, vectors), (cross, mean) = regression.spectrum, regression.along
-    b, d = values.shape
-    offset, condition, share = np.empty((b, d)), np.empty(b), (regression.count - 1.0) / regression.count
-    _offsets(
-        values, vectors, cross, mean, eta, np.ones((b, d), dtype=np.bool_) if kept is None else kept, offset, condition
-    )
-    least = values[:, 0] if kept is None else np.where(kept, values, values[:, -1:]).min(axis=1)
-    return _fit(regression, least, offset, share * radius_weight * eta, condition)
+    r, s, fit = regression, regression.spectrum, blank(*regression.mean.shape)
+    weight = np.zeros(len(eta)) + radius_weight
+    kept = every(*s.values.shape) if kept is None else kept
+    _member(
+        r.count, r.origin, r.mean, r.covariance, r.cross, r.variance, r.square, r.base, *s, eta, weight, kept,
+        fit.center, fit.radius, fit.noise_variance, fit.condition, fit.status,
+    )  # fmt: skip
+    return fit
+
+
+def every(batch: int, dimension: int) -> Kept:
+    """All eigen-directions of C take part."""
+    kept = np.empty((batch, dimension), dtype=np.bool_)
+    kept.fill(True)  # np.ones takes as long as all of a small set's arithmetic
+    return kept
 
 
 def subtracting(regression: Regression, noise: Floats) -> Fit:
     """The family's fit with a covariance Σ̂ (b, d, d) of each set's own subtracted from C."""
-    values, vectors = regression.spectrum
+    r, (values, vectors, _, _) = regression, regression.spectrum
     b, d = values.shape
-    remaining, basis = eigenbasis(regression.covariance - noise)
-    right = regression.cross - 2.0 * np.einsum("bij,bj->bi", noise, regression.mean)
+    remaining, basis = eigenbasis(r.covariance - noise)
+    right = r.cross - 2.0 * np.einsum("bij,bj->bi", noise, r.mean)
     with np.errstate(all="ignore"):
         right = np.einsum("bji,bj->bi", basis, right)
-    offset, nothing = np.empty((b, d)), np.zeros(b)
-    _offsets(remaining, basis, right, np.zeros((b, d)), nothing, np.ones((b, d), dtype=np.bool_), offset, np.empty(b))
+    offset, fit, kept = np.empty((b, d)), blank(b, d), every(b, d)
+    _offsets(remaining, basis, right, np.zeros((b, d)), np.zeros(b), kept, offset)
+    fit.condition[:] = _spectral_radius(noise, values, vectors)
     trace = np.trace(noise, axis1=1, axis2=2)
-    share = (regression.count - 1.0) / regression.count
-    fit = _fit(regression, values[:, 0], offset, -share * trace, _spectral_radius(noise, values, vectors))
+    _conclude(
+        r.count, r.origin, r.mean, r.covariance, r.cross, r.variance, r.square, r.base, values, kept, offset,
+        -(r.count - 1.0) / r.count * trace, fit.center, fit.radius, fit.noise_variance, fit.condition, fit.status,
+    )  # fmt: skip
     known = (fit.status != Status.SINGULAR) & (fit.status != Status.NOT_FINITE)
     fit.noise_variance[known] = trace[known] / d
     return fit
@@ -125,23 +135,27 @@ def noise_of_residuals(variance: float, mean_square: float, count: float, dimens
 
 
 @compiled
-def _offsets(
-    values: Any, vectors: Any, cross: Any, mean: Any, eta: Any, kept: Any, offset: Any, condition: Any
-) -> None:
-    """(C - ηI)⁻¹ (½q - ηȳ), paper eqs 2 and 17, and ρ = η/λ_min, from the eigenbasis of C."""
+def _offsets(values: Any, vectors: Any, cross: Any, mean: Any, eta: Any, kept: Any, offset: Any) -> None:
+    """(C - ηI)⁻¹ (½q - ηȳ), paper eqs 2 and 17, from the eigenbasis of C."""
     b, d = values.shape
     for t in range(b):
-        least = math.inf
         for i in range(d):
             offset[t, i] = 0.0
         for k in range(d):
             along = mean[t, k]
             if kept[t, k]:
-                least = min(least, values[t, k])
                 along = (0.5 * cross[t, k] - eta[t] * along) / (values[t, k] - eta[t])
             for i in range(d):
                 offset[t, i] += vectors[t, i, k] * along
-        condition[t] = eta[t] / least if eta[t] > 0.0 else math.nan
+
+
+@compiled
+def _least(values: Any, kept: Any, t: int) -> float:
+    """The least eigenvalue of C that takes part."""
+    for k in range(values.shape[1]):
+        if kept[t, k]:
+            return values[t, k]  # type: ignore[no-any-return]
+    return math.inf
 
 
 @compiled
@@ -165,16 +179,22 @@ def _residuals(
 
 
 @compiled
-def _finish(
-    origin: Any, offset: Any, excess: Any, base: Any, least: Any, largest: Any, variance: Any,
+def _conclude(
+    count: Any, origin: Any, mean: Any, covariance: Any, cross: Any, variance: Any, square: Any, base: Any,
+    values: Any, kept: Any, offset: Any, radius_term: Any,
     center: Any, radius: Any, noise: Any, condition: Any, status: Any,
 ) -> None:  # fmt: skip
-    """Centre and radius (paper eqs 3, 18, 21) with the statuses that follow from C and ρ."""
+    """The fits whose centre is o + offset (paper eqs 3, 18, 21), with the statuses that follow from C and ρ.
+
+    ``radius_term`` is what the radius squared adds to the mean of |x - ĉ|².
+    """
     b, d = offset.shape
+    excess = np.empty(b)
+    _residuals(count, mean, covariance, cross, variance, square, base, offset, excess, noise)
     for t in range(b):
         if condition[t] >= 1.0:
             status[t] = Status.NOT_POSITIVE_DEFINITE
-        if not least[t] > d * _EPS * largest[t]:
+        if not _least(values, kept, t) > d * _EPS * values[t, d - 1]:
             status[t] = Status.SINGULAR
         if not abs(variance[t]) < math.inf:
             status[t] = Status.NOT_FINITE
@@ -183,23 +203,31 @@ def _finish(
             continue
         for i in range(d):
             center[t, i] = origin[t, i] + offset[t, i]
-        square = base[t] + excess[t]
-        if square >= 0.0:
-            radius[t] = math.sqrt(square)
+        beyond = excess[t] + radius_term[t]
+        total = base[t] + beyond
+        if total >= 0.0:
+            radius[t] = math.sqrt(total)
             if base[t] > 0.0:  # the error of the radius, without the radius
-                radius[t] = excess[t] / (radius[t] + math.sqrt(base[t]))
+                radius[t] = beyond / (radius[t] + math.sqrt(base[t]))
 
 
-def _fit(regression: Regression, least: Floats, offset: Floats, radius_term: Floats, condition: Floats) -> Fit:
-    """The fit whose centre is o + offset; ``radius_term`` is what the radius squared adds to the mean of |x - ĉ|²."""
-    r, fit, excess = regression, blank(*offset.shape), np.empty(len(offset))
-    _residuals(r.count, r.mean, r.covariance, r.cross, r.variance, r.square, r.base, offset, excess, fit.noise_variance)
-    fit.condition[:] = condition
-    _finish(
-        r.origin, offset, excess + radius_term, r.base, least, r.spectrum[0][:, -1], r.variance,
-        fit.center, fit.radius, fit.noise_variance, fit.condition, fit.status,
+@compiled
+def _member(
+    count: Any, origin: Any, mean: Any, covariance: Any, cross: Any, variance: Any, square: Any, base: Any,
+    values: Any, vectors: Any, cross_along: Any, mean_along: Any, eta: Any, weight: Any, kept: Any,
+    center: Any, radius: Any, noise: Any, condition: Any, status: Any,
+) -> None:  # fmt: skip
+    """The family's fits for given η, and ρ = η/λ_min."""
+    b, d = values.shape
+    offset, radius_term = np.empty((b, d)), np.empty(b)
+    _offsets(values, vectors, cross_along, mean_along, eta, kept, offset)
+    for t in range(b):
+        condition[t] = eta[t] / _least(values, kept, t) if eta[t] > 0.0 else math.nan
+        radius_term[t] = (count[t] - 1.0) / count[t] * weight[t] * eta[t]
+    _conclude(
+        count, origin, mean, covariance, cross, variance, square, base, values, kept, offset, radius_term,
+        center, radius, noise, condition, status,
     )  # fmt: skip
-    return fit
 
 
 def _spectral_radius(noise: Floats, values: Floats, vectors: Floats) -> Floats:

@@ -137,7 +137,7 @@ def minimum_from(samples: Samples, share: float) -> Fit:
     b, d, _ = samples.shape
     regression = samples.regression
     eta = root(regression, 0.0)
-    least = regression.spectrum[0][:, 0]
+    least = regression.spectrum.values[:, 0]
     clear = eta < _CLEAR * least
     start = member(regression, np.where(clear, eta, 0.0), 0.0)
     fit = blank(b, d)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from study.estimators.fit import Fit, Samples, Status
-from study.estimators.gdk import Kept, member
+from study.estimators.gdk import Kept, every, member
 from study.sphere.compiled import compiled
 from study.sphere.regression import Regression
 
@@ -98,10 +98,10 @@ def root(regression: Regression, kappa: float, kept: Kept | None = None) -> Floa
         kappa: the constant ϰ.
         kept: eigen-directions of C that take part (b, d); all, if None.
     """
-    r, (values, _), (cross, mean) = regression, regression.spectrum, regression.along
-    eta = np.empty(len(values))
-    kept = np.ones(values.shape, dtype=np.bool_) if kept is None else kept
-    _solve_all(r.count, values, cross, mean, r.base + r.square, r.variance, kappa, kept, eta)
+    r, s = regression, regression.spectrum
+    eta = np.empty(len(s.values))
+    kept = every(*s.values.shape) if kept is None else kept
+    _solve_all(r.count, s.values, s.cross, s.mean, r.base + r.square, r.variance, kappa, kept, eta)
     return eta
 
 
@@ -172,7 +172,7 @@ def hinge(samples: Samples) -> Fit:
     if np.ndim(samples.noise if samples.noise is not None else 0.0) == 2:
         raise ValueError("hinge drops directions by one noise level: pass noise=σ, or none")
     b, d, _ = samples.shape
-    values = samples.regression.spectrum[0]
+    values = samples.regression.spectrum.values
     kept = values > 8.0 * d * _EPS * values[:, -1:]
     if samples.noise is not None:
         eta = np.broadcast_to(np.square(samples.noise), b)
@@ -207,7 +207,7 @@ def _flat(samples: Samples, kept: Kept, direction: int) -> Kept:
     arc's flat direction from a small cap's axis, which may be as short but carries the curvature.
     """
     regression = samples.regression
-    values, along = regression.spectrum[0], regression.along[0]
+    values, _, along, _ = regression.spectrum
     n, d = regression.count, values.shape[1]
     others = kept.copy()
     others[:, direction] = False
@@ -224,4 +224,4 @@ def _flat(samples: Samples, kept: Kept, direction: int) -> Kept:
 def _significant(samples: Samples, eta: Floats, errors: float) -> Kept:
     """Whether each eigenvalue of C exceeds the noise by so many standard errors of the noise, η√(2/n): (b, d)."""
     n = samples.regression.count
-    return np.asarray(samples.regression.spectrum[0] - eta[:, None] > errors * (eta * np.sqrt(2.0 / n))[:, None])
+    return np.asarray(samples.regression.spectrum.values - eta[:, None] > errors * (eta * np.sqrt(2.0 / n))[:, None])

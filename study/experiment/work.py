@@ -122,11 +122,11 @@ def _from_points(study: Study, unit: Unit, clock: Clock, kept: "Kept", failures:
         bound, truths = draws.unit_bound(), []
         fits: list[list[Fit]] = []
         clock.read("bound", n, trials)
-        for some in _abreast(study, cells, trials):
+        for some in _side_by_side(study, cells, trials):
             on = [cells[places[0]].level for places in some]
             samples = draws.place(on[0], _workspace) if len(on) == 1 else draws.place_each(on)
             clock.read("points", n, trials * len(on))
-            samples.regression.along  # noqa: B018  now, so that no estimator is charged for what all share
+            samples.regression.spectrum  # noqa: B018  now, so that no estimator is charged for what all share
             clock.read("moments", n, trials * len(on))
             fits.append([])
             for name in study.estimators:
@@ -143,7 +143,7 @@ def _from_points(study: Study, unit: Unit, clock: Clock, kept: "Kept", failures:
             yield _errors(study, batches, bound, fits, truths)
 
 
-def _abreast(study: Study, cells: tuple[Cell, ...], trials: int) -> Iterator[list[list[int]]]:
+def _side_by_side(study: Study, cells: tuple[Cell, ...], trials: int) -> Iterator[list[list[int]]]:
     """The places of the cells of each level, by as many levels as are computed at once.
 
     That is one, where an estimator, or who keeps points, wants them in memory, or where the noise is not isotropic.
@@ -174,7 +174,7 @@ def _from_moments(study: Study, unit: Unit, clock: Clock, failures: Failures) ->
         level = cells[places[0]].level
         regression = joint.regression(np.array([level.noise]), np.array([level.radius]))
         samples = Samples.of_regression(regression, level.noise)
-        regression.along  # noqa: B018
+        regression.spectrum  # noqa: B018
         clock.read("points", n, trials)
         truths.append(Truth((0.0,) * d, 0.0))  # its fits are errors already
         fits.append([])

@@ -121,7 +121,7 @@ def _sweep(matrix: Any, vectors: Any, cosine: Any, sine: Any) -> bool:
 
 
 @compiled
-def _diagonalise(matrices: Any, values: Any, basis: Any) -> None:
+def diagonalise_all(matrices: Any, values: Any, basis: Any) -> None:
     """The same on so many matrices at a time, side by side in vector registers.
 
     A matrix that is done is turned by nothing while others go on, so its numbers do not depend on its neighbours.
@@ -186,12 +186,13 @@ def cholesky_solve(matrix: Any, right: Any) -> bool:
 def eigenbasis(matrices: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Eigenvalues (b, d), ascending, and eigenvectors (b, d, d), as columns, of symmetric matrices (b, d, d)."""
     values, vectors = np.empty(matrices.shape[:2]), np.empty(matrices.shape)
-    _diagonalise(matrices, values, vectors)
+    diagonalise_all(matrices, values, vectors)
     return values, vectors
 
 
 @compiled
-def _components_all(basis: Any, vectors: Any, result: Any) -> None:
+def components_all(basis: Any, vectors: Any, result: Any) -> None:
+    """Components (b, d) of vectors (b, d) along the columns of bases (b, d, d)."""
     b, d = vectors.shape
     for t in range(b):
         for k in range(d):
@@ -199,10 +200,3 @@ def _components_all(basis: Any, vectors: Any, result: Any) -> None:
             for i in range(d):
                 along += basis[t, i, k] * vectors[t, i]
             result[t, k] = along
-
-
-def components(basis: NDArray[np.float64], vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Components (b, d) of vectors (b, d) along the columns of bases (b, d, d)."""
-    result = np.empty(vectors.shape)
-    _components_all(basis, vectors, result)
-    return result

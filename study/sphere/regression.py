@@ -8,13 +8,13 @@ answer does not depend on o. From the points themselves o is the centroid, and t
 
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from study.sphere.compiled import compiled
-from study.sphere.linalg import components, eigenbasis
+from study.sphere.linalg import components_all, diagonalise_all
 from study.sphere.moments import Moments
 
 Floats = NDArray[np.float64]
@@ -35,6 +35,31 @@ def _central(
                 covariance[t, i, j] = second[t, i, j] / (n - 1.0)
         square[t] = trace / n
         variance[t] = fourth[t] / n - square[t] * square[t]
+
+
+@compiled
+def _decompose(
+    covariance: Any, cross: Any, mean: Any, values: Any, vectors: Any, cross_along: Any, mean_along: Any
+) -> None:  # fmt: skip
+    diagonalise_all(covariance, values, vectors)
+    components_all(vectors, cross, cross_along)
+    components_all(vectors, mean, mean_along)
+
+
+class Spectrum(NamedTuple):
+    """A regression in the eigenbasis of C.
+
+    Attributes:
+        values: eigenvalues of C (b, d), ascending.
+        vectors: eigenvectors (b, d, d), as columns.
+        cross: components of ``cross`` along them (b, d).
+        mean: components of ``mean`` along them (b, d).
+    """
+
+    values: Floats
+    vectors: Floats
+    cross: Floats
+    mean: Floats
 
 
 @dataclass(frozen=True)
@@ -74,12 +99,9 @@ class Regression:
         return Regression(*(getattr(self, each.name)[index : index + 1] for each in fields(self)))
 
     @cached_property
-    def spectrum(self) -> tuple[Floats, Floats]:
-        """Eigenvalues (b, d), ascending, and eigenvectors (b, d, d), as columns, of C."""
-        return eigenbasis(self.covariance)
-
-    @cached_property
-    def along(self) -> tuple[Floats, Floats]:
-        """``cross`` and ``mean`` in the eigenbasis of C, (b, d) each."""
-        basis = self.spectrum[1]
-        return components(basis, self.cross), components(basis, self.mean)
+    def spectrum(self) -> Spectrum:
+        """The same in the eigenbasis of C, which several estimators share."""
+        rows = np.empty((3, *self.mean.shape))  # one allocation: three cost as much as a small set's decomposition
+        result = Spectrum(rows[0], np.empty(self.covariance.shape), rows[1], rows[2])
+        _decompose(self.covariance, self.cross, self.mean, *result)
+        return result
