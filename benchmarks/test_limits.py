@@ -75,11 +75,11 @@ def test_gdke_of_a_million(timed, case):
     points = np.random.default_rng(1).standard_normal((3, MILLION))
     group = "GDKE of a million samples, per sample"
     if case == "read":
-        timed(group, "sum of the array", read, points.ravel(), items=MILLION, unit=True, rounds=40)
+        timed(group, "sum of the array", read, points.ravel(), items=MILLION, unit=True, rounds=200)
     elif case == "(d, n)":
-        timed(group, "array (d, n)", study.fit, points.T, "gdke", items=MILLION, aim="≤ 2", rounds=40)
+        timed(group, "array (d, n)", study.fit, points.T, "gdke", items=MILLION, aim="≤ 2", rounds=200)
     else:
-        timed(group, "array (n, d)", study.fit, points.T.copy(), "gdke", items=MILLION, aim="≤ 4", rounds=40)
+        timed(group, "array (n, d)", study.fit, points.T.copy(), "gdke", items=MILLION, aim="≤ 4", rounds=200)
 
 
 @pytest.mark.parametrize("samples", [100, 10_000])
