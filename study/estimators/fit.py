@@ -97,6 +97,11 @@ class Samples:
         """The points, coordinates first (b, d, n)."""
         return form(self.source, np.empty(self.shape)) if isinstance(self.source, Placed) else self.source
 
+    @cached_property
+    def rows(self) -> Floats | Placed:
+        """The points with each coordinate in a row of memory, for what reads them many times; or what forms them."""
+        return self.source if isinstance(self.source, Placed) else np.ascontiguousarray(self.source)
+
     @property
     def points(self) -> Floats:
         """The points as (b, n, d), for an estimator that prefers them so."""

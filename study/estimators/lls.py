@@ -15,7 +15,7 @@ from study.estimators.fit import Fit, Samples, Status, blank
 from study.estimators.gdk import noise_of_residuals
 from study.sphere.compiled import CHUNK, compiled, compiled_as_written, dot, fill, fresh, put, total, zeros
 from study.sphere.linalg import eigenbasis
-from study.sphere.points import abreast, at, extent, near, window
+from study.sphere.points import abreast, at, extent, near, readable, window
 
 _EPS = 2.0**-52
 
@@ -153,9 +153,8 @@ def lls(samples: Samples) -> Fit:
     b, d, _ = samples.shape
     fit = blank(b, d)
     residual, scatter = np.empty(b), np.empty((b, d, d))
-    _fit_all(
-        samples.source, abreast(samples.source), fit.center, fit.radius, residual, fit.noise_variance, scatter, zeros(d)
-    )
+    x, group = readable(samples.source), abreast(samples.source)
+    _fit_all(x, group, fit.center, fit.radius, residual, fit.noise_variance, scatter, zeros(d))
     values, _ = eigenbasis(scatter)
     regular = values[:, 0] > d * _EPS * values[:, -1]  # the points span all dimensions: the rule of `gdk`
     fit.status[~regular] = Status.SINGULAR

@@ -144,7 +144,7 @@ def minimum_from(samples: Samples, share: float) -> Fit:
     fit.status[:] = start.status
     offset = share * (start.center - regression.origin)
     _fit_all(
-        samples.source, abreast(samples.source), regression.origin, regression.square, least, offset,
+        samples.rows, abreast(samples.source), regression.origin, regression.square, least, offset,
         fit.center, fit.radius, fit.noise_variance, fit.iterations, fit.status, zeros(d), zeros(d, d),
     )  # fmt: skip
     return fit

@@ -76,7 +76,7 @@ def weighted_scatter(directions: Floats, weights: Floats) -> tuple[Floats, Float
     """Σω, ū = Σωu/Σω and Σω(u-ū)(u-ū)ᵀ for a batch of directions (b, d, n) and weights (b, n), or (1, n) for all."""
     b, d, _ = directions.shape
     sums, mean, scatter = np.empty(b), np.empty((b, d)), np.empty((b, d, d))
-    _scatter(directions, weights, sums, mean, scatter, zeros(d), zeros(d, d))
+    _scatter(np.ascontiguousarray(directions), weights, sums, mean, scatter, zeros(d), zeros(d, d))
     return sums, mean, scatter
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from study.sphere.compiled import CHUNK, compiled, fresh, put, zeros
-from study.sphere.points import BLOCK, Placed, abreast, at, extent, near, window
+from study.sphere.points import BLOCK, Placed, abreast, at, extent, near, readable, window
 
 Floats = NDArray[np.float64]
 
@@ -194,9 +194,9 @@ class Moments:
     def of(cls, x: Floats | Placed) -> "Moments":
         """Moments of point sets given coordinates first, (b, d, n), in any memory layout, or by what forms them."""
         b, d, n = extent(x)
-        result = cls(np.full(b, float(n)), np.empty((b, d)), np.empty((b, d, d)), np.empty((b, d)), np.empty(b))
-        accumulate(x, abreast(x), result.mean, result.second, result.third, result.fourth, zeros(d), zeros(d, d))
-        return result
+        m = cls(np.full(b, float(n)), np.empty((b, d)), np.empty((b, d, d)), np.empty((b, d)), np.empty(b))
+        accumulate(readable(x), abreast(x), m.mean, m.second, m.third, m.fourth, zeros(d), zeros(d, d))
+        return m
 
     def merge(self, other: "Moments") -> "Moments":
         """Moments of the union of each set with the other's set of equal place, in any order.

@@ -1,4 +1,4 @@
-"""Where compiled code finds the samples of point sets: in an array, or formed where they are read.
+"""Where compiled code finds the samples of point sets: in an array, by coordinate or by sample, or formed where read.
 
 Every kernel takes its samples chunk by chunk from a :func:`window`, and so need not know which it is. Point sets that
 share their draws are formed while those are in a cache: they are taken side by side (:func:`abreast`), a block of
@@ -8,7 +8,6 @@ samples from each in turn, for reading them from memory costs more than forming 
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import types
 from numba.extending import overload
 from numpy.typing import NDArray
 
@@ -18,6 +17,9 @@ Floats = NDArray[np.float64]
 
 BLOCK = 32 * CHUNK
 """Samples that are taken from a set before it is the next one's turn: draws of so many stay in a second-level cache."""
+
+_FEW = 1 << 12
+"""Coordinates that are copied in no more time than it takes to tell a kernel where they are."""
 
 _NEAR = 32
 """Samples whose mean is near enough to all of them."""
@@ -39,6 +41,16 @@ class Placed(NamedTuple):
     center: Floats
     radius: Floats
     sigma: Floats
+
+
+class BySample(NamedTuple):
+    """Point sets that lie in memory sample by sample, as users have them.
+
+    Attributes:
+        points: coordinates last (b, n, d), contiguous.
+    """
+
+    points: Floats
 
 
 @compiled_as_written
@@ -66,8 +78,22 @@ def form(placed: Placed, points: Floats, first: int = 0) -> Floats:
     return points
 
 
-def extent(x: "Floats | Placed") -> tuple[int, int, int]:
+def readable(x: "Floats | Placed") -> "Floats | Placed | BySample":
+    """Point sets (b, d, n) as :func:`window` takes them: copied, if they are few, or contiguous in neither way.
+
+    Kernels would be compiled for each other layout, of which a batch of one set and a batch of many are two.
+    """
+    if isinstance(x, Placed) or x.flags.c_contiguous:
+        return x
+    points = x.swapaxes(1, 2)
+    return BySample(points) if points.flags.c_contiguous and x.size > _FEW else np.ascontiguousarray(x)
+
+
+def extent(x: "Floats | Placed | BySample") -> tuple[int, int, int]:
     """Number of sets b, dimension d, samples n."""
+    if isinstance(x, BySample):
+        b, n, d = x.points.shape
+        return b, d, n
     if isinstance(x, Placed):
         t, d, n = x.noise.shape
         return t * len(x.radius), d, n
@@ -75,7 +101,7 @@ def extent(x: "Floats | Placed") -> tuple[int, int, int]:
     return b, d, n
 
 
-def abreast(x: "Floats | Placed") -> int:
+def abreast(x: "Floats | Placed | BySample") -> int:
     """How many sets, of each so many, share what they are formed of.
 
     Kernels are given it, and do not ask: bits could differ where the compiler knows it to be 1.
@@ -86,9 +112,9 @@ def abreast(x: "Floats | Placed") -> int:
 def window(x: Any, t: int, start: int, count: int, rows: Any, zero: Any) -> Any:
     """A view of ``count`` samples of set t of a batch, from sample ``start`` on, for :func:`at`.
 
-    It is into the batch itself if that lies in memory coordinate by coordinate, and else into ``rows`` (1, d, CHUNK),
-    to which the samples are copied, or into what they are formed of. ``zero`` are sums of one for each dimension.
-    Neither the layout nor the forming shows in any sum.
+    It is into the batch itself if that lies in memory coordinate by coordinate, into ``rows`` (1, d, CHUNK), to which
+    the samples are copied, if it lies there sample by sample, or into what they are formed of. ``zero`` are sums of one
+    for each dimension. Neither the layout nor the forming shows in any sum.
     """
     return x, np.uintp(t), np.uintp(start)
 
@@ -99,8 +125,8 @@ def at(view: Any, i: int, k: Any) -> Any:
     return x[t, i, start + np.uintp(k)]
 
 
-def _is_placed(x: Any) -> bool:
-    return isinstance(x, types.BaseTuple)
+def _is(x: Any, kind: type) -> bool:
+    return getattr(x, "instance_class", None) is kind
 
 
 @overload(extent)
@@ -112,7 +138,11 @@ def _extent(x: Any) -> Any:
         t, d, n = x.noise.shape
         return t * x.radius.size, d, n
 
-    return placed if _is_placed(x) else stored
+    def by_sample(x: Any) -> Any:
+        b, n, d = x.points.shape
+        return b, d, n
+
+    return placed if _is(x, Placed) else by_sample if _is(x, BySample) else stored
 
 
 @overload(window)
@@ -123,7 +153,7 @@ def _window(x: Any, t: Any, start: Any, count: Any, rows: Any, zero: Any) -> Any
     def copied(x: Any, t: Any, start: Any, count: Any, rows: Any, zero: Any) -> Any:
         for k in range(count):
             for i in range(len(zero)):
-                rows[0, i, k] = x[t, i, np.uintp(start) + np.uintp(k)]
+                rows[0, i, k] = x.points[t, np.uintp(start) + np.uintp(k), i]
         return rows, np.uintp(0), np.uintp(0)
 
     def formed(x: Any, t: Any, start: Any, count: Any, rows: Any, zero: Any) -> Any:
@@ -132,9 +162,7 @@ def _window(x: Any, t: Any, start: Any, count: Any, rows: Any, zero: Any) -> Any
             center = put(center, i, x.center[s, i])
         return x.directions, x.noise, trial, np.uintp(start), center, x.radius[s], x.sigma[s]
 
-    if _is_placed(x):
-        return formed
-    return itself if x.layout == "C" else copied
+    return formed if _is(x, Placed) else copied if _is(x, BySample) else itself
 
 
 @overload(at)
