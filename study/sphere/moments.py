@@ -5,7 +5,7 @@ exactly, whatever the number of samples behind each.
 
 The samples are taken from the mean of the first few, and their sums then moved to their own mean by what their first
 moment says (theory: the formulas assume Σy = 0, which a rounded mean does not give). So the data are read once, and a
-distant origin costs no digits. Sums are formed block by block and then added, for long sums lose digits.
+distant origin costs no digits. Each chunk is summed by itself, then blocks of chunks are, for long sums lose digits.
 """
 
 from dataclasses import dataclass
@@ -116,8 +116,13 @@ def _add(
     for a in range(start, start + m, CHUNK):
         count = min(CHUNK, start + m - a)
         view = window(x, t, a, count, rows, zero)
-        one, two = _low(view, count, here, one, two)
-        three, four = _high(view, count, here, three, four)
+        some_one, some_two = _low(view, count, here, fresh(zero), fresh(square))
+        some_three, some_four = _high(view, count, here, fresh(zero), 0.0)
+        four += some_four
+        for i in range(d):
+            one, three = put(one, i, one[i] + some_one[i]), put(three, i, three[i] + some_three[i])
+            for j in range(i + 1):
+                two = put(two, i * d + j, two[i * d + j] + some_two[i * d + j])
     for i in range(d):
         first[i] += one[i]
         third[i] += three[i]

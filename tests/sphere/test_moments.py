@@ -8,6 +8,7 @@ import pytest
 from study.sphere.moments import Moments, merge_into
 from study.sphere.points import BLOCK
 
+EPS = np.finfo(float).eps
 SIZES = [1, 2, 5, 511, 512, 513, 1024, 1025]
 
 
@@ -73,6 +74,20 @@ def test_order_of_samples(rng, order):
     mean = sum(axial) / n
     expected = float(sum((v - mean) ** 2 for v in axial))
     np.testing.assert_allclose(of(points).second[0, 0, 0], expected, rtol=1e-13)
+
+
+@pytest.mark.parametrize("value", [0.3, 0.7, 1 / 3, 0.77])
+def test_rounding_does_not_add_up(value):
+    """8192 terms of one size, whose rounding errors may all have one sign, lose no more than 64 of them.
+
+    Added to one sum they would lose 8192, in four lanes 2048; chunks are summed by themselves.
+    """
+    points = np.full((8192, 3), value)
+    points[1::2] *= -1.0
+    term = 3 * Fraction(value) ** 2
+    _, second, _, fourth = parts(of(points))
+    np.testing.assert_allclose(np.trace(second), float(8192 * term), rtol=64 * EPS)
+    np.testing.assert_allclose(fourth, float(8192 * term**2), rtol=64 * EPS)
 
 
 @pytest.mark.parametrize("n", [5, 513, 1025])
