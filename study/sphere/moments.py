@@ -140,8 +140,8 @@ def accumulate(
     rows, first, delta = np.empty((1, d, CHUNK)), np.empty((group, d)), np.empty(d)
     for head in range(0, b, group):
         for g in range(group):
-            t, fourth[head + g] = head + g, 0.0
-            point = near(x, t, n, rows, zero)
+            t = head + g
+            point, fourth[t] = near(x, t, n, rows, zero), 0.0
             for i in range(d):
                 mean[t, i], first[g, i], third[t, i] = point[i], 0.0, 0.0
                 for j in range(i + 1):
