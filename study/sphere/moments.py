@@ -1,7 +1,7 @@
 """Centred moments of a point set: all that a closed-form sphere fit needs to know about its data.
 
-With y = x - x̄ they are n, x̄, Σyyᵀ, Σy|y|² and Σ|y|⁴ - 14 numbers in three dimensions - and two sets of them merge
-exactly, whatever the number of samples behind each.
+With y = x - x̄ they are n, x̄, Σyyᵀ, Σy|y|² and Σ|y|⁴ - 14 numbers in three dimensions - and two sets of them merge,
+whatever the number of samples behind each, exactly but for the rounding of their means.
 
 The samples are taken from the mean of the first few, and their sums then moved to their own mean by what their first
 moment says (theory: the formulas assume Σy = 0, which a rounded mean does not give). So the data are read once, and a

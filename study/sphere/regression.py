@@ -101,7 +101,7 @@ class Regression:
     @cached_property
     def spectrum(self) -> Spectrum:
         """The same in the eigenbasis of C, which several estimators share."""
-        rows = np.empty((3, *self.mean.shape))  # one allocation: three cost as much as a small set's decomposition
-        result = Spectrum(rows[0], np.empty(self.covariance.shape), rows[1], rows[2])
+        values, cross, mean = (np.empty(self.mean.shape) for _ in range(3))
+        result = Spectrum(values, np.empty(self.covariance.shape), cross, mean)
         _decompose(self.covariance, self.cross, self.mean, *result)
         return result

@@ -49,11 +49,11 @@ def test_points_are_those_of_their_sphere_and_trial(place):
 @pytest.mark.parametrize("d", [2, 3, 5])
 @pytest.mark.parametrize("n", [6, 31, 33, 700, BLOCK, 2 * BLOCK + 300])
 def test_sums_do_not_depend_on_where_points_are(place, d, n):
-    """Moments and fits of formed points are, bit for bit, those of stored points, of any layout."""
+    """Moments and fits of formed points are, bit for bit, those of stored points, in any layout."""
     placed = place(d, n)
     points = form(placed, np.empty((6, d, n)))
     noise = np.tile(placed.sigma, 2)
-    for other in (points, np.asfortranarray(points)):
+    for other in (points, np.ascontiguousarray(points.swapaxes(1, 2)).swapaxes(1, 2), np.asfortranarray(points)):
         stored, formed = Moments.of(other), Moments.of(placed)
         for name in ("count", "mean", "second", "third", "fourth"):
             np.testing.assert_array_equal(getattr(formed, name), getattr(stored, name))
