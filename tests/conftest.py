@@ -4,6 +4,8 @@ Factories are session fixtures that return functions, so that hypothesis tests c
 """
 
 import shutil
+import time
+from pathlib import Path
 
 from study.runs import target
 
@@ -63,6 +65,27 @@ def browser():
         launched = driver.chromium.launch(executable_path=path, args=FLAGS)
         yield launched
         launched.close()
+
+
+@pytest.fixture(scope="session")
+def held():
+    """Path of `held.py`: a command whose workers stop at a gate."""
+    return Path(__file__).with_name("held.py")
+
+
+@pytest.fixture(scope="session")
+def wait_for():
+    """Wait until something holds, and return it. The time limit only ends a test that hangs."""
+
+    def wait(holds, goes_on=lambda: True):
+        last = time.monotonic() + 600.0
+        while not (found := holds()):
+            assert goes_on(), "it ended before"
+            assert time.monotonic() < last, "it hangs"
+            time.sleep(0.01)
+        return found
+
+    return wait
 
 
 @pytest.fixture
