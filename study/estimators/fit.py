@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from study.sphere.bounds import bound_from_scatter, noise_covariance, normal_weights, weighted_scatter
+from study.sphere.layouts import Placed, extent, form
 from study.sphere.linalg import eigenbasis
 from study.sphere.moments import Moments
-from study.sphere.points import Placed, extent, form
 from study.sphere.regression import Regression
 
 Floats = NDArray[np.float64]
@@ -252,11 +252,11 @@ class Estimator:
         function: from samples to a fit. It never raises on data, only on a noise that it cannot use.
         reference: where it comes from.
         needs: what it must be told besides the points.
-        flops: floating-point operations per sample in d dimensions, as `study.analysis.flops` counts them.
+        flops: floating-point operations per sample in d dimensions, as `study.analysis.cost` counts them.
         flops_of: what they are for, where that is not the whole fit.
         caution: what a user should know beside the answer, whatever its status.
         moments_suffice: whether it looks at ``Samples.moments`` alone.
-        by_window: whether all else that it reads comes from `study.sphere.points.window`, so that points need not lie
+        by_window: whether all else that it reads comes from `study.sphere.layouts.window`, so that points need not lie
             in memory.
         version: to be raised with every change of its numbers, so that runs do not mix old rows with new ones.
     """

@@ -14,7 +14,7 @@ from study.experiment.design import Batch, Level
 from study.experiment.streams import lanes
 from study.sphere import cap
 from study.sphere.bounds import bound_from_scatter, normal_weights, weighted_scatter
-from study.sphere.points import Placed, form
+from study.sphere.layouts import Placed, form
 
 Floats = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ import hashlib
 
 import numpy as np
 
-from study.sphere.bits import WORDS, State, seeded
+from study.sphere.sfc64 import WORDS, State, seeded
 
 Name = tuple[str | int | float, ...]
 OldStream = np.random.RandomState
@@ -29,7 +29,7 @@ def stream(seed: int, *name: str | int | float) -> np.random.Generator:
 
 
 def lanes(seed: int, *name: str | int | float) -> State:
-    """Make the state of a named stream for compiled loops: generators side by side, as `study.sphere.bits` has them.
+    """Make the state of a named stream for compiled loops: generators side by side, as `study.sphere.sfc64` has them.
 
     Every word that the state begins with is a hash of the name, which costs less than a `SeedSequence`.
     """

@@ -23,7 +23,7 @@ from study.figures import (
     style,
 )
 from study.figures.inputs import NotApplicable, Tables
-from study.runs.store import Run
+from study.runs.storage.run_folder import Run
 
 
 class Drawing(Protocol):

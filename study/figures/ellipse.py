@@ -1,7 +1,7 @@
 """Figures 3 and 4 alike: one fit to an arc, the whole circle on the left, its centre with error ellipses on the right.
 
 The ellipses are centred on the estimate, as the paper draws them, and have the size of the estimator's spread over
-all trials of the cell (`study.figures.dataset`). The dots are the centres fitted to other trials, so that the ellipse
+all trials of the cell (`study.figures.arc_data`). The dots are the centres fitted to other trials, so that the ellipse
 can be judged by eye; they lie about the estimator's own median, not about the truth.
 """
 
@@ -18,7 +18,7 @@ from matplotlib.patches import Circle, Ellipse, Rectangle
 from matplotlib.ticker import MaxNLocator
 
 from study.figures import style
-from study.figures.dataset import LEVELS, DataSet, Spread, choose, reach
+from study.figures.arc_data import LEVELS, DataSet, Spread, choose, reach
 from study.figures.inputs import Tables
 
 Window = tuple[float, float, float, float]
@@ -57,7 +57,7 @@ def prepare(tables: Tables, estimator: str) -> Frame:
     """Choose the data set, and a window that holds both figures' ellipses, so that they can be compared.
 
     Raises:
-        NotApplicable: see `study.figures.dataset.choose`.
+        NotApplicable: see `study.figures.arc_data.choose`.
     """
     data = choose(tables, [estimator])
     shown = [name for name in ("gdke", "ugdk") if name in data.spreads]

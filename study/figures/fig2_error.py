@@ -22,11 +22,11 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 from scipy import stats
 
-from study.analysis.grouped import decade
-from study.analysis.performance import FAR
+from study.analysis.error_groups import decade
 from study.estimators import Status
 from study.figures import style
 from study.figures.inputs import NotApplicable, Tables
+from study.statistics.performance import FAR
 
 _MOST_FOR_SLOPE = 2000  # Theil and Sen's slope takes memory of their square
 _LEAST_PER_DECADE = 10

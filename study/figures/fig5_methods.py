@@ -15,8 +15,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from matplotlib.ticker import MaxNLocator
 
-from study.figures import dataset, style
-from study.figures.dataset import DataSet, choose
+from study.figures import arc_data, style
+from study.figures.arc_data import DataSet, choose
 from study.figures.ellipse import draw_data, frame_axes, window, write_below
 from study.figures.inputs import Tables
 
@@ -27,7 +27,7 @@ class Shown(NamedTuple):
     """An estimator's circle, and the other estimators that give the same."""
 
     estimator: str
-    circle: dataset.Circle
+    circle: arc_data.Circle
     same: list[str]
 
 
@@ -43,7 +43,7 @@ def prepare(tables: Tables) -> Frame:
     """Choose the data set and collect the circles.
 
     Raises:
-        NotApplicable: see `study.figures.dataset.choose`.
+        NotApplicable: see `study.figures.arc_data.choose`.
     """
     data = choose(tables, METHODS)
     shown = []

@@ -18,11 +18,11 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
-from study.analysis.markers import point_sets
-from study.analysis.measures import Measure, quantile
+from study.analysis.kept_markers import point_sets
 from study.estimators import fit, mgdk
 from study.figures import style
 from study.figures.inputs import NotApplicable, Tables
+from study.statistics.measures import Measure, quantile
 
 Floats = NDArray[np.float64]
 

@@ -24,11 +24,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from study.analysis.expected import gdke_bias, median_at_bound
-from study.analysis.measures import power_law
+from study.analysis.asymptotics import gdke_bias, median_at_bound
 from study.figures import style
 from study.figures.inputs import NotApplicable, Tables
 from study.sphere.cap import cap_moments
+from study.statistics.measures import power_law
 
 _LEAST_SAMPLES = 4
 _MOST_PANELS = 4

@@ -19,9 +19,9 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 from scipy import stats
 
-from study.analysis.calibration import FLAT, LEVELS, coverage, trials
 from study.figures import style
 from study.figures.inputs import NotApplicable, Tables
+from study.posterior.calibration import FLAT, LEVELS, coverage, trials
 
 _LEAST_TRIALS = 20
 _NAMES = {"1": "$c_1$, along the axis", "2": "$c_2$, across it", "radius": "radius", "noise": "σ"}
@@ -48,7 +48,7 @@ class Frame:
 
     Attributes:
         curves: of the ranks.
-        coverage: as `study.analysis.calibration.coverage` gives it.
+        coverage: as `study.posterior.calibration.coverage` gives it.
         trials: the smallest number of trials behind a curve.
         stamp: the run's name and trials.
     """

@@ -20,11 +20,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from study.analysis.expected import gdke_leaves, median_at_bound, noise_at_kappa, ugdk_leaves
-from study.analysis.measures import quantile
+from study.analysis.asymptotics import gdke_leaves, median_at_bound, noise_at_kappa, ugdk_leaves
 from study.figures import style
 from study.figures.inputs import NotApplicable, Tables
 from study.sphere.cap import CapMoments, cap_moments
+from study.statistics.measures import quantile
 
 _LEAST_LEVELS = 4
 _MOST_PANELS = 6

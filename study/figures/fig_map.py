@@ -19,7 +19,7 @@ from matplotlib.collections import QuadMesh
 from matplotlib.colors import LinearSegmentedColormap, LogNorm
 from matplotlib.figure import Figure
 
-from study.analysis.expected import median_at_bound
+from study.analysis.asymptotics import median_at_bound
 from study.figures import style
 from study.figures.inputs import NotApplicable, Tables
 from study.sphere.cap import cap_moments

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from study.estimators import Status
-from study.experiment.posterior import ChainStatus
+from study.experiment.posterior_config import ChainStatus
 from study.figures import style
 from study.figures.inputs import NotApplicable, Tables
 

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from study.runs.store import Run, RunError
+from study.runs.storage.run_folder import Run, RunError
 
 
 class NotApplicable(Exception):  # noqa: N818  no error: most runs have some figure that they cannot feed
@@ -24,9 +24,9 @@ class Tables:
         design: "grid" or "random".
         noise_shape: covariance of a sample in units of σ² (d, d).
         rows: the error table, `errors` to the figures; None if the study kept its summary alone.
-        summary: the summary table; see `study.runs.tables.summary`.
+        summary: the summary table; see `study.runs.storage.schemas.summary`.
         points: the points of the trials that were kept; None if none were.
-        posterior: a row per chain; None if none was run. See `study.runs.tables.posterior`.
+        posterior: a row per chain; None if none was run. See `study.runs.storage.schemas.posterior`.
         answers: the estimators' answers beside the chains, likewise.
         draws: draws of the chains that were kept, likewise.
         independent: whether no two cells share their directions and noise.
@@ -70,7 +70,7 @@ class Tables:
 
     @property
     def errors(self) -> pd.DataFrame:
-        """The error table; see `study.runs.tables.errors`.
+        """The error table; see `study.runs.storage.schemas.errors`.
 
         Raises:
             NotApplicable: if the study kept its summary alone.

@@ -18,7 +18,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from numpy.typing import NDArray
 from scipy.optimize import isotonic_regression
 
-from study.runs.write import RunError, write
+from study.runs.storage.atomic_write import RunError, write
 
 PAGE = 6.8
 """Width of a full page, in inches."""

@@ -6,7 +6,7 @@ from typing import Any
 
 import pandas as pd
 
-from study.analysis.claims.ledger import Verdict
+from study.analysis.claims.claim import Verdict
 from study.report.blocks import Badge, Block, Code, Content, Facts, Folded, Items, Link, Note, Row, Section, Table, Text
 from study.report.material import Material
 from study.report.overview import run_id

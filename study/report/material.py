@@ -12,7 +12,7 @@ from study.analysis.worst import worst
 from study.figures import FIGURES, Tables
 from study.report.blocks import Picture
 from study.report.pictures import add_pictures
-from study.runs.store import Run, RunError
+from study.runs.storage.run_folder import Run, RunError
 
 
 class Software(BaseModel):
@@ -127,7 +127,7 @@ class Material:
 
     Attributes:
         records: the runs, in the order given.
-        claims: the claims table; columns as `study.runs.tables.CLAIMS`, perhaps without rows.
+        claims: the claims table; columns as `study.runs.storage.schemas.CLAIMS`, perhaps without rows.
         pictures: each figure that some run can feed, by name.
         undrawn: for each other figure the runs' reasons, by the run's name.
         bench: the table that `make bench` stores, if it is given.

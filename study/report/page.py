@@ -13,8 +13,8 @@ from study.report.overview import overview_section
 from study.report.posterior import posterior_section
 from study.report.results import run_section
 from study.report.speed import speed_section
-from study.runs.store import Run
-from study.runs.write import RunError, write
+from study.runs.storage.atomic_write import RunError, write
+from study.runs.storage.run_folder import Run
 
 
 def figures_section(material: Material) -> Iterable[Section]:
@@ -53,7 +53,7 @@ def render(runs: Sequence[Run], claims: pd.DataFrame, bench: pd.DataFrame | None
 
     Args:
         runs: finished runs, at least one, no two of the same name.
-        claims: the claims table; columns as `study.runs.tables.CLAIMS`, perhaps without rows.
+        claims: the claims table; columns as `study.runs.storage.schemas.CLAIMS`, perhaps without rows.
         bench: the table that `make bench` stores, if it is to be shown; see `study.report.speed`.
 
     Returns:

@@ -4,8 +4,8 @@ from collections.abc import Iterable
 
 import pandas as pd
 
-from study.analysis import calibration
 from study.figures import style
+from study.posterior import calibration
 from study.report import words
 from study.report.blocks import Block, Folded, Heading, Note, Row, Section, Table, Text
 from study.report.material import Material, Record

@@ -7,7 +7,7 @@ import pandas as pd
 
 from study.report.blocks import Block, Row, Section, Table, Text
 from study.report.material import Material
-from study.runs.write import RunError
+from study.runs.storage.atomic_write import RunError
 
 COLUMNS = ("group", "what", "cost", "measured", "ratio", "aim", "machine")
 

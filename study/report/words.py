@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from study.experiment.conditions import RandomDesign
 from study.experiment.config import Study
-from study.experiment.laws import Choice, Constant, LogUniform, Uniform
+from study.experiment.distributions import Choice, Constant, LogUniform, Uniform
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _NARROW = "\u202f"  # between thousands: narrow, and no place to break a line

@@ -11,8 +11,8 @@ from study.experiment.config import Study
 from study.experiment.design import GridGroup, Span
 from study.runs.jobs import POINTS, Asked, estimators_of
 from study.runs.layout import Layout
-from study.runs.parts import Parts
-from study.runs.write import RunError
+from study.runs.storage.atomic_write import RunError
+from study.runs.storage.parts import Parts
 
 
 def rows(study: Study, parts: Parts, layout: Layout, name: str) -> Iterator[pa.Table]:

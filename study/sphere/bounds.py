@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from study.sphere.compiled import CHUNK, compiled, fresh, put, total, zeros
+from study.sphere.jit import CHUNK, compiled, fresh, put, total, zeros
+from study.sphere.layouts import at, window
 from study.sphere.linalg import eigenbasis
-from study.sphere.points import at, window
 
 Floats = NDArray[np.float64]
 

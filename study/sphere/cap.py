@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
-from study.sphere.bits import LANES, State, fill_words, put_back, spare, to_uniform
-from study.sphere.compiled import CHUNK, compiled, fill
-from study.sphere.heights import cap_law, to_heights
-from study.sphere.normals import to_normals
+from study.sphere.cap_quantile import cap_law, to_heights
+from study.sphere.jit import CHUNK, compiled, fill
+from study.sphere.sfc64 import LANES, State, fill_words, put_back, spare, to_uniform
+from study.sphere.ziggurat import to_normals
 
 Floats = NDArray[np.float64]
 
@@ -165,7 +165,7 @@ def draw(state: State, half_angle: float, directions: Floats, normals: Floats) -
     Trial after trial, so that a block's first trials do not depend on how many follow.
 
     Args:
-        state: of the generators, see `study.sphere.bits`; it is moved on.
+        state: of the generators, see `study.sphere.sfc64`; it is moved on.
         half_angle: φ in radians, 0 < φ ≤ π.
         directions: receives directions (b, d, n) about the first axis, with the height t = 1 - u₁ in place of u₁.
         normals: receives numbers (b, d, n).

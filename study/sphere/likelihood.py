@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from study.sphere.compiled import compiled
+from study.sphere.jit import compiled
 
 Floats = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from study.sphere.compiled import compiled
+from study.sphere.jit import compiled
 
 _MAX_SWEEPS = 40
 _LANES = 16

@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from study.runs.parts import Parts
+from study.runs.storage.parts import Parts
 
 # 200 units of 8 million samples: minutes of work, of which the first second is done
 LONG = """name = "long"

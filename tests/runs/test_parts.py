@@ -5,9 +5,9 @@ import json
 import pyarrow as pa
 import pytest
 
-from study.runs import parts as module
-from study.runs.parts import DAMAGED, FORMAT, Packet, Parts
-from study.runs.write import RunError
+from study.runs.storage import parts as module
+from study.runs.storage.atomic_write import RunError
+from study.runs.storage.parts import DAMAGED, FORMAT, Packet, Parts
 
 
 def packet(key, outputs=("a@1",), rows=3, value=0.0):

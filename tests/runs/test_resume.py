@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 
 import study
-from study.runs import parts as parts_module
-from study.runs.parts import DAMAGED
+from study.runs.storage import parts as parts_module
+from study.runs.storage.parts import DAMAGED
 
 pytestmark = pytest.mark.usefixtures("same_software", "small_units", "small_parts")
 
@@ -125,7 +125,7 @@ def test_damaged_tables_are_made_again(start, name, harm):
 
 def test_a_run_killed_between_tables_and_manifest(start, stopped, monkeypatch):
     """The parts are there until the manifest is; so the last step is done again."""
-    from study.runs.store import Run
+    from study.runs.storage.run_folder import Run
 
     with monkeypatch.context() as patch:
         patch.setattr(Run, "save_manifest", lambda *_: (_ for _ in ()).throw(Stop))
@@ -138,7 +138,7 @@ def test_a_run_killed_between_tables_and_manifest(start, stopped, monkeypatch):
 
 def test_a_run_killed_after_the_manifest(start, stopped, monkeypatch, computed):
     """Parts that a kill left beside finished tables are removed."""
-    from study.runs.parts import Parts
+    from study.runs.storage.parts import Parts
 
     with monkeypatch.context() as patch:
         patch.setattr(Parts, "remove", lambda *_: (_ for _ in ()).throw(Stop))

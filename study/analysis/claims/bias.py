@@ -7,8 +7,8 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
 
-from study.analysis.claims.ledger import Claim, Evidence, Number, Verdict
-from study.analysis.claims.measured import (
+from study.analysis.claims.claim import Claim, Evidence, Number, Verdict
+from study.analysis.claims.shared_measures import (
     LEAST,
     WHOLE,
     beside,
@@ -21,8 +21,8 @@ from study.analysis.claims.measured import (
     with_all,
     with_trials,
 )
-from study.analysis.measures import UNKNOWN, Measure, mean, moments_exist, share, tail_index
 from study.sphere.cap import cap_moments
+from study.statistics.measures import UNKNOWN, Measure, mean, moments_exist, share, tail_index
 
 Floats = NDArray[np.float64]
 

@@ -10,8 +10,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from study.analysis.claims.ledger import Claim, Evidence, Number, Verdict
-from study.analysis.claims.measured import (
+from study.analysis.asymptotics import gdke_leaves
+from study.analysis.claims.claim import Claim, Evidence, Number, Verdict
+from study.analysis.claims.shared_measures import (
     WHOLE,
     At,
     beside,
@@ -29,10 +30,9 @@ from study.analysis.claims.measured import (
     with_all,
     with_trials,
 )
-from study.analysis.expected import gdke_leaves
-from study.analysis.grouped import decade
-from study.analysis.measures import UNKNOWN
+from study.analysis.error_groups import decade
 from study.sphere.cap import cap_moments
+from study.statistics.measures import UNKNOWN
 
 Floats = NDArray[np.float64]
 

@@ -5,12 +5,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from study.analysis.claims.ledger import Claim, Evidence, Number, Verdict
-from study.analysis.claims.measured import formed, ratio
-from study.analysis.markers import Joint, joints
-from study.analysis.measures import Measure, quantile, share
+from study.analysis.claims.claim import Claim, Evidence, Number, Verdict
+from study.analysis.claims.shared_measures import formed, ratio
+from study.analysis.kept_markers import Joint, joints
 from study.estimators import Status, fit, mgdk
 from study.sphere.moments import Moments
+from study.statistics.measures import Measure, quantile, share
 
 Floats = NDArray[np.float64]
 
