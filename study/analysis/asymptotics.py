@@ -7,13 +7,13 @@ the radius as the unit the points' variance along the axis, v, is Kₐ, and nois
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize, special, stats
 
 from study.sphere.cap import CapMoments
+from study.sphere.types import Floats
 
 
-def gdke_bias(noise: float, moments: CapMoments, noise_shape: NDArray[np.float64]) -> float:
+def gdke_bias(noise: float, moments: CapMoments, noise_shape: Floats) -> float:
     """Length of GDKE's bias for many samples, (C₀ + Σ)⁻¹ Σ (c₀ - μ̄): a shrink towards the points.
 
     Args:

@@ -6,10 +6,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from study.experiment.conditions import RandomDesign
 from study.runs.storage.run_folder import Run
+from study.sphere.types import Floats
 
 Key = tuple[str, str]
 """Names of a group and an estimator."""
@@ -31,7 +32,7 @@ def label(errors: pd.DataFrame, by_decade: bool) -> pd.DataFrame:
     return errors.assign(group=[f"1e{power:+03d}" for power in lower], decade=lower)
 
 
-def decade(values: ArrayLike) -> NDArray[np.float64]:
+def decade(values: ArrayLike) -> Floats:
     """Lower end of the decade that each value lies in, as a power of ten; what rounding put just below it is in it."""
     return np.asarray(np.floor(np.log10(values) + 1e-9))
 

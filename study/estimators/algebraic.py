@@ -13,15 +13,13 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
 from study.estimators.fit import Fit, Samples, Status
-from study.estimators.kasa import Kept, every, member
+from study.estimators.kasa import every, member
 from study.sphere.jit import compiled
 from study.sphere.regression import Regression
-
-Floats = NDArray[np.float64]
+from study.sphere.types import Bools, Floats
 
 _EPS = 2.0**-52
 _MAX_STEPS = 200
@@ -90,7 +88,7 @@ def _solve_all(
         eta[t] = _solve(extent, q, y, 1.0, spread[t] / unit / unit, kappa) * unit / weight
 
 
-def root(regression: Regression, kappa: float, kept: Kept | None = None) -> Floats:
+def root(regression: Regression, kappa: float, kept: Bools | None = None) -> Floats:
     """Root η of (5.1) for each set, in units of the sample covariance C (b,).
 
     Args:
@@ -198,7 +196,7 @@ def hinge(samples: Samples) -> Fit:
     return fit
 
 
-def _flat(samples: Samples, kept: Kept, direction: int) -> Kept:
+def _flat(samples: Samples, kept: Bools, direction: int) -> Bools:
     """Whether an eigen-direction of C is noise alone, the noise being unknown (b,).
 
     It is if its eigenvalue is within three standard errors of the noise that the other directions show (each of the
@@ -221,7 +219,7 @@ def _flat(samples: Samples, kept: Kept, direction: int) -> Kept:
     return np.asarray(chance & (values[:, direction] <= eta * (1.0 + 3.0 * np.sqrt(4.0 / n))))
 
 
-def _significant(samples: Samples, eta: Floats, errors: float) -> Kept:
+def _significant(samples: Samples, eta: Floats, errors: float) -> Bools:
     """Whether each eigenvalue of C exceeds the noise by so many standard errors of the noise, η√(2/n): (b, d)."""
     n = samples.regression.count
     return np.asarray(samples.regression.spectrum.values - eta[:, None] > errors * (eta * np.sqrt(2.0 / n))[:, None])

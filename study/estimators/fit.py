@@ -7,7 +7,6 @@ from functools import cached_property
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
 from study.sphere.bounds import bound_from_scatter, noise_covariance, normal_weights, weighted_scatter
@@ -15,9 +14,7 @@ from study.sphere.layouts import Placed, extent, form
 from study.sphere.linalg import eigenbasis
 from study.sphere.moments import Moments
 from study.sphere.regression import Regression
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from study.sphere.types import Bools, Floats, Ints
 
 
 class Worded(IntEnum):
@@ -217,7 +214,7 @@ class Fit:
         return None if self.samples is None else self.samples.noise
 
     @cached_property
-    def _residuals(self) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    def _residuals(self) -> tuple[Floats, Floats, Bools]:
         """Distances from ĉ (b, n), directions from ĉ (b, d, n), and which samples are not missing (b, n)."""
         if self.samples is None:
             raise ValueError("this fit does not hold its points: use study.fit, which keeps them")

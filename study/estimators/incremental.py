@@ -9,14 +9,13 @@ them, from the same few numbers.
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from study.estimators.fit import Estimator, Fit, Samples, Status, blank
 from study.estimators.kasa import residual_noise
 from study.sphere.jit import compiled
 from study.sphere.moments import Moments
-
-Floats = NDArray[np.float64]
+from study.sphere.types import Floats
 
 
 @compiled

@@ -7,12 +7,10 @@ outliers can be traced to the cut; for use on data take `lls`.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from study.estimators.fit import Fit, Samples, Status, blank
 from study.estimators.kasa import residual_noise
-
-Floats = NDArray[np.float64]
+from study.sphere.types import Floats
 
 
 def lls_nr(samples: Samples) -> Fit:

@@ -11,15 +11,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
 from study.estimators.fit import Status
 from study.sphere.bounds import noise_covariance
 from study.sphere.linalg import eigenbasis
 from study.sphere.moments import Moments
-
-Floats = NDArray[np.float64]
+from study.sphere.types import Floats, Ints
 
 _ROUNDS = 5
 
@@ -44,7 +43,7 @@ class JointFit:
     status: Status
     condition: float
     covariance: Floats
-    count: NDArray[np.int64]
+    count: Ints
 
 
 def mgdk(markers: Sequence[ArrayLike], noise: ArrayLike | None = None, weighted: bool = True) -> JointFit:
@@ -200,7 +199,7 @@ def _points(marker: ArrayLike, place: int) -> Floats:
     return np.asarray(array[np.logical_not(np.isnan(array).any(axis=1))])
 
 
-def _nothing(dimension: int, count: NDArray[np.int64], status: Status) -> JointFit:
+def _nothing(dimension: int, count: Ints, status: Status) -> JointFit:
     nan = np.full(dimension, np.nan)
     return JointFit(
         nan, np.full(len(count), np.nan), np.nan, status, np.nan, np.full((dimension, dimension), np.nan), count

@@ -13,14 +13,12 @@ not observed; a little of the isotropic answer is mixed in for it, and the centr
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from study.estimators.algebraic import als
 from study.estimators.fit import Fit, Samples, Status
 from study.estimators.kasa import subtracting
 from study.sphere.jit import CHUNK, compiled, dot, fill, total
-
-Floats = NDArray[np.float64]
+from study.sphere.types import Bools, Floats
 
 _ROUNDS = 12
 _RIDGE = 1e-4
@@ -38,7 +36,7 @@ def ugdk_cov(samples: Samples) -> Fit:
     """
     start = als(samples)
     d = samples.shape[1]
-    usable: NDArray[np.bool_] = np.asarray(np.isfinite(start.center).all(axis=1))
+    usable: Bools = np.asarray(np.isfinite(start.center).all(axis=1))
     isotropic = np.where(usable, start.noise_variance, 0.0)
     isotropic = np.where(np.isfinite(isotropic), isotropic, 0.0)[:, None, None] * np.eye(d)
     noise, center = isotropic.copy(), np.where(usable[:, None], start.center, 0.0)

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from time import perf_counter
 
 import numpy as np
-from numpy.typing import NDArray
 
 from study.estimators import ESTIMATORS, Fit, Samples, Status
 from study.estimators.fit import blank
@@ -15,6 +14,7 @@ from study.experiment.errors import Columns, Errors, Truth, levels
 from study.experiment.guarded_fit import Failures, attempt
 from study.experiment.sampling import Workspace, draw
 from study.sphere.joint_moments import JointMoments
+from study.sphere.types import Floats
 
 TOGETHER = 2**17
 """Samples drawn at a time: several batches, so that the calls on them cost little, and little enough for a cache."""
@@ -188,7 +188,7 @@ def _from_moments(study: Study, unit: Unit, clock: Clock, failures: Failures) ->
 
 
 def _errors(
-    study: Study, batches: Sequence[Batch], bound: NDArray[np.float64], fits: list[list[Fit]], truths: list[Truth]
+    study: Study, batches: Sequence[Batch], bound: Floats, fits: list[list[Fit]], truths: list[Truth]
 ) -> Errors:
     """Errors of batches of the same cells, whose rows do not depend on what is computed together."""
     blocks = tuple(batch.trials for batch in batches)
@@ -236,7 +236,7 @@ class Kept:
         return [self._found[place] for place in sorted(self._found)]
 
 
-def _point_columns(cell: Cell, first: int, x: NDArray[np.float64]) -> Columns:
+def _point_columns(cell: Cell, first: int, x: Floats) -> Columns:
     """Rows of the points of a cell's trials (b, d, n), with the truth beside them."""
     b, d, n = x.shape
     return {

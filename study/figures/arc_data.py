@@ -14,11 +14,11 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from study.analysis.claims.ugdk import PAPER_CONDITION
 from study.estimators import Status
 from study.figures.inputs import NotApplicable, Tables
+from study.sphere.types import Floats
 from study.statistics.measures import inside, quantile, robust_sd
 
 LEVELS = (0.68, 0.95)
@@ -160,7 +160,7 @@ def choose(tables: Tables, estimators: list[str]) -> DataSet:
     )
 
 
-def _spread(errors: NDArray[np.float64]) -> Spread:
+def _spread(errors: Floats) -> Spread:
     """Median and robust standard deviation of errors (trials, 2)."""
     along, across = errors.T
     bias = quantile(along, 0.5).value, quantile(across, 0.5).value

@@ -19,13 +19,13 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 from scipy import stats
 
 from study.analysis.error_groups import decade
 from study.estimators import Status
 from study.figures import style
 from study.figures.inputs import NotApplicable, Tables
+from study.sphere.types import Floats
 from study.statistics.performance import FAR
 
 _MOST_FOR_SLOPE = 2000  # Theil and Sen's slope takes memory of their square
@@ -85,7 +85,7 @@ def prepare(tables: Tables) -> Frame:
     return Frame(dots, bound, panels, (low, high), limits, stamp)
 
 
-def _robust_limits(error: NDArray[np.float64]) -> tuple[int, int]:
+def _robust_limits(error: Floats) -> tuple[int, int]:
     """Powers of ten around all but the wildest 0.2 % of errors at each end, with a decade to spare."""
     usable = error[np.isfinite(error) & (error > 0.0)]
     if not len(usable):

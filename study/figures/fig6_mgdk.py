@@ -16,15 +16,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
-from numpy.typing import NDArray
 
 from study.analysis.kept_markers import point_sets
 from study.estimators import fit, mgdk
 from study.figures import style
 from study.figures.inputs import NotApplicable, Tables
+from study.sphere.types import Floats
 from study.statistics.measures import Measure, quantile
-
-Floats = NDArray[np.float64]
 
 OUTER, INNER, JOINT = _COLORS = ("#c62828", "#1f5fbf", "#2e8b3d")
 _NAMES = ("outer marker alone", "inner marker alone", "both, MGDK")

@@ -22,12 +22,12 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
 from study.analysis.asymptotics import gdke_bias, median_at_bound
 from study.figures import style
 from study.figures.inputs import NotApplicable, Tables
 from study.sphere.cap import cap_moments
+from study.sphere.types import Bools, Floats
 from study.statistics.measures import power_law
 
 _LEAST_SAMPLES = 4
@@ -141,7 +141,7 @@ def _laws(level: Any, part: pd.DataFrame) -> list[dict[str, Any]]:
     return rows
 
 
-def _failed(samples: NDArray[np.float64], there: NDArray[np.bool_]) -> str:
+def _failed(samples: Floats, there: Bools) -> str:
     """Where there is no median, in words."""
     if there.all():
         return ""

@@ -16,12 +16,12 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 from scipy import stats
 
 from study.figures import style
 from study.figures.inputs import NotApplicable, Tables
 from study.posterior.calibration import FLAT, LEVELS, coverage, trials
+from study.sphere.types import Floats
 
 _LEAST_TRIALS = 20
 _NAMES = {"1": "$c_1$, along the axis", "2": "$c_2$, across it", "radius": "radius", "noise": "σ"}
@@ -39,7 +39,7 @@ class Curve:
     parameter: str
     likelihood: str
     noise_is: str
-    ranks: NDArray[np.float64]
+    ranks: Floats
 
 
 @dataclass(frozen=True)

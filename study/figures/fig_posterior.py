@@ -17,15 +17,13 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Rectangle
-from numpy.typing import NDArray
 from scipy import stats
 
 from study.estimators import Status
 from study.experiment.posterior_config import ChainStatus
 from study.figures import style
 from study.figures.inputs import NotApplicable, Tables
-
-Floats = NDArray[np.float64]
+from study.sphere.types import Floats
 
 _LEVELS = (0.68, 0.95)
 _SHADES = ("#d9d9d9", "#a6a6a6")

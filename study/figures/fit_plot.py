@@ -14,13 +14,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Ellipse, Rectangle
-from numpy.typing import NDArray
 
 from study.estimators import Fit, Status
 from study.estimators.fit import explain
 from study.figures import style
-
-Floats = NDArray[np.float64]
+from study.sphere.types import Bools, Floats, Ints
 
 _MOST_POINTS = 5000
 _FARTHEST = 100  # points that are always shown, however many are left out
@@ -61,7 +59,7 @@ class Frame:
     views: list[View]
     groups: list[list[str]]
     radii: Floats
-    fits_in: NDArray[np.bool_]
+    fits_in: Bools
     caption: str
     notes: list[str]
 
@@ -131,7 +129,7 @@ def _groups(fits: dict[str, Fit]) -> list[list[str]]:
     return groups
 
 
-def _sample(points: Floats) -> NDArray[np.int64]:
+def _sample(points: Floats) -> Ints:
     """Numbers of the points to show: evenly many, and all that lie far out."""
     n = len(points)
     if n <= _MOST_POINTS:

@@ -5,9 +5,9 @@ from typing import Self
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from study.runs.storage.run_folder import Run, RunError
+from study.sphere.types import Floats
 
 
 class NotApplicable(Exception):  # noqa: N818  no error: most runs have some figure that they cannot feed
@@ -35,7 +35,7 @@ class Tables:
     name: str
     dimension: int
     design: str
-    noise_shape: NDArray[np.float64]
+    noise_shape: Floats
     rows: pd.DataFrame | None
     summary: pd.DataFrame
     points: pd.DataFrame | None = None

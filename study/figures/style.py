@@ -15,10 +15,10 @@ import numpy as np
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
-from numpy.typing import NDArray
 from scipy.optimize import isotonic_regression
 
 from study.runs.storage.atomic_write import RunError, write
+from study.sphere.types import Floats
 
 PAGE = 6.8
 """Width of a full page, in inches."""
@@ -132,7 +132,7 @@ def decimals(value: float, digits: int) -> str:
     return f"{round(value, digits) + 0.0:.{digits}f}".replace("-", "−")
 
 
-def spread(wanted: Sequence[float], heights: Sequence[float]) -> NDArray[np.float64]:
+def spread(wanted: Sequence[float], heights: Sequence[float]) -> Floats:
     """Places of labels beside an axis that do not overlap and stay near where they belong.
 
     Args:

@@ -17,11 +17,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from study.experiment.streams import OldStream
-
-Floats = NDArray[np.float64]
+from study.sphere.types import Floats
 
 _NEAREST = 0.1
 """Least distance from the centroid that is looked at, in units of the points' extent √Tr C."""

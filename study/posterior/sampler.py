@@ -22,15 +22,13 @@ from dataclasses import dataclass, field
 
 import emcee
 import numpy as np
-from numpy.typing import NDArray
 
 from study.estimators import ESTIMATORS, Samples, Status
 from study.experiment.posterior_config import ChainStatus
 from study.experiment.streams import OldStream
 from study.posterior.multimodal import Rays
 from study.sphere import likelihood
-
-Floats = NDArray[np.float64]
+from study.sphere.types import Floats
 
 LIKELIHOODS = {"geometric": likelihood.geometric, "whole_sphere": likelihood.whole_sphere}
 _FIRST_LOOK = 100

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 from scipy import stats
 
 from study.estimators import ESTIMATORS, Samples
@@ -14,8 +13,8 @@ from study.experiment.replay import Trial
 from study.posterior.sampler import Chain
 from study.runs.storage import schemas
 from study.sphere.cap import cap_moments
+from study.sphere.types import Floats
 
-Floats = NDArray[np.float64]
 Row = dict[str, Any]
 
 KEPT_DRAWS = 2000

@@ -7,15 +7,13 @@ from dataclasses import dataclass, replace
 from time import perf_counter
 
 import numpy as np
-from numpy.typing import NDArray
 
 from study.experiment.compute_unit import TOGETHER, Reduce, compute
 from study.experiment.conditions import RandomDesign
 from study.experiment.config import Study
 from study.experiment.design import Batch, Cell, Unit
 from study.experiment.errors import levels
-
-Floats = NDArray[np.float64]
+from study.sphere.types import Floats
 
 _SIZES = 7
 _MOST_PROBED = 250_000

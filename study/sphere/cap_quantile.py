@@ -14,12 +14,10 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import fft, special
 
 from study.sphere.jit import CHUNK, compiled, fill
-
-Floats = NDArray[np.float64]
+from study.sphere.types import Floats
 
 Law = tuple[float, float, Floats, Floats, Floats]
 """What `to_heights` is to know of a cap; see `cap_law`."""

@@ -12,12 +12,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from study.sphere.jit import CHUNK, compiled, dot, total
 from study.sphere.regression import Regression
-
-Floats = NDArray[np.float64]
+from study.sphere.types import Floats
 
 
 @compiled

@@ -9,11 +9,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numba.extending import overload
-from numpy.typing import NDArray
 
 from study.sphere.jit import CHUNK, compiled, compiled_as_written, fma, fresh, put
-
-Floats = NDArray[np.float64]
+from study.sphere.types import Floats
 
 BLOCK = 32 * CHUNK
 """Samples that are taken from a set before it is the next one's turn: draws of so many stay in a second-level cache."""

@@ -11,13 +11,11 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from study.sphere.jit import compiled
 from study.sphere.linalg import components_all, diagonalise_all
 from study.sphere.moments import Moments
-
-Floats = NDArray[np.float64]
+from study.sphere.types import Floats
 
 
 @compiled

@@ -9,11 +9,9 @@ Source: SFC64 by C. Doty-Humphrey (PractRand).
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from study.sphere.jit import compiled
-
-State = NDArray[np.uint64]
+from study.sphere.types import Words
 
 LANES = 32
 WORDS = 3 * (LANES + 1)
@@ -24,7 +22,7 @@ _ONE = np.uint64(0x3FF0000000000000)
 """The bits of 1.0."""
 
 
-def seeded(words: State) -> State:
+def seeded(words: Words) -> Words:
     """The state (4, LANES + 1) that random words (WORDS,) begin, as NumPy seeds one of its own; the spare is last."""
     state = np.ones((4, LANES + 1), dtype=np.uint64)
     state[:3] = words.reshape(3, LANES + 1)

@@ -8,10 +8,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
-Floats = NDArray[np.float64]
+from study.sphere.types import Bools, Floats
 
 
 class Measure(NamedTuple):
@@ -69,7 +68,7 @@ def robust_sd(values: Floats) -> float:
     return 0.5 * (quantile(values, _ONE_SIGMA).value - quantile(values, 1.0 - _ONE_SIGMA).value)
 
 
-def inside(errors: Floats, sd: Floats, level: float) -> NDArray[np.bool_]:
+def inside(errors: Floats, sd: Floats, level: float) -> Bools:
     """Which error ellipsoids have the truth inside: each about its estimate, with axes along the coordinates.
 
     Args:

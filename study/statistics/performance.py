@@ -5,13 +5,12 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from study.estimators import Status
 from study.experiment.errors import Columns
+from study.sphere.types import Bools, Floats
 from study.statistics.measures import (
     UNKNOWN,
-    Floats,
     Measure,
     mean,
     moments_exist,
@@ -36,7 +35,7 @@ class Fits:
     columns: Columns
 
     @cached_property
-    def ok(self) -> NDArray[np.bool_]:
+    def ok(self) -> Bools:
         """Which fits are ok."""
         return np.asarray(self.columns["status"] == Status.OK)
 

@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy import stats
 
 from study.analysis.claims.claim import Claim, Evidence, Number, Verdict
@@ -22,9 +21,8 @@ from study.analysis.claims.shared_measures import (
     with_trials,
 )
 from study.sphere.cap import cap_moments
+from study.sphere.types import Floats
 from study.statistics.measures import UNKNOWN, Measure, mean, moments_exist, share, tail_index
-
-Floats = NDArray[np.float64]
 
 _BEFORE_SATURATION = 0.15
 """Bias is σ²/v to 2 % where σ is below this share of √v, v being the points' variance along the axis."""

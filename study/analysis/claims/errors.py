@@ -8,7 +8,6 @@ import math
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from study.analysis.asymptotics import gdke_leaves
 from study.analysis.claims.claim import Claim, Evidence, Number, Verdict
@@ -32,9 +31,8 @@ from study.analysis.claims.shared_measures import (
 )
 from study.analysis.error_groups import decade
 from study.sphere.cap import cap_moments
+from study.sphere.types import Floats
 from study.statistics.measures import UNKNOWN
-
-Floats = NDArray[np.float64]
 
 _PAPERS = ("mle", "lls", "gdke", "ugdk")
 """The estimators of the paper's experiment."""

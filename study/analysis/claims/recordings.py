@@ -9,7 +9,8 @@ import numpy as np
 import pandas as pd
 
 from study.analysis.claims.claim import Claim, Evidence, Number, Verdict
-from study.analysis.claims.shared_measures import Floats, formed
+from study.analysis.claims.shared_measures import formed
+from study.sphere.types import Floats
 from study.statistics.measures import Measure, mean, share
 
 _ENOUGH = 200

@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 
 from study.analysis.claims.claim import Number, Verdict
 from study.estimators import Status
+from study.sphere.types import Bools, Floats
 from study.statistics.measures import UNKNOWN, Measure, power_law, quantile
-
-Floats = NDArray[np.float64]
 
 LEAST = 20
 """Data sets behind a median that may be shown."""
@@ -64,7 +63,7 @@ def beside(errors: pd.DataFrame, values: "pd.Series[float]") -> pd.DataFrame:
     return table.sort_index(level="trial")
 
 
-def with_trials(labels: Floats, least: int = LEAST) -> NDArray[np.bool_]:
+def with_trials(labels: Floats, least: int = LEAST) -> Bools:
     """Which values belong to a group, named by its label, that has enough of them."""
     _, place, count = np.unique(labels, return_inverse=True, return_counts=True)
     return np.asarray(count[place] >= least)

@@ -23,9 +23,10 @@ import pandas as pd
 
 from study.experiment.streams import stream
 from study.mocap.case_study.subsets import SETS, Whole, taken
-from study.mocap.io.recording import Floats, Recording, RecordingError
+from study.mocap.io.recording import Recording, RecordingError
 from study.mocap.joints.estimates import Estimate
 from study.mocap.joints.fit_joints import FoundJoint, Joints
+from study.sphere.types import Floats
 
 SUBSETS = 400
 NEAR = 0.01

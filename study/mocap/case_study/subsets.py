@@ -3,14 +3,11 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from study.mocap.geometry.range_of_motion import cap_angle
-from study.mocap.io.recording import Bools, Floats
 from study.mocap.joints.estimates import Estimate
 from study.sphere.jit import compiled
-
-Ints = NDArray[np.int64]
+from study.sphere.types import Bools, Floats, Ints
 
 SETS = 4
 """Data sets, each a random half of the frames, from which random subsets come."""

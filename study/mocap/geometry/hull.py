@@ -8,10 +8,9 @@ stated for every joint, and held against one only where no body would be.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
-Floats = NDArray[np.float64]
+from study.sphere.types import Floats
 
 _THICK = 0.05
 """Metres: a limb's thickness."""

@@ -12,12 +12,10 @@ Source: Sokal 1997 (τ); Lazarus, Lewis, Stock & Watson 2018 (equal weights on t
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import fft
 
 from study.sphere.jit import compiled
-
-Floats = NDArray[np.float64]
+from study.sphere.types import Floats
 
 _WINDOW = 5.0
 _WIDTH = 10.0

@@ -1,12 +1,9 @@
 """How far markers really moved about a joint: what a centre rests on, whatever its standard error says."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from study.mocap.geometry.rigid import nearest_rotation
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+from study.sphere.types import Bools, Floats
 
 _MOST = 0.95
 """Share of the samples that a cap holds; the rest may be stray ones."""

@@ -12,13 +12,10 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from study.sphere.jit import compiled
 from study.sphere.linalg import diagonalise
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+from study.sphere.types import Bools, Floats
 
 _THIN = 0.03
 """Points whose extent across their line is below this share of that along it leave the turn about the line open."""

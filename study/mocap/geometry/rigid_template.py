@@ -10,12 +10,9 @@ Source: Torgerson 1952 (scaling); Gower 1975 (Procrustes), without change of siz
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from study.mocap.geometry.rigid import into, motion
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+from study.sphere.types import Bools, Floats, Ints
 
 _ENOUGH = 500
 """Frames that a shape is refined on, spread over the recording: more would not change it visibly."""
@@ -118,7 +115,7 @@ def misfits(x: Floats, middle: Floats, limit: Floats) -> Bools:
     return result
 
 
-def _together(pairs: Bools) -> NDArray[np.int64]:
+def _together(pairs: Bools) -> Ints:
     """Markers that were each seen together with each other, the most lacking ones left out first."""
     chosen = list(range(len(pairs)))
     while not pairs[np.ix_(chosen, chosen)].all():
@@ -126,7 +123,7 @@ def _together(pairs: Bools) -> NDArray[np.int64]:
     return np.array(chosen)
 
 
-def _seen(x: Floats, frames: NDArray[np.int64]) -> Bools:
+def _seen(x: Floats, frames: Ints) -> Bools:
     return ~np.isnan(x[:, 0][:, frames])
 
 

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from study.mocap.io.labels import name_points
-from study.mocap.io.recording import Floats, Recording, RecordingError
+from study.mocap.io.recording import Recording, RecordingError
+from study.sphere.types import Bools, Floats
 
 UNITS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
 """Metres in one of each."""
@@ -93,7 +94,7 @@ def _unit(text: str | None) -> str:
     return word
 
 
-def _extent(positions: Floats, seen: np.typing.NDArray[np.bool_]) -> float:
+def _extent(positions: Floats, seen: Bools) -> float:
     """Median over some frames of the diagonal of the box about the markers, metres; `_BODY[0]` for one marker."""
     some = np.unique(np.linspace(0, positions.shape[2] - 1, 200).astype(int))
     some = some[seen[:, some].sum(axis=0) > 1]

@@ -16,6 +16,7 @@ import numpy as np
 from study.mocap.io.assembly import Contents
 from study.mocap.io.c3d_header import LONG, read_header
 from study.mocap.io.recording import RecordingError
+from study.sphere.types import Floats
 
 _NOT_MARKERS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")
 
@@ -94,8 +95,8 @@ def _strings(reader: Any, name: str) -> list[str]:
 
 
 def _contents(
-    points: np.typing.NDArray[np.float64],
-    residuals: np.typing.NDArray[np.float64],
+    points: Floats,
+    residuals: Floats,
     parameters: Mapping[str, Iterable[Any]],
     rate: float,
     prefixes: Iterable[Any],

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from study.mocap.io.recording import Bools, Floats, Recording
+from study.mocap.io.recording import Recording
+from study.sphere.types import Bools, Floats
 
 STILL = 0.001
 """Metres: a marker that stays within a box of this diagonal does not move."""

@@ -4,10 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+from study.sphere.types import Bools, Floats, Ints
 
 
 class RecordingError(Exception):
@@ -82,9 +80,7 @@ class Recording:
         share: Floats = 1.0 - self.seen().mean(axis=1)
         return share
 
-    def select(
-        self, markers: Sequence[str] | None = None, frames: slice | NDArray[np.int64] | None = None
-    ) -> "Recording":
+    def select(self, markers: Sequence[str] | None = None, frames: slice | Ints | None = None) -> "Recording":
         """The same recording with these markers, in this order, and these frames; all if None.
 
         Raises:

@@ -10,7 +10,8 @@ import numpy as np
 import pandas as pd
 
 from study.mocap.io.assembly import Contents
-from study.mocap.io.recording import Floats, RecordingError
+from study.mocap.io.recording import RecordingError
+from study.sphere.types import Floats
 
 _COORDINATE = re.compile(r"(?P<marker>.*\S)[\s_.:\-|]+(?P<axis>[xyzXYZ])(\s*[\[(]\s*(?P<unit>\w+)\s*[\])])?$")
 _COUNTERS = {"frame", "frame#", "frames", "sub frame", "index", "field", ""}

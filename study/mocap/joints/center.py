@@ -13,15 +13,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from study.mocap.geometry.long_run_covariance import long_run
 from study.mocap.joints.frame_noise import CarriedNoise
 from study.mocap.joints.marker_moments import scores, seen
 from study.mocap.joints.pooled_moments import TINY, Pool
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+from study.sphere.types import Bools, Floats
 
 _PART = 600
 """Frames that suffice for a first idea of the noise."""

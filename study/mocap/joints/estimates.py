@@ -9,16 +9,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from study.estimators.fit import Worded
 from study.mocap.joints.center import LIMIT, Center, Marker, center
 from study.mocap.joints.outlier_samples import near_sphere, sifted
 from study.mocap.joints.segments import Frames
 from study.mocap.joints.symmetric_fit import TwoSided
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+from study.sphere.types import Bools, Floats
 
 UNSURE = 0.01
 """Metres: a centre whose standard error exceeds this in some direction is not known to the paper's centimetre."""

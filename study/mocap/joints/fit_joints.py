@@ -12,7 +12,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from study.mocap.io.recording import Recording
 from study.mocap.joints.center import middle_of
@@ -28,9 +27,7 @@ from study.mocap.joints.segments import Frames, Point, fixed_by, own_frames, own
 from study.mocap.joints.side_agreement import weighed
 from study.mocap.joints.symmetric_fit import two_sided
 from study.mocap.markersets.marker_set import Joint, MarkerSet
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+from study.sphere.types import Bools, Floats, Ints
 
 _THINNED = 300
 """Frames on which errors are traced from joint to joint."""
@@ -161,7 +158,7 @@ class _Search:
             return None
         hinge, size = found.sphere.axis is not None, 0.0 if found.noise == "none" else None
 
-        def again(moved: Frames, part: NDArray[np.int64]) -> Floats | None:
+        def again(moved: Frames, part: Ints) -> Floats | None:
             seen = [marker_from(moved, self.recording.of(name)[:, part], self.sane(name)[part]) for name in names]
             carried = moved.carried if found.noise == "carried" else moved.carried.level
             return middle_of(seen, carried, hinge, size)
@@ -174,15 +171,13 @@ class _Search:
         if pair is None:
             return None
 
-        def again(moved: Frames, part: NDArray[np.int64]) -> Floats | None:
+        def again(moved: Frames, part: Ints) -> Floats | None:
             other = two_sided(moved, child.at(part))
             return None if other is None else other.in_parent
 
         return self.with_errors_above(from_frames(parent, child, pair, joint.kind == "hinge"), again).judged()
 
-    def with_errors_above(
-        self, estimate: Estimate, again: Callable[[Frames, NDArray[np.int64]], Floats | None]
-    ) -> Estimate:
+    def with_errors_above(self, estimate: Estimate, again: Callable[[Frames, Ints], Floats | None]) -> Estimate:
         """An estimate with what is unknown of the joint on which its frame hangs.
 
         The joint is moved by its standard errors, one after the other, and what is built on it built ``again``, on

@@ -19,11 +19,8 @@ exact for any symmetric noise.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Ints = NDArray[np.int64]
+from study.sphere.types import Bools, Floats, Ints
 
 
 @dataclass(frozen=True)

@@ -13,14 +13,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from study.mocap.joints.frame_noise import CarriedNoise
 from study.sphere.jit import compiled
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Ints = NDArray[np.int64]
+from study.sphere.types import Bools, Floats, Ints
 
 
 @dataclass(frozen=True)

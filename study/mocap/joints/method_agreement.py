@@ -12,9 +12,10 @@ import pandas as pd
 
 from study.estimators import fit, mgdk
 from study.mocap.geometry.range_of_motion import cap_angle, turn_angle
-from study.mocap.io.recording import Floats, Recording
+from study.mocap.io.recording import Recording
 from study.mocap.joints.fit_joints import FoundJoint, Joints
 from study.mocap.joints.side_agreement import away
+from study.sphere.types import Floats
 
 ANSWERS = ("mgdk", "gdke", "ugdk", "mle", "two_sided")
 

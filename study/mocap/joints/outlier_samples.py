@@ -12,14 +12,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from study.estimators import fit
 from study.experiment.streams import stream
 from study.mocap.joints.center import Marker, middle_of
 from study.mocap.joints.frame_noise import CarriedNoise
-
-Floats = NDArray[np.float64]
+from study.sphere.types import Floats
 
 _FAR = 6.0
 """Robust standard deviations from its sphere beyond which a sample is left out."""

@@ -12,13 +12,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from study.mocap.joints.marker_moments import Seen, squared_noise
 from study.sphere.jit import compiled, dot
 from study.sphere.linalg import diagonalise
-
-Floats = NDArray[np.float64]
+from study.sphere.types import Floats
 
 TINY = 1e-13
 """Share of the markers' extent below which rounding is all that is left of it."""

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from study.mocap.geometry.rigid import into, motion, out_of
 from study.mocap.geometry.rigid_template import template
@@ -17,9 +16,7 @@ from study.mocap.io.recording import Recording
 from study.mocap.joints.frame_noise import CarriedNoise, unexplained
 from study.mocap.joints.marker_moments import seen
 from study.mocap.markersets.marker_set import MarkerSet, Segment
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+from study.sphere.types import Bools, Floats, Ints
 
 _NOISELESS = 1e-9
 """Metres: what noise is taken to be at least, so that its shape is defined where there is none."""
@@ -89,7 +86,7 @@ class Frames:
         """A point fixed in the frame's axes (3,) in the world (3, frames)."""
         return out_of(self.rotation, self.origin, point)
 
-    def at(self, part: NDArray[np.int64]) -> "Frames":
+    def at(self, part: Ints) -> "Frames":
         """The same in some of the frames."""
         return replace(
             self, rotation=self.rotation[:, :, part], origin=self.origin[:, part], known=self.known[part],

@@ -18,12 +18,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
 from study.mocap.joints.estimates import BRIEF, UNSURE, USABLE, Estimate, JointStatus
-
-Floats = NDArray[np.float64]
+from study.sphere.types import Floats
 
 _HEARD = (*USABLE, JointStatus.UNSURE)
 """Answers whose covariance is what it says, be it wide."""

@@ -13,13 +13,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from study.mocap.geometry.long_run_covariance import long_run
 from study.mocap.joints.segments import Frames
 from study.sphere.jit import compiled
-
-Floats = NDArray[np.float64]
+from study.sphere.types import Floats
 
 _CHANCE = 3.0
 """Standard errors within which a turn of the axis is no more than noise."""

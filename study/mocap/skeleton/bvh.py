@@ -12,9 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from study.mocap.io.recording import Floats, RecordingError
+from study.mocap.io.recording import RecordingError
 from study.mocap.skeleton.frames import Skeleton, hung
 from study.runs.storage.atomic_write import write
+from study.sphere.types import Floats, Ints
 
 _UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 _TURNS = "Zrotation Xrotation Yrotation"
@@ -102,7 +103,7 @@ def _tree(skeleton: Skeleton) -> _Node:
     return first
 
 
-def _held(row: Floats) -> "np.typing.NDArray[np.int64]":
+def _held(row: Floats) -> Ints:
     """For each frame the nearest known one before it, or the first."""
     known = ~np.isnan(row)
     last = np.maximum.accumulate(np.where(known, np.arange(len(row)), -1))

@@ -11,16 +11,16 @@ Source: paper §10 (second phase); theory §1.2.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from study.mocap.geometry.rigid import out_of
-from study.mocap.io.recording import Bools, Floats, Recording, RecordingError
+from study.mocap.io.recording import Recording, RecordingError
 from study.mocap.joints.estimates import USABLE, JointStatus
 from study.mocap.markersets.marker_set import Segment
 from study.mocap.skeleton.calibration import Calibration, Place, Shape
-from study.mocap.skeleton.scene import Flag, Flags
+from study.mocap.skeleton.scene import Flag
 from study.mocap.skeleton.segment_pose import follow, point
+from study.sphere.types import Bools, Bytes, Floats, Ints
 
 _FAR = 6.0
 """Scatters from its place, and..."""
@@ -53,12 +53,12 @@ class Skeleton:
     segments: tuple[str, ...]
     rotations: Floats
     origins: Floats
-    segment_flags: Flags
+    segment_flags: Bytes
     misfits: Floats
     left_out: Floats
     joints: tuple[str, ...]
     centers: Floats
-    flags: Flags
+    flags: Bytes
 
     @property
     def frames(self) -> int:
@@ -151,7 +151,7 @@ class _Drawing:
             flags[hanging] = self.flags[parent, hanging]
         self.rotations[number], self.origins[number], self.flags[number] = rotation, origin, flags
 
-    def joints(self) -> tuple[Floats, Flags]:
+    def joints(self) -> tuple[Floats, Bytes]:
         """Centres (joints, 3, frames) and how they are known (joints, frames)."""
         places, n = self.calibration.joints, self.recording.frames
         centers, flags = np.full((len(places), 3, n), np.nan), np.full((len(places), n), Flag.UNKNOWN, dtype=np.uint8)
@@ -189,7 +189,7 @@ def _expected(
     origin: Floats,
     base: Floats | None,
     known: Bools,
-    wanted: NDArray[np.int64],
+    wanted: Ints,
     rest: Floats,
     reach: int,
 ) -> tuple[Floats, Floats, Bools]:

@@ -3,9 +3,8 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from study.sphere.types import Floats
 
 
 def links(fixed: Sequence[Sequence[int]], points: Floats, sides: Sequence[str]) -> tuple[tuple[int, int], ...]:

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 
 from study.mocap.geometry.rigid import place
-from study.mocap.io.recording import Floats
 from study.mocap.skeleton.calibration import Calibration
 from study.sphere.jit import compiled
 from study.sphere.linalg import cholesky_solve
+from study.sphere.types import Floats
 
 _ROW = 13
 """Of a marker's state: n, x̄ (3), Σdd' (xx, yy, zz, xy, xz, yz), Σd|d|² (3)."""

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from study.mocap.io.recording import Floats, Recording, RecordingError
+from study.mocap.io.recording import Recording, RecordingError
 from study.mocap.markersets.marker_set import MarkerSet
 from study.mocap.skeleton.links import links, side
-from study.mocap.skeleton.scene import Flag, Flags, Scene
+from study.mocap.skeleton.scene import Flag, Scene
+from study.sphere.types import Bytes, Floats
 
 _TIP = 0.7
 """A limb ends in the middle of those of its markers that are at least so far out, in parts of the farthest one."""
@@ -39,7 +40,7 @@ class Shown:
     rotation: Floats
     covariance: Floats
     axis: Floats | None = None
-    flags: Flags | None = None
+    flags: Bytes | None = None
     doubt: str = ""
 
 

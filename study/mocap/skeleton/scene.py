@@ -6,14 +6,11 @@ It holds plain arrays in metres, z up, and nothing of how they were found. `stag
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from study.estimators.fit import Worded
 from study.mocap.io.recording import RecordingError
 from study.mocap.skeleton.links import side
-
-Floats = NDArray[np.float64]
-Flags = NDArray[np.uint8]
+from study.sphere.types import Bytes, Floats
 
 
 class Flag(Worded):
@@ -54,7 +51,7 @@ class Scene:
     tips: tuple[str, ...]
     ends: Floats
     bones: tuple[tuple[int, int], ...]
-    flags: Flags
+    flags: Bytes
     doubts: tuple[str, ...]
     errors: Floats
     turns: Floats

@@ -12,13 +12,10 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from study.mocap.geometry.rigid import centroids, cross_sums, turn
 from study.sphere.jit import compiled
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+from study.sphere.types import Bools, Floats, Ints
 
 
 @compiled
@@ -179,7 +176,7 @@ def _point(
 
 
 def point(
-    places: Floats, x: Floats, used: Bools, pin: Floats, at: Floats, wanted: NDArray[np.int64], expected: Floats,
+    places: Floats, x: Floats, used: Bools, pin: Floats, at: Floats, wanted: Ints, expected: Floats,
     start: Floats, rotation: Floats, origin: Floats,
 ) -> None:  # fmt: skip
     """Complete a segment's turns and places, in place, in frames that show it in part, or not at all.

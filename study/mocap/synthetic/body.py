@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from study.mocap.io.recording import Floats
+from study.sphere.types import Floats
 
 Triple = tuple[float, float, float]
 Range = tuple[float, float]

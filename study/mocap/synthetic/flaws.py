@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from study.experiment.streams import stream
-from study.mocap.io.recording import Bools, Floats
+from study.sphere.types import Bools, Floats, Ints
 
 _GAP = 0.2  # seconds that a marker is out of sight, on average
 _SWAP = 0.15  # seconds that two markers are taken for one another, on average
@@ -81,7 +81,7 @@ def _runs(rng: np.random.Generator, frames: int, count: int, mean: float) -> lis
     return [(int(first), int(first + length)) for first, length in zip(firsts, inside, strict=True)]
 
 
-def _lengths(rng: np.random.Generator, total: int, parts: int) -> np.typing.NDArray[np.int64]:
+def _lengths(rng: np.random.Generator, total: int, parts: int) -> Ints:
     """A whole number cut into parts of at least one, every way equally likely."""
     cuts = np.sort(rng.choice(total - 1, parts - 1, replace=False)) + 1
     return np.diff(np.concatenate([[0], cuts, [total]]))

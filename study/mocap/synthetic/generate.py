@@ -4,10 +4,11 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from study.mocap.io.recording import Floats, Recording, RecordingError
+from study.mocap.io.recording import Recording, RecordingError
 from study.mocap.synthetic import flaws
 from study.mocap.synthetic.body import JOINTS, MARKERS, PARTS, neighbours, unit
 from study.mocap.synthetic.motion import move
+from study.sphere.types import Bools, Floats
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,7 @@ class Truth:
     bones: dict[tuple[str, str], float]
     """Distances between joints that are fixed in one segment, the one on which it hangs first."""
     swaps: tuple[flaws.Swap, ...]
-    missing: np.typing.NDArray[np.bool_]
+    missing: Bools
     """(markers, frames)."""
 
 

@@ -6,8 +6,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from study.experiment.streams import stream
-from study.mocap.io.recording import Floats
 from study.mocap.synthetic.body import PARTS, Part, unit
+from study.sphere.types import Floats
 
 _WEIGHTS = np.array([0.5, 0.3, 0.2])  # of three sinusoids; they sum to 1, so that no angle leaves its range
 _SLOW, _FAST = 0.1, 0.7  # hertz: a movement back and forth takes 1.4 to 10 seconds

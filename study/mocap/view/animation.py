@@ -11,16 +11,16 @@ from typing import Any
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from study.figures import style
 from study.mocap.io.recording import RecordingError
 from study.mocap.skeleton.scene import Flag, Scene
 from study.mocap.view import palette
-from study.mocap.view.camera import Camera, Floats
+from study.mocap.view.camera import Camera
 from study.mocap.view.drawing import Drawing, Sizes
 from study.mocap.view.ellipsoids import LEVEL, hinges
+from study.sphere.types import Bytes, Floats
 
 _PIXELS = 960, 720
 _DPI = 120
@@ -119,7 +119,7 @@ class _Film:
         self.time = self.ax.text(0.98, 0.975, "", ha="right", fontsize=10.0, **place)
         self.flags = self.ax.text(0.98, 0.935, "", ha="right", color=palette.FLAGGED, fontsize=style.SMALL, **place)
 
-    def picture(self, frame: int) -> NDArray[np.uint8]:
+    def picture(self, frame: int) -> Bytes:
         """Pixels of a frame (height, width, 4), red, green, blue, opaque."""
         middle = self.middle[:, frame]
         self.drawing.show(frame, middle[:2])
@@ -133,7 +133,7 @@ class _Film:
         self.flags.set_text("\n".join(f"{name} {words[flag]}" for name, flag in pairs if flag != Flag.SEEN))
         return np.minimum(self._drawn(), self.fixed)
 
-    def _drawn(self) -> NDArray[np.uint8]:
+    def _drawn(self) -> Bytes:
         self.canvas.draw()  # type: ignore[no-untyped-call]
         return np.array(self.canvas.buffer_rgba())  # type: ignore[no-untyped-call]
 

@@ -6,15 +6,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import to_rgba
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from study.mocap.skeleton.scene import Flag, Scene
 from study.mocap.view import palette
 from study.mocap.view.camera import Camera, outlines
 from study.mocap.view.ellipsoids import exaggeration, half_axes, hinges
-
-Floats = NDArray[np.float64]
+from study.sphere.types import Floats
 
 _SQUARE = 0.5
 """Metres between the lines on the floor."""

@@ -1,12 +1,10 @@
 """Error ellipsoids of joints as they are drawn: how long, and by which factor they are exaggerated."""
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from study.mocap.skeleton.scene import Scene
-
-Floats = NDArray[np.float64]
+from study.sphere.types import Bools, Floats
 
 LEVEL = 0.95
 """How often an ellipsoid holds its joint, if the standard errors are right."""
@@ -38,7 +36,7 @@ def exaggeration(scene: Scene) -> int:
     return max([factor for factor in FACTORS if factor <= most], default=1)
 
 
-def hinges(scene: Scene) -> NDArray[np.bool_]:
+def hinges(scene: Scene) -> Bools:
     """Joints that are known across an axis alone (joints,)."""
-    found: NDArray[np.bool_] = np.isnan(scene.errors[:, 2]) & ~np.isnan(scene.errors[:, 0])
+    found: Bools = np.isnan(scene.errors[:, 2]) & ~np.isnan(scene.errors[:, 0])
     return found

@@ -19,9 +19,10 @@ from study.figures import style
 from study.mocap.io.recording import RecordingError
 from study.mocap.skeleton.scene import Flag, Scene
 from study.mocap.view import palette
-from study.mocap.view.camera import Camera, Floats
+from study.mocap.view.camera import Camera
 from study.mocap.view.drawing import Drawing, Sizes
 from study.mocap.view.ellipsoids import LEVEL, exaggeration, hinges
+from study.sphere.types import Floats
 
 Numbers = NDArray[np.intp]
 

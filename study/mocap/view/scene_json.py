@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from study.mocap.io.recording import Floats, RecordingError
+from study.mocap.io.recording import RecordingError
 from study.mocap.skeleton.scene import Scene
 from study.mocap.view.ellipsoids import LEVEL, exaggeration, half_axes
 from study.runs.storage.atomic_write import write
+from study.sphere.types import Floats
 
 FORMAT = "sphere-fit-study motion"
 VERSION = 1

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-from numpy.typing import NDArray
 
 from study.experiment.design import Cell, Span
 from study.experiment.errors import Columns
@@ -14,6 +13,7 @@ from study.experiment.precision_config import Precision
 from study.runs.assemble import stored
 from study.runs.jobs import Asked
 from study.runs.storage.parts import Parts
+from study.sphere.types import Ints
 
 Judge = Callable[[str, Columns], tuple[float, float]]
 """A measure by its name, and its Monte-Carlo error, of one estimator's rows of a cell: `COLUMNS` of them."""
@@ -132,7 +132,7 @@ def _split(table: pa.Table, cells: list[str], estimators: Sequence[str]) -> Iter
         yield found
 
 
-def _codes(table: pa.Table, column: str, words: Sequence[str]) -> NDArray[np.int64]:
+def _codes(table: pa.Table, column: str, words: Sequence[str]) -> Ints:
     """Place of each row's word among others; -1 for one that is not there."""
     known = {word: place for place, word in enumerate(words)}
     found = [
