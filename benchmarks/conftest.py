@@ -12,10 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from study.runs import target
+from study.runs.workers import instruction_set
 
 # before numba is there: what is timed is the code that the command runs
-target.fix()
+instruction_set.fix()
 
 RESULTS = Path(__file__).resolve().parents[1] / "results" / "bench.csv"
 COLUMNS = ("group", "what", "cost", "measured", "ratio", "aim", "machine")

@@ -12,13 +12,15 @@ import time
 from importlib import import_module
 from pathlib import Path
 
-from study.runs import target
+from study.runs.workers import instruction_set
 
-target.fix()
+instruction_set.fix()
 
 from study.analysis.summary import of_errors, summarise  # noqa: E402
 from study.experiment.config import parse  # noqa: E402
-from study.runs import jobs, parts, runner, workers  # noqa: E402
+from study.runs import jobs, runner  # noqa: E402
+from study.runs.storage import parts  # noqa: E402
+from study.runs.workers import dispatch  # noqa: E402
 
 _HEAD = 'name = "scale"\nseed = 1\nestimators = ["gdke", "ugdk", "als", "taubin"]\n[design]\n'
 _HEAD += 'kind = "grid"\nangle = 90\n'
@@ -37,7 +39,7 @@ def tiny(cells: int) -> str:
 def resume(folder: Path) -> None:
     """Seconds from the start of a run to its first new unit, where 10,000 parts are finished."""
     text = tiny(10_100)
-    workers.Pool.enough = parts._SECONDS = parts._SHARE = 0.0
+    dispatch.Pool.enough = parts._SECONDS = parts._SHARE = 0.0
     told = []
 
     def stop(share: float) -> None:
@@ -51,7 +53,7 @@ def resume(folder: Path) -> None:
     began, first = time.perf_counter(), []
     real = runner._Work.compute
 
-    def timed(work: runner._Work, pool: workers.Pool) -> None:
+    def timed(work: runner._Work, pool: dispatch.Pool) -> None:
         next(work._missing(), None)
         first.append(time.perf_counter() - began)
         real(work, pool)
@@ -75,7 +77,7 @@ def busy(folder: Path) -> None:
     text = tiny(100_000)
     runner.execute = import_module("scale").noted  # by a name that the workers can import
     began = time.perf_counter()
-    runner.run(parse(text), text, folder, workers.Workers("loky", 2))
+    runner.run(parse(text), text, folder, dispatch.Workers("loky", 2))
     lines = [p.read_text().split("\n") for p in _BUSY.parent.glob("busy-*")]
     spans = [tuple(map(float, line.split())) for some in lines for line in some if line]
     whole = max(end for _, end in spans) - min(start for start, _ in spans)
@@ -86,7 +88,7 @@ def busy(folder: Path) -> None:
 def memory(folder: Path, rows: int) -> None:
     """The parent's peak memory in a run of so many rows, its summary included."""
     text = _HEAD + f"trials = {rows // 20}\nsamples = 6\nnoise = [0.1, 0.2, 0.3, 0.4, 0.5]\n"
-    done = runner.run(parse(text), text, folder, workers.Workers("loky", 2), reduce=of_errors)
+    done = runner.run(parse(text), text, folder, dispatch.Workers("loky", 2), reduce=of_errors)
     ran = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     summarise(done)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024

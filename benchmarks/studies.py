@@ -2,9 +2,9 @@
 
 from functools import partial
 
+from study.experiment.compute_unit import compute
 from study.experiment.config import Study
 from study.experiment.design import Unit, units
-from study.experiment.work import compute
 
 FOUR = ["mle", "lls", "gdke", "ugdk"]
 

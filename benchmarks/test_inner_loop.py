@@ -9,9 +9,9 @@ import naive
 import numpy as np
 import pytest
 
+from study.experiment.compute_unit import compute
 from study.experiment.config import Study
 from study.experiment.design import Unit, units
-from study.experiment.work import compute
 
 SIGMA, ANGLE = 0.05, 60.0
 

@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from study.mocap.joints import find_joints
-from study.mocap.live import LiveJoints
-from study.mocap.match import choose
-from study.mocap.phases import calibrate, draw_skeleton
-from study.mocap.reading import read_recording
-from study.mocap.synthetic import Recipe, synthesize
-from study.mocap.twosided import two_sided
+from study.mocap.io.reading import read_recording
+from study.mocap.joints.fit_joints import find_joints
+from study.mocap.joints.symmetric_fit import two_sided
+from study.mocap.markersets.match import choose
+from study.mocap.skeleton.live import LiveJoints
+from study.mocap.skeleton.phases import calibrate, draw_skeleton
+from study.mocap.synthetic.generate import Recipe, synthesize
 
 FRAMES = 5202
 

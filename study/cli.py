@@ -13,8 +13,8 @@ import typer
 
 from study.analysis.commands import diff, status, worst
 from study.mocap import commands
-from study.runs import target
 from study.runs.commands import Code, Folder, worker
+from study.runs.workers import instruction_set
 
 app = typer.Typer(
     help="Monte-Carlo study of closed-form sphere fits (Knight & Semwal 2009).",
@@ -74,15 +74,15 @@ def run(
     budget: Seconds = None,
 ) -> None:
     """Run studies, as far as they have not been run, and store their tables; print the folder of each."""
-    from study.analysis.performance import measured
-    from study.analysis.posterior import compute
     from study.analysis.summary import of_errors, summarise
     from study.experiment.config import read
+    from study.posterior.run import compute
     from study.runs import runner
-    from study.runs.budget import Budget
+    from study.runs.adaptive.time_budget import Budget
     from study.runs.finish import complaint, stopped
     from study.runs.jobs import long
-    from study.runs.workers import Workers
+    from study.runs.workers.dispatch import Workers
+    from study.statistics.performance import measured
 
     if (backend == "dask") != (scheduler is not None) or backend not in (None, "threads", "loky", "dask"):
         raise typer.BadParameter("--backend is threads, loky, or dask, which alone takes a --scheduler, and needs it")
@@ -116,8 +116,8 @@ def run(
 @app.command()
 def posterior(folder: Folder, jobs: Jobs = 2) -> None:
     """Sample the posteriors that a run's config asks for in [posterior], with emcee."""
-    from study.analysis.posterior import compute, printed
-    from study.runs.store import Run
+    from study.posterior.run import compute, printed
+    from study.runs.storage.run_folder import Run
 
     run = Run.open(folder)
     with _progress("posteriors") as advance:
@@ -130,7 +130,7 @@ def posterior(folder: Folder, jobs: Jobs = 2) -> None:
 def summary(folder: Folder) -> None:
     """Print a run's medians of error over bound, with their Monte-Carlo errors."""
     from study.analysis.summary import printed
-    from study.runs.store import Run
+    from study.runs.storage.run_folder import Run
 
     for line in printed(Run.open(folder)):
         typer.echo(line)
@@ -144,7 +144,7 @@ def figures(
 ) -> None:
     """Draw a run's figures from its stored tables, as PNG and SVG."""
     from study.figures import FIGURES, draw_all
-    from study.runs.store import Run
+    from study.runs.storage.run_folder import Run
 
     unknown = [name for name in names or [] if name not in FIGURES]
     if unknown:
@@ -161,8 +161,8 @@ def figures(
 def claims(folders: Folders, cost: Cost = None, recording: Recordings = None) -> None:
     """Judge the paper's claims by runs; store the table in the first one's folder, and print it."""
     from study.analysis.claims import judge_all, printed, save
-    from study.mocap.casetables import read_case_studies
-    from study.runs.store import Run
+    from study.mocap.case_study.stored_tables import read_case_studies
+    from study.runs.storage.run_folder import Run
 
     runs = [Run.open(folder) for folder in folders]
     judged = judge_all(runs, cost, read_case_studies(recording) if recording else None)
@@ -181,9 +181,9 @@ def report(
 ) -> None:
     """Write one HTML page about runs: claims, figures, tables, provenance; it needs no other file."""
     from study.analysis.claims import judge_all
-    from study.mocap.casetables import read_case_studies
+    from study.mocap.case_study.stored_tables import read_case_studies
     from study.report import read_bench, render, save
-    from study.runs.store import Run
+    from study.runs.storage.run_folder import Run
 
     runs = [Run.open(folder) for folder in folders]
     measured = read_bench(bench) if bench else None
@@ -209,7 +209,7 @@ def fit(
     for line in printed(answers(fits, names), names):
         typer.echo(line)
     if plot is not None:
-        from study.figures.fit import draw, prepare
+        from study.figures.fit_plot import draw, prepare
         from study.figures.style import save_picture
 
         save_picture(draw(prepare(points, fits, names)), plot)
@@ -224,11 +224,11 @@ def replay(
     plot: Annotated[Path | None, typer.Option("--plot", help="draw points, fits and truth here")] = None,
 ) -> None:
     """Draw one trial of a run again, and show the truth and every estimator's answer."""
-    from study.analysis.replayed import fits, points, printed
+    from study.analysis.trial_report import fits, points, printed
     from study.experiment.replay import find, named, replay
     from study.runs.provenance import other_version
-    from study.runs.store import Run
-    from study.runs.write import save_frame
+    from study.runs.storage.atomic_write import save_frame
+    from study.runs.storage.run_folder import Run
 
     run = Run.open(folder)
     drawn = replay(run.study, find(run.study, *named(cell, trial)))
@@ -241,7 +241,7 @@ def replay(
     if out is not None:
         save_frame(points(drawn), out)
     if plot is not None:
-        from study.figures.fit import draw, prepare
+        from study.figures.fit_plot import draw, prepare
         from study.figures.style import save_picture
 
         frame = points(drawn)
@@ -265,8 +265,8 @@ def cost(
     ),
 ) -> None:
     """Count the operations of a fit and time it, beside the paper's figures; store the table."""
-    from study.analysis.flops import cost_table, printed
-    from study.runs.write import save_frame
+    from study.analysis.cost import cost_table, printed
+    from study.runs.storage.atomic_write import save_frame
 
     table = cost_table()
     save_frame(table, out)
@@ -300,7 +300,7 @@ def _progress(words: str) -> Iterator[Callable[[float], None]]:
 
 def main(command: Callable[..., Any] = app) -> None:
     """Entry point; see `Code`."""
-    target.fix()
+    instruction_set.fix()
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, _interrupt)  # what a batch system sends when time is up: as Ctrl-C
     for stream in (sys.stdout, sys.stderr):  # a terminal without Greek shows a question mark
@@ -314,10 +314,10 @@ def main(command: Callable[..., Any] = app) -> None:
         raise
     except Exception as error:
         from study.analysis.pointfile import PointFileError
-        from study.experiment.faults import ConfigError
+        from study.experiment.config_faults import ConfigError
         from study.experiment.replay import ReplayError
-        from study.mocap.recording import RecordingError
-        from study.runs.store import RunError
+        from study.mocap.io.recording import RecordingError
+        from study.runs.storage.run_folder import RunError
 
         if isinstance(error, ConfigError | PointFileError | RecordingError | ReplayError):
             raise SystemExit(_said(str(error), Code.USAGE)) from None

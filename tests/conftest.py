@@ -7,10 +7,10 @@ import shutil
 import time
 from pathlib import Path
 
-from study.runs import target
+from study.runs.workers import instruction_set
 
 # before numba is there: tests run the code that the command runs, and it is compiled once for both
-target.fix()
+instruction_set.fix()
 
 import numpy as np  # noqa: E402
 import pytest  # noqa: E402
@@ -196,9 +196,9 @@ def status_of():
 @pytest.fixture(scope="session")
 def make_run(tmp_path_factory):
     """Run a config into a folder of its own, with its summary, and its posteriors if it asks for them."""
-    from study.analysis.posterior import compute  # here, because tests of arrays do without all of this
     from study.analysis.summary import of_errors, summarise
     from study.experiment.config import parse
+    from study.posterior.run import compute  # here, because tests of arrays do without all of this
     from study.runs.runner import run
 
     def make(text, folder=None):

@@ -12,12 +12,12 @@ import signal
 import time
 from pathlib import Path
 
-from study.runs import target
+from study.runs.workers import instruction_set
 
-target.fix()  # before numba is imported, as the command does
+instruction_set.fix()  # before numba is imported, as the command does
 
 from study import cli  # noqa: E402
-from study.analysis import posterior  # noqa: E402
+from study.posterior import run as posterior  # noqa: E402
 from study.runs import jobs, runner  # noqa: E402
 
 FREE = 3

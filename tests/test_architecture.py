@@ -10,7 +10,19 @@ import pytest
 import study
 
 PACKAGE = Path(study.__file__).parent
-ROOMS = ["sphere", "estimators", "experiment", "runs", "analysis", "figures", "mocap", "report", "cli"]
+ROOMS = [
+    "sphere",
+    "estimators",
+    "experiment",
+    "statistics",
+    "runs",
+    "posterior",
+    "analysis",
+    "figures",
+    "mocap",
+    "report",
+    "cli",
+]
 FILES = sorted(PACKAGE.rglob("*.py"))
 LIBRARY = set(study.__all__) - {"__version__"}
 NAMES = [str(path.relative_to(PACKAGE)) for path in FILES]
@@ -64,12 +76,12 @@ def test_imports_go_up(path):
     ("file", "code"),
     [
         ("sphere/cap.py", "from study.estimators import fit"),
-        ("sphere/cap.py", "import study.runs.store"),
+        ("sphere/cap.py", "import study.runs.storage.run_folder"),
         ("sphere/cap.py", "from study import estimators"),
         ("sphere/cap.py", "from ..experiment import config"),
         ("sphere/cap.py", "import study\nstudy.fit([])"),
-        ("experiment/work.py", "def f():\n    from study.runs.store import Run"),
-        ("runs/store.py", "from study.analysis.summary import summary"),
+        ("experiment/work.py", "def f():\n    from study.runs.storage.run_folder import Run"),
+        ("runs/runner.py", "from study.analysis.summary import summary"),
         ("analysis/summary.py", "from study.cli import app"),
     ],
 )
@@ -81,10 +93,10 @@ def test_the_scan_sees(file, code):
 @pytest.mark.parametrize(
     ("file", "code"),
     [
-        ("runs/store.py", "from study.experiment import config"),
-        ("runs/store.py", "from study.runs import tables"),
-        ("runs/store.py", "from . import tables"),
-        ("runs/store.py", "import studying.cli\nfrom elsewhere.study import cli"),
+        ("runs/runner.py", "from study.experiment import config"),
+        ("runs/runner.py", "from study.runs import tables"),
+        ("runs/runner.py", "from . import tables"),
+        ("runs/runner.py", "import studying.cli\nfrom elsewhere.study import cli"),
     ],
 )
 def test_the_scan_lets_pass(file, code):

@@ -10,8 +10,8 @@ from study.runs.commands import Code, Folder
 
 def status(folder: Folder) -> None:
     """Say how far a run is: units, parts, failures, tables, who made it and who writes to it."""
-    from study.analysis.performance import measured
     from study.runs.status import printed
+    from study.statistics.performance import measured
 
     for line in printed(folder, measured):
         typer.echo(line)
@@ -23,7 +23,7 @@ def diff(
 ) -> None:
     """Compare two runs: identical, the same within Monte-Carlo error, or different, and where. Different is code 1."""
     from study.analysis.compare import compare, printed
-    from study.runs.store import Run
+    from study.runs.storage.run_folder import Run
 
     found = compare(Run.open(one), Run.open(other))
     for line in printed(found):
@@ -39,7 +39,7 @@ def worst(
 ) -> None:
     """List the trials where an estimator said ok and was farthest from the truth, in units of the bound."""
     from study.analysis.worst import printed
-    from study.runs.store import Run
+    from study.runs.storage.run_folder import Run
 
     for line in printed(Run.open(folder), count, estimator):
         typer.echo(line)

@@ -17,11 +17,11 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from study.analysis.grouped import Grouped, Key
+from study.analysis.error_groups import Grouped, Key
 from study.estimators import Status
 from study.runs.provenance import described
-from study.runs.store import Run
-from study.runs.write import RunError
+from study.runs.storage.atomic_write import RunError
+from study.runs.storage.run_folder import Run
 
 FALSE_ALARM = 1e-3
 """How often two equal runs are called different, at most."""

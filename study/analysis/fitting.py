@@ -6,13 +6,11 @@ from collections.abc import Iterator
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from study.analysis.pointfile import PointFileError
 from study.estimators import ESTIMATORS, Fit, Status, fit
 from study.estimators.fit import explain
-
-Floats = NDArray[np.float64]
+from study.sphere.types import Floats
 
 
 def choose(estimator: str, noise: float | None) -> list[str]:

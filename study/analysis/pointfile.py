@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from study.sphere.types import Floats
 
 _MISSING = {"", "na", "null", "none", "n/a", "-"}  # beside nan, which is a float
 _BLANKS = " "

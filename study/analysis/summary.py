@@ -11,12 +11,12 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
-from study.analysis.grouped import Grouped, label
-from study.analysis.performance import MEASURES, Fits
+from study.analysis.error_groups import Grouped, label
 from study.estimators import Status
 from study.experiment.errors import Columns, Errors
-from study.runs import tables
-from study.runs.store import Run
+from study.runs.storage import schemas
+from study.runs.storage.run_folder import Run
+from study.statistics.performance import MEASURES, Fits
 
 _CONDITIONS = ["samples", "noise", "angle", "radius", "center"]
 _COLUMNS = [*_CONDITIONS, "error", "error_1", "bound", "status"]
@@ -24,12 +24,12 @@ _COLUMNS = [*_CONDITIONS, "error", "error_1", "bound", "status"]
 
 def summarise(run: Run) -> None:
     """Summarise a run's error table, and store the summary beside it; a few groups are in memory at a time."""
-    grouped, columns = Grouped(run), tables.summary()
+    grouped, columns = Grouped(run), schemas.summary()
 
     def parts() -> Iterator[pa.Table]:
         for keys in grouped.batches():
             found = grouped.read(keys, _COLUMNS)
-            yield tables.table(columns, _stacked([_row(*key, _arrays(found[key])) for key in keys]))
+            yield schemas.table(columns, _stacked([_row(*key, _arrays(found[key])) for key in keys]))
 
     run.join("summary", columns, parts(), {"study.config": run.study.canonical()})
 
@@ -79,7 +79,7 @@ def of_errors(errors: Errors) -> Columns:
 def _stacked(rows: list[dict[str, Any]]) -> Columns:
     """Rows as columns of the summary table."""
     frame = pd.DataFrame(rows)
-    return {column.name: frame[column.name].to_numpy() for column in tables.summary()}
+    return {column.name: frame[column.name].to_numpy() for column in schemas.summary()}
 
 
 def _arrays(part: pd.DataFrame) -> Columns:

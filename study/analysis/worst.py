@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 
 from study.estimators import Status
-from study.runs.store import Run
-from study.runs.write import RunError
+from study.runs.storage.atomic_write import RunError
+from study.runs.storage.run_folder import Run
 
 
 def worst(errors: pd.DataFrame, count: int = 5, estimator: str | None = None) -> pd.DataFrame:

@@ -3,17 +3,17 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
+from study.estimators.algebraic import als, als_guarded, hinge, hyper, pratt, taubin
 from study.estimators.fit import Estimator, Fit, Samples, Status, blank
-from study.estimators.gdk import gdke, ugdk
-from study.estimators.igdk import Incremental, igdk
+from study.estimators.incremental import Incremental, igdk
+from study.estimators.kasa import gdke, ugdk
 from study.estimators.lls import lls
-from study.estimators.lls_nr import lls_nr, lls_nr_raw
+from study.estimators.lls_historical import lls_nr, lls_nr_raw
 from study.estimators.lls_single import lls_single
-from study.estimators.mgdk import JointFit, mgdk
 from study.estimators.mle import mle
 from study.estimators.mle_starts import mle_centroid, mle_mirror
-from study.estimators.roots import als, als_guarded, hinge, hyper, pratt, taubin
-from study.estimators.ugdk_cov import ugdk_cov
+from study.estimators.multi_marker import JointFit, mgdk
+from study.estimators.unknown_covariance import ugdk_cov
 from study.sphere.bounds import noise_covariance
 
 

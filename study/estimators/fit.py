@@ -7,17 +7,14 @@ from functools import cached_property
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
 from study.sphere.bounds import bound_from_scatter, noise_covariance, normal_weights, weighted_scatter
+from study.sphere.layouts import Placed, extent, form
 from study.sphere.linalg import eigenbasis
 from study.sphere.moments import Moments
-from study.sphere.points import Placed, extent, form
 from study.sphere.regression import Regression
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from study.sphere.types import Bools, Floats, Ints
 
 
 class Worded(IntEnum):
@@ -217,7 +214,7 @@ class Fit:
         return None if self.samples is None else self.samples.noise
 
     @cached_property
-    def _residuals(self) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    def _residuals(self) -> tuple[Floats, Floats, Bools]:
         """Distances from ĉ (b, n), directions from ĉ (b, d, n), and which samples are not missing (b, n)."""
         if self.samples is None:
             raise ValueError("this fit does not hold its points: use study.fit, which keeps them")
@@ -252,11 +249,11 @@ class Estimator:
         function: from samples to a fit. It never raises on data, only on a noise that it cannot use.
         reference: where it comes from.
         needs: what it must be told besides the points.
-        flops: floating-point operations per sample in d dimensions, as `study.analysis.flops` counts them.
+        flops: floating-point operations per sample in d dimensions, as `study.analysis.cost` counts them.
         flops_of: what they are for, where that is not the whole fit.
         caution: what a user should know beside the answer, whatever its status.
         moments_suffice: whether it looks at ``Samples.moments`` alone.
-        by_window: whether all else that it reads comes from `study.sphere.points.window`, so that points need not lie
+        by_window: whether all else that it reads comes from `study.sphere.layouts.window`, so that points need not lie
             in memory.
         version: to be raised with every change of its numbers, so that runs do not mix old rows with new ones.
     """

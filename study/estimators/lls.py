@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from study.estimators.fit import Fit, Samples, Status, blank
-from study.estimators.gdk import noise_of_residuals
-from study.sphere.compiled import CHUNK, compiled, compiled_as_written, dot, fill, fresh, put, total, zeros
+from study.estimators.kasa import noise_of_residuals
+from study.sphere.jit import CHUNK, compiled, compiled_as_written, dot, fill, fresh, put, total, zeros
+from study.sphere.layouts import abreast, at, extent, near, readable, window
 from study.sphere.linalg import eigenbasis
-from study.sphere.points import abreast, at, extent, near, readable, window
 
 _EPS = 2.0**-52
 

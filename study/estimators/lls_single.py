@@ -9,7 +9,7 @@ For use on data take `lls`.
 import numpy as np
 
 from study.estimators.fit import Fit, Samples, Status, blank
-from study.estimators.gdk import residual_noise
+from study.estimators.kasa import residual_noise
 
 
 def lls_single(samples: Samples) -> Fit:

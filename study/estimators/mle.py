@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
+from study.estimators.algebraic import root
 from study.estimators.fit import Fit, Samples, blank
-from study.estimators.gdk import member
+from study.estimators.kasa import member
 from study.estimators.newton import ON, SEARCH, advance, begin
-from study.estimators.roots import root
-from study.sphere.compiled import CHUNK, compiled, fill, fresh, put, zeros
-from study.sphere.points import BLOCK, abreast, at, extent, window
+from study.sphere.jit import CHUNK, compiled, fill, fresh, put, zeros
+from study.sphere.layouts import BLOCK, abreast, at, extent, window
 
 _CLEAR = 0.3
 """Noise below this share of the points' least variance leaves no doubt where to begin."""

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from study.estimators.fit import Status
-from study.sphere.compiled import compiled, dot, fill
+from study.sphere.jit import compiled, dot, fill
 from study.sphere.linalg import cholesky_solve, diagonalise
 
 _MAX_ITERATIONS = 100

@@ -7,8 +7,8 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, SerializerFunctionWrapHandler, model_serializer
 
-from study.experiment.faults import shorten
-from study.experiment.laws import Choice, Constant, Frozen, Law, LogUniform, Uniform, is_number
+from study.experiment.config_faults import shorten
+from study.experiment.distributions import Choice, Constant, Frozen, Law, LogUniform, Uniform, is_number
 
 MAX_CELLS = 10_000_000
 

@@ -13,10 +13,10 @@ from pydantic import AfterValidator, BeforeValidator, Field, ValidationError
 
 from study.estimators import ESTIMATORS
 from study.experiment.conditions import ALLOWED, MAX_CELLS, GridDesign, RandomDesign
-from study.experiment.faults import ConfigError, Fault, report
-from study.experiment.laws import Choice, Constant, Frozen, is_number
-from study.experiment.posterior import CONDITIONS, Posterior, same
-from study.experiment.precision import Precision, precision_faults
+from study.experiment.config_faults import ConfigError, Fault, report
+from study.experiment.distributions import Choice, Constant, Frozen, is_number
+from study.experiment.posterior_config import CONDITIONS, Posterior, same
+from study.experiment.precision_config import Precision, precision_faults
 
 
 def _tuples(value: object) -> object:

@@ -12,7 +12,7 @@ import numpy as np
 
 from study.experiment.conditions import GridDesign, RandomDesign
 from study.experiment.config import Study
-from study.experiment.laws import LogUniform, Uniform
+from study.experiment.distributions import LogUniform, Uniform
 from study.experiment.streams import Name, stream
 
 BLOCK_SAMPLES = 2**15

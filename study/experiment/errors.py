@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from study.estimators import Fit
 from study.experiment.design import Cell
+from study.sphere.types import Floats
 
 Columns = dict[str, NDArray[Any]]
-Floats = NDArray[np.float64]
 
 
 _OF_FITS = ("center", "radius", "noise_variance", "status", "condition", "iterations")

@@ -8,7 +8,8 @@ from itertools import chain
 from study.estimators import Samples
 from study.experiment.config import Study
 from study.experiment.design import Batch, Cell, RandomGroup, Span, groups, spans, spans_of
-from study.experiment.sampling import Floats, draw
+from study.experiment.sampling import draw
+from study.sphere.types import Floats
 
 _MOST_COMPARED = 20_000
 

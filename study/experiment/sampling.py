@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from study.estimators import Samples
 from study.experiment.config import Study
@@ -14,10 +13,8 @@ from study.experiment.design import Batch, Level
 from study.experiment.streams import lanes
 from study.sphere import cap
 from study.sphere.bounds import bound_from_scatter, normal_weights, weighted_scatter
-from study.sphere.points import Placed, form
-
-Floats = NDArray[np.float64]
-
+from study.sphere.layouts import Placed, form
+from study.sphere.types import Floats
 
 Array = Callable[[str, tuple[int, ...]], Floats]
 """Gives an array of a name and shape, with any content."""

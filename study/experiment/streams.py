@@ -9,7 +9,8 @@ import hashlib
 
 import numpy as np
 
-from study.sphere.bits import WORDS, State, seeded
+from study.sphere.sfc64 import WORDS, seeded
+from study.sphere.types import Words
 
 Name = tuple[str | int | float, ...]
 OldStream = np.random.RandomState
@@ -28,8 +29,8 @@ def stream(seed: int, *name: str | int | float) -> np.random.Generator:
     return np.random.Generator(np.random.SFC64(_sequence(seed, name)))
 
 
-def lanes(seed: int, *name: str | int | float) -> State:
-    """Make the state of a named stream for compiled loops: generators side by side, as `study.sphere.bits` has them.
+def lanes(seed: int, *name: str | int | float) -> Words:
+    """Make the state of a named stream for compiled loops: generators side by side, as `study.sphere.sfc64` has them.
 
     Every word that the state begins with is a hash of the name, which costs less than a `SeedSequence`.
     """

@@ -1,22 +1,22 @@
-"""What a figure is given: a run's tables in memory, and how it says that it cannot be drawn from them."""
+"""Input of a figure: a run's tables in memory; `NotApplicable` says why a run cannot feed a figure."""
 
 from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from study.runs.store import Run, RunError
+from study.runs.storage.run_folder import Run, RunError
+from study.sphere.types import Floats
 
 
-class NotApplicable(Exception):  # noqa: N818  no error: most runs have some figure that they cannot feed
+class NotApplicable(Exception):  # noqa: N818  not an error: most runs cannot feed some figure
     """A figure that cannot be drawn from a run; the message is the reason, in words for a user."""
 
 
 @dataclass(frozen=True)
 class Tables:
-    """A run, as the figures see it.
+    """Tables of a run in memory.
 
     Attributes:
         name: the run's name, which is printed on every figure.
@@ -24,18 +24,18 @@ class Tables:
         design: "grid" or "random".
         noise_shape: covariance of a sample in units of σ² (d, d).
         rows: the error table, `errors` to the figures; None if the study kept its summary alone.
-        summary: the summary table; see `study.runs.tables.summary`.
+        summary: the summary table; see `study.runs.storage.schemas.summary`.
         points: the points of the trials that were kept; None if none were.
-        posterior: a row per chain; None if none was run. See `study.runs.tables.posterior`.
+        posterior: a row per chain; None if none was run. See `study.runs.storage.schemas.posterior`.
         answers: the estimators' answers beside the chains, likewise.
         draws: draws of the chains that were kept, likewise.
-        independent: whether no two cells share their directions and noise.
+        independent: True if no two cells share their directions and noise.
     """
 
     name: str
     dimension: int
     design: str
-    noise_shape: NDArray[np.float64]
+    noise_shape: Floats
     rows: pd.DataFrame | None
     summary: pd.DataFrame
     points: pd.DataFrame | None = None
@@ -65,12 +65,14 @@ class Tables:
             **{name: run.table(name) for name in ("posterior", "answers", "draws") if run.has("posterior")},
         )
         if tables.summary.empty:
-            raise RunError(f"{run.folder}: its budget ended before any cell had a trial; `study run` goes on")
+            raise RunError(
+                f"{run.folder}: its budget ended before any cell had a trial; run `study run` again to resume"
+            )
         return tables
 
     @property
     def errors(self) -> pd.DataFrame:
-        """The error table; see `study.runs.tables.errors`.
+        """The error table; see `study.runs.storage.schemas.errors`.
 
         Raises:
             NotApplicable: if the study kept its summary alone.

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from study.mocap.calibration import Calibration
-    from study.mocap.match import Match
+    from study.mocap.markersets.match import Match
+    from study.mocap.skeleton.calibration import Calibration
 
 File = Annotated[Path, typer.Argument(metavar="FILE", help="a recording: .c3d, .trc, .csv, .tsv or .txt")]
 MarkerSet = Annotated[
@@ -25,10 +25,10 @@ Out = Annotated[
 
 def recording(file: File, unit: Unit = None, rate: Rate = None, subject: Subject = None) -> None:
     """Say what is in a recording: markers, frames, rate, and the gaps of each marker."""
-    from study.mocap.describe import describe
-    from study.mocap.match import choose
-    from study.mocap.reading import read_recording
-    from study.mocap.setfile import MarkerSetError
+    from study.mocap.io.describe import describe
+    from study.mocap.io.reading import read_recording
+    from study.mocap.markersets.match import choose
+    from study.mocap.markersets.set_file import MarkerSetError
 
     found = read_recording(file, unit=unit, rate=rate, subject=subject)
     _print(describe(found))
@@ -47,13 +47,13 @@ def joints(
     out: Out = None,
 ) -> None:
     """Find the joints of a recording: phase 1; a table of them, and a calibration that draws other recordings."""
-    from study.mocap.agreement import agreement_table
-    from study.mocap.jointlines import agreed, printed
-    from study.mocap.joints import find_joints
-    from study.mocap.jointtable import joint_table
-    from study.mocap.opening import folder_for, opened
-    from study.mocap.phases import calibrated
-    from study.runs.write import save_frame
+    from study.mocap.joints.fit_joints import find_joints
+    from study.mocap.joints.joint_report import agreed, printed
+    from study.mocap.joints.joint_table import joint_table
+    from study.mocap.joints.method_agreement import agreement_table
+    from study.mocap.open_recording import folder_for, opened
+    from study.mocap.skeleton.phases import calibrated
+    from study.runs.storage.atomic_write import save_frame
 
     match = opened(file, markerset, unit, rate, subject)
     folder = folder_for(match.source.name, out)
@@ -82,14 +82,15 @@ def skeleton(
 ) -> None:
     """Draw the skeleton in every frame: phase 2; tables, BVH, a figure, and a page with the moving skeleton."""
     from study.figures.style import save
-    from study.mocap import animation, fig1_skeleton, skeletontable
-    from study.mocap.bvh import write_bvh
-    from study.mocap.exchange import write_motion
-    from study.mocap.opening import folder_for
-    from study.mocap.phases import require_same_subject, skeleton_scene
-    from study.mocap.skeleton import draw_skeleton
-    from study.mocap.webpage import write_viewer
-    from study.runs.write import save_frame
+    from study.mocap.open_recording import folder_for
+    from study.mocap.skeleton import skeleton_table
+    from study.mocap.skeleton.bvh import write_bvh
+    from study.mocap.skeleton.frames import draw_skeleton
+    from study.mocap.skeleton.phases import require_same_subject, skeleton_scene
+    from study.mocap.view import animation, fig1_skeleton
+    from study.mocap.view.scene_json import write_motion
+    from study.mocap.view.webpage import write_viewer
+    from study.runs.storage.atomic_write import save_frame
 
     if video:
         animation.encoder()  # is told before the work is done
@@ -98,9 +99,9 @@ def skeleton(
     _say(match)
     drawn = require_same_subject(draw_skeleton(made, match.recording))
     scene = skeleton_scene(drawn, match.recording)
-    _print(skeletontable.printed(scene))
-    save_frame(skeletontable.skeleton_table(scene), folder / "skeleton.parquet")
-    save_frame(skeletontable.bone_table(scene), folder / "bones.parquet")
+    _print(skeleton_table.printed(scene))
+    save_frame(skeleton_table.skeleton_table(scene), folder / "skeleton.parquet")
+    save_frame(skeleton_table.bone_table(scene), folder / "bones.parquet")
     paths = [folder / "skeleton.parquet", folder / "bones.parquet"]
     if calibrated is None:
         paths.append(made.save(folder / "calibration.json"))
@@ -133,16 +134,16 @@ def case_study(
 ) -> None:
     """Repeat the paper's precision study, section 9.1: every joint from many parts of a recording; figure 7."""
     from study.figures.style import save
-    from study.mocap import casestudy, fig7_case
-    from study.mocap.joints import find_joints
-    from study.mocap.opening import folder_for, opened
-    from study.mocap.origin import digest_of, with_origin
-    from study.runs.write import save_frame
+    from study.mocap.case_study import fig7_case, scatter
+    from study.mocap.io.origin import digest_of, with_origin
+    from study.mocap.joints.fit_joints import find_joints
+    from study.mocap.open_recording import folder_for, opened
+    from study.runs.storage.atomic_write import save_frame
 
     match, digest = opened(file, markerset, unit, rate, subject), digest_of(file)
     folder = folder_for(match.source.name, out)
     _say(match)
-    case = casestudy.case_study(find_joints(match.markerset, match.recording), match.recording, subsets, seed)
+    case = scatter.case_study(find_joints(match.markerset, match.recording), match.recording, subsets, seed)
     _print(fig7_case.words(case))
     for name, table in {"scatter": case.scatter, "joints": case.joints, "laws": case.laws}.items():
         save_frame(with_origin(table, case.recording, digest), folder / f"case-study-{name}.parquet")
@@ -167,9 +168,9 @@ def synthetic(
     independent: Annotated[bool, typer.Option("--independent", help="every frame a pose drawn anew")] = False,
 ) -> None:
     """Make a recording of an articulated figure, and tables of its true joints beside it."""
-    from study.mocap.export import write_recording, write_truth
-    from study.mocap.opening import folder_for
-    from study.mocap.synthetic import Recipe, synthesize
+    from study.mocap.open_recording import folder_for
+    from study.mocap.synthetic.export import write_recording, write_truth
+    from study.mocap.synthetic.generate import Recipe, synthesize
 
     recipe = Recipe(frames, rate, seed, noise, soft_tissue, gaps, swaps, height, reach, independent)
     made, truth = synthesize(recipe)
@@ -182,7 +183,7 @@ def fetch(
     name: Annotated[str, typer.Argument(metavar="NAME", help="of the recording, such as 60_08: subject and trial")],
 ) -> None:
     """Get a recording from a public library, once; print where it is."""
-    from study.mocap import fetch as library_of
+    from study.mocap.io import fetch as library_of
 
     try:
         path = library_of.fetch(library, name)
@@ -202,11 +203,11 @@ def _calibrated(
     subject: str | None,
 ) -> "tuple[Match, Calibration]":
     """A recording, and a calibration: the one that is given, or one that is fitted to the recording itself."""
-    from study.mocap.calibration import load_calibration
-    from study.mocap.match import match
-    from study.mocap.opening import opened
-    from study.mocap.phases import calibrate
-    from study.mocap.reading import read_recording
+    from study.mocap.io.reading import read_recording
+    from study.mocap.markersets.match import match
+    from study.mocap.open_recording import opened
+    from study.mocap.skeleton.calibration import load_calibration
+    from study.mocap.skeleton.phases import calibrate
 
     if calibrated is None:
         found = opened(file, markerset, unit, rate, subject)

@@ -1,4 +1,4 @@
-"""From runs and claims to the page: which sections it has, and in which order."""
+"""The page: its sections and their order."""
 
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -13,12 +13,12 @@ from study.report.overview import overview_section
 from study.report.posterior import posterior_section
 from study.report.results import run_section
 from study.report.speed import speed_section
-from study.runs.store import Run
-from study.runs.write import RunError, write
+from study.runs.storage.atomic_write import RunError, write
+from study.runs.storage.run_folder import Run
 
 
 def figures_section(material: Material) -> Iterable[Section]:
-    """Every figure once, and why the others are not there."""
+    """Section of figures, each once, with the reasons for those that are missing."""
     content: list[Block] = list(material.pictures.values())
     if not content:
         content.append(Text("These runs can feed none of the figures."))
@@ -33,7 +33,7 @@ def figures_section(material: Material) -> Iterable[Section]:
 
 
 def run_sections(material: Material) -> Iterable[Section]:
-    """What was found in each run, and where it comes from."""
+    """Sections of each run: results and provenance."""
     return (run_section(record) for record in material.records)
 
 
@@ -53,7 +53,7 @@ def render(runs: Sequence[Run], claims: pd.DataFrame, bench: pd.DataFrame | None
 
     Args:
         runs: finished runs, at least one, no two of the same name.
-        claims: the claims table; columns as `study.runs.tables.CLAIMS`, perhaps without rows.
+        claims: the claims table; columns as `study.runs.storage.schemas.CLAIMS`, perhaps without rows.
         bench: the table that `make bench` stores, if it is to be shown; see `study.report.speed`.
 
     Returns:
@@ -90,14 +90,14 @@ def save(page: str, path: Path) -> Path:
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        write(path, page.encode("utf-8", "replace"))  # a folder's name may hold bytes that are no text
+        write(path, page.encode("utf-8", "replace"))  # a folder's name may hold bytes that are not text
     except OSError as error:
         raise RunError(f"{path}: cannot be written: {error.strerror or error}") from None
     return path
 
 
 def _unique(reasons: dict[str, str], runs: int) -> list[str]:
-    """Reasons without repetition, each with the runs that gave it, unless all did."""
+    """Reasons without repetition, each with its runs unless it holds for all."""
     found: dict[str, list[str]] = {}
     for name, reason in reasons.items():
         found.setdefault(reason, []).append(name)

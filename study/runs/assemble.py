@@ -5,14 +5,14 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-from numpy.typing import NDArray
 
 from study.experiment.config import Study
 from study.experiment.design import GridGroup, Span
 from study.runs.jobs import POINTS, Asked, estimators_of
 from study.runs.layout import Layout
-from study.runs.parts import Parts
-from study.runs.write import RunError
+from study.runs.storage.atomic_write import RunError
+from study.runs.storage.parts import Parts
+from study.sphere.types import Ints
 
 
 def rows(study: Study, parts: Parts, layout: Layout, name: str) -> Iterator[pa.Table]:
@@ -69,7 +69,7 @@ def stored(asked: Asked, parts: Parts, piece: Span, name: str) -> Iterator[tuple
         yield wanted, table
 
 
-def _order(study: Study, span: Span, table: pa.Table) -> NDArray[np.int64]:
+def _order(study: Study, span: Span, table: pa.Table) -> Ints:
     if "group" in table.schema.names:  # a summary, of the cells of a grid
         cells = _places(table, "group", [cell.name for cell in span.group.cells if cell is not None])
         return np.lexsort([_places(table, "estimator", study.estimators), cells])
@@ -82,7 +82,7 @@ def _order(study: Study, span: Span, table: pa.Table) -> NDArray[np.int64]:
     return np.lexsort([*keys, trial // span.group.size])  # the last counts most
 
 
-def _places(table: pa.Table, column: str, words: Iterable[str]) -> NDArray[np.int64]:
+def _places(table: pa.Table, column: str, words: Iterable[str]) -> Ints:
     return np.asarray(pc.index_in(_words(table, column), pa.array(list(words))).to_numpy())
 
 

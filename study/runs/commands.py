@@ -25,6 +25,6 @@ def worker(
     options: Annotated[list[str] | None, typer.Argument(metavar="-- OPTION…", help="see `dask worker --help`")] = None,
 ) -> None:
     """Start a Dask worker that computes as `study run --backend dask` does, to the last bit."""
-    from study.runs.cluster import serve
+    from study.runs.workers.dask_cluster import serve
 
     serve(scheduler, options or [])

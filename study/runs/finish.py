@@ -10,13 +10,14 @@ from itertools import chain, islice
 import pyarrow as pa
 
 from study.estimators import ESTIMATORS
-from study.runs import assemble, provenance, tables
-from study.runs.budget import Budget
+from study.runs import assemble, provenance
+from study.runs.adaptive.checkpoint_rounds import BUDGET, TARGET, Rounds
+from study.runs.adaptive.time_budget import Budget
 from study.runs.layout import Layout
-from study.runs.parts import FORMAT, Parts
-from study.runs.rounds import BUDGET, TARGET, Rounds
-from study.runs.store import Run
-from study.runs.workers import Workers
+from study.runs.storage import schemas
+from study.runs.storage.parts import FORMAT, Parts
+from study.runs.storage.run_folder import Run
+from study.runs.workers.dispatch import Workers
 
 
 def finish(
@@ -46,9 +47,9 @@ def finish(
     if isinstance(layout, Rounds):
         layout.stop()
         reasons = layout.reasons()
-        store.join("precision", tables.PRECISION, [layout.table()], metadata)
+        store.join("precision", schemas.PRECISION, [layout.table()], metadata)
         written.append("precision")
-    for name, columns in tables.of_units(study.dimension).items():
+    for name, columns in schemas.of_units(study.dimension).items():
         rows = assemble.rows(study, parts, layout, name)
         if name == "failures":
             rows = _counted(rows, causes)

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from itertools import groupby
 
 from study.estimators import ESTIMATORS
+from study.experiment.compute_unit import Reduce, Result, compute, lost, stack
 from study.experiment.config import Study
 from study.experiment.design import Span, spans
-from study.experiment.work import Reduce, Result, compute, lost, stack
-from study.runs import tables
-from study.runs.parts import FORMAT, Packet, encode
+from study.runs.storage import schemas
+from study.runs.storage.parts import FORMAT, Packet, encode
 
 POINTS = "points"
 _OVERHEAD = 10_000.0
@@ -27,7 +27,7 @@ class Job:
 
     Attributes:
         span: the unit.
-        key: stands for it; see `study.runs.parts`.
+        key: stands for it; see `study.runs.storage.parts`.
         outputs: estimators with their versions, and perhaps points.
     """
 
@@ -121,9 +121,9 @@ def _packed(study: Study, jobs: tuple[Job, ...], result: Callable[[Study, Job], 
         part = study.model_copy(update={"estimators": estimators_of(outputs), "keep_points": kept})
         found += [vars(result(part, job)) for job in together]
     stacked, rows = {}, {}
-    for name, columns in tables.of_units(study.dimension).items():
+    for name, columns in schemas.of_units(study.dimension).items():
         some = [each[name] for each in found if each[name]]
         if some:
-            stacked[name] = tables.table(columns, stack(some))
+            stacked[name] = schemas.table(columns, stack(some))
             rows[name] = [len(next(iter(each[name].values()))) if each[name] else 0 for each in found]
     return Packet([(job.key, job.outputs) for job in jobs], rows, {k: encode(t) for k, t in stacked.items()})

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from study.experiment.config import Study
 from study.experiment.design import Span, spans
-from study.runs.parts import Parts
+from study.runs.storage.parts import Parts
 
 
 class Layout:

@@ -2,12 +2,12 @@
 
 from dataclasses import dataclass
 
+from study.experiment.compute_unit import Reduce
 from study.experiment.config import Study
 from study.experiment.design import Cell, units
 from study.experiment.errors import levels
-from study.experiment.work import Reduce
 from study.runs.jobs import long
-from study.runs.pace import measure
+from study.runs.speed_probe import measure
 
 _ROW_BYTES = 75.0
 """Measured size of a row of a compressed error table, by and large (doubles of noise do not compress)."""

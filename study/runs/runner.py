@@ -8,20 +8,20 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
+from study.experiment.compute_unit import Reduce
 from study.experiment.config import Study
-from study.experiment.work import Reduce
 from study.runs import provenance
-from study.runs.budget import Budget
+from study.runs.adaptive.cell_measures import Judge
+from study.runs.adaptive.checkpoint_rounds import Rounds
+from study.runs.adaptive.time_budget import Budget
 from study.runs.finish import finish
-from study.runs.growth import Cut, Earlier, beside, damaged, finished, up_to_date
 from study.runs.jobs import Asked, Job, Order, execute, give_up
-from study.runs.judging import Judge
 from study.runs.layout import Layout
-from study.runs.lock import writing
-from study.runs.parts import Parts
-from study.runs.rounds import Rounds
-from study.runs.store import Run
-from study.runs.workers import Crew, Pool, Workers, kept
+from study.runs.reuse import Cut, Earlier, beside, damaged, finished, up_to_date
+from study.runs.storage.lock import writing
+from study.runs.storage.parts import Parts
+from study.runs.storage.run_folder import Run
+from study.runs.workers.dispatch import Crew, Pool, Workers, kept
 
 Progress = Callable[[float], None]
 """Told the share of the work, in [0, 1], that was done since it was told last."""
@@ -55,7 +55,7 @@ def run(
         progress: called with each share of the work.
         warn: called with lines for the user.
         reduce: makes the rows of the summary (`study.analysis.summary.of_errors`) of a study that keeps nothing else.
-        judge: finds a measure (`study.analysis.performance.measured`) for a study that asks for a precision.
+        judge: finds a measure (`study.statistics.performance.measured`) for a study that asks for a precision.
         budget: how long such a study may go on; the config's, if None.
 
     Returns:

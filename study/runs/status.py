@@ -6,16 +6,16 @@ from pathlib import Path
 
 from study.experiment.config import Study
 from study.experiment.design import spans
-from study.runs.growth import Cut, damaged, finished, up_to_date
+from study.runs.adaptive.cell_measures import Judge
+from study.runs.adaptive.checkpoint_rounds import CAP, TARGET, Rounds
 from study.runs.jobs import Asked
-from study.runs.judging import Judge
 from study.runs.layout import Layout
-from study.runs.lock import holder
-from study.runs.parts import DAMAGED, Parts
 from study.runs.provenance import described, other_version
-from study.runs.rounds import CAP, TARGET, Rounds
-from study.runs.store import Run
-from study.runs.write import RunError
+from study.runs.reuse import Cut, damaged, finished, up_to_date
+from study.runs.storage.atomic_write import RunError
+from study.runs.storage.lock import holder
+from study.runs.storage.parts import DAMAGED, Parts
+from study.runs.storage.run_folder import Run
 
 
 def printed(folder: Path, judge: Judge) -> Iterator[str]:

@@ -12,13 +12,12 @@ singular to rounding while the scatter about the mean direction is not.
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from study.sphere.compiled import CHUNK, compiled, fresh, put, total, zeros
+from study.sphere.jit import CHUNK, compiled, fresh, put, total, zeros
+from study.sphere.layouts import at, window
 from study.sphere.linalg import eigenbasis
-from study.sphere.points import at, window
-
-Floats = NDArray[np.float64]
+from study.sphere.types import Floats
 
 _FLAT = 4 * 2.0**-52
 """Least eigenvalue of K over the largest, per dimension, that is no rounding: a bound beyond it would be infinite."""

@@ -10,15 +10,14 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import special
 
-from study.sphere.bits import LANES, State, fill_words, put_back, spare, to_uniform
-from study.sphere.compiled import CHUNK, compiled, fill
-from study.sphere.heights import cap_law, to_heights
-from study.sphere.normals import to_normals
-
-Floats = NDArray[np.float64]
+from study.sphere.cap_quantile import cap_law, to_heights
+from study.sphere.jit import CHUNK, compiled, fill
+from study.sphere.sfc64 import LANES, fill_words, put_back, spare, to_uniform
+from study.sphere.types import Floats, Words
+from study.sphere.ziggurat import to_normals
 
 _EIGHTH = 0.25 * math.pi
 _S3, _S5, _S7, _S9, _S11, _S13, _S15 = ((-1.0) ** k / math.factorial(2 * k + 1) for k in range(1, 8))
@@ -159,13 +158,13 @@ def _to_directions(directions: Any, law: Any) -> None:
             _aim(directions, trial, start, length[:m])
 
 
-def draw(state: State, half_angle: float, directions: Floats, normals: Floats) -> None:
+def draw(state: Words, half_angle: float, directions: Floats, normals: Floats) -> None:
     """Draw a block of trials: directions uniform on a cap, and standard normals.
 
     Trial after trial, so that a block's first trials do not depend on how many follow.
 
     Args:
-        state: of the generators, see `study.sphere.bits`; it is moved on.
+        state: of the generators, see `study.sphere.sfc64`; it is moved on.
         half_angle: φ in radians, 0 < φ ≤ π.
         directions: receives directions (b, d, n) about the first axis, with the height t = 1 - u₁ in place of u₁.
         normals: receives numbers (b, d, n).

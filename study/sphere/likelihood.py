@@ -16,12 +16,10 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
-from study.sphere.compiled import compiled
-
-Floats = NDArray[np.float64]
+from study.sphere.jit import compiled
+from study.sphere.types import Floats
 
 
 class Reference(NamedTuple):

@@ -4,9 +4,9 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from study.sphere.compiled import compiled
+from study.sphere.jit import compiled
+from study.sphere.types import Floats
 
 _MAX_SWEEPS = 40
 _LANES = 16
@@ -183,7 +183,7 @@ def cholesky_solve(matrix: Any, right: Any) -> bool:
     return True
 
 
-def eigenbasis(matrices: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def eigenbasis(matrices: Floats) -> tuple[Floats, Floats]:
     """Eigenvalues (b, d), ascending, and eigenvectors (b, d, d), as columns, of symmetric matrices (b, d, d)."""
     values, vectors = np.empty(matrices.shape[:2]), np.empty(matrices.shape)
     diagonalise_all(matrices, values, vectors)

@@ -12,12 +12,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from study.sphere.compiled import CHUNK, compiled, fresh, put, zeros
-from study.sphere.points import BLOCK, Placed, abreast, at, extent, near, readable, window
-
-Floats = NDArray[np.float64]
+from study.sphere.jit import CHUNK, compiled, fresh, put, zeros
+from study.sphere.layouts import BLOCK, Placed, abreast, at, extent, near, readable, window
+from study.sphere.types import Floats
 
 
 @compiled

@@ -3,7 +3,7 @@
 With y = x - o for any origin o, the algebraic fit regresses |y|² on y. It needs their means and covariances, and the
 answer does not depend on o. From the points themselves o is the centroid, and the covariances are the centred
 `Moments`. Where the truth is known o can be the true centre: then they are formed from the errors alone
-(`study.sphere.joint`), and so is the answer.
+(`study.sphere.joint_moments`), and so is the answer.
 """
 
 from dataclasses import dataclass, fields
@@ -11,13 +11,11 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from study.sphere.compiled import compiled
+from study.sphere.jit import compiled
 from study.sphere.linalg import components_all, diagonalise_all
 from study.sphere.moments import Moments
-
-Floats = NDArray[np.float64]
+from study.sphere.types import Floats
 
 
 @compiled

@@ -9,7 +9,7 @@ from study.analysis.compare import compare, printed
 from study.analysis.summary import summarise
 from study.experiment.config import parse
 from study.runs.runner import run
-from study.runs.write import RunError
+from study.runs.storage.atomic_write import RunError
 
 CONFIG = """name = "pair"
 seed = 1

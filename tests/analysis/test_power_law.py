@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
-from study.analysis.measures import power_law
+from study.statistics.measures import power_law
 
 X = np.logspace(1, 5, 13)
 

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from study.analysis.performance import measured
 from study.estimators import Status
-from study.experiment.precision import Precision
+from study.experiment.precision_config import Precision
+from study.statistics.performance import measured
 
 CAP = 16_000
 REPEATS = 500

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from study.analysis.measures import UNKNOWN, quantile
+from study.statistics.measures import UNKNOWN, quantile
 
 exact = settings(derandomize=True, deadline=None)
 numbers = st.floats(-1e6, 1e6)

@@ -5,9 +5,9 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from study.analysis.calibration import FLAT, KEYS, LEVELS, by_cell, coverage, printed, trials, uniformity
 from study.estimators import Status
-from study.experiment.posterior import ChainStatus
+from study.experiment.posterior_config import ChainStatus
+from study.posterior.calibration import FLAT, KEYS, LEVELS, by_cell, coverage, printed, trials, uniformity
 
 RANKS = ["rank_1", "rank_2", "rank_radius"]
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from study.analysis.measures import inside, robust_sd
+from study.statistics.measures import inside, robust_sd
 
 
 @pytest.mark.parametrize("scale", [1e-13, 2.0, 1e9])

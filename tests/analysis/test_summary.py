@@ -6,10 +6,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from study.analysis.grouped import decade
+from study.analysis.error_groups import decade
 from study.analysis.summary import summary
 from study.estimators import Status
-from study.runs import tables
+from study.runs.storage import schemas
 
 NAN, INF = math.nan, math.inf
 OK, HIDDEN, FLAT = Status.OK, Status.NOT_POSITIVE_DEFINITE, Status.SINGULAR
@@ -52,7 +52,7 @@ def test_order_and_columns():
         ("aa", "ugdk"),
         ("aa", "lls"),
     ]
-    assert sorted(found.columns) == sorted(column.name for column in tables.summary())
+    assert sorted(found.columns) == sorted(column.name for column in schemas.summary())
 
 
 def test_statuses_are_counted(by_hand):

@@ -8,7 +8,8 @@ import pytest
 from study.analysis.summary import printed, summarise, summary
 from study.estimators import Status
 from study.experiment.config import parse
-from study.runs import runner, tables
+from study.runs import runner
+from study.runs.storage import schemas
 
 HEAD = 'name = "test"\nseed = 1\nestimators = ["lls", "ugdk"]\n[design]\ntrials = 40\n'
 GRID = HEAD + 'kind = "grid"\nsamples = [5, 40]\nnoise = [0.01, 0.5]\nangle = 30\ncenter = [0, 1]\n'
@@ -36,7 +37,7 @@ def test_stored_is_computed(run):
     """The stored table is the computed one, in the declared columns and order."""
     stored = run.table("summary")
     computed = summary(run.table("errors"), by_decade=run.study.design.kind == "random")
-    assert list(stored.columns) == [column.name for column in tables.summary()]
+    assert list(stored.columns) == [column.name for column in schemas.summary()]
     for name in stored.columns:
         pd.testing.assert_series_equal(stored[name], computed[name], check_dtype=False, check_categorical=False)
 

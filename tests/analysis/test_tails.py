@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from study.analysis.measures import Measure, moments_exist, tail_index
+from study.statistics.measures import Measure, moments_exist, tail_index
 
 SIZE = 20_000
 

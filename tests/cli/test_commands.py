@@ -8,7 +8,7 @@ import sys
 from study.analysis.summary import printed
 from study.experiment.config import parse
 from study.runs.plan import plan
-from study.runs.store import Run
+from study.runs.storage.run_folder import Run
 
 
 def test_run(finished):

@@ -5,7 +5,7 @@ import signal
 
 import pytest
 
-from study.runs.parts import Parts
+from study.runs.storage.parts import Parts
 
 # 200 units, of which the gate lets some pass
 LONG = """name = "long"

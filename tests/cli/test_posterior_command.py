@@ -5,10 +5,10 @@ import signal
 
 import pytest
 
-from study.analysis.posterior import compute, printed, tasks
 from study.experiment.config import parse
-from study.runs.parts import Parts
-from study.runs.store import Run
+from study.posterior.run import compute, printed, tasks
+from study.runs.storage.parts import Parts
+from study.runs.storage.run_folder import Run
 
 NAMES = ["answers", "draws", "posterior"]
 ASKED = '\n[posterior]\ntrials = 2\nwalkers = 16\nmax_steps = 100\nwhere = { samples = 20 }\nnoise = "known"\n'

@@ -2,7 +2,7 @@
 
 import pytest
 
-from study.runs.store import Run
+from study.runs.storage.run_folder import Run
 
 CONFIG = """name = "need"
 seed = 1

@@ -5,7 +5,7 @@ import shutil
 import pandas as pd
 import pytest
 
-from study.mocap.origin import digest_of
+from study.mocap.io.origin import digest_of
 
 BAD = "case-study-scatter.parquet"
 

@@ -6,11 +6,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from study.analysis import replayed
+from study.analysis import trial_report
+from study.experiment.compute_unit import compute
 from study.experiment.design import units
 from study.experiment.replay import find, replay
-from study.experiment.work import compute
-from study.runs.store import Run
+from study.runs.storage.run_folder import Run
 
 AXES = ["x_1", "x_2", "x_3"]
 
@@ -55,7 +55,9 @@ def test_replay(call, call_here, finished):
     for word, way in ((cell, call), (cell[:6], call_here)):
         code, said, complained = way(folder, "replay", "out", word, trial)
         assert (code, complained) == (0, "")
-        assert said.splitlines() == list(replayed.printed(run.study, replay(run.study, find(run.study, cell, trial))))
+        assert said.splitlines() == list(
+            trial_report.printed(run.study, replay(run.study, find(run.study, cell, trial)))
+        )
     assert f"{row['error']:.3g}" in said
     assert row["estimator"] in said
     assert sorted(path.name for path in folder.iterdir()) == ["out", "tiny.toml"]

@@ -5,7 +5,7 @@ import shutil
 import pandas as pd
 import pytest
 
-from study.runs import tables
+from study.runs.storage import schemas
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +88,7 @@ def test_a_cost_table(call_here, folder, monkeypatch):
     def judge_all(runs, cost, spreads):
         assert spreads is None
         given.append(([str(run.folder) for run in runs], str(cost)))
-        return pd.DataFrame(columns=[column.name for column in tables.CLAIMS])
+        return pd.DataFrame(columns=[column.name for column in schemas.CLAIMS])
 
     monkeypatch.setattr("study.analysis.claims.judge_all", judge_all)
     arguments = ["out", "--cost", "some.parquet", "--out", "cost.html"]

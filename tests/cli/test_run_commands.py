@@ -8,9 +8,9 @@ import study
 from study.experiment.config import parse
 from study.experiment.design import spans
 from study.runs.jobs import Asked, Order, execute
-from study.runs.lock import writing
-from study.runs.parts import FORMAT, Parts
-from study.runs.store import Run
+from study.runs.storage.lock import writing
+from study.runs.storage.parts import FORMAT, Parts
+from study.runs.storage.run_folder import Run
 
 
 @pytest.fixture
@@ -201,7 +201,7 @@ def test_wrong_backends(call_here, config, tmp_path, words):
 
 def test_a_scheduler_that_does_not_answer(call_here, config, tmp_path, monkeypatch):
     """Code 1, one line, nothing written."""
-    monkeypatch.setattr("study.runs.cluster._PATIENCE", 0.5)
+    monkeypatch.setattr("study.runs.workers.dask_cluster._PATIENCE", 0.5)
     (tmp_path / "tiny.toml").write_text(config)
     words = ["--backend", "dask", "--scheduler", "tcp://127.0.0.1:9"]
     refused(call_here(tmp_path, "run", "tiny.toml", *words), 1, "tcp://127.0.0.1:9", "no scheduler answers there")

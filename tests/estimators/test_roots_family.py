@@ -13,7 +13,7 @@ from scipy.linalg import eig
 import study
 from study import Status
 from study.estimators import Samples
-from study.estimators.roots import root
+from study.estimators.algebraic import root
 from study.sphere.cap import sample_cap
 
 KAPPA = {"taubin": lambda d: 0.0, "pratt": lambda d: -4.0, "hyper": lambda d: -d * d, "als": lambda d: 2.0 * d}

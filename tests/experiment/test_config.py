@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from study.experiment.config import Study, load, parse, read
-from study.experiment.laws import Constant
+from study.experiment.distributions import Constant
 
 CONFIGS = sorted((Path(__file__).parents[2] / "configs").glob("*.toml"))
 

@@ -7,7 +7,7 @@ import pytest
 
 import study
 from study.experiment.config import ConfigError, load, parse
-from study.experiment.posterior import Posterior
+from study.experiment.posterior_config import Posterior
 
 CONFIGS = Path(study.__file__).parents[1] / "configs"
 GRID = """name = "test"

@@ -5,8 +5,8 @@ import math
 import pytest
 
 from study.experiment.config import ConfigError, Study, parse
-from study.experiment.precision import MEASURES, Precision
-from study.runs import tables
+from study.experiment.precision_config import MEASURES, Precision
+from study.runs.storage import schemas
 
 GRID = """name = "test"
 seed = 1
@@ -54,7 +54,7 @@ def test_defaults_are_those_of_the_documentation():
 
 def test_measures_are_those_of_the_summary():
     """The names that a config may give are those of the summary's columns that have an error beside them."""
-    names = [column.name for column in tables.summary()]
+    names = [column.name for column in schemas.summary()]
     assert set(MEASURES) == {name.removesuffix("_error") for name in names if name.endswith("_error")}
     for name in MEASURES:
         assert parse(asked("target = 0.01", f'measure = "{name}"')).precision.measure == name

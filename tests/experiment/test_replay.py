@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 import study
-from study.analysis import replayed
+from study.analysis import trial_report
 from study.estimators import Status
+from study.experiment.compute_unit import compute, stack
 from study.experiment.design import units
 from study.experiment.replay import ReplayError, addresses, find, replay
-from study.experiment.work import compute, stack
 
 KEPT = 3
 GRID = {"trials": 5, "samples": [6, 40], "noise": [0.05, 0.5], "angle": [60, 180], "radius": 2.0, "center": 3.0}
@@ -64,7 +64,7 @@ def test_the_points_are_the_stored_ones(made):
             if not len(kept["trial"]):
                 continue  # of a random design, where each cell has one trial
             again = replay(made, find(made, cell, trial))
-            frame = replayed.points(again)
+            frame = trial_report.points(again)
             names = [f"x_{i + 1}" for i in range(made.dimension)]
             assert list(frame.columns) == names
             np.testing.assert_array_equal(frame.to_numpy(), np.column_stack([kept[name] for name in names]))
@@ -81,7 +81,7 @@ def test_the_answers_are_the_error_tables_rows(made):
     for cell in list(dict.fromkeys(errors["cell"]))[::7]:
         for trial in np.unique(chosen(errors, cell=cell)["trial"])[-2:].tolist():
             again = replay(made, find(made, cell, trial))
-            found, told = replayed.answers(made, again), chosen(errors, cell=cell, trial=trial)
+            found, told = trial_report.answers(made, again), chosen(errors, cell=cell, trial=trial)
             assert list(found["estimator"]) == list(told["estimator"]) == list(made.estimators)
             same = {"error": "error", "axis": "error_1", "radius_error": "radius_error", "condition": "condition"}
             for mine, theirs in (same | {"iterations": "iterations"}).items():
@@ -193,7 +193,7 @@ def test_what_is_printed(make_study, d):
     """A line of the trial, three of its truth, and a table of a line per estimator with the answers' digits."""
     made = make_study({"dimension": d, "estimators": ["mle", "lls", "ugdk"]}, center=6.0, radius=2.0, samples=5)
     trial = replay(made, next(addresses(made)))
-    lines = list(replayed.printed(made, trial))
+    lines = list(trial_report.printed(made, trial))
     assert lines[0] == f"{made.run_name()}, cell {trial.cell.name}, trial 0"
     assert lines[1] == "  N = 5, σ = 0.1 (0.05 r), φ = 90°"
     assert lines[2] == f"  true centre ({', '.join([f'{6.0 / d**0.5:.9g}'] * d)}), radius 2"
@@ -203,7 +203,7 @@ def test_what_is_printed(make_study, d):
     assert lines[3] == told
     assert lines[4].split()[:4] == ["estimator", "error", "over", "bound"]
     assert len(lines) == 8
-    for line, row in zip(lines[5:], replayed.answers(made, trial).to_dict("records"), strict=True):
+    for line, row in zip(lines[5:], trial_report.answers(made, trial).to_dict("records"), strict=True):
         cells = line.split()
         numbers = [row[name] for name in ("error", "over_bound", "axis", "radius_error", "noise", "condition")]
         assert cells[0] == row["estimator"]

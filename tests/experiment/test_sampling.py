@@ -5,9 +5,9 @@ from itertools import combinations
 import numpy as np
 import pytest
 
+from study.experiment.compute_unit import compute
 from study.experiment.design import units
 from study.experiment.sampling import draw
-from study.experiment.work import compute
 
 EPS = np.finfo(float).eps
 LEVELS = {"noise": [0.5, 2.0, 8.0], "radius": [1, 3], "center": [0, 4]}

@@ -63,7 +63,7 @@ REDRAW = """
 import sys
 from pathlib import Path
 from study.figures import draw_all
-from study.runs.store import Run
+from study.runs.storage.run_folder import Run
 for folder in sys.argv[2:]:
     draw_all(Run.open(Path(folder)), Path(sys.argv[1]))
 sys.exit("pyplot is not needed" if "matplotlib.pyplot" in sys.modules else 0)

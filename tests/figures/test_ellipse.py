@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from study.estimators import Status
-from study.figures import dataset, fig3_gdke_ellipse, fig4_ugdk_ellipse, fig5_methods
+from study.figures import arc_data, fig3_gdke_ellipse, fig4_ugdk_ellipse, fig5_methods
 from study.figures.inputs import NotApplicable
 
 FIGURES = [fig3_gdke_ellipse, fig4_ugdk_ellipse, fig5_methods]
@@ -14,12 +14,12 @@ FIGURES = [fig3_gdke_ellipse, fig4_ugdk_ellipse, fig5_methods]
 def test_reach_is_the_chi_square_quantile():
     """The ellipse's reach is √χ²₂."""
     for level in (0.5, 0.68, 0.95):
-        np.testing.assert_allclose(dataset.reach(level) ** 2, stats.chi2.ppf(level, 2))
+        np.testing.assert_allclose(arc_data.reach(level) ** 2, stats.chi2.ppf(level, 2))
 
 
 def test_spread_of_gaussian_errors(circle_tables):
     """Median and robust standard deviation are those of the Gaussian that the errors were drawn from, in radii."""
-    data = dataset.choose(circle_tables, ["gdke"])
+    data = arc_data.choose(circle_tables, ["gdke"])
     error = 4.0 / np.sqrt(3000)  # four standard errors, of quantiles that have at most 1.6 of a mean's
     for name, bias in (("gdke", 0.5), ("ugdk", 0.0)):
         spread = data.spreads[name]
@@ -30,19 +30,19 @@ def test_spread_of_gaussian_errors(circle_tables):
 
 def test_coverage_of_gaussian_errors(circle_tables):
     """An unbiased Gaussian's 95 % ellipses hold the truth in 95 % of the trials; GDKE's, five sd off, hardly ever."""
-    data = dataset.choose(circle_tables, ["gdke"])
+    data = arc_data.choose(circle_tables, ["gdke"])
     assert abs(data.spreads["ugdk"].covered - 2850) < 4 * np.sqrt(3000 * 0.95 * 0.05) + 30
     assert data.spreads["gdke"].covered < 60  # P(N(5, 1) < 2.45) = 0.5 %, with room
 
 
 def test_failed_fits_are_left_out_of_the_spread_and_not_covered(circle_tables):
     """A wild fit that is not ok moves nothing, and is not among the ok ones."""
-    before = dataset.choose(circle_tables, ["gdke"]).spreads["ugdk"]
+    before = arc_data.choose(circle_tables, ["gdke"]).spreads["ugdk"]
     errors = circle_tables.errors
     wild = errors.index[errors["estimator"] == "ugdk"][10:1010]
     errors.loc[wild, ["error_1", "error_2"]] = 1e12
     errors.loc[wild, "status"] = Status.NOT_POSITIVE_DEFINITE
-    after = dataset.choose(circle_tables, ["gdke"]).spreads["ugdk"]
+    after = arc_data.choose(circle_tables, ["gdke"]).spreads["ugdk"]
     assert after.ok == 2000
     assert after.covered < before.covered - 900
     np.testing.assert_allclose(after.sd, before.sd, rtol=0.15)
@@ -57,7 +57,7 @@ def test_all_figures_show_the_same_kept_trial(circle_tables):
 
 def test_positions_are_in_radii_from_the_true_centre(circle_tables):
     """Points lie on the unit circle about the origin, and a fit is where its error vector says."""
-    data = dataset.choose(circle_tables, ["gdke"])
+    data = arc_data.choose(circle_tables, ["gdke"])
     np.testing.assert_allclose(np.hypot(data.points["x"], data.points["y"]), 1.0)
     row = circle_tables.errors.query("estimator == 'mle' and trial == 3").iloc[0]
     circle = data.fits["mle"]
@@ -91,7 +91,7 @@ def test_figures_3_and_4_share_a_window_that_holds_both_ellipses(circle_tables):
     left, right, bottom, top = one.window
     for frame in (one, other):
         fit = frame.data.fits[frame.estimator]
-        wide, tall = dataset.reach(0.95) * np.array(frame.spread.sd)
+        wide, tall = arc_data.reach(0.95) * np.array(frame.spread.sd)
         assert left < fit.x - wide
         assert fit.x + wide < right
         assert bottom < fit.y - tall

@@ -8,11 +8,11 @@ from matplotlib.colors import to_hex
 from matplotlib.patches import Circle
 
 import study
-from study.analysis.measures import quantile
 from study.estimators import mgdk
 from study.figures import fig6_mgdk, style
 from study.figures.inputs import NotApplicable
 from study.sphere.cap import sample_cap
+from study.statistics.measures import quantile
 
 CENTER = np.array([3.0, -4.0])
 RADII = {"inner": 1.2, "outer": 2.0}

@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 from study.estimators import Status
-from study.experiment.posterior import ChainStatus
+from study.experiment.posterior_config import ChainStatus
 from study.figures import fig_calibration, style
 from study.figures.inputs import NotApplicable
 

@@ -11,7 +11,7 @@ import pytest
 from scipy import stats
 
 from study.estimators import Status
-from study.experiment.posterior import ChainStatus
+from study.experiment.posterior_config import ChainStatus
 from study.figures import fig_posterior, style
 from study.figures.inputs import NotApplicable
 

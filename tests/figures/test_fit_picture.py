@@ -8,7 +8,7 @@ from matplotlib.patches import Circle, Ellipse
 import study
 from study.estimators import Status
 from study.figures import style
-from study.figures.fit import draw, prepare
+from study.figures.fit_plot import draw, prepare
 
 NAMES = ["x", "y", "z", "w"]
 

@@ -7,14 +7,14 @@ import c3d
 import numpy as np
 import pytest
 
-from study.mocap.joints import find_joints
-from study.mocap.match import choose
-from study.mocap.phases import calibrate, calibrated
-from study.mocap.reading import read_recording
-from study.mocap.recording import Recording
-from study.mocap.setfile import load_markerset
-from study.mocap.staging import Shown, stage
-from study.mocap.synthetic import Recipe, synthesize
+from study.mocap.io.reading import read_recording
+from study.mocap.io.recording import Recording
+from study.mocap.joints.fit_joints import find_joints
+from study.mocap.markersets.match import choose
+from study.mocap.markersets.set_file import load_markerset
+from study.mocap.skeleton.make_scene import Shown, stage
+from study.mocap.skeleton.phases import calibrate, calibrated
+from study.mocap.synthetic.generate import Recipe, synthesize
 
 
 def shared(name):

@@ -7,9 +7,9 @@ import pandas as pd
 import pytest
 
 from study import cli
-from study.mocap.export import write_recording
-from study.mocap.recording import Recording
-from study.mocap.synthetic import Recipe, synthesize
+from study.mocap.io.recording import Recording
+from study.mocap.synthetic.export import write_recording
+from study.mocap.synthetic.generate import Recipe, synthesize
 
 FILES = ["bones.parquet", "calibration.json", "fig1_skeleton.png", "fig1_skeleton.svg", "motion.json"]
 FILES += ["skeleton.bvh", "skeleton.parquet", "viewer.html"]
@@ -85,7 +85,7 @@ def test_a_recording_of_something_else(call, tmp_path, small):
     code, said, complained = call("recording", path)
     assert (code, complained) == (0, "")
     assert "no marker set fits: with none of cmu41, plug-in-gait" in said
-    refused(call("joints", path), "other: no marker set fits", "copy configs/markersets/cmu41.toml")
+    refused(call("joints", path), "other: no marker set fits", "copy study/mocap/markersets/cmu41.toml")
 
 
 def test_joints(call, body, tmp_path):
@@ -174,7 +174,7 @@ def test_video(call, drawn, tmp_path):
 def test_without_the_extra(call, body, monkeypatch, module, arguments):
     """What is not installed is named, with what installs it."""
     monkeypatch.setitem(sys.modules, module, None)
-    monkeypatch.delitem(sys.modules, "study.mocap.c3dfile", raising=False)
+    monkeypatch.delitem(sys.modules, "study.mocap.io.c3d_file", raising=False)
     refused(call("skeleton", body[0], *arguments), "needs", "pip install '.[mocap]'")
 
 

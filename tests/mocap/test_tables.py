@@ -7,10 +7,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from study.mocap.jointlines import agreed
-from study.mocap.opening import folder_for
-from study.mocap.recording import RecordingError
-from study.mocap.skeletontable import bone_table, printed, skeleton_table
+from study.mocap.io.recording import RecordingError
+from study.mocap.joints.joint_report import agreed
+from study.mocap.open_recording import folder_for
+from study.mocap.skeleton.skeleton_table import bone_table, printed, skeleton_table
 
 
 def test_a_row_per_frame_and_joint(scene):

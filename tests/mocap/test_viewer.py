@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from study.mocap.exchange import motion, write_motion
-from study.mocap.webpage import write_viewer
+from study.mocap.view.scene_json import motion, write_motion
+from study.mocap.view.webpage import write_viewer
 
 JOINT = """name => viewer.stage.joints[viewer.motion.joints.findIndex(j => j.name === name)].position.toArray()"""
 OVERFLOW = "document.documentElement.scrollWidth - document.documentElement.clientWidth"

@@ -6,9 +6,9 @@ import math
 import pandas as pd
 import pytest
 
-from study.analysis.claims.ledger import Verdict
+from study.analysis.claims.claim import Verdict
 from study.report import render
-from study.runs import tables
+from study.runs.storage import schemas
 
 MANY = """
 name = "many"
@@ -57,7 +57,7 @@ def make_claims():
 
     def make(*rows):
         frame = [claim(number, verdict, **columns) for number, (verdict, columns) in enumerate(rows, start=1)]
-        return pd.DataFrame(frame, columns=[column.name for column in tables.CLAIMS])
+        return pd.DataFrame(frame, columns=[column.name for column in schemas.CLAIMS])
 
     return make
 

@@ -12,14 +12,14 @@ import pytest
 from matplotlib.figure import Figure
 
 from study import report
-from study.analysis.claims.ledger import Verdict
+from study.analysis.claims.claim import Verdict
 from study.estimators import Status
 from study.figures import FIGURES, NotApplicable, Tables
 from study.report import page as pages
 from study.report import render, save
 from study.report.blocks import Badge, Row, Section, Table, Text
 from study.report.words import timed
-from study.runs.store import Run, RunError
+from study.runs.storage.run_folder import Run, RunError
 
 LEAST = {"fig2_error", "fig3_gdke_ellipse", "fig4_ugdk_ellipse", "fig5_methods", "fig7_power_law"}
 
@@ -332,7 +332,7 @@ import sys
 from pathlib import Path
 import pandas as pd
 from study.report import render, save
-from study.runs.store import Run
+from study.runs.storage.run_folder import Run
 *folders, claims, out = map(Path, sys.argv[1:])
 save(render([Run.open(folder) for folder in folders], pd.read_pickle(claims)), out)
 """

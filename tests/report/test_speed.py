@@ -7,7 +7,7 @@ from study.report import read_bench, render
 from study.report.blocks import Table
 from study.report.material import Material
 from study.report.speed import COLUMNS, speed_section
-from study.runs.write import RunError
+from study.runs.storage.atomic_write import RunError
 
 ROWS = """group,what,cost,measured,ratio,aim,machine
 "loop, per sample",filling memory,36.2,ns,1,,Some CPU

@@ -70,9 +70,9 @@ def small_units(monkeypatch):
 @pytest.fixture
 def small_parts(monkeypatch):
     """A part for every unit, so that a small study has many."""
-    monkeypatch.setattr("study.runs.workers.Pool.enough", 0.0)
-    monkeypatch.setattr("study.runs.parts._SECONDS", 0.0)
-    monkeypatch.setattr("study.runs.parts._SHARE", 0.0)
+    monkeypatch.setattr("study.runs.workers.dispatch.Pool.enough", 0.0)
+    monkeypatch.setattr("study.runs.storage.parts._SECONDS", 0.0)
+    monkeypatch.setattr("study.runs.storage.parts._SHARE", 0.0)
 
 
 @pytest.fixture

@@ -19,14 +19,16 @@ from pathlib import Path
 
 import psutil
 
-from study.analysis.performance import measured
 from study.experiment import design
 from study.experiment.config import parse
-from study.runs import jobs, parts, runner, workers
-from study.runs.write import RunError
+from study.runs import jobs, runner
+from study.runs.storage import parts
+from study.runs.storage.atomic_write import RunError
+from study.runs.workers import dispatch
+from study.statistics.performance import measured
 
 design._SAMPLES_PER_UNIT = 500  # one block in a unit, and one unit in a part
-workers.Pool.enough = 0.0
+dispatch.Pool.enough = 0.0
 parts._SECONDS = parts._SHARE = 0.0
 FULL = 3
 
@@ -100,7 +102,7 @@ def serve(request, log):
             sync(handle)
 
         os.fsync = full
-    crew = workers.Workers(request.get("backend", "threads"), 2)
+    crew = dispatch.Workers(request.get("backend", "threads"), 2)
     progress = killer(request["kill_workers"], log) if "kill_workers" in request else None
     try:
         study, folder = parse(request["config"]), Path(request["folder"])

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 import study
-from study.runs.workers import Workers
-from study.runs.write import RunError
+from study.runs.storage.atomic_write import RunError
+from study.runs.workers.dispatch import Workers
 
 pytestmark = pytest.mark.usefixtures("same_software")
 
@@ -26,8 +26,8 @@ def tables(run):
 def one_unit_in_a_task(monkeypatch):
     """Many small tasks, so that all workers have some."""
     monkeypatch.setattr("study.experiment.design._SAMPLES_PER_UNIT", 500)
-    monkeypatch.setattr("study.runs.workers.Pool.enough", 0.0)
-    monkeypatch.setattr("study.runs.cluster.Cluster.enough", 0.0)
+    monkeypatch.setattr("study.runs.workers.dispatch.Pool.enough", 0.0)
+    monkeypatch.setattr("study.runs.workers.dask_cluster.Cluster.enough", 0.0)
 
 
 @pytest.fixture
@@ -102,7 +102,7 @@ def test_dask_with_a_worker_killed_midway(start, expected, cluster, gate, wait_f
             killed.append(worker)
             (gate / "open").touch()
 
-    monkeypatch.setattr("study.runs.cluster._PATIENCE", 600.0)  # a busy machine may answer late
+    monkeypatch.setattr("study.runs.workers.dask_cluster._PATIENCE", 600.0)  # a busy machine may answer late
     monkeypatch.setattr("study.runs.runner.execute", held.execute)
     run = start(jobs=Workers("dask", 2, address), progress=progress, **ENTRIES)
     assert len(killed) == 1
@@ -115,7 +115,7 @@ def test_dask_with_a_worker_killed_midway(start, expected, cluster, gate, wait_f
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nonsense://x", "127.0.0.1:notaport"])
 def test_no_scheduler(start, tmp_path, monkeypatch, address):
     """An address where none answers: one line that names it, and nothing is written."""
-    monkeypatch.setattr("study.runs.cluster._PATIENCE", 0.5)
+    monkeypatch.setattr("study.runs.workers.dask_cluster._PATIENCE", 0.5)
     with pytest.raises(RunError, match="no scheduler answers there") as told:
         start(jobs=Workers("dask", 2, address), folder=tmp_path / "run")
     assert address in str(told.value)

@@ -8,8 +8,8 @@ import pytest
 
 import study
 from study.runs import finish
-from study.runs.parts import Parts
-from study.runs.write import RunError
+from study.runs.storage.atomic_write import RunError
+from study.runs.storage.parts import Parts
 
 pytestmark = pytest.mark.usefixtures("same_software", "small_units", "small_parts")
 

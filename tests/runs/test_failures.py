@@ -7,8 +7,8 @@ import pytest
 import study
 from study.estimators import Status
 from study.runs import jobs as module
-from study.runs import workers
 from study.runs.finish import complaint
+from study.runs.workers import dispatch
 
 pytestmark = pytest.mark.usefixtures("same_software", "small_units")
 
@@ -66,7 +66,7 @@ def test_no_failures_no_table(start):
     assert not run.has("failures")
 
 
-class Broken(workers.Threads):
+class Broken(dispatch.Threads):
     """Workers that die of some cells."""
 
     deadly: frozenset[str] = frozenset()
@@ -81,7 +81,7 @@ class Broken(workers.Threads):
             names = {cell.name for job in items for cell in job.span.group.cells}
             if names & kind.deadly and not (kind.once and kind.deaths):
                 kind.deaths += 1
-                raise workers.BrokenExecutor("gone")
+                raise dispatch.BrokenExecutor("gone")
             return function(shared, items)
 
         return self._pool.submit(call)
@@ -91,7 +91,7 @@ class Broken(workers.Threads):
 def deadly(monkeypatch, start):
     """Let workers die of one cell of a study with independent draws; its name."""
     name = start({"estimators": ["lls"]}, draws="independent").table("errors")["cell"].astype(str).iloc[10]
-    monkeypatch.setattr(workers, "Threads", Broken)
+    monkeypatch.setattr(dispatch, "Threads", Broken)
     monkeypatch.setattr(Broken, "deadly", frozenset([name]))
     monkeypatch.setattr(Broken, "deaths", 0)
     return name

@@ -15,8 +15,8 @@ import study
 from study.experiment.config import parse
 from study.experiment.design import spans
 from study.runs.jobs import Asked
-from study.runs.parts import DAMAGED, Parts
-from study.runs.store import Run
+from study.runs.storage.parts import DAMAGED, Parts
+from study.runs.storage.run_folder import Run
 
 CONFIG = """name = "fragile"
 seed = 5

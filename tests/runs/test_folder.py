@@ -5,8 +5,8 @@ import pytest
 from study.experiment.config import parse
 from study.experiment.design import spans
 from study.runs.jobs import Asked, Order, execute
-from study.runs.parts import Parts
-from study.runs.store import Run, RunError
+from study.runs.storage.parts import Parts
+from study.runs.storage.run_folder import Run, RunError
 
 pytestmark = pytest.mark.usefixtures("same_software")
 

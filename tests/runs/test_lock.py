@@ -8,15 +8,15 @@ import sys
 
 import pytest
 
-from study.runs.lock import holder, writing
-from study.runs.write import RunError
+from study.runs.storage.atomic_write import RunError
+from study.runs.storage.lock import holder, writing
 
 pytestmark = pytest.mark.usefixtures("same_software")
 
 HOLD = """
 import sys
 from pathlib import Path
-from study.runs.lock import writing
+from study.runs.storage.lock import writing
 with writing(Path(sys.argv[1])):
     print("held", flush=True)
     sys.stdin.read()

@@ -6,9 +6,9 @@ from types import SimpleNamespace
 import pyarrow as pa
 import pytest
 
-from study.runs import parts as module
-from study.runs.parts import DAMAGED, FORMAT, Packet, Parts
-from study.runs.write import RunError
+from study.runs.storage import parts as module
+from study.runs.storage.atomic_write import RunError
+from study.runs.storage.parts import DAMAGED, FORMAT, Packet, Parts
 
 
 @pytest.fixture(autouse=True)

@@ -6,15 +6,16 @@ import shutil
 import numpy as np
 import pytest
 
-from study.analysis.performance import measured
 from study.analysis.summary import printed, summarise, summary
 from study.experiment.config import parse
-from study.runs import judging, runner
-from study.runs.budget import Budget
-from study.runs.rounds import Rounds
+from study.runs import runner
+from study.runs.adaptive import cell_measures
+from study.runs.adaptive.checkpoint_rounds import Rounds
+from study.runs.adaptive.time_budget import Budget
 from study.runs.status import printed as status
-from study.runs.store import RunError
-from study.runs.workers import Workers
+from study.runs.storage.run_folder import RunError
+from study.runs.workers.dispatch import Workers
+from study.statistics.performance import measured
 
 pytestmark = pytest.mark.usefixtures("same_software")
 
@@ -184,7 +185,7 @@ def test_most_samples_is_a_cap(go):
 def test_few_rows_at_a_time(go, monkeypatch):
     """Judged in pieces of a group, the decisions are the same."""
     usual = told(go())
-    monkeypatch.setattr(judging, "_ROWS", 700)
+    monkeypatch.setattr(cell_measures, "_ROWS", 700)
     assert told(go(folder="pieces")) == usual
 
 

@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import pytest
 
 import study
-from study.runs import parts as parts_module
-from study.runs.parts import DAMAGED, Parts
+from study.runs.storage import parts as parts_module
+from study.runs.storage.parts import DAMAGED, Parts
 
 pytestmark = pytest.mark.usefixtures("same_software", "small_units", "small_parts")
 
@@ -133,7 +133,7 @@ def test_damaged_tables_are_made_again(start, name, harm):
 
 def test_a_run_killed_between_tables_and_manifest(start, stopped, monkeypatch):
     """The parts are there until the manifest is; so the last step is done again."""
-    from study.runs.store import Run
+    from study.runs.storage.run_folder import Run
 
     with monkeypatch.context() as patch:
         patch.setattr(Run, "save_manifest", lambda *_: (_ for _ in ()).throw(Stop))

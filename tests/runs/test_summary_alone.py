@@ -8,14 +8,14 @@ import study
 from study.analysis.summary import of_errors, summarise
 from study.estimators import Status
 from study.estimators.fit import Estimator
+from study.experiment.compute_unit import compute
 from study.experiment.config import parse
 from study.experiment.design import units
 from study.experiment.errors import Errors
-from study.experiment.work import compute
 from study.runs import runner
-from study.runs.store import Run
-from study.runs.workers import Workers
-from study.runs.write import RunError
+from study.runs.storage.atomic_write import RunError
+from study.runs.storage.run_folder import Run
+from study.runs.workers.dispatch import Workers
 
 pytestmark = pytest.mark.usefixtures("same_software")
 
@@ -77,8 +77,8 @@ def test_rows_from_arrays_are_rows_from_tables(make_text):
 
 def test_a_run_that_stops_goes_on(keep, computed, monkeypatch):
     """What was finished is not computed again; a finished run computes nothing; a damaged summary is made again."""
-    monkeypatch.setattr("study.runs.workers.Pool.enough", 0.0)
-    monkeypatch.setattr("study.runs.parts._SECONDS", 0.0)
+    monkeypatch.setattr("study.runs.workers.dispatch.Pool.enough", 0.0)
+    monkeypatch.setattr("study.runs.storage.parts._SECONDS", 0.0)
     whole = keep("whole")
     everything = list(computed)
 

@@ -5,8 +5,8 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
+from study.sphere.layouts import BLOCK
 from study.sphere.moments import Moments, merge_into
-from study.sphere.points import BLOCK
 
 EPS = np.finfo(float).eps
 SIZES = [1, 2, 5, 511, 512, 513, 1024, 1025]

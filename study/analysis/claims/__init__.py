@@ -9,9 +9,9 @@ from pathlib import Path
 import pandas as pd
 
 from study.analysis.claims import bias, bound, costs, errors, markers, outliers, power, recordings, ugdk
-from study.analysis.claims.ledger import Claim, Evidence, Verdict, evaluate, frame
-from study.runs import tables
-from study.runs.store import Run
+from study.analysis.claims.claim import Claim, Evidence, Verdict, evaluate, frame
+from study.runs.storage import schemas
+from study.runs.storage.run_folder import Run
 
 CLAIMS: tuple[Claim, ...] = (
     *errors.CLAIMS,
@@ -34,10 +34,10 @@ def judge_all(runs: Iterable[Run], cost: Path | None = None, spreads: pd.DataFra
     Args:
         runs: finished runs, of different configs.
         cost: the file of a cost table, as `study cost` writes it.
-        spreads: of the joints of recordings, as `study.mocap.casetables` reads them.
+        spreads: of the joints of recordings, as `study.mocap.case_study.stored_tables` reads them.
 
     Returns:
-        The claims table: a row per claim; columns as `study.runs.tables.CLAIMS` declares them.
+        The claims table: a row per claim; columns as `study.runs.storage.schemas.CLAIMS` declares them.
 
     Raises:
         RunError: if two runs have one name, or the cost table cannot be read.
@@ -48,8 +48,8 @@ def judge_all(runs: Iterable[Run], cost: Path | None = None, spreads: pd.DataFra
 
 def save(run: Run, claims: pd.DataFrame) -> None:
     """Store the claims table in a run's folder."""
-    data = {column.name: claims[column.name].to_numpy() for column in tables.CLAIMS}
-    run.save("claims", tables.table(tables.CLAIMS, data))
+    data = {column.name: claims[column.name].to_numpy() for column in schemas.CLAIMS}
+    run.save("claims", schemas.table(schemas.CLAIMS, data))
 
 
 def printed(claims: pd.DataFrame) -> Iterator[str]:

@@ -4,11 +4,10 @@ import math
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy import stats
 
-from study.analysis.claims.ledger import Claim, Evidence, Number, Verdict
-from study.analysis.claims.measured import (
+from study.analysis.claims.claim import Claim, Evidence, Number, Verdict
+from study.analysis.claims.shared_measures import (
     LEAST,
     WHOLE,
     beside,
@@ -21,10 +20,9 @@ from study.analysis.claims.measured import (
     with_all,
     with_trials,
 )
-from study.analysis.measures import UNKNOWN, Measure, mean, moments_exist, share, tail_index
 from study.sphere.cap import cap_moments
-
-Floats = NDArray[np.float64]
+from study.sphere.types import Floats
+from study.statistics.measures import UNKNOWN, Measure, mean, moments_exist, share, tail_index
 
 _BEFORE_SATURATION = 0.15
 """Bias is σ²/v to 2 % where σ is below this share of √v, v being the points' variance along the axis."""

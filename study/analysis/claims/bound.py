@@ -10,8 +10,9 @@ from itertools import pairwise
 import pandas as pd
 from scipy import stats
 
-from study.analysis.claims.ledger import Claim, Evidence, Number, Verdict
-from study.analysis.claims.measured import (
+from study.analysis.asymptotics import bound_shares, kappa, ugdk_variance
+from study.analysis.claims.claim import Claim, Evidence, Number, Verdict
+from study.analysis.claims.shared_measures import (
     LEAST,
     WHOLE,
     At,
@@ -24,9 +25,8 @@ from study.analysis.claims.measured import (
     on_par,
     over,
 )
-from study.analysis.expected import bound_shares, kappa, ugdk_variance
-from study.analysis.measures import Measure, mean, moments_exist, quantile, root_mean_square, tail_index
 from study.sphere.cap import CapMoments, cap_moments
+from study.statistics.measures import Measure, mean, moments_exist, quantile, root_mean_square, tail_index
 
 _GRID = ("mle", "gdke", "ugdk")
 _NORMAL_MEDIAN = float(stats.norm.ppf(0.75))

@@ -8,9 +8,9 @@ import math
 import numpy as np
 import pandas as pd
 
-from study.analysis.claims.ledger import Claim, Evidence, Number, Verdict
-from study.analysis.claims.measured import formed, of, within
-from study.analysis.measures import quantile, share
+from study.analysis.claims.claim import Claim, Evidence, Number, Verdict
+from study.analysis.claims.shared_measures import formed, of, within
+from study.statistics.measures import quantile, share
 
 _OFF = 0.25  # how far a cost may be off, as a share of the paper's figure
 

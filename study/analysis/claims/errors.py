@@ -8,10 +8,10 @@ import math
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from study.analysis.claims.ledger import Claim, Evidence, Number, Verdict
-from study.analysis.claims.measured import (
+from study.analysis.asymptotics import gdke_leaves
+from study.analysis.claims.claim import Claim, Evidence, Number, Verdict
+from study.analysis.claims.shared_measures import (
     WHOLE,
     At,
     beside,
@@ -29,12 +29,10 @@ from study.analysis.claims.measured import (
     with_all,
     with_trials,
 )
-from study.analysis.expected import gdke_leaves
-from study.analysis.grouped import decade
-from study.analysis.measures import UNKNOWN
+from study.analysis.error_groups import decade
 from study.sphere.cap import cap_moments
-
-Floats = NDArray[np.float64]
+from study.sphere.types import Floats
+from study.statistics.measures import UNKNOWN
 
 _PAPERS = ("mle", "lls", "gdke", "ugdk")
 """The estimators of the paper's experiment."""

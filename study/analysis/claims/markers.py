@@ -3,16 +3,14 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from study.analysis.claims.ledger import Claim, Evidence, Number, Verdict
-from study.analysis.claims.measured import formed, ratio
-from study.analysis.markers import Joint, joints
-from study.analysis.measures import Measure, quantile, share
+from study.analysis.claims.claim import Claim, Evidence, Number, Verdict
+from study.analysis.claims.shared_measures import formed, ratio
+from study.analysis.kept_markers import Joint, joints
 from study.estimators import Status, fit, mgdk
 from study.sphere.moments import Moments
-
-Floats = NDArray[np.float64]
+from study.sphere.types import Bools, Floats
+from study.statistics.measures import Measure, quantile, share
 
 
 def _alone(joint: Joint) -> Floats:
@@ -89,7 +87,7 @@ def _judge_averaging(numbers: list[Number]) -> Verdict:
     return Verdict.REPRODUCED if over_best.value + 2.0 * over_best.error <= 0.9 else Verdict.PARTLY
 
 
-def _definite(matrices: Floats) -> NDArray[np.bool_]:
+def _definite(matrices: Floats) -> Bools:
     return np.asarray(np.linalg.eigvalsh(matrices)[..., 0] > 0.0)
 
 
@@ -124,7 +122,7 @@ def _measure_definite(evidence: Evidence) -> list[Number]:
     ]
 
 
-def _share(values: NDArray[np.bool_]) -> Measure:
+def _share(values: Bools) -> Measure:
     return share(int(np.sum(values)), values.size)
 
 

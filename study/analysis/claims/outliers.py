@@ -9,11 +9,11 @@ import math
 import numpy as np
 import pandas as pd
 
-from study.analysis.claims.ledger import Claim, Evidence, Number, Verdict
-from study.analysis.claims.measured import LEAST, beside, level, median, over, with_all
-from study.analysis.measures import UNKNOWN, share
-from study.analysis.performance import FAR
+from study.analysis.claims.claim import Claim, Evidence, Number, Verdict
+from study.analysis.claims.shared_measures import LEAST, beside, level, median, over, with_all
 from study.estimators import Status
+from study.statistics.measures import UNKNOWN, share
+from study.statistics.performance import FAR
 
 _ABOUT_RADIUS = (0.3, 3.0)
 _NOISE_ABOUT_RADIUS = (0.1, 10.0)

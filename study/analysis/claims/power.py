@@ -2,8 +2,8 @@
 
 import pandas as pd
 
-from study.analysis.claims.ledger import Claim, Evidence, Number, Verdict
-from study.analysis.claims.measured import failures_last, formed, law, of, within
+from study.analysis.claims.claim import Claim, Evidence, Number, Verdict
+from study.analysis.claims.shared_measures import failures_last, formed, law, of, within
 
 
 def _measure_power(evidence: Evidence) -> list[Number]:

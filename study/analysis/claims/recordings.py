@@ -8,9 +8,10 @@ every error is one over joints.
 import numpy as np
 import pandas as pd
 
-from study.analysis.claims.ledger import Claim, Evidence, Number, Verdict
-from study.analysis.claims.measured import Floats, formed
-from study.analysis.measures import Measure, mean, share
+from study.analysis.claims.claim import Claim, Evidence, Number, Verdict
+from study.analysis.claims.shared_measures import formed
+from study.sphere.types import Floats
+from study.statistics.measures import Measure, mean, share
 
 _ENOUGH = 200
 _CENTIMETRE = 0.01

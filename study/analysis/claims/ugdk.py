@@ -5,11 +5,12 @@ import math
 import numpy as np
 import pandas as pd
 
-from study.analysis.claims.ledger import Claim, Evidence, Number, Verdict
-from study.analysis.claims.measured import failures_last, formed, law, level, of, over, ratio, vectors, within
-from study.analysis.grouped import decade
-from study.analysis.markers import joints
-from study.analysis.measures import (
+from study.analysis.claims.claim import Claim, Evidence, Number, Verdict
+from study.analysis.claims.shared_measures import failures_last, formed, law, level, of, over, ratio, vectors, within
+from study.analysis.error_groups import decade
+from study.analysis.kept_markers import joints
+from study.estimators import Status, fit
+from study.statistics.measures import (
     UNKNOWN,
     inside,
     mean,
@@ -20,7 +21,6 @@ from study.analysis.measures import (
     share,
     tail_index,
 )
-from study.estimators import Status, fit
 
 PAPER_CONDITION = 0.557238
 """ρ(Σ̂C⁻¹) of figure 4: "the spectral radius in question", §6."""

@@ -5,8 +5,8 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from study.analysis.claims.ledger import Evidence, evaluate
-from study.runs.store import RunError
+from study.analysis.claims.claim import Evidence, evaluate
+from study.runs.storage.run_folder import RunError
 
 
 class Stored:

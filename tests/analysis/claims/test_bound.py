@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from study.analysis.claims.bound import CLAIMS
-from study.analysis.claims.ledger import Verdict
+from study.analysis.claims.claim import Verdict
 
 LEVELS = np.geomspace(1e-4, 10**0.5, 19)
 SAMPLES = 1000

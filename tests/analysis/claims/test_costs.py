@@ -6,9 +6,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from study.analysis import flops
+from study.analysis import cost
+from study.analysis.claims.claim import Verdict
 from study.analysis.claims.costs import CLAIMS
-from study.analysis.claims.ledger import Verdict
 
 OPERATIONS = {"moments": 35.0, "lls": 60.0, "mle": 44.0, "igdk": 126.0}
 SECONDS = {"gdke": 1.0, "ugdk": 1.0, "als": 1.1, "igdk": 4.5, "lls": 1.3, "mle": 8.0}
@@ -19,10 +19,10 @@ def table(monkeypatch):
     """The cost table as `study cost` makes it, with counts and seconds that are given instead of measured."""
 
     def make(operations=(), seconds=()):
-        monkeypatch.setattr(flops, "counted", lambda dimension: OPERATIONS | dict(operations))
+        monkeypatch.setattr(cost, "counted", lambda dimension: OPERATIONS | dict(operations))
         for name in ("timed", "timed_scalar"):
-            monkeypatch.setattr(flops, name, lambda dimension, samples: SECONDS | dict(seconds))
-        return flops.cost_table()
+            monkeypatch.setattr(cost, name, lambda dimension, samples: SECONDS | dict(seconds))
+        return cost.cost_table()
 
     return make
 

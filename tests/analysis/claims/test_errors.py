@@ -4,8 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from study.analysis.claims.claim import Verdict
 from study.analysis.claims.errors import CLAIMS
-from study.analysis.claims.ledger import Verdict
 
 PAPERS = ("mle", "lls", "gdke", "ugdk")
 LEVELS = np.geomspace(1e-4, 10**0.5, 19)

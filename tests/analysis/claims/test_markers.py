@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from study.analysis.claims.ledger import Verdict
+from study.analysis.claims.claim import Verdict
 from study.analysis.claims.markers import CLAIMS
 
 EQUAL = (1.0, 1.0001, 1.0002)

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from study.analysis.claims.ledger import Verdict
+from study.analysis.claims.claim import Verdict
 from study.analysis.claims.outliers import CLAIMS
 from study.estimators import Status
 

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from study.analysis.claims.ledger import Verdict
+from study.analysis.claims.claim import Verdict
 from study.analysis.claims.recordings import CLAIMS
 
 FEW, MANY = (50, 200), (500, 1000)

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 import study
-from study.analysis.claims.ledger import Verdict
+from study.analysis.claims.claim import Verdict
 from study.analysis.claims.ugdk import CLAIMS
 from study.estimators import Status
 

@@ -1,0 +1,84 @@
+"""What theory expects on a cap: GDKE's bias, the noise at which estimators fall behind, and the error at the bound.
+
+Directions u uniform on a cap have mean (m₁, 0, …) and covariance diag(Kₐ, Kₚ, …): `study.sphere.cap.cap_moments`. With
+the radius as the unit the points' variance along the axis, v, is Kₐ, and noise is σ/r.
+"""
+
+import math
+
+import numpy as np
+from scipy import optimize, special, stats
+
+from study.sphere.cap import CapMoments
+from study.sphere.types import Floats
+
+
+def gdke_bias(noise: float, moments: CapMoments, noise_shape: Floats) -> float:
+    """Length of GDKE's bias for many samples, (C₀ + Σ)⁻¹ Σ (c₀ - μ̄): a shrink towards the points.
+
+    Args:
+        noise: σ over the radius.
+        moments: of the cap.
+        noise_shape: covariance of a sample in units of σ² (d, d).
+
+    Returns:
+        The length over the radius.
+    """
+    d = len(noise_shape)
+    extent = np.diag([moments.along] + [moments.across] * (d - 1))
+    sigma = noise**2 * noise_shape
+    to_center = np.zeros(d)
+    to_center[0] = -moments.mean
+    return float(np.linalg.norm(np.linalg.solve(extent + sigma, sigma @ to_center)))
+
+
+def gdke_leaves(samples: float, moments: CapMoments) -> float:
+    """Noise from which on GDKE's bias is above its scatter, s* = √(Kₐ/N)/m₁ (theory §3).
+
+    Infinite on the whole sphere, where there is no bias.
+    """
+    return math.sqrt(moments.along / samples) / moments.mean if moments.mean > 1e-9 else math.inf
+
+
+def ugdk_leaves(moments: CapMoments) -> float:
+    """Noise from which on UGDK is above the bound, σ² = v/2 (theory §3)."""
+    return math.sqrt(moments.along / 2.0)
+
+
+def kappa(noise: float, samples: float, moments: CapMoments) -> float:
+    """κ = (v/σ²) √(N/2), which says how safely C - Σ is positive definite (theory §2.2)."""
+    return moments.along / noise**2 * math.sqrt(samples / 2.0)
+
+
+def noise_at_kappa(value: float, samples: float, moments: CapMoments) -> float:
+    """Noise at which κ has this value."""
+    return math.sqrt(moments.along * math.sqrt(samples / 2.0) / value)
+
+
+def ugdk_variance(noise: float, moments: CapMoments, dimension: int) -> float:
+    """Variance of UGDK along the axis over the bound's, for many samples and isotropic noise: theory (5.3)."""
+    of_noise = (2.0 * dimension + 16.0) / 4.0
+    return 1.0 + noise**2 * (of_noise + (1.0 - moments.along + moments.mean**2) / moments.along)
+
+
+def bound_shares(moments: CapMoments, dimension: int) -> tuple[float, float]:
+    """Share of tr CRLB along the axis, and of each coordinate across it, for isotropic noise: theory (3.2)."""
+    total = 1.0 / moments.along + (dimension - 1) / moments.across
+    return 1.0 / moments.along / total, 1.0 / moments.across / total
+
+
+def median_at_bound(moments: CapMoments, dimension: int) -> float:
+    """Median error over √tr CRLB of an estimator whose errors are Gaussian at the bound, for isotropic noise.
+
+    The distribution function of the length is that of the d - 1 coordinates across, averaged over the one along.
+    """
+    along, across = bound_shares(moments, dimension)
+    nodes, weights = special.roots_legendre(200)
+
+    def excess(length: float) -> float:
+        limit = length / math.sqrt(along)
+        z = limit * nodes
+        inside = stats.chi2.cdf((length**2 - along * z**2) / across, dimension - 1)
+        return float(limit * np.sum(weights * stats.norm.pdf(z) * inside)) - 0.5
+
+    return float(optimize.brentq(excess, 1e-3, 3.0))

@@ -1,0 +1,52 @@
+"""Kept points, put together again: the markers of one joint from the cells of a grid of radii."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from study.sphere.types import Floats
+
+
+class Joint(NamedTuple):
+    """Markers about one centre, many times over.
+
+    Attributes:
+        noise: σ, the same for all of them.
+        radii: r of each marker (M,), ascending.
+        markers: points of each marker (trials, n, d), measured from the true centre.
+    """
+
+    noise: float
+    radii: Floats
+    markers: list[Floats]
+
+
+def point_sets(points: pd.DataFrame, cell: str) -> Floats:
+    """Point sets (trials, n, d) of one cell, measured from the true centre."""
+    mine = points[points["cell"] == cell].sort_values(["trial", "sample"])
+    dimension = sum(name.startswith("center_") for name in points.columns)
+    axes = range(1, dimension + 1)
+    flat = np.stack([(mine[f"x_{i}"] - mine[f"center_{i}"]).to_numpy() for i in axes], axis=1)
+    return flat.reshape(max(mine["trial"].nunique(), 1), -1, dimension)
+
+
+def joints(errors: pd.DataFrame, points: pd.DataFrame) -> Iterator[Joint]:
+    """The joints of a grid run with several radii, drawn independently, whose points were kept.
+
+    Args:
+        errors: the run's error table, for the conditions of its cells.
+        points: its table of points.
+
+    Yields:
+        A joint per noise (ascending), number of samples, angle and centre, with a marker for each radius; where there
+        is but one radius, none.
+    """
+    cells = errors.drop_duplicates("cell").astype({"cell": str}).sort_values("radius")
+    by_name = points.assign(cell=points["cell"].astype(str))
+    for _, mine in cells.groupby(["noise", "samples", "angle", "center"]):
+        if len(mine) > 1:
+            sets = [point_sets(by_name, cell) for cell in mine["cell"]]
+            count = min(map(len, sets))
+            yield Joint(float(mine["noise"].iloc[0]), mine["radius"].to_numpy(), [each[:count] for each in sets])

@@ -1,0 +1,112 @@
+"""What is wrong with a config: every fault with its line, its place, the value and what is allowed."""
+
+import difflib
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from pydantic import ValidationError
+
+from study.experiment.distributions import LAWS
+
+Path = tuple[str | int, ...]
+_MISSING = object()
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One thing that is wrong."""
+
+    path: Path
+    words: str
+    value: object = _MISSING
+
+    def place(self) -> str:
+        """The key as a reader would write it: ``design.angle[2]``."""
+        text = ""
+        for part in self.path:
+            text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else str(part)
+        return _printable(text) or "the file"
+
+
+class ConfigError(Exception):
+    """A config that cannot be used; the message says why, all of it."""
+
+    @classmethod
+    def listing(cls, source: str, text: str, faults: Sequence[Fault]) -> "ConfigError":
+        """One message for all faults, in the order of the file."""
+        lines = []
+        for fault in faults:
+            value = "" if fault.value is _MISSING else f" = {shorten(fault.value)}"
+            lines.append((_line(text, fault.path), f"{fault.place()}{value}: {fault.words}"))
+        lines.sort(key=lambda entry: entry[0])
+        count = "1 fault" if len(lines) == 1 else f"{len(lines)} faults"
+        return cls("\n".join([f"{source}: {count}", *(f"  line {line}: {words}" for line, words in lines)]))
+
+
+def report(error: ValidationError, known: Mapping[tuple[str, ...], list[str]]) -> list[Fault]:
+    """Turn a schema's complaints into faults, with the nearest known key for each unknown one."""
+    faults: dict[Path, Fault] = {}
+    for entry in error.errors(include_url=False):
+        path = _path(entry["loc"])
+        words = entry["msg"].removeprefix("Value error, ")
+        value: object = _MISSING if entry["type"] == "missing" else entry["input"]
+        if entry["type"] == "extra_forbidden":
+            words = _unknown(str(path[-1]), known.get(tuple(str(part) for part in path[:-1]), []))
+        elif entry["type"] == "missing":
+            words = "required, but missing"
+        elif entry["type"] in ("union_tag_invalid", "union_tag_not_found"):
+            context = entry["ctx"]
+            path = (*path, str(context["discriminator"]).strip("'"))
+            words = f"must be one of {context.get('expected_tags', 'the known ones')}"
+            value = context.get("tag", _MISSING)
+        faults.setdefault(path, Fault(path, words[0].lower() + words[1:], value))
+    return list(faults.values())
+
+
+def _unknown(key: str, known: list[str]) -> str:
+    """What to say about an unknown key."""
+    if key in known:
+        return "unknown key: not one of this kind of design"
+    near = difflib.get_close_matches(key, known, n=1)
+    return f"unknown key; did you mean {near[0]!r}?" if near else f"unknown key; known are {', '.join(known)}"
+
+
+def _path(location: Sequence[str | int]) -> Path:
+    """Drop from a schema's location the names of union members, which are not in the file.
+
+    They follow the key whose value the union is: ``design, random, noise, uniform, low``.
+    """
+    path = list(location)
+    if path[:1] == ["design"] and len(path) > 1 and path[1] in ("random", "grid"):
+        kind = path.pop(1)
+        if kind == "random" and len(path) > 2 and path[2] in LAWS:
+            path.pop(2)
+    return tuple(path)
+
+
+def _line(text: str, path: Path) -> int:
+    """Line of a key in a TOML document, from 1; of its table, or 1, if the key is not there."""
+    section: tuple[str, ...] = ()
+    best, best_depth = 1, 0
+    for number, line in enumerate(text.splitlines(), start=1):
+        if header := re.match(r"\s*\[+([^\[\]]+)\]+\s*(#.*)?$", line):
+            section = tuple(part.strip().strip("\"'") for part in header[1].split("."))
+            here = section
+        elif key := re.match(r"\s*([\w.\"'-]+)\s*=", line):
+            here = (*section, *(part.strip("\"'") for part in key[1].split(".")))
+        else:
+            continue
+        if len(here) > best_depth and here == path[: len(here)]:
+            best, best_depth = number, len(here)
+    return best
+
+
+def _printable(text: str) -> str:
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+
+
+def shorten(value: object) -> str:
+    """A value as a message shows it."""
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."

@@ -1,0 +1,1 @@
+"""Rigid motion, rotations and the statistics of series: arrays only."""

@@ -1,0 +1,140 @@
+"""C3D files: read through ezc3d, and through c3d where ezc3d refuses or would leave frames out.
+
+The format is described at c3d.org. Its header counts frames in 16 bits; longer recordings say their length in a
+parameter (``TRIAL:ACTUAL_END_FIELD``, ``POINT:LONG_FRAMES``), which c3d heeds and ezc3d does not always.
+"""
+
+import warnings
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import c3d
+import ezc3d
+import numpy as np
+
+from study.mocap.io.assembly import Contents
+from study.mocap.io.c3d_header import LONG, read_header
+from study.mocap.io.recording import RecordingError
+from study.sphere.types import Floats
+
+_NOT_MARKERS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")
+
+
+def read_c3d(path: Path) -> Contents:
+    """Read the points of a C3D file.
+
+    Samples with a negative residual are NaN. Points that the file lists as angles, forces, moments, powers or scalars,
+    as processed gait files do, are no markers and are left out.
+
+    Raises:
+        RecordingError: one line, without the file's name: not a C3D file, damaged, cut short.
+        OSError: if the file cannot be opened.
+    """
+    header = read_header(path)
+    # ezc3d leaves out what comes after 65535 frames, and ends the whole program on some damaged files
+    use_ezc3d = header.sound and header.frames < LONG
+    refusals = []
+    for reader in (_by_ezc3d, _by_c3d) if use_ezc3d else (_by_c3d,):
+        try:
+            contents = reader(path)
+        except (OSError, RecordingError):
+            raise
+        except Exception as error:  # the libraries raise what comes to hand: IndexError, AssertionError, ...
+            refusals.append(f"{reader.__name__.removeprefix('_by_')}: {_first_line(error)}")
+            continue
+        count, _, frames = contents.points.shape
+        if count and frames < header.frames:
+            raise _cut_short(frames, header.frames)
+        return contents
+    raise RecordingError(f"a damaged or incomplete C3D file; {refusals[0]}")
+
+
+def _cut_short(found: int, promised: int) -> RecordingError:
+    return RecordingError(f"the file is cut short: {found} of {promised} frames are there; get a whole copy of it")
+
+
+def _by_ezc3d(path: Path) -> Contents:
+    try:
+        file = ezc3d.c3d(str(path))
+    except OSError as error:  # what it says of the contents, too; that the file can be opened is known by now
+        raise ValueError(str(error).removesuffix(": iostream error")) from None
+    group = file["parameters"]["POINT"]
+    parameters = {key: entry["value"] for key, entry in group.items() if key != "__METADATA__"}
+    subjects = file["parameters"].get("SUBJECTS", {})
+    prefixes = subjects.get("LABEL_PREFIXES", {}).get("value", ())
+    points = file["data"]["points"][:3].transpose(1, 0, 2)
+    residuals = file["data"]["meta_points"]["residuals"][0]
+    return _contents(points, residuals, parameters, float(file["header"]["points"]["frame_rate"]), prefixes)
+
+
+def _by_c3d(path: Path) -> Contents:
+    with warnings.catch_warnings(), open(path, "rb") as file:
+        warnings.simplefilter("ignore")  # of parameters that are missing; frames that are missing are counted
+        reader = c3d.Reader(file)
+        data = np.array([points for _, points, _ in reader.read_frames()], dtype=np.float64)
+        if len(data) < reader.frame_count:
+            raise _cut_short(len(data), reader.frame_count)
+        group = reader.get("POINT")
+        parameters = {key: _strings(reader, f"POINT:{key}") for key in group.param_keys()} if group else {}
+        prefixes = _strings(reader, "SUBJECTS:LABEL_PREFIXES")
+        rate = float(reader.point_rate)
+    data = data.reshape(len(data), -1, 5)
+    points = data[:, :, :3].transpose(1, 2, 0)
+    return _contents(points, data[:, :, 3].T, parameters, rate, prefixes)
+
+
+def _strings(reader: Any, name: str) -> list[str]:
+    """A parameter's texts through c3d; none if it is not there or holds numbers."""
+    parameter = reader.get(name)
+    if parameter is None or parameter.bytes_per_element != -1:
+        return []
+    if len(parameter.dimensions) < 2:
+        return [parameter.string_value] if parameter.dimensions else []
+    return [str(text) for text in np.ravel(parameter.string_array)]
+
+
+def _contents(
+    points: Floats,
+    residuals: Floats,
+    parameters: Mapping[str, Iterable[Any]],
+    rate: float,
+    prefixes: Iterable[Any],
+) -> Contents:
+    """What both libraries give, in one form.
+
+    Args:
+        points: (points, 3, frames).
+        residuals: (points, frames).
+        parameters: those of the group POINT.
+        rate: frames per second; 0 where the file does not say.
+        prefixes: of labels.
+    """
+    labels = _numbered(parameters, "LABELS")[: len(points)]
+    labels += [""] * (len(points) - len(labels))
+    points = np.where(residuals[:, None] < 0, np.nan, points)
+    derived = {label for kind in _NOT_MARKERS for label in _numbered(parameters, kind) if label}
+    rows = [row for row, label in enumerate(labels) if label not in derived]
+    notes = (f"{len(labels) - len(rows)} points hold angles, forces and the like, not markers: left out",)
+    units = [str(unit).strip() for unit in parameters.get("UNITS", ())]
+    return Contents(
+        labels=[labels[row] for row in rows],
+        points=points[rows],
+        rate=rate if rate > 0 else None,
+        unit=next((unit for unit in units if unit), None),
+        prefixes=[str(prefix).strip() for prefix in prefixes],
+        notes=notes if len(rows) < len(labels) else (),
+    )
+
+
+def _numbered(parameters: Mapping[str, Iterable[Any]], name: str) -> list[str]:
+    """Texts of a parameter and of those that go on where 255 are full: LABELS, LABELS2, LABELS3, ..."""
+    texts: list[str] = []
+    keys = [name, *(f"{name}{number}" for number in range(2, 260))]
+    for key in keys:
+        texts += [str(text).strip() for text in parameters.get(key, ())]
+    return texts
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).strip() or type(error).__name__).splitlines()[0]

@@ -1,0 +1,1 @@
+"""Phase 1: joint centres, fitted once to a whole recording."""

@@ -1,0 +1,154 @@
+"""A marker set: which markers sit on which segment of the body, and between which segments the joints are."""
+
+import difflib
+from collections.abc import Iterator
+from typing import Annotated, Literal, Self
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from study.experiment.config_faults import Fault
+from study.experiment.distributions import Frozen
+
+Name = Annotated[str, Field(pattern=r"^\S(.*\S)?$")]
+
+
+def _tuples(value: object) -> object:
+    """Lists as TOML has them, to tuples, which a frozen config holds."""
+    return tuple(value) if isinstance(value, list) else value
+
+
+Names = Annotated[tuple[Name, ...], BeforeValidator(_tuples)]
+
+
+class Segment(Frozen):
+    """A part of the body taken to be rigid."""
+
+    name: Name
+    markers: Names
+    """The markers fixed to it; none where a recording lacks them all."""
+    parent: Name | None = None
+    """The segment it hangs on; None for the root."""
+
+
+class Joint(Frozen):
+    """Where two segments meet."""
+
+    name: Name
+    parent: Name
+    """Name of the segment in whose frame the joint is fixed."""
+    child: Name
+    """Name of the segment that turns about it."""
+    markers: Names = ()
+    """The child's markers that see the joint; all of the child's if none are named."""
+    kind: Literal["ball", "hinge"] = "ball"
+
+
+class Schema(Frozen):
+    """A marker set as far as each of its parts can be checked alone."""
+
+    name: Name
+    about: str = ""
+    """What it is and where it is used."""
+    segments: Annotated[tuple[Segment, ...], BeforeValidator(_tuples), Field(min_length=1)]
+    joints: Annotated[tuple[Joint, ...], BeforeValidator(_tuples)] = ()
+    optional: Names = ()
+    """Markers that a recording may lack without a word."""
+    aliases: dict[str, Names] = Field(default_factory=dict)
+    """Other labels under which recordings have a marker."""
+
+
+class MarkerSet(Schema):
+    """Segments, parents before children, and the joints between them.
+
+    Raises:
+        pydantic.ValidationError: if its parts do not fit together.
+    """
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        if found := list(misfits(self)):
+            raise ValueError("; ".join(f"{fault.place()}: {fault.words}" for fault in found))
+        return self
+
+    def segment(self, name: str) -> Segment:
+        """The segment of this name (KeyError if there is none)."""
+        return {segment.name: segment for segment in self.segments}[name]
+
+    def markers(self) -> tuple[str, ...]:
+        """All markers, segment by segment."""
+        return tuple(marker for segment in self.segments for marker in segment.markers)
+
+    def seeing(self, joint: Joint) -> tuple[str, ...]:
+        """The child's markers that are used for a joint."""
+        return joint.markers or self.segment(joint.child).markers
+
+
+def misfits(parts: Schema) -> Iterator[Fault]:
+    """What is wrong between the parts of a marker set."""
+    yield from _segments(parts)
+    yield from _joints(parts)
+    owner = {marker: segment.name for segment in parts.segments for marker in segment.markers}
+    for marker in parts.optional:
+        if marker not in owner:
+            yield Fault(("optional",), f"marker {marker!r} is on no segment")
+    meaning = dict.fromkeys(owner, "")
+    for marker, labels in parts.aliases.items():
+        if marker not in owner:
+            yield Fault(("aliases", marker), f"marker {marker!r} is on no segment")
+        for label in labels:
+            if label in meaning:
+                words = f"{label!r} is {f'an alias of {meaning[label]}' if meaning[label] else 'itself a marker'}"
+                yield Fault(("aliases", marker), words)
+            meaning[label] = marker
+
+
+def _segments(parts: Schema) -> Iterator[Fault]:
+    owner: dict[str, str] = {}
+    before: list[str] = []
+    for number, segment in enumerate(parts.segments):
+        here = ("segments", segment.name)
+        if segment.name in before:
+            yield Fault(here, "two segments have this name")
+        if number == 0 and segment.parent is not None:
+            yield Fault((*here, "parent"), "the first segment is the root and has no parent", segment.parent)
+        elif number and segment.parent is None:
+            words = f"required, but missing: only the first segment, {parts.segments[0].name}, has no parent"
+            yield Fault((*here, "parent"), words)
+        elif number and segment.parent not in before:
+            words = f"must be a segment further up: {', '.join(before)}"
+            yield Fault((*here, "parent"), words, segment.parent)
+        for marker in segment.markers:
+            if marker in owner:
+                words = f"marker {marker!r} is twice on it" if owner[marker] == segment.name else ""
+                yield Fault((*here, "markers"), words or f"marker {marker!r} is on {owner[marker]} already")
+            owner[marker] = segment.name
+        before.append(segment.name)
+
+
+def _joints(parts: Schema) -> Iterator[Fault]:
+    known = {segment.name: segment for segment in parts.segments}
+    names: set[str] = set()
+    children: dict[str, str] = {}
+    for joint in parts.joints:
+        here = ("joints", joint.name)
+        if joint.name in names:
+            yield Fault(here, "two joints have this name")
+        names.add(joint.name)
+        for key, value in (("parent", joint.parent), ("child", joint.child)):
+            if value not in known:
+                near = difflib.get_close_matches(value, known, n=1)
+                hint = f"; did you mean {near[0]!r}?" if near else f"; there are {', '.join(known)}"
+                yield Fault((*here, key), f"no such segment{hint}", value)
+        if joint.child not in known or joint.parent not in known:
+            continue
+        child = known[joint.child]
+        if child.parent != joint.parent:
+            words = f"segment {child.name} hangs on {child.parent or 'nothing'}; a joint is between it and that"
+            yield Fault((*here, "parent"), words, joint.parent)
+        if child.name in children:
+            yield Fault((*here, "child"), f"joint {children[child.name]} has this child already", child.name)
+        children[child.name] = joint.name
+        for marker in joint.markers:
+            if marker not in child.markers:
+                on = ", ".join(child.markers) or "none"
+                yield Fault((*here, "markers"), f"{marker!r} is not on {child.name}, which has {on}")

@@ -1,0 +1,1 @@
+"""Phase 2: a skeleton in every frame, from a calibration."""

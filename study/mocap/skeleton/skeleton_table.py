@@ -1,0 +1,95 @@
+"""A skeleton over time as tables: joints in every frame, and how long its bones are."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pandas as pd
+
+from study.mocap.geometry.hull import outside
+from study.mocap.skeleton.scene import Flag, Scene
+
+UNEVEN = 0.08
+"""Difference of a bone's length from the other side's, in parts of their mean, above which it is said."""
+
+
+def skeleton_table(scene: Scene) -> pd.DataFrame:
+    """A row per frame and joint.
+
+    Returns:
+        Columns: frame, from 1; time, seconds; joint; x, y, z, metres, z up; known: "seen", "bridged" or "unknown".
+    """
+    count, frames = len(scene.joints), scene.frames
+    words = np.array([flag.name.lower() for flag in Flag])
+    return pd.DataFrame(
+        {
+            "frame": np.repeat(np.arange(1, frames + 1), count),
+            "time": np.repeat(np.arange(frames) / scene.rate, count),
+            "joint": np.tile(np.array(scene.joints), frames),
+            **{axis: scene.centers[:, i].T.ravel() for i, axis in enumerate("xyz")},
+            "known": words[scene.flags.T.ravel()],
+        }
+    )
+
+
+def bone_table(scene: Scene) -> pd.DataFrame:
+    """A row per bone between two joints.
+
+    Returns:
+        Columns: start, end; length, its median over time, and spread, its standard deviation (metres); error, that of
+        the length from those of its joints, at most (metres); uneven, how much longer it is than the other side's, in
+        parts of their mean; NaN where there is no other side.
+    """
+    worst = np.array([np.nanmax(row) if not np.isnan(row).all() else np.nan for row in scene.errors])
+    rows = []
+    for i, j in scene.bones:
+        if max(i, j) >= len(scene.joints):
+            continue
+        length = np.linalg.norm(scene.centers[i] - scene.centers[j], axis=0)
+        length = length[~np.isnan(length)]
+        if len(length):
+            names = {"start": scene.joints[i], "end": scene.joints[j]}
+            error = float(np.hypot(worst[i], worst[j]))
+            rows.append({**names, "length": np.median(length), "spread": length.std(), "error": error})
+    table = pd.DataFrame(rows, columns=["start", "end", "length", "spread", "error"])
+    pairs = [frozenset(pair) for pair in zip(table["start"], table["end"], strict=True)]
+    lengths = dict(zip(pairs, table["length"], strict=True))
+    across = [frozenset(map(_mirrored, pair)) for pair in pairs]
+    other = [lengths.get(b, np.nan) if a != b else np.nan for a, b in zip(pairs, across, strict=True)]
+    table["uneven"] = (table["length"] - other) / (0.5 * (table["length"] + other))
+    return table
+
+
+def printed(scene: Scene) -> Iterator[str]:
+    """Bones, joints against the markers' hull, how much was bridged, and what is not to be relied on."""
+    yield f"{'bone':32}  {'length':>8}  {'error':>8}  {'varies':>8}  left to right"
+    table = bone_table(scene)
+    numbers = table[["length", "error", "spread", "uneven"]].to_numpy(dtype=float)
+    for start, end, (length, worst, spread, uneven) in zip(table["start"], table["end"], numbers, strict=True):
+        compared = "" if np.isnan(uneven) else f"{round(100 * uneven, 1) + 0.0:+.1f} %"  # no minus before zero
+        flagged = "  uneven" if abs(uneven) > UNEVEN else ""
+        error = "-" if np.isnan(worst) else f"{1000 * worst:.1f} mm"
+        bone = f"{start} - {end}"
+        yield f"{bone:32}  {length:6.3f} m  {error:>8}  {1000 * spread:5.1f} mm  {compared:>7}{flagged}".rstrip()
+    yield f"{'joint':32}  {'outside':>8}  {'by':>9}  the markers' hull: share of the frames; 95 % of them at most"
+    for name, out in zip(scene.joints, outside(scene.places, scene.centers), strict=True):
+        share = "-" if np.isnan(out.share) else f"{out.share:.0%}"
+        far = "-" if not out.far > 0.0 else f"{1000 * out.far:.1f} mm"
+        yield f"{name:32}  {share:>8}  {far:>9}"
+    for name, flags in zip(scene.joints, scene.flags, strict=True):
+        shares = [
+            f"{flag.name.lower()} in {(flags == flag).mean():.1%} of the frames" for flag in Flag if flag != Flag.SEEN
+        ]
+        lacking = [words for words, flag in zip(shares, list(Flag)[1:], strict=True) if (flags == flag).any()]
+        if lacking:
+            yield f"{name}: {', '.join(lacking)}"
+    for name, doubt in zip(scene.joints, scene.doubts, strict=True):
+        if doubt:
+            yield f"{name}: not to be relied on: {doubt}"
+    yield from (f"note: {note}" for note in scene.notes)
+
+
+def _mirrored(name: str) -> str:
+    """A joint's name on the other side of the body."""
+    if "left" in name:
+        return name.replace("left", "right")
+    return name.replace("right", "left")

@@ -1,0 +1,1 @@
+"""Recordings of an articulated figure whose joints are known."""

@@ -1,0 +1,174 @@
+"""A motion as a video: MP4, H.264, which every browser and player shows.
+
+Frames are drawn with matplotlib and handed, as they are, to the ffmpeg that comes with imageio-ffmpeg.
+"""
+
+import contextlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from scipy.ndimage import uniform_filter1d
+
+from study.figures import style
+from study.mocap.io.recording import RecordingError
+from study.mocap.skeleton.scene import Flag, Scene
+from study.mocap.view import palette
+from study.mocap.view.camera import Camera
+from study.mocap.view.drawing import Drawing, Sizes
+from study.mocap.view.ellipsoids import LEVEL, hinges
+from study.sphere.types import Bytes, Floats
+
+_PIXELS = 960, 720
+_DPI = 120
+_SIZES = Sizes(bone=4.0, casing=1.5, joint=5.0, marker=3.2)
+_CALM = 1.5
+"""Seconds over which the middle that the view follows is averaged."""
+_QUALITY = "23"
+"""x264's constant rate factor: lower is better and larger."""
+
+
+def write_video(
+    scene: Scene,
+    path: str | Path,
+    *,
+    camera: Camera | None = None,
+    rate: float = 30.0,
+    factor: int | None = None,
+    advance: Callable[[float], None] = lambda _: None,
+) -> Path:
+    """Write a motion as MP4; the view follows it.
+
+    Args:
+        scene: the motion; of a faster one every second, third, ... frame is taken, so that it plays as fast as it was.
+        path: of the video; the folder is made if it is not there.
+        camera: from where it is seen.
+        rate: frames per second of the video, at most.
+        factor: by which ellipsoids are drawn larger; if None, one by which they are seen.
+        advance: told each share of the work that is done.
+
+    Returns:
+        The path.
+
+    Raises:
+        RecordingError: if imageio-ffmpeg is not installed, or the video cannot be written.
+    """
+    path = Path(path)
+    imageio_ffmpeg = encoder()
+    if path.suffix.lower() != ".mp4":
+        raise RecordingError(f"{path}: a video is written to a file whose name ends in .mp4")
+    film = _Film(scene.at_most(rate), camera or Camera(30.0, 12.0), factor)
+    partial = path.with_name(f".{path.stem}.partial.mp4")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        writer = imageio_ffmpeg.write_frames(
+            str(partial), _PIXELS, pix_fmt_in="rgba", fps=film.scene.rate, codec="libx264", quality=None,
+            macro_block_size=1,
+            output_params=["-crf", _QUALITY, "-preset", "medium", "-movflags", "+faststart", "-tune", "animation"],
+        )  # fmt: skip
+        writer.send(None)
+        try:
+            for frame in range(film.scene.frames):
+                writer.send(film.picture(frame))
+                advance(1.0 / film.scene.frames)
+        finally:
+            writer.close()
+        partial.replace(path)
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be written: {error.strerror or error}") from None
+    finally:
+        with contextlib.suppress(OSError):
+            partial.unlink(missing_ok=True)
+    return path
+
+
+def encoder() -> Any:
+    """The library that brings ffmpeg.
+
+    Raises:
+        RecordingError: if it is not installed.
+    """
+    try:
+        import imageio_ffmpeg
+    except ModuleNotFoundError:
+        raise RecordingError("a video needs imageio-ffmpeg: pip install '.[mocap]'") from None
+    return imageio_ffmpeg
+
+
+class _Film:
+    """A figure that shows one frame after the other."""
+
+    @style.journal()
+    def __init__(self, scene: Scene, camera: Camera, factor: int | None) -> None:
+        self.scene, self.camera = scene, camera
+        self.figure = Figure(figsize=(_PIXELS[0] / _DPI, _PIXELS[1] / _DPI), dpi=_DPI)
+        self.canvas = FigureCanvasAgg(self.figure)
+        self.ax = self.figure.add_axes((0.0, 0.0, 1.0, 1.0))
+        self.drawing = Drawing(self.ax, scene, camera, _SIZES, factor)
+        self.middle = _followed(scene)
+        self.box = self._box()
+        place: dict[str, Any] = {"transform": self.figure.transFigure, "va": "top", "linespacing": 1.5}
+        name = self.ax.text(0.02, 0.975, scene.name, fontsize=10.0, **place)
+        words = self.ax.text(0.02, 0.935, self._words(), fontsize=style.SMALL, **place)
+        self.fixed = self._drawn()  # drawing words takes longer than all the rest
+        name.remove()
+        words.remove()
+        self.time = self.ax.text(0.98, 0.975, "", ha="right", fontsize=10.0, **place)
+        self.flags = self.ax.text(0.98, 0.935, "", ha="right", color=palette.FLAGGED, fontsize=style.SMALL, **place)
+
+    def picture(self, frame: int) -> Bytes:
+        """Pixels of a frame (height, width, 4), red, green, blue, opaque."""
+        middle = self.middle[:, frame]
+        self.drawing.show(frame, middle[:2])
+        right, up = self.camera.see(middle)[:2]
+        left, bottom, width, height = self.box
+        self.ax.set_xlim(right + left, right + left + width)
+        self.ax.set_ylim(up + bottom, up + bottom + height)
+        self.time.set_text(f"{frame / self.scene.rate:.1f} s")
+        flags, words = self.scene.flags[:, frame], {flag.value: flag.name.lower() for flag in Flag}
+        pairs = [(name.replace("_", " "), flag) for name, flag in zip(self.scene.joints, flags, strict=True)]
+        self.flags.set_text("\n".join(f"{name} {words[flag]}" for name, flag in pairs if flag != Flag.SEEN))
+        return np.minimum(self._drawn(), self.fixed)
+
+    def _drawn(self) -> Bytes:
+        self.canvas.draw()  # type: ignore[no-untyped-call]
+        return np.array(self.canvas.buffer_rgba())  # type: ignore[no-untyped-call]
+
+    def _box(self) -> tuple[float, float, float, float]:
+        """Left, bottom, width and height of the view about the middle, metres, in which all frames have room."""
+        seen = np.einsum("ij,pjt->pit", self.camera.axes[:2], self.scene.points - self.middle)
+        lowest = np.array([*self.middle[:2].mean(axis=1), self.drawing.ground])
+        floor = float(self.camera.see(lowest - self.middle.mean(axis=1))[1])
+        low = np.nanquantile(np.fmin.reduce(seen, axis=0), 0.002, axis=1)
+        high = np.nanquantile(np.fmax.reduce(seen, axis=0), 0.998, axis=1)
+        bottom, top = min(float(low[1]), floor) - 0.15, float(high[1]) + 0.25
+        width = max(float(high[0] - low[0]) + 0.2, (top - bottom) * _PIXELS[0] / _PIXELS[1])
+        height = width * _PIXELS[1] / _PIXELS[0]
+        return 0.5 * float(low[0] + high[0]) - 0.5 * width, bottom, width, height
+
+    def _words(self) -> str:
+        lines = ["blue: left, orange: right"]
+        if not np.isnan(self.scene.errors).all():
+            larger = f"{self.drawing.factor} times as large" if self.drawing.factor > 1 else "in true size"
+            axes = "; hinges' axes" if hinges(self.scene).any() else ""
+            lines.append(f"green: {100 * LEVEL:.0f} % error ellipsoids, {larger}{axes}")
+        for joint, doubt in zip(self.scene.joints, self.scene.doubts, strict=True):
+            if doubt:
+                lines.append(f"not to be relied on: {joint.replace('_', ' ')}")
+        return "\n".join(lines)
+
+
+def _followed(scene: Scene) -> Floats:
+    """A calm course of the skeleton's middle (3, frames), metres."""
+    with np.errstate(invalid="ignore"):
+        known = ~np.isnan(scene.centers[:, 0])
+        middle = np.where(known[:, None], scene.centers, 0.0).sum(axis=0) / known.sum(axis=0)
+    times = np.arange(scene.frames)
+    there = np.flatnonzero(~np.isnan(middle[0]))
+    filled = np.stack([np.interp(times, there, row[there]) for row in middle])
+    course: Floats = uniform_filter1d(filled, max(int(_CALM * scene.rate), 1), axis=1, mode="nearest")
+    course[2] = course[2].mean()
+    return course

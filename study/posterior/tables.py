@@ -1,0 +1,132 @@
+"""What a chain says about its trial: the posterior in numbers, and each estimator's answer beside it."""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from scipy import stats
+
+from study.estimators import ESTIMATORS, Samples
+from study.experiment.replay import Trial
+from study.posterior.sampler import Chain
+from study.runs.storage import schemas
+from study.sphere.cap import cap_moments
+from study.sphere.types import Floats
+
+Row = dict[str, Any]
+
+KEPT_DRAWS = 2000
+"""Draws stored of a chain whose draws are kept."""
+
+
+def rows(
+    trial: Trial, chain: Chain, key: Row, estimators: Sequence[str], walkers: int, keep: bool
+) -> dict[str, pa.Table]:
+    """Rows of the three tables for one chain.
+
+    Args:
+        trial: the data set.
+        chain: the posterior of its sphere.
+        key: what names the chain: cell, trial, likelihood, noise_is.
+        estimators: whose answers are set beside it.
+        walkers: of the ensemble.
+        keep: whether draws are stored.
+
+    Returns:
+        Tables ``posterior`` (one row), ``answers`` (a row per estimator) and ``draws`` (none, if not kept).
+    """
+    d = trial.samples.x.shape[1]
+    truth = np.array([*trial.cell.center, trial.cell.radius, trial.cell.noise])
+    known = key["noise_is"] == "known"
+    draws = chain.flat - truth[: d + 2 - known]
+    beside = [key | _answer(trial, name, draws, known) for name in estimators]
+    walker_by_walker = np.arange(len(draws)).reshape(-1, walkers).T.ravel()
+    chosen = np.linspace(0, len(draws) - 1, min(len(draws), KEPT_DRAWS)).round().astype(int)
+    stored = draws[walker_by_walker[chosen]] if keep and len(draws) else draws[:0]
+    noise = stored[:, d + 1] + trial.cell.noise if not known else np.full(len(stored), trial.cell.noise)
+    columns = {f"error_{i + 1}": stored[:, i] for i in range(d)} | {"radius_error": stored[:, d], "noise": noise}
+    return {
+        "posterior": _table(schemas.posterior(d), [key | _posterior(trial, chain, draws, walkers)]),
+        "answers": _table(schemas.answers(d), beside),
+        "draws": schemas.table(schemas.draws(d), {k: [v] * len(stored) for k, v in key.items()} | columns),
+    }
+
+
+def _table(columns: list[schemas.Column], found: list[Row]) -> pa.Table:
+    return schemas.table(columns, {column.name: [row[column.name] for row in found] for column in columns})
+
+
+def names(dimension: int) -> list[str]:
+    """Endings of the columns that there is one of per parameter."""
+    return [*(str(i + 1) for i in range(dimension)), "radius", "noise"]
+
+
+def _posterior(trial: Trial, chain: Chain, draws: Floats, walkers: int) -> Row:
+    """The row of the posterior table; draws (n, parameters) are less the truth."""
+    cell, d = trial.cell, trial.samples.x.shape[1]
+    extent = cell.radius**2 * cap_moments(math.radians(cell.angle), d).along
+    row: Row = {name: getattr(cell, name) for name in ("samples", "noise", "angle", "radius")}
+    row |= {"center": cell.distance, "flatness": cell.noise**2 / extent}
+    row |= {"status": int(chain.status), "tau": chain.tau, "acceptance": chain.acceptance}
+    row |= {"steps": chain.steps, "walkers": walkers, "draws": len(draws) / chain.tau}
+    unit = np.sqrt(np.diag(trial.unit_bound))
+    row |= {f"bound_{name}": cell.noise * unit[i] for i, name in enumerate(names(d)[: d + 1])}
+    correlation = trial.unit_bound[0] / unit / unit[0]
+    row |= {f"bound_with_{name}": correlation[i] for i, name in enumerate(names(d)[: d + 1]) if i}
+    row |= {"trace": math.nan, "level": math.nan}
+    for i, name in enumerate(names(d)):
+        known = i < draws.shape[1] and len(draws) > 0
+        values = draws[:, i] if known else np.full(1, math.nan)
+        row |= {f"mean_{name}": values.mean(), f"sd_{name}": values.std()}
+        row |= {
+            f"{label}_{name}": quantile
+            for label, quantile in zip(
+                schemas.POSTERIOR_QUANTILES,
+                np.quantile(values, list(schemas.POSTERIOR_QUANTILES.values())),
+                strict=True,
+            )
+        }
+        row[f"rank_{name}"] = float(np.mean(values < 0.0)) if known else math.nan
+    if len(draws):
+        center, covariance = draws[:, :d].mean(axis=0), np.cov(draws[:, :d].T)
+        squares = _squares(draws[:, :d] - center, covariance)
+        row["trace"] = float(np.trace(covariance))
+        row["level"] = float(np.mean(squares < _squares(center[None], covariance)))
+    return row
+
+
+def _answer(trial: Trial, name: str, draws: Floats, known: bool) -> Row:
+    """An estimator's row: its answer in posterior standard deviations, and the truth in its own distribution."""
+    d = trial.samples.x.shape[1]
+    told = known or ESTIMATORS[name].needs == "noise"
+    samples = Samples(trial.samples.x, trial.samples.noise if told else None)
+    fit = ESTIMATORS[name](samples).reshape(1, samples=samples)
+    answer = np.append(fit.center[0] - np.array(trial.cell.center), fit.radius[0] - trial.cell.radius)
+    error = fit.standard_errors[0]
+    spare = samples.x.shape[2] - d - 1
+    law = stats.norm() if told else stats.t(spare) if spare > 0 else None
+    row: Row = {"estimator": name, "status": int(fit.status[0]), "distance": math.nan, "level": math.nan}
+    mean, sd = np.full(d + 1, math.nan), np.full(d + 1, math.nan)
+    if len(draws):
+        mean, sd = draws[:, : d + 1].mean(axis=0), draws[:, : d + 1].std(axis=0)
+        square = _squares((answer - mean)[None, :d], np.cov(draws[:, :d].T))
+        row["distance"] = float(np.sqrt(square[0]))
+    with np.errstate(all="ignore"):  # answers without a number, or without an error
+        away, spread, ranks = (answer - mean) / sd, error / sd, -answer / error
+    for i, ending in enumerate(names(d)[: d + 1]):
+        row |= {f"away_{ending}": away[i], f"spread_{ending}": spread[i]}
+        row[f"rank_{ending}"] = float(law.cdf(ranks[i])) if law is not None else math.nan
+    covariance = fit.covariance[0, :d, :d]
+    if law is not None and np.isfinite(covariance).all() and np.isfinite(answer[:d]).all():
+        square = _squares(answer[None, :d], covariance)[0]
+        row["level"] = float(stats.chi2.cdf(square, d) if told else stats.f.cdf(square / d, d, spare))
+    return row
+
+
+def _squares(vectors: Floats, covariance: Floats) -> Floats:
+    """Mahalanobis distances squared of vectors (n, d)."""
+    values, axes = np.linalg.eigh(covariance)
+    with np.errstate(all="ignore"):
+        return np.asarray((((vectors @ axes) ** 2) / values).sum(axis=1))

@@ -1,0 +1,269 @@
+"""What is finished of a run that is not: part files, which say what is in them and are named by their own digest.
+
+    parts/units-<SHA-256 of the file's bytes>.part
+        one line of JSON: the format, the software, seconds since the part before, and the packets with their keys
+        the packets, one after the other: each a stream of Arrow's IPC format for each of its tables
+
+A *key* stands for all that determines some rows, their place in the grid excepted, so that a part means the same to
+every config that asks for its rows. What was computed under a key is its *outputs*: an estimator with its version, for
+example, so that a new estimator, or a new version of one, is computed beside the others. A *packet* is what a worker
+sends back: the tables of a few keys, encoded, which the parent writes as they are. Many packets share a file: one is
+written when enough bytes have come together, or time has passed - a second, or a hundredth of the time that the run has
+taken, so that the number of files grows with the logarithm of time. That is all that a kill can cost.
+"""
+
+import hashlib
+import json
+import os
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+
+from study.runs.storage.atomic_write import RunError, explained, write
+
+FORMAT = 5
+"""To be raised when rows of the same key would be others, or files would be read wrongly."""
+DAMAGED = "damaged"
+_SUFFIX = ".part"
+_BYTES = 32 << 20
+_SECONDS = 1.0
+_SHARE = 0.01
+_SMALL = 1 << 16
+
+
+@dataclass(frozen=True)
+class Packet:
+    """Tables of some keys, as a worker sends them.
+
+    Attributes:
+        keys: what was computed, each with its outputs.
+        rows: for each table its rows by key, in order.
+        tables: for each table its rows, encoded.
+    """
+
+    keys: Sequence[tuple[str, Sequence[str]]]
+    rows: Mapping[str, Sequence[int]]
+    tables: Mapping[str, bytes]
+
+    @classmethod
+    def of(cls, keys: Sequence[tuple[str, Sequence[str]]], found: Sequence[Mapping[str, pa.Table]]) -> "Packet":
+        """Encode the tables found for each key; a table without rows may be left out."""
+        names = dict.fromkeys(name for tables in found for name in tables)
+        rows = {name: [tables[name].num_rows if name in tables else 0 for tables in found] for name in names}
+        whole = {name: pa.concat_tables([t[name] for t in found if name in t]) for name in names}
+        return cls(keys, rows, {name: encode(table) for name, table in whole.items()})
+
+
+def encode(table: pa.Table) -> bytes:
+    """A table as one stream."""
+    table = table.replace_schema_metadata(None).unify_dictionaries().combine_chunks()
+    options = pa.ipc.IpcWriteOptions(compression="zstd" if table.nbytes > _SMALL else None)
+    sink = pa.BufferOutputStream()
+    with pa.ipc.new_stream(sink, table.schema, options=options) as writer:
+        writer.write_table(table)
+    found: bytes = sink.getvalue().to_pybytes()
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Stored:
+    """A packet on disk: where each table begins, how long it is, and the first row of each key."""
+
+    path: str
+    tables: Mapping[str, tuple[int, int]]
+    starts: Mapping[str, Sequence[int]]
+
+
+@lru_cache(maxsize=2)
+def _decoded(packet: _Stored, name: str) -> pa.Table:
+    begin, size = packet.tables[name]
+    with open(packet.path, "rb") as file:
+        file.seek(begin)
+        return pa.ipc.open_stream(file.read(size)).read_all()
+
+
+class Parts:
+    """The part files of one kind in a run's folder.
+
+    Args:
+        folder: the run's.
+        kind: the beginning of their names.
+        software: what computes, kept beside the rows.
+
+    Attributes:
+        damaged: names of files that were torn or changed.
+        seconds: time that went into what is there.
+        made_by: other software that computed some of it.
+        note: what else the files are to say, a text; that of a file that is there, if it has one.
+        count: number of files.
+    """
+
+    def __init__(self, folder: Path, kind: str, software: Mapping[str, Any] | None = None) -> None:
+        self.folder = folder / "parts"
+        self.kind = kind
+        self.software = dict(software or {})
+        self.damaged: list[str] = []
+        self.note = ""
+        self._forget()
+        self._waiting: list[Packet] = []
+        self._since = self._began = time.monotonic()
+
+    def load(self, set_aside: bool = True) -> None:
+        """Read what is there.
+
+        Args:
+            set_aside: move damaged files to ``parts/damaged``, so that what was in them is computed again.
+
+        Raises:
+            RunError: if a part is of a newer version, or cannot be read at all.
+        """
+        self._forget()
+        for name in self._files():
+            path = os.path.join(self.folder, name)
+            try:
+                with open(path, "rb", buffering=0) as file:
+                    data = file.readall()
+            except OSError as error:
+                raise RunError(f"{path}: cannot be read: {error.strerror or error}") from None
+            if hashlib.sha256(data).hexdigest() == name.removeprefix(f"{self.kind}-").removesuffix(_SUFFIX):
+                self._index(path, data)
+                continue
+            self.damaged.append(name)
+            if set_aside:
+                with explained(Path(path)):
+                    (self.folder / DAMAGED).mkdir(exist_ok=True)
+                    os.rename(path, self.folder / DAMAGED / name)
+
+    def _files(self) -> list[str]:
+        """Names of the files; plain words, because a path takes as long to make as a small file to read."""
+        there = os.listdir(self.folder) if self.folder.is_dir() else []
+        return sorted(name for name in there if name.startswith(f"{self.kind}-") and name.endswith(_SUFFIX))
+
+    def whole(self) -> bool:
+        """Whether all files still are as they were written; those that are not are set aside."""
+        before = len(self.damaged)
+        self.load()
+        return len(self.damaged) == before
+
+    def _forget(self) -> None:
+        self.seconds = 0.0
+        self.made_by: list[dict[str, Any]] = []
+        self.count = 0
+        self._where: dict[str, list[tuple[_Stored, int, tuple[str, ...]]]] = {}
+        self._kinds: dict[tuple[str, ...], tuple[str, ...]] = {}
+        self._names: set[str] = set()
+
+    def outputs(self, key: str) -> set[str]:
+        """What is there of a key."""
+        return {output for _, _, outputs in self._where.get(key, ()) for output in outputs}
+
+    def tables(self, key: str, name: str) -> Iterator[tuple[tuple[str, ...], tuple[str, ...], pa.Table]]:
+        """A table's rows of a key, in the order of their writing.
+
+        Yields:
+            Rows, after the outputs that they are of, and those of these that no rows before were of.
+        """
+        seen: set[str] = set()
+        for packet, place, outputs in self._where.get(key, ()):
+            fresh = tuple(output for output in outputs if output not in seen)
+            seen.update(fresh)
+            starts = packet.starts.get(name)
+            if fresh and starts is not None and starts[place + 1] > starts[place]:
+                whole = _decoded(packet, name)
+                yield outputs, fresh, whole.slice(starts[place], starts[place + 1] - starts[place])
+
+    def holds(self, name: str) -> bool:
+        """Whether there are rows of a table."""
+        return name in self._names
+
+    def add(self, packet: Packet) -> None:
+        """Take what a worker sent; write it, and what waits, when it is time."""
+        self._waiting.append(packet)
+        if self.patience() == 0.0 or sum(len(t) for p in self._waiting for t in p.tables.values()) >= _BYTES:
+            self.commit()
+
+    def patience(self) -> float | None:
+        """Seconds until what waits should be written; None if nothing waits."""
+        if not self._waiting:
+            return None
+        now = time.monotonic()
+        return max(0.0, self._since + max(_SECONDS, _SHARE * (now - self._began)) - now)
+
+    def commit(self) -> None:
+        """Write what waits."""
+        if not self._waiting:
+            return
+        packets, self._waiting = self._waiting, []
+        now = time.monotonic()
+        header = {
+            "format": FORMAT,
+            "software": self.software,
+            "seconds": round(now - self._since, 3),
+            "note": self.note,
+            "packets": [
+                {
+                    "keys": [[key, list(outputs)] for key, outputs in packet.keys],
+                    "rows": {name: list(rows) for name, rows in packet.rows.items()},
+                    "sizes": {name: len(table) for name, table in packet.tables.items()},
+                }
+                for packet in packets
+            ],
+        }
+        line = json.dumps(header, separators=(",", ":")).encode() + b"\n"
+        data = b"".join([line, *(table for packet in packets for table in packet.tables.values())])
+        path = self.folder / f"{self.kind}-{hashlib.sha256(data).hexdigest()}{_SUFFIX}"
+        with explained(self.folder.parent):
+            self.folder.mkdir(exist_ok=True)
+            write(path, data)
+        self._since = now
+        self._index(str(path), data)
+
+    def remove(self) -> None:
+        """Remove the files: what was in them is in tables now."""
+        with explained(self.folder.parent):
+            for name in self._files():
+                os.unlink(self.folder / name)
+            if self.folder.is_dir() and not any(self.folder.iterdir()):
+                self.folder.rmdir()
+        self._forget()
+
+    def _index(self, path: str, data: bytes) -> None:
+        """Note where the rows of each key are."""
+        length = data.index(b"\n") + 1
+        header = json.loads(data[:length])
+        if header["format"] > FORMAT:
+            words = f"made by a newer version of this program ({header['software'].get('study', 'unknown')})"
+            raise RunError(f"{path}: {words}; update it, or choose another folder with --out")
+        self.count += 1
+        self.note = self.note or header["note"]
+        self.seconds += header["seconds"]
+        if header["software"] != self.software and header["software"] not in self.made_by:
+            self.made_by.append(header["software"])
+        if header["format"] < FORMAT:
+            return
+        begin = length
+        for packet in header["packets"]:
+            tables = {}
+            for name, size in packet["sizes"].items():
+                tables[name] = (begin, size)
+                begin += size
+            self._names.update(tables)
+            starts = {name: _sums(rows) for name, rows in packet["rows"].items()}
+            stored = _Stored(path, tables, starts)
+            for place, (key, outputs) in enumerate(packet["keys"]):
+                kind = tuple(outputs)
+                entry = (stored, place, self._kinds.setdefault(kind, kind))
+                self._where.setdefault(key, []).append(entry)
+
+
+def _sums(rows: Sequence[int]) -> list[int]:
+    """Sums of the first 0, 1, … of some numbers."""
+    sums = [0]
+    for count in rows:
+        sums.append(sums[-1] + count)
+    return sums

@@ -1,0 +1,253 @@
+"""Schemas of the stored tables: every column with its type, unit and meaning, which also go into the files."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from study.estimators import Status
+from study.experiment.posterior_config import ChainStatus
+
+
+class Column(NamedTuple):
+    """One column of a table."""
+
+    name: str
+    type: pa.DataType
+    unit: str
+    meaning: str
+
+
+_WORD = pa.dictionary(pa.int32(), pa.string())
+_STATUSES = "; ".join(f"{status.value} = {status.text}" for status in Status)
+_CHAIN_STATUSES = "; ".join(f"{status.value} = {status.text}" for status in ChainStatus)
+
+
+def _per_axis(name: str, dimension: int, unit: str, meaning: str) -> list[Column]:
+    return [Column(f"{name}_{i + 1}", pa.float64(), unit, meaning.format(i + 1)) for i in range(dimension)]
+
+
+def errors(dimension: int) -> list[Column]:
+    """The error table: a row per cell, trial and estimator."""
+    return [
+        Column("cell", _WORD, "", "name of the condition, a digest of its values"),
+        Column("trial", pa.int64(), "", "number of the data set"),
+        Column("samples", pa.int64(), "", "number of samples N of the data set"),
+        Column("noise", pa.float64(), "length", "standard deviation σ of each coordinate"),
+        Column("angle", pa.float64(), "degree", "confinement half-angle φ about the first axis"),
+        Column("radius", pa.float64(), "length", "true radius r"),
+        Column("center", pa.float64(), "length", "distance |c| of the true centre from the origin"),
+        Column("estimator", _WORD, "", "name of the estimator"),
+        *_per_axis("error", dimension, "length", "estimated minus true centre, component {}; 1 is the cap's axis"),
+        Column("error", pa.float64(), "length", "distance from the estimated to the true centre"),
+        Column("radius_error", pa.float64(), "length", "estimated minus true radius"),
+        Column("bound", pa.float64(), "length", "√tr CRLB of the centre, for the realised directions"),
+        Column("radius_bound", pa.float64(), "length", "√CRLB of the radius, for the realised directions"),
+        Column("noise_variance", pa.float64(), "length²", "noise variance of a coordinate, as given or estimated"),
+        Column("status", pa.int8(), "", _STATUSES),
+        Column("condition", pa.float64(), "", "ρ(Σ̂C⁻¹), the Leontief condition; NaN if nothing is subtracted"),
+        Column("iterations", pa.int32(), "", "steps of an iteration; 0 for a closed form"),
+    ]  # fmt: skip
+
+
+FAILURES = [
+    Column("cell", _WORD, "", "name of the condition"),
+    Column("trial", pa.int64(), "", "number of the data set"),
+    Column("estimator", _WORD, "", "name of the estimator"),
+    Column("name", pa.string(), "", "the data set, as `study replay RUN NAME` draws it again"),
+    Column("cause", _WORD, "", "exception, raised by the estimator; or worker, which died of the whole unit, twice"),
+    Column("message", pa.string(), "", "what was raised, or how the worker ended"),
+]  # fmt: skip
+
+
+TIMINGS = [
+    Column("step", _WORD, "", "draw, bound, points, moments, or an estimator (moments not included)"),
+    Column("samples", pa.int64(), "", "number of samples N"),
+    Column("fits", pa.int64(), "", "data sets handled"),
+    Column("seconds", pa.float64(), "s", "time spent in them"),
+]  # fmt: skip
+
+
+def points(dimension: int) -> list[Column]:
+    """Points of the trials that a config asks to keep: a row per sample."""
+    return [
+        Column("cell", _WORD, "", "name of the condition"),
+        Column("trial", pa.int64(), "", "number of the data set"),
+        Column("sample", pa.int64(), "", "number of the sample"),
+        *_per_axis("x", dimension, "length", "coordinate {} as the estimators saw it"),
+        *_per_axis("center", dimension, "length", "coordinate {} of the true centre"),
+        Column("radius", pa.float64(), "length", "true radius"),
+    ]
+
+
+def summary() -> list[Column]:
+    """The summary table: a row per group - a cell, or a decade of σ/r - and estimator."""
+    columns = [
+        Column("group", pa.string(), "", "name of the cell, or the decade of σ/r by its lower end"),
+        Column("estimator", _WORD, "", "name of the estimator"),
+        Column("decade", pa.float64(), "", "floor of log10 σ/r; not a number for a cell"),
+        Column("samples", pa.float64(), "", "number of samples N; not a number where it varies"),
+        Column("noise", pa.float64(), "length", "standard deviation σ; not a number where it varies"),
+        Column("angle", pa.float64(), "degree", "confinement half-angle φ; not a number where it varies"),
+        Column("radius", pa.float64(), "length", "true radius r; not a number where it varies"),
+        Column("center", pa.float64(), "length", "distance |c| from the origin; not a number where it varies"),
+        Column("planned", pa.int64(), "", "fits planned; none is ever drawn again or left out"),
+        *(Column(s.name.lower(), pa.int64(), "", f"fits with the status: {s.text}") for s in Status),
+    ]
+
+    def measured(name: str, meaning: str) -> None:
+        columns.append(Column(name, pa.float64(), "", meaning))
+        columns.append(Column(f"{name}_error", pa.float64(), "", f"Monte-Carlo standard error of {name}"))
+
+    for name, meaning in (("relative", "error over radius"), ("ratio", "error over √tr CRLB")):
+        for label, words in (("median", "median"), ("q05", "5 % quantile"), ("q95", "95 % quantile")):
+            measured(f"{name}_{label}_ok", f"{words} of {meaning}, of the fits that are ok")
+            measured(f"{name}_{label}_all", f"{words} of {meaning}, all others counted as infinite")
+    measured("far_ok", "share of the ok fits with an error beyond 10 times the bound")
+    measured("far_all", "share of all fits that are beyond 10 times the bound or not ok")
+    measured("axis_median_ok", "median of the error along the cap's axis, over the bound: the bias that always exists")
+    measured("tail_index", "Hill's index of the error's tail; moments of that order and above do not exist")
+    measured("bias", "mean error along the axis over the bound; only where the tail index exceeds 2 by two errors")
+    measured("rmse", "root mean square of error over bound; only where the tail index exceeds 2 by two errors")
+    return columns
+
+
+def _per_parameter(name: str, dimension: int, unit: str, meaning: str, noise: bool = True) -> list[Column]:
+    """A column per parameter of a posterior: the centre's components, the radius and perhaps σ."""
+    columns = _per_axis(name, dimension, unit, meaning + " of the centre's component {}")
+    columns.append(Column(f"{name}_radius", pa.float64(), unit, meaning + " of the radius"))
+    if noise:
+        columns.append(Column(f"{name}_noise", pa.float64(), unit, meaning + " of σ; not a number where it is known"))
+    return columns
+
+
+_CHAIN = [
+    Column("cell", _WORD, "", "name of the condition"),
+    Column("trial", pa.int64(), "", "number of the data set"),
+    Column("likelihood", _WORD, "", "geometric or whole_sphere"),
+    Column("noise_is", _WORD, "", "known, or unknown: one more parameter of the chain"),
+]
+
+POSTERIOR_QUANTILES = {"q025": 0.025, "q16": 0.16, "q50": 0.5, "q84": 0.84, "q975": 0.975}
+
+
+def posterior(dimension: int) -> list[Column]:
+    """The posterior table: a row per chain. Means and quantiles are less the truth."""
+    return [
+        *_CHAIN,
+        *(c for c in errors(dimension) if c.name in ("samples", "noise", "angle", "radius", "center")),
+        Column("flatness", pa.float64(), "", "σ²/v, noise over the points' variance along the cap's axis, by theory"),
+        Column("status", pa.int8(), "", _CHAIN_STATUSES),
+        *_per_parameter("mean", dimension, "length", "posterior mean less the truth,"),
+        *_per_parameter("sd", dimension, "length", "posterior standard deviation"),
+        *(
+            column
+            for name, p in POSTERIOR_QUANTILES.items()
+            for column in _per_parameter(name, dimension, "length", f"{100.0 * p:g} % quantile less the truth,")
+        ),
+        Column("trace", pa.float64(), "length²", "trace of the centre's posterior covariance"),
+        *_per_parameter("bound", dimension, "length", "√CRLB at the true σ, realised directions,", noise=False),
+        *_per_axis("bound_with", dimension, "", "correlation of component 1 with {} in the bound")[1:],
+        Column("bound_with_radius", pa.float64(), "", "correlation of component 1 with the radius in the bound"),
+        *_per_parameter("rank", dimension, "", "share of the draws below the truth,"),
+        Column("level", pa.float64(), "", "share of the draws that are nearer to the mean than the true centre"),
+        Column("tau", pa.float64(), "step", "largest integrated autocorrelation time"),
+        Column("draws", pa.float64(), "", "independent draws that the chain is worth: draws kept over tau"),
+        Column("acceptance", pa.float64(), "", "share of proposals accepted"),
+        Column("steps", pa.int64(), "", "length of the chain, the first fifth of which is not used"),
+        Column("walkers", pa.int64(), "", "walkers of the ensemble"),
+    ]  # fmt: skip
+
+
+def answers(dimension: int) -> list[Column]:
+    """Each estimator's answer beside the posterior: a row per chain and estimator."""
+    return [
+        *_CHAIN,
+        Column("estimator", _WORD, "", "name of the estimator; told σ where it is known or cannot be done without"),
+        Column("status", pa.int8(), "", _STATUSES),
+        *_per_parameter("away", dimension, "", "answer less posterior mean, in posterior sd,", noise=False),
+        Column("distance", pa.float64(), "", "Mahalanobis distance of the centre from the posterior mean"),
+        *_per_parameter("spread", dimension, "", "own standard error over posterior sd,", noise=False),
+        *_per_parameter("rank", dimension, "", "own distribution function at the truth,", noise=False),
+        Column("level", pa.float64(), "", "level of its confidence ellipsoid on whose surface the true centre lies"),
+    ]  # fmt: skip
+
+
+def draws(dimension: int) -> list[Column]:
+    """Draws of the chains that a config asks to keep, thinned: a row per draw, less the truth."""
+    return [
+        *_CHAIN,
+        *_per_axis("error", dimension, "length", "component {} of the centre, less the truth"),
+        Column("radius_error", pa.float64(), "length", "radius less the truth"),
+        Column("noise", pa.float64(), "length", "σ"),
+    ]
+
+
+CLAIMS = [
+    Column("number", pa.int16(), "", "place in the ledger"),
+    Column("name", pa.string(), "", "a word or two for the claim"),
+    Column("section", pa.string(), "", "section of the paper"),
+    Column("statement", pa.string(), "", "what the paper says, in our words"),
+    Column("quantity", pa.string(), "", "what is measured"),
+    Column("value", pa.float64(), "", "the headline number; not a number where there is none"),
+    Column("error", pa.float64(), "", "its Monte-Carlo standard error; 0 for what is counted"),
+    Column("trials", pa.int64(), "", "smallest number of data sets behind any of the numbers"),
+    Column("verdict", pa.string(), "", "reproduced, partly, not reproduced, or not evaluated"),
+    Column("finding", pa.string(), "", "numbers with their Monte-Carlo errors, one a line, or why there are none"),
+    Column("criterion", pa.string(), "", "the rule that turns the numbers into the verdict"),
+    Column("remark", pa.string(), "", "where the paper's number comes from, what explains ours"),
+    Column("reads", pa.string(), "", "tables that the claim reads, as config/table"),
+    Column("runs", pa.string(), "", "names of the runs that were read"),
+    Column("figure", pa.string(), "", "the figure that shows it"),
+]  # fmt: skip
+
+
+PRECISION = [
+    Column("cell", _WORD, "", "name of the condition"),
+    Column("samples", pa.int64(), "", "number of samples N"),
+    Column("noise", pa.float64(), "length", "standard deviation σ"),
+    Column("angle", pa.float64(), "degree", "confinement half-angle φ"),
+    Column("radius", pa.float64(), "length", "true radius r"),
+    Column("center", pa.float64(), "length", "distance |c| from the origin"),
+    Column("trials", pa.int64(), "", "data sets that the cell has; 0 if the budget ended before its first checkpoint"),
+    Column("checkpoints", pa.int64(), "", "how often it was judged"),
+    Column("estimator", _WORD, "", "of those that the target is for, the one that is farthest from it"),
+    Column("value", pa.float64(), "", "the measure of that estimator, at the last checkpoint"),
+    Column("error", pa.float64(), "", "its Monte-Carlo standard error, which decided"),
+    Column("goal", pa.float64(), "", "what that had to reach: target, or relative_target times |value|"),
+    Column("reason", _WORD, "", "why it has no more trials: target, cap (of design.trials), or budget (of time)"),
+]  # fmt: skip
+
+
+def of_units(dimension: int) -> dict[str, list[Column]]:
+    """The tables that the study's units fill: the summary instead of the errors where the study keeps that alone."""
+    return {
+        "errors": errors(dimension),
+        "timings": TIMINGS,
+        "points": points(dimension),
+        "failures": FAILURES,
+        "summary": summary(),
+    }
+
+
+def schema(columns: list[Column], metadata: Mapping[str, str] | None = None) -> pa.Schema:
+    """Arrow schema of a table, with units and meanings as metadata of its columns."""
+    fields = [
+        pa.field(name, kind, metadata={"unit": unit, "meaning": meaning}) for name, kind, unit, meaning in columns
+    ]
+    return pa.schema(fields, metadata=dict(metadata) if metadata else None)
+
+
+def table(columns: list[Column], data: Mapping[str, Any]) -> pa.Table:
+    """Arrow table from arrays; ValueError if they are not the columns declared."""
+    names = [column.name for column in columns]
+    if set(names) != set(data):
+        raise ValueError(f"columns {sorted(set(names) ^ set(data))} are declared but not computed, or the reverse")
+    return pa.table([pa.array(data[c.name], type=c.type) for c in columns], schema=schema(columns))
+
+
+def read(path: Path, columns: list[str] | None = None) -> Any:
+    """Read a stored table into a data frame."""
+    return pq.read_table(path, columns=columns).to_pandas()

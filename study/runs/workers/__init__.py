@@ -1,0 +1,1 @@
+"""Workers: threads, processes or a Dask cluster that compute units."""

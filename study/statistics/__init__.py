@@ -1,0 +1,1 @@
+"""Numbers in, numbers with their Monte-Carlo errors out."""

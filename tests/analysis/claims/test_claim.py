@@ -1,0 +1,221 @@
+"""The framework: what is missing is said in a line, verdicts come from judges alone, and texts are complete."""
+
+import inspect
+import math
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+import study
+from study.analysis.claims import CLAIMS
+from study.analysis.claims.claim import Claim, Evidence, Number, Verdict, evaluate, frame
+from study.experiment.config import load, parse
+from study.runs import runner
+from study.runs.storage import schemas
+from study.runs.storage.run_folder import Run, RunError
+from study.statistics.measures import Measure
+
+ROOT = Path(study.__file__).parents[1]
+CONFIG = """
+name = "small"
+seed = 1
+estimators = ["gdke"]
+[design]
+kind = "grid"
+trials = 3
+samples = 10
+noise = 0.05
+angle = 90
+"""
+
+
+def claim(measure, judge=lambda numbers: Verdict.REPRODUCED, reads=("small/errors",)):
+    """A claim of these functions."""
+    return Claim("a", "1", "statement", "quantity", "criterion", reads, measure, judge)
+
+
+def of_small(evidence):
+    """The number of rows of the small run."""
+    return [Number("rows", float(len(evidence.table("small", "errors"))), 0.0, 3)]
+
+
+def assert_no_verdict(finding, *words):
+    """No verdict and no numbers, but a reason, in one line, with these words in it."""
+    assert finding.verdict is Verdict.NOT_EVALUATED
+    assert finding.numbers == []
+    assert "\n" not in finding.reason
+    for word in words:
+        assert word in finding.reason
+
+
+@pytest.fixture
+def small(tmp_path):
+    """A finished run."""
+    return runner.run(parse(CONFIG), CONFIG, tmp_path / "run", 1, None)
+
+
+def test_a_run_is_judged(small):
+    """Numbers of a stored table come back with the verdict of the judge, who sees nothing but them."""
+    seen = []
+
+    def judge(numbers):
+        seen.append(numbers)
+        return Verdict.PARTLY
+
+    (finding,) = evaluate([claim(of_small, judge)], Evidence.of([small]))
+    assert finding.verdict is Verdict.PARTLY
+    assert finding.numbers == [("rows", 3.0, 0.0, 3)]
+    assert seen == [finding.numbers]
+    assert finding.reason == ""
+
+
+def test_a_missing_run():
+    """The reason names the config whose run is needed."""
+    (finding,) = evaluate([claim(of_small)], Evidence.of([]))
+    assert_no_verdict(finding, "configs/small.toml")
+
+
+def test_an_unfinished_run(tmp_path):
+    """A run without its tables says how it is finished."""
+    run = Run.create(tmp_path / "run", parse(CONFIG)).begin(CONFIG)
+    (finding,) = evaluate([claim(of_small)], Evidence.of([run]))
+    assert_no_verdict(finding, "errors.parquet", "study run")
+
+
+def test_a_broken_table(small):
+    """A table that cannot be read is as good as none."""
+    (small.folder / "errors.parquet").write_bytes(b"not parquet")
+    (finding,) = evaluate([claim(of_small)], Evidence.of([small]))
+    assert_no_verdict(finding, "cannot be read")
+
+
+def test_two_runs_of_one_name(small, tmp_path):
+    """Which of two would be meant is not guessed; both are named."""
+    other = Run.create(tmp_path / "other", parse(CONFIG)).begin(CONFIG)
+    with pytest.raises(RunError) as caught:
+        Evidence.of([small, other])
+    for folder in (small.folder, other.folder):
+        assert str(folder) in str(caught.value)
+
+
+def test_the_cost_table(tmp_path):
+    """It is read from its file; without one, the reason says what makes it; a file that is none is an error."""
+    measure = claim(lambda evidence: [Number("rows", float(len(evidence.costs())), 0.0, 0)], reads=("cost",))
+    (finding,) = evaluate([measure], Evidence.of([]))
+    assert_no_verdict(finding, "study cost")
+    path = tmp_path / "cost.parquet"
+    with pytest.raises(RunError, match="no cost table"):
+        Evidence.of([], path)
+    path.write_bytes(b"not parquet")
+    with pytest.raises(RunError, match="cannot be read"):
+        Evidence.of([], path)
+    pd.DataFrame({"estimator": ["gdke", "lls"]}).to_parquet(path)
+    with pytest.raises(RunError, match="not a cost table, without flops_per_sample"):
+        Evidence.of([], path)
+    columns = ["flops_per_sample", "paper_flops", "scalar_seconds", "vector_seconds"]
+    pd.DataFrame({"estimator": ["gdke", "lls"]} | dict.fromkeys(columns, 1.0)).to_parquet(path)
+    (finding,) = evaluate([measure], Evidence.of([], path))
+    assert finding.numbers[0].value == 2.0
+
+
+def test_numbers_that_cannot_be_formed():
+    """A number that is none leaves no verdict: the judge is not asked, and the reason says which number it was."""
+
+    def never(numbers):
+        raise AssertionError("judged")
+
+    numbers = [Number("first", 1.0, 0.1, 10), Number("second", math.nan, math.nan, 0)]
+    (finding,) = evaluate([claim(lambda evidence: numbers, never)], Evidence.of([]))
+    assert finding.verdict is Verdict.NOT_EVALUATED
+    assert finding.numbers == numbers
+    assert "second" in finding.reason
+    assert "first" not in finding.reason
+
+
+def test_other_exceptions_are_faults():
+    """A measure that breaks is a fault of the program, not a missing table."""
+
+    def broken(evidence):
+        raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        evaluate([claim(broken)], Evidence.of([]))
+
+
+def test_number():
+    """A number prints with its error, and without one where there is none."""
+    assert str(Number.of("bias", Measure(0.12345, 0.0123), 5)) == "bias: 0.1235 ± 0.012"
+    assert str(Number("count", 35.0, 0.0, 0)) == "count: 35"
+    assert str(Number("time", 1.5, math.nan, 0)) == "time: 1.5"
+
+
+def test_frame(small):
+    """The table has the declared columns, a row per claim in order, and can be stored."""
+    missing = claim(lambda evidence: evidence.table("other", "errors"), reads=("other/errors", "small/errors", "cost"))
+    several = claim(lambda evidence: [Number("a", 2.0, 0.5, 7), Number("b", 3.0, 0.0, 0), Number("c", 4.0, 0.1, 5)])
+    empty = claim(lambda evidence: [], lambda numbers: Verdict.PARTLY, reads=())
+    evidence = Evidence.of([small])
+    table = frame(evaluate([several, missing, empty], evidence), evidence)
+    assert list(table.columns) == [column.name for column in schemas.CLAIMS]
+    assert list(table["number"]) == [1, 2, 3]
+    assert list(table["verdict"]) == ["reproduced", "not evaluated", "partly"]
+    first = table.iloc[0]
+    assert (first["value"], first["error"], first["trials"]) == (2.0, 0.5, 5)
+    assert first["finding"] == "a: 2 ± 0.5\nb: 3\nc: 4 ± 0.1"
+    assert "configs/other.toml" in table["finding"][1]
+    assert math.isnan(table["value"][1])
+    assert list(table["runs"]) == [small.study.run_name(), small.study.run_name(), ""]
+    stored = schemas.table(schemas.CLAIMS, {name: table[name].to_numpy() for name in table.columns})
+    assert stored.num_rows == 3
+
+
+@pytest.mark.parametrize("claim", CLAIMS, ids=lambda claim: claim.name)
+def test_texts(claim):
+    """Every claim says what the paper says, what is measured, by what rule, and what a reader should know."""
+    for text in (claim.section, claim.statement, claim.quantity, claim.criterion, claim.remark):
+        assert text == text.strip() != ""
+    for verdict in (Verdict.REPRODUCED, Verdict.PARTLY, Verdict.NOT_REPRODUCED):
+        assert str(verdict) in claim.criterion.lower()
+    assert claim.statement.endswith(".")
+
+
+@pytest.mark.parametrize("claim", CLAIMS, ids=lambda claim: claim.name)
+def test_measures_know_no_verdict(claim):
+    """A verdict is the judge's: no measure mentions one, and no judge reads a table."""
+    measure = inspect.getsource(claim.measure)
+    assert "Verdict" not in measure
+    assert not any(f'"{verdict}"' in measure for verdict in Verdict)
+    assert "evidence" not in inspect.getsource(claim.judge)
+
+
+@pytest.mark.parametrize("claim", CLAIMS, ids=lambda claim: claim.name)
+def test_what_is_read_can_be_made(claim):
+    """Tables are of shipped configs with the name that claims know them by, which keep points where these are read."""
+    for read in claim.reads:
+        config, _, table = read.partition("/")
+        if read in ("cost", "case-study"):
+            continue
+        found = load(ROOT / "configs" / f"{config}.toml")
+        assert found.name == config
+        assert table in ("errors", "timings", "points")
+        assert found.keep_points or table != "points"
+
+
+@pytest.mark.parametrize("claim", CLAIMS, ids=lambda claim: claim.name)
+def test_nothing_at_hand(claim):
+    """Without any table a claim has no verdict, and one line says which of those that it reads it needs."""
+    (finding,) = evaluate([claim], Evidence.of([]))
+    assert_no_verdict(finding)
+    needs = {
+        "cost": "needs the cost table: `study cost` makes it",
+        "case-study": "needs a recording: `study case-study FILE --out DIR`, then `--recording DIR` here",
+    }
+    configs = [read.partition("/")[0] for read in claim.reads]
+    assert finding.reason in [needs.get(name, f"needs a run of configs/{name}.toml") for name in configs]
+
+
+def test_names_are_unique():
+    """A claim is found by its name."""
+    names = [claim.name for claim in CLAIMS]
+    assert len(set(names)) == len(names)

@@ -1,0 +1,81 @@
+"""What theory expects of a cap, against closed forms, drawn Gaussians and each other."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from study.analysis.asymptotics import (
+    bound_shares,
+    gdke_bias,
+    gdke_leaves,
+    kappa,
+    median_at_bound,
+    noise_at_kappa,
+    ugdk_leaves,
+    ugdk_variance,
+)
+from study.sphere.cap import cap_moments
+
+
+def test_gdke_bias():
+    """m₁σ²/(Kₐ + σ²) for isotropic noise; for a covariance the matrix formula, whichever way it is solved."""
+    moments = cap_moments(math.radians(60.0), 3)
+    np.testing.assert_allclose(gdke_bias(0.02, moments, np.eye(3)), 0.75 * 4e-4 / (1 / 48 + 4e-4))
+    shape = np.array([[1.0, 0.3, 0.0], [0.3, 2.0, 0.0], [0.0, 0.0, 0.5]])
+    extent = np.diag([moments.along, moments.across, moments.across])
+    told = np.linalg.inv(extent + 0.01 * shape) @ (0.01 * shape) @ [moments.mean, 0.0, 0.0]
+    np.testing.assert_allclose(gdke_bias(0.1, moments, shape), np.linalg.norm(told))
+
+
+def test_median_at_bound():
+    """On the whole sphere the length is χ₃/√3; on a cap it agrees with drawn Gaussians."""
+    np.testing.assert_allclose(
+        median_at_bound(cap_moments(math.pi, 3), 3), math.sqrt(stats.chi2.median(3) / 3), rtol=1e-6
+    )
+    for dimension in (2, 3):
+        moments = cap_moments(math.radians(40.0), dimension)
+        variance = 1.0 / np.array([moments.along] + [moments.across] * (dimension - 1))
+        drawn = np.random.default_rng(5).normal(size=(400_000, dimension)) * np.sqrt(variance / variance.sum())
+        np.testing.assert_allclose(
+            np.median(np.linalg.norm(drawn, axis=1)), median_at_bound(moments, dimension), rtol=0.01
+        )
+
+
+@pytest.mark.parametrize("degrees", [20.0, 60.0])
+def test_gdke_leaves_where_bias_meets_scatter(degrees):
+    """At s* the bias of many samples is the bound's standard deviation along the axis, σ/√(N Kₐ)."""
+    moments = cap_moments(math.radians(degrees), 3)
+    noise = gdke_leaves(10**8, moments)
+    assert gdke_bias(noise, moments, np.eye(3)) == pytest.approx(noise / math.sqrt(10**8 * moments.along), rel=1e-4)
+
+
+def test_gdke_never_leaves_on_the_whole_sphere():
+    """There it has no bias, and the rounded mean of the directions is none."""
+    for dimension in (2, 3, 4):
+        assert gdke_leaves(10**6, cap_moments(math.pi, dimension)) == math.inf
+
+
+def test_where_ugdk_leaves_and_fails():
+    """With v = Kₐ = (1 - cos φ)²/12: σ² = v/2; κ = (v/σ²)√(N/2), and the noise of a κ has it."""
+    along = (1.0 - math.cos(0.7)) ** 2 / 12.0
+    moments = cap_moments(0.7, 3)
+    assert ugdk_leaves(moments) ** 2 == pytest.approx(along / 2.0, rel=1e-12)
+    assert kappa(0.05, 1000, moments) == pytest.approx(along / 0.05**2 * math.sqrt(500.0), rel=1e-12)
+    assert kappa(noise_at_kappa(3.0, 1000, moments), 1000, moments) == pytest.approx(3.0, rel=1e-12)
+
+
+def test_ugdk_variance():
+    """1 + 7.5 σ²/r² on the whole sphere, where Kₐ = ⅓ and m₁ = 0; 1 + 96 σ²/(r²φ⁴) on small caps, Kₐ → φ⁴/48."""
+    assert ugdk_variance(0.1, cap_moments(math.pi, 3), 3) == pytest.approx(1.0 + 0.01 * 7.5, rel=1e-12)
+    assert ugdk_variance(1e-4, cap_moments(0.01, 3), 3) == pytest.approx(1.0 + 96.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("degrees", [5.0, 60.0, 180.0])
+def test_bound_shares(degrees):
+    """They are as 12/(1 - cos φ)² to 6/[(1 - cos φ)(2 + cos φ)] (theory 3.3), and whole."""
+    c = math.cos(math.radians(degrees))
+    along, across = bound_shares(cap_moments(math.radians(degrees), 3), 3)
+    assert along + 2.0 * across == pytest.approx(1.0, rel=1e-12)
+    assert along / across == pytest.approx(12.0 / (1 - c) ** 2 / (6.0 / ((1 - c) * (2 + c))), rel=1e-9)

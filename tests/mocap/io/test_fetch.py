@@ -1,0 +1,165 @@
+import socket
+import threading
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+
+import numpy as np
+import pytest
+
+from study.mocap.io.fetch import LIBRARIES, DownloadError, fetch
+from study.mocap.io.reading import read_recording
+from study.mocap.io.recording import RecordingError
+from study.mocap.synthetic.export import write_recording
+
+
+class Server(ThreadingHTTPServer):
+    """A library on this machine: what it answers, and what it was asked for."""
+
+    def __init__(self):
+        super().__init__(("127.0.0.1", 0), Handler)
+        self.asked = []
+        self.status, self.body, self.promised = 200, b"", None
+
+    @property
+    def base(self):
+        return f"http://127.0.0.1:{self.server_address[1]}/subjects"
+
+
+class Handler(BaseHTTPRequestHandler):
+    """Answers as its server says."""
+
+    def do_GET(self):
+        server = self.server
+        server.asked.append(self.path)
+        self.send_response(server.status)
+        if server.promised is not None:
+            self.send_header("Content-Length", str(server.promised))
+        self.end_headers()
+        self.wfile.write(server.body)
+
+    def log_message(self, *_):
+        pass
+
+
+@pytest.fixture
+def server(monkeypatch):
+    monkeypatch.setenv("NO_PROXY", "127.0.0.1")
+    monkeypatch.setattr("study.mocap.io.fetch._SECONDS", 600.0)  # a busy machine may answer late
+    server = Server()
+    thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
+    thread.start()
+    yield server
+    server.shutdown()
+    thread.join()
+    server.server_close()
+
+
+@pytest.fixture
+def body(tmp_path_factory, small):
+    """Bytes of a C3D file."""
+    return write_recording(small(frames=200), tmp_path_factory.mktemp("library") / "a.c3d").read_bytes()
+
+
+def get(server, folder, name="60_08", base=None):
+    return fetch("cmu", name, base=base or server.base, folder=folder)
+
+
+def test_a_recording_is_fetched_once(server, tmp_path, small, body):
+    """Under its subject's folder; the second time it comes from the cache."""
+    server.body = body
+    path = get(server, tmp_path / "cache")
+    assert path == tmp_path / "cache" / "60_08.c3d"
+    np.testing.assert_array_equal(read_recording(path).seen(), small(frames=200).seen())
+    assert get(server, tmp_path / "cache") == path
+    assert server.asked == ["/subjects/60/60_08.c3d"]
+    assert [found.name for found in (tmp_path / "cache").iterdir()] == ["60_08.c3d"]
+
+
+@pytest.mark.parametrize(
+    ("name", "place"),
+    [
+        ("60_08", "60/60_08.c3d"),
+        ("2_1", "02/02_01.c3d"),
+        ("02-01", "02/02_01.c3d"),
+        ("135_02.c3d", "135/135_02.c3d"),
+        ("085_02", "85/85_02.c3d"),
+    ],
+)
+def test_names_of_the_library(server, tmp_path, body, name, place):
+    server.body = body
+    get(server, tmp_path, name, base=server.base + "/")
+    assert server.asked == [f"/subjects/{place}"]
+
+
+def test_its_own_address_and_the_environments(server, tmp_path, body, monkeypatch):
+    assert LIBRARIES["cmu"].base == "http://mocap.cs.cmu.edu/subjects"
+    server.body = body
+    monkeypatch.setenv("STUDY_CMU_URL", server.base)
+    assert fetch("cmu", "01_01", folder=tmp_path).is_file()
+
+
+def test_the_users_cache_folder(server, tmp_path, body, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    server.body = body
+    assert fetch("cmu", "01_01", base=server.base) == tmp_path / "sphere-fit-study" / "cmu" / "01_01.c3d"
+
+
+@pytest.mark.parametrize(
+    "name", ["salsa", "60", "60_08_01", "../60_08", "60_08/..", "", "6000_08", "60_08.bvh", "٦٠_٠٨"]
+)
+def test_a_name_that_no_recording_has(server, tmp_path, name):
+    with pytest.raises(RecordingError, match="is no recording of cmu; they are called as 60_08 is"):
+        get(server, tmp_path, name)
+    assert server.asked == []
+
+
+def test_a_library_that_is_not_known(tmp_path):
+    with pytest.raises(RecordingError, match="no library 'accad'; there are cmu"):
+        fetch("accad", "60_08", folder=tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("status", "words"),
+    [(404, "there is no recording 60_08"), (500, "the server answered 500; try again later"), (403, "answered 403")],
+)
+def test_the_server_refuses(server, tmp_path, status, words):
+    """That a recording is not there is a mistake in its name; anything else may be otherwise another time."""
+    server.status = status
+    refused(server, tmp_path, words, kind=RecordingError if status == 404 else DownloadError)
+
+
+def test_the_download_is_cut_short(server, tmp_path, body):
+    """With a promised length, and without: then the recording itself says that frames are missing."""
+    server.body, server.promised = body[:5000], len(body)
+    refused(server, tmp_path, "the server cannot be reached, or broke off")
+    server.promised = None
+    refused(server, tmp_path, r"what the server sent is no recording: the file is cut short: \d+ of 200 frames")
+
+
+def test_a_page_instead_of_a_recording(server, tmp_path):
+    """As a hotel's network sends."""
+    server.body = b"<html>Please log in</html>"
+    refused(server, tmp_path, "what the server sent is no recording: not a C3D file")
+
+
+def test_there_is_no_server(server, tmp_path):
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))  # bound, but nobody listens
+        base = f"http://127.0.0.1:{free.getsockname()[1]}"
+        refused(server, tmp_path, r"cannot be reached, or broke off \(.*refused.*\); is there a network", base)
+
+
+def refused(server, folder, words, base=None, kind=DownloadError):
+    """One line that begins with the address; nothing is left in the cache."""
+    with pytest.raises(RecordingError, match=words) as caught:
+        get(server, folder / "cache", base=base)
+    assert type(caught.value) is kind
+    assert str(caught.value).startswith(f"{base or server.base}/60/60_08.c3d: ")
+    assert "\n" not in str(caught.value)
+    assert not (folder / "cache").exists() or not list((folder / "cache").iterdir())
+
+
+def test_a_cache_that_cannot_be_written(server, tmp_path, body):
+    server.body = body
+    (tmp_path / "file").write_text("")
+    with pytest.raises(DownloadError, match="cannot be kept in"):
+        get(server, tmp_path / "file" / "cache")

@@ -1,0 +1,39 @@
+"""Seconds between and beyond the sizes that were measured."""
+
+import math
+
+import numpy as np
+import pytest
+
+from study.experiment.config import parse
+from study.experiment.design import units
+from study.runs.speed_probe import Pace, measure
+
+PACE = Pace(np.array([10.0, 110.0, 1000.0]), np.array([1.0, 2.0, 4.0]), np.array([0.5, 1.5, 2.5]), 0.0)
+
+
+@pytest.mark.parametrize(
+    ("samples", "trials", "count", "seconds"),
+    [
+        (10, 1, 1, 1.5),  # as measured
+        (60, 2, 3, 2 * (1.5 + 3 * 1.0)),  # halfway between two sizes
+        (5, 1, 2, 2.0),  # below the first a call costs what it costs
+        (4000, 1, 1, 4 * 6.5),  # beyond the last in proportion
+    ],
+)
+def test_seconds(samples, trials, count, seconds):
+    """A trial costs its draw and its levels, linear between the sizes."""
+    assert math.isclose(PACE.seconds(samples, trials, count), seconds, rel_tol=1e-12)
+
+
+def test_sizes_are_the_studys(make_text):
+    """What is measured are the study's own sample counts, or seven of them, and every one takes time."""
+    for samples, expected in (([10, 20, 300], [10, 20, 300]), (list(range(10, 210, 10)), 7)):
+        study = parse(make_text({"estimators": ["gdke"]}, samples=samples))
+        cells = [cell for unit in units(study) for batch in unit.batches for cell in batch.cells]
+        pace = measure(study, cells, 2)
+        assert (len(pace.samples) == expected) if isinstance(expected, int) else (list(pace.samples) == expected)
+        assert pace.samples[0] == samples[0]
+        assert pace.samples[-1] == samples[-1]
+        assert np.all(pace.draw > 0.0)
+        assert np.all(pace.level > 0.0)

@@ -1,0 +1,92 @@
+"""Generators side by side, and the normal numbers made of their words: NumPy's own, each for itself."""
+
+import numpy as np
+import pytest
+from numba import njit
+
+from study.sphere.sfc64 import LANES, WORDS, fill_words, put_back, seeded, spare, to_uniform
+from study.sphere.ziggurat import to_normals
+
+
+def numpys(begin):
+    """NumPy's SFC64 where a column of a state begins."""
+    generator = np.random.SFC64(0)
+    generator.state = {
+        "bit_generator": "SFC64", "state": {"state": begin.copy()}, "has_uint32": 0, "uinteger": 0,
+    }  # fmt: skip
+    return generator
+
+
+class Words(np.random.bit_generator.ISeedSequence):
+    """Gives NumPy's SFC64 the words that it is to begin with."""
+
+    def __init__(self, words):
+        self.words = words
+
+    def generate_state(self, n_words, dtype=np.uint32):
+        """The words."""
+        assert n_words == len(self.words)
+        assert dtype == np.uint64
+        return np.ascontiguousarray(self.words)
+
+
+@pytest.fixture
+def words(rng):
+    """What a state begins with."""
+    return rng.integers(0, 2**64, WORDS, dtype=np.uint64)
+
+
+def test_each_lane_is_seeded_as_numpy_seeds_its_own(words):
+    """The state of NumPy's SFC64 that is seeded with a lane's three words."""
+    state = seeded(words)
+    for lane in range(LANES + 1):
+        own = np.random.SFC64(Words(words.reshape(3, LANES + 1)[:, lane])).state["state"]["state"]
+        np.testing.assert_array_equal(state[:, lane], own)
+
+
+def test_words_are_those_of_numpys_generators_in_turn(words):
+    """Word k is the next of lane k modulo their number; the spare's state stays."""
+    state = seeded(words)
+    before = state.copy()
+    found = np.empty(7 * LANES, dtype=np.uint64)
+    fill_words(state, found)
+    expected = np.stack([numpys(before[:, lane]).random_raw(7) for lane in range(LANES)], axis=1)
+    np.testing.assert_array_equal(found, expected.ravel())
+    np.testing.assert_array_equal(state[:, LANES], before[:, LANES])
+
+
+def test_uniform_numbers_are_the_upper_bits(words):
+    """The upper 52 bits over 2⁵²: from 0 to below 1."""
+    ends = np.concatenate([np.array([0, 2**64 - 1], dtype=np.uint64), words])
+    found = np.empty(len(ends))
+    to_uniform(ends, found)
+    np.testing.assert_array_equal(found, (ends >> np.uint64(12)).astype(float) / 2**52)
+    assert found[1] < 1.0
+
+
+@njit
+def one_by_one(state, row):
+    """Normal numbers of which all words come from the spare generator, as NumPy's come from one."""
+    word = np.empty(1, np.uint64)
+    lane = spare(state)
+    for k in range(row.size):
+        a, b, c, count = lane
+        word[0] = a + b + count
+        lane = (
+            b ^ (b >> np.uint64(11)), c + (c << np.uint64(3)),
+            ((c << np.uint64(24)) | (c >> np.uint64(40))) + word[0], count + np.uint64(1),
+        )  # fmt: skip
+        lane = to_normals(word, row[k : k + 1], lane)
+    put_back(state, lane)
+
+
+def test_normals_are_numpys(words):
+    """`standard_normal`, bit for bit, and its generator's state afterwards.
+
+    120 000 numbers hold some 30 from beyond the lowest layer, the rarest branch.
+    """
+    state, found = seeded(words), np.empty(120_000)
+    own = np.random.Generator(numpys(state[:, LANES]))
+    one_by_one(state, found)
+    np.testing.assert_array_equal(found, own.standard_normal(120_000))
+    np.testing.assert_array_equal(state[:, LANES], own.bit_generator.state["state"]["state"])
