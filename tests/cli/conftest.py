@@ -1,6 +1,5 @@
 """What the tests of the command line share: a small config, and a way to run a command as a user does."""
 
-import contextlib
 import os
 import signal
 import subprocess
@@ -82,7 +81,7 @@ def hold(command, held, wait_for, tmp_path_factory):
 
     yield start
     for process in started:
-        with contextlib.suppress(ProcessLookupError):
+        if process.poll() is None:
             os.killpg(process.pid, signal.SIGKILL)
         process.communicate()
 
