@@ -13,7 +13,7 @@ import typer
 
 from study.analysis.commands import diff, status, worst
 from study.mocap import commands
-from study.runs.commands import Code, Folder, worker
+from study.runs.commands import ExitCode, Folder, worker
 from study.runs.workers import instruction_set
 
 app = typer.Typer(
@@ -42,7 +42,8 @@ Backend = Annotated[
     ),
 ]
 Seconds = Annotated[
-    float | None, typer.Option("--budget", min=0.0, help="seconds that work is begun, where [precision] asks for it")
+    float | None,
+    typer.Option("--budget", min=0.0, help="start no new work after so many seconds; for a config with [precision]"),
 ]
 Scheduler = Annotated[str | None, typer.Option("--scheduler", help="address of a Dask scheduler: tcp://host:8786")]
 
@@ -50,7 +51,6 @@ Scheduler = Annotated[str | None, typer.Option("--scheduler", help="address of a
 @app.command()
 def plan(config: Config, jobs: Jobs = 2) -> None:
     """Say what a study will cost, without running it."""
-    from study.analysis.summary import of_errors
     from study.experiment.config import load
     from study.runs.plan import extremes
     from study.runs.plan import plan as make_plan
@@ -60,7 +60,7 @@ def plan(config: Config, jobs: Jobs = 2) -> None:
     for title, part in extremes(study).items():
         if title:
             typer.echo(f"  {title}")
-        for label, value in make_plan(part, jobs, of_errors).lines():
+        for label, value in make_plan(part, jobs).lines():
             typer.echo(f"  {label:<10} {value}")
 
 
@@ -73,42 +73,41 @@ def run(
     scheduler: Scheduler = None,
     budget: Seconds = None,
 ) -> None:
-    """Run studies, as far as they have not been run, and store their tables; print the folder of each."""
-    from study.analysis.summary import of_errors, summarise
+    """Run studies, or resume them, and store their tables; print the folder of each."""
+    from study.analysis.summary import summarise
     from study.experiment.config import read
     from study.posterior.run import compute
     from study.runs import runner
-    from study.runs.adaptive.time_budget import Budget
-    from study.runs.finish import complaint, stopped
-    from study.runs.jobs import long
-    from study.runs.workers.dispatch import Workers
-    from study.statistics.performance import measured
+    from study.runs.adaptive.time_budget import TimeBudget
+    from study.runs.finish import budget_message, failure_message
+    from study.runs.jobs import takes_long
+    from study.runs.workers.choose import Workers
 
     if (backend == "dask") != (scheduler is not None) or backend not in (None, "threads", "loky", "dask"):
         raise typer.BadParameter("--backend is threads, loky, or dask, which alone takes a --scheduler, and needs it")
     if out is not None and len(configs) > 1:
         raise typer.BadParameter(f"--out {out} is one folder, for one config; leave it out")
-    complaints, code = [], Code.FAILURES
+    complaints, code = [], ExitCode.TOO_MANY_FAILURES
     studies = [read(config) for config in configs]  # all are read before any is run
     for config, (study, _) in zip(configs, studies, strict=True):
         if budget is not None and study.precision is None:
             raise typer.BadParameter(f"--budget {budget:g}: {config} has no [precision], and is computed whole")
     for study, text in studies:
-        workers = Workers(backend or ("loky" if jobs > 1 and long(study) else "threads"), jobs, scheduler)
+        workers = Workers(backend or ("loky" if jobs > 1 and takes_long(study) else "threads"), jobs, scheduler)
         with _progress(study.run_name()) as advance:
             folder = out or Path("results") / study.run_name()
-            end = None if budget is None else Budget(budget)
-            done = runner.run(study, text, folder, workers, advance, reduce=of_errors, judge=measured, budget=end)
+            end = None if budget is None else TimeBudget(budget)
+            done = runner.run(study, text, folder, workers, advance, budget=end)
         if not done.has("summary"):
             summarise(done)
-        if (words := stopped(done)) is not None:
+        if (words := budget_message(done)) is not None:
             complaints.append(words)
-            code = Code.BUDGET
+            code = ExitCode.BUDGET
         elif study.posterior is not None:
             with _progress("posteriors") as advance:
                 compute(done, workers, advance)
         typer.echo(str(done.folder))
-        complaints += [said for said in [complaint(done)] if said]
+        complaints += [said for said in [failure_message(done)] if said]
     if complaints:
         raise typer.Exit(_said("\n".join(complaints), code))
 
@@ -299,7 +298,7 @@ def _progress(words: str) -> Iterator[Callable[[float], None]]:
 
 
 def main(command: Callable[..., Any] = app) -> None:
-    """Entry point; see `Code`."""
+    """Entry point; see `ExitCode`."""
     instruction_set.fix()
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, _interrupt)  # what a batch system sends when time is up: as Ctrl-C
@@ -309,8 +308,8 @@ def main(command: Callable[..., Any] = app) -> None:
     try:
         command()
     except SystemExit as end:
-        if end.code == Code.INTERRUPTED:
-            _said("interrupted; what was finished is kept, and running again goes on from there", Code.INTERRUPTED)
+        if end.code == ExitCode.INTERRUPTED:
+            _said("interrupted; what was finished is kept, and running again goes on from there", ExitCode.INTERRUPTED)
         raise
     except Exception as error:
         from study.analysis.pointfile import PointFileError
@@ -320,9 +319,9 @@ def main(command: Callable[..., Any] = app) -> None:
         from study.runs.storage.run_folder import RunError
 
         if isinstance(error, ConfigError | PointFileError | RecordingError | ReplayError):
-            raise SystemExit(_said(str(error), Code.USAGE)) from None
+            raise SystemExit(_said(str(error), ExitCode.USAGE)) from None
         if isinstance(error, RunError):
-            raise SystemExit(_said(str(error), Code.FAILURE)) from None
+            raise SystemExit(_said(str(error), ExitCode.FAILURE)) from None
         raise
 
 

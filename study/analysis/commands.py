@@ -5,15 +5,14 @@ from typing import Annotated
 
 import typer
 
-from study.runs.commands import Code, Folder
+from study.runs.commands import ExitCode, Folder
 
 
 def status(folder: Folder) -> None:
     """Say how far a run is: units, parts, failures, tables, who made it and who writes to it."""
     from study.runs.status import printed
-    from study.statistics.performance import measured
 
-    for line in printed(folder, measured):
+    for line in printed(folder):
         typer.echo(line)
 
 
@@ -29,7 +28,7 @@ def diff(
     for line in printed(found):
         typer.echo(line)
     if found.different:
-        raise typer.Exit(Code.FAILURE)
+        raise typer.Exit(ExitCode.FAILURE)
 
 
 def worst(
