@@ -21,11 +21,11 @@ from study.experiment.config import parse
 from study.runs import jobs, runner
 from study.runs.storage import parts
 from study.runs.storage.atomic_write import RunError
-from study.runs.workers import dispatch
-from study.statistics.performance import measured
+from study.runs.workers.backend import Backend
+from study.runs.workers.choose import Workers
 
 design._SAMPLES_PER_UNIT = 500  # one block in a unit, and one unit in a part
-dispatch.Pool.enough = 0.0
+Backend.enough = 0.0
 parts._SECONDS = parts._SHARE = 0.0
 FULL = 3
 
@@ -77,9 +77,9 @@ def serve(request, log):
     trap = Trap(request.get("kill_at"))
     real = jobs.execute
 
-    def execute(order, some):
+    def execute(made, some):
         os.write(log, "".join(f"{job.key}\n" for job in some).encode())
-        return real(order, some)
+        return real(made, some)
 
     os.fsync, os.replace = trap.around(os.fsync), trap.around(os.replace)
     os.unlink, os.rename = trap.around(os.unlink), trap.around(os.rename)
@@ -94,11 +94,11 @@ def serve(request, log):
             sync(handle)
 
         os.fsync = full
-    crew = dispatch.Workers(request.get("backend", "threads"), 2)
+    crew = Workers(request.get("backend", "threads"), 2)
     progress = killer(request["kill_workers"]) if "kill_workers" in request else None
     try:
         study, folder = parse(request["config"]), Path(request["folder"])
-        runner.run(study, request["config"], folder, crew, progress, lambda line: 0, judge=measured)
+        runner.run(study, request["config"], folder, crew, progress, lambda line: 0)
     except RunError as error:
         return FULL if "No space left" in str(error) else 1
     finally:

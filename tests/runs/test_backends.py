@@ -11,7 +11,7 @@ import pytest
 
 import study
 from study.runs.storage.atomic_write import RunError
-from study.runs.workers.dispatch import Workers
+from study.runs.workers.choose import Workers
 
 pytestmark = pytest.mark.usefixtures("same_software")
 
@@ -27,8 +27,8 @@ def tables(run):
 def one_unit_in_a_task(monkeypatch):
     """Many small tasks, so that all workers have some."""
     monkeypatch.setattr("study.experiment.design._SAMPLES_PER_UNIT", 500)
-    monkeypatch.setattr("study.runs.workers.dispatch.Pool.enough", 0.0)
-    monkeypatch.setattr("study.runs.workers.dask_cluster.Cluster.enough", 0.0)
+    monkeypatch.setattr("study.runs.workers.backend.Backend.enough", 0.0)
+    monkeypatch.setattr("study.runs.workers.dask_cluster.DaskCluster.enough", 0.0)
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ import pytest
 import study
 from study.experiment.config import parse
 from study.experiment.design import spans
-from study.runs.jobs import Asked
+from study.runs.jobs import Jobs
 from study.runs.storage.parts import DAMAGED, Parts
 from study.runs.storage.run_folder import Run
 
@@ -74,7 +74,7 @@ def committed(folder):
     """Keys of what is stored in whole files, of a run that is not finished."""
     parts, study = Parts(folder, "units"), parse(CONFIG)
     parts.load(set_aside=False)
-    keys = {Asked(study).job(span).key for span in spans(study)}
+    keys = {Jobs(study).job(span).key for span in spans(study)}
     return {key for key in keys if parts.outputs(key)}
 
 

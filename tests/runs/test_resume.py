@@ -72,10 +72,10 @@ def test_what_was_finished_when_another_unit_failed_is_kept(start, computed, tmp
     real = module.compute
     monkeypatch.setattr(parts_module, "_SECONDS", 1e9)  # all that is finished waits to be written
 
-    def broken(made, unit, reduce=None):
+    def broken(made, unit):
         if len(computed) > 100:
             raise ZeroDivisionError("a fault")
-        return real(made, unit, reduce)
+        return real(made, unit)
 
     monkeypatch.setattr(module, "compute", broken)
     with pytest.raises(ZeroDivisionError):
@@ -196,7 +196,7 @@ def test_software_that_changed_is_told(start, stopped, monkeypatch):
     monkeypatch.setattr(provenance, "software", lambda: real | {"study": "0.0.9", "commit": "f" * 40})
     told = []
     run = start(folder=stopped, warn=told.append, **ENTRIES)
-    assert "goes on with what version" in told[0]
+    assert "resumes what version" in told[0]
     assert run.manifest()["also_computed_by"] == [real]
 
 

@@ -66,7 +66,7 @@ class DaskCluster(Backend):
 
 
 class _SchedulerBackend(ParallelBackendBase):  # type: ignore[misc]  # joblib has no types
-    """What joblib needs to know of a Dask scheduler.
+    """A Dask scheduler as joblib sees it.
 
     Args:
         client: connected to the scheduler.
