@@ -125,8 +125,11 @@ class Dispatch(Generic[S, T]):
                 return
 
     def _crowded(self) -> bool:
-        """Tell whether results come faster than they are stored, so that memory would fill up with them."""
-        return len(self._sent) > 4 * self._backend.slots + 4
+        """Tell whether results come faster than they are stored, so that memory would fill up with them.
+
+        joblib itself holds up to one and a half times as many tasks as there are slots.
+        """
+        return len(self._sent) > 2 * max(2, self._backend.slots)
 
     def _take(self, number: int, result: Any, ended: Ended[T]) -> None:
         task = self._sent.pop(number)
