@@ -15,6 +15,11 @@ OVERFLOW = "document.documentElement.scrollWidth - document.documentElement.clie
 COVERED = """[...document.querySelectorAll('#labels span')].filter(e => !e.hidden).map(e => [e.textContent,
     e.getBoundingClientRect()]).filter(([, a], i, all) => all.some(([, b], j) => j > i && a.left < b.right - 1
     && b.left < a.right - 1 && a.top < b.bottom - 4 && b.top < a.bottom - 4)).map(([name]) => name)"""
+# keeps what waits for the screen's next refresh, which then comes when a test says so
+HOLD_SCREEN = """() => { let [now, waiting] = [0, []]; window.browser_refreshes = window.requestAnimationFrame;
+    window.requestAnimationFrame = f => waiting.push(f);
+    window.screen_refreshes = milliseconds => { const due = waiting; waiting = []; now += milliseconds;
+    for (const f of due) f(now); }; }"""
 COLORS = """() => { viewer.stage.draw(); const gl = viewer.stage.renderer.getContext();
     const [w, h] = [gl.drawingBufferWidth, gl.drawingBufferHeight]; const p = new Uint8Array(4 * w * h);
     gl.readPixels(0, 0, w, h, gl.RGBA, gl.UNSIGNED_BYTE, p); let blue = 0, green = 0;
@@ -22,21 +27,12 @@ COLORS = """() => { viewer.stage.draw(); const gl = viewer.stage.renderer.getCon
     && p[i + 1] > p[i + 2] + 8) green++; } return [blue, green]; }"""
 
 
-def until(tab, holds):
-    """Wait for something in the page, at most ten seconds; the page's policy forbids what would wait within it."""
-    for _ in range(500):
-        if tab.evaluate(holds):
-            return
-        tab.wait_for_timeout(20)
-    pytest.fail(f"never: {holds}")
-
-
 @pytest.fixture(scope="module")
-def opened(browser, scene, tmp_path_factory):
+def opened(new_tab, scene, tmp_path_factory):
     """A tab with the page, and what the browser says of it."""
     file = write_viewer(scene, tmp_path_factory.mktemp("viewer") / "viewer.html")
     said = []
-    tab = browser.new_page(viewport={"width": 1000, "height": 700})
+    tab = new_tab(viewport={"width": 1000, "height": 700})
     tab.on("console", lambda message: said.append(f"{message.type}: {message.text}"))
     tab.on("pageerror", lambda error: said.append(f"error: {error}"))
     tab.on("request", lambda request: said.append(request.url) if not request.url.startswith(("file:", "data:")) else 0)
@@ -58,6 +54,15 @@ def tab(opened):
     assert said == []
 
 
+@pytest.fixture
+def refresh(tab, until):
+    """Refresh the screen, in place of the browser: a function of the milliseconds since the last time."""
+    until(tab, "!viewer.waiting")
+    tab.evaluate(HOLD_SCREEN)
+    yield lambda milliseconds: tab.evaluate("milliseconds => screen_refreshes(milliseconds)", milliseconds)
+    tab.evaluate("window.requestAnimationFrame = browser_refreshes; viewer.waiting = false; viewer.redraw()")
+
+
 def test_what_is_drawn_is_the_scene(tab, scene):
     """Joints are where the scene has them, in colours of left and right, with their ellipsoids."""
     shown = scene.at_most(60.0)
@@ -71,23 +76,29 @@ def test_what_is_drawn_is_the_scene(tab, scene):
     assert green > 100
 
 
-def test_play_and_pause(tab):
+def test_play_and_pause(tab, refresh):
     """Play moves the joints and the slider; pause stops them; at the end it stops by itself."""
     before = tab.evaluate(JOINT, "left_wrist")
     tab.locator("#play").click()
     assert tab.locator("#play").text_content() == "Pause"
-    until(tab, "viewer.frame >= 3")
+    refresh(0)  # from which it counts
+    refresh(100)
+    assert tab.evaluate("viewer.frame") == 4  # of 45 in a second
+    assert tab.locator("#frame").input_value() == "4"
+    assert tab.evaluate(JOINT, "left_wrist") != before
     tab.locator("#play").click()
     assert tab.locator("#play").text_content() == "Play"
-    frame = tab.evaluate("viewer.frame")
-    assert int(tab.locator("#frame").input_value()) == frame
-    assert tab.evaluate(JOINT, "left_wrist") != before
-    tab.wait_for_timeout(100)
-    assert tab.evaluate("viewer.frame") == frame
+    refresh(100)
+    assert tab.evaluate("viewer.frame") == 4
     tab.select_option("#speed", "4")
     tab.locator("#play").click()
-    until(tab, "!viewer.playing")
+    refresh(0)
+    refresh(200)
+    assert tab.evaluate("viewer.frame") == 40
+    refresh(100)
+    assert not tab.evaluate("viewer.playing")
     assert tab.evaluate("viewer.frame") == 44
+    assert tab.locator("#play").text_content() == "Play"
     tab.select_option("#speed", "1")
 
 
@@ -100,7 +111,7 @@ def test_speed(tab):
     tab.select_option("#speed", "1")
 
 
-def test_scrub(tab):
+def test_scrub(tab, refresh):
     """The slider shows its frame, with the time; so do the arrow keys."""
     tab.locator("#frame").fill("30")
     assert tab.evaluate("viewer.frame") == 30
@@ -110,11 +121,12 @@ def test_scrub(tab):
     assert tab.evaluate("viewer.frame") == 29
     tab.keyboard.press(" ")
     assert tab.evaluate("viewer.playing")
+    refresh(100)
     tab.keyboard.press(" ")
     assert not tab.evaluate("viewer.playing")
 
 
-def test_orbit(tab):
+def test_orbit(tab, until):
     """Dragging turns the view about the skeleton; a wheel comes nearer; a side can be chosen."""
     where = "viewer.stage.camera.position.toArray()"
     distance = "viewer.stage.camera.position.distanceTo(viewer.stage.orbit.target)"
@@ -143,7 +155,7 @@ def test_front_is_the_front(tab, scene):
     assert spots["left_hip"] > spots["right_hip"]
 
 
-def test_switches(tab):
+def test_switches(tab, until):
     """Markers, ellipsoids and names go and come back, by mouse and by key; ellipsoids grow by their factor."""
     tab.evaluate("viewer.frame = 1")
     tab.uncheck("#markers")
@@ -176,7 +188,7 @@ def test_what_is_bridged_or_doubtful(tab, scene):
     assert "true joints" in tab.locator("#source").text_content()
 
 
-def test_another_motion(tab, scene, tmp_path):
+def test_another_motion(tab, until, scene, tmp_path):
     """The file menu opens another motion, which takes the place of the first, and its name is text."""
     other = replace(scene.part(slice(0, 20)), name="<b>another</b>")
     path = write_motion(other, tmp_path / "other.json")
@@ -209,7 +221,7 @@ def test_another_motion(tab, scene, tmp_path):
         (lambda d: {k: v for k, v in d.items() if k != "arrays"}, 'its array "markers" is missing'),
     ],
 )
-def test_a_file_that_is_no_motion(tab, scene, change, words):
+def test_a_file_that_is_no_motion(tab, until, scene, change, words):
     """What is wrong with a file is said, with its name; what was shown stays."""
     changed = change(motion(scene))
     text = changed if isinstance(changed, str) else json.dumps(changed)
@@ -223,7 +235,7 @@ def test_a_file_that_is_no_motion(tab, scene, change, words):
 
 
 @pytest.mark.parametrize(("width", "height"), [(1280, 800), (768, 900), (360, 640)])
-def test_on_screens(tab, width, height):
+def test_on_screens(tab, until, width, height):
     """On a desk, a tablet and a phone the page fits, its controls are reached, and no name covers another."""
     tab.set_viewport_size({"width": width, "height": height})
     tab.evaluate("viewer.resize(); viewer.stage.look(''); viewer.redraw()")

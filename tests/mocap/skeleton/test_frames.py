@@ -1,4 +1,3 @@
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -245,15 +244,3 @@ def test_wrong_arguments(still):
     recording, _, calibration = still
     with pytest.raises(RecordingError, match="0 or more"):
         draw_skeleton(calibration, recording, bridge=-1.0)
-
-
-def test_speed(still):
-    """50 000 frames per second for 15 segments is what was promised, on a machine at rest; a busy one gets a third."""
-    recording, _, calibration = still
-    draw_skeleton(calibration, recording)
-    best = np.inf
-    for _ in range(5):
-        start = time.perf_counter()
-        draw_skeleton(calibration, recording)
-        best = min(best, time.perf_counter() - start)
-    assert recording.frames / best > 15_000
