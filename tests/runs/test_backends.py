@@ -102,7 +102,7 @@ def test_dask_with_a_worker_killed_midway(start, expected, cluster, gate, wait_f
             killed.append(worker)
             (gate / "open").touch()
 
-    monkeypatch.setattr("study.runs.cluster._PATIENCE", 600.0)  # a busy machine may answer late
+    monkeypatch.setattr("study.runs.workers.dask_cluster._PATIENCE", 600.0)  # a busy machine may answer late
     monkeypatch.setattr("study.runs.runner.execute", held.execute)
     run = start(jobs=Workers("dask", 2, address), progress=progress, **ENTRIES)
     assert len(killed) == 1
