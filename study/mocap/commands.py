@@ -85,7 +85,7 @@ def skeleton(
     from study.mocap.open_recording import folder_for
     from study.mocap.skeleton import skeleton_table
     from study.mocap.skeleton.bvh import write_bvh
-    from study.mocap.skeleton.frames import draw_skeleton
+    from study.mocap.skeleton.draw_skeleton import draw_skeleton
     from study.mocap.skeleton.phases import require_same_subject, skeleton_scene
     from study.mocap.view import animation, fig1_skeleton
     from study.mocap.view.scene_json import write_motion

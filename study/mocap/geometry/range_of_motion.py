@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from study.mocap.geometry.rigid import nearest_rotation
+from study.mocap.geometry.kabsch import nearest_rotation
 from study.sphere.types import Bools, Floats
 
 _MOST = 0.95

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from study.mocap.geometry.rigid import into, motion
+from study.mocap.geometry.kabsch import into, motion
 from study.sphere.types import Bools, Floats, Ints
 
 _ENOUGH = 500

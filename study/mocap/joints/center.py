@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from study.mocap.geometry.long_run_covariance import long_run
-from study.mocap.joints.frame_noise import CarriedNoise
 from study.mocap.joints.marker_moments import scores, seen
 from study.mocap.joints.pooled_moments import TINY, Pool
+from study.mocap.joints.pose_noise import CarriedNoise
 from study.sphere.types import Bools, Floats
 
 _PART = 600

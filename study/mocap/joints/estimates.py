@@ -13,7 +13,7 @@ import numpy as np
 from study.estimators.fit import Worded
 from study.mocap.joints.center import LIMIT, Center, Marker, center
 from study.mocap.joints.outlier_samples import near_sphere, sifted
-from study.mocap.joints.segments import Frames
+from study.mocap.joints.segment_poses import Frames
 from study.mocap.joints.symmetric_fit import TwoSided
 from study.sphere.types import Bools, Floats
 

@@ -23,7 +23,7 @@ from study.mocap.joints.estimates import (
     from_spheres,
     marker_from,
 )
-from study.mocap.joints.segments import Frames, Point, fixed_by, own_frames, own_points, reference_frame
+from study.mocap.joints.segment_poses import Frames, Point, fixed_by, own_frames, own_points, reference_frame
 from study.mocap.joints.side_agreement import weighed
 from study.mocap.joints.symmetric_fit import two_sided
 from study.mocap.markersets.marker_set import Joint, MarkerSet

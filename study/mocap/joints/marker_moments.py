@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from study.mocap.joints.frame_noise import CarriedNoise
+from study.mocap.joints.pose_noise import CarriedNoise
 from study.sphere.jit import compiled
 from study.sphere.types import Bools, Floats, Ints
 

@@ -16,7 +16,7 @@ import numpy as np
 from study.estimators import fit
 from study.experiment.streams import stream
 from study.mocap.joints.center import Marker, middle_of
-from study.mocap.joints.frame_noise import CarriedNoise
+from study.mocap.joints.pose_noise import CarriedNoise
 from study.sphere.types import Floats
 
 _FAR = 6.0

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from study.mocap.geometry.long_run_covariance import long_run
-from study.mocap.joints.segments import Frames
+from study.mocap.joints.segment_poses import Frames
 from study.sphere.jit import compiled
 from study.sphere.types import Floats
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from study.mocap.io.recording import RecordingError
-from study.mocap.skeleton.frames import Skeleton, hung
+from study.mocap.skeleton.draw_skeleton import Skeleton, hung
 from study.runs.storage.atomic_write import write
 from study.sphere.types import Floats, Ints
 

@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from study.mocap.geometry.rigid import nearest_rotation
+from study.mocap.geometry.kabsch import nearest_rotation
 from study.mocap.io.recording import Recording, RecordingError
 from study.mocap.joints.estimates import JointStatus
 from study.mocap.joints.fit_joints import FoundJoint, Joints
-from study.mocap.joints.segments import Frames
+from study.mocap.joints.segment_poses import Frames
 from study.mocap.markersets.marker_set import Joint, MarkerSet
 from study.runs.storage.atomic_write import write
 from study.sphere.types import Floats

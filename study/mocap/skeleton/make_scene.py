@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from study.mocap.io.recording import Recording, RecordingError
 from study.mocap.markersets.marker_set import MarkerSet
-from study.mocap.skeleton.links import links, side
+from study.mocap.skeleton.bones import links, side
 from study.mocap.skeleton.scene import Flag, Scene
 from study.sphere.types import Bytes, Floats
 

@@ -9,13 +9,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from study.mocap.geometry.hull import outside
+from study.mocap.geometry.convex_hull import outside
 from study.mocap.io.recording import Recording, RecordingError
 from study.mocap.joints.estimates import USABLE
 from study.mocap.joints.fit_joints import Joints, find_joints
 from study.mocap.markersets.marker_set import MarkerSet
 from study.mocap.skeleton.calibration import Calibration, keep
-from study.mocap.skeleton.frames import Skeleton, draw_skeleton
+from study.mocap.skeleton.draw_skeleton import Skeleton, draw_skeleton
 from study.mocap.skeleton.make_scene import Shown, stage
 from study.mocap.skeleton.scene import Scene
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from study.estimators.fit import Worded
 from study.mocap.io.recording import RecordingError
-from study.mocap.skeleton.links import side
+from study.mocap.skeleton.bones import side
 from study.sphere.types import Bytes, Floats
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from study.mocap.geometry.rigid import centroids, cross_sums, turn
+from study.mocap.geometry.kabsch import centroids, cross_sums, turn
 from study.sphere.jit import compiled
 from study.sphere.types import Bools, Floats, Ints
 

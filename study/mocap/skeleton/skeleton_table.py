@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 import pandas as pd
 
-from study.mocap.geometry.hull import outside
+from study.mocap.geometry.convex_hull import outside
 from study.mocap.skeleton.scene import Flag, Scene
 
 UNEVEN = 0.08

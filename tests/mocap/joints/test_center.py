@@ -4,9 +4,9 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 import study
-from study.mocap.geometry.rigid import into, motion
+from study.mocap.geometry.kabsch import into, motion
 from study.mocap.joints.center import Marker, center
-from study.mocap.joints.frame_noise import CarriedNoise
+from study.mocap.joints.pose_noise import CarriedNoise
 
 CENTER = np.array([0.02, 0.09, -0.1])
 PELVIS = np.array([[0.09, 0.12, 0.05], [0.09, -0.12, 0.05], [-0.1, 0.06, 0.06], [-0.1, -0.06, 0.06]])

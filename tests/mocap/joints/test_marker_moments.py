@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from study.mocap.joints.frame_noise import CarriedNoise
 from study.mocap.joints.marker_moments import scores, seen
+from study.mocap.joints.pose_noise import CarriedNoise
 from study.sphere.moments import Moments
 
 

@@ -3,7 +3,7 @@ import pytest
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
-from study.mocap.joints.segments import Point, fixed_by
+from study.mocap.joints.segment_poses import Point, fixed_by
 from study.mocap.joints.symmetric_fit import two_sided
 
 PARENT = np.array([[0.1, 0.0, 0.0], [-0.1, 0.05, 0.0], [0.0, -0.1, 0.05], [0.0, 0.05, 0.1]])

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from study.mocap.skeleton.links import links, side
+from study.mocap.skeleton.bones import links, side
 from study.mocap.view.camera import Camera, outlines
 from study.mocap.view.ellipsoids import exaggeration, half_axes, hinges, reach
 

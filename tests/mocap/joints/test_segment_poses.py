@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from study.mocap.joints.segments import Frames, Point, fixed_by, own_frames, own_points, reference_frame
+from study.mocap.joints.segment_poses import Frames, Point, fixed_by, own_frames, own_points, reference_frame
 from study.mocap.markersets.set_file import load_markerset
 from study.mocap.synthetic.generate import Recipe, synthesize
 

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from study.mocap.geometry.rigid import into, motion
-from study.mocap.joints.frame_noise import CarriedNoise, skew, unexplained
+from study.mocap.geometry.kabsch import into, motion
+from study.mocap.joints.pose_noise import CarriedNoise, skew, unexplained
 
 TRIANGLE = np.array([[0.12, 0.0, 0.02], [-0.1, 0.03, 0.0], [-0.02, -0.03, -0.02]])
 SHAPE = np.array([[0.1, 0.12, 0.02], [0.1, -0.11, 0.0], [-0.12, 0.06, 0.01], [-0.1, -0.05, 0.06]])

@@ -10,11 +10,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from study.mocap.geometry.rigid import into, motion, out_of
+from study.mocap.geometry.kabsch import into, motion, out_of
 from study.mocap.geometry.rigid_template import template
 from study.mocap.io.recording import Recording
-from study.mocap.joints.frame_noise import CarriedNoise, unexplained
 from study.mocap.joints.marker_moments import seen
+from study.mocap.joints.pose_noise import CarriedNoise, unexplained
 from study.mocap.markersets.marker_set import MarkerSet, Segment
 from study.sphere.types import Bools, Floats, Ints
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from study.mocap.geometry.hull import outside
+from study.mocap.geometry.convex_hull import outside
 from study.mocap.io.recording import Recording, RecordingError
 from study.mocap.joints.estimates import USABLE
 from study.mocap.markersets.set_file import load_markerset

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from study.mocap.geometry.rigid import into, motion, out_of
+from study.mocap.geometry.kabsch import into, motion, out_of
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from study.mocap.geometry.rigid import out_of
+from study.mocap.geometry.kabsch import out_of
 from study.mocap.io.recording import Recording, RecordingError
 from study.mocap.joints.estimates import USABLE, JointStatus
 from study.mocap.markersets.marker_set import Segment
