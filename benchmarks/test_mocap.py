@@ -13,9 +13,10 @@ import pytest
 
 from study.mocap.io.reading import read_recording
 from study.mocap.joints.fit_joints import find_joints
-from study.mocap.joints.symmetric_fit import two_sided
+from study.mocap.joints.symmetric_fit import symmetric_fit
 from study.mocap.markersets.match import choose
-from study.mocap.skeleton.phases import calibrate, draw_skeleton
+from study.mocap.skeleton.calibrate import calibrate
+from study.mocap.skeleton.draw_skeleton import draw_skeleton
 from study.mocap.synthetic.generate import Recipe, synthesize
 
 FRAMES = 5202
@@ -49,11 +50,11 @@ def test_phase_two(timed, matched):
 def test_score(timed, matched, whose):
     """The waist from pelvis and chest, whose poses are known: two centres, ours with its covariance."""
     found = find_joints(matched.markerset, matched.recording)
-    pelvis, thorax = found.frames["pelvis"], found.frames["thorax"]
+    pelvis, thorax = found.poses["pelvis"], found.poses["thorax"]
     group = f"SCoRE of one joint, {FRAMES} frames"
-    ours = two_sided(pelvis, thorax)
+    ours = symmetric_fit(pelvis, thorax)
     if whose == "ours":
-        timed(group, "symmetric fit, with covariance and axis", two_sided, pelvis, thorax, unit=True)
+        timed(group, "symmetric fit, with covariance and axis", symmetric_fit, pelvis, thorax, unit=True)
         return
     biobuddy = pytest.importorskip("biobuddy", reason="pip install biobuddy to see it beside ours")
     score = pytest.importorskip("biobuddy.model_modifiers.joint_center_tool").Score.perform_algorithm

@@ -1,8 +1,9 @@
-"""How far joints are outside the markers' convex hull: markers are on the body, and joints are in it.
+"""Distances of joints from the convex hull of the markers, which surround the body.
 
-But a knee or an elbow with one marker, on its outer side, is outside the hull by up to its thickness where it is the
-outermost of the body: true ones of synthetic bodies by 2-3 cm in one frame of twenty, by 4 at most. So being outside is
-stated for every joint, and held against one only where no body would be.
+A joint is inside the body, and so, mostly, inside the hull. A knee or an elbow whose only marker is on its outer side
+may leave the hull by up to its own thickness where it is the outermost part of the body: the true joints of synthetic
+bodies do so by 2-3 cm in one frame of twenty, and by 4 cm at most. So the distance is reported for every joint, and a
+joint is doubted only where it is farther out than any body's.
 """
 
 from dataclasses import dataclass
@@ -12,57 +13,62 @@ from scipy.spatial import ConvexHull, QhullError
 
 from study.sphere.types import Floats
 
-_THICK = 0.05
-"""Metres: a limb's thickness."""
-_MOSTLY = 0.95
+_THICKNESS = 0.05
+"""Metres: thickness of a limb, beyond which a joint is doubted."""
+_QUANTILE = 0.95
+"""Share of the frames in which a joint is at most as far outside as reported."""
 _FRAMES = 300
-"""Frames that are looked at, of those that show all markers, and..."""
-_LEAST = 20
-"""...how few of them say nothing."""
+"""Most frames used, spread over those that show all markers."""
+_FEWEST = 20
+"""Fewest frames from which a distance is reported."""
 
 
 @dataclass(frozen=True)
-class Outside:
-    """Where a joint is against the markers' hull.
+class HullDistance:
+    """Distance of a joint from the hull of the markers.
 
     Attributes:
-        share: of the frames in which it is outside; NaN if too few frames show all markers.
-        far: how far outside it is in 95 % of the frames at most, metres; negative inside.
+        share_outside: share of the frames in which the joint is outside; NaN if too few frames show all markers.
+        distance: 95 % quantile over frames of the distance outside the hull, metres; negative inside.
     """
 
-    share: float
-    far: float
+    share_outside: float
+    distance: float
 
     @property
-    def words(self) -> str:
-        """Why to doubt the joint; "" if there is no need."""
-        if not self.far > _THICK:
+    def doubt(self) -> str:
+        """Reason to doubt the joint; "" if there is none."""
+        if not self.distance > _THICKNESS:
             return ""
-        return f"outside the markers' hull in {self.share:.0%} of the frames, by up to {1000 * self.far:.0f} mm"
+        return (
+            f"outside the markers' hull in {self.share_outside:.0%} of the frames, by up to "
+            f"{1000 * self.distance:.0f} mm"
+        )
 
 
-def outside(places: Floats, centers: Floats) -> list[Outside]:
-    """How far each joint is outside the hull of the markers, on frames spread over those that show all of them.
+def hull_distances(markers: Floats, joints: Floats) -> list[HullDistance]:
+    """Measure the distance of each joint from the markers' hull, on frames that show all markers.
 
-    Without a marker the hull is smaller than the body; markers that are never seen are left out.
+    A hull without one of its markers is smaller than the body, so other frames are left out. Markers that are missing
+    throughout do not count.
 
     Args:
-        places: of markers (markers, 3, frames), metres, NaN where not seen.
-        centers: of joints (joints, 3, frames), metres, NaN where not known.
+        markers: their places (markers, 3, frames), metres; NaN where missing.
+        joints: their centres (joints, 3, frames), metres; NaN where unknown.
 
     Returns:
-        For each joint; distances are to the planes of the hull's facets, so at least as large in truth.
+        A distance for each joint. It is measured to the planes of the hull's facets, so it is a lower bound.
     """
-    seen = ~np.isnan(places[:, 0])
-    there = seen.any(axis=1)
-    whole = np.flatnonzero(seen[there].all(axis=0)) if there.any() else np.zeros(0, dtype=int)
+    seen = ~np.isnan(markers[:, 0])
+    present = seen.any(axis=1)
+    whole = np.flatnonzero(seen[present].all(axis=0)) if present.any() else np.zeros(0, dtype=int)
     part = whole[np.unique(np.linspace(0, len(whole) - 1, min(len(whole), _FRAMES)).astype(int))]
-    distances = np.array([_distances(places[there, :, t], centers[:, :, t]) for t in part]).reshape(-1, len(centers))
-    return [_summed(row[~np.isnan(row)]) for row in distances.T]
+    distances = np.array([_plane_distances(markers[present, :, t], joints[:, :, t]) for t in part])
+    return [_summary(row[~np.isnan(row)]) for row in distances.reshape(-1, len(joints)).T]
 
 
-def _distances(markers: Floats, joints: Floats) -> Floats:
-    """Distances of joints (joints, 3) from the farthest facet's plane of the markers' hull; NaN if they have none."""
+def _plane_distances(markers: Floats, joints: Floats) -> Floats:
+    """Signed distances of joints (joints, 3) from the farthest facet's plane of the markers' hull; NaN without one."""
     try:
         planes = ConvexHull(markers).equations
     except QhullError:  # fewer than four markers, or all in one plane
@@ -70,7 +76,8 @@ def _distances(markers: Floats, joints: Floats) -> Floats:
     return np.asarray((joints @ planes[:, :3].T + planes[:, 3]).max(axis=1))
 
 
-def _summed(distances: Floats) -> Outside:
-    if len(distances) < _LEAST:
-        return Outside(float("nan"), float("nan"))
-    return Outside(float((distances > 0.0).mean()), float(np.quantile(distances, _MOSTLY)))
+def _summary(distances: Floats) -> HullDistance:
+    """Summarise the distances of one joint (frames,)."""
+    if len(distances) < _FEWEST:
+        return HullDistance(float("nan"), float("nan"))
+    return HullDistance(float((distances > 0.0).mean()), float(np.quantile(distances, _QUANTILE)))

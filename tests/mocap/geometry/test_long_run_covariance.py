@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from study.mocap.geometry.long_run_covariance import autocorrelation_time, long_run
+from study.mocap.geometry.long_run_covariance import autocorrelation_time, long_run_covariance
 
 
 @pytest.mark.parametrize("phi", [0.0, 0.5, 0.9])
@@ -33,8 +33,8 @@ def test_covariance_of_a_sum_over_correlated_frames(rng):
     sums = draw(300).sum(axis=2)
     wanted = np.cov(sums.T)
     one = draw(1)[0]
-    found, instant = long_run(one - one.mean(axis=1)[:, None])
+    found, independent = long_run_covariance(one - one.mean(axis=1)[:, None])
     scale = np.sqrt(np.outer(np.diag(wanted), np.diag(wanted)))
     assert np.abs((found - wanted) / scale).max() < 0.5
-    np.testing.assert_allclose(instant, (one - one.mean(axis=1)[:, None]) @ one.T, rtol=1e-10)
-    assert found[0, 0] > 10 * instant[0, 0]
+    np.testing.assert_allclose(independent, (one - one.mean(axis=1)[:, None]) @ one.T, rtol=1e-10)
+    assert found[0, 0] > 10 * independent[0, 0]

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from study.mocap.geometry.range_of_motion import cap_angle, turn_angle
+from study.mocap.geometry.range_of_motion import cap_angle, rotation_range
 
 
 @pytest.mark.parametrize("angle", [10.0, 60.0, 120.0])
@@ -29,5 +29,5 @@ def test_turn_angle_of_a_hinge(rng):
     angles = np.radians(rng.uniform(-50, 50, 20_000))
     axis = np.array([0.6, 0.0, 0.8])
     rotation = (Rotation.from_euler("z", 30, degrees=True) * Rotation.from_rotvec(angles[:, None] * axis)).as_matrix()
-    assert np.degrees(turn_angle(rotation.transpose(1, 2, 0))) == pytest.approx(47.5, abs=1.0)
-    assert np.isnan(turn_angle(np.full((3, 3, 4), np.nan)))
+    assert np.degrees(rotation_range(rotation.transpose(1, 2, 0))) == pytest.approx(47.5, abs=1.0)
+    assert np.isnan(rotation_range(np.full((3, 3, 4), np.nan)))

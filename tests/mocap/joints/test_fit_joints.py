@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from study.mocap.geometry.range_of_motion import turn_angle
+from study.mocap.geometry.range_of_motion import rotation_range
 from study.mocap.io.recording import Recording
-from study.mocap.joints.estimates import UNSURE, JointStatus
+from study.mocap.joints.estimates import CENTIMETRE, JointStatus
 from study.mocap.joints.fit_joints import find_joints
 from study.mocap.markersets.set_file import load_markerset
 from study.mocap.synthetic.generate import Recipe, synthesize
@@ -21,11 +21,11 @@ def compared(found, truth):
     for each in found.joints:
         k = truth.joints.index(each.joint.name)
         estimate = each.estimate
-        error = estimate.center - estimate.frames.place(truth.centers[k])
+        error = estimate.center - estimate.poses.mean_place(truth.centers[k])
         basis = np.eye(3)
         if estimate.axis is not None:
             parent = truth.rotations[truth.segments.index(truth.parents[k])]
-            axis = np.nanmean(estimate.frames.see((parent @ truth.axes[k]).T + estimate.frames.origin), axis=1)
+            axis = np.nanmean(estimate.poses.to_local((parent @ truth.axes[k]).T + estimate.poses.origin), axis=1)
             basis = np.linalg.svd(axis[None])[2][1:].T
         error, covariance = basis.T @ error, basis.T @ estimate.covariance @ basis
         values, vectors = np.linalg.eigh(covariance)
@@ -38,15 +38,15 @@ def moved(truth, name):
     """Angle within which 95 % of a joint's true turns are of their mean, degrees."""
     k = truth.joints.index(name)
     parent, child = (truth.rotations[truth.segments.index(each[k])] for each in (truth.parents, truth.children))
-    return np.degrees(turn_angle(np.einsum("tji,tjk->ikt", parent, child)))
+    return np.degrees(rotation_range(np.einsum("tji,tjk->ikt", parent, child)))
 
 
 def axis_off(found, truth, name):
     """Angle between a hinge's axis and the true one, degrees."""
     k = truth.joints.index(name)
-    frames = found.frames[found[name].joint.parent]
+    poses = found.poses[found[name].joint.parent]
     parent = truth.rotations[truth.segments.index(truth.parents[k])]
-    axis = np.nanmean(frames.see((parent @ truth.axes[k]).T + frames.origin), axis=1)
+    axis = np.nanmean(poses.to_local((parent @ truth.axes[k]).T + poses.origin), axis=1)
     return np.degrees(np.arccos(min(abs(axis @ found[name].axis_in_parent) / np.linalg.norm(axis), 1.0)))
 
 
@@ -111,13 +111,16 @@ def test_places_and_axes_in_both_segments(figure):
     found = figure[2]
     for name in ("neck", "left_elbow", "left_knee", "right_hip"):
         joint = found[name]
-        parent, child = found.frames[joint.joint.parent], found.frames[joint.joint.child]
-        apart = parent.show(joint.in_parent) - child.show(joint.in_child)
+        parent, child = found.poses[joint.joint.parent], found.poses[joint.joint.child]
+        apart = parent.to_world(joint.in_parent) - child.to_world(joint.in_child)
         assert np.sqrt((apart**2).sum(axis=0)).max() < 0.03
-        assert np.linalg.norm(np.nanmean(parent.see(child.show(joint.in_child)), axis=1) - joint.in_parent) < 0.001
+        assert (
+            np.linalg.norm(np.nanmean(parent.to_local(child.to_world(joint.in_child)), axis=1) - joint.in_parent)
+            < 0.001
+        )
     knee = found["left_knee"]
-    turned = np.einsum("ijt,j->it", found.frames["left_thigh"].rotation, knee.axis_in_parent)
-    other = np.einsum("ijt,j->it", found.frames["left_shank"].rotation, knee.axis_in_child)
+    turned = np.einsum("ijt,j->it", found.poses["left_thigh"].rotation, knee.axis_in_parent)
+    other = np.einsum("ijt,j->it", found.poses["left_shank"].rotation, knee.axis_in_child)
     assert np.median((turned * other).sum(axis=0)) > np.cos(np.radians(3))
     assert np.isnan(found["left_hip"].axis_in_parent).all()
     assert np.isnan(found["left_wrist"].in_child).all()  # a hand with one marker has no frame of its own
@@ -172,9 +175,9 @@ def test_a_real_recording(kata_joints):
     parted = {each.joint.name for each in found.joints if each.status == JointStatus.DISAGREE}
     assert sure | parted >= set(sides)
     assert parted == {"waist", "left_elbow", "right_elbow", "right_ankle"}
-    assert all(found[name].estimate.worst < UNSURE for name in sure)
-    assert all(found[name].estimate.worst > UNSURE for name in parted)
-    places = {each.joint.name: each.estimate.frames.show(each.estimate.center) for each in found.joints}
+    assert all(found[name].estimate.standard_error < CENTIMETRE for name in sure)
+    assert all(found[name].estimate.standard_error > CENTIMETRE for name in parted)
+    places = {each.joint.name: each.estimate.poses.to_world(each.estimate.center) for each in found.joints}
     for above, below in (("hip", "knee"), ("knee", "ankle")):
         lengths = []
         for side in ("left", "right"):

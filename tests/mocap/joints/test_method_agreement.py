@@ -2,7 +2,7 @@ import numpy as np
 
 from study.mocap.io.recording import Recording
 from study.mocap.joints.fit_joints import find_joints
-from study.mocap.joints.method_agreement import ANSWERS, agreement_table
+from study.mocap.joints.method_agreement import METHODS, agreement_table
 from study.mocap.markersets.set_file import load_markerset
 from study.mocap.synthetic.generate import Recipe, synthesize
 
@@ -35,4 +35,4 @@ def test_nothing_found():
     empty = Recording("empty", CMU41.markers(), np.full((41, 3, 20), np.nan), 100.0)
     table = agreement_table(find_joints(CMU41, empty), empty)
     assert len(table) == 14
-    assert table[[f"from_{name}" for name in ANSWERS]].isna().all(axis=None)
+    assert table[[f"from_{name}" for name in METHODS]].isna().all(axis=None)

@@ -7,7 +7,7 @@ import pytest
 
 from study.mocap.joints.estimates import USABLE, JointStatus
 from study.mocap.joints.fit_joints import find_joints
-from study.mocap.joints.side_agreement import differences, weighed
+from study.mocap.joints.side_agreement import check_against_sides, side_differences
 from study.mocap.markersets.set_file import load_markerset
 from study.mocap.synthetic.generate import Recipe, synthesize
 
@@ -37,7 +37,7 @@ def other(answer, center, **changes):
         ((0.03, 0, 0), {"covariance": 1e-4 * np.eye(3), "status": JointStatus.UNSURE}, "DISAGREE"),  # 3 of them
         ((0.1, 0, 0), {"status": JointStatus.NOT_POSITIVE_DEFINITE}, "OK"),
         ((0.1, 0, 0), {"status": JointStatus.INSIGNIFICANT}, "OK"),
-        ((0.1, 0, 0), {"count": 9}, "OK"),  # seen too briefly to have an error
+        ((0.1, 0, 0), {"frames": 9}, "OK"),  # seen too briefly to have an error
         ((0.03, 0, 0), {"axis": X}, "OK"),  # along the other's axis
         ((0.03, 0.02, 0), {"axis": X}, "DISAGREE"),  # 20 mm across; 30 mm along an axis tilted by 10° are 5 mm
         ((0.06, 0.02, 0), {"axis": X}, "OK"),  # too far along to be compared
@@ -45,7 +45,7 @@ def other(answer, center, **changes):
 )
 def test_what_contradicts(answer, center, changes, status):
     """A centimetre and the errors, across a hinge's axis; only an answer that has an error is heard."""
-    assert weighed(answer, [other(answer, center, **changes)])[0].status.name == status
+    assert check_against_sides(answer, [other(answer, center, **changes)])[0].status.name == status
 
 
 @pytest.mark.parametrize(("angle", "status"), [(15, "HINGE"), (25, "DISAGREE"), (155, "DISAGREE"), (170, "HINGE")])
@@ -53,24 +53,24 @@ def test_axes_that_differ(answer, angle, status):
     """Two axes of one hinge differ by no more than 20°; a sign is no difference."""
     taken = replace(answer, axis=X, status=JointStatus.HINGE)
     axis = np.cos(np.radians(angle)) * X + np.sin(np.radians(angle)) * Y
-    judged, words = weighed(taken, [other(taken, (0, 0.002, 0), axis=axis)])
+    judged, words = check_against_sides(taken, [other(taken, (0, 0.002, 0), axis=axis)])
     assert judged.status.name == status
     assert words == "" or f"turns its axis by {min(angle, 180 - angle)}° and puts it 2 mm away" in words
 
 
 def test_errors_hold_both_answers(answer):
     """The place stays; its error along the line to the other answer is the distance, across it what it was."""
-    judged, words = weighed(answer, [other(answer, (0.03, 0, 0)), other(answer, (0, 0.05, 0))])
+    judged, words = check_against_sides(answer, [other(answer, (0.03, 0, 0)), other(answer, (0, 0.05, 0))])
     assert np.array_equal(judged.center, answer.center)
     np.testing.assert_allclose(judged.covariance, np.diag([1e-6, 1e-6 + 0.05**2, 1e-6]))
-    assert judged.worst == pytest.approx(0.05, rel=1e-3)
-    assert words == "its answer seen from its parent puts it 50 mm away, beyond what their errors explain"
+    assert judged.standard_error == pytest.approx(0.05, rel=1e-3)
+    assert words == "its estimate seen from its parent puts it 50 mm away, beyond what their errors explain"
 
 
 def test_what_is_doubted_anyway(answer):
     """A joint with another flag keeps that."""
     taken = replace(answer, status=JointStatus.UNSURE)
-    assert weighed(taken, [other(taken, (0.5, 0, 0))]) == (taken, "")
+    assert check_against_sides(taken, [other(taken, (0.5, 0, 0))]) == (taken, "")
 
 
 def test_across_frames(exact):
@@ -78,10 +78,10 @@ def test_across_frames(exact):
     neck = exact[2]["neck"]
     every = {each.side: each for each in (neck.estimate, *neck.others)}
     parent, child = every["parent"], every["child"]
-    assert differences(parent, [child])[0].distance < 1e-5
+    assert side_differences(parent, [child])[0].distance < 1e-5
     off = replace(child, center=child.center + 0.03 * X)
-    distance = differences(parent, [off])[0].distance
-    apart = parent.frames.show(parent.center) - off.frames.show(off.center)
+    distance = side_differences(parent, [off])[0].distance
+    apart = parent.poses.to_world(parent.center) - off.poses.to_world(off.center)
     assert 0.02 < distance <= 0.03 + 1e-5
     np.testing.assert_allclose(np.linalg.norm(apart, axis=0), 0.03, atol=1e-5)
 
@@ -89,7 +89,7 @@ def test_across_frames(exact):
 def off(found, truth):
     """Distance of a joint from the truth across its axis, metres."""
     estimate = found.estimate
-    error = estimate.center - estimate.frames.place(truth.centers[truth.joints.index(found.joint.name)])
+    error = estimate.center - estimate.poses.mean_place(truth.centers[truth.joints.index(found.joint.name)])
     return np.linalg.norm(error if estimate.axis is None else error - (error @ estimate.axis) * estimate.axis)
 
 
@@ -100,7 +100,7 @@ def checked(recipes):
         recording, truth = synthesize(recipe)
         for found in find_joints(CMU41, recording).joints:
             usable = found.status in (*USABLE, JointStatus.DISAGREE)
-            if usable and differences(found.estimate, found.others):
+            if usable and side_differences(found.estimate, found.others):
                 rows.append((found.status == JointStatus.DISAGREE, off(found, truth)))
     flagged, error = zip(*rows, strict=True)
     return np.array(flagged), np.array(error)
@@ -136,7 +136,9 @@ def test_the_axis_drawn_is_the_one_that_errors_are_across(kata_joints, kata_cali
     np.testing.assert_array_equal(elbow.axis_in_child, elbow.estimate.axis)
     across = np.eye(3) - np.outer(elbow.axis_in_parent, elbow.axis_in_parent)
     worst = np.sqrt(np.linalg.eigvalsh(across @ kata_calibration["right_elbow"].covariance @ across)[-1])
-    assert worst > 0.7 * elbow.estimate.worst  # the forearm turned, which spreads what parts them over directions
+    assert (
+        worst > 0.7 * elbow.estimate.standard_error
+    )  # the forearm turned, which spreads what parts them over directions
     assert np.linalg.norm(elbow.axis_in_parent) == pytest.approx(1.0)
 
 
@@ -144,9 +146,9 @@ def test_a_real_ankle(kata_joints):
     """Its shank's answer is more than a centimetre from the frames' in the room, which 3 mm and 5 mm do not explain."""
     ankle = kata_joints["right_ankle"]
     shank = next(each for each in ankle.others if each.side == "child")
-    apart = ankle.estimate.frames.show(ankle.estimate.center) - shank.frames.show(shank.center)
+    apart = ankle.estimate.poses.to_world(ankle.estimate.center) - shank.poses.to_world(shank.center)
     assert np.sqrt(np.nanmean((apart**2).sum(axis=0))) > 0.01
     assert shank.status == JointStatus.OK
     assert ankle.status == JointStatus.DISAGREE
-    assert ankle.estimate.worst > 0.01
-    assert ankle.reason == "its answer seen from its child puts it 12 mm away, beyond what their errors explain"
+    assert ankle.estimate.standard_error > 0.01
+    assert ankle.reason == "its estimate seen from its child puts it 12 mm away, beyond what their errors explain"

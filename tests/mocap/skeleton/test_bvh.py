@@ -5,7 +5,8 @@ from scipy.spatial.transform import Rotation
 from study.mocap.io.recording import RecordingError
 from study.mocap.markersets.set_file import load_markerset
 from study.mocap.skeleton.bvh import write_bvh
-from study.mocap.skeleton.phases import calibrate, draw_skeleton
+from study.mocap.skeleton.calibrate import calibrate
+from study.mocap.skeleton.draw_skeleton import draw_skeleton
 from study.mocap.synthetic.generate import Recipe, synthesize
 
 CMU41 = load_markerset("cmu41")

@@ -6,15 +6,18 @@ import pytest
 from study.mocap.io.reading import read_recording
 from study.mocap.io.recording import RecordingError
 from study.mocap.markersets.match import choose
-from study.mocap.skeleton.calibration import load_calibration
-from study.mocap.skeleton.phases import calibrate, check, draw_skeleton, require_same_subject, skeleton_scene
+from study.mocap.skeleton.calibrate import calibrate
+from study.mocap.skeleton.calibration_file import load_calibration, save_calibration
+from study.mocap.skeleton.draw_skeleton import draw_skeleton
+from study.mocap.skeleton.skeleton_scene import skeleton_scene
+from study.mocap.skeleton.subject_check import check_subject, require_same_subject
 from study.mocap.synthetic.generate import Recipe, synthesize
 
 
 def test_saved_and_read_it_is_the_same(figure, figure_calibration, tmp_path):
     """Every number as it was, so that the same skeleton comes of it to the last bit."""
     recording, made = figure[0], figure_calibration
-    read = load_calibration(made.save(tmp_path / "of" / "calibration.json"))
+    read = load_calibration(save_calibration(made, tmp_path / "of" / "calibration.json"))
     assert read.markerset == made.markerset
     assert (read.source, read.frames) == (made.source, made.frames)
     for one, other in zip(made.joints, read.joints, strict=True):
@@ -45,7 +48,7 @@ def test_what_is_no_calibration_is_one_line(text, words, tmp_path):
 
 def test_damage_is_noticed(figure_calibration, tmp_path):
     """A matrix of the wrong size, a joint or status that is none."""
-    path = figure_calibration.save(tmp_path / "c.json")
+    path = save_calibration(figure_calibration, tmp_path / "c.json")
     for change in (("covariance", [[1.0]]), ("status", "FINE"), ("joint", "tail"), ("in_child", [1.0, 2.0])):
         document = json.loads(path.read_text())
         document["joints"][0][change[0]] = change[1]
@@ -64,7 +67,7 @@ def test_another_subject_is_refused(kata, kata_calibration, kata_halves, shared_
         assert "\n" not in str(caught.value)
     (first, of_first), (second, of_second) = kata_halves
     for calibration, other in ((of_first, second), (of_second, first)):
-        assert check(draw_skeleton(calibration, other)).fits
+        assert check_subject(draw_skeleton(calibration, other)).same
 
 
 def test_a_scene_says_what_is_doubtful(figure, figure_calibration):

@@ -4,12 +4,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from study.mocap.geometry.convex_hull import outside
+from study.mocap.geometry.convex_hull import hull_distances
 from study.mocap.io.recording import Recording, RecordingError
 from study.mocap.joints.estimates import USABLE
 from study.mocap.markersets.set_file import load_markerset
-from study.mocap.skeleton.phases import calibrate, calibrated, check, draw_skeleton, skeleton_scene
+from study.mocap.skeleton.calibrate import calibrate, calibration_from
+from study.mocap.skeleton.draw_skeleton import draw_skeleton
 from study.mocap.skeleton.scene import Flag
+from study.mocap.skeleton.skeleton_scene import skeleton_scene
+from study.mocap.skeleton.subject_check import check_subject
 from study.mocap.synthetic.generate import Recipe, synthesize
 
 CMU41 = load_markerset("cmu41")
@@ -20,7 +23,7 @@ HINGES = ("left_elbow", "right_elbow", "left_knee", "right_knee")
 def still(exact):
     """A figure without noise, what is true of it, and its calibration."""
     recording, truth, found = exact
-    return recording, truth, calibrated(found, recording)
+    return recording, truth, calibration_from(found, recording)
 
 
 def errors(skeleton, truth, joint):
@@ -148,7 +151,7 @@ def test_bones_keep_their_lengths(kata_halves):
                 place, end = calibration[a], calibration[b]
                 u = end.in_parent - place.in_child
                 u = u / np.linalg.norm(u)
-                first = place.rest.T @ place.covariance @ place.rest
+                first = place.mean_rotation.T @ place.covariance @ place.mean_rotation
                 errors_of.append(u @ (first + end.covariance) @ u)
         lengths.append(rows)
         stated.append(errors_of)
@@ -171,11 +174,11 @@ def test_joints_stay_inside_the_markers(kata, kata_calibration):
         beyond = np.maximum(low - center, center - high).max(axis=0)
         assert np.nanmax(beyond) < 0.05, joint
         assert (beyond > 0.01).mean() < (0.25 if "elbow" in joint else 0.03), joint
-    found = dict(zip(skeleton.joints, outside(kata.recording.positions, skeleton.centers), strict=True))
-    for joint, out in found.items():
-        assert out.far < (0.035 if "elbow" in joint else 0.025), joint
-        assert out.words == "", joint
-    assert found["left_elbow"].far > 0.01
+    found = dict(zip(skeleton.joints, hull_distances(kata.recording.positions, skeleton.centers), strict=True))
+    for joint, hull in found.items():
+        assert hull.distance < (0.035 if "elbow" in joint else 0.025), joint
+        assert hull.doubt == "", joint
+    assert found["left_elbow"].distance > 0.01
 
 
 def test_a_joint_that_leaves_the_body_is_doubted(still):
@@ -194,13 +197,13 @@ def test_another_recording_of_the_same_subject_and_of_another(figure_calibration
     """Same body, other motion: it fits. A body 5 cm smaller: it does not, and the message says where."""
     same, truth = synthesize(Recipe(frames=800, seed=2))
     skeleton = draw_skeleton(figure_calibration, same)
-    assert check(skeleton).fits
+    assert check_subject(skeleton).same
     assert np.median(errors(skeleton, truth, "left_ankle")) < 0.005
     other, _ = synthesize(Recipe(frames=800, seed=2, height=1.70))
-    verdict = check(draw_skeleton(figure_calibration, other))
-    assert not verdict.fits
-    assert "does not show the subject" in verdict.words
-    assert "when calibrated" in verdict.words
+    check = check_subject(draw_skeleton(figure_calibration, other))
+    assert not check.same
+    assert "does not show the subject" in check.text
+    assert "when calibrated" in check.text
 
 
 @pytest.mark.parametrize("frames", [1, 3])
@@ -225,7 +228,7 @@ def test_nothing_seen(still):
     skeleton = draw_skeleton(calibration, empty)
     assert np.isnan(skeleton.centers).all()
     assert (skeleton.flags == Flag.UNKNOWN).all()
-    with pytest.raises(RecordingError, match="no segment of this calibration has a frame"):
+    with pytest.raises(RecordingError, match="no segment of this calibration has a pose"):
         draw_skeleton(calibrate(empty, CMU41), recording)
 
 

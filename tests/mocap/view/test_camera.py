@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from study.mocap.skeleton.bones import links, side
+from study.mocap.skeleton.bones import bones, side
 from study.mocap.view.camera import Camera, outlines
 from study.mocap.view.ellipsoids import exaggeration, half_axes, hinges, reach
 
@@ -70,12 +70,12 @@ def test_links():
     rng = np.random.default_rng(5)
     points = rng.normal(size=(5, 3, 7))
     points[4] = np.nan
-    assert links([[0, 1]], points, [""] * 5) == ((0, 1),)
-    assert links([[0, 1], [0, 1]], points, [""] * 5) == ((0, 1),)
-    assert set(links([[0, 1, 2]], points, [""] * 5)) == {(0, 1), (0, 2), (1, 2)}
-    assert set(links([[0, 1, 2, 3]], points, ["left", "right", "", "left"])) == {(2, 0), (2, 1), (2, 3)}
-    assert links([[], [3]], points, [""] * 5) == ()
-    assert len(links([[0, 1, 2, 4]], points, [""] * 5)) == 3
+    assert bones([[0, 1]], points, [""] * 5) == ((0, 1),)
+    assert bones([[0, 1], [0, 1]], points, [""] * 5) == ((0, 1),)
+    assert set(bones([[0, 1, 2]], points, [""] * 5)) == {(0, 1), (0, 2), (1, 2)}
+    assert set(bones([[0, 1, 2, 3]], points, ["left", "right", "", "left"])) == {(2, 0), (2, 1), (2, 3)}
+    assert bones([[], [3]], points, [""] * 5) == ()
+    assert len(bones([[0, 1, 2, 4]], points, [""] * 5)) == 3
 
 
 @pytest.mark.parametrize(
