@@ -15,9 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from study.mocap.geometry.long_run_covariance import long_run_covariance
-from study.mocap.joints.marker_moments import add_scores, marker_moments
+from study.mocap.geometry.pose_noise import PoseNoise
+from study.mocap.joints.marker_moments import marker_moments
+from study.mocap.joints.marker_scores import add_scores
 from study.mocap.joints.pooled_moments import PooledMoments
-from study.mocap.joints.pose_noise import PoseNoise
 from study.mocap.joints.solve_center import TINY
 from study.sphere.types import Bools, Floats
 

@@ -5,8 +5,7 @@ its own, (*) of `pose_noise`:
 
     second moment  Σzzᵀ - ΣF,        third moment  Σ|z|²z - Σ(2F + Tr F) z.
 
-The mean of both is exact for any symmetric noise. `center` solves for the joint's centre with these moments. The
-scores, which are the frames' contributions to the equations that define it, give its covariance.
+The mean of both is exact for any symmetric noise. `center` solves for the joint's centre with these moments.
 """
 
 from dataclasses import dataclass
@@ -14,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from study.mocap.joints.pose_noise import PatternNoise, PoseNoise
+from study.mocap.geometry.pose_noise import PatternNoise, PoseNoise, covariance_of_sample
 from study.sphere.jit import compiled
 from study.sphere.types import Bools, Floats
 
@@ -133,27 +132,6 @@ def marker_moments(y: Floats, used: Bools, pose: PoseNoise, own: float, size: fl
     )
 
 
-def add_scores(
-    moments: MarkerMoments, size: float, center: Floats, within: Floats, weight: float, scores: Floats
-) -> None:
-    """Add a marker's part of the estimating functions of (c, η), frame by frame.
-
-    They are ½ z f + η (F (o - z) - ½ Tr F z) for the centre, with o = c - x̄, and f² - 4η vᵀFv + 2η² Tr F² (as in
-    `squared_noise`) for the size, with v = z - o and f = |v|² less its mean. Both sum to zero at the solution.
-
-    Args:
-        moments: of the marker.
-        size: variance η of the noise, in units of what was expected.
-        center: c (3,).
-        within: projection (3, 3) of o: onto the plane across an axis, or the identity.
-        weight: of the marker.
-        scores: receives the scores (4, frames).
-    """
-    offset, squared = within @ (center - moments.mean), moments.squared_noise(center)
-    solution = _Solution(size, offset, moments.mean, squared, weight)
-    _add_scores(moments.z, moments.used, moments.by_pattern, solution, scores)
-
-
 class _Sums(NamedTuple):
     """Results of `_accumulate`.
 
@@ -168,42 +146,6 @@ class _Sums(NamedTuple):
     scalars: Floats
     tensors: Floats
     vectors: Floats
-
-
-class _Solution(NamedTuple):
-    """A solution about which scores are computed, for one marker; ``squared`` is its `squared_noise`."""
-
-    size: float
-    offset: Floats
-    mean: Floats
-    squared: float
-    weight: float
-
-
-@compiled
-def _noise_at(v0: float, v1: float, v2: float, noise: PatternNoise, p: int, f: Floats) -> None:
-    """Put the covariance F (3, 3) of pattern p at v, by (*), into ``f``."""
-    shift, tilt, cross = noise.shift[p], noise.tilt[p], noise.cross[p]
-    for j in range(3):
-        # column j of [v] T; row i of [v] is v × e_i
-        f[0, j] = v1 * tilt[2, j] - v2 * tilt[1, j]
-        f[1, j] = v2 * tilt[0, j] - v0 * tilt[2, j]
-        f[2, j] = v0 * tilt[1, j] - v1 * tilt[0, j]
-    for i in range(3):
-        a, b, c = f[i, 0], f[i, 1], f[i, 2]
-        f[i, 0], f[i, 1], f[i, 2] = v1 * c - v2 * b, v2 * a - v0 * c, v0 * b - v1 * a
-    for j in range(3):
-        a, b, c = cross[0, j], cross[1, j], cross[2, j]
-        x0, x1, x2 = v1 * c - v2 * b, v2 * a - v0 * c, v0 * b - v1 * a
-        f[0, j] -= x0
-        f[1, j] -= x1
-        f[2, j] -= x2
-        f[j, 0] -= x0
-        f[j, 1] -= x1
-        f[j, 2] -= x2
-    for i in range(3):
-        for j in range(3):
-            f[i, j] += shift[i, j]
 
 
 @compiled
@@ -231,7 +173,7 @@ def _accumulate(y: Floats, used: Bools, noise: PatternNoise, sums: _Sums) -> flo
         p = pattern[t]
         if p < 0 or not used[t]:
             continue
-        _noise_at(z[0, t] - centroid[p, 0], z[1, t] - centroid[p, 1], z[2, t] - centroid[p, 2], noise, p, f)
+        covariance_of_sample(z[0, t] - centroid[p, 0], z[1, t] - centroid[p, 1], z[2, t] - centroid[p, 2], noise, p, f)
         square, trace, along = 0.0, f[0, 0] + f[1, 1] + f[2, 2], 0.0
         for i in range(3):
             z[i, t] -= mean[i]
@@ -255,32 +197,3 @@ def _accumulate(y: Floats, used: Bools, noise: PatternNoise, sums: _Sums) -> flo
             tensors[0, i, j] /= count
             tensors[1, i, j] /= count
     return count
-
-
-@compiled
-def _add_scores(z: Floats, used: Bools, noise: PatternNoise, solution: _Solution, scores: Floats) -> None:
-    """Compiled part of `add_scores`."""
-    size, offset, mean, squared, weight = solution
-    pattern, centroid = noise.pattern, noise.centroid
-    n = z.shape[1]
-    level, count = 0.0, 0.0
-    for t in range(n):
-        if pattern[t] >= 0 and used[t]:
-            count += 1.0
-            level += (z[0, t] - offset[0]) ** 2 + (z[1, t] - offset[1]) ** 2 + (z[2, t] - offset[2]) ** 2
-    level /= count
-    f = np.empty((3, 3))
-    for t in range(n):
-        p = pattern[t]
-        if p < 0 or not used[t]:
-            continue
-        x0, x1, x2 = z[0, t] + mean[0], z[1, t] + mean[1], z[2, t] + mean[2]
-        _noise_at(x0 - centroid[p, 0], x1 - centroid[p, 1], x2 - centroid[p, 2], noise, p, f)
-        v0, v1, v2 = z[0, t] - offset[0], z[1, t] - offset[1], z[2, t] - offset[2]
-        residual = v0 * v0 + v1 * v1 + v2 * v2 - level
-        trace, along = f[0, 0] + f[1, 1] + f[2, 2], 0.0
-        for i in range(3):
-            fv = f[i, 0] * v0 + f[i, 1] * v1 + f[i, 2] * v2
-            along += fv * (z[i, t] - offset[i])
-            scores[i, t] += weight * (0.5 * z[i, t] * residual - size * (fv + 0.5 * trace * z[i, t]))
-        scores[3, t] += weight * (residual * residual - 4.0 * size * along + 2.0 * size * size * squared)

@@ -15,8 +15,8 @@ import numpy as np
 
 from study.estimators import fit
 from study.experiment.streams import stream
+from study.mocap.geometry.pose_noise import PoseNoise
 from study.mocap.joints.center import LocalMarker, center_only
-from study.mocap.joints.pose_noise import PoseNoise
 from study.sphere.types import Floats
 
 _FAR = 6.0

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from study.mocap.joints.generalised_eigen import smallest_generalised_eigenvalue
+from study.mocap.geometry.generalised_eigen import smallest_generalised_eigenvalue
 from study.mocap.joints.marker_moments import MarkerMoments, squared_noise
 from study.mocap.joints.solve_center import TINY, StackedMoments, solve_center
 from study.sphere.types import Floats

@@ -12,10 +12,10 @@ import numpy as np
 
 from study.mocap.geometry.kabsch import fit_rigid_motion
 from study.mocap.geometry.moving_axes import to_local, to_world
+from study.mocap.geometry.pose_noise import PoseNoise, rigid_residual_operator
 from study.mocap.geometry.rigid_template import fit_template
 from study.mocap.io.recording import Recording
 from study.mocap.joints.marker_moments import marker_moments
-from study.mocap.joints.pose_noise import PoseNoise, rigid_residual_operator
 from study.mocap.markersets.marker_set import MarkerSet, Segment
 from study.sphere.types import Bools, Floats, Ints
 

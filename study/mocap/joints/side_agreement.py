@@ -72,8 +72,8 @@ class SideDifference:
         place = f"puts it {1000 * self.distance:.0f} mm away"
         axis = f"turns its axis by {np.degrees(self.angle):.0f}°"
         both = f"{axis} and {place}" if self.angle > _AXES else place
-        source = {"parent": "seen from its parent", "child": "seen from its child", "both": "from both segments"}
-        return f"its estimate {source[self.side]} {both}, beyond what their errors explain"
+        source = {"parent": "in its parent's axes", "child": "in its child's axes", "both": "from both segments"}
+        return f"its estimate {source[self.side]} {both}, beyond what the errors explain"
 
 
 def side_differences(chosen: Estimate, others: Sequence[Estimate]) -> list[SideDifference]:

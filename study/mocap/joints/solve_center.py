@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from study.mocap.joints.generalised_eigen import diagonalise_pair
+from study.mocap.geometry.generalised_eigen import diagonalise_pair
 from study.mocap.joints.marker_moments import squared_noise
 from study.sphere.jit import compiled, dot
 from study.sphere.types import Floats

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from study.mocap.geometry.long_run_covariance import long_run_covariance
-from study.mocap.joints.pose_noise import PatternNoise
+from study.mocap.geometry.pose_noise import PatternNoise
 from study.mocap.joints.segment_poses import SegmentPoses
 from study.sphere.jit import compiled
 from study.sphere.types import Bools, Floats

@@ -1,4 +1,4 @@
-"""Joints against the markers' hull: distances of a cube's, a body's true joints, and what cannot be said."""
+"""Distances of joints from the markers' hull: of a cube, of a body's true joints, and where there is no hull."""
 
 import numpy as np
 import pytest
@@ -10,12 +10,12 @@ CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], 
 
 
 def still(points, frames=100):
-    """Points (n, 3) that stay where they are."""
+    """Points (n, 3) that do not move."""
     return np.repeat(np.asarray(points, dtype=float)[:, :, None], frames, axis=2)
 
 
 def test_distances_from_a_cube():
-    """Inside, outside a face, and outside for 10 frames of 100: shares, and what 95 % do not exceed."""
+    """Shares and 95 % quantiles are right inside, outside a face, and outside in 10 frames of 100."""
     centers = still([[0.5, 0.5, 0.9], [0.5, 0.5, 1.03], [0.5, 0.5, 0.5]])
     centers[2, 0, :10] = 1.06
     inside, above, sometimes = hull_distances(still(CORNERS), centers)
@@ -27,7 +27,7 @@ def test_distances_from_a_cube():
 
 
 def test_missing_markers():
-    """Frames without a corner are not looked at, a marker never seen is left out; too few frames say nothing."""
+    """Frames without a corner are left out, and so is a marker that is always missing; too few frames give NaN."""
     places, centers = still([*CORNERS, [0.5, 0.5, 9.0]]), still([[0.9, 0.9, 0.9]])
     places[8] = np.nan
     places[7, :, 50:] = np.nan  # the corner next to the joint
@@ -39,17 +39,18 @@ def test_missing_markers():
 
 @pytest.mark.parametrize("places", [still(CORNERS[:3]), still(CORNERS[:4]), still(np.empty((0, 3)))])
 def test_no_hull(places):
-    """Three markers, four in a plane, and none."""
+    """Three markers, four in a plane, and none have no hull, so the distance is NaN."""
     assert np.isnan(hull_distances(places, still([[0.0, 0.0, 0.0]]))[0].distance)
 
 
-def test_a_joint_that_is_not_known():
+def test_unknown_joint():
+    """A joint that is never known has no distance."""
     assert np.isnan(hull_distances(still(CORNERS), np.full((1, 3, 100), np.nan))[0].distance)
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_true_joints_are_not_doubted(seed):
-    """Of a synthetic body: knees with one marker are outside by 1-4 cm, which no one can hold against them."""
+    """True joints of a synthetic body are not doubted, though knees with one marker are outside by 1-4 cm."""
     recording, truth = synthesize(Recipe(1500, noise=0.002, seed=seed))
     found = dict(zip(truth.joints, hull_distances(recording.positions, truth.centers), strict=True))
     assert not any(each.doubt for each in found.values())

@@ -3,12 +3,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from study.mocap.geometry.kabsch import fit_rigid_motion
-from study.mocap.geometry.moving_axes import to_local, to_world
 
 
 @pytest.fixture
 def moved(rng):
-    """A template in random places, with noise."""
+    """Make a template in random poses, with noise; rotations and translations come with it."""
 
     def make(template, frames=40, noise=0.0):
         turns = Rotation.random(frames, rng=rng).as_matrix().transpose(1, 2, 0)
@@ -34,7 +33,7 @@ def test_agrees_with_scipy(rng, moved, m):
 
 
 def test_without_noise_the_motion_is_exact(rng, moved):
-    """Rotation and shift come back to rounding."""
+    """The true rotations and translations come back to rounding."""
     template = rng.standard_normal((4, 3))
     x, turns, shifts = moved(template)
     rotation, origin, known = fit_rigid_motion(template, x)
@@ -43,8 +42,8 @@ def test_without_noise_the_motion_is_exact(rng, moved):
     np.testing.assert_allclose(origin, shifts, atol=1e-12)
 
 
-def test_a_mirror_image_is_no_rotation(rng, moved):
-    """Of mirrored markers the answer is the best proper rotation, as scipy has it."""
+def test_mirrored_points(rng, moved):
+    """For mirrored points the fit is the best proper rotation, as in scipy."""
     template = rng.standard_normal((5, 3))
     x, _, _ = moved(template * [1.0, 1.0, -1.0])
     rotation, _, known = fit_rigid_motion(template, x)
@@ -54,8 +53,8 @@ def test_a_mirror_image_is_no_rotation(rng, moved):
     np.testing.assert_allclose(rotation[:, :, 0], wanted.as_matrix(), atol=1e-9)
 
 
-def test_unseen_and_unused_markers_have_no_say(rng, moved):
-    """A frame depends on the markers that count alone; with fewer than three it is unknown."""
+def test_missing_and_unused_points(rng, moved):
+    """Only points that are used enter a frame's fit; a frame with fewer than three is unknown."""
     template = rng.standard_normal((4, 3))
     x, turns, _ = moved(template)
     x[3] += 1.0
@@ -69,19 +68,7 @@ def test_unseen_and_unused_markers_have_no_say(rng, moved):
     assert np.isnan(origin[:, 5]).all()
 
 
-def test_markers_on_a_line_leave_the_frame_unknown(moved):
-    """The turn about the line is open."""
+def test_points_on_a_line(moved):
+    """Points on a line leave the pose unknown, for the rotation about the line is open."""
     x, _, _ = moved(np.array([[0.0, 0, 0], [0.1, 0, 0], [0.3, 0.001, 0]]))
     assert not fit_rigid_motion(np.array([[0.0, 0, 0], [0.1, 0, 0], [0.3, 0.001, 0]]), x)[2].any()
-
-
-def test_points_there_and_back(rng, moved):
-    """`to_local` undoes `to_world`, and takes points one or many."""
-    x, turns, shifts = moved(rng.standard_normal((3, 3)))
-    point = rng.standard_normal(3)
-    world = to_world(turns, shifts, point)
-    np.testing.assert_allclose(
-        to_local(turns, shifts, world), np.repeat(point[:, None], x.shape[2], axis=1), atol=1e-12
-    )
-    np.testing.assert_allclose(to_world(turns, shifts, to_local(turns, shifts, x[1])), x[1], atol=1e-12)
-    assert to_local(turns, shifts, x).shape == x.shape

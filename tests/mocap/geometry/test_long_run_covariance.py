@@ -6,20 +6,20 @@ from study.mocap.geometry.long_run_covariance import autocorrelation_time, long_
 
 
 @pytest.mark.parametrize("phi", [0.0, 0.5, 0.9])
-def test_time_of_an_autoregression(rng, phi):
-    """Of x' = φx + ε it is (1 + φ)/(1 - φ), to 10 % with 2·10⁵ frames (an error of τ√(2·5τ/n) is 3 % at worst)."""
+def test_autocorrelation_time_of_an_autoregression(rng, phi):
+    """For x' = φx + ε it is (1 + φ)/(1 - φ), to 10 % with 2·10⁵ frames (its error τ√(2·5τ/n) is 3 % at worst)."""
     series = lfilter([1.0], [1.0, -phi], rng.standard_normal((3, 200_000)), axis=1)
     np.testing.assert_allclose(autocorrelation_time(series), (1 + phi) / (1 - phi), rtol=0.1)
 
 
 def test_short_and_empty_series():
-    """One frame, or nothing but zeros: every frame counts once."""
+    """Series of one frame, or of zeros, have an autocorrelation time of 1."""
     np.testing.assert_array_equal(autocorrelation_time(np.ones((2, 1))), 1.0)
     np.testing.assert_array_equal(autocorrelation_time(np.zeros((2, 50))), 1.0)
 
 
 def test_covariance_of_a_sum_over_correlated_frames(rng):
-    """It is that of many independent series' sums, for two correlated series of unlike size and unlike memory.
+    """It is the covariance over many independent pairs of correlated series, of unequal size and memory.
 
     300 sums fix a variance to 8 %, the estimate has about 10 %; 50 % is four of both together: 1 in 10⁴.
     """

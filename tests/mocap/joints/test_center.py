@@ -6,8 +6,8 @@ from scipy.spatial.transform import Rotation
 import study
 from study.mocap.geometry.kabsch import fit_rigid_motion
 from study.mocap.geometry.moving_axes import to_local
+from study.mocap.geometry.pose_noise import PoseNoise
 from study.mocap.joints.center import LocalMarker, fit_center
-from study.mocap.joints.pose_noise import PoseNoise
 
 CENTER = np.array([0.02, 0.09, -0.1])
 PELVIS = np.array([[0.09, 0.12, 0.05], [0.09, -0.12, 0.05], [-0.1, 0.06, 0.06], [-0.1, -0.06, 0.06]])
@@ -15,19 +15,19 @@ LEG = np.array([[0.02, 0.06, -0.25], [0.0, 0.05, -0.42]])
 
 
 def still(frames):
-    """A frame without noise of its own."""
+    """Noise of an exact pose."""
     none = np.zeros((1, 3, 3))
     return PoseNoise(np.zeros(frames, dtype=np.int64), np.zeros((1, 3)), none, none, none)
 
 
 def swings(rng, frames, about):
-    """Random turns: uniform within ± these degrees about y, x and z."""
+    """Random rotations: uniform within ± these degrees about y, x and z."""
     return Rotation.from_euler("yxz", rng.uniform(-1, 1, (frames, 3)) * about, degrees=True)
 
 
 @pytest.fixture
 def leg(rng):
-    """Two markers about a joint, seen from four noisy ones: markers for `fit_center`, the frame's noise, the truth."""
+    """Make two markers about a joint, in the axes of four noisy ones, and the noise of these axes."""
 
     def make(frames, sigma, about, scale=1.0):
         child = np.einsum("tij,mj->mit", swings(rng, frames, about).as_matrix(), scale * LEG) + CENTER[:, None]
@@ -64,7 +64,7 @@ def test_with_isotropic_noise_it_is_mgdk(rng, on_cap):
 
 
 def test_without_noise_it_is_exact(leg):
-    """To rounding."""
+    """Without noise centre and radii are exact to rounding."""
     markers, pose = leg(200, 0.0, (30, 15, 15))
     found = fit_center(markers, pose)
     np.testing.assert_allclose(found.center, CENTER, atol=1e-9)
@@ -72,14 +72,14 @@ def test_without_noise_it_is_exact(leg):
 
 
 def test_size_zero_is_gdke(rng, on_cap):
-    """Nothing taken off: the algebraic fit of one marker."""
+    """With size 0 nothing is taken off, which is the algebraic fit of one marker."""
     points, _ = on_cap(rng, 200, 50.0, noise=0.05)
     found = fit_center([LocalMarker(points.T.copy(), np.ones(200, bool), 1.0)], still(200), size=0.0)
     np.testing.assert_allclose(found.center, study.fit(points, "gdke").center, atol=1e-10)
 
 
-def test_unbiased_from_a_noisy_frame_where_mgdk_is_not(leg):
-    """Over 80 recordings: errors within 4.5 standard errors of none, their own covariances right, 95 % sets cover.
+def test_unbiased_in_noisy_axes_where_mgdk_is_not(leg):
+    """Over 80 recordings the mean error is within 4.5 standard errors of 0, covariances are right, 95 % sets cover.
 
     False alarms: 3 means 2·10⁻⁵; χ²(3) of 80 means, within 4 standard errors, 6·10⁻⁵; binomial(80, .95) below 69 or
     above 80, 2·10⁻³ one-sided below. `mgdk`, which takes the noise for isotropic, is biased by 10 standard errors.
@@ -106,8 +106,8 @@ def test_unbiased_from_a_noisy_frame_where_mgdk_is_not(leg):
     assert level >= 69
 
 
-def test_a_hinge_is_dropped_along_its_axis_alone(leg):
-    """Markers that turn about one axis: known across it to a few millimetres, the axis to 2°, nothing claimed along."""
+def test_hinge(leg):
+    """About one axis the centre is right to 3 mm across it, the axis to 2°, and the error along it is 0."""
     markers, pose = leg(1000, 0.002, (60, 0, 0))
     found = fit_center(markers, pose)
     assert found.axis is not None
@@ -121,15 +121,15 @@ def test_a_hinge_is_dropped_along_its_axis_alone(leg):
 
 @pytest.mark.parametrize("hinge", [None, False])
 def test_a_small_cap_is_no_hinge(leg, hinge):
-    """Its axis is short, too, but it curves: with little noise it is kept."""
+    """A small cap has a short extent, too, but it curves: with little noise no direction is dropped."""
     markers, pose = leg(2000, 0.0005, (8, 8, 8))
     found = fit_center(markers, pose, hinge)
     assert found.axis is None
     assert np.linalg.norm(found.center - CENTER) < 0.02
 
 
-def test_frames_that_stay_count_for_less(leg):
-    """Every frame forty times over is worth no more than once; the covariance stays, the number of frames does not.
+def test_repeated_frames(leg):
+    """Frames that are repeated forty times change neither the covariance nor the effective number of frames.
 
     It is found from a spectrum's lowest frequencies, some twenty, and to a third; a factor of 2.5 is three of these.
     """
@@ -146,7 +146,7 @@ def test_frames_that_stay_count_for_less(leg):
 
 
 def test_too_few_or_in_a_line():
-    """No centre, and no warning."""
+    """Too few samples, or samples on a line, give no centre and no warning."""
     y = np.zeros((3, 10))
     y[0] = np.arange(10)
     assert fit_center([LocalMarker(y, np.ones(10, bool), 1e-6)], still(10)) is None

@@ -13,7 +13,7 @@ CMU41 = load_markerset("cmu41")
 
 
 def compared(found, truth):
-    """Of each joint: distance to the truth, its largest pull along an axis of the covariance, and level of the set.
+    """For each joint: distance to the truth, largest standardised error along a principal axis, and level of the set.
 
     A hinge is compared with the line that its true axis is; distances are then across that.
     """
@@ -35,7 +35,7 @@ def compared(found, truth):
 
 
 def moved(truth, name):
-    """Angle within which 95 % of a joint's true turns are of their mean, degrees."""
+    """Angle about the mean within which 95 % of a joint's true rotations are, degrees."""
     k = truth.joints.index(name)
     parent, child = (truth.rotations[truth.segments.index(each[k])] for each in (truth.parents, truth.children))
     return np.degrees(rotation_range(np.einsum("tji,tjk->ikt", parent, child)))
@@ -54,7 +54,7 @@ HINGES = ("left_elbow", "right_elbow", "left_knee", "right_knee")
 
 
 def test_without_noise_every_joint_is_exact(exact):
-    """To a micrometre, hinges across their axes, which are found to 0.01°."""
+    """Without noise joints are exact to a micrometre, hinges across their axes, and axes to 0.01°."""
     _, truth, found = exact
     for name, (error, _, _) in compared(found, truth).items():
         assert error < 1e-6, name
@@ -64,7 +64,7 @@ def test_without_noise_every_joint_is_exact(exact):
 
 
 def test_noise_is_covered():
-    """With 1 and 3 mm of noise: every joint within three standard errors, 95 % sets cover as often as they say.
+    """With 1 and 3 mm of noise errors are within three standard errors, and 95 % sets cover as often as they should.
 
     12 recordings of 14 joints: 3 standard errors along any of three axes are exceeded by chance by 0.8 % of joints, so
     by 1.4 of 168; 6 and more in 4 of 1000. (Fixed seeds; a single recording passes in 9 of 10.) Sets of 95 %:
@@ -84,7 +84,7 @@ def test_noise_is_covered():
 
 @pytest.mark.parametrize("noise", [0.001, 0.003, 0.005])
 def test_gaps_of_a_fifth(noise):
-    """Joints that moved by more than 30°: within 3 mm, with 1-5 mm of noise and a fifth of all samples missing.
+    """Joints that moved by more than 30° are right to 3 mm, with 1-5 mm of noise and a fifth of the samples missing.
 
     43 seconds of motion. (With 5 mm standard errors are 1-3 mm: over seeds 6 to 13, 98 of 99 joints keep to it.)
     """
@@ -99,7 +99,7 @@ def test_gaps_of_a_fifth(noise):
 
 
 def test_swaps_do_no_harm():
-    """One frame in twenty with two neighbouring markers exchanged: errors as without."""
+    """Errors stay small where one frame in twenty has two neighbouring markers exchanged."""
     recording, truth = synthesize(Recipe(frames=2000, noise=0.001, swaps=0.05))
     assert truth.swaps
     for name, (error, _, _) in compared(find_joints(CMU41, recording), truth).items():
@@ -107,7 +107,7 @@ def test_swaps_do_no_harm():
 
 
 def test_places_and_axes_in_both_segments(figure):
-    """The same point of the world in either frame, within what the frames' noise moves it; so for a hinge's axis."""
+    """Both segments' places are the same point of the world, within the poses' noise; so are a hinge's axes."""
     found = figure[2]
     for name in ("neck", "left_elbow", "left_knee", "right_hip"):
         joint = found[name]
@@ -123,11 +123,11 @@ def test_places_and_axes_in_both_segments(figure):
     other = np.einsum("ijt,j->it", found.poses["left_shank"].rotation, knee.axis_in_child)
     assert np.median((turned * other).sum(axis=0)) > np.cos(np.radians(3))
     assert np.isnan(found["left_hip"].axis_in_parent).all()
-    assert np.isnan(found["left_wrist"].in_child).all()  # a hand with one marker has no frame of its own
+    assert np.isnan(found["left_wrist"].in_child).all()  # a hand with one marker has no pose of its own
 
 
-def test_a_marker_that_is_not_there(figure):
-    """Without one thigh marker its knee has no frame, and says why; what does not need it is as it was."""
+def test_missing_marker(figure):
+    """Without one thigh marker the knee has no pose, and says why; joints that do not need it are found."""
     recording = figure[0]
     names = [name for name in recording.markers if name not in ("LTHI", "LHEE")]
     found = find_joints(CMU41, recording.select(names))
@@ -139,7 +139,7 @@ def test_a_marker_that_is_not_there(figure):
 
 
 def test_a_figure_that_does_not_move():
-    """All markers still, with noise or without: no joint is called found."""
+    """Where no marker moves, with noise or without, no joint is called found."""
     for noise in (0.0, 0.001):
         recording, _ = synthesize(Recipe(frames=300, noise=noise, reach=0.0))
         found = find_joints(CMU41, recording)
@@ -148,7 +148,7 @@ def test_a_figure_that_does_not_move():
 
 @pytest.mark.parametrize("frames", [1, 2, 5])
 def test_hardly_any_frames(small, frames):
-    """One frame, or two, or five: every joint says that it was not found; nothing fails, nothing warns."""
+    """In one, two or five frames no joint is found, and each has its reason; nothing fails or warns."""
     recording = small(CMU41.markers(), frames=frames)
     found = find_joints(CMU41, recording)
     assert not any(each.status in (JointStatus.OK, JointStatus.HINGE) for each in found.joints)
@@ -156,7 +156,7 @@ def test_hardly_any_frames(small, frames):
 
 
 def test_nothing_but_missing_samples():
-    """NaN everywhere."""
+    """In a recording without samples every joint says so."""
     recording = Recording("empty", CMU41.markers(), np.full((41, 3, 20), np.nan), 100.0)
     found = find_joints(CMU41, recording)
     assert {each.status for each in found.joints} <= {JointStatus.NO_FRAME, JointStatus.UNSEEN}
@@ -165,7 +165,7 @@ def test_nothing_but_missing_samples():
 def test_a_real_recording(kata_joints):
     """Every joint of a karate kata is found or flagged with a reason; femora and tibiae of the sides agree to 8 %.
 
-    Elbows turn their forearms, too, and an ankle's sides are 12 mm apart: no hinge, and no 3 mm.
+    Forearms also rotate about their own axes, and an ankle's two sides are 12 mm apart: these joints are flagged.
     """
     found = kata_joints
     assert len(found.joints) == 14

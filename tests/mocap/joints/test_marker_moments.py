@@ -1,20 +1,21 @@
 import numpy as np
 import pytest
 
-from study.mocap.joints.marker_moments import add_scores, marker_moments
-from study.mocap.joints.pose_noise import PoseNoise
+from study.mocap.geometry.pose_noise import PoseNoise
+from study.mocap.joints.marker_moments import marker_moments
+from study.mocap.joints.marker_scores import add_scores
 from study.sphere.moments import Moments
 
 
 def frame_noise(rng, frames, tilt=0.0, shift=0.0, cross=False):
-    """A frame whose turns and shifts have these standard deviations, in two patterns."""
+    """Noise of poses whose rotations and translations have these standard deviations, in two patterns."""
     a = rng.standard_normal((2, 3, 3))
     turn, move = tilt**2 * a @ a.swapaxes(1, 2) / 3, shift**2 * np.eye(3) * np.array([1.0, 2.0])[:, None, None]
     return PoseNoise(rng.integers(0, 2, frames), 0.05 * rng.standard_normal((2, 3)), move, turn, np.zeros((2, 3, 3)))
 
 
-def test_without_frame_noise_they_are_plain_moments(rng):
-    """Then they are those of `Moments`, divided by n, of the samples that count."""
+def test_without_pose_noise_they_are_plain_moments(rng):
+    """For an exact pose they are those of `Moments`, divided by n, of the samples that are used."""
     y = rng.standard_normal((3, 300)) + 5.0
     used = rng.random(300) < 0.7
     found = marker_moments(y, used, frame_noise(rng, 300), 0.01, 1.0)
@@ -32,7 +33,7 @@ def test_without_frame_noise_they_are_plain_moments(rng):
 
 
 def test_the_noise_is_that_of_the_formula(rng):
-    """Mean F, F z and zᵀFz sample by sample, from the matrices themselves."""
+    """The means of F, F z, Tr(F) z and zᵀFz are those computed sample by sample from the matrices of (*)."""
     frames = 50
     pose = frame_noise(rng, frames, tilt=0.1, shift=0.01)
     pose = PoseNoise(pose.pattern, pose.centroid, pose.shift, pose.tilt, 1e-3 * rng.standard_normal((2, 3, 3)))
@@ -56,8 +57,8 @@ def test_the_noise_is_that_of_the_formula(rng):
     assert found.z_noise_z == pytest.approx(along / frames)
 
 
-def test_scores_of_the_centre_are_its_equations(rng):
-    """Their sum is b - A c, with the moments' own A and b: what the centre makes zero."""
+def test_scores_add_up_to_the_equations(rng):
+    """Their sum is b - A c, with A and b of the moments, which is zero at the centre."""
     frames, size = 200, 0.8
     pose = frame_noise(rng, frames, tilt=0.05, shift=0.01)
     y = rng.standard_normal((3, frames))

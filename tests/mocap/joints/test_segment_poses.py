@@ -20,8 +20,8 @@ def figure():
     return load_markerset("cmu41"), recording, truth
 
 
-def test_own_markers_make_a_frame_or_say_why_not(figure):
-    """Segments with three markers have one; those with two or one say how many they have."""
+def test_poses_from_markers(figure):
+    """Segments with three markers have poses; those with two or one say how many they have."""
     markerset, recording, _ = figure
     poses = poses_from_markers(markerset, recording)
     assert {name for name, each in poses.items() if isinstance(each, SegmentPoses)} == {
@@ -31,10 +31,10 @@ def test_own_markers_make_a_frame_or_say_why_not(figure):
     assert "2 points (RTHI, RKNE)" in poses["right_thigh"]
 
 
-def test_a_frame_moves_as_the_segment_does(figure):
-    """Rotations differ from the true ones by one constant turn, within the frame's own noise; so does the reference.
+def test_poses_follow_the_segment(figure):
+    """Rotations differ from the true ones by a constant rotation, within the poses' noise; the reference has none.
 
-    The largest of 600 turns' angles about their mean is below five standard deviations of the worst axis.
+    The largest of 600 angles about the mean is below five standard deviations of the worst axis.
     """
     markerset, recording, truth = figure
     poses = poses_from_markers(markerset, recording, reference=7)["pelvis"]
@@ -48,8 +48,8 @@ def test_a_frame_moves_as_the_segment_does(figure):
     np.testing.assert_allclose(poses.rotation[:, :, 7], np.eye(3), atol=1e-12)
 
 
-def test_the_spread_is_the_noise_and_the_scatter_what_is_left_of_it(figure):
-    """2 mm per coordinate to 5 %, of 600 frames; a point's rms distance is below √3 of it, as the fit takes some."""
+def test_sigma_and_scatter(figure):
+    """Sigma is the noise, 2 mm, to 6 %; a point's rms distance is below √3 of it, for the fit absorbs some."""
     markerset, recording, _ = figure
     for name in ("pelvis", "thorax", "left_foot"):
         poses = poses_from_markers(markerset, recording)[name]
@@ -58,8 +58,8 @@ def test_the_spread_is_the_noise_and_the_scatter_what_is_left_of_it(figure):
         assert (poses.scatter > 0.0005).all()
 
 
-def test_a_joint_is_the_third_point(figure):
-    """A thigh's frame from its two markers and the true hip; the markers' noise is told apart from the hip's."""
+def test_joint_as_third_point(figure):
+    """A thigh's poses follow from its two markers and the true hip; the markers' noise is separated from the hip's."""
     markerset, recording, truth = figure
     hip = truth.centers[truth.joints.index("left_hip")]
     tiny = np.repeat(1e-10 * np.eye(3)[:, :, None], recording.frames, axis=2)
@@ -74,8 +74,8 @@ def test_a_joint_is_the_third_point(figure):
     assert (error**2).sum(axis=0).mean() == pytest.approx(expected, rel=0.2)
 
 
-def test_points_on_a_line_do_not_fix_a_frame(rng):
-    """The words say so; so do they for points that are never seen at once."""
+def test_points_on_a_line(rng):
+    """Points on a line give a reason instead of poses; so do points that are never seen at once."""
     x = rng.standard_normal((3, 50))
     line = [PosePoint(name, x + 0.1 * k * np.array([[1.0], [0], [0]])) for k, name in enumerate("abc")]
     assert "lie on a line" in fit_poses("arm", line)
@@ -86,8 +86,8 @@ def test_points_on_a_line_do_not_fix_a_frame(rng):
     assert "never seen together" in fit_poses("arm", [PosePoint("a", one), PosePoint("b", two), PosePoint("c", x)])
 
 
-def test_a_part_of_the_frames(figure):
-    """The same rotations, noise and samples, of these frames."""
+def test_in_frames(figure):
+    """Some of the frames have the rotations, noise and samples of the whole."""
     markerset, recording, _ = figure
     poses = poses_from_markers(markerset, recording)["thorax"]
     part = np.array([3, 70, 71, 400])
@@ -98,8 +98,8 @@ def test_a_part_of_the_frames(figure):
     np.testing.assert_array_equal(few.to_local(x[:, part]), poses.to_local(x)[:, part])
 
 
-def test_the_reference_is_a_frame_with_all_markers(figure):
-    """As many as are ever seen at once."""
+def test_reference_frame(figure):
+    """The reference frame has the most markers that are ever seen at once."""
     _, recording, _ = figure
     seen = recording.seen().sum(axis=0)
     assert seen[reference_frame(recording)] == seen.max()

@@ -14,7 +14,7 @@ AXIS = np.array([0.2, 0.9, 0.3]) / np.linalg.norm([0.2, 0.9, 0.3])
 
 @pytest.fixture
 def limbs(rng):
-    """Two segments about a joint, three or four noisy markers each, turned by angles about three axes, or one."""
+    """Make two segments about a joint, with three or four noisy markers each, rotating about three axes, or one."""
 
     def make(frames, sigma, degrees):
         world = Rotation.random(frames, rng=rng)
@@ -35,7 +35,7 @@ def limbs(rng):
 
 
 def test_without_noise_it_is_exact(limbs):
-    """Both places and no gap, to rounding."""
+    """Without noise both places are exact and the gap is 0, to rounding."""
     parent, child, joint, _ = limbs(100, 0.0, (40, 20, 20))
     found = symmetric_fit(parent, child)
     np.testing.assert_allclose(parent.to_world(found.in_parent), joint, atol=1e-7)
@@ -45,9 +45,9 @@ def test_without_noise_it_is_exact(limbs):
 
 
 def test_unbiased_and_its_covariance_right(limbs):
-    """Over 60 recordings of 500 noisy frames: mean within 4.5 errors of 0 (3 in 10⁵), 95 % sets hold the truth.
+    """Over 60 recordings of 500 frames the mean error is within 4.5 errors of 0 (3 in 10⁵), and 95 % sets cover.
 
-    Binomial(60, .95) is below 50 in 3 of 10⁴. The noise is no small matter here: the child's frame turns by 4°.
+    Binomial(60, .95) is below 50 in 3 of 10⁴. The noise is large here: it rotates the child's pose by 4°.
     """
     errors, level = [], 0
     for _ in range(60):
@@ -62,7 +62,7 @@ def test_unbiased_and_its_covariance_right(limbs):
 
 
 def test_a_hinge_shows_its_axis(limbs):
-    """The axis to 1° in both frames, the centre somewhere on it, to 2 mm."""
+    """A hinge's axis is right to 1° in both segments, and the centre is on it to 2 mm."""
     parent, child, joint, axis = limbs(1000, 0.002, (60, 0, 0))
     found = symmetric_fit(parent, child)
     assert found.hinge
@@ -76,8 +76,8 @@ def test_a_hinge_shows_its_axis(limbs):
     assert np.degrees(found.rms_angles[1:]).max() < 3
 
 
-def test_what_does_not_turn_has_no_joint(limbs):
-    """Nor do two frames that are never known at once."""
+def test_no_joint_without_rotation(limbs):
+    """Segments that do not rotate have no joint, and neither have segments that share too few frames."""
     parent, child, _, _ = limbs(50, 0.0, (0.5, 0.3, 0.3))
     assert symmetric_fit(parent, child) is None
     assert symmetric_fit(parent.in_frames(np.arange(3)), child.in_frames(np.arange(3))) is None

@@ -1,4 +1,4 @@
-"""From joints to a scene: errors and their directions, ends of limbs, bones, and which way is up."""
+"""From joints to a scene: errors and their directions, ends of limbs, and the upright orientation."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from study.mocap.synthetic.generate import Recipe, synthesize
 
 @pytest.fixture(scope="module")
 def body():
-    """A recording and what is true of it."""
+    """A recording and its truth."""
     return synthesize(Recipe(frames=40))
 
 
@@ -27,13 +27,13 @@ def shown(truth, name="left_hip", **changes):
 
 
 def covariances(scene, joint, frame):
-    """The covariance that a scene's errors and turns say, in the world."""
+    """The covariance in the world that follows from a scene's errors and orientations."""
     axes = Rotation.from_quat(scene.orientations[joint, frame]).as_matrix()
     return axes @ np.diag(np.nan_to_num(scene.errors[joint]) ** 2) @ axes.T
 
 
 def test_errors_are_the_covariance(body):
-    """Errors along their directions give the covariance back, turned with the parent."""
+    """Errors along their directions give the covariance back, rotated with the parent."""
     recording, truth = body
     root = np.random.default_rng(1).normal(size=(3, 3)) * 1e-3
     joint = shown(truth, covariance=root @ root.T)
@@ -59,13 +59,13 @@ def test_a_hinge_is_known_across_its_axis(body, covariance):
 
 
 def test_quaternions_do_not_jump(body):
-    """From frame to frame directions turn by little, so that what is between them could be interpolated."""
+    """Quaternions of consecutive frames are close, so that they could be interpolated."""
     recording, truth = body
     scene = make_scene(recording, load_markerset("cmu41"), [shown(truth, covariance=np.diag([3.0, 2.0, 1.0]))], "test")
     assert ((scene.orientations[0, 1:] * scene.orientations[0, :-1]).sum(axis=1) > 0.9).all()
 
 
-def test_what_is_not_known(body):
+def test_unknown_joints(body):
     """A joint without a place is unknown in that frame; one that is never known is left out, with a note."""
     recording, truth = body
     center = truth.centers[truth.joints.index("left_hip")].copy()
@@ -80,7 +80,7 @@ def test_what_is_not_known(body):
 
 
 def test_without_a_covariance(body):
-    """A joint whose errors are not known has none that are drawn."""
+    """A joint without a covariance has no errors in the scene."""
     recording, truth = body
     scene = make_scene(recording, load_markerset("cmu41"), [shown(truth, covariance=np.full((3, 3), np.nan))], "test")
     assert np.isnan(scene.errors).all()
@@ -103,8 +103,8 @@ def test_limbs_end_at_markers(scene):
     assert np.allclose(scene.ends[scene.tips.index("left_foot")], toes, equal_nan=True)
 
 
-def test_a_recording_that_lies(body):
-    """A recording whose y points up is turned, all of it, and a note says so."""
+def test_y_up(body):
+    """A recording whose y points up is rotated as a whole, and a note says so."""
     recording, truth = body
     turn = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])  # z to y
     lying = Recording("lying", recording.markers, turn @ recording.positions, recording.rate)

@@ -9,7 +9,7 @@ and to second order it appears at (I - B) v, nearer to the centroid, with B = ½
 the shape of the template alone, up to the size of the noise. The noise is neither isotropic nor the same for all
 samples. Four markers on a pelvis rotate a marker of the thigh by a tenth of a degree per tenth of a millimetre, and
 three in a thin triangle rotate it far more about the long side. A sphere fit that takes this noise for isotropic is
-biased by centimetres at the knee. `marker_moments` removes its covariance sample by sample.
+biased by centimetres at the knee. The moments of a marker are corrected for it sample by sample.
 """
 
 from dataclasses import dataclass, replace
@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from study.sphere.jit import compiled
 from study.sphere.types import Bools, Floats, Ints
 
 
@@ -130,6 +131,32 @@ class PoseNoise:
     def worst_angle(self) -> float:
         """Standard deviation of the pose's rotation about its worst axis in its worst pattern, radians."""
         return float(np.sqrt(np.linalg.eigvalsh(self.tilt)[:, -1].max(initial=0.0)))
+
+
+@compiled
+def covariance_of_sample(v0: float, v1: float, v2: float, noise: PatternNoise, p: int, f: Floats) -> None:
+    """Put the covariance F (3, 3) of a marker at v from the centroid in pattern p, by (*), into ``f``."""
+    shift, tilt, cross = noise.shift[p], noise.tilt[p], noise.cross[p]
+    for j in range(3):
+        # column j of [v] T; row i of [v] is v × e_i
+        f[0, j] = v1 * tilt[2, j] - v2 * tilt[1, j]
+        f[1, j] = v2 * tilt[0, j] - v0 * tilt[2, j]
+        f[2, j] = v0 * tilt[1, j] - v1 * tilt[0, j]
+    for i in range(3):
+        a, b, c = f[i, 0], f[i, 1], f[i, 2]
+        f[i, 0], f[i, 1], f[i, 2] = v1 * c - v2 * b, v2 * a - v0 * c, v0 * b - v1 * a
+    for j in range(3):
+        a, b, c = cross[0, j], cross[1, j], cross[2, j]
+        x0, x1, x2 = v1 * c - v2 * b, v2 * a - v0 * c, v0 * b - v1 * a
+        f[0, j] -= x0
+        f[1, j] -= x1
+        f[2, j] -= x2
+        f[j, 0] -= x0
+        f[j, 1] -= x1
+        f[j, 2] -= x2
+    for i in range(3):
+        for j in range(3):
+            f[i, j] += shift[i, j]
 
 
 def skew(v: Floats) -> Floats:

@@ -3,7 +3,7 @@ import pytest
 
 from study.mocap.geometry.kabsch import fit_rigid_motion
 from study.mocap.geometry.moving_axes import to_local
-from study.mocap.joints.pose_noise import PoseNoise, rigid_residual_operator, skew
+from study.mocap.geometry.pose_noise import PoseNoise, rigid_residual_operator, skew
 
 TRIANGLE = np.array([[0.12, 0.0, 0.02], [-0.1, 0.03, 0.0], [-0.02, -0.03, -0.02]])
 SHAPE = np.array([[0.1, 0.12, 0.02], [0.1, -0.11, 0.0], [-0.12, 0.06, 0.01], [-0.1, -0.05, 0.06]])
@@ -12,7 +12,7 @@ POINTS = np.array([[0.3, 0.1, -0.2], [0.0, 0.05, 0.4]])
 
 @pytest.fixture
 def pose_noise():
-    """Noise of a template's frame, all points seen in all frames."""
+    """Make the pose noise of a template whose points are all used in all frames."""
 
     def make(template, noise, frames=1):
         return PoseNoise.of(template, noise, np.ones((len(template), frames), bool), np.ones(frames, bool))
@@ -21,13 +21,13 @@ def pose_noise():
 
 
 @pytest.mark.parametrize(("template", "shows"), [(SHAPE - SHAPE.mean(axis=0), 0), (TRIANGLE, 10)])
-def test_noise_of_a_point_seen_from_a_noisy_frame(rng, pose_noise, template, shows):
-    """Kabsch's own answers on 40,000 noisy copies of a template: fixed points scatter as (*) says, drawn in by B.
+def test_noise_of_a_point_in_noisy_axes(rng, pose_noise, template, shows):
+    """Fixed points scatter by (*) and move in by B, in the axes of Kabsch's fits to 40,000 noisy copies of a template.
 
     One point of the template has another noise than the rest, not isotropic. Variances of 40,000 have an error of 0.7 %
     and second order adds (σ/extent)² = 1 % here: 5 % of the trace is beyond 5 errors of both. The means are compared to
-    within 4.5 standard errors of each component: 12 of them fail by chance in 1 of 12,000. From the thin triangle one
-    sees by more than 10 errors that points are not where they are.
+    within 4.5 standard errors of each component: 12 of them fail by chance in 1 of 12,000. In the axes of the
+    thin triangle points are displaced by more than 10 standard errors.
     """
     sigma, frames = 0.003, 40_000
     noise = np.repeat(sigma**2 * np.eye(3)[None], len(template), axis=0)
@@ -46,8 +46,8 @@ def test_noise_of_a_point_seen_from_a_noisy_frame(rng, pose_noise, template, sho
         assert np.abs((y.mean(axis=1) - point) / (y.std(axis=1) / np.sqrt(frames))).max() > shows
 
 
-def test_patterns_of_seen_points(pose_noise):
-    """Frames with the same points seen share a pattern; each pattern is the noise of its points alone."""
+def test_patterns(pose_noise):
+    """Frames with the same points share a pattern, whose noise is that of its points alone."""
     used = np.ones((4, 6), dtype=bool)
     used[0, 2:4] = False
     known = np.array([True, True, True, True, True, False])
@@ -66,13 +66,13 @@ def test_patterns_of_seen_points(pose_noise):
 
 
 def test_cross_products_as_matrices(rng):
-    """[v] w = v × w."""
+    """The matrix [v] gives [v] w = v × w."""
     v, w = rng.standard_normal((2, 5, 3))
     np.testing.assert_allclose(np.einsum("nij,nj->ni", skew(v), w), np.cross(v, w), atol=1e-15)
 
 
-def test_what_a_rigid_fit_leaves_of_noise(rng):
-    """A projection with 3m - 6 residuals; rigid motion is fitted away."""
+def test_rigid_residual_operator(rng):
+    """It is a projection of rank 3m - 6 that removes rigid motion."""
     left = rigid_residual_operator(SHAPE)
     np.testing.assert_allclose(left @ left, left, atol=1e-12)
     assert np.trace(left) == pytest.approx(6.0)
