@@ -102,12 +102,13 @@ class Scene:
     def at_most(self, rate: float) -> "Scene":
         """The scene with every second, third, ... frame, for at most this many frames per second."""
         step = max(int(np.ceil(self.rate / rate - 1e-9)), 1)
-        if step == 1:
-            return self
-        frames = slice(None, None, step)
+        return self if step == 1 else self.part(slice(None, None, step), self.rate / step)
+
+    def part(self, frames: slice, rate: float | None = None) -> "Scene":
+        """The scene in some of the frames; at ``rate`` frames per second, if that changes."""
         return replace(
             self,
-            rate=self.rate / step,
+            rate=rate or self.rate,
             places=self.places[:, :, frames],
             centers=self.centers[:, :, frames],
             ends=self.ends[:, :, frames],
