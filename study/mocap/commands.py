@@ -48,23 +48,24 @@ def joints(
 ) -> None:
     """Find the joints of a recording: phase 1; a table of them, and a calibration that draws other recordings."""
     from study.mocap.joints.fit_joints import find_joints
-    from study.mocap.joints.joint_report import agreed, printed
+    from study.mocap.joints.joint_report import agreement_lines, joint_lines
     from study.mocap.joints.joint_table import joint_table
     from study.mocap.joints.method_agreement import agreement_table
     from study.mocap.open_recording import folder_for, opened
-    from study.mocap.skeleton.phases import calibrated
+    from study.mocap.skeleton.calibrate import calibration_from
+    from study.mocap.skeleton.calibration_file import save_calibration
     from study.runs.storage.atomic_write import save_frame
 
     match = opened(file, markerset, unit, rate, subject)
     folder = folder_for(match.source.name, out)
     _say(match)
     found = find_joints(match.markerset, match.recording)
-    _print(printed(found))
+    _print(joint_lines(found))
     compared = agreement_table(found, match.recording)
-    _print(agreed(compared))
+    _print(agreement_lines(compared))
     save_frame(joint_table(found).merge(compared, on="joint"), folder / "joints.parquet")
     typer.echo(str(folder / "joints.parquet"))
-    typer.echo(str(calibrated(found, match.recording).save(folder / "calibration.json")))
+    typer.echo(str(save_calibration(calibration_from(found, match.recording), folder / "calibration.json")))
 
 
 def skeleton(
@@ -85,8 +86,10 @@ def skeleton(
     from study.mocap.open_recording import folder_for
     from study.mocap.skeleton import skeleton_table
     from study.mocap.skeleton.bvh import write_bvh
-    from study.mocap.skeleton.frames import draw_skeleton
-    from study.mocap.skeleton.phases import require_same_subject, skeleton_scene
+    from study.mocap.skeleton.calibration_file import save_calibration
+    from study.mocap.skeleton.draw_skeleton import draw_skeleton
+    from study.mocap.skeleton.skeleton_scene import skeleton_scene
+    from study.mocap.skeleton.subject_check import require_same_subject
     from study.mocap.view import animation, fig1_skeleton
     from study.mocap.view.scene_json import write_motion
     from study.mocap.view.webpage import write_viewer
@@ -99,12 +102,12 @@ def skeleton(
     _say(match)
     drawn = require_same_subject(draw_skeleton(made, match.recording))
     scene = skeleton_scene(drawn, match.recording)
-    _print(skeleton_table.printed(scene))
+    _print(skeleton_table.skeleton_lines(scene))
     save_frame(skeleton_table.skeleton_table(scene), folder / "skeleton.parquet")
     save_frame(skeleton_table.bone_table(scene), folder / "bones.parquet")
     paths = [folder / "skeleton.parquet", folder / "bones.parquet"]
     if calibrated is None:
-        paths.append(made.save(folder / "calibration.json"))
+        paths.append(save_calibration(made, folder / "calibration.json"))
     paths.append(write_bvh(drawn, folder / "skeleton.bvh"))
     paths.append(write_motion(scene, folder / "motion.json"))
     paths += save(fig1_skeleton.draw(fig1_skeleton.prepare(scene)), folder / "fig1_skeleton")
@@ -206,8 +209,8 @@ def _calibrated(
     from study.mocap.io.reading import read_recording
     from study.mocap.markersets.match import match
     from study.mocap.open_recording import opened
-    from study.mocap.skeleton.calibration import load_calibration
-    from study.mocap.skeleton.phases import calibrate
+    from study.mocap.skeleton.calibrate import calibrate
+    from study.mocap.skeleton.calibration_file import load_calibration
 
     if calibrated is None:
         found = opened(file, markerset, unit, rate, subject)

@@ -25,7 +25,7 @@ from study.experiment.streams import stream
 from study.mocap.case_study.subsets import SETS, Whole, taken
 from study.mocap.io.recording import Recording, RecordingError
 from study.mocap.joints.estimates import Estimate
-from study.mocap.joints.fit_joints import FoundJoint, Joints
+from study.mocap.joints.found_joints import FoundJoint, FoundJoints
 from study.sphere.types import Floats
 
 SUBSETS = 400
@@ -75,7 +75,7 @@ class CaseStudy:
 
 
 def case_study(
-    joints: Joints, recording: Recording, subsets: int = SUBSETS, seed: int = 1, numbers: Sequence[int] = _NUMBERS
+    joints: FoundJoints, recording: Recording, subsets: int = SUBSETS, seed: int = 1, numbers: Sequence[int] = _NUMBERS
 ) -> CaseStudy:
     """Fit every joint to many parts of a recording.
 
@@ -102,7 +102,7 @@ def case_study(
             skipped[found.joint.name] = f"no sphere in its parent's frame ({found.reason})"
             continue
         name = found.joint.name
-        y = np.stack([sphere.frames.see(recording.of(marker)) for marker in sphere.markers])
+        y = np.stack([sphere.poses.to_local(recording.of(marker)) for marker in sphere.markers])
         whole = Whole(y, sphere.used, sphere)
         joint_rows, answers = _joint(whole, name, sizes, subsets, seed)
         rows += joint_rows

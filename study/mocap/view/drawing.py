@@ -102,8 +102,8 @@ class Drawing:
         self._joints.set_offsets(seen[:count, :2])
         self._joints.set_facecolor(["white" if flag else palette.SIDES[""] for flag in flagged])
         self._joints.set_edgecolor([palette.FLAGGED if flag else "white" for flag in flagged])
-        there = [i for i in self._round if not np.isnan(scene.turns[i, frame]).any()]
-        turns = Rotation.from_quat(scene.turns[there, frame]).as_matrix() if there else np.empty((0, 3, 3))
+        there = [i for i in self._round if not np.isnan(scene.orientations[i, frame]).any()]
+        turns = Rotation.from_quat(scene.orientations[there, frame]).as_matrix() if there else np.empty((0, 3, 3))
         shapes = outlines(self._half[there], turns, self.camera) if there else np.empty((0, 1, 2))
         self._ellipsoids.set_verts(list(shapes + seen[there, None, :2]))
         rods = [

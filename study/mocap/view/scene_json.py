@@ -72,7 +72,7 @@ def motion(scene: Scene, rate: float = _RATE) -> dict[str, Any]:
         "arrays": {
             "markers": _base64(counts[:, : len(shown.markers)]),
             "points": _base64(counts[:, len(shown.markers) :]),
-            "turns": _base64(_whole(_LARGEST * shown.turns).transpose(1, 0, 2)),
+            "turns": _base64(_whole(_LARGEST * shown.orientations).transpose(1, 0, 2)),
             "flags": base64.b64encode(np.ascontiguousarray(shown.flags.T).tobytes()).decode(),
         },
     }

@@ -78,6 +78,6 @@ def test_little_is_known(scene):
     one = replace(
         scene, markers=(), places=np.empty((0, 3, 90)), joints=scene.joints[:1], centers=scene.centers[:1], tips=(),
         ends=np.empty((0, 3, 90)), bones=(), flags=scene.flags[:1], doubts=("",), errors=np.full((1, 3), np.nan),
-        turns=np.full((1, 90, 4), np.nan),
+        orientations=np.full((1, 90, 4), np.nan),
     )  # fmt: skip
     FigureCanvasAgg(draw(prepare(one))).draw()
