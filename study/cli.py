@@ -161,7 +161,7 @@ def figures(
 def claims(folders: Folders, cost: Cost = None, recording: Recordings = None) -> None:
     """Judge the paper's claims by runs; store the table in the first one's folder, and print it."""
     from study.analysis.claims import judge_all, printed, save
-    from study.mocap.case_study.stored_tables import read_case_studies
+    from study.mocap.case_study.stored_case_studies import read_case_studies
     from study.runs.storage.run_folder import Run
 
     runs = [Run.open(folder) for folder in folders]
@@ -181,7 +181,7 @@ def report(
 ) -> None:
     """Write one HTML page about runs: claims, figures, tables, provenance; it needs no other file."""
     from study.analysis.claims import judge_all
-    from study.mocap.case_study.stored_tables import read_case_studies
+    from study.mocap.case_study.stored_case_studies import read_case_studies
     from study.report import read_bench, render, save
     from study.runs.storage.run_folder import Run
 

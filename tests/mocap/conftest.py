@@ -14,7 +14,7 @@ from study.mocap.markersets.match import choose
 from study.mocap.markersets.set_file import load_markerset
 from study.mocap.skeleton.make_scene import Shown, stage
 from study.mocap.skeleton.phases import calibrate, calibrated
-from study.mocap.synthetic.generate import Recipe, synthesize
+from study.mocap.synthetic.synthesize import Recipe, synthesize
 
 
 def shared(name):

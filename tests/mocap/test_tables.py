@@ -7,9 +7,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from study.mocap.commands.open_recording import folder_for
 from study.mocap.io.recording import RecordingError
 from study.mocap.joints.joint_report import agreed
-from study.mocap.open_recording import folder_for
 from study.mocap.skeleton.skeleton_table import bone_table, printed, skeleton_table
 
 

@@ -16,8 +16,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from study.figures import style
-from study.mocap.case_study.scatter import NEAR, CaseStudy, best
-from study.mocap.case_study.subsets import SETS
+from study.mocap.case_study.precision_study import NEAR, CaseStudy, best
+from study.mocap.case_study.subset_fits import SETS
 
 _GREY, _OUT = "0.6", "#c1272d"
 _MIDDLE = {"random": "#1f5fa8", "window": "#d98c1f"}

@@ -8,7 +8,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from study.mocap.io.recording import Recording, RecordingError
-from study.mocap.synthetic.generate import Truth
+from study.mocap.synthetic.synthesize import Truth
 
 _LONG = 65535
 

@@ -11,7 +11,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from study.mocap.skeleton.scene import Scene
 from study.mocap.view import palette
-from study.mocap.view.scene_json import motion_text
+from study.mocap.view.motion_json import motion_text
 from study.runs.storage.atomic_write import RunError, write
 
 _FOLDER = Path(__file__).parent / "viewer"

@@ -3,7 +3,7 @@ import pytest
 
 from study.mocap.joints.segments import Frames, Point, fixed_by, own_frames, own_points, reference_frame
 from study.mocap.markersets.set_file import load_markerset
-from study.mocap.synthetic.generate import Recipe, synthesize
+from study.mocap.synthetic.synthesize import Recipe, synthesize
 
 
 @pytest.fixture(scope="module")

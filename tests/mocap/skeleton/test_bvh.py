@@ -6,7 +6,7 @@ from study.mocap.io.recording import RecordingError
 from study.mocap.markersets.set_file import load_markerset
 from study.mocap.skeleton.bvh import write_bvh
 from study.mocap.skeleton.phases import calibrate, draw_skeleton
-from study.mocap.synthetic.generate import Recipe, synthesize
+from study.mocap.synthetic.synthesize import Recipe, synthesize
 
 CMU41 = load_markerset("cmu41")
 

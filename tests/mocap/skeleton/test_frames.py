@@ -10,7 +10,7 @@ from study.mocap.joints.estimates import USABLE
 from study.mocap.markersets.set_file import load_markerset
 from study.mocap.skeleton.phases import calibrate, calibrated, check, draw_skeleton, skeleton_scene
 from study.mocap.skeleton.scene import Flag
-from study.mocap.synthetic.generate import Recipe, synthesize
+from study.mocap.synthetic.synthesize import Recipe, synthesize
 
 CMU41 = load_markerset("cmu41")
 HINGES = ("left_elbow", "right_elbow", "left_knee", "right_knee")

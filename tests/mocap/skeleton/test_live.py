@@ -8,7 +8,7 @@ from study.mocap.geometry.rigid import into, motion
 from study.mocap.markersets.set_file import load_markerset
 from study.mocap.skeleton.live import LiveJoints
 from study.mocap.skeleton.phases import calibrate
-from study.mocap.synthetic.generate import Recipe, synthesize
+from study.mocap.synthetic.synthesize import Recipe, synthesize
 
 CMU41 = load_markerset("cmu41")
 

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from study.mocap.io.reading import read_recording
 from study.mocap.io.recording import Recording, RecordingError
 from study.mocap.synthetic.export import write_recording, write_truth
-from study.mocap.synthetic.generate import Recipe, synthesize
+from study.mocap.synthetic.synthesize import Recipe, synthesize
 
 
 @pytest.mark.parametrize(

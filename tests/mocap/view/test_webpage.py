@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from study.mocap.view.ellipsoids import half_axes
-from study.mocap.view.scene_json import FORMAT, MISSING, motion, write_motion
+from study.mocap.view.motion_json import FORMAT, MISSING, motion, write_motion
 from study.mocap.view.webpage import THREE, viewer, write_viewer
 from study.runs.storage.run_folder import RunError
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from study.mocap.view.scene_json import motion, write_motion
+from study.mocap.view.motion_json import motion, write_motion
 from study.mocap.view.webpage import write_viewer
 
 JOINT = """name => viewer.stage.joints[viewer.motion.joints.findIndex(j => j.name === name)].position.toArray()"""

@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 
 from study.mocap.case_study import fig7_case
-from study.mocap.case_study.scatter import case_study
+from study.mocap.case_study.precision_study import case_study
 from study.mocap.io.recording import RecordingError
 from study.mocap.joints.fit_joints import find_joints
 from study.mocap.markersets.set_file import load_markerset
-from study.mocap.synthetic.generate import Recipe, synthesize
+from study.mocap.synthetic.synthesize import Recipe, synthesize
 
 CMU41 = load_markerset("cmu41")
 

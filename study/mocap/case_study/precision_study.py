@@ -22,7 +22,7 @@ import numpy as np
 import pandas as pd
 
 from study.experiment.streams import stream
-from study.mocap.case_study.subsets import SETS, Whole, taken
+from study.mocap.case_study.subset_fits import SETS, Whole, taken
 from study.mocap.io.recording import Recording, RecordingError
 from study.mocap.joints.estimates import Estimate
 from study.mocap.joints.fit_joints import FoundJoint, Joints

@@ -6,7 +6,7 @@ from pathlib import Path
 import pandas as pd
 from pandas.api import types
 
-from study.mocap.case_study.scatter import best
+from study.mocap.case_study.precision_study import best
 from study.mocap.io.origin import ORIGIN
 from study.mocap.io.recording import RecordingError
 from study.runs.storage import schemas

@@ -5,9 +5,9 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from study.mocap.io.recording import Recording, RecordingError
-from study.mocap.synthetic import flaws
-from study.mocap.synthetic.body import JOINTS, MARKERS, PARTS, neighbours, unit
-from study.mocap.synthetic.motion import move
+from study.mocap.synthetic import artefacts
+from study.mocap.synthetic.body_model import JOINTS, MARKERS, PARTS, neighbours, unit
+from study.mocap.synthetic.random_motion import move
 from study.sphere.types import Bools, Floats
 
 
@@ -68,7 +68,7 @@ class Truth:
     """(joints, 3): of hinges, in the parent's frame and in the child's, length 1; NaN for balls."""
     bones: dict[tuple[str, str], float]
     """Distances between joints that are fixed in one segment, the one on which it hangs first."""
-    swaps: tuple[flaws.Swap, ...]
+    swaps: tuple[artefacts.Swap, ...]
     missing: Bools
     """(markers, frames)."""
 
@@ -85,16 +85,16 @@ def synthesize(recipe: Recipe | None = None) -> tuple[Recording, Truth]:
     offsets = r.height * np.array([place for part in PARTS for place in part.markers.values()])
     # the pelvis hangs on nothing; its skin follows the waist
     phases = motion.phases[np.where(on == 0, 1, on)]
-    local = offsets[:, :, None] + flaws.soft_tissue(phases, r.rate, r.soft_tissue, r.seed)
+    local = offsets[:, :, None] + artefacts.soft_tissue(phases, r.rate, r.soft_tissue, r.seed)
     positions = np.empty((len(MARKERS), 3, r.frames))
     for row, segment in enumerate(on):
         positions[row] = np.einsum("tij,jt->it", motion.rotations[segment], local[row]) + motion.origins[segment]
-    positions += flaws.noise(positions.shape, r.noise, r.seed)
-    swaps = flaws.swaps(neighbours(), r.frames, r.rate, r.swaps, r.seed)
+    positions += artefacts.noise(positions.shape, r.noise, r.seed)
+    swaps = artefacts.swaps(neighbours(), r.frames, r.rate, r.swaps, r.seed)
     for swap in swaps:
         pair = [MARKERS.index(marker) for marker in swap.markers]
         positions[pair, :, swap.first : swap.end] = positions[pair[::-1], :, swap.first : swap.end]
-    missing = flaws.hidden(len(MARKERS), r.frames, r.rate, r.gaps, r.seed)
+    missing = artefacts.hidden(len(MARKERS), r.frames, r.rate, r.gaps, r.seed)
     positions[np.broadcast_to(missing[:, None], positions.shape)] = np.nan
     recording = Recording(f"synthetic-{r.seed}", MARKERS, positions, r.rate)
     hanging = [i for i, part in enumerate(PARTS) if part.joint]

@@ -47,11 +47,11 @@ def joints(
     out: Out = None,
 ) -> None:
     """Find the joints of a recording: phase 1; a table of them, and a calibration that draws other recordings."""
+    from study.mocap.commands.open_recording import folder_for, opened
     from study.mocap.joints.fit_joints import find_joints
     from study.mocap.joints.joint_report import agreed, printed
     from study.mocap.joints.joint_table import joint_table
     from study.mocap.joints.method_agreement import agreement_table
-    from study.mocap.open_recording import folder_for, opened
     from study.mocap.skeleton.phases import calibrated
     from study.runs.storage.atomic_write import save_frame
 
@@ -82,18 +82,19 @@ def skeleton(
 ) -> None:
     """Draw the skeleton in every frame: phase 2; tables, BVH, a figure, and a page with the moving skeleton."""
     from study.figures.style import save
-    from study.mocap.open_recording import folder_for
+    from study.mocap.commands.open_recording import folder_for
     from study.mocap.skeleton import skeleton_table
     from study.mocap.skeleton.bvh import write_bvh
     from study.mocap.skeleton.frames import draw_skeleton
     from study.mocap.skeleton.phases import require_same_subject, skeleton_scene
-    from study.mocap.view import animation, fig1_skeleton
-    from study.mocap.view.scene_json import write_motion
+    from study.mocap.view import fig1_skeleton
+    from study.mocap.view import video as film
+    from study.mocap.view.motion_json import write_motion
     from study.mocap.view.webpage import write_viewer
     from study.runs.storage.atomic_write import save_frame
 
     if video:
-        animation.encoder()  # is told before the work is done
+        film.encoder()  # is told before the work is done
     match, made = _calibrated(calibrated, file, markerset, unit, rate, subject)
     folder = folder_for(match.source.name, out)
     _say(match)
@@ -118,7 +119,7 @@ def skeleton(
                 before, done[0] = done[0], done[0] + 1000 * share
                 bar.update(int(done[0]) - int(before))
 
-            path = animation.write_video(scene, folder / "motion.mp4", advance=advance)
+            path = film.write_video(scene, folder / "motion.mp4", advance=advance)
         typer.echo(str(path))
 
 
@@ -134,16 +135,16 @@ def case_study(
 ) -> None:
     """Repeat the paper's precision study, section 9.1: every joint from many parts of a recording; figure 7."""
     from study.figures.style import save
-    from study.mocap.case_study import fig7_case, scatter
+    from study.mocap.case_study import fig7_case, precision_study
+    from study.mocap.commands.open_recording import folder_for, opened
     from study.mocap.io.origin import digest_of, with_origin
     from study.mocap.joints.fit_joints import find_joints
-    from study.mocap.open_recording import folder_for, opened
     from study.runs.storage.atomic_write import save_frame
 
     match, digest = opened(file, markerset, unit, rate, subject), digest_of(file)
     folder = folder_for(match.source.name, out)
     _say(match)
-    case = scatter.case_study(find_joints(match.markerset, match.recording), match.recording, subsets, seed)
+    case = precision_study.case_study(find_joints(match.markerset, match.recording), match.recording, subsets, seed)
     _print(fig7_case.words(case))
     for name, table in {"scatter": case.scatter, "joints": case.joints, "laws": case.laws}.items():
         save_frame(with_origin(table, case.recording, digest), folder / f"case-study-{name}.parquet")
@@ -168,9 +169,9 @@ def synthetic(
     independent: Annotated[bool, typer.Option("--independent", help="every frame a pose drawn anew")] = False,
 ) -> None:
     """Make a recording of an articulated figure, and tables of its true joints beside it."""
-    from study.mocap.open_recording import folder_for
+    from study.mocap.commands.open_recording import folder_for
     from study.mocap.synthetic.export import write_recording, write_truth
-    from study.mocap.synthetic.generate import Recipe, synthesize
+    from study.mocap.synthetic.synthesize import Recipe, synthesize
 
     recipe = Recipe(frames, rate, seed, noise, soft_tissue, gaps, swaps, height, reach, independent)
     made, truth = synthesize(recipe)
@@ -203,9 +204,9 @@ def _calibrated(
     subject: str | None,
 ) -> "tuple[Match, Calibration]":
     """A recording, and a calibration: the one that is given, or one that is fitted to the recording itself."""
+    from study.mocap.commands.open_recording import opened
     from study.mocap.io.reading import read_recording
     from study.mocap.markersets.match import match
-    from study.mocap.open_recording import opened
     from study.mocap.skeleton.calibration import load_calibration
     from study.mocap.skeleton.phases import calibrate
 

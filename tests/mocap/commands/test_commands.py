@@ -9,7 +9,7 @@ import pytest
 from study import cli
 from study.mocap.io.recording import Recording
 from study.mocap.synthetic.export import write_recording
-from study.mocap.synthetic.generate import Recipe, synthesize
+from study.mocap.synthetic.synthesize import Recipe, synthesize
 
 FILES = ["bones.parquet", "calibration.json", "fig1_skeleton.png", "fig1_skeleton.svg", "motion.json"]
 FILES += ["skeleton.bvh", "skeleton.parquet", "viewer.html"]

@@ -6,8 +6,8 @@ import pytest
 import study
 from study.mocap.io.recording import RecordingError
 from study.mocap.markersets.match import choose
-from study.mocap.synthetic.body import MARKERS, PARTS
-from study.mocap.synthetic.generate import Recipe, synthesize
+from study.mocap.synthetic.body_model import MARKERS, PARTS
+from study.mocap.synthetic.synthesize import Recipe, synthesize
 
 SEGMENT = {label: i for i, part in enumerate(PARTS) for label in part.markers}
 

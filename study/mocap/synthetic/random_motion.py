@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from study.experiment.streams import stream
-from study.mocap.synthetic.body import PARTS, Part, unit
+from study.mocap.synthetic.body_model import PARTS, Part, unit
 from study.sphere.types import Floats
 
 _WEIGHTS = np.array([0.5, 0.3, 0.2])  # of three sinusoids; they sum to 1, so that no angle leaves its range

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from study.mocap.io.recording import RecordingError
-from study.mocap.view.animation import write_video
+from study.mocap.view.video import write_video
 
 
 @pytest.fixture(scope="module")

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from study.mocap.synthetic.body import PARTS
-from study.mocap.synthetic.motion import move
+from study.mocap.synthetic.body_model import PARTS
+from study.mocap.synthetic.random_motion import move
 
 PLACE = {part.name: i for i, part in enumerate(PARTS)}
 

@@ -1,7 +1,7 @@
 import numpy as np
 
 from study.mocap.markersets.set_file import load_markerset
-from study.mocap.synthetic.body import JOINTS, MARKERS, PARTS, neighbours, unit
+from study.mocap.synthetic.body_model import JOINTS, MARKERS, PARTS, neighbours, unit
 
 
 def test_the_figure_wears_the_shipped_set():

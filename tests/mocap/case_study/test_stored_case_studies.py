@@ -5,7 +5,7 @@ import math
 import pandas as pd
 import pytest
 
-from study.mocap.case_study.stored_tables import read_case_studies
+from study.mocap.case_study.stored_case_studies import read_case_studies
 from study.mocap.io.origin import digest_of, with_origin
 from study.mocap.io.recording import RecordingError
 
