@@ -17,7 +17,8 @@ from study.mocap.joints.symmetric_fit import two_sided
 from study.mocap.markersets.match import choose
 from study.mocap.skeleton.live import LiveJoints
 from study.mocap.skeleton.phases import calibrate, draw_skeleton
-from study.mocap.synthetic.synthesize import Recipe, synthesize
+from study.mocap.synthetic.recipe import Recipe
+from study.mocap.synthetic.synthesize import synthesize
 
 FRAMES = 5202
 

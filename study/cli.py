@@ -12,7 +12,13 @@ from typing import Annotated, Any
 import typer
 
 from study.analysis.commands import diff, status, worst
-from study.mocap import commands
+from study.mocap.commands.case_study import case_study
+from study.mocap.commands.fetch import fetch
+from study.mocap.commands.joints import joints
+from study.mocap.commands.markersets import markersets
+from study.mocap.commands.recording import recording
+from study.mocap.commands.skeleton import skeleton
+from study.mocap.commands.synthetic import synthetic
 from study.runs.commands import Code, Folder, worker
 from study.runs.workers import instruction_set
 
@@ -278,12 +284,13 @@ app.command()(status)
 app.command()(diff)
 app.command()(worst)
 app.command()(worker)
-app.command()(commands.recording)
-app.command()(commands.joints)
-app.command()(commands.skeleton)
-app.command()(commands.case_study)
-app.command()(commands.synthetic)
-app.command()(commands.fetch)
+app.command()(recording)
+app.command()(joints)
+app.command()(skeleton)
+app.command()(case_study)
+app.command()(synthetic)
+app.command()(fetch)
+app.command()(markersets)
 
 
 @contextlib.contextmanager

@@ -14,7 +14,8 @@ from study.mocap.markersets.match import choose
 from study.mocap.markersets.set_file import load_markerset
 from study.mocap.skeleton.make_scene import Shown, stage
 from study.mocap.skeleton.phases import calibrate, calibrated
-from study.mocap.synthetic.synthesize import Recipe, synthesize
+from study.mocap.synthetic.recipe import Recipe
+from study.mocap.synthetic.synthesize import synthesize
 
 
 def shared(name):

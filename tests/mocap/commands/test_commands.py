@@ -8,8 +8,10 @@ import pytest
 
 from study import cli
 from study.mocap.io.recording import Recording
-from study.mocap.synthetic.export import write_recording
-from study.mocap.synthetic.synthesize import Recipe, synthesize
+from study.mocap.io.writing import write_recording
+from study.mocap.markersets.set_file import load_markerset, shipped
+from study.mocap.synthetic.recipe import Recipe
+from study.mocap.synthetic.synthesize import synthesize
 
 FILES = ["bones.parquet", "calibration.json", "fig1_skeleton.png", "fig1_skeleton.svg", "motion.json"]
 FILES += ["skeleton.bvh", "skeleton.parquet", "viewer.html"]
@@ -76,7 +78,7 @@ def test_recording(call, body):
     assert (code, complained) == (0, "")
     assert said.startswith("body: 41 markers, 500 frames at 120 Hz, 4.16 s, 5.0% of the samples missing\n")
     assert all(f"\n{marker}" in said for marker in ("LFHD", "RTOE"))
-    assert "marker set cmu41: 41 of the recording's 41 markers placed, 14 of 14 joints can be found" in said
+    assert "marker set cmu41: 41 of the recording's 41 markers belong to it, 14 of 14 joints can be found" in said
 
 
 def test_a_recording_of_something_else(call, tmp_path, small):
@@ -85,7 +87,20 @@ def test_a_recording_of_something_else(call, tmp_path, small):
     code, said, complained = call("recording", path)
     assert (code, complained) == (0, "")
     assert "no marker set fits: with none of cmu41, plug-in-gait" in said
-    refused(call("joints", path), "other: no marker set fits", "copy study/mocap/markersets/cmu41.toml")
+    refused(call("joints", path), "other: no marker set fits", "study markersets cmu41 > mine.toml")
+
+
+def test_markersets(call, tmp_path):
+    """The shipped sets are listed; one that is printed into a file is the shipped one, and serves as a user's own."""
+    code, said, complained = call("markersets")
+    assert (code, complained) == (0, "")
+    assert [line.split()[0] for line in said.splitlines()] == shipped()
+    assert said.startswith("cmu41         41 markers  14 joints  41 markers of the CMU")
+    code, said, complained = call("markersets", "cmu41")
+    assert (code, complained) == (0, "")
+    (tmp_path / "mine.toml").write_text(said, encoding="utf-8")
+    assert load_markerset(tmp_path / "mine.toml") == load_markerset("cmu41")
+    refused(call("markersets", "cmu42"), "no marker set 'cmu42'; there are cmu41, plug-in-gait; `study markersets`")
 
 
 def test_joints(call, body, tmp_path):
@@ -200,7 +215,7 @@ def bad(body, tmp_path_factory):
         ("empty.c3d", "the file is empty"),
         ("none.c3d", "cannot be read: No such file"),
         ("one.csv", "1 frame in it; motion needs at least 2"),
-        ("nothing.csv", "none of its 1 markers is seen"),
+        ("nothing.csv", "none of its 1 markers has a sample"),
         ("words.doc", "a recording is a file whose name ends in"),
         ("", "a recording is a file whose name ends in"),
     ],
@@ -253,7 +268,7 @@ def test_a_name_stays_in_the_folder(call, tmp_path):
 
 def test_fetch(call, monkeypatch, tmp_path):
     """A name that the library cannot have, or another library, is a mistake; no server is a failure: one line each."""
-    refused(call("fetch", "cmu", "../secret"), "'../secret' is no recording of cmu", "60_08")
+    refused(call("fetch", "cmu", "../secret"), "'../secret' cannot be a recording of cmu", "60_08")
     refused(call("fetch", "nasa", "60_08"), "no library 'nasa'; there are cmu")
     monkeypatch.setenv("STUDY_CMU_URL", "http://127.0.0.1:9")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))

@@ -11,7 +11,7 @@ from study.mocap.io.c3d_file import read_c3d
 from study.mocap.io.c3d_header import LONG, read_header
 from study.mocap.io.reading import read_recording
 from study.mocap.io.recording import Recording, RecordingError
-from study.mocap.synthetic.export import write_recording
+from study.mocap.io.writing import write_recording
 
 
 def refuse(path):
@@ -57,7 +57,7 @@ class TestEitherLibrary:
 
     def test_a_negative_residual_hides_what_is_there(self, tmp_path, write_c3d, points):
         path = write_c3d(tmp_path / "a.c3d", "ABC", np.nan_to_num(points, nan=1.0), residual=-1.0)
-        with pytest.raises(RecordingError, match="none of its 3 markers is seen"):
+        with pytest.raises(RecordingError, match="none of its 3 markers has a sample"):
             read_recording(path)
 
     def test_angles_and_forces_are_no_markers(self, tmp_path, write_c3d, points):
@@ -78,7 +78,7 @@ class TestEitherLibrary:
 
     def test_a_unit_that_is_not_said(self, tmp_path, write_c3d, points):
         recording = read_recording(write_c3d(tmp_path / "a.c3d", "ABC", points, unit="  "))
-        assert recording.notes == ("the file does not say its unit: mm assumed",)
+        assert recording.notes == ("the file does not give its unit: mm assumed",)
 
     def test_no_points(self, tmp_path, write_c3d):
         """A file of analog channels alone has none: its header and POINT:USED say zero."""
@@ -95,7 +95,7 @@ class TestEitherLibrary:
         ("points", "words"),
         [
             (np.ones((2, 3, 1)), "1 frame in it; motion needs at least 2"),
-            (np.full((2, 3, 9), np.nan), "none of its 2 markers is seen in any of its 9 frames"),
+            (np.full((2, 3, 9), np.nan), "none of its 2 markers has a sample in any of its 9 frames"),
         ],
     )
     def test_nothing_to_work_with(self, tmp_path, write_c3d, points, words):

@@ -8,7 +8,7 @@ import pytest
 from study.mocap.io.fetch import LIBRARIES, DownloadError, fetch
 from study.mocap.io.reading import read_recording
 from study.mocap.io.recording import RecordingError
-from study.mocap.synthetic.export import write_recording
+from study.mocap.io.writing import write_recording
 
 
 class Server(ThreadingHTTPServer):
@@ -106,7 +106,7 @@ def test_the_users_cache_folder(server, tmp_path, body, monkeypatch):
     "name", ["salsa", "60", "60_08_01", "../60_08", "60_08/..", "", "6000_08", "60_08.bvh", "٦٠_٠٨"]
 )
 def test_a_name_that_no_recording_has(server, tmp_path, name):
-    with pytest.raises(RecordingError, match="is no recording of cmu; they are called as 60_08 is"):
+    with pytest.raises(RecordingError, match="cannot be a recording of cmu; give a name such as 60_08"):
         get(server, tmp_path, name)
     assert server.asked == []
 
@@ -131,20 +131,22 @@ def test_the_download_is_cut_short(server, tmp_path, body):
     server.body, server.promised = body[:5000], len(body)
     refused(server, tmp_path, "the server cannot be reached, or broke off")
     server.promised = None
-    refused(server, tmp_path, r"what the server sent is no recording: the file is cut short: \d+ of 200 frames")
+    refused(
+        server, tmp_path, r"the server sent something else than a recording: the file is cut short: \d+ of 200 frames"
+    )
 
 
 def test_a_page_instead_of_a_recording(server, tmp_path):
     """As a hotel's network sends."""
     server.body = b"<html>Please log in</html>"
-    refused(server, tmp_path, "what the server sent is no recording: not a C3D file")
+    refused(server, tmp_path, "the server sent something else than a recording: not a C3D file")
 
 
 def test_there_is_no_server(server, tmp_path):
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))  # bound, but nobody listens
         base = f"http://127.0.0.1:{free.getsockname()[1]}"
-        refused(server, tmp_path, r"cannot be reached, or broke off \(.*refused.*\); is there a network", base)
+        refused(server, tmp_path, r"cannot be reached, or broke off \(.*refused.*\); check the network", base)
 
 
 def refused(server, folder, words, base=None, kind=DownloadError):
@@ -160,5 +162,5 @@ def refused(server, folder, words, base=None, kind=DownloadError):
 def test_a_cache_that_cannot_be_written(server, tmp_path, body):
     server.body = body
     (tmp_path / "file").write_text("")
-    with pytest.raises(DownloadError, match="cannot be kept in"):
+    with pytest.raises(DownloadError, match="cannot be written to"):
         get(server, tmp_path / "file" / "cache")

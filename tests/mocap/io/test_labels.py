@@ -26,12 +26,14 @@ def test_doubles_are_renamed_and_said():
     """Neither of two points with one label is used: which is meant cannot be told."""
     found = name_points(["m:A", "m:B", "m:A"])
     assert found.markers == ("A#1", "B", "A#2")
-    assert found.notes == ("the label A is on points 1, 3: which is meant cannot be told, so none of them is used",)
+    assert found.notes == ("the label A is on points 1, 3: nothing tells which is the marker, so none of them is used",)
 
 
 def test_of_several_subjects_one_is_chosen():
     labels = ["male:A", "female:A", "female:B", "*1"]
-    with pytest.raises(RecordingError, match=r"2 subjects: male \(1 markers\), female \(2 markers\); say whose"):
+    with pytest.raises(
+        RecordingError, match=r"2 subjects: male \(1 markers\), female \(2 markers\); choose one with --subject"
+    ):
         name_points(labels)
     found = name_points(labels, "female")
     assert (found.rows, found.markers) == ((1, 2), ("A", "B"))

@@ -12,7 +12,7 @@ def test_what_it_says_of_itself(small):
     assert (recording.frames, recording.duration) == (5, 0.04)
     assert recording.missing().tolist() == pytest.approx([0.0, 0.4])
     assert recording.seen()[1].tolist() == [True, False, False, True, True]
-    assert recording.place("B") == 1
+    assert recording.row("B") == 1
     np.testing.assert_array_equal(recording.of("B"), positions[1])
 
 
@@ -44,7 +44,7 @@ def test_select(small):
     [
         (("A", "B"), (3, 3, 5), 100.0, r"shape \(3, 3, 5\); they must be \(2, 3, frames\)"),
         (("A", "B"), (2, 5, 3), 100.0, r"must be \(2, 3, frames\)"),
-        (("A", "A"), (2, 3, 5), 100.0, "two markers are called 'A'"),
+        (("A", "A"), (2, 3, 5), 100.0, "two markers have the label 'A'"),
         (("A", "B"), (2, 3, 5), 0.0, "rate is 0 frames per second"),
         (("A", "B"), (2, 3, 5), np.nan, "rate is nan"),
     ],

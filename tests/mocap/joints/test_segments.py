@@ -3,7 +3,8 @@ import pytest
 
 from study.mocap.joints.segments import Frames, Point, fixed_by, own_frames, own_points, reference_frame
 from study.mocap.markersets.set_file import load_markerset
-from study.mocap.synthetic.synthesize import Recipe, synthesize
+from study.mocap.synthetic.recipe import Recipe
+from study.mocap.synthetic.synthesize import synthesize
 
 
 @pytest.fixture(scope="module")

@@ -22,7 +22,7 @@ def test_all_there():
     assert found.joints == CMU.joints
     assert (found.lacking, found.lost, found.extra) == ({}, {}, ("sword",))
     assert found.lines() == [
-        "marker set cmu41: 41 of the recording's 42 markers placed, 14 of 14 joints can be found",
+        "marker set cmu41: 41 of the recording's 42 markers belong to it, 14 of 14 joints can be found",
         "not in the marker set: sword",
     ]
 
@@ -34,8 +34,8 @@ def test_what_is_lacking_and_what_can_still_be_found():
     assert found.lacking == {"pelvis": ("RBWT",), "left_hand": ("LFIN",), "right_thigh": ("RTHI",)}
     assert found.lost == {
         "left_wrist": "left_hand has none of LFIN",
-        "right_knee": "right_thigh has 1 markers (RKNE); its frame needs 3, or 2 and right_hip",
-        "right_ankle": "right_shank has 2 markers (RSHN, RANK); its frame needs 3, or 2 and right_knee",
+        "right_knee": "right_thigh has 1 markers (RKNE); its pose needs 3, or 2 and right_hip",
+        "right_ankle": "right_shank has 2 markers (RSHN, RANK); its pose needs 3, or 2 and right_knee",
     }
     assert len(found.joints) == 11
     assert found.markerset.segment("left_hand").markers == ()
@@ -45,7 +45,7 @@ def test_what_is_lacking_and_what_can_still_be_found():
 
 def test_a_root_of_two_markers_carries_nothing():
     found = match(CMU, recording([m for m in CMU.markers() if m not in ("RBWT", "LBWT")]))
-    assert found.lost["left_hip"] == "pelvis has 2 markers (LFWT, RFWT); its frame needs 3"
+    assert found.lost["left_hip"] == "pelvis has 2 markers (LFWT, RFWT); its pose needs 3"
     assert "left_knee" in found.lost, "a thigh of two markers needs the hip"
     assert "neck" not in found.lost, "the thorax has markers enough of its own"
 

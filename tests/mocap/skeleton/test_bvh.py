@@ -6,7 +6,8 @@ from study.mocap.io.recording import RecordingError
 from study.mocap.markersets.set_file import load_markerset
 from study.mocap.skeleton.bvh import write_bvh
 from study.mocap.skeleton.phases import calibrate, draw_skeleton
-from study.mocap.synthetic.synthesize import Recipe, synthesize
+from study.mocap.synthetic.recipe import Recipe
+from study.mocap.synthetic.synthesize import synthesize
 
 CMU41 = load_markerset("cmu41")
 

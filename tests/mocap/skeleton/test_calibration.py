@@ -8,7 +8,8 @@ from study.mocap.io.recording import RecordingError
 from study.mocap.markersets.match import choose
 from study.mocap.skeleton.calibration import load_calibration
 from study.mocap.skeleton.phases import calibrate, check, draw_skeleton, require_same_subject, skeleton_scene
-from study.mocap.synthetic.synthesize import Recipe, synthesize
+from study.mocap.synthetic.recipe import Recipe
+from study.mocap.synthetic.synthesize import synthesize
 
 
 def test_saved_and_read_it_is_the_same(figure, figure_calibration, tmp_path):

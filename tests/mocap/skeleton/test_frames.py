@@ -10,7 +10,8 @@ from study.mocap.joints.estimates import USABLE
 from study.mocap.markersets.set_file import load_markerset
 from study.mocap.skeleton.phases import calibrate, calibrated, check, draw_skeleton, skeleton_scene
 from study.mocap.skeleton.scene import Flag
-from study.mocap.synthetic.synthesize import Recipe, synthesize
+from study.mocap.synthetic.recipe import Recipe
+from study.mocap.synthetic.synthesize import synthesize
 
 CMU41 = load_markerset("cmu41")
 HINGES = ("left_elbow", "right_elbow", "left_knee", "right_knee")
@@ -37,7 +38,7 @@ def without(recording, hidden):
     """The recording with samples missing: {marker: slice of frames}."""
     positions = recording.positions.copy()
     for marker, frames in hidden.items():
-        positions[recording.place(marker), :, frames] = np.nan
+        positions[recording.row(marker), :, frames] = np.nan
     return Recording(recording.name, recording.markers, positions, recording.rate)
 
 
@@ -110,7 +111,7 @@ def test_a_swapped_marker_is_left_out(still):
     """Knee and ankle markers exchanged for a while: their segments do not follow them."""
     recording, truth, calibration = still
     positions = recording.positions.copy()
-    pair = [recording.place(marker) for marker in ("LKNE", "LTOE")]
+    pair = [recording.row(marker) for marker in ("LKNE", "LTOE")]
     positions[pair, :, 400:420] = positions[pair[::-1], :, 400:420]
     skeleton = draw_skeleton(calibration, Recording("swapped", recording.markers, positions, recording.rate))
     assert errors(skeleton, truth, "left_knee")[400:420].max() < 0.15

@@ -8,7 +8,8 @@ from study.mocap.geometry.rigid import into, motion
 from study.mocap.markersets.set_file import load_markerset
 from study.mocap.skeleton.live import LiveJoints
 from study.mocap.skeleton.phases import calibrate
-from study.mocap.synthetic.synthesize import Recipe, synthesize
+from study.mocap.synthetic.recipe import Recipe
+from study.mocap.synthetic.synthesize import synthesize
 
 CMU41 = load_markerset("cmu41")
 

@@ -8,10 +8,10 @@ from study.mocap.synthetic import artefacts
 
 def test_noise():
     """Its standard deviation: of 60000 draws, to 4.5 of its standard errors."""
-    drawn = artefacts.noise((5, 3, 4000), 0.002, 1)
+    drawn = artefacts.marker_noise((5, 3, 4000), 0.002, 1)
     assert drawn.std() == pytest.approx(0.002, rel=4.5 / np.sqrt(2 * drawn.size))
-    np.testing.assert_array_equal(artefacts.noise((5, 3, 4000), 0.004, 1), 2 * drawn)
-    assert not artefacts.noise((5, 3, 4), 0.0, 1).any()
+    np.testing.assert_array_equal(artefacts.marker_noise((5, 3, 4000), 0.004, 1), 2 * drawn)
+    assert not artefacts.marker_noise((5, 3, 4), 0.0, 1).any()
 
 
 def test_soft_tissue():
@@ -35,13 +35,13 @@ def test_soft_tissue():
 @pytest.mark.parametrize("frames", [7, 1000])
 def test_gaps_have_their_share(share, frames):
     """To a whole number of frames, for every marker."""
-    mask = artefacts.hidden(4, frames, 120.0, share, 1)
+    mask = artefacts.gaps(4, frames, 120.0, share, 1)
     assert (mask.sum(axis=1) == round(share * frames)).all()
 
 
 def test_gaps_come_in_runs():
     """Of 0.2 s on average, anywhere, also at the ends."""
-    mask = artefacts.hidden(3000, 1200, 120.0, 0.2, 1)
+    mask = artefacts.gaps(3000, 1200, 120.0, 0.2, 1)
     starts = (np.diff(mask.astype(int), axis=1, prepend=0) == 1).sum(axis=1)
     assert (starts == 10).all()
     assert mask[:, 0].any()
@@ -68,7 +68,7 @@ def test_every_cut_is_equally_likely():
     """Seven frames hidden of nine in two runs: each of the 6 x 3 ways, in 18000 draws within 4.5 standard errors."""
     counts: dict[tuple[int, ...], int] = {}
     for seed in range(3600):
-        for row in artefacts.hidden(5, 9, 17.5, 7 / 9, seed):
+        for row in artefacts.gaps(5, 9, 17.5, 7 / 9, seed):
             key = tuple(np.flatnonzero(row))
             counts[key] = counts.get(key, 0) + 1
     assert len(counts) == 18

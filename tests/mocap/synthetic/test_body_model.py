@@ -1,7 +1,7 @@
 import numpy as np
 
 from study.mocap.markersets.set_file import load_markerset
-from study.mocap.synthetic.body_model import JOINTS, MARKERS, PARTS, neighbours, unit
+from study.mocap.synthetic.body_model import JOINTS, MARKERS, PARTS, nearest_pairs, unit
 
 
 def test_the_figure_wears_the_shipped_set():
@@ -40,8 +40,8 @@ def test_limbs_have_winters_proportions():
     assert 0.9 < head < 1.0
 
 
-def test_neighbours_are_the_nearest():
-    pairs = neighbours()
+def test_pairs_are_the_nearest():
+    pairs = nearest_pairs()
     assert {("LBWT", "RBWT"), ("LWRA", "LWRB"), ("LTOE", "LMT5")} <= set(pairs)
     assert {marker for pair in pairs for marker in pair} == set(MARKERS)
 

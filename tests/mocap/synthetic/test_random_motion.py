@@ -3,13 +3,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from study.mocap.synthetic.body_model import PARTS
-from study.mocap.synthetic.random_motion import move
+from study.mocap.synthetic.random_motion import draw_motion
 
 PLACE = {part.name: i for i, part in enumerate(PARTS)}
 
 
 def make(frames=3000, seed=5, reach=1.0, independent=False, rate=120.0):
-    return move(frames, rate, seed, height=1.75, reach=reach, independent=independent)
+    return draw_motion(frames, rate, seed, height=1.75, reach=reach, independent=independent)
 
 
 def turns(motion, part):
@@ -34,12 +34,12 @@ def test_joints_stay_in_their_natural_range(part, independent):
     relative = turns(make(independent=independent), part)
     if part.axis is None:
         angles = Rotation.from_matrix(relative).as_euler("YXZ", degrees=True).T
-        limits = np.array(part.turns)
+        limits = np.array(part.ranges)
     else:
         axis = np.array(part.axis) / np.linalg.norm(part.axis)
         np.testing.assert_allclose(relative @ axis, np.broadcast_to(axis, (len(relative), 3)), atol=1e-12)
         angles = np.degrees(Rotation.from_matrix(relative).as_rotvec() @ axis)[None]
-        limits = np.array(part.turns[:1])
+        limits = np.array(part.ranges[:1])
     low, high = limits.T
     assert (angles.min(axis=1) >= low - 1e-9).all()
     assert (angles.max(axis=1) <= high + 1e-9).all()

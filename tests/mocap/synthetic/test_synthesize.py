@@ -7,7 +7,8 @@ import study
 from study.mocap.io.recording import RecordingError
 from study.mocap.markersets.match import choose
 from study.mocap.synthetic.body_model import MARKERS, PARTS
-from study.mocap.synthetic.synthesize import Recipe, synthesize
+from study.mocap.synthetic.recipe import Recipe
+from study.mocap.synthetic.synthesize import synthesize
 
 SEGMENT = {label: i for i, part in enumerate(PARTS) for label in part.markers}
 
@@ -143,10 +144,10 @@ def test_the_marker_set_fits():
 @pytest.mark.parametrize(
     ("field", "value", "words"),
     [
-        ("frames", 1, "frames = 1 of a synthetic figure must be from 2 to"),
-        ("noise", -0.001, "noise = -0.001 of a synthetic figure must be from 0"),
+        ("frames", 1, "frames = 1 of a synthetic body must be from 2 to"),
+        ("noise", -0.001, "noise = -0.001 of a synthetic body must be from 0"),
         ("noise", float("nan"), "noise = nan"),
-        ("gaps", 1.5, "gaps = 1.5 of a synthetic figure must be from 0 to 1"),
+        ("gaps", 1.5, "gaps = 1.5 of a synthetic body must be from 0 to 1"),
         ("rate", 0.0, "rate = 0"),
         ("seed", -1, "seed = -1"),
         ("height", 0.0, "height = 0"),

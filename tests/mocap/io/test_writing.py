@@ -2,14 +2,13 @@ import warnings
 
 import c3d
 import numpy as np
-import pandas as pd
 import pytest
-from scipy.spatial.transform import Rotation
 
 from study.mocap.io.reading import read_recording
 from study.mocap.io.recording import Recording, RecordingError
-from study.mocap.synthetic.export import write_recording, write_truth
-from study.mocap.synthetic.synthesize import Recipe, synthesize
+from study.mocap.io.writing import write_recording
+from study.mocap.synthetic.recipe import Recipe
+from study.mocap.synthetic.synthesize import synthesize
 
 
 @pytest.mark.parametrize(
@@ -50,12 +49,10 @@ def test_a_table_for_people(tmp_path):
 
 
 def test_the_same_bytes_twice(tmp_path):
-    recording, truth = synthesize(Recipe(frames=30))
+    recording, _ = synthesize(Recipe(frames=30))
     for ending in ("c3d", "csv"):
         once, twice = (write_recording(recording, tmp_path / f"{i}.{ending}").read_bytes() for i in "ab")
         assert once == twice
-    once, twice = (tuple(path.read_bytes() for path in write_truth(truth, tmp_path / f"{i}.c3d")) for i in "ab")
-    assert once == twice
 
 
 def test_where_nothing_can_be_written(tmp_path, small):
@@ -67,27 +64,3 @@ def test_where_nothing_can_be_written(tmp_path, small):
     (tmp_path / "folder.csv").mkdir()
     with pytest.raises(RecordingError, match="cannot be written: Is a directory"):
         write_recording(small(), tmp_path / "folder.csv")
-    _, truth = synthesize(Recipe(frames=2))
-    with pytest.raises(RecordingError, match="cannot be written"):
-        write_truth(truth, tmp_path / "none" / "walk.c3d")
-
-
-def test_truth_beside_it(tmp_path):
-    """One row per joint, one per frame and joint; poses put the joints together as the truth has them."""
-    _, truth = synthesize(Recipe(frames=20))
-    paths = write_truth(truth, tmp_path / "walk.c3d")
-    assert [path.name for path in paths] == ["walk.joints.parquet", "walk.truth.parquet"]
-    joints, poses = map(pd.read_parquet, paths)
-    assert list(joints.joint) == list(truth.joints)
-    assert (joints.kind == "hinge").sum() == 4
-    knee = joints.set_index("joint").loc["left_knee"]
-    assert (knee.parent, knee.child, knee.bone_from) == ("left_thigh", "left_shank", "left_hip")
-    assert knee.bone_length == pytest.approx(0.245 * 1.75)
-    assert joints.bone_length.isna().sum() == 3, "from the pelvis to what hangs on it there is no bone"
-    assert len(poses) == 14 * 20
-    hip, knee_path = (poses[poses.joint == name].sort_values("frame") for name in ("left_hip", "left_knee"))
-    turn = Rotation.from_rotvec(hip[["turn_x", "turn_y", "turn_z"]].to_numpy().copy())
-    there = hip[["center_x", "center_y", "center_z"]].to_numpy() + turn.apply(
-        knee[["center_x", "center_y", "center_z"]].to_numpy(dtype=float)
-    )
-    np.testing.assert_allclose(knee_path[["center_x", "center_y", "center_z"]].to_numpy(), there, atol=1e-12)
