@@ -9,7 +9,7 @@ from scipy.stats import chi2
 
 from study.mocap.skeleton.links import links, side
 from study.mocap.view.camera import Camera, outlines
-from study.mocap.view.ellipsoids import exaggeration, half_axes, hinges, reach
+from study.mocap.view.ellipsoids import exaggeration, half_axes, hinges, surface
 
 
 @pytest.mark.parametrize(("azimuth", "elevation"), [(0, 0), (30, 10), (200, -40), (-75, 89)])
@@ -29,7 +29,7 @@ def test_outlines(half):
     camera, turn = Camera(40, 25), Rotation.random(rng=3).as_matrix()
     points = np.random.default_rng(1).normal(size=(20000, 3))
     points /= np.linalg.norm(points, axis=1, keepdims=True)
-    seen = camera.see((points * half) @ turn.T)[:, :2]
+    seen = camera.project((points * half) @ turn.T)[:, :2]
     outline = outlines(np.array([half]), turn[None], camera, corners=400)[0]
     directions = np.array([[np.cos(t), np.sin(t)] for t in np.linspace(0, np.pi, 30)])
     widths = (seen @ directions.T).max(axis=0)
@@ -40,10 +40,10 @@ def test_half_axes_hold_as_often_as_they_say():
     """A normal error lies within the ellipsoid 95 % of the time, in three directions and in two."""
     draws = np.random.default_rng(2).normal(size=(40000, 3))
     for known in (1, 2, 3):
-        inside = ((draws[:, :known] / reach(known)) ** 2).sum(axis=1) < 1.0
+        inside = ((draws[:, :known] / surface(known)) ** 2).sum(axis=1) < 1.0
         assert inside.mean() == pytest.approx(0.95, abs=0.005)  # four standard errors
-    assert reach(3) == pytest.approx(np.sqrt(chi2.ppf(0.95, 3)))
-    assert reach(0) == 0.0
+    assert surface(3) == pytest.approx(np.sqrt(chi2.ppf(0.95, 3)))
+    assert surface(0) == 0.0
 
 
 def test_half_axes_of_a_scene(scene):
@@ -51,8 +51,8 @@ def test_half_axes_of_a_scene(scene):
     half, flat = half_axes(scene), hinges(scene)
     assert [scene.joints[i] for i in np.flatnonzero(flat)] == ["left_elbow", "left_knee", "right_elbow", "right_knee"]
     assert (half[flat, 2] == 0.0).all()
-    assert np.allclose(half[flat, :2], reach(2) * scene.errors[flat, :2])
-    assert np.allclose(half[~flat], reach(3) * scene.errors[~flat])
+    assert np.allclose(half[flat, :2], surface(2) * scene.errors[flat, :2])
+    assert np.allclose(half[~flat], surface(3) * scene.errors[~flat])
 
 
 @pytest.mark.parametrize(("scale", "factor"), [(1.0, 5), (0.001, 100), (100.0, 1)])

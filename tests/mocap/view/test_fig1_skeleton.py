@@ -28,7 +28,7 @@ def test_the_view_is_the_widest(scene, frame):
     """From the side that is chosen joints lie farther apart than from others."""
     apart = []
     for azimuth in (frame.camera.azimuth, *range(0, 360, 45)):
-        seen = prepare(scene, frame.frame, float(azimuth)).camera.see(scene.points[:, :, frame.frame])[:, :2]
+        seen = prepare(scene, frame.frame, float(azimuth)).camera.project(scene.points[:, :, frame.frame])[:, :2]
         i, j = np.triu_indices(len(seen), 1)
         apart.append(np.log(np.linalg.norm(seen[i] - seen[j], axis=1) + 0.02).mean())
     assert apart[0] == max(apart)
@@ -36,12 +36,12 @@ def test_the_view_is_the_widest(scene, frame):
 
 def test_words(scene):
     """Beside a joint are its largest known error, and whether it is bridged or doubtful."""
-    words = dict(zip(scene.joints, prepare(scene, 45).words, strict=True))
+    words = dict(zip(scene.joints, prepare(scene, 45).labels, strict=True))
     assert words["left_hip"] == "left hip 3.0 mm"
     assert words["neck"] == "neck 3.0 mm*"
     assert words[scene.joints[3]].endswith("(bridged)")
     unknown = replace(scene, errors=np.full_like(scene.errors, np.nan))
-    assert prepare(unknown, 45).words[scene.joints.index("left_hip")] == "left hip"
+    assert prepare(unknown, 45).labels[scene.joints.index("left_hip")] == "left hip"
 
 
 @pytest.mark.parametrize("number", [-1, 90])

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from study.mocap.view.motion_json import motion, write_motion
+from study.mocap.view.motion_json import motion_document, write_motion
 from study.mocap.view.webpage import write_viewer
 
 JOINT = """name => viewer.stage.joints[viewer.motion.joints.findIndex(j => j.name === name)].position.toArray()"""
@@ -193,9 +193,9 @@ def test_another_motion(tab, scene, tmp_path):
     ("change", "words"),
     [
         (lambda d: "not { json", "it is not JSON; open a motion.json"),
-        (lambda d: "[1, 2]", "it is JSON, but no motion"),
-        (lambda d: "null", "it is JSON, but no motion"),
-        (lambda d: d | {"version": 99}, "it is of version 99, and this page reads version 1"),
+        (lambda d: "[1, 2]", "it is JSON, but not a motion"),
+        (lambda d: "null", "it is JSON, but not a motion"),
+        (lambda d: d | {"version": 99}, "its version is 99, but this page reads version 1"),
         (lambda d: d | {"frames": 46}, 'its array "markers" has'),
         (lambda d: d | {"frames": -1}, "its number of frames is -1"),
         (lambda d: d | {"rate": 0}, "its rate is 0"),
@@ -211,7 +211,7 @@ def test_another_motion(tab, scene, tmp_path):
 )
 def test_a_file_that_is_no_motion(tab, scene, change, words):
     """What is wrong with a file is said, with its name; what was shown stays."""
-    changed = change(motion(scene))
+    changed = change(motion_document(scene))
     text = changed if isinstance(changed, str) else json.dumps(changed)
     tab.set_input_files("#file", {"name": "bad.json", "mimeType": "application/json", "buffer": text.encode()})
     until(tab, "!document.getElementById('message').hidden")

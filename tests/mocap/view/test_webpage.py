@@ -10,15 +10,15 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from study.mocap.view.ellipsoids import half_axes
-from study.mocap.view.motion_json import FORMAT, MISSING, motion, write_motion
-from study.mocap.view.webpage import THREE, viewer, write_viewer
+from study.mocap.view.motion_json import FORMAT, MISSING, motion_document, write_motion
+from study.mocap.view.webpage import THREE, viewer_page, write_viewer
 from study.runs.storage.run_folder import RunError
 
 
 @pytest.fixture(scope="module")
 def page(scene):
     """The page of the synthetic scene."""
-    return viewer(scene)
+    return viewer_page(scene)
 
 
 def embedded(page):
@@ -50,13 +50,13 @@ def test_the_library_is_said(page):
 
 def test_same_bytes(scene, page):
     """The same scene gives the same page."""
-    assert viewer(scene) == page
+    assert viewer_page(scene) == page
 
 
 def test_names_are_text(scene):
     """Names that look like markup stay names, in the title and in the motion."""
     name = "</script><img src=x onerror=alert(1)> & <!-- {{ 7 * 7 }}"
-    page = viewer(replace(scene, name=name))
+    page = viewer_page(replace(scene, name=name))
     assert "<img" not in page
     assert page.count("</script>") == 3
     assert "<title>&lt;/script&gt;&lt;img" in page
@@ -85,14 +85,16 @@ def test_the_motion(scene, page):
 
 def test_slower(scene):
     """A page of fewer frames per second is the same motion at the same speed."""
-    assert embedded(viewer(scene, rate=30.0))["frames"] == 30
+    assert embedded(viewer_page(scene, rate=30.0))["frames"] == 30
 
 
 def test_no_number_that_json_has_not(scene):
     """A scene with nothing seen in some frames is still JSON that any reader takes."""
     places = scene.places.copy()
     places[:, :, 5:9] = np.nan
-    json.dumps(motion(replace(scene, places=places, errors=np.full_like(scene.errors, np.nan))), allow_nan=False)
+    json.dumps(
+        motion_document(replace(scene, places=places, errors=np.full_like(scene.errors, np.nan))), allow_nan=False
+    )
 
 
 def test_writing(scene, tmp_path):
