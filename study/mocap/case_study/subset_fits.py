@@ -1,6 +1,4 @@
-"""Joint centres from parts of a recording: batches of MGDK on subsets of the frames, and how the frames are chosen."""
-
-from typing import Any
+"""Joint centres from subsets of a recording's frames: MGDK in batches, and the choice of the frames."""
 
 import numpy as np
 
@@ -10,69 +8,88 @@ from study.sphere.jit import compiled
 from study.sphere.types import Bools, Floats, Ints
 
 SETS = 4
-"""Data sets, each a random half of the frames, from which random subsets come."""
+"""Number of data sets, each a random half of the frames, from which random subsets come."""
 _MOST = 0.9
-"""Share of the least extent that is taken off as noise, at most."""
+"""Largest share of the smallest eigenvalue that is subtracted as noise."""
 
 
-class Whole:
-    """A joint's samples (M, 3, T), and what the whole recording says of it."""
+class JointSamples:
+    """The samples of a joint's markers, with the noise variance and the weights that the whole recording shows.
+
+    Args:
+        y: samples of the markers in the parent's axes (M, 3, T), metres.
+        used: samples that count (M, T).
+        estimate: the joint from the whole recording.
+
+    Attributes:
+        noise_variance: σ² of a coordinate; ``weights``: 1/r² of each marker (M,), as in ALS and MGDK.
+        condition: ρ, the share of the smallest extent that is noise.
+        hinge: True for a hinge; ``least``: its axis, or the direction in which the markers moved least (3,).
+        effective_frames: effective number of independent frames; ``autocorrelation_time``: τ, in frames.
+        error: standard error of the whole recording's centre, metres.
+    """
 
     def __init__(self, y: Floats, used: Bools, estimate: Estimate) -> None:
         self.y, self.used, self.estimate = np.where(used[:, None], y, 0.0), used, estimate
         self.frames = y.shape[2]
-        self.noise, self.weights = 0.0, np.ones(len(y))
-        everything = np.arange(self.frames)[None]
-        for _ in range(20):  # the noise of residuals and the weights 1/r², as `als` and MGDK have them
-            center, _ = self.centers(everything, None)
-            away = ((self.y - center[0][None, :, None]) ** 2).sum(axis=1)
-            count = used.sum(axis=1)
-            mean = np.where(used, away, 0.0).sum(axis=1) / np.maximum(count, 1)
-            variance = (np.where(used, away - mean[:, None], 0.0) ** 2).sum(axis=1) / np.maximum(count, 1)
-            self.weights = np.where(count > 1, 1.0 / np.maximum(mean, 1e-300), 0.0)
-            before, share = self.noise, self.weights * count
-            self.noise = 0.0
-            least = float(np.linalg.eigvalsh(self._pool(everything)[0][0])[0])
-            # where the residuals say that noise hides the motion, as much is taken off as leaves a centre
-            self.noise = min(float((share @ variance) / (4.0 * (share @ mean))), _MOST * least)
-            if abs(self.noise - before) <= 1e-9 * self.noise:
-                break
-        values, vectors = np.linalg.eigh(self._pool(everything)[0][0])
-        self.condition = float(self.noise / max(values[0] + self.noise, 1e-300))
+        self.noise_variance, self.weights = self._noise_and_weights()
+        values, vectors = np.linalg.eigh(self._pool(np.arange(self.frames)[None])[0][0])
+        self.condition = float(self.noise_variance / max(values[0] + self.noise_variance, 1e-300))
         self.hinge = estimate.axis is not None
         self.least = np.asarray(vectors[:, 0] if estimate.axis is None else estimate.axis)
         fitted = estimate.sphere
-        self.worth = max(estimate.worth if fitted is None else fitted.worth, 1.0)
-        self.memory = max(float(used.any(axis=0).sum()) / self.worth, 1.0)
+        self.effective_frames = max(estimate.worth if fitted is None else fitted.worth, 1.0)
+        self.autocorrelation_time = max(float(used.any(axis=0).sum()) / self.effective_frames, 1.0)
         covariance = estimate.covariance if fitted is None else fitted.covariance
         self.error = float(np.sqrt(max(np.trace(covariance), 0.0)))
 
-    def about(self, number: int, answers: dict[tuple[str, bool, int], Floats]) -> dict[str, object]:
-        """What explains how it scatters."""
+    def _noise_and_weights(self) -> tuple[float, Floats]:
+        """Noise variance from the residuals of the whole recording, and the weights 1/r², by iteration."""
+        self.noise_variance, self.weights = 0.0, np.ones(len(self.y))
+        every_frame = np.arange(self.frames)[None]
+        count = self.used.sum(axis=1)
+        for _ in range(20):
+            center, _ = self.centers(every_frame, None)
+            away = ((self.y - center[0][None, :, None]) ** 2).sum(axis=1)
+            mean = np.where(self.used, away, 0.0).sum(axis=1) / np.maximum(count, 1)
+            variance = (np.where(self.used, away - mean[:, None], 0.0) ** 2).sum(axis=1) / np.maximum(count, 1)
+            self.weights = np.where(count > 1, 1.0 / np.maximum(mean, 1e-300), 0.0)
+            before, share = self.noise_variance, self.weights * count
+            self.noise_variance = 0.0
+            least = float(np.linalg.eigvalsh(self._pool(every_frame)[0][0])[0])
+            # if noise of the residuals' size would hide the motion, only so much is subtracted that a centre remains
+            self.noise_variance = min(float((share @ variance) / (4.0 * (share @ mean))), _MOST * least)
+            if abs(self.noise_variance - before) <= 1e-9 * self.noise_variance:
+                break
+        return self.noise_variance, self.weights
+
+    def causes(self, centers: Floats) -> dict[str, object]:
+        """The row of `CaseStudy.joints` for this joint, with what explains its scatter.
+
+        Args:
+            centers: from random subsets, with every axis kept (B, 3).
+        """
         caps = [
             cap_angle(y, used, self.estimate.center) for y, used in zip(self.y, self.used, strict=True) if used.any()
         ]
-        plain = answers["random", False, number]
-        means = [np.median(part[np.isfinite(part[:, 0])], axis=0) for part in np.split(plain, SETS)]
-        apart = [np.linalg.norm(a - b) for a in means for b in means]
-        spread = np.nanvar(plain, axis=0).sum()
-        along = np.nanvar(plain @ self.least) / spread if spread > 0 else np.nan
+        medians = [np.median(part[np.isfinite(part[:, 0])], axis=0) for part in np.split(centers, SETS)]
+        apart = [np.linalg.norm(a - b) for a in medians for b in medians]
+        spread = np.nanvar(centers, axis=0).sum()
+        along = np.nanvar(centers @ self.least) / spread if spread > 0 else np.nan
         return {
             "cap": float(np.degrees(max(caps))),
-            "condition": self.condition, "hinge": self.hinge, "memory": self.memory,
-            "worth": self.worth, "sets": float(max(apart)), "along": float(along),
-        }  # fmt: skip
-
-    def _pool(self, index: Ints) -> tuple[Floats, Floats]:
-        """Σ w n (C - σ²I) / Σ w n (B, 3, 3), and the same of (C - σ²I) x̄ + ½S (B, 3), for frames (B, N)."""
-        left, right = np.zeros((len(index), 3, 3)), np.zeros((len(index), 3))
-        _pool(self.y, self.used, self.weights, self.noise, index, left, right)
-        return left, right
+            "condition": self.condition,
+            "hinge": self.hinge,
+            "memory": self.autocorrelation_time,
+            "worth": self.effective_frames,
+            "sets": float(max(apart)),
+            "along": float(along),
+        }
 
     def centers(self, index: Ints, axis: Floats | None) -> tuple[Floats, Bools]:
-        """MGDK's centres (B, 3) of frames (B, N), and which are positive definite (B,).
+        """Centres by MGDK (B, 3) from the frames of each subset (B, N); True where positive definite (B,).
 
-        With an axis (3,) the centre is found across it, and the mean of the samples along it.
+        With an axis (3,) the fit gives the centre across it, and the mean of the samples the centre along it.
         """
         left, right = self._pool(index)
         basis = np.eye(3) if axis is None else np.linalg.svd(axis[None])[2][1:].T
@@ -83,25 +100,31 @@ class Whole:
         if axis is None:
             found = np.linalg.solve(reduced, right[:, :, None])[:, :, 0]
         else:
-            middle = self._middle(index) @ np.outer(axis, axis)
+            middle = self._mean(index) @ np.outer(axis, axis)
             shifted = right - np.einsum("bij,bj->bi", left, middle)
             found = middle + np.linalg.solve(reduced, (shifted @ basis)[:, :, None])[:, :, 0] @ basis.T
         found[~fine] = np.nan
         return np.asarray(found), np.asarray(fine)
 
-    def _middle(self, index: Ints) -> Floats:
-        """Mean of all markers' samples (B, 3)."""
+    def effective(self, number: int) -> float:
+        """N_eff of this many random frames."""
+        return float(number / (1.0 + (number - 1) * (self.autocorrelation_time - 1.0) / max(self.frames - 1, 1)))
+
+    def _mean(self, index: Ints) -> Floats:
+        """Mean of the samples of all markers (B, 3)."""
         count = self.used[:, index].sum(axis=(0, 2))
         return np.asarray(self.y[:, :, index].sum(axis=(0, 3)).T / np.maximum(count, 1)[:, None])
 
-    def effective(self, number: int) -> float:
-        """N_eff of so many random frames."""
-        return float(number / (1.0 + (number - 1) * (self.memory - 1.0) / max(self.frames - 1, 1)))
+    def _pool(self, index: Ints) -> tuple[Floats, Floats]:
+        """Σ w n (C - σ²I) / Σ w n (B, 3, 3), and the same of (C - σ²I) x̄ + ½S (B, 3), for frames (B, N)."""
+        left, right = np.zeros((len(index), 3, 3)), np.zeros((len(index), 3))
+        _pool(self.y, self.used, self.weights, self.noise_variance, index, left, right)
+        return left, right
 
 
 @compiled
-def _pool(y: Any, used: Any, weights: Any, noise: float, index: Any, left: Any, right: Any) -> None:
-    """`Whole._pool` into ``left`` (B, 3, 3) and ``right`` (B, 3), which are zero."""
+def _pool(y: Floats, used: Bools, weights: Floats, variance: float, index: Ints, left: Floats, right: Floats) -> None:
+    """Add the sums of `JointSamples._pool` to ``left`` (B, 3, 3) and ``right`` (B, 3), which are zero."""
     mean, c, s = np.empty(3), np.empty((3, 3)), np.empty(3)
     for b in range(index.shape[0]):
         total = 0.0
@@ -138,7 +161,7 @@ def _pool(y: Any, used: Any, weights: Any, noise: float, index: Any, left: Any, 
             total += weight
             for i in range(3):
                 for j in range(3):
-                    entry = c[i, j] / (n - 1.0) - (noise if i == j else 0.0)
+                    entry = c[i, j] / (n - 1.0) - (variance if i == j else 0.0)
                     left[b, i, j] += weight * entry
                     right[b, i] += weight * entry * mean[j]
                 right[b, i] += weight * 0.5 * s[i] / (n - 1.0)
@@ -149,8 +172,16 @@ def _pool(y: Any, used: Any, weights: Any, noise: float, index: Any, left: Any, 
                 left[b, i, j] /= total
 
 
-def taken(way: str, seen: Ints, number: int, subsets: int, rng: np.random.Generator) -> Ints:
-    """Frames of each subset (subsets, N): random ones of a random half, or ones that follow each other."""
+def subset_frames(way: str, seen: Ints, number: int, subsets: int, rng: np.random.Generator) -> Ints:
+    """Choose the frames of each subset (subsets, N).
+
+    Args:
+        way: ``random``, for random frames of a random half, or ``window``, for consecutive ones.
+        seen: the frames to choose from.
+        number: N; at most half of them.
+        subsets: number of subsets.
+        rng: the generator.
+    """
     number = min(number, len(seen) // 2) or 1
     if way == "window":
         starts = rng.integers(0, len(seen) - number + 1, subsets)

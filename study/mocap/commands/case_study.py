@@ -35,7 +35,7 @@ def case_study(
     folder = results_folder(match.source.name, out)
     print_match(match)
     case = precision_study.case_study(find_joints(match.markerset, match.recording), match.recording, subsets, seed)
-    print_lines(fig7_case.words(case))
+    print_lines(fig7_case.printed(case))
     for name, table in {"scatter": case.scatter, "joints": case.joints, "laws": case.laws}.items():
         path = folder / f"case-study-{name}.parquet"
         save_frame(with_origin(table, case.recording, digest), path)

@@ -48,18 +48,19 @@ def grouped(command: Callable[..., None]) -> Callable[..., None]:
     itself receives an instance of the dataclass.
     """
     signature = inspect.signature(command, eval_str=True)
-    groups = {name: p.annotation for name, p in signature.parameters.items() if is_dataclass(p.annotation)}
+    groups = {name: fields(p.annotation) for name, p in signature.parameters.items() if is_dataclass(p.annotation)}
 
     @functools.wraps(command)
     def with_options(**values: object) -> None:
-        for name, group in groups.items():
-            values[name] = group(**{part.name: values.pop(part.name) for part in fields(group)})
+        for name, parts in groups.items():
+            group = signature.parameters[name].annotation
+            values[name] = group(**{part.name: values.pop(part.name) for part in parts})
         command(**values)
 
     parameters: list[inspect.Parameter] = []
     for name, parameter in signature.parameters.items():
         if name in groups:
-            parameters += [_option(part) for part in fields(groups[name])]
+            parameters += map(_option, groups[name])
         else:
             parameters.append(parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY))
     with_options.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]

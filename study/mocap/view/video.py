@@ -4,6 +4,7 @@ matplotlib draws the pictures; the ffmpeg of imageio-ffmpeg encodes them.
 """
 
 import contextlib
+import importlib
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
@@ -98,10 +99,9 @@ def encoder() -> ModuleType:
         RecordingError: if it is not installed.
     """
     try:
-        import imageio_ffmpeg
+        return importlib.import_module("imageio_ffmpeg")
     except ModuleNotFoundError:
         raise RecordingError("a video needs imageio-ffmpeg: pip install '.[mocap]'") from None
-    return imageio_ffmpeg
 
 
 class _Film:
@@ -140,8 +140,9 @@ class _Film:
         self.ax.set_xlim(right + left, right + left + width)
         self.ax.set_ylim(up + bottom, up + bottom + height)
         self.time.set_text(f"{frame / self.scene.rate:.1f} s")
+        names = {flag.value: flag.name.lower() for flag in Flag}
         flags = zip(self.scene.joints, self.scene.flags[:, frame], strict=True)
-        lines = [f"{name.replace('_', ' ')} {Flag(flag).name.lower()}" for name, flag in flags if flag != Flag.SEEN]
+        lines = [f"{joint.replace('_', ' ')} {names[flag]}" for joint, flag in flags if flag != Flag.SEEN]
         self.flags.set_text("\n".join(lines))
         return np.minimum(self._drawn(), self.fixed)
 

@@ -89,7 +89,7 @@ def test_outliers_of_a_real_recording_have_reasons(real):
     outliers = real.joints[real.joints["outlier"]]
     assert len(outliers)
     assert (outliers["reason"] != "").all()
-    assert any("right ankle" in line for line in fig7_case.words(real))
+    assert any("right ankle" in line for line in fig7_case.printed(real))
 
 
 def test_the_same_seed_gives_the_same(few):

@@ -102,9 +102,12 @@ def test_one_twice(folder):
 @pytest.mark.parametrize(
     ("table", "words"),
     [
-        (scatter().drop(columns=["median", "error"]), "not of this version: median, error missing or of another type"),
-        (scatter(samples="many"), "not of this version: samples missing"),
-        (scatter(dropped=1.0), "not of this version: dropped missing"),
+        (
+            scatter().drop(columns=["median", "error"]),
+            "written by another version: median, error missing or of another type",
+        ),
+        (scatter(samples="many"), "written by another version: samples missing"),
+        (scatter(dropped=1.0), "written by another version: dropped missing"),
         (scatter(way="window"), "not one row per joint"),
         (scatter(samples=100), "not one row per joint"),
     ],
@@ -115,7 +118,7 @@ def test_other_tables(folder, table, words):
     with pytest.raises(RecordingError) as caught:
         read_case_studies([place])
     assert str(caught.value).startswith(f"{place / NAME}: {words}")
-    assert str(caught.value).endswith(f"`study case-study FILE --out {place}` makes one")
+    assert str(caught.value).endswith(f"`study case-study FILE --out {place}` writes one")
 
 
 def test_no_case_study(folder, tmp_path):
@@ -134,5 +137,5 @@ def test_damage(folder, keep):
     place = folder(scatter())
     whole = (place / NAME).read_bytes()
     (place / NAME).write_bytes(whole[: int(keep * len(whole)) if isinstance(keep, float) else keep])
-    with pytest.raises(RecordingError, match="cannot be read: damaged, or no parquet"):
+    with pytest.raises(RecordingError, match="cannot be read: it is damaged, or not parquet"):
         read_case_studies([place])
