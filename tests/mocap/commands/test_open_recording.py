@@ -11,13 +11,20 @@ from study.mocap.io.recording import RecordingError
 @pytest.mark.parametrize(
     ("name", "folder"),
     [
-        ("walk 1", "walk-1"), ("..", "recording"), ("../../etc/passwd", "etc-passwd"), ("/", "recording"),
-        (".hidden", "hidden"), ("größe", "größe"), ("a\x00b\n", "a-b"), ("x" * 300, "x" * 100), ("C:\\run", "C-run"),
+        ("walk 1", "walk-1"),
+        ("..", "recording"),
+        ("../../etc/passwd", "etc-passwd"),
+        ("/", "recording"),
+        (".hidden", "hidden"),
+        ("größe", "größe"),
+        ("a\x00b\n", "a-b"),
+        ("x" * 300, "x" * 100),
+        ("C:\\run", "C-run"),
         ("", "recording"),
     ],
-)  # fmt: skip
+)
 def test_folders(name, folder):
-    """Whatever a recording is called, its folder is one below that of results."""
+    """For any name of a recording, its folder is directly below that of results."""
     assert results_folder(name) == Path("results/recordings") / folder
     assert results_folder(name, Path("mine")) == Path("mine")
 

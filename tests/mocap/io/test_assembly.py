@@ -23,7 +23,7 @@ def contents(points=None, labels=("A", "B"), rate=100.0, unit="mm"):
     ],
 )
 def test_units(unit, factor):
-    """However they are spelt."""
+    """Units have several spellings."""
     points = contents().points / 1000 / factor
     recording = assemble(contents(points, unit=unit), "walk")
     np.testing.assert_allclose(recording.positions, contents().points / 1000, rtol=1e-14)
@@ -45,7 +45,7 @@ def test_an_unsaid_unit_is_noted_or_asked_for():
 
 
 def test_a_unit_that_cannot_be_right_is_doubted():
-    """A body is not a kilometre tall, nor a millimetre."""
+    """A body of a kilometre or a millimetre is doubted."""
     assert "is its unit m right" in assemble(contents(unit="m"), "walk").notes[0]
     assert "is its unit um right" in assemble(contents(unit="um"), "walk").notes[0]
     assert assemble(contents(), "walk").notes == ()
@@ -82,7 +82,7 @@ def test_what_cannot_be_used(given, words):
 
 
 def test_a_marker_never_seen_is_kept():
-    """The joints that need it are flagged later; the recording as such is good."""
+    """A marker without samples stays in the recording; joints that need it are flagged later."""
     points = contents().points.copy()
     points[1] = np.nan
     assert assemble(contents(points), "walk").missing().tolist() == [0.0, 1.0]

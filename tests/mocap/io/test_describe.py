@@ -27,7 +27,7 @@ def test_extent_is_the_diagonal_of_the_path():
 
 
 def test_lines():
-    """Headline, notes, what is wrong, then a line per marker."""
+    """The lines are a headline, notes, problems, then one per marker."""
     assert describe(recording()) == [
         "walk: 3 markers, 100 frames at 100 Hz, 0.99 s, 40.0% of the samples missing",
         "note: something was odd",
@@ -41,6 +41,6 @@ def test_lines():
 
 
 def test_nothing_moves():
-    """A recording in which all stands still is told at the top."""
+    """If no marker moves, a line at the top says so."""
     still = Recording("chair", ("A", "B"), np.ones((2, 3, 9)), 100.0)
     assert describe(still)[1] == "no marker moves by more than 0 mm; joints cannot be found"

@@ -5,7 +5,7 @@ from study.mocap.io.recording import Recording, RecordingError
 
 
 def test_what_it_says_of_itself(small):
-    """Frames, duration, shares and places, counted by hand."""
+    """Frames, duration, shares and rows equal those counted by hand."""
     positions = np.zeros((2, 3, 5))
     positions[1, :, 1:3] = np.nan
     recording = Recording("walk", ("A", "B"), positions, 100.0)
@@ -17,7 +17,7 @@ def test_what_it_says_of_itself(small):
 
 
 def test_positions_are_contiguous_over_frames_and_kept_from_changes():
-    """One memory layout, read only; the caller's own array stays as it was."""
+    """Positions have one memory layout and are read-only; the caller's own array stays writable."""
     positions = np.arange(24.0).reshape(4, 3, 2).transpose(2, 1, 0)
     recording = Recording("walk", ("A", "B"), positions, 100.0)
     assert recording.positions.flags.c_contiguous
@@ -29,7 +29,7 @@ def test_positions_are_contiguous_over_frames_and_kept_from_changes():
 
 
 def test_select(small):
-    """Markers in the order asked for, some frames, all else as it was."""
+    """Markers come in the given order, with some frames; all else is the same."""
     recording = small()
     some = recording.select(["C7", "LFHD"], slice(2, 5))
     assert some.markers == ("C7", "LFHD")

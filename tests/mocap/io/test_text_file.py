@@ -102,7 +102,7 @@ def test_what_the_file_does_not_say_is_asked_for(tmp_path):
 
 
 def test_an_empty_row_is_a_frame_without_markers(tmp_path):
-    """A frame in which nothing was seen is not the end of the table."""
+    """A frame without any sample does not end the table."""
     found = read(tmp_path, "# rate: 5\n# unit: m\nA_x,A_y,A_z\n1,2,3\n,,\n\n1,2,4\n".replace("\n\n", "\n"))
     assert found.seen()[0].tolist() == [True, False, True]
 
@@ -134,7 +134,7 @@ def test_an_empty_row_is_a_frame_without_markers(tmp_path):
     ],
 )
 def test_what_is_wrong_is_told_with_its_place(tmp_path, name, text, words):
-    """One line, with the file's name."""
+    """The message is one line with the file's name."""
     with pytest.raises(RecordingError, match=words) as caught:
         read(tmp_path, text, name)
     assert str(caught.value).startswith(str(tmp_path / name))

@@ -16,7 +16,7 @@ from study.mocap.synthetic.synthesize import synthesize
     [("c3d", 3e-7), ("CSV", 0.5000001e-6)],  # single precision of metres up to 4; half a thousandth of a millimetre
 )
 def test_there_and_back(tmp_path, ending, tolerance):
-    """Positions, gaps, labels, their order and the rate."""
+    """Positions, gaps, labels, their order and the rate are the same after writing and reading."""
     recording, _ = synthesize(Recipe(frames=400, rate=59.94, gaps=0.15, seed=4))
     path = write_recording(recording, tmp_path / "new" / f"walk.{ending}")
     found = read_recording(path)
@@ -27,11 +27,11 @@ def test_there_and_back(tmp_path, ending, tolerance):
 
 
 def test_another_library_reads_what_was_written(tmp_path, small):
-    """Millimetres; a missing sample has a negative residual."""
+    """Units are millimetres; a missing sample has a negative residual."""
     recording = small()
     path = write_recording(recording, tmp_path / "a.c3d")
     with open(path, "rb") as file, warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # there is no analog data, which it finds worth a warning
+        warnings.simplefilter("ignore")  # c3d warns that there are no analog data
         reader = c3d.Reader(file)
         frames = np.array([points for _, points, _ in reader.read_frames()])
     assert [label.strip() for label in reader.point_labels] == list(recording.markers)

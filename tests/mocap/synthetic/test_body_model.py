@@ -4,7 +4,7 @@ from study.mocap.markersets.set_file import load_markerset
 from study.mocap.synthetic.body_model import JOINTS, MARKERS, PARTS, nearest_pairs, unit
 
 
-def test_the_figure_wears_the_shipped_set():
+def test_the_body_has_the_shipped_marker_set():
     """Segments, parents, markers, joints and hinges are those of cmu41."""
     cmu = load_markerset("cmu41")
     ours = {part.name: (part.parent, set(part.markers)) for part in PARTS}
@@ -15,7 +15,7 @@ def test_the_figure_wears_the_shipped_set():
 
 
 def test_the_right_side_mirrors_the_left():
-    """But for the markers that are placed unevenly, and those only in height."""
+    """The right side mirrors the left one, except for four markers, which differ in height."""
     parts = {part.name: part for part in PARTS}
     uneven = set()
     for name, left in parts.items():

@@ -10,7 +10,7 @@ from study.mocap.synthetic.synthesize import synthesize
 
 
 def test_truth_beside_it(tmp_path):
-    """One row per joint, one per frame and joint; poses put the joints together as the truth has them."""
+    """There is a row per joint, and one per frame and joint; the segment poses give each joint its true place."""
     _, truth = synthesize(Recipe(frames=20))
     paths = write_truth(truth, tmp_path / "walk.c3d")
     assert [path.name for path in paths] == ["walk.joints.parquet", "walk.truth.parquet"]

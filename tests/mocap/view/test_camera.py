@@ -14,7 +14,7 @@ from study.mocap.view.ellipsoids import exaggeration, half_axes, hinges, surface
 
 @pytest.mark.parametrize(("azimuth", "elevation"), [(0, 0), (30, 10), (200, -40), (-75, 89)])
 def test_axes(azimuth, elevation):
-    """The view's axes are a rotation, right lies level, and the third points to the viewer."""
+    """The axes of the view are a rotation; the first is horizontal, the third points to the viewer."""
     axes = Camera(azimuth, elevation).axes
     assert np.allclose(axes @ axes.T, np.eye(3))
     assert np.linalg.det(axes) == pytest.approx(1.0)
@@ -25,7 +25,7 @@ def test_axes(azimuth, elevation):
 
 @pytest.mark.parametrize("half", [(0.03, 0.02, 0.01), (0.03, 0.02, 0.0), (0.02, 0.02, 0.02), (0.0, 0.0, 0.0)])
 def test_outlines(half):
-    """An outline holds what is seen of the ellipsoid's surface, and touches it: in each direction it is as wide."""
+    """An outline is as wide as the projected surface of the ellipsoid, in each direction."""
     camera, turn = Camera(40, 25), Rotation.random(rng=3).as_matrix()
     points = np.random.default_rng(1).normal(size=(20000, 3))
     points /= np.linalg.norm(points, axis=1, keepdims=True)
@@ -57,7 +57,7 @@ def test_half_axes_of_a_scene(scene):
 
 @pytest.mark.parametrize(("scale", "factor"), [(1.0, 5), (0.001, 100), (100.0, 1)])
 def test_exaggeration(scene, scale, factor):
-    """Ellipsoids are drawn larger until a typical one is seen, and never smaller than they are."""
+    """Ellipsoids are enlarged until the median one is visible, and never reduced."""
     assert exaggeration(replace(scene, errors=scale * scene.errors)) == factor
     long = scene.errors.copy()
     long[0] *= 0.06 / np.nanmax(long[0])  # one joint known to 6 cm, 17 cm with 95 %: no more than twice as large

@@ -1,4 +1,4 @@
-"""The viewer's page as a file: complete in itself, the same each time, and safe from what a user named."""
+"""The viewer's page as a file: it needs no other file, has equal bytes each time, and escapes names."""
 
 import base64
 import json
@@ -64,7 +64,7 @@ def test_names_are_text(scene):
 
 
 def test_the_motion(scene, page):
-    """What is in the page is the scene, to a step of a tenth of a millimetre, at sixty frames per second at most."""
+    """The page holds the scene, to a step of a tenth of a millimetre, at sixty frames per second at most."""
     document, shown = embedded(page), scene.at_most(60.0)
     assert (document["format"], document["frames"], document["rate"]) == (FORMAT, 45, 45.0)
     assert document["step"] < 1e-4
@@ -89,7 +89,7 @@ def test_slower(scene):
 
 
 def test_no_number_that_json_has_not(scene):
-    """A scene with nothing seen in some frames is still JSON that any reader takes."""
+    """A scene with frames without samples is still strict JSON."""
     places = scene.places.copy()
     places[:, :, 5:9] = np.nan
     json.dumps(
@@ -98,7 +98,7 @@ def test_no_number_that_json_has_not(scene):
 
 
 def test_writing(scene, tmp_path):
-    """Page and motion are written whole, into a folder that is made; where that cannot be, one line says so."""
+    """Page and motion are written whole, into a folder that is made; a failure gives one line."""
     path = write_viewer(scene, tmp_path / "new" / "viewer.html")
     assert embedded(path.read_text(encoding="utf-8")) == json.loads(
         write_motion(scene, tmp_path / "new" / "motion.json").read_text(encoding="utf-8")
