@@ -195,8 +195,12 @@ def _draw_legend(figure: Figure, view: SkeletonView) -> None:
         look = {"markerfacecolor": "white", "markeredgecolor": palette.FLAGGED, "markersize": 4.5, "linestyle": "none"}
         handles.append(Line2D([], [], marker="o", label="* not reliable", **look))  # type: ignore[arg-type]
     figure.legend(
-        handles=handles, loc="lower center", bbox_to_anchor=(0.5, 0.055), ncols=len(handles), columnspacing=1.4,
+        handles=handles,
+        loc="lower center",
+        bbox_to_anchor=(0.5, 0.055),
+        ncols=len(handles),
+        columnspacing=1.4,
         handlelength=1.4,
-    )  # fmt: skip
-    words = "Ints: largest standard error of the joint's place in its segment, across the axis for a hinge."
+    )
+    words = "Numbers: largest standard error of the joint in its segment; for a hinge across its axis."
     figure.text(0.5, 0.04, words, ha="center", va="bottom", fontsize=style.SMALL)
