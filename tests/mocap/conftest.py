@@ -12,8 +12,8 @@ from study.mocap.io.recording import Recording
 from study.mocap.joints.fit_joints import find_joints
 from study.mocap.markersets.match import choose
 from study.mocap.markersets.set_file import load_markerset
-from study.mocap.skeleton.make_scene import Shown, stage
-from study.mocap.skeleton.phases import calibrate, calibrated
+from study.mocap.skeleton.calibrate import calibrate, calibration_from
+from study.mocap.skeleton.make_scene import SceneJoint, make_scene
 from study.mocap.synthetic.recipe import Recipe
 from study.mocap.synthetic.synthesize import synthesize
 
@@ -47,7 +47,7 @@ def kata_joints(kata):
 @pytest.fixture(scope="session")
 def kata_calibration(kata, kata_joints):
     """The calibration that they make."""
-    return calibrated(kata_joints, kata.recording)
+    return calibration_from(kata_joints, kata.recording)
 
 
 @pytest.fixture(scope="session")
@@ -75,7 +75,7 @@ def figure():
 @pytest.fixture(scope="session")
 def figure_calibration(figure):
     """The calibration that they make."""
-    return calibrated(figure[2], figure[0])
+    return calibration_from(figure[2], figure[0])
 
 
 @pytest.fixture(scope="session")
@@ -127,7 +127,7 @@ def scene():
         flags = np.zeros(recording.frames, dtype=np.uint8)
         flags[40:50] = number == 3
         joints.append(
-            Shown(
+            SceneJoint(
                 name=name,
                 parent=truth.parents[number],
                 child=truth.children[number],
@@ -139,4 +139,4 @@ def scene():
                 doubt="moved too little" if name == "neck" else "",
             )
         )
-    return stage(recording, load_markerset("cmu41"), joints, "true joints")
+    return make_scene(recording, load_markerset("cmu41"), joints, "true joints")

@@ -26,7 +26,7 @@ from study.mocap.case_study.scatter_summary import power_law, with_outliers
 from study.mocap.case_study.subset_fits import SETS, JointSamples, subset_frames
 from study.mocap.io.recording import Recording, RecordingError
 from study.mocap.joints.estimates import Estimate
-from study.mocap.joints.fit_joints import FoundJoint, Joints
+from study.mocap.joints.found_joints import FoundJoint, FoundJoints
 from study.sphere.types import Floats
 
 NEAR = 0.01
@@ -71,7 +71,7 @@ class CaseStudy:
 
 
 def case_study(
-    joints: Joints, recording: Recording, subsets: int = 400, seed: int = 1, numbers: Sequence[int] = _NUMBERS
+    joints: FoundJoints, recording: Recording, subsets: int = 400, seed: int = 1, numbers: Sequence[int] = _NUMBERS
 ) -> CaseStudy:
     """Fit each joint to many parts of a recording.
 
@@ -98,7 +98,7 @@ def case_study(
         if sphere is None:
             skipped[name] = f"no sphere in its parent's axes ({found.reason})"
             continue
-        y = np.stack([sphere.frames.see(recording.of(marker)) for marker in sphere.markers])
+        y = np.stack([sphere.poses.to_local(recording.of(marker)) for marker in sphere.markers])
         samples = JointSamples(y, sphere.used, sphere)
         joint_rows, centers = _scatter_of(samples, name, sizes, subsets, seed)
         rows += joint_rows

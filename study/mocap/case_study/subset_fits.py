@@ -38,7 +38,7 @@ class JointSamples:
         self.hinge = estimate.axis is not None
         self.least = np.asarray(vectors[:, 0] if estimate.axis is None else estimate.axis)
         fitted = estimate.sphere
-        self.effective_frames = max(estimate.worth if fitted is None else fitted.worth, 1.0)
+        self.effective_frames = max(estimate.effective_frames if fitted is None else fitted.effective_frames, 1.0)
         self.autocorrelation_time = max(float(used.any(axis=0).sum()) / self.effective_frames, 1.0)
         covariance = estimate.covariance if fitted is None else fitted.covariance
         self.error = float(np.sqrt(max(np.trace(covariance), 0.0)))

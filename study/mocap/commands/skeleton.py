@@ -38,8 +38,10 @@ def skeleton(
     from study.mocap.commands.open_recording import print_lines, print_match, results_folder
     from study.mocap.skeleton import skeleton_table
     from study.mocap.skeleton.bvh import write_bvh
-    from study.mocap.skeleton.frames import draw_skeleton
-    from study.mocap.skeleton.phases import require_same_subject, skeleton_scene
+    from study.mocap.skeleton.calibration_file import save_calibration
+    from study.mocap.skeleton.draw_skeleton import draw_skeleton
+    from study.mocap.skeleton.skeleton_scene import skeleton_scene
+    from study.mocap.skeleton.subject_check import require_same_subject
     from study.mocap.view import fig1_skeleton
     from study.mocap.view.motion_json import write_motion
     from study.mocap.view.video import encoder
@@ -53,12 +55,12 @@ def skeleton(
     print_match(match)
     drawn = require_same_subject(draw_skeleton(used, match.recording))
     scene = skeleton_scene(drawn, match.recording)
-    print_lines(skeleton_table.printed(scene))
+    print_lines(skeleton_table.skeleton_lines(scene))
     save_frame(skeleton_table.skeleton_table(scene), folder / "skeleton.parquet")
     save_frame(skeleton_table.bone_table(scene), folder / "bones.parquet")
     paths = [folder / "skeleton.parquet", folder / "bones.parquet"]
     if calibration is None:
-        paths.append(used.save(folder / "calibration.json"))
+        paths.append(save_calibration(used, folder / "calibration.json"))
     paths.append(write_bvh(drawn, folder / "skeleton.bvh"))
     paths.append(write_motion(scene, folder / "motion.json"))
     paths += save(fig1_skeleton.draw(fig1_skeleton.prepare(scene)), folder / "fig1_skeleton")
@@ -74,8 +76,8 @@ def _calibrated(
     """A recording, and the given calibration, or one that is fitted to the recording itself."""
     from study.mocap.commands.open_recording import open_recording
     from study.mocap.markersets.match import match
-    from study.mocap.skeleton.calibration import load_calibration
-    from study.mocap.skeleton.phases import calibrate
+    from study.mocap.skeleton.calibrate import calibrate
+    from study.mocap.skeleton.calibration_file import load_calibration
 
     if calibration is None:
         found = open_recording(file, markerset, reading)

@@ -103,8 +103,8 @@ class SkeletonDrawing:
         self._joints.set_offsets(seen[:count, :2])
         self._joints.set_facecolor(["white" if flag else palette.SIDES[""] for flag in flagged])
         self._joints.set_edgecolor([palette.FLAGGED if flag else "white" for flag in flagged])
-        known = [i for i in self._with_ellipsoid if not np.isnan(scene.turns[i, frame]).any()]
-        rotations = Rotation.from_quat(scene.turns[known, frame]).as_matrix() if known else np.empty((0, 3, 3))
+        known = [i for i in self._with_ellipsoid if not np.isnan(scene.orientations[i, frame]).any()]
+        rotations = Rotation.from_quat(scene.orientations[known, frame]).as_matrix() if known else np.empty((0, 3, 3))
         shapes = outlines(self._half[known], rotations, self.camera) if known else np.empty((0, 1, 2))
         self._ellipsoids.set_verts(list(shapes + seen[known, None, :2]))
         rods = [

@@ -71,7 +71,7 @@ def motion_document(scene: Scene, rate: float = _RATE) -> dict[str, object]:
         "arrays": {
             "markers": _base64(counts[:, : len(shown.markers)]),
             "points": _base64(counts[:, len(shown.markers) :]),
-            "turns": _base64(_rounded(_LARGEST * shown.turns).transpose(1, 0, 2)),
+            "turns": _base64(_rounded(_LARGEST * shown.orientations).transpose(1, 0, 2)),
             "flags": base64.b64encode(np.ascontiguousarray(shown.flags.T).tobytes()).decode(),
         },
     }

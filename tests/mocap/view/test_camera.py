@@ -1,4 +1,4 @@
-"""Looking at a scene: axes of the view, outlines of ellipsoids, which points are joined, how long half axes are."""
+"""Looking at a scene: axes of the view, outlines of ellipsoids, how long half axes are."""
 
 from dataclasses import replace
 
@@ -7,7 +7,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from study.mocap.skeleton.links import links, side
 from study.mocap.view.camera import Camera, outlines
 from study.mocap.view.ellipsoids import exaggeration, half_axes, hinges, surface
 
@@ -63,25 +62,3 @@ def test_exaggeration(scene, scale, factor):
     long[0] *= 0.06 / np.nanmax(long[0])  # one joint known to 6 cm, 17 cm with 95 %: no more than twice as large
     assert exaggeration(replace(scene, errors=long)) <= 2
     assert exaggeration(replace(scene, errors=np.full_like(scene.errors, np.nan))) == 1
-
-
-def test_links():
-    """Two joints are a bone, three a triangle; of four one in the middle has the others; no bone is there twice."""
-    rng = np.random.default_rng(5)
-    points = rng.normal(size=(5, 3, 7))
-    points[4] = np.nan
-    assert links([[0, 1]], points, [""] * 5) == ((0, 1),)
-    assert links([[0, 1], [0, 1]], points, [""] * 5) == ((0, 1),)
-    assert set(links([[0, 1, 2]], points, [""] * 5)) == {(0, 1), (0, 2), (1, 2)}
-    assert set(links([[0, 1, 2, 3]], points, ["left", "right", "", "left"])) == {(2, 0), (2, 1), (2, 3)}
-    assert links([[], [3]], points, [""] * 5) == ()
-    assert len(links([[0, 1, 2, 4]], points, [""] * 5)) == 3
-
-
-@pytest.mark.parametrize(
-    ("name", "found"),
-    [("left_knee", "left"), ("knee right", "right"), ("Left-Hip", "left"), ("cleft_chin", ""), ("waist", "")],
-)
-def test_side(name, found):
-    """A side is a word of the name, not a part of another."""
-    assert side(name) == found

@@ -87,6 +87,6 @@ def test_little_is_known(scene):
         flags=scene.flags[:1],
         doubts=("",),
         errors=np.full((1, 3), np.nan),
-        turns=np.full((1, 90, 4), np.nan),
+        orientations=np.full((1, 90, 4), np.nan),
     )
     FigureCanvasAgg(draw(prepare(one))).draw()

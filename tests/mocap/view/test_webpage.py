@@ -76,7 +76,7 @@ def test_the_motion(scene, page):
     flags = numbers(document, "flags", "u1").reshape(45, -1)
     assert np.array_equal(flags.T, shown.flags)
     turns = numbers(document, "turns").reshape(45, -1, 4)[7, 2] / 32767
-    between = Rotation.from_quat(turns) * Rotation.from_quat(shown.turns[2, 7]).inv()
+    between = Rotation.from_quat(turns) * Rotation.from_quat(shown.orientations[2, 7]).inv()
     assert between.magnitude() < 1e-4
     half = np.array([joint["half_axes"] for joint in document["joints"]], dtype=float)
     assert np.allclose(np.nan_to_num(half), half_axes(shown), atol=1e-6)

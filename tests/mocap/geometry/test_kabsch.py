@@ -2,12 +2,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from study.mocap.geometry.rigid import into, motion, out_of
+from study.mocap.geometry.kabsch import fit_rigid_motion
 
 
 @pytest.fixture
 def moved(rng):
-    """A template in random places, with noise."""
+    """Make a template in random poses, with noise; rotations and translations come with it."""
 
     def make(template, frames=40, noise=0.0):
         turns = Rotation.random(frames, rng=rng).as_matrix().transpose(1, 2, 0)
@@ -23,7 +23,7 @@ def test_agrees_with_scipy(rng, moved, m):
     """Rotations are those of scipy's Kabsch algorithm, for three markers (in a plane), four and six, with noise."""
     template = 0.1 * rng.standard_normal((m, 3))
     x, _, _ = moved(template, noise=0.01)
-    rotation, origin, known = motion(template, x)
+    rotation, origin, known = fit_rigid_motion(template, x)
     assert known.all()
     for t in range(x.shape[2]):
         wanted, _ = Rotation.align_vectors(x[:, :, t] - x[:, :, t].mean(axis=0), template - template.mean(axis=0))
@@ -33,52 +33,42 @@ def test_agrees_with_scipy(rng, moved, m):
 
 
 def test_without_noise_the_motion_is_exact(rng, moved):
-    """Rotation and shift come back to rounding."""
+    """The true rotations and translations come back to rounding."""
     template = rng.standard_normal((4, 3))
     x, turns, shifts = moved(template)
-    rotation, origin, known = motion(template, x)
+    rotation, origin, known = fit_rigid_motion(template, x)
     assert known.all()
     np.testing.assert_allclose(rotation, turns, atol=1e-12)
     np.testing.assert_allclose(origin, shifts, atol=1e-12)
 
 
-def test_a_mirror_image_is_no_rotation(rng, moved):
-    """Of mirrored markers the answer is the best proper rotation, as scipy has it."""
+def test_mirrored_points(rng, moved):
+    """For mirrored points the fit is the best proper rotation, as in scipy."""
     template = rng.standard_normal((5, 3))
     x, _, _ = moved(template * [1.0, 1.0, -1.0])
-    rotation, _, known = motion(template, x)
+    rotation, _, known = fit_rigid_motion(template, x)
     assert known.all()
     np.testing.assert_allclose(np.linalg.det(rotation.transpose(2, 0, 1)), 1.0, atol=1e-12)
     wanted, _ = Rotation.align_vectors(x[:, :, 0] - x[:, :, 0].mean(axis=0), template - template.mean(axis=0))
     np.testing.assert_allclose(rotation[:, :, 0], wanted.as_matrix(), atol=1e-9)
 
 
-def test_unseen_and_unused_markers_have_no_say(rng, moved):
-    """A frame depends on the markers that count alone; with fewer than three it is unknown."""
+def test_missing_and_unused_points(rng, moved):
+    """Only points that are used enter a frame's fit; a frame with fewer than three is unknown."""
     template = rng.standard_normal((4, 3))
     x, turns, _ = moved(template)
     x[3] += 1.0
     used = np.ones((4, x.shape[2]), dtype=bool)
     used[3] = False
     x[0, :, 5] = np.nan
-    rotation, origin, known = motion(template, x, used)
+    rotation, origin, known = fit_rigid_motion(template, x, used)
     assert list(np.flatnonzero(~known)) == [5]
     np.testing.assert_allclose(rotation[:, :, known], turns[:, :, known], atol=1e-12)
     assert np.isnan(rotation[:, :, 5]).all()
     assert np.isnan(origin[:, 5]).all()
 
 
-def test_markers_on_a_line_leave_the_frame_unknown(moved):
-    """The turn about the line is open."""
+def test_points_on_a_line(moved):
+    """Points on a line leave the pose unknown, for the rotation about the line is open."""
     x, _, _ = moved(np.array([[0.0, 0, 0], [0.1, 0, 0], [0.3, 0.001, 0]]))
-    assert not motion(np.array([[0.0, 0, 0], [0.1, 0, 0], [0.3, 0.001, 0]]), x)[2].any()
-
-
-def test_points_there_and_back(rng, moved):
-    """`into` undoes `out_of`, and takes points one or many."""
-    x, turns, shifts = moved(rng.standard_normal((3, 3)))
-    point = rng.standard_normal(3)
-    world = out_of(turns, shifts, point)
-    np.testing.assert_allclose(into(turns, shifts, world), np.repeat(point[:, None], x.shape[2], axis=1), atol=1e-12)
-    np.testing.assert_allclose(out_of(turns, shifts, into(turns, shifts, x[1])), x[1], atol=1e-12)
-    assert into(turns, shifts, x).shape == x.shape
+    assert not fit_rigid_motion(np.array([[0.0, 0, 0], [0.1, 0, 0], [0.3, 0.001, 0]]), x)[2].any()

@@ -1,4 +1,4 @@
-"""Which points of a skeleton are joined by lines, from which joints are fixed in which segment."""
+"""Bones of a skeleton: the lines between its joints and ends of limbs, from the segments that they are fixed in."""
 
 from collections.abc import Sequence
 
@@ -7,16 +7,16 @@ import numpy as np
 from study.sphere.types import Floats
 
 
-def links(fixed: Sequence[Sequence[int]], points: Floats, sides: Sequence[str]) -> tuple[tuple[int, int], ...]:
-    """Lines that show segments as bones.
+def bones(fixed: Sequence[Sequence[int]], points: Floats, sides: Sequence[str]) -> tuple[tuple[int, int], ...]:
+    """Choose the lines that show segments as bones.
 
-    Two joints in one segment make a bone and three a triangle, as in a pelvis. Of four or more, as in a chest, one is
+    Two points in one segment make a bone and three a triangle, as in a pelvis. Of four or more, as in a chest, one is
     linked with all others: the one nearest to them, of those on neither side of the body if there are any.
 
     Args:
-        fixed: for each segment the numbers of the joints, and ends of limbs, that are fixed in it.
-        points: where they all are (points, 3, frames), metres.
-        sides: of each point, "left", "right" or "".
+        fixed: for each segment, the numbers of the joints and ends of limbs that are fixed in it.
+        points: their places (points, 3, frames), metres.
+        sides: side of each point, "left", "right" or "".
 
     Returns:
         Pairs of numbers, each once.
@@ -33,13 +33,13 @@ def links(fixed: Sequence[Sequence[int]], points: Floats, sides: Sequence[str]) 
 
 
 def _distances(points: Floats) -> list[float]:
-    """Sum of the median distances of each point to the others; one that is never known is far."""
+    """Sum of the median distances of each point to the others, metres; large for one that is never known."""
     distance = np.linalg.norm(points[:, None] - points[None], axis=2)
     distance[np.isnan(distance).all(axis=2)] = 1e3
     return [float(total) for total in np.nanmedian(distance, axis=2).sum(axis=1)]
 
 
 def side(name: str) -> str:
-    """Which side of the body a point is on, as its name says: "left", "right" or "" if it does not."""
+    """Side of the body that a point's name tells: "left", "right", or "" if it tells none."""
     words = name.lower().replace("-", "_").replace(" ", "_").split("_")
     return next((word for word in ("left", "right") if word in words), "")
