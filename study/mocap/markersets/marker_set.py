@@ -78,7 +78,7 @@ class MarkerSet(MarkerSetParts):
         """All markers, segment by segment."""
         return tuple(marker for segment in self.segments for marker in segment.markers)
 
-    def seeing(self, joint: Joint) -> tuple[str, ...]:
+    def markers_for(self, joint: Joint) -> tuple[str, ...]:
         """The child's markers that a joint is fitted to."""
         return joint.markers or self.segment(joint.child).markers
 

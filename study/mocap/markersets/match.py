@@ -125,8 +125,8 @@ def _lost(markerset: MarkerSet, seen: set[str]) -> dict[str, str]:
         has = [marker for marker in parent.markers if marker in seen]
         above = joint_above.get(parent.name)
         helped = above is not None and above.name not in lost
-        if not any(marker in seen for marker in markerset.seeing(joint)):
-            lost[joint.name] = f"{joint.child} has none of {', '.join(markerset.seeing(joint))}"
+        if not any(marker in seen for marker in markerset.markers_for(joint)):
+            lost[joint.name] = f"{joint.child} has none of {', '.join(markerset.markers_for(joint))}"
         elif len(has) + helped < 3:
             words = f"{parent.name} has {len(has)} markers ({', '.join(has) or 'none'})"
             lost[joint.name] = f"{words}; its pose needs 3" + (f", or 2 and {above.name}" if above else "")

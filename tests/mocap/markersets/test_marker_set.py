@@ -12,8 +12,8 @@ def test_what_it_holds():
     leg = MarkerSet(name="leg", segments=(PELVIS, THIGH), joints=(HIP,))
     assert leg.segment("thigh") is THIGH
     assert leg.markers() == ("A", "B", "C", "D", "E")
-    assert leg.seeing(HIP) == ("D", "E")
-    assert leg.seeing(HIP.model_copy(update={"markers": ("E",)})) == ("E",)
+    assert leg.markers_for(HIP) == ("D", "E")
+    assert leg.markers_for(HIP.model_copy(update={"markers": ("E",)})) == ("E",)
     with pytest.raises(KeyError):
         leg.segment("foot")
 
