@@ -17,7 +17,8 @@ from study.mocap.joints.symmetric_fit import symmetric_fit
 from study.mocap.markersets.match import choose
 from study.mocap.skeleton.calibrate import calibrate
 from study.mocap.skeleton.draw_skeleton import draw_skeleton
-from study.mocap.synthetic.generate import Recipe, synthesize
+from study.mocap.synthetic.recipe import Recipe
+from study.mocap.synthetic.synthesize import synthesize
 
 FRAMES = 5202
 

@@ -12,7 +12,13 @@ from typing import Annotated, Any
 import typer
 
 from study.analysis.commands import diff, status, worst
-from study.mocap import commands
+from study.mocap.commands.case_study import case_study
+from study.mocap.commands.fetch import fetch
+from study.mocap.commands.joints import joints
+from study.mocap.commands.markersets import markersets
+from study.mocap.commands.recording import recording
+from study.mocap.commands.skeleton import skeleton
+from study.mocap.commands.synthetic import synthetic
 from study.runs.commands import ExitCode, Folder, worker
 from study.runs.workers import instruction_set
 
@@ -160,7 +166,7 @@ def figures(
 def claims(folders: Folders, cost: Cost = None, recording: Recordings = None) -> None:
     """Judge the paper's claims by runs; store the table in the first one's folder, and print it."""
     from study.analysis.claims import judge_all, printed, save
-    from study.mocap.case_study.stored_tables import read_case_studies
+    from study.mocap.case_study.stored_case_studies import read_case_studies
     from study.runs.storage.run_folder import Run
 
     runs = [Run.open(folder) for folder in folders]
@@ -180,7 +186,7 @@ def report(
 ) -> None:
     """Write one HTML page about runs: claims, figures, tables, provenance; it needs no other file."""
     from study.analysis.claims import judge_all
-    from study.mocap.case_study.stored_tables import read_case_studies
+    from study.mocap.case_study.stored_case_studies import read_case_studies
     from study.report import read_bench, render, save
     from study.runs.storage.run_folder import Run
 
@@ -277,12 +283,13 @@ app.command()(status)
 app.command()(diff)
 app.command()(worst)
 app.command()(worker)
-app.command()(commands.recording)
-app.command()(commands.joints)
-app.command()(commands.skeleton)
-app.command()(commands.case_study)
-app.command()(commands.synthetic)
-app.command()(commands.fetch)
+app.command()(recording)
+app.command()(joints)
+app.command()(skeleton)
+app.command()(case_study)
+app.command()(synthetic)
+app.command()(fetch)
+app.command()(markersets)
 
 
 @contextlib.contextmanager

@@ -1,15 +1,12 @@
-"""What is printed and stored of joints and skeletons, and where a recording's results go."""
+"""What is printed and stored of joints and skeletons."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from study.mocap.io.recording import RecordingError
 from study.mocap.joints.joint_report import agreement_lines
-from study.mocap.open_recording import folder_for
 from study.mocap.skeleton.skeleton_table import bone_table, skeleton_lines, skeleton_table
 
 
@@ -63,24 +60,3 @@ def test_agreed():
     head, line = agreement_lines(table)
     assert head.split() == ["distance", "to", "/", "mm", "gdke", "two-sided"]
     assert line.split() == ["neck", "12.3", "-"]
-
-
-@pytest.mark.parametrize(
-    ("name", "folder"),
-    [
-        ("walk 1", "walk-1"), ("..", "recording"), ("../../etc/passwd", "etc-passwd"), ("/", "recording"),
-        (".hidden", "hidden"), ("größe", "größe"), ("a\x00b\n", "a-b"), ("x" * 300, "x" * 100), ("C:\\run", "C-run"),
-        ("", "recording"),
-    ],
-)  # fmt: skip
-def test_folders(name, folder):
-    """Whatever a recording is called, its folder is one below that of results."""
-    assert folder_for(name) == Path("results/recordings") / folder
-    assert folder_for(name, Path("mine")) == Path("mine")
-
-
-def test_a_file_is_no_folder(tmp_path):
-    """A file in the folder's place is refused."""
-    (tmp_path / "file").write_text("")
-    with pytest.raises(RecordingError, match="is a file, not a folder; choose another with --out"):
-        folder_for("a", tmp_path / "file")

@@ -96,7 +96,7 @@ class _Search:
         parent, child = self.poses[joint.parent], self.poses[joint.child] if joint.child in self.own else ""
         found = []
         if isinstance(parent, SegmentPoses):
-            found.append(self.fit_spheres(joint, "parent", parent, self.markerset.seeing(joint)))
+            found.append(self.fit_spheres(joint, "parent", parent, self.markerset.markers_for(joint)))
         if isinstance(child, SegmentPoses):
             found.append(self.fit_spheres(joint, "child", child, self.markerset.segment(joint.parent).markers))
         if isinstance(parent, SegmentPoses) and isinstance(child, SegmentPoses):
@@ -110,7 +110,7 @@ class _Search:
 
     def reason_without_estimate(self, joint: Joint) -> JointStatus:
         """Status of a joint that has poses but no estimate."""
-        samples = sum(int((~np.isnan(self.recording.of(name)[0])).sum()) for name in self.markerset.seeing(joint))
+        samples = sum(int((~np.isnan(self.recording.of(name)[0])).sum()) for name in self.markerset.markers_for(joint))
         return JointStatus.STILL if samples > 3 else JointStatus.UNSEEN
 
     def fit_spheres(self, joint: Joint, side: Side, poses: SegmentPoses, names: Sequence[str]) -> Estimate | None:
@@ -200,7 +200,7 @@ def _without_missing(markerset: MarkerSet, recording: Recording) -> MarkerSet:
         return tuple(marker for marker in markers if marker in have)
 
     segments = tuple(s.model_copy(update={"markers": present(s.markers)}) for s in markerset.segments)
-    joints = tuple(j.model_copy(update={"markers": present(markerset.seeing(j))}) for j in markerset.joints)
+    joints = tuple(j.model_copy(update={"markers": present(markerset.markers_for(j))}) for j in markerset.joints)
     return markerset.model_copy(update={"segments": segments, "joints": joints})
 
 

@@ -7,7 +7,8 @@ from study.mocap.io.recording import Recording
 from study.mocap.joints.estimates import CENTIMETRE, JointStatus
 from study.mocap.joints.fit_joints import find_joints
 from study.mocap.markersets.set_file import load_markerset
-from study.mocap.synthetic.generate import Recipe, synthesize
+from study.mocap.synthetic.recipe import Recipe
+from study.mocap.synthetic.synthesize import synthesize
 
 CMU41 = load_markerset("cmu41")
 

@@ -4,7 +4,8 @@ from study.mocap.io.recording import Recording
 from study.mocap.joints.fit_joints import find_joints
 from study.mocap.joints.method_agreement import METHODS, agreement_table
 from study.mocap.markersets.set_file import load_markerset
-from study.mocap.synthetic.generate import Recipe, synthesize
+from study.mocap.synthetic.recipe import Recipe
+from study.mocap.synthetic.synthesize import synthesize
 
 CMU41 = load_markerset("cmu41")
 

@@ -10,7 +10,8 @@ from study.mocap.joints.segment_poses import (
     reference_frame,
 )
 from study.mocap.markersets.set_file import load_markerset
-from study.mocap.synthetic.generate import Recipe, synthesize
+from study.mocap.synthetic.recipe import Recipe
+from study.mocap.synthetic.synthesize import synthesize
 
 
 @pytest.fixture(scope="module")

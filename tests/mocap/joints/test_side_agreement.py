@@ -9,7 +9,8 @@ from study.mocap.joints.estimates import USABLE, JointStatus
 from study.mocap.joints.fit_joints import find_joints
 from study.mocap.joints.side_agreement import check_against_sides, side_differences
 from study.mocap.markersets.set_file import load_markerset
-from study.mocap.synthetic.generate import Recipe, synthesize
+from study.mocap.synthetic.recipe import Recipe
+from study.mocap.synthetic.synthesize import synthesize
 
 CMU41 = load_markerset("cmu41")
 X, Y = np.eye(3)[:2]

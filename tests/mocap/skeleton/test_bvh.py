@@ -7,7 +7,8 @@ from study.mocap.markersets.set_file import load_markerset
 from study.mocap.skeleton.bvh import write_bvh
 from study.mocap.skeleton.calibrate import calibrate
 from study.mocap.skeleton.draw_skeleton import draw_skeleton
-from study.mocap.synthetic.generate import Recipe, synthesize
+from study.mocap.synthetic.recipe import Recipe
+from study.mocap.synthetic.synthesize import synthesize
 
 CMU41 = load_markerset("cmu41")
 

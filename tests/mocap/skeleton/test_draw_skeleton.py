@@ -12,7 +12,8 @@ from study.mocap.skeleton.draw_skeleton import draw_skeleton
 from study.mocap.skeleton.scene import Flag
 from study.mocap.skeleton.skeleton_scene import skeleton_scene
 from study.mocap.skeleton.subject_check import check_subject
-from study.mocap.synthetic.generate import Recipe, synthesize
+from study.mocap.synthetic.recipe import Recipe
+from study.mocap.synthetic.synthesize import synthesize
 
 CMU41 = load_markerset("cmu41")
 HINGES = ("left_elbow", "right_elbow", "left_knee", "right_knee")
@@ -39,7 +40,7 @@ def without(recording, hidden):
     """The recording with samples missing: {marker: slice of frames}."""
     positions = recording.positions.copy()
     for marker, frames in hidden.items():
-        positions[recording.place(marker), :, frames] = np.nan
+        positions[recording.row(marker), :, frames] = np.nan
     return Recording(recording.name, recording.markers, positions, recording.rate)
 
 
@@ -112,7 +113,7 @@ def test_swapped_markers(still):
     """Segments do not follow knee and toe markers that are exchanged in some frames."""
     recording, truth, calibration = still
     positions = recording.positions.copy()
-    pair = [recording.place(marker) for marker in ("LKNE", "LTOE")]
+    pair = [recording.row(marker) for marker in ("LKNE", "LTOE")]
     positions[pair, :, 400:420] = positions[pair[::-1], :, 400:420]
     skeleton = draw_skeleton(calibration, Recording("swapped", recording.markers, positions, recording.rate))
     assert errors(skeleton, truth, "left_knee")[400:420].max() < 0.15

@@ -8,7 +8,8 @@ from study.mocap.io.recording import Recording, RecordingError
 from study.mocap.markersets.set_file import load_markerset
 from study.mocap.skeleton.make_scene import SceneJoint, make_scene
 from study.mocap.skeleton.scene import Flag
-from study.mocap.synthetic.generate import Recipe, synthesize
+from study.mocap.synthetic.recipe import Recipe
+from study.mocap.synthetic.synthesize import synthesize
 
 
 @pytest.fixture(scope="module")

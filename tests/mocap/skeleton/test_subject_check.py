@@ -7,7 +7,8 @@ from study.mocap.skeleton.calibrate import calibrate
 from study.mocap.skeleton.draw_skeleton import draw_skeleton
 from study.mocap.skeleton.skeleton_scene import skeleton_scene
 from study.mocap.skeleton.subject_check import check_subject, require_same_subject
-from study.mocap.synthetic.generate import Recipe, synthesize
+from study.mocap.synthetic.recipe import Recipe
+from study.mocap.synthetic.synthesize import synthesize
 
 
 def test_another_subject_is_refused(kata, kata_calibration, kata_halves, shared_file):

@@ -2,14 +2,13 @@ import warnings
 
 import c3d
 import numpy as np
-import pandas as pd
 import pytest
-from scipy.spatial.transform import Rotation
 
 from study.mocap.io.reading import read_recording
 from study.mocap.io.recording import Recording, RecordingError
-from study.mocap.synthetic.export import write_recording, write_truth
-from study.mocap.synthetic.generate import Recipe, synthesize
+from study.mocap.io.writing import write_recording
+from study.mocap.synthetic.recipe import Recipe
+from study.mocap.synthetic.synthesize import synthesize
 
 
 @pytest.mark.parametrize(
@@ -17,7 +16,7 @@ from study.mocap.synthetic.generate import Recipe, synthesize
     [("c3d", 3e-7), ("CSV", 0.5000001e-6)],  # single precision of metres up to 4; half a thousandth of a millimetre
 )
 def test_there_and_back(tmp_path, ending, tolerance):
-    """Positions, gaps, labels, their order and the rate."""
+    """Positions, gaps, labels, their order and the rate are the same after writing and reading."""
     recording, _ = synthesize(Recipe(frames=400, rate=59.94, gaps=0.15, seed=4))
     path = write_recording(recording, tmp_path / "new" / f"walk.{ending}")
     found = read_recording(path)
@@ -28,11 +27,11 @@ def test_there_and_back(tmp_path, ending, tolerance):
 
 
 def test_another_library_reads_what_was_written(tmp_path, small):
-    """Millimetres; a missing sample has a negative residual."""
+    """Units are millimetres; a missing sample has a negative residual."""
     recording = small()
     path = write_recording(recording, tmp_path / "a.c3d")
     with open(path, "rb") as file, warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # there is no analog data, which it finds worth a warning
+        warnings.simplefilter("ignore")  # c3d warns that there are no analog data
         reader = c3d.Reader(file)
         frames = np.array([points for _, points, _ in reader.read_frames()])
     assert [label.strip() for label in reader.point_labels] == list(recording.markers)
@@ -50,12 +49,10 @@ def test_a_table_for_people(tmp_path):
 
 
 def test_the_same_bytes_twice(tmp_path):
-    recording, truth = synthesize(Recipe(frames=30))
+    recording, _ = synthesize(Recipe(frames=30))
     for ending in ("c3d", "csv"):
         once, twice = (write_recording(recording, tmp_path / f"{i}.{ending}").read_bytes() for i in "ab")
         assert once == twice
-    once, twice = (tuple(path.read_bytes() for path in write_truth(truth, tmp_path / f"{i}.c3d")) for i in "ab")
-    assert once == twice
 
 
 def test_where_nothing_can_be_written(tmp_path, small):
@@ -67,27 +64,3 @@ def test_where_nothing_can_be_written(tmp_path, small):
     (tmp_path / "folder.csv").mkdir()
     with pytest.raises(RecordingError, match="cannot be written: Is a directory"):
         write_recording(small(), tmp_path / "folder.csv")
-    _, truth = synthesize(Recipe(frames=2))
-    with pytest.raises(RecordingError, match="cannot be written"):
-        write_truth(truth, tmp_path / "none" / "walk.c3d")
-
-
-def test_truth_beside_it(tmp_path):
-    """One row per joint, one per frame and joint; poses put the joints together as the truth has them."""
-    _, truth = synthesize(Recipe(frames=20))
-    paths = write_truth(truth, tmp_path / "walk.c3d")
-    assert [path.name for path in paths] == ["walk.joints.parquet", "walk.truth.parquet"]
-    joints, poses = map(pd.read_parquet, paths)
-    assert list(joints.joint) == list(truth.joints)
-    assert (joints.kind == "hinge").sum() == 4
-    knee = joints.set_index("joint").loc["left_knee"]
-    assert (knee.parent, knee.child, knee.bone_from) == ("left_thigh", "left_shank", "left_hip")
-    assert knee.bone_length == pytest.approx(0.245 * 1.75)
-    assert joints.bone_length.isna().sum() == 3, "from the pelvis to what hangs on it there is no bone"
-    assert len(poses) == 14 * 20
-    hip, knee_path = (poses[poses.joint == name].sort_values("frame") for name in ("left_hip", "left_knee"))
-    turn = Rotation.from_rotvec(hip[["turn_x", "turn_y", "turn_z"]].to_numpy().copy())
-    there = hip[["center_x", "center_y", "center_z"]].to_numpy() + turn.apply(
-        knee[["center_x", "center_y", "center_z"]].to_numpy(dtype=float)
-    )
-    np.testing.assert_allclose(knee_path[["center_x", "center_y", "center_z"]].to_numpy(), there, atol=1e-12)

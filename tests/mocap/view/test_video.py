@@ -1,4 +1,4 @@
-"""The video: as many frames as it should have, at the speed it was; and what stands in its way."""
+"""The video: its frames, its speed, and refusals in one line."""
 
 import subprocess
 import sys
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from study.mocap.io.recording import RecordingError
-from study.mocap.view.animation import write_video
+from study.mocap.view.video import write_video
 
 
 @pytest.fixture(scope="module")
@@ -17,14 +17,14 @@ def ffmpeg():
 
 
 def frames(ffmpeg, path):
-    """What ffmpeg says of a video, and its pictures (frames, 720, 960, 3)."""
+    """The output of ffmpeg about a video, and its pictures (frames, 720, 960, 3)."""
     words = [ffmpeg.get_ffmpeg_exe(), "-i", str(path), "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
     done = subprocess.run(words, capture_output=True, check=True)
     return done.stderr.decode(), np.frombuffer(done.stdout, dtype=np.uint8).reshape(-1, 720, 960, 3)
 
 
 def test_a_video(ffmpeg, scene, tmp_path):
-    """Every third frame at 30 per second; bones in their colours; things move; nothing else is left in the folder."""
+    """The video has every third frame, bones in their colours, and motion; the folder has no other file."""
     done = []
     path = write_video(scene.part(slice(0, 36)), tmp_path / "new" / "motion.mp4", advance=done.append)
     said, pictures = frames(ffmpeg, path)
@@ -64,7 +64,7 @@ def test_places_that_cannot_be(ffmpeg, scene, tmp_path):
 
 
 def test_ffmpeg_that_stops(ffmpeg, scene, tmp_path, monkeypatch):
-    """If ffmpeg ends on its own, a line says so, and the half video is taken away."""
+    """If ffmpeg ends early, one line says so, and the unfinished video is removed."""
 
     def stopping(path, *_, **__):
         with open(path, "wb") as file:

@@ -1,10 +1,10 @@
 import numpy as np
 
 from study.mocap.markersets.set_file import load_markerset
-from study.mocap.synthetic.body import JOINTS, MARKERS, PARTS, neighbours, unit
+from study.mocap.synthetic.body_model import JOINTS, MARKERS, PARTS, nearest_pairs, unit
 
 
-def test_the_figure_wears_the_shipped_set():
+def test_the_body_has_the_shipped_marker_set():
     """Segments, parents, markers, joints and hinges are those of cmu41."""
     cmu = load_markerset("cmu41")
     ours = {part.name: (part.parent, set(part.markers)) for part in PARTS}
@@ -15,7 +15,7 @@ def test_the_figure_wears_the_shipped_set():
 
 
 def test_the_right_side_mirrors_the_left():
-    """But for the markers that are placed unevenly, and those only in height."""
+    """The right side mirrors the left one, except for four markers, which differ in height."""
     parts = {part.name: part for part in PARTS}
     uneven = set()
     for name, left in parts.items():
@@ -40,8 +40,8 @@ def test_limbs_have_winters_proportions():
     assert 0.9 < head < 1.0
 
 
-def test_neighbours_are_the_nearest():
-    pairs = neighbours()
+def test_pairs_are_the_nearest():
+    pairs = nearest_pairs()
     assert {("LBWT", "RBWT"), ("LWRA", "LWRB"), ("LTOE", "LMT5")} <= set(pairs)
     assert {marker for pair in pairs for marker in pair} == set(MARKERS)
 

@@ -1,4 +1,4 @@
-"""What real recordings suffer from, put on perfect ones: noise, skin that slides, gaps, markers that are swapped."""
+"""Artefacts of real recordings, drawn for synthetic ones: noise, soft tissue, gaps and swapped markers."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,51 +8,54 @@ import numpy as np
 from study.experiment.streams import stream
 from study.sphere.types import Bools, Floats, Ints
 
-_GAP = 0.2  # seconds that a marker is out of sight, on average
-_SWAP = 0.15  # seconds that two markers are taken for one another, on average
+_GAP = 0.2  # mean duration of a gap, seconds
+_SWAP = 0.15  # mean duration of a swap, seconds
 
 
 @dataclass(frozen=True)
 class Swap:
-    """Two markers that are exchanged for a while."""
+    """Two markers whose labels are exchanged for some frames."""
 
     first: int
-    """First frame."""
+    """First frame of the swap."""
     end: int
-    """First frame after it."""
+    """First frame after the swap."""
     markers: tuple[str, str]
 
 
-def noise(shape: tuple[int, ...], sigma: float, seed: int) -> Floats:
-    """Isotropic normal noise, standard deviation `sigma` metres per coordinate."""
+def marker_noise(shape: tuple[int, ...], sigma: float, seed: int) -> Floats:
+    """Draw isotropic normal noise with the standard deviation ``sigma`` of each coordinate, metres."""
     return sigma * stream(seed, "synthetic", "noise").standard_normal(shape)
 
 
 def soft_tissue(phases: Floats, rate: float, amplitude: float, seed: int) -> Floats:
-    """Sliding of the skin under each marker (markers, 3, frames), metres, in its segment's frame; at most `amplitude`.
+    """Draw the soft-tissue artefact of each marker: its displacement on its segment.
 
-    Half of it follows the angle of the segment's joint, as skin does over a moving joint; half swings in time, as
-    muscle and fat do. The directions of both are random, fixed for a marker.
+    Half of it follows the angle of the segment's joint, as skin does over a moving joint; half oscillates in time, as
+    muscle and fat do. The directions of both are random and fixed for a marker.
 
     Args:
-        phases: of the joint of each marker's segment, -1 to 1 (markers, frames).
+        phases: angle of the joint of each marker's segment, -1 to 1 over its range (markers, frames).
         rate: frames per second.
-        amplitude: metres.
+        amplitude: largest displacement, metres.
         seed: of directions and frequencies.
+
+    Returns:
+        Displacements in the segments' axes (markers, 3, frames), metres.
     """
     rng = stream(seed, "synthetic", "soft tissue")
     directions = rng.standard_normal((2, len(phases), 3))
     directions /= np.linalg.norm(directions, axis=2, keepdims=True)
     frequency, start = rng.uniform(0.5, 2.0, len(phases)), rng.uniform(0, 2 * np.pi, len(phases))
     time = np.arange(phases.shape[1]) / rate
-    swing = np.sin(2 * np.pi * frequency[:, None] * time + start[:, None])
-    courses = np.stack([phases, swing])
-    slid: Floats = 0.5 * amplitude * np.einsum("kmi,kmt->mit", directions, courses)
-    return slid
+    oscillation = np.sin(2 * np.pi * frequency[:, None] * time + start[:, None])
+    courses = np.stack([phases, oscillation])
+    displacement: Floats = 0.5 * amplitude * np.einsum("kmi,kmt->mit", directions, courses)
+    return displacement
 
 
-def hidden(markers: int, frames: int, rate: float, share: float, seed: int) -> Bools:
-    """Which samples are missing (markers, frames), in runs; for each marker the share of frames, to a whole number."""
+def gaps(markers: int, frames: int, rate: float, share: float, seed: int) -> Bools:
+    """Draw the missing samples (markers, frames), in runs; each marker lacks the given share of frames, rounded."""
     rng = stream(seed, "synthetic", "gaps")
     mask = np.zeros((markers, frames), dtype=bool)
     for row in mask:
@@ -62,26 +65,26 @@ def hidden(markers: int, frames: int, rate: float, share: float, seed: int) -> B
 
 
 def swaps(pairs: Sequence[tuple[str, str]], frames: int, rate: float, share: float, seed: int) -> list[Swap]:
-    """When which markers are taken for one another: in this share of the frames one pair is."""
+    """Draw swaps: in the given share of the frames one of the pairs is exchanged."""
     rng = stream(seed, "synthetic", "swaps")
     runs = _runs(rng, frames, round(share * frames), _SWAP * rate)
     return [Swap(first, end, pairs[int(rng.integers(len(pairs)))]) for first, end in runs]
 
 
 def _runs(rng: np.random.Generator, frames: int, count: int, mean: float) -> list[tuple[int, int]]:
-    """Runs of frames, `count` in all, of random lengths about `mean`, at random distances of at least one frame."""
+    """Draw runs of frames: ``count`` frames in all, of the mean length ``mean``, at least one frame apart."""
     free = frames - count
     number = min(max(round(count / max(mean, 1.0)), 1), count, free + 1)
     if number == 0:
         return []
     inside = _lengths(rng, count, number)
-    # the outer two stretches between runs may be empty, the inner ones not
+    # the stretches before the first and after the last run may be empty, those between runs may not
     outside = _lengths(rng, free + 2, number + 1)
     firsts = np.cumsum(outside[:-1]) - 1 + np.concatenate([[0], np.cumsum(inside[:-1])])
     return [(int(first), int(first + length)) for first, length in zip(firsts, inside, strict=True)]
 
 
 def _lengths(rng: np.random.Generator, total: int, parts: int) -> Ints:
-    """A whole number cut into parts of at least one, every way equally likely."""
+    """Cut a whole number into parts of at least one, each way with the same probability."""
     cuts = np.sort(rng.choice(total - 1, parts - 1, replace=False)) + 1
     return np.diff(np.concatenate([[0], cuts, [total]]))

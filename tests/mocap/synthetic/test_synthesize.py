@@ -6,20 +6,21 @@ import pytest
 import study
 from study.mocap.io.recording import RecordingError
 from study.mocap.markersets.match import choose
-from study.mocap.synthetic.body import MARKERS, PARTS
-from study.mocap.synthetic.generate import Recipe, synthesize
+from study.mocap.synthetic.body_model import MARKERS, PARTS
+from study.mocap.synthetic.recipe import Recipe
+from study.mocap.synthetic.synthesize import synthesize
 
 SEGMENT = {label: i for i, part in enumerate(PARTS) for label in part.markers}
 
 
 @pytest.fixture(scope="module")
 def perfect():
-    """A figure without any flaw."""
+    """A body without any artefact."""
     return synthesize(Recipe(frames=800, noise=0.0))
 
 
 def test_segments_are_rigid(perfect):
-    """Two markers of one segment stay as far apart as the body says."""
+    """Two markers of one segment keep the distance of the body model."""
     recording, _ = perfect
     for part in PARTS:
         for a, b in itertools.pairwise(part.markers):
@@ -29,7 +30,7 @@ def test_segments_are_rigid(perfect):
 
 
 def test_joints_are_centres_of_spheres(perfect):
-    """Markers on both sides of a joint keep their distance to it, and it is where the truth has it in the parent."""
+    """Markers on both sides of a joint keep their distance to it, which the truth gives."""
     recording, truth = perfect
     for j, (parent, child) in enumerate(zip(truth.parents, truth.children, strict=True)):
         for segment, shift in ((parent, truth.in_parent[j]), (child, np.zeros(3))):
@@ -40,7 +41,7 @@ def test_joints_are_centres_of_spheres(perfect):
 
 
 def test_an_estimator_finds_the_joints(perfect):
-    """A fit of the child's markers, seen from the true parent, to the true centre; no noise, so to rounding."""
+    """A fit to the child's markers in the true parent's axes gives the true centre, up to rounding."""
     recording, truth = perfect
     for joint in ("left_hip", "right_shoulder", "neck", "left_ankle"):
         j = truth.joints.index(joint)
@@ -53,7 +54,7 @@ def test_an_estimator_finds_the_joints(perfect):
 
 
 def test_hinges_turn_about_their_axes(perfect):
-    """The axis points the same way in the world, carried by either segment; balls have none."""
+    """The axis has the same direction in the world from either segment; ball joints have none."""
     _, truth = perfect
     for j, joint in enumerate(truth.joints):
         if not joint.endswith(("knee", "elbow")):
@@ -66,7 +67,7 @@ def test_hinges_turn_about_their_axes(perfect):
 
 
 def test_bones(perfect):
-    """Their lengths are the distances of joints in every frame."""
+    """The length of a bone is the distance of its joints in every frame."""
     _, truth = perfect
     center = dict(zip(truth.joints, truth.centers, strict=True))
     assert set(truth.bones) >= {("left_hip", "left_knee"), ("right_elbow", "right_wrist"), ("waist", "neck")}
@@ -77,7 +78,7 @@ def test_bones(perfect):
 
 
 def test_the_same_recipe_gives_the_same_bytes():
-    """And each flaw is drawn from a stream of its own."""
+    """Each artefact is drawn from a stream of its own."""
     recipe = {"frames": 300, "noise": 0.002, "soft_tissue": 0.01, "gaps": 0.1, "swaps": 0.1}
     first, truth = synthesize(Recipe(**recipe))
     again, _ = synthesize(Recipe(**recipe))
@@ -116,7 +117,7 @@ def test_noise_gaps_and_swaps_are_as_asked_for():
 
 
 def test_soft_tissue_moves_markers_on_their_segments():
-    """By no more than asked for; the joints stay."""
+    """Markers move by the given amount at most; the joints stay."""
     firm, truth = synthesize(Recipe(frames=500, noise=0.0))
     soft, soft_truth = synthesize(Recipe(frames=500, noise=0.0, soft_tissue=0.02))
     np.testing.assert_array_equal(truth.centers, soft_truth.centers)
@@ -143,10 +144,10 @@ def test_the_marker_set_fits():
 @pytest.mark.parametrize(
     ("field", "value", "words"),
     [
-        ("frames", 1, "frames = 1 of a synthetic figure must be from 2 to"),
-        ("noise", -0.001, "noise = -0.001 of a synthetic figure must be from 0"),
+        ("frames", 1, "frames = 1 of a synthetic body must be from 2 to"),
+        ("noise", -0.001, "noise = -0.001 of a synthetic body must be from 0"),
         ("noise", float("nan"), "noise = nan"),
-        ("gaps", 1.5, "gaps = 1.5 of a synthetic figure must be from 0 to 1"),
+        ("gaps", 1.5, "gaps = 1.5 of a synthetic body must be from 0 to 1"),
         ("rate", 0.0, "rate = 0"),
         ("seed", -1, "seed = -1"),
         ("height", 0.0, "height = 0"),

@@ -2,18 +2,18 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from study.mocap.synthetic.body import PARTS
-from study.mocap.synthetic.motion import move
+from study.mocap.synthetic.body_model import PARTS
+from study.mocap.synthetic.random_motion import draw_motion
 
 PLACE = {part.name: i for i, part in enumerate(PARTS)}
 
 
 def make(frames=3000, seed=5, reach=1.0, independent=False, rate=120.0):
-    return move(frames, rate, seed, height=1.75, reach=reach, independent=independent)
+    return draw_motion(frames, rate, seed, height=1.75, reach=reach, independent=independent)
 
 
 def turns(motion, part):
-    """Rotations of a segment in its parent's frame, by the matrices of both."""
+    """Rotations of a segment in its parent's axes, from the matrices of both."""
     child, parent = motion.rotations[PLACE[part.name]], motion.rotations[PLACE[part.parent]]
     return np.swapaxes(parent, 1, 2) @ child
 
@@ -30,16 +30,16 @@ def test_rotations_are_proper(independent):
 @pytest.mark.parametrize("independent", [False, True])
 @pytest.mark.parametrize("part", [part for part in PARTS if part.joint], ids=lambda part: part.joint)
 def test_joints_stay_in_their_natural_range(part, independent):
-    """And use half of it at least: read back from the matrices, not from what was drawn."""
+    """Angles read back from the matrices stay in the range of motion, and use half of it at least."""
     relative = turns(make(independent=independent), part)
     if part.axis is None:
         angles = Rotation.from_matrix(relative).as_euler("YXZ", degrees=True).T
-        limits = np.array(part.turns)
+        limits = np.array(part.ranges)
     else:
         axis = np.array(part.axis) / np.linalg.norm(part.axis)
         np.testing.assert_allclose(relative @ axis, np.broadcast_to(axis, (len(relative), 3)), atol=1e-12)
         angles = np.degrees(Rotation.from_matrix(relative).as_rotvec() @ axis)[None]
-        limits = np.array(part.turns[:1])
+        limits = np.array(part.ranges[:1])
     low, high = limits.T
     assert (angles.min(axis=1) >= low - 1e-9).all()
     assert (angles.max(axis=1) <= high + 1e-9).all()
@@ -47,7 +47,7 @@ def test_joints_stay_in_their_natural_range(part, independent):
 
 
 def test_a_joint_stays_where_it_is_in_both_segments():
-    """The origin of the child, seen from the parent, does not move; from the world it does."""
+    """The origin of the child is fixed in the parent's axes."""
     motion = make(frames=50)
     for part in PARTS[1:]:
         child, parent = PLACE[part.name], PLACE[part.parent]
@@ -57,7 +57,7 @@ def test_a_joint_stays_where_it_is_in_both_segments():
 
 
 def test_motion_is_smooth():
-    """No angle has more than its range times the greatest frequency; frames drawn anew do."""
+    """No angle changes faster than its range times the highest frequency; angles drawn anew do."""
     limit = 2 * np.pi * 0.7 / 120
     smooth, anew = make(), make(independent=True)
     assert np.abs(np.diff(smooth.phases, axis=1)).max() < limit
@@ -74,8 +74,8 @@ def test_independent_poses_are_independent():
     np.testing.assert_allclose(phases.var(axis=1), 1 / 3, atol=4.5 * np.sqrt(4 / 45 / 3000))
 
 
-def test_a_stiff_figure():
-    """With no reach the joints do not turn, but the body still goes about."""
+def test_a_stiff_body():
+    """With a reach of zero the joints do not rotate, but the body still moves."""
     motion = make(frames=200, reach=0.0)
     for part in PARTS[1:]:
         relative = turns(motion, part)

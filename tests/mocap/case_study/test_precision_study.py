@@ -2,11 +2,12 @@ import numpy as np
 import pytest
 
 from study.mocap.case_study import fig7_case
-from study.mocap.case_study.scatter import case_study
+from study.mocap.case_study.precision_study import case_study
 from study.mocap.io.recording import RecordingError
 from study.mocap.joints.fit_joints import find_joints
 from study.mocap.markersets.set_file import load_markerset
-from study.mocap.synthetic.generate import Recipe, synthesize
+from study.mocap.synthetic.recipe import Recipe
+from study.mocap.synthetic.synthesize import synthesize
 
 CMU41 = load_markerset("cmu41")
 
@@ -36,7 +37,7 @@ def law(case, axis):
 
 
 def test_independent_poses_follow_the_root_law(independent):
-    """Exponent -0.5 ± 0.03 in raw and in effective numbers, which are nearly the same; a memory of one frame."""
+    """The exponent is -0.5 ± 0.03 over N and over N_eff, which are nearly equal; τ is about one frame."""
     for axis in ("raw", "effective"):
         assert law(independent, axis)["exponent"] == pytest.approx(-0.5, abs=0.03)
     assert independent.joints["memory"].max() < 1.2
@@ -45,7 +46,7 @@ def test_independent_poses_follow_the_root_law(independent):
 
 
 def test_hinges_are_the_outliers_and_why(independent):
-    """With every axis kept the four hinges scatter most, along their axes; without, they are as good as the others."""
+    """With every axis kept, the four hinges scatter most, along their axes; without, they scatter as the others."""
     table = independent.joints.set_index("joint")
     hinges = ["left_elbow", "right_elbow", "left_knee", "right_knee"]
     assert table.loc[hinges, "hinge"].all()
@@ -58,7 +59,7 @@ def test_hinges_are_the_outliers_and_why(independent):
 
 
 def test_the_table_is_the_papers(independent):
-    """Means and standard deviations of each centre; shares within a centimetre grow with N; sets agree."""
+    """The table has mean and standard deviation of each centre; shares within a centimetre grow with N; sets agree."""
     part = independent.scatter.query("way == 'random' and not dropped and joint == 'left_hip'").set_index("samples")
     assert part[["mean_x", "mean_y", "mean_z", "sd_x", "sd_y", "sd_z"]].notna().all(axis=None)
     assert part["sd"].is_monotonic_decreasing
@@ -66,8 +67,8 @@ def test_the_table_is_the_papers(independent):
     assert independent.joints.set_index("joint").loc["left_hip", "sets"] < 3 * part["sd"].iloc[2]
 
 
-def test_real_frames_are_worth_less_than_they_are_many(real):
-    """A memory of tens of frames; the law near the root; most fits within a centimetre at 200 frames."""
+def test_real_frames_are_correlated(real):
+    """τ is tens of frames; the exponent is near -0.5; most fits are within a centimetre at 200 frames."""
     assert (real.joints["memory"] > 10).all()
     assert real.joints["worth"].max() < 0.1 * real.frames
     for axis, low, high in (("raw", -0.65, -0.4), ("effective", -0.9, -0.3)):
@@ -83,12 +84,12 @@ def test_real_frames_are_worth_less_than_they_are_many(real):
 
 
 def test_outliers_of_a_real_recording_have_reasons(real):
-    """None is dropped, each is explained."""
+    """All joints are in the table, and each outlier has a reason."""
     assert set(real.scatter["joint"]) | set(real.skipped) == {joint.name for joint in CMU41.joints}
     outliers = real.joints[real.joints["outlier"]]
     assert len(outliers)
     assert (outliers["reason"] != "").all()
-    assert any("right ankle" in line for line in fig7_case.words(real))
+    assert any("right ankle" in line for line in fig7_case.printed(real))
 
 
 def test_the_same_seed_gives_the_same(few):
@@ -111,14 +112,14 @@ def test_wrong_arguments(few, kwargs, words):
 
 
 def test_nothing_to_study():
-    """A figure that does not move: one line."""
+    """A body that does not move gives one line."""
     recording, _ = synthesize(Recipe(frames=400, noise=0.0, reach=0.0))
     with pytest.raises(RecordingError, match="none of its joints"):
         case_study(find_joints(CMU41, recording), recording, numbers=(20, 50))
 
 
 def test_effective_numbers_saturate(real):
-    """However many frames, they are worth no more than the recording."""
+    """N_eff is at most that of the whole recording."""
     scatter = real.scatter.query("way == 'random'").merge(real.joints[["joint", "worth"]], on="joint")
     assert (scatter["effective"] <= 1.05 * scatter["worth"]).all()
     assert np.all(np.diff(scatter.query("joint == 'left_hip'")["effective"]) > 0)

@@ -1,11 +1,11 @@
-"""Case studies read back: which rows count, and one line where there is none, a damaged one, or one of other days."""
+"""Read stored case studies: the rows that count, and one line for a missing, a damaged or another table."""
 
 import math
 
 import pandas as pd
 import pytest
 
-from study.mocap.case_study.stored_tables import read_case_studies
+from study.mocap.case_study.stored_case_studies import read_case_studies
 from study.mocap.io.origin import digest_of, with_origin
 from study.mocap.io.recording import RecordingError
 
@@ -13,7 +13,7 @@ NAME = "case-study-scatter.parquet"
 
 
 def scatter(**changes):
-    """A joint, and a hinge whose axis was dropped, at two numbers of random frames and one of a window."""
+    """A joint, and a hinge whose axis was dropped, with two numbers of random frames and one of consecutive ones."""
     rows = [
         ("neck", "random", False, 100, 0.004, 0.005),
         ("neck", "random", False, 500, 0.002, 0.004),
@@ -39,14 +39,13 @@ def folder(tmp_path):
     return make
 
 
-def test_which_rows(folder):
-    """Random frames alone; a hinge without its axis, and with it in a column of its own."""
+def test_rows(folder):
+    """Random frames alone count; a hinge counts without its axis, and has the scatter with it in another column."""
     found = read_case_studies([folder(scatter())]).set_index(["joint", "samples"])
     assert len(found) == 4
     assert set(found["recording"]) == {"0123456789ab"}
-    assert found["spread"].to_dict() == {
-        ("neck", 100): 0.004, ("neck", 500): 0.002, ("knee", 100): 0.003, ("knee", 500): 0.001
-    }  # fmt: skip
+    spreads = {("neck", 100): 0.004, ("neck", 500): 0.002, ("knee", 100): 0.003, ("knee", 500): 0.001}
+    assert found["spread"].to_dict() == spreads
     assert found.loc[("knee", 100), "with_axes"] == math.inf
     assert found.loc[("knee", 500), "with_axes"] == 0.03
     assert found.loc[("knee", 500), "error"] == 0.005
@@ -54,7 +53,7 @@ def test_which_rows(folder):
 
 
 def test_several(folder):
-    """Recordings are told apart by the digest of their file, whatever its name."""
+    """The digest of the file tells recordings apart, not its name."""
     one, seed = folder(scatter(), "a"), folder(scatter(median=0.3, recording="copy"), "b")
     other = folder(scatter(median=0.5, digest="ba9876543210"), "c")
     found = read_case_studies([one, seed, other])
@@ -63,7 +62,7 @@ def test_several(folder):
 
 
 def test_digest(tmp_path):
-    """Twelve digits of SHA-256 (of "abc", FIPS 180-4 example), which another name leaves and another byte changes."""
+    """The digest has twelve digits of SHA-256 (of "abc", FIPS 180-4 example); a byte changes it, a name does not."""
     for name, content in (("a", b"abc"), ("b", b"abc"), ("c", b"abd")):
         (tmp_path / name).write_bytes(content)
     assert digest_of(tmp_path / "a") == digest_of(tmp_path / "b") == "ba7816bf8f01"
@@ -74,7 +73,7 @@ def test_digest(tmp_path):
 
 @pytest.mark.parametrize("lacking", [["digest"], ["recording", "digest"]])
 def test_tables_that_do_not_name_their_recording(folder, lacking):
-    """A table of before: one line with the folder and the remedy."""
+    """A table without its origin gives one line with the folder and the remedy."""
     place = folder(scatter().drop(columns=lacking))
     with pytest.raises(RecordingError) as caught:
         read_case_studies([place])
@@ -85,14 +84,14 @@ def test_tables_that_do_not_name_their_recording(folder, lacking):
 
 
 def test_a_table_of_two_recordings(folder):
-    """What was put together by hand is not taken for one."""
+    """A table of two recordings is refused."""
     table = pd.concat([scatter(), scatter(digest="ba9876543210", joint="hip")], ignore_index=True)
     with pytest.raises(RecordingError, match="of 2 recordings, not of one; run the case study again"):
         read_case_studies([folder(table)])
 
 
 def test_one_twice(folder):
-    """The same case study, were it in another folder, would count twice."""
+    """The same case study is refused twice, also from another folder."""
     first, second = folder(scatter(), "a"), folder(scatter(), "b")
     for folders in ([first, first], [first, second]):
         with pytest.raises(RecordingError, match="the same case study; give it once"):
@@ -102,24 +101,27 @@ def test_one_twice(folder):
 @pytest.mark.parametrize(
     ("table", "words"),
     [
-        (scatter().drop(columns=["median", "error"]), "not of this version: median, error missing or of another type"),
-        (scatter(samples="many"), "not of this version: samples missing"),
-        (scatter(dropped=1.0), "not of this version: dropped missing"),
+        (
+            scatter().drop(columns=["median", "error"]),
+            "written by another version: median, error missing or of another type",
+        ),
+        (scatter(samples="many"), "written by another version: samples missing"),
+        (scatter(dropped=1.0), "written by another version: dropped missing"),
         (scatter(way="window"), "not one row per joint"),
         (scatter(samples=100), "not one row per joint"),
     ],
 )
 def test_other_tables(folder, table, words):
-    """A table that was written by another version, or by something else."""
+    """A table of another version or another program is refused."""
     place = folder(table)
     with pytest.raises(RecordingError) as caught:
         read_case_studies([place])
     assert str(caught.value).startswith(f"{place / NAME}: {words}")
-    assert str(caught.value).endswith(f"`study case-study FILE --out {place}` makes one")
+    assert str(caught.value).endswith(f"`study case-study FILE --out {place}` writes one")
 
 
 def test_no_case_study(folder, tmp_path):
-    """A folder that is not there, one without a case study, a file."""
+    """A missing folder, one without a case study, and a file are refused."""
     place = folder(scatter())
     (tmp_path / "empty").mkdir()
     for wrong in (tmp_path / "none", tmp_path / "empty", place / NAME):
@@ -130,9 +132,9 @@ def test_no_case_study(folder, tmp_path):
 
 @pytest.mark.parametrize("keep", [0, 4, 0.5, 0.98])
 def test_damage(folder, keep):
-    """A file that was cut short, wherever."""
+    """A file that is cut short is refused, wherever the cut is."""
     place = folder(scatter())
     whole = (place / NAME).read_bytes()
     (place / NAME).write_bytes(whole[: int(keep * len(whole)) if isinstance(keep, float) else keep])
-    with pytest.raises(RecordingError, match="cannot be read: damaged, or no parquet"):
+    with pytest.raises(RecordingError, match="cannot be read: it is damaged, or not parquet"):
         read_case_studies([place])

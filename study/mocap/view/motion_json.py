@@ -1,12 +1,11 @@
-"""A scene as JSON: what the viewer shows and opens, and what other programs can read.
+"""Write a scene as JSON, for the viewer and for other programs.
 
-Positions are 16-bit whole numbers of a step, about a tenth of a millimetre, in base64; see docs/recordings.md.
+Positions are 16-bit integer counts of a step, about a tenth of a millimetre, in base64; see docs/recordings.md.
 """
 
 import base64
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -19,31 +18,31 @@ from study.sphere.types import Floats
 FORMAT = "sphere-fit-study motion"
 VERSION = 1
 MISSING = -32768
-"""What stands in place of a coordinate that is not known."""
+"""The count of an unknown coordinate."""
 _LARGEST = 32767
 _RATE = 60.0
-"""Frames per second, at most: screens show no more."""
+"""Largest number of frames per second; screens show no more."""
 
 
-def motion(scene: Scene, rate: float = _RATE) -> dict[str, Any]:
-    """A scene as JSON would have it.
+def motion_document(scene: Scene, rate: float = _RATE) -> dict[str, object]:
+    """The document that JSON stores for a scene.
 
     Args:
         scene: the motion.
-        rate: frames per second, at most; of a faster motion every second, third, ... frame is taken.
+        rate: largest number of frames per second; a faster motion keeps every second, third, ... frame.
 
     Returns:
-        Names, numbers and lists. The arrays are in base64, whole numbers of 16 bits, the lesser byte first:
-        ``markers`` (frames, markers, 3) and ``points`` (frames, joints and tips, 3) in steps from ``origin``, -32768
-        where unknown; ``turns`` (frames, joints, 4) quaternions x, y, z, w times 32767 that turn an ellipsoid's axes
-        to the world's; and ``flags`` (frames, joints) in bytes, as `Flag`.
+        Names, numbers and lists. The arrays are in base64, 16-bit integers with the low byte first: ``markers``
+        (frames, markers, 3) and ``points`` (frames, joints and tips, 3) in steps from ``origin``, -32768 if unknown;
+        ``turns`` (frames, joints, 4), quaternions x, y, z, w times 32767 that rotate an ellipsoid's axes to the
+        world's; and ``flags`` (frames, joints) in bytes, as `Flag`.
     """
     shown = scene.at_most(rate)
     places = np.concatenate([shown.places, shown.points])
     low, high = _range(places)
     origin = 0.5 * (low + high)
     step = max(float((high - low).max()) / (2 * _LARGEST), 1e-6)
-    counts = _whole((places - origin[:, None]) / step).transpose(2, 0, 1)
+    counts = _rounded((places - origin[:, None]) / step).transpose(2, 0, 1)
     half = np.where(np.isnan(shown.errors), np.nan, half_axes(shown))
     joints = [
         {"name": name, "doubt": doubt, "errors": _numbers(errors), "half_axes": _numbers(axes)}
@@ -72,15 +71,15 @@ def motion(scene: Scene, rate: float = _RATE) -> dict[str, Any]:
         "arrays": {
             "markers": _base64(counts[:, : len(shown.markers)]),
             "points": _base64(counts[:, len(shown.markers) :]),
-            "turns": _base64(_whole(_LARGEST * shown.orientations).transpose(1, 0, 2)),
+            "turns": _base64(_rounded(_LARGEST * shown.orientations).transpose(1, 0, 2)),
             "flags": base64.b64encode(np.ascontiguousarray(shown.flags.T).tobytes()).decode(),
         },
     }
 
 
 def motion_text(scene: Scene, rate: float = _RATE) -> str:
-    """The same as text; see `motion`."""
-    return json.dumps(motion(scene, rate), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    """A scene as JSON text; see `motion_document`."""
+    return json.dumps(motion_document(scene, rate), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
 
 
 def write_motion(scene: Scene, path: str | Path) -> Path:
@@ -104,7 +103,8 @@ def _range(places: Floats) -> tuple[Floats, Floats]:
     return np.nanmin(along, axis=1), np.nanmax(along, axis=1)
 
 
-def _whole(numbers: Floats) -> "np.typing.NDArray[np.int16]":
+def _rounded(numbers: Floats) -> "np.typing.NDArray[np.int16]":
+    """Numbers rounded to 16-bit integers; `MISSING` for NaN."""
     rounded = np.clip(np.rint(numbers), -_LARGEST, _LARGEST)
     return np.where(np.isnan(rounded), MISSING, rounded).astype("<i2")
 
@@ -114,5 +114,5 @@ def _base64(counts: "np.typing.NDArray[np.int16]") -> str:
 
 
 def _numbers(row: Floats) -> list[float | None]:
-    """Metres to a micrometre; None for what is not known."""
+    """Lengths rounded to a micrometre, metres; None for NaN."""
     return [None if np.isnan(x) else round(float(x), 6) for x in row]

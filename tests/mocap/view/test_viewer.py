@@ -1,4 +1,4 @@
-"""The viewer in a real browser: silent; plays, scrubs, orbits; switches work; what it opens, and what it refuses."""
+"""The viewer in a real browser: playing, scrubbing, rotating, switches, files and refusals, without any error."""
 
 import json
 from dataclasses import replace
@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from study.mocap.view.scene_json import motion, write_motion
+from study.mocap.view.motion_json import motion_document, write_motion
 from study.mocap.view.webpage import write_viewer
 
 JOINT = """name => viewer.stage.joints[viewer.motion.joints.findIndex(j => j.name === name)].position.toArray()"""
@@ -29,7 +29,7 @@ COLORS = """() => { viewer.stage.draw(); const gl = viewer.stage.renderer.getCon
 
 @pytest.fixture(scope="module")
 def opened(new_tab, scene, tmp_path_factory):
-    """A tab with the page, and what the browser says of it."""
+    """A tab with the page, and the messages of the browser."""
     file = write_viewer(scene, tmp_path_factory.mktemp("viewer") / "viewer.html")
     said = []
     tab = new_tab(viewport={"width": 1000, "height": 700})
@@ -103,7 +103,7 @@ def test_play_and_pause(tab, refresh):
 
 
 def test_speed(tab):
-    """A tick of the clock is that much more of the motion as the speed says."""
+    """A tick of the clock advances the motion in proportion to the speed."""
     for speed in ("0.1", "1", "4"):
         tab.select_option("#speed", speed)
         time = tab.evaluate("(() => { viewer.time = 0; viewer.last = 0; viewer.advance(100); return viewer.time; })()")
@@ -127,7 +127,7 @@ def test_scrub(tab, refresh):
 
 
 def test_orbit(tab, until):
-    """Dragging turns the view about the skeleton; a wheel comes nearer; a side can be chosen."""
+    """Dragging rotates the view about the skeleton; the wheel zooms; a side can be chosen."""
     where = "viewer.stage.camera.position.toArray()"
     distance = "viewer.stage.camera.position.distanceTo(viewer.stage.orbit.target)"
     before, far = tab.evaluate(where), tab.evaluate(distance)
@@ -148,11 +148,11 @@ def test_orbit(tab, until):
 
 
 def test_front_is_the_front(tab, scene):
-    """Seen from the front, what is left of the body is on the right of the picture."""
+    """In the front view, the left of the body is on the right of the picture."""
     tab.select_option("#view", "front")
-    spots = {name: tab.evaluate(f"viewer.stage.seen(viewer.stage.point({scene.joints.index(name)}), 100, 100).x")
-             for name in ("left_hip", "right_hip")}  # fmt: skip
-    assert spots["left_hip"] > spots["right_hip"]
+    left, right = (scene.joints.index(name) for name in ("left_hip", "right_hip"))
+    x = [tab.evaluate(f"viewer.stage.seen(viewer.stage.point({i}), 100, 100).x") for i in (left, right)]
+    assert x[0] > x[1]
 
 
 def test_switches(tab, until):
@@ -189,7 +189,7 @@ def test_what_is_bridged_or_doubtful(tab, scene):
 
 
 def test_another_motion(tab, until, scene, tmp_path):
-    """The file menu opens another motion, which takes the place of the first, and its name is text."""
+    """The file menu opens another motion, which replaces the first; markup in its name stays text."""
     other = replace(scene.part(slice(0, 20)), name="<b>another</b>")
     path = write_motion(other, tmp_path / "other.json")
     tab.set_input_files("#file", path)
@@ -205,9 +205,9 @@ def test_another_motion(tab, until, scene, tmp_path):
     ("change", "words"),
     [
         (lambda d: "not { json", "it is not JSON; open a motion.json"),
-        (lambda d: "[1, 2]", "it is JSON, but no motion"),
-        (lambda d: "null", "it is JSON, but no motion"),
-        (lambda d: d | {"version": 99}, "it is of version 99, and this page reads version 1"),
+        (lambda d: "[1, 2]", "it is JSON, but not a motion"),
+        (lambda d: "null", "it is JSON, but not a motion"),
+        (lambda d: d | {"version": 99}, "its version is 99, but this page reads version 1"),
         (lambda d: d | {"frames": 46}, 'its array "markers" has'),
         (lambda d: d | {"frames": -1}, "its number of frames is -1"),
         (lambda d: d | {"rate": 0}, "its rate is 0"),
@@ -222,8 +222,8 @@ def test_another_motion(tab, until, scene, tmp_path):
     ],
 )
 def test_a_file_that_is_no_motion(tab, until, scene, change, words):
-    """What is wrong with a file is said, with its name; what was shown stays."""
-    changed = change(motion(scene))
+    """A message gives the file and the fault; the shown motion stays."""
+    changed = change(motion_document(scene))
     text = changed if isinstance(changed, str) else json.dumps(changed)
     tab.set_input_files("#file", {"name": "bad.json", "mimeType": "application/json", "buffer": text.encode()})
     until(tab, "!document.getElementById('message').hidden")

@@ -1,4 +1,4 @@
-"""The commands on recordings, as a user calls them: what they print, write and refuse."""
+"""The commands on recordings, as a user calls them: output, files and refusals."""
 
 import sys
 
@@ -8,8 +8,10 @@ import pytest
 
 from study import cli
 from study.mocap.io.recording import Recording
-from study.mocap.synthetic.export import write_recording
-from study.mocap.synthetic.generate import Recipe, synthesize
+from study.mocap.io.writing import write_recording
+from study.mocap.markersets.set_file import load_markerset, shipped
+from study.mocap.synthetic.recipe import Recipe
+from study.mocap.synthetic.synthesize import synthesize
 
 FILES = ["bones.parquet", "calibration.json", "fig1_skeleton.png", "fig1_skeleton.svg", "motion.json"]
 FILES += ["skeleton.bvh", "skeleton.parquet", "viewer.html"]
@@ -31,7 +33,7 @@ def call(monkeypatch, capsys, tmp_path):
 
 @pytest.fixture(scope="module")
 def body(tmp_path_factory):
-    """A recording of a moving body as a file, and what is true of it."""
+    """A recording of a synthetic body as a file, and the truth about it."""
     recording, truth = synthesize(Recipe(frames=500, gaps=0.05))
     return write_recording(recording, tmp_path_factory.mktemp("body") / "body.c3d"), truth
 
@@ -57,7 +59,7 @@ def refused(result, *words, code=2):
 
 
 def test_synthetic(call, tmp_path):
-    """A body is written with its truth beside it; the same seed gives the same bytes."""
+    """A recording is written with the truth beside it; the same seed gives the same bytes."""
     code, said, complained = call("synthetic", "--frames", 30, "--seed", 4)
     assert (code, complained) == (0, "")
     paths = [tmp_path / line for line in said.splitlines()]
@@ -71,21 +73,34 @@ def test_synthetic(call, tmp_path):
 
 
 def test_recording(call, body):
-    """What is in a recording is printed, with the marker set that fits."""
+    """The contents of a recording are printed, with the marker set that fits."""
     code, said, complained = call("recording", body[0])
     assert (code, complained) == (0, "")
     assert said.startswith("body: 41 markers, 500 frames at 120 Hz, 4.16 s, 5.0% of the samples missing\n")
     assert all(f"\n{marker}" in said for marker in ("LFHD", "RTOE"))
-    assert "marker set cmu41: 41 of the recording's 41 markers placed, 14 of 14 joints can be found" in said
+    assert "marker set cmu41: 41 of the recording's 41 markers belong to it, 14 of 14 joints can be found" in said
 
 
 def test_a_recording_of_something_else(call, tmp_path, small):
-    """A recording that no marker set fits can be looked at, but has no joints."""
+    """A recording that no marker set fits can be described, but has no joints."""
     path = write_recording(small(("a", "b", "c")), tmp_path / "other.csv")
     code, said, complained = call("recording", path)
     assert (code, complained) == (0, "")
     assert "no marker set fits: with none of cmu41, plug-in-gait" in said
-    refused(call("joints", path), "other: no marker set fits", "copy study/mocap/markersets/cmu41.toml")
+    refused(call("joints", path), "other: no marker set fits", "study markersets cmu41 > mine.toml")
+
+
+def test_markersets(call, tmp_path):
+    """The shipped sets are listed; one that is printed into a file is the shipped one, and serves as a user's own."""
+    code, said, complained = call("markersets")
+    assert (code, complained) == (0, "")
+    assert [line.split()[0] for line in said.splitlines()] == shipped()
+    assert said.startswith("cmu41         41 markers  14 joints  41 markers of the CMU")
+    code, said, complained = call("markersets", "cmu41")
+    assert (code, complained) == (0, "")
+    (tmp_path / "mine.toml").write_text(said, encoding="utf-8")
+    assert load_markerset(tmp_path / "mine.toml") == load_markerset("cmu41")
+    refused(call("markersets", "cmu42"), "no marker set 'cmu42'; there are cmu41, plug-in-gait; `study markersets`")
 
 
 def test_joints(call, body, tmp_path):
@@ -105,7 +120,7 @@ def test_joints(call, body, tmp_path):
 
 
 def test_skeleton(body, drawn):
-    """Every file is there; joints are where they truly are, and bones as long as they truly are."""
+    """Every file is there; joints have their true places, and bones their true lengths."""
     truth = body[1]
     assert sorted(path.name for path in drawn.iterdir()) == FILES
     table = pd.read_parquet(drawn / "skeleton.parquet")
@@ -113,7 +128,7 @@ def test_skeleton(body, drawn):
     places = table.pivot_table(index="joint", columns="frame", values=["x", "y", "z"], dropna=False)
     for number, joint in enumerate(truth.joints):
         away = np.stack([places.loc[joint, axis] for axis in "xyz"]) - truth.centers[number]
-        if not np.isnan(truth.axes[number]).any():  # along a hinge's axis nothing shows where it is
+        if not np.isnan(truth.axes[number]).any():  # the data do not place a hinge along its axis
             turns = truth.rotations[truth.segments.index(truth.parents[number])]
             axes = (turns @ truth.axes[number]).T
             away -= axes * (axes * away).sum(axis=0)
@@ -125,8 +140,8 @@ def test_skeleton(body, drawn):
     assert set(table["known"]) <= {"seen", "bridged", "unknown"}
 
 
-def test_what_skeleton_prints(call, body, drawn):
-    """Bones in metres, what was bridged, and each file that was written."""
+def test_output_of_skeleton(call, body, drawn):
+    """Bone lengths, bridged joints, and the written files are printed."""
     code, said, complained = call("skeleton", body[0], "--calibration", drawn, "--out", "again")
     assert (code, complained) == (0, "")
     assert "left_hip - left_knee" in said
@@ -161,7 +176,7 @@ def test_a_calibration_that_cannot_be_used(call, body, tmp_path):
 
 
 def test_video(call, drawn, tmp_path):
-    """With --video there is a film; that its library is missing is told before anything is done."""
+    """With --video there is a video."""
     pytest.importorskip("imageio_ffmpeg", reason="imageio-ffmpeg is not installed")
     same = write_recording(synthesize(Recipe(frames=9, seed=2))[0], tmp_path / "same.c3d")
     code, said, complained = call("skeleton", same, "--calibration", drawn, "--video")
@@ -172,7 +187,7 @@ def test_video(call, drawn, tmp_path):
 
 @pytest.mark.parametrize(("module", "arguments"), [("imageio_ffmpeg", ["--video"]), ("ezc3d", [])])
 def test_without_the_extra(call, body, monkeypatch, module, arguments):
-    """What is not installed is named, with what installs it."""
+    """A missing library is named, with the command that installs it."""
     monkeypatch.setitem(sys.modules, module, None)
     monkeypatch.delitem(sys.modules, "study.mocap.io.c3d_file", raising=False)
     refused(call("skeleton", body[0], *arguments), "needs", "pip install '.[mocap]'")
@@ -180,7 +195,7 @@ def test_without_the_extra(call, body, monkeypatch, module, arguments):
 
 @pytest.fixture(scope="module")
 def bad(body, tmp_path_factory):
-    """Files that cannot be used, by what is wrong with them."""
+    """Files that cannot be used."""
     folder = tmp_path_factory.mktemp("bad")
     (folder / "cut.c3d").write_bytes(body[0].read_bytes()[:20000])
     (folder / "text.c3d").write_text("hello")
@@ -200,13 +215,13 @@ def bad(body, tmp_path_factory):
         ("empty.c3d", "the file is empty"),
         ("none.c3d", "cannot be read: No such file"),
         ("one.csv", "1 frame in it; motion needs at least 2"),
-        ("nothing.csv", "none of its 1 markers is seen"),
+        ("nothing.csv", "none of its 1 markers has a sample"),
         ("words.doc", "a recording is a file whose name ends in"),
         ("", "a recording is a file whose name ends in"),
     ],
 )
 def test_bad_files(call, bad, verb, name, words, tmp_path):
-    """A file that cannot be used is one line that says what is wrong, code 2, and nothing is written."""
+    """A file that cannot be used gives one line with the reason and code 2; nothing is written."""
     refused(call(verb, bad / name), words)
     assert list(tmp_path.iterdir()) == []
 
@@ -223,13 +238,13 @@ def test_bad_files(call, bad, verb, name, words, tmp_path):
     ],
 )
 def test_bad_options(call, body, tmp_path, options, words):
-    """An option that cannot be used is one line, code 2."""
+    """An option that cannot be used gives one line and code 2."""
     (tmp_path / "file").write_text("")
     refused(call("joints", body[0], *options), words)
 
 
 def test_nothing_moves(call, body, tmp_path):
-    """Of a body that stands still there are joints without a place, each with its reason, and no skeleton."""
+    """For a body that stands still, joints have reasons instead of places, and there is no skeleton."""
     recording, _ = synthesize(Recipe(frames=30, noise=0.0))
     still = Recording("still", recording.markers, np.repeat(recording.positions[:, :, :1], 30, axis=2), 100.0)
     path = write_recording(still, tmp_path / "still.c3d")
@@ -243,7 +258,7 @@ def test_nothing_moves(call, body, tmp_path):
 
 
 def test_a_name_stays_in_the_folder(call, tmp_path):
-    """A file that is called like a folder above, or like code, has its results in the folder of results."""
+    """A file with a name like a folder above, or like code, has its results in the folder of results."""
     short = synthesize(Recipe(frames=60))[0]
     for name, folder in (("...c3d", "recording"), ("a b<i>.c3d", "a-b-i")):
         assert call("joints", write_recording(short, tmp_path / name))[0] == 0
@@ -252,8 +267,8 @@ def test_a_name_stays_in_the_folder(call, tmp_path):
 
 
 def test_fetch(call, monkeypatch, tmp_path):
-    """A name that the library cannot have, or another library, is a mistake; no server is a failure: one line each."""
-    refused(call("fetch", "cmu", "../secret"), "'../secret' is no recording of cmu", "60_08")
+    """A wrong name or library gives code 2, a server out of reach code 1; each gives one line."""
+    refused(call("fetch", "cmu", "../secret"), "'../secret' cannot be a recording of cmu", "60_08")
     refused(call("fetch", "nasa", "60_08"), "no library 'nasa'; there are cmu")
     monkeypatch.setenv("STUDY_CMU_URL", "http://127.0.0.1:9")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
@@ -262,12 +277,12 @@ def test_fetch(call, monkeypatch, tmp_path):
 
 @pytest.mark.parametrize("options", [["--frames", "1"], ["--gaps", "2"], ["--noise", "-1"], ["--out", "x.txt"]])
 def test_a_body_that_cannot_be(call, options):
-    """A recipe out of range is one line, code 2."""
+    """A setting out of its limits gives one line and code 2."""
     refused(call("synthetic", *options))
 
 
 def test_case_study(call, body, tmp_path):
-    """The paper's precision study: tables, figure 7, exponents with their intervals."""
+    """The precision study writes tables and figure 7, and prints exponents with their intervals."""
     code, said, complained = call("case-study", body[0], "--subsets", 8)
     assert (code, complained) == (0, "")
     folder = tmp_path / "results" / "recordings" / "body"

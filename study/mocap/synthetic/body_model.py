@@ -1,9 +1,9 @@
-"""An articulated figure: fifteen rigid segments, the joints between them, and CMU's 41 markers on them.
+"""An articulated body: fifteen rigid segments, the joints between them, and the 41 markers of CMU's set on them.
 
-Axes: x forward, y to the left, z up. At rest the figure stands with hanging arms, all segments turned as the world is;
-a segment's origin is the joint on which it hangs, the pelvis's the middle between the hips. Lengths are in units of the
-body's height; those of limbs follow Winter, Biomechanics and Motor Control of Human Movement, fig. 4.1. The right side
-is the left one's mirror image, but for the markers that are placed unevenly in order to tell the sides apart.
+Axes: x forward, y to the left, z up. At rest the body stands with hanging arms, and the axes of all segments are the
+world's. The origin of a segment is the joint to its parent; that of the pelvis is the middle between the hips. Lengths
+are in units of the body's height; those of limbs follow Winter, Biomechanics and Motor Control of Human Movement, fig.
+4.1. The right side mirrors the left one, except for the markers that are placed unevenly so that the sides differ.
 """
 
 from dataclasses import dataclass
@@ -13,24 +13,24 @@ import numpy as np
 from study.sphere.types import Floats
 
 Triple = tuple[float, float, float]
-Range = tuple[float, float]
+Interval = tuple[float, float]
 
 
 @dataclass(frozen=True)
-class Part:
-    """A segment and the joint on which it hangs."""
+class BodyPart:
+    """A segment, its markers, and the joint to its parent."""
 
     name: str
     parent: str | None
     joint: str | None
     at: Triple
-    """Where the joint is in the parent's frame, heights."""
-    turns: tuple[Range, Range, Range]
-    """Least and greatest angle about y, x and z, degrees, applied in this order (about axes that turn along)."""
+    """The joint in the parent's axes, in heights."""
+    ranges: tuple[Interval, Interval, Interval]
+    """Range of motion: least and greatest angle about y, x and z, degrees, in this order, about the rotated axes."""
     markers: dict[str, Triple]
-    """Where each is in the segment's frame, heights."""
+    """Each marker in the segment's axes, in heights."""
     axis: Triple | None = None
-    """Of a hinge, in the parent's frame; it turns by the angle about y, and the other two do not count."""
+    """Axis of a hinge in the parent's axes; the angle about y is the angle about it, and the other two do not count."""
 
     @property
     def kind(self) -> str:
@@ -41,7 +41,7 @@ class Part:
 _STILL = (0.0, 0.0)
 
 _TRUNK = (
-    Part(
+    BodyPart(
         "pelvis",
         None,
         None,
@@ -54,7 +54,7 @@ _TRUNK = (
             "RBWT": (-0.065, -0.030, 0.065),
         },
     ),
-    Part(
+    BodyPart(
         "thorax",
         "pelvis",
         "waist",
@@ -70,7 +70,7 @@ _TRUNK = (
             "RSHO": (-0.005, -0.110, 0.225),
         },
     ),
-    Part(
+    BodyPart(
         "head",
         "thorax",
         "neck",
@@ -86,7 +86,7 @@ _TRUNK = (
 )
 
 _LEFT = (
-    Part(
+    BodyPart(
         "left_upper_arm",
         "thorax",
         "left_shoulder",
@@ -94,7 +94,7 @@ _LEFT = (
         ((-130, 40), (-5, 85), (-50, 50)),
         {"LUPA": (0.005, 0.030, -0.070), "LELB": (0, 0.028, -0.180)},
     ),
-    Part(
+    BodyPart(
         "left_forearm",
         "left_upper_arm",
         "left_elbow",
@@ -103,7 +103,7 @@ _LEFT = (
         {"LFRM": (0.010, 0.022, -0.055), "LWRA": (0.035, 0.010, -0.140), "LWRB": (-0.035, 0.010, -0.140)},
         (0.06, 1, 0.12),
     ),
-    Part(
+    BodyPart(
         "left_hand",
         "left_forearm",
         "left_wrist",
@@ -111,7 +111,7 @@ _LEFT = (
         ((-25, 25), (-60, 60), _STILL),
         {"LFIN": (0.005, 0.020, -0.055)},
     ),
-    Part(
+    BodyPart(
         "left_thigh",
         "pelvis",
         "left_hip",
@@ -119,7 +119,7 @@ _LEFT = (
         ((-90, 20), (-15, 40), (-35, 35)),
         {"LTHI": (0.010, 0.055, -0.150), "LKNE": (0, 0.035, -0.240)},
     ),
-    Part(
+    BodyPart(
         "left_shank",
         "left_thigh",
         "left_knee",
@@ -128,7 +128,7 @@ _LEFT = (
         {"LSHN": (0.020, 0.030, -0.110), "LANK": (0, 0.025, -0.240)},
         (-0.05, 1, 0.08),
     ),
-    Part(
+    BodyPart(
         "left_foot",
         "left_shank",
         "left_ankle",
@@ -139,11 +139,11 @@ _LEFT = (
 )
 
 _UNEVEN = {"RUPA": -0.110, "RFRM": -0.085, "RTHI": -0.110, "RSHN": -0.150}
-"""Heights above the origin of the right side's markers that differ from the left's."""
+"""z of the right side's markers that differ from the left's, in heights."""
 
 
-def _mirrored(part: Part) -> Part:
-    """The right side's segment. Turns about x and z change their sign, and so do those parts of a hinge's axis."""
+def _mirrored(part: BodyPart) -> BodyPart:
+    """The segment of the right side: rotations about x and z change their sign, as do those components of an axis."""
 
     def name(text: str | None) -> str | None:
         return text and text.replace("left_", "right_")
@@ -156,28 +156,28 @@ def _mirrored(part: Part) -> Part:
         right = "R" + label[1:]
         x, y, z = flip(place)
         markers[right] = (x, y, _UNEVEN.get(right, z))
-    y_turn, *others = part.turns
-    x_turn, z_turn = ((-high, -low) for low, high in others)
+    about_y, *others = part.ranges
+    about_x, about_z = ((-high, -low) for low, high in others)
     axis = part.axis and (-part.axis[0], part.axis[1], -part.axis[2])
     joint, parent = name(part.joint), name(part.parent)
-    return Part(str(name(part.name)), parent, joint, flip(part.at), (y_turn, x_turn, z_turn), markers, axis)
+    return BodyPart(str(name(part.name)), parent, joint, flip(part.at), (about_y, about_x, about_z), markers, axis)
 
 
-PARTS: tuple[Part, ...] = (*_TRUNK, *_LEFT, *map(_mirrored, _LEFT))
+PARTS: tuple[BodyPart, ...] = (*_TRUNK, *_LEFT, *map(_mirrored, _LEFT))
 """All segments, parents before children."""
 MARKERS: tuple[str, ...] = tuple(label for part in PARTS for label in part.markers)
 JOINTS: tuple[str, ...] = tuple(part.joint for part in PARTS if part.joint)
 
 
 def unit(axis: Triple) -> Floats:
-    """A direction at length one (3,)."""
+    """A direction as a unit vector (3,)."""
     vector = np.array(axis, dtype=np.float64)
     length: float = np.linalg.norm(vector).item()
     return vector / length
 
 
-def neighbours() -> list[tuple[str, str]]:
-    """Each marker with the one nearest to it when the figure stands, each pair once: those that get swapped."""
+def nearest_pairs() -> list[tuple[str, str]]:
+    """Each marker with the one nearest to it on the standing body, each pair once; these get swapped."""
     origins: dict[str | None, Floats] = {None: np.zeros(3)}
     for part in PARTS:
         origins[part.name] = origins[part.parent] + np.array(part.at)
