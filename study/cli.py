@@ -129,7 +129,7 @@ def posterior(folder: Folder, jobs: Jobs = 2) -> None:
 @app.command()
 def summary(folder: Folder) -> None:
     """Print a run's medians of error over bound, with their Monte-Carlo errors."""
-    from study.analysis.summary import printed
+    from study.analysis.summary_text import printed
     from study.runs.storage.run_folder import Run
 
     for line in printed(Run.open(folder)):
@@ -200,13 +200,13 @@ def fit(
     plot: Annotated[Path | None, typer.Option("--plot", help="draw points, fits and error ellipses here")] = None,
 ) -> None:
     """Fit a sphere, or a circle, to points in a file."""
-    from study.analysis.fitting import answers, choose, fit_all, printed
+    from study.analysis.fitting import choose, fit_all, fit_table, printed
     from study.analysis.pointfile import read_points
 
     chosen = choose(estimator, noise)
     points, names = read_points(file, columns.split(",") if columns else None)
     fits = fit_all(points, chosen, noise)
-    for line in printed(answers(fits, names), names):
+    for line in printed(fit_table(fits, names), names):
         typer.echo(line)
     if plot is not None:
         from study.figures.fit_plot import draw, prepare
@@ -252,9 +252,9 @@ def replay(
 @app.command()
 def estimators() -> None:
     """List the estimators: where each comes from, what it costs per sample, what it must be told."""
-    from study.analysis.fitting import described
+    from study.analysis.estimator_list import printed
 
-    for line in described():
+    for line in printed():
         typer.echo(line)
 
 

@@ -1,7 +1,7 @@
 """The summary table: per cell, or per decade of relative noise, and estimator.
 
 Failures count: every quantile comes twice, of the fits whose status is ok (``_ok``) and of all planned fits with the
-others counted as worse than any (``_all``). Nothing is left out silently.
+others counted as worse than any (``_all``).
 """
 
 from collections.abc import Iterator
@@ -23,7 +23,7 @@ _COLUMNS = [*_CONDITIONS, "error", "error_1", "bound", "status"]
 
 
 def summarise(run: Run) -> None:
-    """Summarise a run's error table, and store the summary beside it; a few groups are in memory at a time."""
+    """Summarise a run's error table and store the summary beside it, with few groups in memory at a time."""
     grouped, columns = Grouped(run), schemas.summary()
 
     def parts() -> Iterator[pa.Table]:
@@ -42,7 +42,7 @@ def summary(errors: pd.DataFrame, by_decade: bool) -> pd.DataFrame:
         by_decade: group by decade of σ/r (a random design) instead of by cell (a grid).
 
     Returns:
-        A row per group and estimator, in the order of the table; columns as `tables.summary` declares them.
+        A row per group and estimator, in the order of the table; columns as `study.runs.storage.schemas.summary` declares them.
     """
     errors = label(errors, by_decade)
     if by_decade:
@@ -52,13 +52,14 @@ def summary(errors: pd.DataFrame, by_decade: bool) -> pd.DataFrame:
 
 
 def of_errors(errors: Errors) -> Columns:
-    """Rows of the summary table from the errors of whole cells of a grid, which no table needs to hold.
+    """The summary of whole cells of a grid, from their errors in memory.
 
     Args:
         errors: all trials of some cells.
 
     Returns:
-        Columns as `tables.summary` declares them; the rows are those that `summary` makes of the same errors.
+        Columns as `study.runs.storage.schemas.summary` declares them; equal to those that `summary` makes of the same
+        errors.
     """
     distance, bound, rows = errors.distance, errors.center_bound, []
     for place, cell in enumerate(errors.cells):
@@ -101,41 +102,3 @@ def _row(group: str, estimator: str, column: Columns) -> dict[str, Any]:
     for name, measure in MEASURES.items():
         row[name], row[f"{name}_error"] = measure(fits)
     return row
-
-
-def printed(run: Run) -> Iterator[str]:
-    """The summary in short, for a terminal.
-
-    Yields:
-        A title, a header, and a line per group: for each estimator the median error over the bound with its
-        Monte-Carlo error, of the fits that are ok, and the share of those that are not.
-    """
-    frame = run.table("summary")
-    estimators = list(dict.fromkeys(frame["estimator"]))
-    groups = list(frame.groupby("group", sort=False))
-    varying = [name for name in ("radius", "center") if frame[name].nunique() > 1]
-    labels = [_label(part.iloc[0], varying) for _, part in groups]
-    yield f"{run.study.run_name()}: median error of the centre over the Cramér-Rao bound ± Monte-Carlo error (not ok)"
-    if frame.empty:
-        yield "no cell has a trial yet"
-        return
-    wide = max(map(len, labels))
-    yield " " * wide + "".join(f"  {name:<26}" for name in estimators).rstrip()
-    for text, (_, part) in zip(labels, groups, strict=True):
-        yield f"{text:<{wide}}" + "".join(f"  {_short(row):<26}" for _, row in part.iterrows()).rstrip()
-
-
-def _label(row: "pd.Series[Any]", varying: list[str]) -> str:
-    """What a group is, in words."""
-    if np.isfinite(row["decade"]):
-        return f"σ/r = 1e{int(row['decade']):+03d} …"
-    parts = [f"N = {row['samples']:g}", f"σ/r = {row['noise'] / row['radius']:.3g}", f"φ = {row['angle']:.4g}°"]
-    return ", ".join([*parts, *(f"{'r' if name == 'radius' else '|c|'} = {row[name]:g}" for name in varying)])
-
-
-def _short(row: "pd.Series[Any]") -> str:
-    if row["ok"] == 0:
-        return "none ok"
-    failed = 1.0 - row["ok"] / row["planned"]
-    text = f"{row['ratio_median_ok']:.3g} ± {row['ratio_median_ok_error']:.2g}"
-    return text + (f" ({failed:.1%})" if failed > 0 else "")

@@ -5,7 +5,7 @@ import re
 import subprocess
 import sys
 
-from study.analysis.summary import printed
+from study.analysis.summary_text import printed
 from study.experiment.config import parse
 from study.runs.plan import plan
 from study.runs.storage.run_folder import Run
