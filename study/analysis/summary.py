@@ -42,7 +42,8 @@ def summary(errors: pd.DataFrame, by_decade: bool) -> pd.DataFrame:
         by_decade: group by decade of σ/r (a random design) instead of by cell (a grid).
 
     Returns:
-        A row per group and estimator, in the order of the table; columns as `study.runs.storage.schemas.summary` declares them.
+        A row per group and estimator, in the order of the table; columns as `study.runs.storage.schemas.summary`
+        declares them.
     """
     errors = label(errors, by_decade)
     if by_decade:

@@ -3,7 +3,6 @@
 from collections.abc import Iterator, Mapping
 
 import numpy as np
-import pandas as pd
 
 from study.runs.storage.run_folder import Run
 from study.text.columns import columns

@@ -75,7 +75,7 @@ def test_every_value_has_its_error(run):
 
 
 def test_printed(run):
-    """The print has a title, a note, a header and a line per group, each with a label of its own, and names failures."""
+    """A title, a note, a header and a line per group, each with a label of its own; failures are named."""
     stored = run.table("summary")
     title, note, header, *lines = printed(run)
     assert title.startswith(run.study.run_name())
