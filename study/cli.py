@@ -116,7 +116,8 @@ def run(
 @app.command()
 def posterior(folder: Folder, jobs: Jobs = 2) -> None:
     """Sample the posteriors that a run's config asks for in [posterior], with emcee."""
-    from study.posterior.run import compute, printed
+    from study.posterior.posterior_text import printed
+    from study.posterior.run import compute
     from study.runs.storage.run_folder import Run
 
     run = Run.open(folder)

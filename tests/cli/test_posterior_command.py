@@ -8,7 +8,9 @@ import time
 import pytest
 
 from study.experiment.config import parse
-from study.posterior.run import compute, printed, tasks
+from study.posterior.chain_task import chain_tasks
+from study.posterior.posterior_text import printed
+from study.posterior.run import compute
 from study.runs.storage.parts import Parts
 from study.runs.storage.run_folder import Run
 
@@ -230,7 +232,7 @@ def test_interrupt(command, call_here, long, tmp_path, jobs, everyone):
     there.load()
     kept = [
         task
-        for task in tasks(run.study, run.study.posterior)
+        for task in chain_tasks(run.study, run.study.posterior)
         if there.outputs(task.part(run.study, run.study.posterior))
     ]
     assert 0 < len(kept) < 16

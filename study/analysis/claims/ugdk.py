@@ -72,7 +72,7 @@ def _judge_bias(numbers: list[Number]) -> Verdict:
 def _measure_error(evidence: Evidence) -> list[Number]:
     grid = rows_of(evidence.table("power-law", "errors"), "ugdk")
     paper = rows_of(evidence.table("paper", "errors"), "ugdk")
-    relative = relative_noise(paper).to_numpy()
+    relative = np.asarray(relative_noise(paper), dtype=float)
     small, large = relative < 0.01, relative >= 1.0
     samples = paper["samples"].to_numpy(dtype=float)
     as_computed = (paper["error"] / paper["noise"]).fillna(math.inf).to_numpy()
