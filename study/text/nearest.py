@@ -5,8 +5,11 @@ from collections.abc import Iterable
 
 
 def nearest(name: str, known: Iterable[str]) -> str | None:
-    """The known name most like one that is unknown; None if none is much like it."""
-    return next(iter(difflib.get_close_matches(name, list(known), n=1)), None)
+    """The known name most like an unknown one, or the only one that begins with it; None if there is neither."""
+    known = list(known)
+    longer = [each for each in known if name and each.startswith(name)]
+    close = difflib.get_close_matches(name, known, n=1) or (longer if len(longer) == 1 else [])
+    return close[0] if close else None
 
 
 def did_you_mean(names: str | Iterable[str], known: Iterable[str]) -> str:

@@ -226,7 +226,7 @@ def test_interrupt(command, call_here, long, tmp_path, jobs, everyone):
     finally:
         process.kill()
     assert (process.returncode, said) == (130, ""), complained
-    assert complained.splitlines() == ["interrupted; what was finished is kept, and running again goes on from there"]
+    assert complained.splitlines() == ["interrupted; run the same command again to resume"]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["config.toml", "parts"]
     there, run = Parts(tmp_path, "chains"), Run.open(tmp_path)
     there.load()

@@ -13,6 +13,14 @@ def test_nearest():
     assert nearest("x", []) is None
 
 
+def test_the_beginning_of_a_name():
+    """It finds the only name that begins so."""
+    known = ["fig2_error", "fig5_methods", "fig_map", "fig_posterior"]
+    assert nearest("fig2", known) == "fig2_error"
+    assert nearest("f", known) is None
+    assert nearest("", ["a"]) is None
+
+
 def test_did_you_mean():
     """The nearest is offered first; all are listed, in their order."""
     assert did_you_mean("lsl", KNOWN) == "did you mean 'lls'? Known are mle, lls, ugdk, gdke"
