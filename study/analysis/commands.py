@@ -80,7 +80,7 @@ def cost(
 
     Operations are counted and fits are timed; the table is stored.
     """
-    from study.analysis.cost import cost_table, printed
+    from study.analysis.cost_table import cost_table, printed
     from study.runs.storage.atomic_write import save_frame
 
     table = cost_table()
