@@ -122,27 +122,27 @@ def _until_long_enough(
     while True:
         state = sampler.run_mcmc(state, target - taken, skip_initial_state_check=True)
         taken = target
-        kept = sampler.get_chain(discard=int(_WARM_UP * taken))
+        chain = sampler.get_chain(discard=int(_WARM_UP * taken))
         with np.errstate(all="ignore"):  # walkers that never moved have no autocorrelation
-            tau = float(np.max(emcee.autocorr.integrated_time(kept, tol=0, quiet=True)))
+            tau = float(np.max(emcee.autocorr.integrated_time(chain, tol=0, quiet=True)))
         needed = _LENGTH * tau
-        enough = len(kept) >= needed
-        if enough and abs(before - tau) < _STABLE * tau and _mixed(kept):
+        enough = len(chain) >= needed
+        if enough and abs(before - tau) < _STABLE * tau and _mixed(chain):
             return ChainStatus.OK, tau
         if taken >= max_steps:
-            return ChainStatus.NOT_MIXED if enough and not _mixed(kept) else ChainStatus.NOT_CONVERGED, tau
+            return ChainStatus.NOT_MIXED if enough and not _mixed(chain) else ChainStatus.NOT_CONVERGED, tau
         before = tau
         ahead = math.ceil(needed / (1.0 - _WARM_UP)) if math.isfinite(needed) else 0
         target = min(max(ahead, math.ceil(1.1 * taken)), 4 * taken, max_steps)
 
 
-def _mixed(kept: Floats) -> bool:
-    """True if little of the variance of walkers (steps, walkers, parameters) lies between their own means.
+def _mixed(chain: Floats) -> bool:
+    """True if little of the variance of a chain (steps, walkers, parameters) lies between its walkers' means.
 
     For independent walkers with chains of 50 τ, a 50th of the variance does. That share follows χ²; even for 8 walkers
     it exceeds a tenth in only 1 of 10⁵ chains.
     """
-    between, total = kept.mean(axis=0).var(axis=0), kept.var(axis=(0, 1))
+    between, total = chain.mean(axis=0).var(axis=0), chain.var(axis=(0, 1))
     return bool((between <= _MIXED * total).all())
 
 
