@@ -39,4 +39,4 @@ def test_interrupt(hold, tmp_path, backend, jobs, number):
     kept.load()
     assert kept.count == len(list(parts.iterdir())) > 0
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["config.toml", "parts"]
-    assert complained.splitlines() == ["interrupted; what was finished is kept, and running again goes on from there"]
+    assert complained.splitlines() == ["interrupted; run the same command again to resume"]

@@ -1,4 +1,4 @@
-"""Kept points, put together again: the markers of one joint from the cells of a grid of radii."""
+"""Stored points of a run as markers of joints: the cells of a grid of radii that share one centre."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -9,16 +9,16 @@ import pandas as pd
 from study.sphere.types import Floats
 
 
-class Joint(NamedTuple):
-    """Markers about one centre, many times over.
+class JointMarkers(NamedTuple):
+    """Markers about one centre, in many trials.
 
     Attributes:
-        noise: σ, the same for all of them.
-        radii: r of each marker (M,), ascending.
+        sigma: standard deviation of a coordinate, the same for all markers.
+        radii: radius of each marker's sphere (M,), ascending.
         markers: points of each marker (trials, n, d), measured from the true centre.
     """
 
-    noise: float
+    sigma: float
     radii: Floats
     markers: list[Floats]
 
@@ -32,16 +32,16 @@ def point_sets(points: pd.DataFrame, cell: str) -> Floats:
     return flat.reshape(max(mine["trial"].nunique(), 1), -1, dimension)
 
 
-def joints(errors: pd.DataFrame, points: pd.DataFrame) -> Iterator[Joint]:
-    """The joints of a grid run with several radii, drawn independently, whose points were kept.
+def joint_markers(errors: pd.DataFrame, points: pd.DataFrame) -> Iterator[JointMarkers]:
+    """The joints of a grid run with several radii, drawn independently, whose points were stored.
 
     Args:
         errors: the run's error table, for the conditions of its cells.
         points: its table of points.
 
     Yields:
-        A joint per noise (ascending), number of samples, angle and centre, with a marker for each radius; where there
-        is but one radius, none.
+        A joint per noise (ascending), number of samples, angle and centre, with a marker for each radius. Conditions
+        with a single radius yield nothing.
     """
     cells = errors.drop_duplicates("cell").astype({"cell": str}).sort_values("radius")
     by_name = points.assign(cell=points["cell"].astype(str))
@@ -49,4 +49,5 @@ def joints(errors: pd.DataFrame, points: pd.DataFrame) -> Iterator[Joint]:
         if len(mine) > 1:
             sets = [point_sets(by_name, cell) for cell in mine["cell"]]
             count = min(map(len, sets))
-            yield Joint(float(mine["noise"].iloc[0]), mine["radius"].to_numpy(), [each[:count] for each in sets])
+            markers = [each[:count] for each in sets]
+            yield JointMarkers(float(mine["noise"].iloc[0]), mine["radius"].to_numpy(), markers)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from study.analysis.claims.claim import Verdict
-from study.analysis.claims.markers import CLAIMS
+from study.analysis.claims.several_markers import CLAIMS
 
 EQUAL = (1.0, 1.0001, 1.0002)
 APART = (0.1, 0.5, 2.0)

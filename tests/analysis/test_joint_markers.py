@@ -1,10 +1,10 @@
-"""Kept points are put together again as they were drawn."""
+"""Stored points are put together again as they were drawn."""
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from study.analysis.kept_markers import joints, point_sets
+from study.analysis.joint_markers import joint_markers, point_sets
 
 
 @pytest.fixture
@@ -32,28 +32,28 @@ def tables():
 def test_joints(tables):
     """A joint per noise, ascending, its markers by ascending radius, points in the order of trial and sample."""
     errors, points, truth = tables([(0.2, 2.0), (0.1, 0.5), (0.2, 1.0), (0.1, 3.0)])
-    found = list(joints(errors, points))
-    assert [joint.noise for joint in found] == [0.1, 0.2]
+    found = list(joint_markers(errors, points))
+    assert [joint.sigma for joint in found] == [0.1, 0.2]
     assert [list(joint.radii) for joint in found] == [[0.5, 3.0], [1.0, 2.0]]
     for joint in found:
         for radius, marker in zip(joint.radii, joint.markers, strict=True):
-            np.testing.assert_allclose(marker, truth[joint.noise, radius], atol=1e-14)
+            np.testing.assert_allclose(marker, truth[joint.sigma, radius], atol=1e-14)
 
 
 def test_one_radius_is_no_joint(tables):
     """Noises with one marker alone are passed over."""
     errors, points, _ = tables([(0.1, 1.0), (0.2, 1.0), (0.2, 2.0)])
-    assert [joint.noise for joint in joints(errors, points)] == [0.2]
+    assert [joint.sigma for joint in joint_markers(errors, points)] == [0.2]
 
 
 def test_markers_with_fewer_trials_bound_the_others(tables):
     """All markers of a joint have as many trials as the one with the fewest."""
     errors, points, _ = tables([(0.1, 1.0), (0.1, 2.0)], trials=(4, 2))
-    (joint,) = joints(errors, points)
+    (joint,) = joint_markers(errors, points)
     assert [len(marker) for marker in joint.markers] == [2, 2]
 
 
 def test_a_cell_without_points(tables):
-    """A cell of which no points were kept has no sets."""
+    """A cell of which no points are stored has no sets."""
     _, points, _ = tables([(0.1, 1.0)])
     assert point_sets(points, "other").size == 0

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from study.analysis.claims.claim import Verdict
-from study.analysis.claims.power import CLAIMS
+from study.analysis.claims.power_law import CLAIMS
 from study.estimators import Status
 
 SAMPLES = [30, 100, 300, 1000, 3000]

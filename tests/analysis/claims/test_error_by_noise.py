@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from study.analysis.claims.claim import Verdict
-from study.analysis.claims.errors import CLAIMS
+from study.analysis.claims.error_by_noise import CLAIMS
 
 PAPERS = ("mle", "lls", "gdke", "ugdk")
 LEVELS = np.geomspace(1e-4, 10**0.5, 19)
@@ -154,7 +154,7 @@ def test_too_few_trials(find, paper, grid, name, trials):
     """With a handful of trials there is no number to judge by, and so no verdict."""
     found = find(CLAIMS, name, {"paper/errors": paper(trials=trials), "efficiency/errors": grid(trials=trials)})
     assert found.verdict == Verdict.NOT_EVALUATED
-    assert found.reason.startswith("too little in the tables for: ")
+    assert found.reason.startswith("too few trials or conditions in the tables for: ")
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -1,5 +1,7 @@
 """Ranks and coverage, from tables whose answers are known."""
 
+import re
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -7,7 +9,8 @@ from scipy import stats
 
 from study.estimators import Status
 from study.experiment.posterior_config import ChainStatus
-from study.posterior.calibration import FLAT, KEYS, LEVELS, by_cell, coverage, printed, trials, uniformity
+from study.posterior.calibration import FLAT, KEYS, LEVELS, by_cell, coverage, trials, uniformity
+from study.posterior.posterior_text import printed_calibration
 
 RANKS = ["rank_1", "rank_2", "rank_radius"]
 
@@ -223,20 +226,25 @@ def test_cells_without_an_mle_or_a_chain_that_is_ok(rng):
 
 
 def test_what_is_printed(rng):
-    """A line per method with the coverage of chains that are not too flat, and how many these are."""
+    """A line per method with coverage and uniformity of chains that are not too flat, and the number of these."""
     posterior = chains(rng, 60)
     posterior.loc[40:, "flatness"] = FLAT
     posterior.loc[40:, "level"] = 0.999
     answers = beside(rng, posterior, names=("mle",))
     found = trials(posterior, answers)
-    first, head, *lines = printed(found)
+    first, head, *lines, note = printed_calibration(found)
     assert first.startswith("calibration of 40 chains")
     assert "σ²/v < 0.02" in first
-    assert head.split() == ["likelihood", "noise", "method", "68%", "set", "95%", "set"]
-    table = coverage(found[found["flatness"] < FLAT])
+    table, tests = coverage(found[found["flatness"] < FLAT]), uniformity(found[found["flatness"] < FLAT])
+    names = list(dict.fromkeys(tests["parameter"]))
+    sets = ["68% set", "95% set", *(f"p of {name}" for name in names)]
+    assert re.split(r" {2,}", head) == ["likelihood", "noise", "method", *sets]
+    assert "Kolmogorov" in note
     assert len(lines) == 2
     for line, method in zip(lines, ("posterior", "mle"), strict=True):
         assert line.split()[:3] == ["geometric", "known", method]
         for row in table[table["method"] == method].itertuples():
             assert f"{row.share:.1%} ({row.low:.1%} … {row.high:.1%})" in line
-    assert list(printed(found[found["flatness"] >= FLAT])) == []
+        p = tests[tests["method"] == method].set_index("parameter")["p"]
+        assert re.split(r" {2,}", line)[5:] == [f"{p[name]:.2g}" if name in p else "-" for name in names]
+    assert list(printed_calibration(found[found["flatness"] >= FLAT])) == []
