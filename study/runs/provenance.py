@@ -15,6 +15,8 @@ import study
 
 _HOME = Path(__file__).parents[1]
 _PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "pandas", "pyarrow", "joblib", "matplotlib")
+_PATIENCE = 10.0
+"""Seconds to wait for git."""
 
 
 def software() -> dict[str, Any]:
@@ -84,7 +86,7 @@ def _git(*arguments: str) -> str | None:
     if not (root / ".git").exists():
         return None
     try:
-        done = subprocess.run(["git", "-C", str(root), *arguments], capture_output=True, text=True, timeout=10)
+        done = subprocess.run(["git", "-C", str(root), *arguments], capture_output=True, text=True, timeout=_PATIENCE)
     except (OSError, subprocess.TimeoutExpired):
         return None
     return done.stdout.strip() if done.returncode == 0 else None

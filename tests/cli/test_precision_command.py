@@ -88,8 +88,8 @@ def test_plan(call_here, folder):
     assert (code, complained) == (0, "")
     least, most = said.split("at most")
     assert "up to the first checkpoint, 100 trials" in least
-    assert "fits       800\n" in least
-    assert "fits       3,200\n" in most
+    assert "fits     800\n" in least
+    assert "fits     3,200\n" in most
 
 
 @pytest.mark.parametrize("value", ["-1", "soon"])

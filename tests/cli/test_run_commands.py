@@ -166,7 +166,7 @@ def test_worst_and_replay(call_here, run):
     assert name.split("/")[0] in shown
     assert f"{ratio:.3g}" in shown
     assert (run / "worst.png").stat().st_size > 10_000
-    refused(call_here(run, "worst", "out", "-e", "mle"), 1, "estimator 'mle' is not in it", "lls, ugdk")
+    refused(call_here(run, "worst", "out", "-e", "mle"), 1, "no estimator 'mle' in this run; known are lls, ugdk")
 
 
 @pytest.mark.usefixtures("raises")

@@ -119,6 +119,7 @@ def test_twenty_kills_damage_and_a_full_disk(serve, unbroken, small_disk):
 
     answer = attempt(backend="loky", kill_workers=OF_WORKERS, kill_at=200)  # some 25 parts
     assert answer["signal"] == signal.SIGKILL
+    assert answer["workers"] == len(OF_WORKERS)
     assert len(safe) > max(OF_WORKERS)
     for number in range(1, OF_THE_PARENT):
         answer = attempt(kill_at=chance.randrange(1, took["steps"] // 22))

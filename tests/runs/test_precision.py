@@ -6,7 +6,8 @@ import shutil
 import numpy as np
 import pytest
 
-from study.analysis.summary import printed, summarise, summary
+from study.analysis.summary import summarise, summary
+from study.analysis.summary_text import printed
 from study.experiment.config import parse
 from study.runs import runner
 from study.runs.adaptive import cell_measures
@@ -309,7 +310,7 @@ class TestBudget:
         assert (table["reason"] == "budget").all()
         assert len(run.table("errors")) == 0
         summarise(run)
-        assert list(printed(run))[1:] == ["no cell has a trial yet"]
+        assert list(printed(run))[2:] == ["no cell has a trial yet"]
 
     def test_status(self, go):
         """How many cells are open, and that the budget stopped it; of a finished run, why each cell stopped."""
