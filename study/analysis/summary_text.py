@@ -1,6 +1,6 @@
 """The summary of a run for a terminal: median errors in units of the bound."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Hashable, Iterator, Mapping
 
 import numpy as np
 
@@ -29,7 +29,7 @@ def printed(run: Run) -> Iterator[str]:
     yield from columns(rows, ["", *dict.fromkeys(frame["estimator"])])
 
 
-def _conditions(row: Mapping[str, float], varying: list[str]) -> str:
+def _conditions(row: Mapping[Hashable, float], varying: list[str]) -> str:
     """The conditions of a group; radius and centre only if they vary."""
     if np.isfinite(row["decade"]):
         return f"σ/r = 1e{int(row['decade']):+03d} …"
@@ -37,7 +37,7 @@ def _conditions(row: Mapping[str, float], varying: list[str]) -> str:
     return ", ".join([*parts, *(f"{'r' if name == 'radius' else '|c|'} = {row[name]:g}" for name in varying)])
 
 
-def _median(row: Mapping[str, float]) -> str:
+def _median(row: Mapping[Hashable, float]) -> str:
     if row["ok"] == 0:
         return "none ok"
     failed = 1.0 - row["ok"] / row["planned"]

@@ -1,7 +1,9 @@
 """The same run by threads, by processes and by a Dask cluster, one of whose workers is killed: the same bytes."""
 
+import functools
 import json
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -57,7 +59,8 @@ def gate(held, tmp_path, monkeypatch):
 @pytest.fixture
 def cluster(gate, held, wait_for, tmp_path):
     """A scheduler and two workers, each a process, started as the manual says; its address and the workers."""
-    paths = [str(Path(study.__file__).parents[1]), str(held.parent), os.environ.get("PYTHONPATH", "")]
+    paths = [str(Path(study.__file__).parents[1]), str(held.parent), str(Path(__file__).parent)]
+    paths.append(os.environ.get("PYTHONPATH", ""))
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
     processes, place = [], tmp_path / "scheduler.json"
 
@@ -110,6 +113,30 @@ def test_dask_with_a_worker_killed_midway(start, expected, cluster, gate, wait_f
     assert tables(run) == expected
     assert not run.has("failures")
     assert run.manifest()["backend"] == "dask"
+
+
+@pytest.fixture
+def no_second_worker(monkeypatch):
+    """Let the scheduler fail a task as soon as one worker has died of it."""
+    monkeypatch.setenv("DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES", "0")
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning:distributed")
+def test_dask_with_a_task_that_kills_its_workers(start, no_second_worker, cluster, tmp_path, monkeypatch):
+    """The scheduler fails the task; it is tried once more, and given up; the run ends, without a worker left."""
+    import deadly
+
+    small = {"top": {"estimators": ["lls"]}, "samples": 6, "noise": 0.05, "angle": 60}
+    (cell,) = set(start(**small).table("errors")["cell"])
+    (tmp_path / "ends").mkdir()
+    kill = functools.partial(deadly.kill, tmp_path / "ends", frozenset([cell]), 1000)
+    monkeypatch.setattr("study.runs.workers.dask_cluster._PATIENCE", 600.0)
+    monkeypatch.setattr("study.runs.runner.execute", kill)
+    address, workers = cluster
+    run = start(jobs=Workers("dask", 2, address), **small)
+    assert [worker.wait() for worker in workers] == [-signal.SIGKILL] * 2
+    assert run.manifest()["lost"] == len(run.table("failures")) == 3
+    assert all(message.startswith("the worker died, twice: ") for message in run.table("failures")["message"])
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nonsense://x", "127.0.0.1:notaport"])
