@@ -253,7 +253,7 @@ def test_types_are_named_and_lines_are_formatted():
 def cited(text):
     """Numbers of sections, statements and equations that a text cites of the theory page."""
     number = r"\(?(\d+(?:\.\d+)?)\)?"
-    for match in re.finditer(rf"[Tt]heory(?:\.md)?,?\s+(?:§+|table\s+)?\s*{number}", text):
+    for match in re.finditer(rf"[Tt]heory(?:\.md)?\s+(?:§+|table\s+)?\s*{number}", text):
         yield match[1]
         rest = text[match.end() :]
         while more := re.match(rf"(?:,| and)\s+§?{number}", rest):
