@@ -12,8 +12,14 @@ from typing import Annotated, Any
 import typer
 
 from study.analysis.commands import cost, diff, estimators, status, summary, worst
-from study.mocap import commands
-from study.runs.commands import Code, Folder, worker
+from study.mocap.commands.case_study import case_study
+from study.mocap.commands.fetch import fetch
+from study.mocap.commands.joints import joints
+from study.mocap.commands.markersets import markersets
+from study.mocap.commands.recording import recording
+from study.mocap.commands.skeleton import skeleton
+from study.mocap.commands.synthetic import synthetic
+from study.runs.commands import ExitCode, Folder, worker
 from study.runs.workers import instruction_set
 
 app = typer.Typer(
@@ -65,7 +71,6 @@ def configs() -> None:
 @app.command()
 def plan(config: Config, jobs: Jobs = 2) -> None:
     """Predict a study's size and time without running it."""
-    from study.analysis.summary import of_errors
     from study.experiment.config import load
     from study.experiment.shipped_configs import config_file
     from study.runs.plan import extremes
@@ -77,7 +82,7 @@ def plan(config: Config, jobs: Jobs = 2) -> None:
     for title, part in extremes(study).items():
         if title:
             typer.echo(f"  {title}")
-        for line in columns(make_plan(part, jobs, of_errors).lines(), indent=2):
+        for line in columns(make_plan(part, jobs).lines(), indent=2):
             typer.echo(line)
 
 
@@ -94,43 +99,42 @@ def run(
 
     The tables are stored, and the folder of each run is printed.
     """
-    from study.analysis.summary import of_errors, summarise
+    from study.analysis.summary import summarise
     from study.experiment.config import read
     from study.experiment.shipped_configs import config_file
     from study.posterior.run import compute
     from study.runs import runner
-    from study.runs.adaptive.time_budget import Budget
-    from study.runs.finish import complaint, stopped
-    from study.runs.jobs import long
-    from study.runs.workers.dispatch import Workers
-    from study.statistics.performance import measured
+    from study.runs.adaptive.time_budget import TimeBudget
+    from study.runs.finish import budget_message, failure_message
+    from study.runs.jobs import takes_long
+    from study.runs.workers.choose import Workers
 
     if (backend == "dask") != (scheduler is not None) or backend not in (None, "threads", "loky", "dask"):
         raise typer.BadParameter("--backend is threads, loky or dask; --scheduler goes with dask, and only with it")
     if out is not None and len(configs) > 1:
         raise typer.BadParameter(f"--out {out} is a folder for one config, but {len(configs)} are given; leave it out")
-    complaints, code = [], Code.FAILURES
+    complaints, code = [], ExitCode.TOO_MANY_FAILURES
     studies = [read(config_file(config)) for config in configs]  # a fault in the last one shows before the first runs
     for config, (study, _) in zip(configs, studies, strict=True):
         if budget is not None and study.precision is None:
-            words = f"{config} has no [precision] and cannot stop early; leave --budget out"
-            raise typer.BadParameter(f"--budget {budget:g}: {words}")
+            reason = f"{config} has no [precision] and cannot stop early; leave --budget out"
+            raise typer.BadParameter(f"--budget {budget:g}: {reason}")
     for study, text in studies:
-        workers = Workers(backend or ("loky" if jobs > 1 and long(study) else "threads"), jobs, scheduler)
+        workers = Workers(backend or ("loky" if jobs > 1 and takes_long(study) else "threads"), jobs, scheduler)
         with _progress(study.run_name()) as advance:
             folder = out or Path("results") / study.run_name()
-            end = None if budget is None else Budget(budget)
-            done = runner.run(study, text, folder, workers, advance, reduce=of_errors, judge=measured, budget=end)
+            end = None if budget is None else TimeBudget(budget)
+            done = runner.run(study, text, folder, workers, advance, budget=end)
         if not done.has("summary"):
             summarise(done)
-        if (words := stopped(done)) is not None:
+        if (words := budget_message(done)) is not None:
             complaints.append(words)
-            code = Code.BUDGET
+            code = ExitCode.BUDGET
         elif study.posterior is not None:
             with _progress("posteriors") as advance:
                 compute(done, workers, advance)
         typer.echo(str(done.folder))
-        complaints += [said for said in [complaint(done)] if said]
+        complaints += [said for said in [failure_message(done)] if said]
     if complaints:
         raise typer.Exit(_complain("\n".join(complaints), code))
 
@@ -177,7 +181,7 @@ def claims(folders: Folders, cost: Cost = None, recording: Recordings = None) ->
     The verdicts and the numbers behind them are printed, and stored in the first run's folder.
     """
     from study.analysis.claims import judge_all, printed, save
-    from study.mocap.case_study.stored_tables import read_case_studies
+    from study.mocap.case_study.stored_case_studies import read_case_studies
     from study.runs.storage.run_folder import Run
 
     runs = [Run.open(folder) for folder in folders]
@@ -196,7 +200,7 @@ def report(
     It has the claims, figures, tables and provenance, and needs no other file.
     """
     from study.analysis.claims import judge_all
-    from study.mocap.case_study.stored_tables import read_case_studies
+    from study.mocap.case_study.stored_case_studies import read_case_studies
     from study.report import read_bench, render, save
     from study.runs.storage.run_folder import Run
 
@@ -257,16 +261,17 @@ def replay(folder: Folder, cell: Cell, trial: Trial = None, out: PointsOut = Non
         save_picture(draw(prepare(frame.to_numpy(), fits(run.study, drawn), axes)), plot)
 
 
-for _command in (status, summary, diff, worst, estimators, cost, worker):
-    app.command()(_command)
-for _command in (
-    commands.recording,
-    commands.joints,
-    commands.skeleton,
-    commands.case_study,
-    commands.synthetic,
-    commands.fetch,
-):
+_OF_RUNS: tuple[Callable[..., None], ...] = (status, summary, diff, worst, estimators, cost, worker)
+_OF_RECORDINGS: tuple[Callable[..., None], ...] = (
+    recording,
+    joints,
+    skeleton,
+    case_study,
+    synthetic,
+    fetch,
+    markersets,
+)
+for _command in _OF_RUNS + _OF_RECORDINGS:
     app.command()(_command)
 
 
@@ -283,7 +288,7 @@ def _progress(words: str) -> Iterator[Callable[[float], None]]:
 
 
 def main(command: Callable[..., Any] = app) -> None:
-    """Entry point; see `Code`."""
+    """Entry point; see `ExitCode`."""
     instruction_set.fix()
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, _interrupt)  # a batch system sends it when time is up
@@ -293,8 +298,8 @@ def main(command: Callable[..., Any] = app) -> None:
     try:
         command()
     except SystemExit as end:
-        if end.code == Code.INTERRUPTED:
-            _complain("interrupted; run the same command again to resume", Code.INTERRUPTED)
+        if end.code == ExitCode.INTERRUPTED:
+            _complain("interrupted; run the same command again to resume", ExitCode.INTERRUPTED)
         raise
     except Exception as error:
         from study.analysis.pointfile import PointFileError
@@ -304,9 +309,9 @@ def main(command: Callable[..., Any] = app) -> None:
         from study.runs.storage.run_folder import RunError
 
         if isinstance(error, ConfigError | PointFileError | RecordingError | ReplayError):
-            raise SystemExit(_complain(str(error), Code.USAGE)) from None
+            raise SystemExit(_complain(str(error), ExitCode.USAGE)) from None
         if isinstance(error, RunError):
-            raise SystemExit(_complain(str(error), Code.FAILURE)) from None
+            raise SystemExit(_complain(str(error), ExitCode.FAILURE)) from None
         raise
 
 
@@ -314,7 +319,7 @@ def _interrupt(number: int, frame: object) -> None:
     raise KeyboardInterrupt
 
 
-def _complain(message: str, code: int = Code.COMPLETE) -> int:
+def _complain(message: str, code: int = ExitCode.COMPLETE) -> int:
     """Print a message to standard error; returns the exit code."""
     print(message, file=sys.stderr)
     return code

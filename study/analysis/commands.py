@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from study.runs.commands import Code, Folder
+from study.runs.commands import ExitCode, Folder
 
 
 def status(folder: Folder) -> None:
@@ -14,9 +14,8 @@ def status(folder: Folder) -> None:
     These are its units, parts, failures, tables, and the software that made it.
     """
     from study.runs.status import printed
-    from study.statistics.performance import measured
 
-    for line in printed(folder, measured):
+    for line in printed(folder):
         typer.echo(line)
 
 
@@ -44,7 +43,7 @@ def diff(
     for line in printed(found):
         typer.echo(line)
     if found.different:
-        raise typer.Exit(Code.FAILURE)
+        raise typer.Exit(ExitCode.FAILURE)
 
 
 def worst(

@@ -7,7 +7,7 @@ that the target is for. So the decision is a function of the cell's own rows, an
 To stop where an *estimated* error is small is to stop rather where it came out too small. With few checkpoints, each of
 twice the trials, that costs little: the real standard error of what is found is within the target, and 2 targets on
 either side hold the truth in 97 % of cells; 2 of the errors that are stored hold it in 93 %, where they do so in 93 to
-95 % after a number of trials fixed beforehand (`tests/analysis/test_precision_coverage.py`).
+95 % after a number of trials fixed beforehand (`tests/statistics/test_precision_coverage.py`).
 """
 
 import difflib

@@ -16,7 +16,9 @@ from study.runs.storage.atomic_write import RunError
 from study.runs.storage.lock import writing
 from study.runs.storage.parts import Packet, Parts
 from study.runs.storage.run_folder import Run
-from study.runs.workers.dispatch import Crew, Pool, Workers, kept
+from study.runs.workers.backend import Backend
+from study.runs.workers.choose import Workers
+from study.runs.workers.dispatch import Dispatch
 
 _OUTPUTS = ("chain",)
 _HEAVY = 1e8
@@ -51,13 +53,13 @@ def compute(run: Run, jobs: Workers | int = 2, progress: Callable[[float], None]
     stored = {"answers": schemas.answers(d), "draws": schemas.draws(d), "posterior": schemas.posterior(d)}
     if workers.backend == "threads" and workers.jobs > 1:
         workers = replace(workers, backend="loky")
-    with workers.open() as pool, threadpool_limits(limits=1), writing(run.folder):
+    with workers.open() as backend, threadpool_limits(limits=1), writing(run.folder):
         parts = Parts(run.folder, "chains")
         parts.load()
         for name in parts.damaged:
             print(f"{parts.folder / name}: damaged; moved to parts/damaged and computed again", file=sys.stderr)
         _keep_finished(run, parts, keys, list(stored))
-        _compute(parts, (study, posterior), keys, pool, progress)
+        _compute(parts, (study, posterior), keys, backend, progress)
         for name, columns in stored.items():  # ``posterior`` last: where it is, the others are
             found = (table for key in keys for _, _, table in parts.tables(key, name))
             run.join(name, columns, found, metadata)
@@ -80,23 +82,20 @@ def _keep_finished(run: Run, parts: Parts, wanted: dict[str, ChainTask], names: 
 
 
 def _compute(
-    parts: Parts, shared: Shared, keys: dict[str, ChainTask], pool: Pool, progress: Callable[[float], None] | None
+    parts: Parts, shared: Shared, keys: dict[str, ChainTask], backend: Backend, progress: Callable[[float], None] | None
 ) -> None:
     """Run the missing chains and store each as it finishes."""
     missing = [item for item in keys.items() if not parts.outputs(item[0])]
     lost: list[str] = []
-    crew: Crew[tuple[str, ChainTask]] = Crew(pool, _chains, shared)
-    with kept(crew, parts):
-        for done in crew.results(missing, lambda item: _HEAVY * item[1].address.cell.samples, parts.patience):
-            if done is None:
-                parts.commit()
-                continue
-            if done.packet is None:
-                lost.append(done.message)
-            else:
-                parts.add(done.packet)
-            if progress is not None:
-                progress(len(done.items) / len(missing))
+
+    def ended(items: tuple[tuple[str, ChainTask], ...], failure: str) -> None:
+        if failure:
+            lost.append(failure)
+        if progress is not None:
+            progress(len(items) / len(missing))
+
+    dispatch = Dispatch(backend, _chains, shared, parts)
+    dispatch.compute(missing, lambda item: _HEAVY * item[1].address.cell.samples, ended)
     if lost:
         raise RunError(f"{parts.folder.parent}: {len(lost)} chains could not be run: {lost[0]}; the others are stored")
 

@@ -34,7 +34,7 @@ def test_a_budget_that_ends_at_once(call_here, folder):
         assert (code, said) == (4, "out\n")
         assert len(complained.splitlines()) == 1
         assert complained.startswith("out: stopped by its budget of 0 s: 0 of 4 cells reached the target; `study run ")
-        assert complained.endswith(" goes on\n")
+        assert complained.endswith(" resumes it\n")
     assert "stopped by its budget of 0 s" in call_here(folder, "status", "out")[1]
     assert "no cell has a trial yet" in call_here(folder, "summary", "out")[1]
     for verb in ("figures", "report"):

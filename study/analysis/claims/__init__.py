@@ -47,7 +47,7 @@ def judge_all(runs: Iterable[Run], cost: Path | None = None, spreads: pd.DataFra
     Args:
         runs: finished runs, of different configs.
         cost: the file of a cost table, as `study cost` writes it.
-        spreads: spreads of the joints of recordings, as `study.mocap.case_study.stored_tables` reads them.
+        spreads: spreads of the joints of recordings, as `study.mocap.case_study.stored_case_studies` reads them.
 
     Returns:
         The claims table: a row per claim; columns as `study.runs.storage.schemas.CLAIMS` declares them.
