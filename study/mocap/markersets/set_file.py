@@ -8,6 +8,7 @@ from pydantic import ValidationError
 
 from study.experiment.config_faults import ConfigError, Fault, report
 from study.mocap.markersets.marker_set import Joint, MarkerSet, MarkerSetParts, Segment, misfits
+from study.text.columns import columns
 
 FOLDER = Path(__file__).parent
 """The folder of the shipped files: this room of the package."""
@@ -35,8 +36,7 @@ def shipped_text(name: str) -> str:
 def described() -> list[str]:
     """A line for each shipped marker set: name, numbers of markers and joints, and what it is."""
     sets = [load_markerset(name) for name in shipped()]
-    width = max(len(one.name) for one in sets)
-    return [f"{s.name:{width}}  {len(s.markers())} markers  {len(s.joints)} joints  {s.about}" for s in sets]
+    return list(columns([s.name, f"{len(s.markers())} markers", f"{len(s.joints)} joints", s.about] for s in sets))
 
 
 def load_markerset(name: str | Path) -> MarkerSet:
