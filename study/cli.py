@@ -19,7 +19,7 @@ from study.mocap.commands.markersets import markersets
 from study.mocap.commands.recording import recording
 from study.mocap.commands.skeleton import skeleton
 from study.mocap.commands.synthetic import synthetic
-from study.runs.commands import ExitCode, Folder, worker
+from study.runs.commands import RUNS, ExitCode, Folder, run_folder, worker
 from study.runs.workers import instruction_set
 
 app = typer.Typer(
@@ -33,7 +33,10 @@ app = typer.Typer(
 _CONFIG = "config file, or name of a shipped config (see `study configs`)"
 Config = Annotated[Path, typer.Argument(metavar="CONFIG", help=_CONFIG)]
 Configs = Annotated[list[Path], typer.Argument(metavar="CONFIG…", help=_CONFIG)]
-Folders = Annotated[list[Path], typer.Argument(metavar="RUN", help="folders of runs, each of another config")]
+Folders = Annotated[
+    list[Path],
+    typer.Argument(metavar="RUN", parser=run_folder, help="folders of runs, or their configs, each of another config"),
+]
 Cost = Annotated[Path | None, typer.Option("--cost", help="table that `study cost` stores, for the claims on cost")]
 _RECORDING = "folder that `study case-study` wrote; may be given several times"
 Recordings = Annotated[list[Path] | None, typer.Option("--recording", metavar="DIR", help=_RECORDING)]
@@ -122,7 +125,7 @@ def run(
     for study, text in studies:
         workers = Workers(backend or ("loky" if jobs > 1 and takes_long(study) else "threads"), jobs, scheduler)
         with _progress(study.run_name()) as advance:
-            folder = out or Path("results") / study.run_name()
+            folder = out or RUNS / study.run_name()
             end = None if budget is None else TimeBudget(budget)
             done = runner.run(study, text, folder, workers, advance, budget=end)
         if not done.has("summary"):

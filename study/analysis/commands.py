@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from study.runs.commands import ExitCode, Folder
+from study.runs.commands import ExitCode, Folder, run_folder
 
 
 def status(folder: Folder) -> None:
@@ -29,8 +29,8 @@ def summary(folder: Folder) -> None:
 
 
 def diff(
-    one: Annotated[Path, typer.Argument(metavar="RUN_A", help="folder of a run")],
-    other: Annotated[Path, typer.Argument(metavar="RUN_B", help="folder of another run")],
+    one: Annotated[Path, typer.Argument(metavar="RUN_A", parser=run_folder, help="folder of a run, or its config")],
+    other: Annotated[Path, typer.Argument(metavar="RUN_B", parser=run_folder, help="folder of another run")],
 ) -> None:
     """Compare two runs.
 

@@ -6,7 +6,28 @@ from typing import Annotated
 
 import typer
 
-Folder = Annotated[Path, typer.Argument(metavar="RUN", help="a run's folder, such as results/paper-0123456789")]
+RUNS = Path("results")
+"""Folder of the runs, below the current one."""
+
+
+def run_folder(argument: str) -> Path:
+    """The folder of a run, given itself or as the config of a run in `RUNS`."""
+    path = Path(argument)
+    if path.suffix != ".toml" or path.is_dir():
+        return path
+    from study.experiment.config import load
+
+    return RUNS / load(path).run_name()
+
+
+Folder = Annotated[
+    Path,
+    typer.Argument(
+        metavar="RUN",
+        parser=run_folder,
+        help=f"a run's folder, such as results/paper-0123456789, or the config of a run in {RUNS}/",
+    ),
+]
 
 
 class ExitCode(IntEnum):

@@ -109,3 +109,17 @@ def test_a_shipped_config_by_name(call_here, tmp_path):
     code, said, complained = call_here(tmp_path, "plan", "smoke")
     assert (code, complained) == (0, "")
     assert said.splitlines()[0] == load(shipped_config("smoke")).run_name()
+
+
+def test_a_config_names_its_run(finished, call_here, config, tmp_path):
+    """Where a command takes a run's folder it also takes the config of a run in results/."""
+    (tmp_path / "tiny.toml").write_text(config)
+    name = parse(config).run_name()
+    (tmp_path / "results").mkdir()
+    (tmp_path / "results" / name).symlink_to(finished[0] / "out", target_is_directory=True)
+    by_config, by_folder = (call_here(tmp_path, "summary", word) for word in ("tiny.toml", f"results/{name}"))
+    assert by_config == by_folder
+    assert by_config[0] == 0
+    code, said, complained = call_here(tmp_path, "summary", "none.toml")
+    assert (code, said) == (2, "")
+    assert "none.toml: cannot be read" in complained
