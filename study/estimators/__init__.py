@@ -15,6 +15,7 @@ from study.estimators.mle_starts import mle_centroid, mle_mirror
 from study.estimators.multi_marker import JointFit, mgdk
 from study.estimators.unknown_covariance import ugdk_cov
 from study.sphere.bounds import noise_covariance
+from study.text.nearest import did_you_mean
 
 
 def _moments(d: int) -> float:
@@ -69,7 +70,7 @@ def fit(points: ArrayLike, estimator: str = "als", noise: ArrayLike | None = Non
         ValueError: if the shape, the noise or the estimator's name cannot be used.
     """
     if estimator not in ESTIMATORS:
-        raise ValueError(f"estimator = {estimator!r}: known are {', '.join(ESTIMATORS)}")
+        raise ValueError(f"estimator = {estimator!r}: unknown; {did_you_mean(estimator, ESTIMATORS)}")
     array = np.asarray(points)
     if isinstance(points, np.ma.MaskedArray):  # a mask means missing, which is NaN here
         array = np.where(np.ma.getmaskarray(points), np.nan, array)

@@ -1,6 +1,5 @@
 """A study's config: TOML in, a frozen `Study` out, or one message with every fault."""
 
-import difflib
 import hashlib
 import math
 import tomllib
@@ -17,6 +16,7 @@ from study.experiment.config_faults import ConfigError, Fault, report
 from study.experiment.distributions import Choice, Constant, Frozen, is_number
 from study.experiment.posterior_config import CONDITIONS, Posterior, same
 from study.experiment.precision_config import Precision, precision_faults
+from study.text.nearest import did_you_mean
 
 
 def _tuples(value: object) -> object:
@@ -27,9 +27,7 @@ def _tuples(value: object) -> object:
 def _known_estimators(names: tuple[str, ...]) -> tuple[str, ...]:
     unknown = [name for name in names if name not in ESTIMATORS]
     if unknown:
-        near = [difflib.get_close_matches(name, ESTIMATORS, n=1) for name in unknown]
-        hint = "".join(f"; did you mean {n[0]!r}?" for n in near if n)
-        raise ValueError(f"{', '.join(map(repr, unknown))} unknown: known are {', '.join(ESTIMATORS)}{hint}")
+        raise ValueError(f"{', '.join(map(repr, unknown))} unknown; {did_you_mean(unknown, ESTIMATORS)}")
     if len(set(names)) < len(names):
         raise ValueError("an estimator is named twice")
     return names

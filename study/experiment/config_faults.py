@@ -1,6 +1,5 @@
 """What is wrong with a config: every fault with its line, its place, the value and what is allowed."""
 
-import difflib
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -8,6 +7,7 @@ from dataclasses import dataclass
 from pydantic import ValidationError
 
 from study.experiment.distributions import LAWS
+from study.text.nearest import did_you_mean
 
 Path = tuple[str | int, ...]
 _MISSING = object()
@@ -68,8 +68,7 @@ def _unknown(key: str, known: list[str]) -> str:
     """What to say about an unknown key."""
     if key in known:
         return "unknown key: not one of this kind of design"
-    near = difflib.get_close_matches(key, known, n=1)
-    return f"unknown key; did you mean {near[0]!r}?" if near else f"unknown key; known are {', '.join(known)}"
+    return f"unknown key; {did_you_mean(key, known)}"
 
 
 def _path(location: Sequence[str | int]) -> Path:

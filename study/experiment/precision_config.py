@@ -10,7 +10,6 @@ either side hold the truth in 97 % of cells; 2 of the errors that are stored hol
 95 % after a number of trials fixed beforehand (`tests/statistics/test_precision_coverage.py`).
 """
 
-import difflib
 import math
 from collections.abc import Sequence
 from itertools import product
@@ -20,6 +19,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from study.experiment.config_faults import Fault
 from study.experiment.distributions import Frozen
+from study.text.nearest import did_you_mean
 
 MEASURES = (
     *(f"{name}_{of}" for name, of in product(
@@ -32,9 +32,7 @@ MEASURES = (
 
 def _known(name: str) -> str:
     if name not in MEASURES:
-        near = difflib.get_close_matches(name, MEASURES, n=1)
-        hint = f"; did you mean {near[0]!r}?" if near else ""
-        raise ValueError(f"no measure of the summary: known are {', '.join(MEASURES)}{hint}")
+        raise ValueError(f"no measure of the summary; {did_you_mean(name, MEASURES)}")
     return name
 
 
@@ -114,8 +112,6 @@ def precision_faults(precision: Precision, estimators: Sequence[str], grid: bool
         faults.append(Fault(("precision", "first"), words, precision.first))
     unknown = [name for name in precision.estimators or () if name not in estimators]
     if unknown:
-        near = [difflib.get_close_matches(name, estimators, n=1) for name in unknown]
-        hint = "".join(f"; did you mean {n[0]!r}?" for n in near if n)
-        words = f"{', '.join(map(repr, unknown))} not among the study's, which are {', '.join(estimators)}{hint}"
+        words = f"{', '.join(map(repr, unknown))} not among the study's; {did_you_mean(unknown, estimators)}"
         faults.append(Fault(("precision", "estimators"), words))
     return faults

@@ -1,6 +1,5 @@
 """One trial again, from its name: the same points to the last bit, wherever its run was made."""
 
-import difflib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import chain
@@ -10,6 +9,7 @@ from study.experiment.config import Study
 from study.experiment.design import Batch, Cell, RandomGroup, Span, groups, spans, spans_of
 from study.experiment.sampling import draw
 from study.sphere.types import Floats
+from study.text.nearest import nearest
 
 _MOST_COMPARED = 20_000
 
@@ -98,8 +98,8 @@ def locate(study: Study, cell: str) -> tuple[Cell, list[Span]]:
         for each in matching:
             found.setdefault(each.name, (each, []))[1].append(span)
     if not found:
-        near = difflib.get_close_matches(cell, names, n=1)
-        hint = f"did you mean {near[0]}? The" if near else "the"
+        close = nearest(cell, names)
+        hint = "the" if close is None else f"did you mean {close}? The"
         raise ReplayError(
             f"cell {cell!r}: no such cell in {study.run_name()}; {hint} error table's first column has them"
         )

@@ -71,4 +71,4 @@ def describe(recording: Recording) -> list[str]:
         longest = f"{found.longest / recording.rate:.2f} s" if found.longest else "-"
         extent = f"{far:.2f} m" if np.isfinite(far) else "-"
         rows.append([marker, f"{found.missing / frames:.1%}", str(found.gaps), longest, extent])
-    return lines + list(columns(rows, header=["marker", "missing", "gaps", "longest", "extent"], align="<>"))
+    return [*lines, *columns(rows, ["marker", "missing", "gaps", "longest", "extent"], "<>")]
