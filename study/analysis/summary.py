@@ -4,7 +4,7 @@ Failures count: every quantile comes twice, of the fits whose status is ok (``_o
 others counted as worse than any (``_all``). Nothing is left out silently.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,25 +13,27 @@ import pyarrow as pa
 
 from study.analysis.error_groups import Grouped, label
 from study.estimators import Status
+from study.experiment.conditions import CONDITIONS, NOISE_OVER_RADIUS, STORED, Condition, telling_apart
 from study.experiment.errors import Columns, Errors
 from study.runs.storage import schemas
 from study.runs.storage.run_folder import Run
 from study.statistics.performance import MEASURES, Fits
 
-_CONDITIONS = ["samples", "noise", "angle", "radius", "center"]
-_COLUMNS = [*_CONDITIONS, "error", "error_1", "bound", "status"]
+_COLUMNS = ["error", "error_1", "bound", "status"]
 
 
 def summarise(run: Run) -> None:
     """Summarise a run's error table, and store the summary beside it; a few groups are in memory at a time."""
-    grouped, columns = Grouped(run), schemas.summary()
+    grouped, conditions = Grouped(run), run.study.conditions()
+    names = [condition.name for condition in conditions]
 
     def parts() -> Iterator[pa.Table]:
         for keys in grouped.batches():
-            found = grouped.read(keys, _COLUMNS)
-            yield schemas.table(columns, _stacked([_row(*key, _arrays(found[key])) for key in keys]))
+            found = grouped.read(keys, [*names, *_COLUMNS])
+            rows = [_row(*key, _arrays(found[key], names), names) for key in keys]
+            yield schemas.table(schemas.summary(conditions), _stacked(rows, names))
 
-    run.join("summary", columns, parts(), {"study.config": run.study.canonical()})
+    run.join("summary", schemas.summary(conditions), parts(), {"study.config": run.study.canonical()})
 
 
 def summary(errors: pd.DataFrame, by_decade: bool) -> pd.DataFrame:
@@ -47,8 +49,10 @@ def summary(errors: pd.DataFrame, by_decade: bool) -> pd.DataFrame:
     errors = label(errors, by_decade)
     if by_decade:
         errors = errors.sort_values("decade", kind="stable")
+    names = [condition.name for condition in STORED if condition.name in errors]
     groups = errors.groupby(["group", "estimator"], sort=False, observed=True)
-    return pd.DataFrame([_row(str(group), str(estimator), _arrays(part)) for (group, estimator), part in groups])
+    rows = [_row(str(group), str(name), _arrays(part, names), names) for (group, name), part in groups]
+    return pd.DataFrame(rows)
 
 
 def of_errors(errors: Errors) -> Columns:
@@ -62,8 +66,7 @@ def of_errors(errors: Errors) -> Columns:
     """
     distance, bound, rows = errors.distance, errors.center_bound, []
     for place, cell in enumerate(errors.cells):
-        conditions = (cell.samples, cell.noise, cell.angle, cell.radius, cell.distance)
-        known = {name: np.array([value]) for name, value in zip(_CONDITIONS, conditions, strict=True)}
+        known = {name: np.array([cell.values[name]]) for name in errors.conditions}
         for index, estimator in enumerate(errors.estimators):
             found = {
                 "error": distance[place, index],
@@ -72,21 +75,21 @@ def of_errors(errors: Errors) -> Columns:
                 "status": errors.status[place, index],
                 "decade": np.array([np.nan]),
             }
-            rows.append(_row(cell.name, estimator, known | found))
-    return _stacked(rows)
+            rows.append(_row(cell.name, estimator, known | found, errors.conditions))
+    return _stacked(rows, errors.conditions)
 
 
-def _stacked(rows: list[dict[str, Any]]) -> Columns:
+def _stacked(rows: list[dict[str, Any]], conditions: Sequence[str]) -> Columns:
     """Rows as columns of the summary table."""
     frame = pd.DataFrame(rows)
-    return {column.name: frame[column.name].to_numpy() for column in schemas.summary()}
+    return {c.name: frame[c.name].to_numpy() for c in schemas.summary([CONDITIONS[name] for name in conditions])}
 
 
-def _arrays(part: pd.DataFrame) -> Columns:
-    return {name: part[name].to_numpy() for name in [*_COLUMNS, "decade"]}
+def _arrays(part: pd.DataFrame, conditions: Sequence[str]) -> Columns:
+    return {name: part[name].to_numpy() for name in [*conditions, *_COLUMNS, "decade"]}
 
 
-def _row(group: str, estimator: str, column: Columns) -> dict[str, Any]:
+def _row(group: str, estimator: str, column: Columns, conditions: Sequence[str]) -> dict[str, Any]:
     """One group of one estimator."""
     status = column["status"]
     row: dict[str, Any] = {
@@ -95,7 +98,9 @@ def _row(group: str, estimator: str, column: Columns) -> dict[str, Any]:
         "decade": column["decade"][0],
         "planned": len(status),
     }
-    row |= {name: column[name][0] if np.all(column[name] == column[name][0]) else np.nan for name in _CONDITIONS}
+    for name in conditions:
+        varies = np.any(column[name] != column[name][0])
+        row[name] = column[name][0] if not varies else "" if CONDITIONS[name].kind is str else np.nan
     row |= {s.name.lower(): int(np.sum(status == s)) for s in Status}
     fits = Fits(column)
     for name, measure in MEASURES.items():
@@ -113,8 +118,8 @@ def printed(run: Run) -> Iterator[str]:
     frame = run.table("summary")
     estimators = list(dict.fromkeys(frame["estimator"]))
     groups = list(frame.groupby("group", sort=False))
-    varying = [name for name in ("radius", "center") if frame[name].nunique() > 1]
-    labels = [_label(part.iloc[0], varying) for _, part in groups]
+    conditions = telling_apart(frame)
+    labels = [_label(part.iloc[0], conditions) for _, part in groups]
     yield f"{run.study.run_name()}: median error of the centre over the Cramér-Rao bound ± Monte-Carlo error (not ok)"
     if frame.empty:
         yield "no cell has a trial yet"
@@ -125,12 +130,11 @@ def printed(run: Run) -> Iterator[str]:
         yield f"{text:<{wide}}" + "".join(f"  {_short(row):<26}" for _, row in part.iterrows()).rstrip()
 
 
-def _label(row: "pd.Series[Any]", varying: list[str]) -> str:
-    """What a group is, in words."""
+def _label(row: "pd.Series[Any]", conditions: list[Condition]) -> str:
+    """A group in words: its decade, or the conditions of its cell."""
     if np.isfinite(row["decade"]):
-        return f"σ/r = 1e{int(row['decade']):+03d} …"
-    parts = [f"N = {row['samples']:g}", f"σ/r = {row['noise'] / row['radius']:.3g}", f"φ = {row['angle']:.4g}°"]
-    return ", ".join([*parts, *(f"{'r' if name == 'radius' else '|c|'} = {row[name]:g}" for name in varying)])
+        return f"{NOISE_OVER_RADIUS.symbol} = 1e{int(row['decade']):+03d} …"
+    return ", ".join(condition.label(row) for condition in conditions)
 
 
 def _short(row: "pd.Series[Any]") -> str:

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 
 from study.estimators import Status
+from study.experiment.conditions import named_in
 from study.runs.storage.atomic_write import RunError
 from study.runs.storage.run_folder import Run
 
@@ -49,15 +50,18 @@ def printed(run: Run, count: int, estimator: str | None = None) -> Iterator[str]
     known = run.study.estimators
     if estimator is not None and estimator not in known:
         raise RunError(f"{run.folder}: estimator {estimator!r} is not in it; it has {', '.join(known)}")
-    columns = ["cell", "trial", "samples", "noise", "radius", "angle", "estimator", "error", "bound", "status"]
+    conditions = [condition.name for condition in run.study.conditions()]
+    columns = ["cell", "trial", *conditions, "estimator", "error", "bound", "status"]
     found = worst(run.table("errors", columns), count, estimator)
+    shown = named_in(conditions)
     yield f"{run.study.run_name()}: the largest errors over the Cramér-Rao bound of fits that are ok"
-    yield f"{'trial':<20}{'estimator':<14}{'over bound':>12}{'error/r':>10}{'N':>9}{'σ/r':>10}{'φ':>8}"
+    title = f"{'trial':<20}{'estimator':<14}{'over bound':>12}{'error/r':>10}"
+    yield title + "".join(f"{condition.symbol:>10}" for condition in shown)
     for row in found.to_dict("records"):
         yield (
             f"{row['cell'] + '/' + str(row['trial']):<20}{row['estimator']:<14}{row['ratio']:>12.4g}"
-            f"{row['error'] / row['radius']:>10.3g}{row['samples']:>9}{row['noise'] / row['radius']:>10.3g}"
-            f"{row['angle']:>7.4g}°"
+            f"{row['error'] / row['radius']:>10.3g}"
+            + "".join(f"{condition.written(condition.of(row)):>10}" for condition in shown)
         )
     if len(found):
         yield f"to see the first: study replay {run.folder} {found['cell'][0]}/{found['trial'][0]} --plot worst.png"

@@ -9,7 +9,7 @@ import numpy as np
 from study.estimators import ESTIMATORS, Fit, Samples, Status
 from study.estimators.fit import blank
 from study.experiment.config import Study
-from study.experiment.design import Batch, Cell, Unit
+from study.experiment.designs.cells import Batch, Cell, Unit
 from study.experiment.errors import Columns, Errors, Truth, levels
 from study.experiment.guarded_fit import Failures, attempt
 from study.experiment.sampling import Workspace, draw
@@ -98,7 +98,7 @@ def lost(study: Study, unit: Unit, message: str, reduce: Reduce | None = None) -
         for name in study.estimators:
             failures.note(name, range(len(batch.cells)), [batch], dict.fromkeys(range(batch.trials), message))
         truths = [Truth((0.0,) * d, 0.0) for _ in on]
-        blocks.append(_errors(study, [batch], bound, [[fit] * len(study.estimators)], truths))
+        blocks.append(Errors.of(study, [batch], bound, [[fit] * len(study.estimators)], truths))
     rows, summary = _told(study, blocks, reduce)
     return Result(rows, {}, {}, failures.columns(), summary)
 
@@ -117,7 +117,7 @@ def _from_points(study: Study, unit: Unit, clock: Clock, kept: "Kept", failures:
     for batches in together(unit.batches):
         n, cells = batches[0].samples, batches[0].cells
         draws = draw(study, batches, _workspace)
-        trials = len(draws.noise)
+        trials = len(draws.unit_noise)
         clock.read("draw", n, trials)
         bound, truths = draws.unit_bound(), []
         fits: list[list[Fit]] = []
@@ -140,7 +140,7 @@ def _from_points(study: Study, unit: Unit, clock: Clock, kept: "Kept", failures:
             for place in some[0] if study.keep_points else ():
                 kept.take(cells[place], batches, samples)
         if study.estimators:  # a run whose fits are known may ask for points or timings alone
-            yield _errors(study, batches, bound, fits, truths)
+            yield Errors.of(study, batches, bound, fits, truths)
 
 
 def _side_by_side(study: Study, cells: tuple[Cell, ...], trials: int) -> Iterator[list[list[int]]]:
@@ -149,7 +149,7 @@ def _side_by_side(study: Study, cells: tuple[Cell, ...], trials: int) -> Iterato
     That is one, where an estimator, or who keeps points, wants them in memory, or where the noise is not isotropic.
     """
     entries = [ESTIMATORS[name] for name in study.estimators]
-    alone = study.keep_points or study.noise_shape is not None
+    alone = study.keep_points or not study.noise_law.isotropic
     alone = alone or not all(entry.moments_suffice or entry.by_window for entry in entries)
     count, places = 1 if alone else max(1, _SETS // trials), list(levels(cells))
     for first in range(0, len(places), count):
@@ -162,18 +162,18 @@ def _from_moments(study: Study, unit: Unit, clock: Clock, failures: Failures) ->
     for batches in together(unit.batches):
         n = batches[0].samples
         draws = draw(study, batches, _workspace)
-        clock.read("draw", n, len(draws.noise))
-        parts.append(JointMoments.of(draws.directions, draws.noise))
-        clock.read("moments", n, len(draws.noise))
+        clock.read("draw", n, len(draws.unit_noise))
+        parts.append(JointMoments.of(draws.directions, draws.unit_noise))
+        clock.read("moments", n, len(draws.unit_noise))
         bounds.append(draws.unit_bound())
-        clock.read("bound", n, len(draws.noise))
+        clock.read("bound", n, len(draws.unit_noise))
     joint, truths = JointMoments.joined(parts), []
     fits: list[list[Fit]] = []
     trials, d = len(joint.count), study.dimension
     for places in levels(cells):
         level = cells[places[0]].level
-        regression = joint.regression(np.array([level.noise]), np.array([level.radius]))
-        samples = Samples.of_regression(regression, level.noise)
+        regression = joint.regression(np.array([level.sigma]), np.array([level.radius]))
+        samples = Samples.of_regression(regression, level.sigma)
         regression.spectrum  # noqa: B018
         clock.read("points", n, trials)
         truths.append(Truth((0.0,) * d, 0.0))  # its fits are errors already
@@ -184,15 +184,7 @@ def _from_moments(study: Study, unit: Unit, clock: Clock, failures: Failures) ->
             failures.note(name, places, unit.batches, raised)
             clock.read(name, n, trials)
     if study.estimators:
-        yield _errors(study, unit.batches, np.concatenate(bounds), fits, truths)
-
-
-def _errors(
-    study: Study, batches: Sequence[Batch], bound: Floats, fits: list[list[Fit]], truths: list[Truth]
-) -> Errors:
-    """Errors of batches of the same cells, whose rows do not depend on what is computed together."""
-    blocks = tuple(batch.trials for batch in batches)
-    return Errors.of(batches[0].cells, study.estimators, batches[0].first, blocks, bound, fits, truths)
+        yield Errors.of(study, unit.batches, np.concatenate(bounds), fits, truths)
 
 
 def together(batches: Sequence[Batch]) -> Iterator[list[Batch]]:

@@ -4,19 +4,34 @@ import difflib
 import hashlib
 import math
 import tomllib
-from itertools import product
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal, Union
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator, Field, ValidationError
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    PlainValidator,
+    SerializeAsAny,
+    TypeAdapter,
+    ValidationError,
+)
 
 from study.estimators import ESTIMATORS
-from study.experiment.conditions import ALLOWED, MAX_CELLS, GridDesign, RandomDesign
+from study.experiment.conditions import ANGLE, CONDITIONS, SAMPLES, STORED, Condition, is_number
 from study.experiment.config_faults import ConfigError, Fault, report
-from study.experiment.distributions import Choice, Constant, Frozen, is_number
-from study.experiment.posterior_config import CONDITIONS, Posterior, same
+from study.experiment.designs.design import Design
+from study.experiment.designs.fields import MAX_CELLS
+from study.experiment.designs.grid import GridDesign
+from study.experiment.designs.random_design import RandomDesign
+from study.experiment.distributions import Frozen
+from study.experiment.noise import NoiseLaw, gaussian
+from study.experiment.posterior_config import Posterior, same
 from study.experiment.precision_config import Precision, precision_faults
+
+_EITHER: Any = Annotated[Union[RandomDesign, GridDesign], Field(discriminator="kind")]  # noqa: UP007  two variables
+_DESIGNS: TypeAdapter[Design] = TypeAdapter(_EITHER)
 
 
 def _tuples(value: object) -> object:
@@ -36,7 +51,7 @@ def _known_estimators(names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 class Study(Frozen):
-    """A whole study, as its config says it."""
+    """A whole study, as its config gives it."""
 
     name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]{0,60}$")]
     seed: Annotated[int, Field(ge=0)]
@@ -55,22 +70,27 @@ class Study(Frozen):
     moments of directions and noise, which gives the statistical error alone and all noise levels at once."""
     keep: Literal["errors", "summary"] = "errors"
     """What is stored of the trials: every error, or their summary alone."""
-    design: Annotated[RandomDesign | GridDesign, Field(discriminator="kind")]
+    design: Annotated[SerializeAsAny[Design], PlainValidator(_DESIGNS.validate_python)]
     posterior: Posterior | None = None
     precision: Precision | None = None
     """When a cell has trials enough; without it each has as many as its design says."""
 
+    @property
+    def noise_law(self) -> NoiseLaw:
+        """The law of the noise of a sample."""
+        return gaussian(self.noise_shape, self.dimension)
+
     def cells(self) -> int:
-        """Number of conditions: in a random design, one per trial."""
-        design = self.design
-        if isinstance(design, RandomDesign):
-            return design.trials
-        noises = design.noise or design.noise_over_radius or ()
-        return math.prod(len(axis) for axis in (design.samples, noises, design.angle, design.radius, design.center))
+        """Number of cells: in a random design, one per trial."""
+        return self.design.cells()
 
     def independent(self) -> bool:
-        """Whether no two conditions share their directions and noise."""
-        return isinstance(self.design, RandomDesign) or self.design.draws == "independent" or self.cells() == 1
+        """Whether no two cells share their directions and noise."""
+        return self.design.independent()
+
+    def conditions(self) -> tuple[Condition, ...]:
+        """The conditions that are columns of the study's tables."""
+        return tuple(c for c in STORED if not c.silent or c.name in self.design.given())
 
     def canonical(self) -> str:
         """All that determines the error table, as JSON: without ``[posterior]``, tolerance, and budget of time."""
@@ -122,9 +142,7 @@ def parse(text: str, source: str = "config") -> Study:
         if study.posterior is not None:
             faults += _posterior_faults(study, study.posterior)
         if study.precision is not None:
-            design = study.design
-            grid, cap = isinstance(design, GridDesign), design.trials
-            faults += precision_faults(study.precision, study.estimators, grid, study.keep, cap)
+            faults += precision_faults(study.precision, study.estimators, study.design, study.keep)
     if faults or study is None:
         raise ConfigError.listing(source, text, faults)
     return study
@@ -226,23 +244,19 @@ def _shape_faults(shape: object, d: int) -> list[Fault]:
 def _posterior_faults(study: Study, posterior: Posterior) -> list[Fault]:
     """Posteriors that the design cannot give."""
     design, where = study.design, dict(posterior.where)
-    possible = _possible(design)
-    faults = [
-        Fault(("posterior", "where"), f"no cell has {name} = {value:.12g}")
-        for name, values in where.items()
-        for value in values
-        if name in possible and not any(same(value, v) for v in possible[name])
-    ]
-
-    def chosen(name: str) -> list[float]:
-        """Values that chosen cells can have; NaN where a law leaves them open."""
-        values = where.get(name, possible.get(name, (math.nan,)))
-        return [float(v) for v in values]
-
-    if "whole_sphere" in posterior.likelihood and any(v != 180.0 for v in chosen("angle")):
+    possible = {name: design.values(condition) for name, condition in CONDITIONS.items()}
+    faults = []
+    for name, chosen in where.items():
+        values = possible[name]
+        for value in chosen if values is not None else ():
+            words = value if isinstance(value, str) else f"{value:.12g}"
+            if not any(same(value, v) for v in values or ()):
+                faults.append(Fault(("posterior", "where"), f"no cell has {name} = {words}"))
+    angles = where.get(ANGLE.name) or possible[ANGLE.name] or (math.nan,)
+    if "whole_sphere" in posterior.likelihood and any(v != 180.0 for v in angles):
         words = "whole_sphere is wrong on caps: choose cells of the whole sphere with where = { angle = 180 }"
         faults.append(Fault(("posterior", "likelihood"), words))
-    least = min(where["samples"]) if "samples" in where else _fewest(design)
+    least = min(map(float, where.get(SAMPLES.name, ())), default=design.least_samples())
     if "unknown" in posterior.noise and least < study.dimension + 2:
         words = f"an unknown noise needs at least {study.dimension + 2} samples, not {least:g}; choose with where"
         faults.append(Fault(("posterior", "noise"), words))
@@ -255,33 +269,10 @@ def _posterior_faults(study: Study, posterior: Posterior) -> list[Fault]:
     return faults
 
 
-def _possible(design: RandomDesign | GridDesign) -> dict[str, tuple[float, ...]]:
-    """Values that each condition takes, where they can be listed."""
-    if isinstance(design, GridDesign):
-        noises = design.noise or design.noise_over_radius or ()
-        name, other = ("noise", "noise_over_radius") if design.noise else ("noise_over_radius", "noise")
-        scaled = product(noises, design.radius)
-        return {
-            **{key: tuple(map(float, getattr(design, key))) for key in ("samples", "angle", "radius", "center")},
-            name: noises,
-            other: tuple(v / r if design.noise else v * r for v, r in scaled),
-        }
-    laws = {key: getattr(design, key) for key in CONDITIONS}
-    return {key: law.possible() for key, law in laws.items() if isinstance(law, Constant | Choice)}
-
-
-def _fewest(design: RandomDesign | GridDesign) -> float:
-    """Smallest number of samples in a design."""
-    if isinstance(design, GridDesign):
-        return min(design.samples)
-    return float(round(min(design.samples.possible())))
-
-
 _KEYS: dict[tuple[str, ...], list[str]] = {
     (): list(Study.model_fields),
     ("posterior",): list(Posterior.model_fields),
     ("precision",): list(Precision.model_fields),
     ("design",): sorted({*RandomDesign.model_fields, *GridDesign.model_fields}),
-    **{("design", key): ["law", "value", "values", "low", "high", "linspace", "logspace"] for key in ALLOWED},
+    **{("design", name): ["law", "value", "values", "low", "high", "linspace", "logspace"] for name in CONDITIONS},
 }
-assert set(get_args(Study.model_fields["design"].annotation)) == {RandomDesign, GridDesign}

@@ -6,7 +6,7 @@ import numpy as np
 
 from study.estimators import ESTIMATORS, Fit, Samples, Status
 from study.estimators.fit import blank
-from study.experiment.design import Batch, Cell
+from study.experiment.designs.cells import Batch, Cell
 from study.experiment.errors import Columns
 
 _LONGEST_MESSAGE = 500

@@ -1,13 +1,14 @@
-"""What a config's ``[posterior]`` asks for: which cells and trials, which likelihood, and how long a chain may be."""
+"""A config's ``[posterior]``: the cells and trials, the likelihood, and how long a chain may be."""
 
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
 from study.estimators.fit import Worded
-from study.experiment.distributions import Frozen, is_number
+from study.experiment.conditions import CONDITIONS, Value
+from study.experiment.designs.cells import Cell
+from study.experiment.distributions import Frozen
 
-CONDITIONS = ("samples", "noise", "noise_over_radius", "angle", "radius", "center")
 Noise = Literal["known", "unknown"]
 Likelihood = Literal["geometric", "whole_sphere"]
 
@@ -19,7 +20,7 @@ class ChainStatus(Worded):
     NOT_CONVERGED = 1, "the chain did not reach 50 autocorrelation times, stable to 1 %, within its budget of steps"
     AT_PRIOR = 2, "the posterior reaches the prior's box, which decides the answer: the data alone do not bound it"
     NO_START = 3, "no finite error ellipsoid within the prior's box to start from"
-    NOT_MIXED = 4, "walkers that started at different humps of the posterior did not mix within the budget of steps"
+    NOT_MIXED = 4, "walkers that started at different modes of the posterior did not mix within the budget of steps"
 
 
 def _listed(value: Any) -> Any:
@@ -37,9 +38,9 @@ def _conditions(value: Any) -> Any:
     listed = {key: _listed(values) for key, values in value.items()}
     if any(not values for values in listed.values()):
         raise ValueError("every list must have a value; leave a condition out to choose all of its cells")
-    if any(not is_number(v) for values in listed.values() for v in values):
+    if any(not CONDITIONS[key].holds(v) for key, values in listed.items() for v in values):
         raise ValueError("every value must be a number")
-    return tuple((key, tuple(float(v) for v in values)) for key, values in listed.items())
+    return tuple((key, tuple(v if isinstance(v, str) else float(v) for v in values)) for key, values in listed.items())
 
 
 def _unique(values: tuple[str, ...]) -> tuple[str, ...]:
@@ -63,7 +64,7 @@ class Posterior(Frozen):
     """
 
     trials: Annotated[int, Field(ge=1)] = 4
-    where: Annotated[tuple[tuple[str, tuple[float, ...]], ...], BeforeValidator(_conditions)] = ()
+    where: Annotated[tuple[tuple[str, tuple[float | str, ...]], ...], BeforeValidator(_conditions)] = ()
     noise: Annotated[tuple[Noise, ...], BeforeValidator(_listed), Field(min_length=1), AfterValidator(_unique)] = (
         "known",
         "unknown",
@@ -76,11 +77,14 @@ class Posterior(Frozen):
     max_steps: Annotated[int, Field(ge=100, le=10_000_000)] = 20_000
     keep_draws: Annotated[int, Field(ge=0)] = 1
 
-    def chooses(self, **conditions: float) -> bool:
-        """Whether a cell of these conditions is among those asked for; values agree to nine digits."""
-        return all(any(same(conditions[name], value) for value in values) for name, values in self.where)
+    def chooses(self, cell: Cell) -> bool:
+        """Whether a cell is among those asked for; values agree to nine digits."""
+        values = cell.values
+        return all(any(same(CONDITIONS[name].of(values), v) for v in chosen) for name, chosen in self.where)
 
 
-def same(a: float, b: float) -> bool:
-    """Whether two conditions agree to nine digits."""
+def same(a: Value, b: Value) -> bool:
+    """Whether two values of a condition are the same word, or agree to nine digits."""
+    if isinstance(a, str) or isinstance(b, str):
+        return a == b
     return abs(a - b) <= 1e-9 * max(abs(a), abs(b))

@@ -19,6 +19,7 @@ from typing import Annotated, Any, Self
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from study.experiment.config_faults import Fault
+from study.experiment.designs.design import Design
 from study.experiment.distributions import Frozen
 
 MEASURES = (
@@ -93,24 +94,23 @@ class Precision(Frozen):
         return math.isfinite(error) and error <= self.goal(value)
 
 
-def precision_faults(precision: Precision, estimators: Sequence[str], grid: bool, keep: str, cap: int) -> list[Fault]:
-    """What is asked for and a study cannot give.
+def precision_faults(precision: Precision, estimators: Sequence[str], design: Design, keep: str) -> list[Fault]:
+    """Find what a study is asked for and cannot give.
 
     Args:
         precision: the config's section.
         estimators: the study's.
-        grid: whether its design is one.
-        keep: what is stored of its trials.
-        cap: trials that a cell has at most.
+        design: the study's, whose number of trials is the most that a cell has.
+        keep: the study's: errors or summary.
     """
     faults = []
-    if not grid:
+    if design.one_trial_a_cell:
         words = 'a random design has one trial in a cell: design.kind = "grid", or leave [precision] out'
         faults.append(Fault(("precision",), words))
     if keep == "summary":
         faults.append(Fault(("precision",), 'needs the errors, which keep = "summary" does not store'))
-    if grid and cap < precision.first:
-        words = f"design.trials = {cap} is the cap, and below the first checkpoint: raise it, or lower first"
+    if not design.one_trial_a_cell and design.trials < precision.first:
+        words = f"design.trials = {design.trials} is the cap, and below the first checkpoint: raise it, or lower first"
         faults.append(Fault(("precision", "first"), words, precision.first))
     unknown = [name for name in precision.estimators or () if name not in estimators]
     if unknown:

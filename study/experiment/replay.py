@@ -7,8 +7,10 @@ from itertools import chain
 
 from study.estimators import Samples
 from study.experiment.config import Study
-from study.experiment.design import Batch, Cell, RandomGroup, Span, groups, spans, spans_of
+from study.experiment.designs.cells import Batch, Cell
+from study.experiment.designs.groups import Span
 from study.experiment.sampling import draw
+from study.experiment.units import groups, spans_of, trials_of
 from study.sphere.types import Floats
 
 _MOST_COMPARED = 20_000
@@ -75,28 +77,18 @@ def locate(study: Study, cell: str) -> tuple[Cell, list[Span]]:
         cell: the cell's name, or its beginning, as far as no other begins so.
 
     Returns:
-        The cell, and the units, or their share, that hold its trials.
+        The cell, and its trials: of one group, or one by one where each trial draws its cell.
 
     Raises:
         ReplayError: if there is no such cell, or more than one.
     """
     found: dict[str, tuple[Cell, list[Span]]] = {}
     names: list[str] = []
-    group: object = None
-    matching: list[Cell] = []
-    for span in spans(study):
-        if isinstance(span.group, RandomGroup):
-            for batch in span.unit().batches:
-                names += [batch.cells[0].name] * (len(names) < _MOST_COMPARED)
-                if batch.cells[0].name.startswith(cell):
-                    place = found.setdefault(batch.cells[0].name, (batch.cells[0], []))
-                    place[1].append(Span(span.group, batch.first, batch.first + 1))
-            continue
-        if span.group is not group:  # its units come one after the other
-            group, matching = span.group, [c for c in span.group.cells if c.name.startswith(cell)]
-            names += [c.name for c in span.group.cells[: _MOST_COMPARED - len(names)]]
-        for each in matching:
-            found.setdefault(each.name, (each, []))[1].append(span)
+    for group in groups(study):
+        for each, first, last in group.places(0, trials_of(study, group)):
+            names += [each.name] * (len(names) < _MOST_COMPARED)
+            if each.name.startswith(cell):
+                found.setdefault(each.name, (each, []))[1].append(Span(group, first, last))
     if not found:
         near = difflib.get_close_matches(cell, names, n=1)
         hint = f"did you mean {near[0]}? The" if near else "the"
@@ -136,7 +128,7 @@ def find(study: Study, cell: str, trial: int) -> Address:
     place, where = locate(study, cell)
     for span in where:
         if span.first <= trial < span.last:
-            batches = span.unit().batches
+            batches = span.group.batches(span.first, span.last)
             return Address(next(b for b in batches if b.first <= trial < b.first + b.trials), place, trial)
     first, last = where[0].first, where[-1].last - 1
     whole = 1 < sum(span.last - span.first for span in where) == last - first + 1
@@ -149,5 +141,5 @@ def replay(study: Study, address: Address) -> Trial:
     batch, cell = address.batch, address.cell
     draws = draw(study, [batch]).only(address.trial - batch.first)
     level = draws.place(cell.level)
-    samples = Samples(cell.scale * level.x, draws.told(cell.noise))
+    samples = Samples(cell.scale * level.x, draws.law.given(cell.noise))
     return Trial(cell, address.trial, samples, level, draws.unit_bound()[0])

@@ -16,8 +16,9 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from threadpoolctl import threadpool_limits
 
+from study.experiment.conditions import named_in
 from study.experiment.config import Study
-from study.experiment.design import Cell
+from study.experiment.designs.cells import Cell
 from study.experiment.posterior_config import Posterior
 from study.experiment.replay import Address, addresses, replay
 from study.experiment.streams import old_stream
@@ -71,7 +72,7 @@ class Task:
         prior = prior_of(trial.cell, posterior, self.noise_is == "known")
         random = old_stream(study.seed, "posterior", *self.key.values())
         chain: Chain = sample(trial.samples, prior, self.likelihood, random, posterior.walkers, posterior.max_steps)
-        return tables.rows(trial, chain, self.key, study.estimators, posterior.walkers, self._kept(posterior))
+        return tables.rows(study, trial, chain, self.key, posterior.walkers, self._kept(posterior))
 
     def _kept(self, posterior: Posterior) -> bool:
         return self.address.trial < posterior.keep_draws
@@ -85,13 +86,7 @@ def prior_of(cell: Cell, posterior: Posterior, known: bool) -> Prior:
 
 def tasks(study: Study, posterior: Posterior) -> list[Task]:
     """Every chain that a config asks for, in the order of the tables."""
-
-    def chosen(cell: Cell) -> bool:
-        relative = cell.noise / cell.radius
-        values = {"samples": cell.samples, "noise": cell.noise, "noise_over_radius": relative, "angle": cell.angle}
-        return posterior.chooses(**values, radius=cell.radius, center=cell.distance)
-
-    places = [a for a in addresses(study, posterior.trials) if chosen(a.cell)]
+    places = [a for a in addresses(study, posterior.trials) if posterior.chooses(a.cell)]
     return [Task(place, name, noise) for place in places for name in posterior.likelihood for noise in posterior.noise]
 
 
@@ -118,7 +113,8 @@ def compute(run: Run, jobs: Workers | int = 2, progress: Callable[[float], None]
     if run.metadata("posterior").get("study.posterior") == metadata["study.posterior"]:
         return
     d = study.dimension
-    stored = {"answers": schemas.answers(d), "draws": schemas.draws(d), "posterior": schemas.posterior(d)}
+    stored = {"answers": schemas.answers(d), "draws": schemas.draws(d)}
+    stored["posterior"] = schemas.posterior(d, study.conditions())
     if workers.backend == "threads" and workers.jobs > 1:
         workers = replace(workers, backend="loky")
     with workers.open() as pool, threadpool_limits(limits=1), writing(run.folder):
@@ -185,12 +181,13 @@ def printed(run: Run) -> Iterator[str]:
     """
     found, beside = run.table("posterior"), run.table("answers")
     yield f"{run.study.run_name()}: posteriors, largest shift of the mean from the MLE (in sd), and sd over bound"
-    titles = f"{'N':>7}{'σ/r':>10}{'φ':>7}  {'likelihood':<13}{'noise':<9}"
+    conditions = named_in(found)
+    titles = "".join(f"{c.symbol:>10}" for c in conditions) + f"  {'likelihood':<13}{'noise':<9}"
     yield titles + f"{'ok':>7}{'shift':>8}{'sd over bound':>17}{'τ':>7}"
     for row in calibration.by_cell(found, beside).to_dict("records"):
         text = (
-            f"{row['samples']:>7}{row['noise'] / row['radius']:>10.3g}{row['angle']:>6.4g}°  "
-            f"{row['likelihood']:<13}{row['noise_is']:<9}{row['ok']:>3}/{row['chains']:<3}"
+            "".join(f"{c.written(c.of(row)):>10}" for c in conditions)
+            + f"  {row['likelihood']:<13}{row['noise_is']:<9}{row['ok']:>3}/{row['chains']:<3}"
         )
         if row["ok"]:
             text += f"{row['shift']:>8.2f}{row['least']:>9.2f} … {row['most']:.2f}{row['tau']:>8.0f}"

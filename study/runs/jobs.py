@@ -8,7 +8,8 @@ from itertools import groupby
 from study.estimators import ESTIMATORS
 from study.experiment.compute_unit import Reduce, Result, compute, lost, stack
 from study.experiment.config import Study
-from study.experiment.design import Span, spans
+from study.experiment.designs.groups import Span
+from study.experiment.units import spans
 from study.runs.storage import schemas
 from study.runs.storage.parts import FORMAT, Packet, encode
 
@@ -121,7 +122,7 @@ def _packed(study: Study, jobs: tuple[Job, ...], result: Callable[[Study, Job], 
         part = study.model_copy(update={"estimators": estimators_of(outputs), "keep_points": kept})
         found += [vars(result(part, job)) for job in together]
     stacked, rows = {}, {}
-    for name, columns in schemas.of_units(study.dimension).items():
+    for name, columns in schemas.of_units(study.dimension, study.conditions()).items():
         some = [each[name] for each in found if each[name]]
         if some:
             stacked[name] = schemas.table(columns, stack(some))

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from study.experiment.config import Study
-from study.experiment.design import spans
+from study.experiment.units import spans
 from study.runs.adaptive.cell_measures import Judge
 from study.runs.adaptive.checkpoint_rounds import CAP, TARGET, Rounds
 from study.runs.jobs import Asked

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from study.experiment.compute_unit import compute
-from study.experiment.design import units
 from study.experiment.sampling import draw
+from study.experiment.units import units
 
 EPS = np.finfo(float).eps
 LEVELS = {"noise": [0.5, 2.0, 8.0], "radius": [1, 3], "center": [0, 4]}
@@ -35,8 +35,8 @@ def test_points_are_centre_plus_direction_plus_noise(make_study, d):
     assert len(batch.cells) == 12
     for cell in batch.cells:
         center = np.array(cell.center)[:, None]
-        size = np.abs(center) + cell.radius + cell.noise * np.abs(draws.noise)
-        error = draws.place(cell.level).x - (center + cell.radius * u + cell.noise * draws.noise)
+        size = np.abs(center) + cell.radius + cell.noise * np.abs(draws.unit_noise)
+        error = draws.place(cell.level).x - (center + cell.radius * u + cell.noise * draws.unit_noise)
         assert np.all(np.abs(error) <= 4 * EPS * size)
 
 
@@ -125,7 +125,7 @@ def test_noise_has_its_covariance(make_study, shape):
     draws = draw(study, [first_batch(study)])
     expected = np.eye(3) if SHAPES[shape] is None else np.array(SHAPES[shape])
     np.testing.assert_array_equal(draws.shape, expected)
-    z = draws.noise[0]
+    z = draws.unit_noise[0]
     variance = np.diag(expected)
     assert np.all(np.abs(z.mean(axis=1)) < 5 * np.sqrt(variance / z.shape[1]))
     error = np.sqrt((np.outer(variance, variance) + expected**2) / z.shape[1])
@@ -136,5 +136,5 @@ def test_noise_does_not_follow_the_direction(make_study):
     """Noise and direction of a sample are uncorrelated in every pair of components (9 pairs, 5 errors: 5e-6)."""
     study = make_study(samples=100_000, trials=1, angle=180)
     draws = draw(study, [first_batch(study)])
-    correlation = np.corrcoef(np.vstack([unit_vectors(draws)[0], draws.noise[0]]))[:3, 3:]
+    correlation = np.corrcoef(np.vstack([unit_vectors(draws)[0], draws.unit_noise[0]]))[:3, 3:]
     assert np.abs(correlation).max() < 5 / np.sqrt(100_000)

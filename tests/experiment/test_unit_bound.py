@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 import study
-from study.experiment.design import units
 from study.experiment.sampling import draw
+from study.experiment.units import units
 
 
 def shape_of(d):

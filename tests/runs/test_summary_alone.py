@@ -10,8 +10,8 @@ from study.estimators import Status
 from study.estimators.fit import Estimator
 from study.experiment.compute_unit import compute
 from study.experiment.config import parse
-from study.experiment.design import units
 from study.experiment.errors import Errors
+from study.experiment.units import units
 from study.runs import runner
 from study.runs.storage.atomic_write import RunError
 from study.runs.storage.run_folder import Run

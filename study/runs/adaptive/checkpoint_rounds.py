@@ -12,8 +12,10 @@ from itertools import chain
 import pyarrow as pa
 
 from study.experiment.config import Study
-from study.experiment.design import Cell, GridGroup, Span, groups, spans_of, trials_of
+from study.experiment.designs.cells import Cell
+from study.experiment.designs.groups import Group, Span
 from study.experiment.precision_config import Precision
+from study.experiment.units import groups, spans_of, trials_of
 from study.runs.adaptive.cell_measures import Judge, Verdict, judged
 from study.runs.jobs import Asked
 from study.runs.layout import Layout
@@ -37,7 +39,7 @@ class Course:
         reasons: of the cells that are not open any more, why.
     """
 
-    def __init__(self, group: GridGroup, checkpoints: list[int]) -> None:
+    def __init__(self, group: Group, checkpoints: list[int]) -> None:
         self.group, self.checkpoints = group, checkpoints
         self.restart()
 
@@ -87,9 +89,7 @@ class Rounds(Layout):
         self._judge, self._asked = judge, Asked(study)
         self.precision: Precision = study.precision
         self.courses = {
-            group.stream: Course(group, self.precision.checkpoints(trials_of(study, group)))
-            for group in groups(study)
-            if isinstance(group, GridGroup)
+            group.stream: Course(group, self.precision.checkpoints(trials_of(study, group))) for group in groups(study)
         }
 
     def units(self) -> Iterator[Span]:
@@ -100,7 +100,6 @@ class Rounds(Layout):
 
     def __call__(self, span: Span) -> Iterator[Span]:
         """The pieces of a unit: the part of it that each stage has."""
-        assert isinstance(span.group, GridGroup)
         for stage in self.courses[span.group.stream].stages:
             yield from _within(span, stage)
 
@@ -126,7 +125,6 @@ class Rounds(Layout):
         for stream in places:
             course = self.courses[stream]
             for cell in course.stages[-1].group.cells:
-                assert cell is not None
                 course.take(cell, found[cell])
             if course.open:
                 course.go_on()
@@ -175,15 +173,15 @@ class Rounds(Layout):
                 rows.append(
                     {
                         "cell": cell.name,
-                        **{name: getattr(cell, name) for name in ("samples", "noise", "angle", "radius")},
-                        "center": cell.distance,
+                        **cell.values,
                         "trials": verdict.trials,
                         "checkpoints": sum(point <= verdict.trials for point in course.checkpoints),
                         **{name: getattr(verdict, name) for name in ("estimator", "value", "error", "goal")},
                         "reason": course.reasons[cell],
                     }
                 )
-        return schemas.table(schemas.PRECISION, {c.name: [row[c.name] for row in rows] for c in schemas.PRECISION})
+        columns = schemas.precision(self.study.conditions())
+        return schemas.table(columns, {c.name: [row[c.name] for row in rows] for c in columns})
 
 
 def _within(span: Span, stage: Span) -> Iterator[Span]:
