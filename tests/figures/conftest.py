@@ -49,9 +49,8 @@ def make_tables() -> Callable[..., Tables]:
 
     def make(errors: pd.DataFrame, design: str, points: pd.DataFrame | None = None) -> Tables:
         d = 3 if "error_3" in errors else 2
-        return Tables(
-            "test-0123456789", d, design, IsotropicGaussian(d), errors, summary(errors, design == "random"), points
-        )
+        law, short = IsotropicGaussian(d), summary(errors, design == "random")
+        return Tables("test-0123456789", d, design, law, errors, short, points)
 
     return make
 
