@@ -13,7 +13,7 @@ import pyarrow as pa
 
 from study.analysis.error_groups import Grouped, label
 from study.estimators import Status
-from study.experiment.conditions import CONDITIONS, NOISE_OVER_RADIUS, STORED, Condition, telling_apart
+from study.experiment.conditions import CONDITIONS, NOISE_OVER_RADIUS, STORED, Condition, distinguishing
 from study.experiment.errors import Columns, Errors
 from study.runs.storage import schemas
 from study.runs.storage.run_folder import Run
@@ -118,7 +118,7 @@ def printed(run: Run) -> Iterator[str]:
     frame = run.table("summary")
     estimators = list(dict.fromkeys(frame["estimator"]))
     groups = list(frame.groupby("group", sort=False))
-    conditions = telling_apart(frame)
+    conditions = distinguishing(frame)
     labels = [_label(part.iloc[0], conditions) for _, part in groups]
     yield f"{run.study.run_name()}: median error of the centre over the Cramér-Rao bound ± Monte-Carlo error (not ok)"
     if frame.empty:

@@ -31,22 +31,22 @@ class Condition:
         name: its key in a config, and the name of its column in the tables.
         symbol: for labels.
         meaning: of its column in the tables, in words.
-        in_full: the same in the error table, where it is said more fully; as elsewhere, if empty.
+        in_full: the longer meaning that the error table has; the same as elsewhere, if empty.
         unit: of its column: length, degree, or none.
-        allowed: tells whether a value may be given.
+        allowed: true for the values that may be given.
         rule: the values allowed, in words.
         kind: of its values: int, float or str.
-        default: its value where a config gives none; without one, a config has to give it, or its alternative.
+        default: its value where a config gives none; without a default, a config must give it or its alternative.
         alternative: another condition that a config may give instead of it.
         silent: the default leaves no trace.
-        own_draws: cells that differ in it have draws of their own; others differ in how the same draws are placed.
+        own_draws: cells with different values have different draws; otherwise the same draws are placed differently.
         axis: a grid may list its values.
         law: a random design may draw it.
         stored: it has a column in the tables.
         derived: finds it from the other conditions of a row, if it has no column.
         labelled: labels name it.
         digits: of a value in a label.
-        mark: what stands behind a value in a label.
+        mark: the sign behind a value in a label.
     """
 
     name: str
@@ -70,7 +70,7 @@ class Condition:
     mark: str = ""
 
     def holds(self, value: object) -> bool:
-        """Whether a value is of its kind: a word, or a number that floating point can hold."""
+        """True if a value is of its kind: a word, or a number that floating point can hold."""
         return isinstance(value, str) if self.kind is str else is_number(value)
 
     def of(self, row: Row) -> Any:
@@ -87,7 +87,7 @@ class Condition:
 
 
 def is_number(value: object) -> bool:
-    """Whether a config's value is a number that floating point can hold."""
+    """True if a config's value is a number that floating point can hold."""
     try:
         return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
     except OverflowError:
@@ -177,13 +177,13 @@ ALWAYS = (SAMPLES, NOISE_OVER_RADIUS, ANGLE)
 """The conditions that a label names in any case."""
 
 
-def telling_apart(table: "pd.DataFrame") -> list[Condition]:
-    """The conditions that tell the rows of a table apart: N, σ/r and φ in any case, the others where they vary."""
+def distinguishing(table: "pd.DataFrame") -> list[Condition]:
+    """The conditions that distinguish the rows of a table: N, σ/r and φ in any case, others if they vary."""
     return [c for c in LABELS if c in ALWAYS or (c.name in table and table[c.name].nunique() > 1)]
 
 
 def named_in(columns: Container[str]) -> list[Condition]:
-    """The conditions that a table for readers has columns of: N, σ/r and φ, and the silent ones among its columns."""
+    """The conditions that a text names for rows with these columns: N, σ/r and φ, and the silent ones among them."""
     return [c for c in LABELS if c in ALWAYS or (c.silent and c.name in columns)]
 
 

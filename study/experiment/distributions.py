@@ -9,7 +9,7 @@ from study.experiment.conditions import is_number
 
 
 class Frozen(BaseModel):
-    """A part of a config: immutable, typed strictly, no unknown keys, no NaN."""
+    """A section of a config: immutable, typed strictly, no unknown keys, no NaN."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
@@ -111,7 +111,7 @@ LAWS = ("constant", "choice", "uniform", "log_uniform")
 
 
 def _plain_number(value: object) -> object:
-    """A number stands for a constant; what is neither a number nor a law is told what a law looks like."""
+    """Make a constant of a number, and refuse anything but a law with an example of one."""
     if is_number(value):
         return {"law": "constant", "value": value}
     if not isinstance(value, dict | Frozen) or (isinstance(value, dict) and "law" not in value):

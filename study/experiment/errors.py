@@ -20,7 +20,7 @@ _OF_FITS = ("center", "radius", "noise_variance", "status", "condition", "iterat
 
 
 class Truth(NamedTuple):
-    """A sphere that fits are compared with, in the unit in which they were made."""
+    """A sphere that fits are compared with, in the unit of the fits."""
 
     center: tuple[float, ...]
     radius: float
@@ -35,7 +35,7 @@ class Errors:
         estimators: the names.
         conditions: names of the conditions that are columns of the table.
         first: number of the first trial.
-        blocks: numbers of trials, which add up to T: rows of the table come block by block.
+        blocks: numbers of trials, with the sum T: rows of the table are ordered block by block.
         bound: the Cramér-Rao bound at σ = 1 of each trial's directions (T, d+1, d+1).
         center: estimated minus true centre (C, E, T, d), in the unit of the cells.
         radius: estimated minus true radius (C, E, T).
@@ -103,7 +103,7 @@ class Errors:
 
     @classmethod
     def joined(cls, blocks: Sequence["Errors"]) -> "Errors":
-        """Blocks of consecutive trials of the same cells as one."""
+        """Join blocks of consecutive trials of the same cells."""
         if len(blocks) == 1:
             return blocks[0]
         of_fits: dict[str, Any] = {

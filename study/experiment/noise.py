@@ -1,4 +1,4 @@
-"""Laws of the noise of a sample: how it is drawn, what estimators are given of it, and the bound that it leaves."""
+"""Laws of the noise of a sample: its draws, its covariance, and the Cramér-Rao bound under it."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,7 +15,7 @@ class NoiseLaw(Protocol):
 
     @property
     def isotropic(self) -> bool:
-        """Whether the noise is the same in all directions; then σ says all of its covariance."""
+        """True if the covariance is σ² I; estimators then take σ."""
 
     @property
     def words(self) -> str:
@@ -28,7 +28,7 @@ class NoiseLaw(Protocol):
         """Covariance of a sample (d, d)."""
 
     def given(self, sigma: float) -> float | Floats:
-        """The noise as estimators take it: σ, or the covariance (d, d) if it is not isotropic."""
+        """The noise as an argument of estimators: σ, or the covariance (d, d) if it is not isotropic."""
 
     def unit_bound(self, directions: Floats) -> Floats:
         """The Cramér-Rao bound of (c, r) at σ = 1 for these directions (b, d+1, d+1).

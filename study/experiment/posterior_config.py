@@ -1,12 +1,15 @@
-"""A config's ``[posterior]``: the cells and trials, the likelihood, and how long a chain may be."""
+"""The section ``[posterior]`` of a config: cells and trials, likelihood, and length of the chains."""
 
+import math
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
 from study.estimators.fit import Worded
-from study.experiment.conditions import CONDITIONS, Value
+from study.experiment.conditions import ANGLE, CONDITIONS, SAMPLES, Value
+from study.experiment.config_faults import Fault
 from study.experiment.designs.cells import Cell
+from study.experiment.designs.design import Design
 from study.experiment.distributions import Frozen
 
 Noise = Literal["known", "unknown"]
@@ -14,7 +17,7 @@ Likelihood = Literal["geometric", "whole_sphere"]
 
 
 class ChainStatus(Worded):
-    """How a chain ended."""
+    """The way a chain ended."""
 
     OK = 0, "ok"
     NOT_CONVERGED = 1, "the chain did not reach 50 autocorrelation times, stable to 1 %, within its budget of steps"
@@ -24,12 +27,12 @@ class ChainStatus(Worded):
 
 
 def _listed(value: Any) -> Any:
-    """One value as a list of one; a list as a tuple, which a frozen config holds."""
+    """Make a tuple, which a frozen config holds, of one value or of a list."""
     return tuple(value) if isinstance(value, list | tuple) else (value,)
 
 
 def _conditions(value: Any) -> Any:
-    """Check ``where``: conditions and the values chosen of each."""
+    """Check ``where``, which has conditions and the values chosen of each."""
     if not isinstance(value, dict):
         raise ValueError("must be a table of conditions and values, such as { angle = [60, 180], samples = 100 }")
     unknown = [key for key in value if key not in CONDITIONS]
@@ -53,14 +56,14 @@ class Posterior(Frozen):
     """Ensemble posteriors of (c, r) for some of a study's trials.
 
     Attributes:
-        trials: of each chosen cell, the trials with a number below this one.
+        trials: number of trials of each chosen cell: the first ones.
         where: conditions that choose cells, each with the values chosen; all cells, if empty.
-        noise: whether σ is known, or one more parameter, or one chain of each.
+        noise: known or unknown, where σ is one more parameter, or both, with a chain of each.
         likelihood: geometric; or whole_sphere, or both, where every chosen cell's angle is 180°.
         box: half-width of the prior box on the centre, about the true one, in true radii.
         walkers: of the ensemble.
-        max_steps: of a chain, after which it is reported as not converged.
-        keep_draws: the trials whose draws are stored, thinned: those with a number below this one.
+        max_steps: of a chain that has not converged before.
+        keep_draws: number of trials of each chosen cell whose draws are stored, thinned: the first ones.
     """
 
     trials: Annotated[int, Field(ge=1)] = 4
@@ -78,13 +81,48 @@ class Posterior(Frozen):
     keep_draws: Annotated[int, Field(ge=0)] = 1
 
     def chooses(self, cell: Cell) -> bool:
-        """Whether a cell is among those asked for; values agree to nine digits."""
+        """True if the config chooses a cell; values agree to nine digits."""
         values = cell.values
         return all(any(same(CONDITIONS[name].of(values), v) for v in chosen) for name, chosen in self.where)
 
 
+def posterior_faults(posterior: Posterior, design: Design, dimension: int, shaped: bool) -> list[Fault]:
+    """Find entries of a ``[posterior]`` that a study cannot satisfy.
+
+    Args:
+        posterior: the config's section.
+        design: the study's.
+        dimension: the study's.
+        shaped: the study's noise has a shape.
+    """
+    where = dict(posterior.where)
+    possible = {name: design.values(condition) for name, condition in CONDITIONS.items()}
+    faults = []
+    for name, chosen in where.items():
+        values = possible[name]
+        for value in chosen:
+            if values is not None and not any(same(value, v) for v in values):
+                words = value if isinstance(value, str) else f"{value:.12g}"
+                faults.append(Fault(("posterior", "where"), f"no cell has {name} = {words}"))
+    angles = where.get(ANGLE.name) or possible[ANGLE.name] or (math.nan,)
+    if "whole_sphere" in posterior.likelihood and any(v != 180.0 for v in angles):
+        words = "whole_sphere is wrong on caps: choose cells of the whole sphere with where = { angle = 180 }"
+        faults.append(Fault(("posterior", "likelihood"), words))
+    least = min(map(float, where.get(SAMPLES.name, ())), default=design.least_samples())
+    if "unknown" in posterior.noise and least < dimension + 2:
+        words = f"an unknown noise needs at least {dimension + 2} samples, not {least:g}; choose with where"
+        faults.append(Fault(("posterior", "noise"), words))
+    least_walkers = 2 * (dimension + 3)
+    if posterior.walkers < least_walkers:
+        words = f"at least {least_walkers} are needed in dimension {dimension}"
+        faults.append(Fault(("posterior", "walkers"), words, posterior.walkers))
+    if shaped:
+        faults.append(Fault(("posterior",), "its likelihoods are of isotropic noise: take noise_shape out"))
+    return faults
+
+
 def same(a: Value, b: Value) -> bool:
-    """Whether two values of a condition are the same word, or agree to nine digits."""
+    """True if two values of a condition are the same word, or agree to nine digits."""
     if isinstance(a, str) or isinstance(b, str):
         return a == b
     return abs(a - b) <= 1e-9 * max(abs(a), abs(b))

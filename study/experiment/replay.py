@@ -1,4 +1,4 @@
-"""One trial again, from its name: the same points to the last bit, wherever its run was made."""
+"""Draw one trial again from its name: the same points to the last bit, on whatever machine its run was computed."""
 
 import difflib
 from collections.abc import Iterator
@@ -17,15 +17,15 @@ _MOST_COMPARED = 20_000
 
 
 class ReplayError(Exception):
-    """There is no such trial; the message says what there is."""
+    """A trial that a study does not have; the message says which ones it has."""
 
 
 @dataclass(frozen=True)
 class Address:
-    """Where a trial is drawn.
+    """The place of a trial in a study.
 
     Attributes:
-        batch: the trials that share its streams.
+        batch: the trials that are drawn from the same streams.
         cell: its condition, one of the batch's.
         trial: its number.
     """
@@ -43,7 +43,7 @@ class Trial:
         cell: its condition.
         trial: its number.
         samples: the points (1, d, n) and the noise.
-        level: the same in units of the cell's scale, as the estimators saw them.
+        level: the same in units of the cell's scale, as the estimators take them.
         unit_bound: Cramér-Rao bound of (c, r) at σ = 1, for the realised directions (d+1, d+1).
     """
 
@@ -55,11 +55,11 @@ class Trial:
 
 
 def addresses(study: Study, below: int | None = None) -> Iterator[Address]:
-    """Every trial of a study, in the order in which its cells come and its trials count up.
+    """The places of a study's trials, cell by cell in the order of its tables.
 
     Args:
         study: the config.
-        below: the trials with a number below this one alone, if it is given.
+        below: only trials with a number below this one are listed, if it is given.
     """
     for span in chain.from_iterable(spans_of(study, group, below) for group in groups(study)):
         for batch in span.unit().batches:
@@ -70,14 +70,14 @@ def addresses(study: Study, below: int | None = None) -> Iterator[Address]:
 
 
 def locate(study: Study, cell: str) -> tuple[Cell, list[Span]]:
-    """A cell of a study by its name.
+    """Find a cell of a study by its name.
 
     Args:
         study: the config.
-        cell: the cell's name, or its beginning, as far as no other begins so.
+        cell: the cell's name, or enough of its beginning to tell it from all others.
 
     Returns:
-        The cell, and its trials: of one group, or one by one where each trial draws its cell.
+        The cell, and the spans of its trials: in a random design, one for each trial.
 
     Raises:
         ReplayError: if there is no such cell, or more than one.
@@ -100,11 +100,11 @@ def locate(study: Study, cell: str) -> tuple[Cell, list[Span]]:
     return next(iter(found.values()))
 
 
-def named(cell: str, trial: int | None) -> tuple[str, int]:
-    """A cell's name and a trial's number from what a user gives: both, or one name, ``CELL/TRIAL``.
+def parse_name(cell: str, trial: int | None) -> tuple[str, int]:
+    """Read a cell's name and a trial's number, which a user gives one by one or as ``CELL/TRIAL``.
 
     Raises:
-        ReplayError: if it is neither.
+        ReplayError: if the two are given in neither way.
     """
     name, _, number = cell.partition("/")
     if trial is None and number.isascii() and number.isdigit():
@@ -115,11 +115,11 @@ def named(cell: str, trial: int | None) -> tuple[str, int]:
 
 
 def find(study: Study, cell: str, trial: int) -> Address:
-    """Where a trial of a cell is drawn.
+    """Find a trial of a study.
 
     Args:
         study: the config.
-        cell: the cell's name, or its beginning, as far as no other begins so.
+        cell: the cell's name, or enough of its beginning to tell it from all others.
         trial: number of the trial.
 
     Raises:
@@ -132,8 +132,8 @@ def find(study: Study, cell: str, trial: int) -> Address:
             return Address(next(b for b in batches if b.first <= trial < b.first + b.trials), place, trial)
     first, last = where[0].first, where[-1].last - 1
     whole = 1 < sum(span.last - span.first for span in where) == last - first + 1
-    said = f"{first} to {last}" if whole else ", ".join(str(i) for s in where for i in range(s.first, s.last))
-    raise ReplayError(f"trial {trial}: cell {place.name} has trial {said}")
+    numbers = f"{first} to {last}" if whole else ", ".join(str(i) for s in where for i in range(s.first, s.last))
+    raise ReplayError(f"trial {trial}: cell {place.name} has trial {numbers}")
 
 
 def replay(study: Study, address: Address) -> Trial:

@@ -1,4 +1,4 @@
-"""From a batch to its points: one draw of unit directions u and normals z serves every σ, r and c."""
+"""Draw a batch and form its points: one draw of unit directions u and unit noise z serves every σ, r and c."""
 
 import math
 import threading
@@ -21,21 +21,21 @@ Array = Callable[[str, tuple[int, ...]], Floats]
 
 
 def new(name: str, shape: tuple[int, ...]) -> Floats:
-    """A fresh array, whatever its name."""
+    """A fresh array; the name does not matter."""
     return np.empty(shape)
 
 
 class Workspace(threading.local):
-    """Arrays of one thread that are used again: fresh memory costs as much as the arithmetic on it.
+    """Reuse arrays within a thread: fresh memory costs as much as the arithmetic on it.
 
-    What is taken from it is valid until an array of the same name is asked for again.
+    An array is valid until the next one of the same name is requested.
     """
 
     def __init__(self) -> None:
         self._arrays: dict[str, Floats] = {}
 
     def __call__(self, name: str, shape: tuple[int, ...]) -> Floats:
-        """An array of a shape, perhaps used before."""
+        """An array of a shape, with any content."""
         size = math.prod(shape)
         if name not in self._arrays or self._arrays[name].size < size:
             self._arrays[name] = np.empty(size)
@@ -44,7 +44,7 @@ class Workspace(threading.local):
 
 @dataclass(frozen=True)
 class Draws:
-    """What a batch draws, before it is placed on any sphere.
+    """The draws of a batch, before they are placed on any sphere.
 
     Attributes:
         directions: unit vectors (b, d, n) about the first axis, with the height 1 - u₁ in place of u₁.
@@ -57,14 +57,14 @@ class Draws:
     law: NoiseLaw
 
     def place(self, level: Level, array: Array = new) -> Samples:
-        """The points x = c + r u + σ z of a level (b, d, n), and the noise as estimators take it."""
+        """Form the points x = c + r u + σ z of a level (b, d, n), with the noise as estimators take it."""
         points = form(self._placed([level]), array("points", self.unit_noise.shape))
         return Samples(points, self.law.given(level.sigma))
 
     def place_each(self, levels: Sequence[Level]) -> Samples:
-        """The points of several levels, which are formed where they are read: each trial's first, then the next one's.
+        """Place the draws at several levels: all levels of the first trial, then of the next one.
 
-        The noise must be isotropic.
+        The points are formed when they are read. The noise must be isotropic.
         """
         return Samples(self._placed(levels), np.tile([level.sigma for level in levels], len(self.unit_noise)))
 

@@ -10,7 +10,7 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
-from study.experiment.conditions import CONDITIONS, STORED, label, telling_apart
+from study.experiment.conditions import CONDITIONS, STORED, distinguishing, label
 from study.experiment.designs.cells import Cell
 from study.experiment.designs.grid import GridDesign
 from study.experiment.designs.random_design import RandomDesign
@@ -165,4 +165,4 @@ def test_labels():
     """N, σ/r and φ are always named, the others where they tell rows apart."""
     assert label(CELL.values) == "N = 10, σ/r = 0.05, φ = 20°"
     rows = pd.DataFrame([CELL.values, CELL.values | {"center": 1.0}])
-    assert [condition.symbol for condition in telling_apart(rows)] == ["N", "σ/r", "φ", "|c|"]
+    assert [condition.symbol for condition in distinguishing(rows)] == ["N", "σ/r", "φ", "|c|"]

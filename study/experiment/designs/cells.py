@@ -1,4 +1,4 @@
-"""Cells, each of them one condition of the experiment, and the batches of trials that are drawn together for them."""
+"""Cells, each of them one combination of conditions, and the batches of trials that are drawn together."""
 
 import hashlib
 import math
@@ -15,7 +15,7 @@ Further = tuple[tuple[str, Value], ...]
 
 
 class Level(NamedTuple):
-    """How draws are placed: noise σ, radius r and centre c, in a unit of its own, and the conditions besides."""
+    """The noise σ, radius r and centre c with which draws are placed, in the unit of a cell, and further conditions."""
 
     sigma: float
     radius: float
@@ -25,7 +25,7 @@ class Level(NamedTuple):
 
 @dataclass(frozen=True)
 class Cell:
-    """One condition of the experiment.
+    """One combination of the conditions of the experiment.
 
     Attributes:
         samples: number of samples N.
@@ -33,9 +33,9 @@ class Cell:
         angle: confinement half-angle φ in degrees.
         radius: r, in the unit of the noise.
         center: c (d,).
-        scale: the unit in which its points are formed and fitted. Fits do not depend on it but for rounding, so cells
-            of a grid whose radii are a power of ten apart are fitted once.
-        further: conditions besides these, see `Further`.
+        scale: the unit in which the points are formed and fitted. Fits depend on it by rounding alone, so cells of a
+            grid whose radii differ by a power of ten are fitted once.
+        further: the silent conditions, see `Further`.
     """
 
     samples: int
@@ -55,13 +55,13 @@ class Cell:
 
     @cached_property
     def name(self) -> str:
-        """Ten hexadecimal digits that stand for the condition, wherever it occurs."""
+        """Digest of the conditions, ten hexadecimal digits; it is the same in every study."""
         numbers = [self.samples, *(float(v).hex() for v in (self.noise, self.angle, self.radius, *self.center))]
         return hashlib.blake2b(repr([*numbers, *self.further]).encode(), digest_size=5).hexdigest()
 
     @cached_property
     def level(self) -> Level:
-        """How its draws are placed, in units of ``scale``."""
+        """The level at which draws are placed, in units of ``scale``."""
         if self.scale == 1.0:
             return Level(self.noise, self.radius, self.center, self.further)
         center = tuple(rounded(v / self.scale) for v in self.center)
@@ -74,7 +74,7 @@ class Cell:
 
     @property
     def values(self) -> dict[str, Value]:
-        """The value of every stored condition by name."""
+        """The values of all stored conditions by name."""
         known = {
             "samples": self.samples,
             "noise": self.noise,
@@ -87,14 +87,14 @@ class Cell:
 
 @dataclass(frozen=True)
 class Batch:
-    """Trials drawn together, from one pair of streams, and the cells that are served from the draw.
+    """Trials drawn together from one pair of streams, and the cells in which they are placed.
 
     Attributes:
         stream: name of the draw.
         first: number of the first trial.
-        trials: how many there are.
-        cells: conditions that share draws.
-        skip: how many trials of the same streams come before the first: they are drawn and left out.
+        trials: number of trials.
+        cells: the cells.
+        skip: number of trials before the first, which are drawn from the same streams and left out.
     """
 
     stream: Name
@@ -116,16 +116,16 @@ class Batch:
 
 @dataclass(frozen=True)
 class Unit:
-    """What a worker is given: batches, in order."""
+    """The work that is given to a worker at once: batches in order."""
 
     batches: tuple[Batch, ...]
 
 
 def further(values: Mapping[str, Value]) -> Further:
-    """The silent conditions among some values that are not at their defaults."""
+    """Select the silent conditions that are not at their defaults."""
     return tuple((c.name, values[c.name]) for c in SILENT if values.get(c.name, c.default) != c.default)
 
 
 def rounded(value: float) -> float:
-    """Twelve digits: readable, and the same on machines whose exp differs in the last bit. -0.0 is 0.0."""
+    """Round to twelve digits: readable, and the same on machines whose exp differs in the last bit. -0.0 is 0.0."""
     return float(f"{value:.12g}") + 0.0

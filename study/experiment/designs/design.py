@@ -1,4 +1,4 @@
-"""What both designs have in common: what the rest of the program may ask of a design without knowing which it is."""
+"""The interface of a design, which a grid and a random design have in common."""
 
 from abc import abstractmethod
 from collections.abc import Iterator
@@ -18,7 +18,7 @@ class Design(Frozen):
     kind: str
     trials: Annotated[int, Field(ge=1, le=MAX_CELLS)]
     one_trial_a_cell: ClassVar[bool]
-    """Every trial is a cell of its own: measures of performance are of many cells."""
+    """Every trial is a cell of its own, so that measures of performance combine many cells."""
 
     @abstractmethod
     def cells(self) -> int:
@@ -38,28 +38,31 @@ class Design(Frozen):
 
     @abstractmethod
     def independent(self) -> bool:
-        """Whether no two cells share their directions and noise."""
+        """True if no two cells share their directions and noise."""
 
     @abstractmethod
     def same_draws(self, other: "Design") -> bool:
-        """Whether the same trial of the same cell is the same data set in both designs, if their studies are alike."""
+        """True if a trial of a cell that both designs have is the same data set, where all else is equal."""
 
     @abstractmethod
     def groups(self, seed: int, dimension: int) -> Iterator[Group]:
-        """The groups of cells that share their draws, in the order of the tables."""
+        """The groups of cells that share draws, in the order of the tables."""
 
     def given(self) -> dict[str, Any]:
-        """The entries of conditions by name, axes or laws, without alternatives not chosen and silent defaults."""
-        entries = {name: getattr(self, name, None) for name in CONDITIONS}
-        silent = {c.name: type(self).model_fields[c.name].default for c in SILENT if c.name in type(self).model_fields}
-        return {k: v for k, v in entries.items() if v is not None and not (k in silent and v == silent[k])}
+        """The axes, or the laws, by the condition's name; silent conditions only if they are not at their default."""
+        found = {}
+        for name, condition in CONDITIONS.items():
+            entry = getattr(self, name, None)
+            if entry is not None and not (condition.silent and entry == type(self).model_fields[name].default):
+                found[name] = entry
+        return found
 
     def _unwritten(self) -> set[str]:
-        """Names of the entries that leave no trace, because they do nothing."""
+        """Names of the entries that have no effect."""
         return {condition.name for condition in SILENT} - set(self.given())
 
     @model_serializer(mode="wrap")
     def _written(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """The entries that determine something: configs from before the others existed are what they were."""
+        """Leave out entries without effect, so that a config keeps its digest when new entries are invented."""
         left_out = self._unwritten()
         return {key: value for key, value in handler(self).items() if key not in left_out}

@@ -28,13 +28,13 @@ def laws() -> dict[str, Any]:
 
 
 def axis(condition: Condition) -> Field:
-    """The field of a grid: the tuple of the values that a condition takes."""
+    """The field of a condition in a grid: the tuple of its values."""
     values: Any = Annotated[_TUPLES[condition.kind], BeforeValidator(lambda given: _expanded(condition, given))]
     return _field(condition, values, None if condition.default is None else (condition.default,))
 
 
 def law(condition: Condition) -> Field:
-    """The field of a random design: the law that a condition is drawn from."""
+    """The field of a condition in a random design: the law that it is drawn from."""
     laws: Any = Annotated[Law, AfterValidator(lambda given: _within(condition, given))]
     default = None if condition.default is None else Constant(law="constant", value=float(condition.default))
     return _field(condition, laws, default)
@@ -47,7 +47,7 @@ def _field(condition: Condition, given: Any, default: object) -> Field:
 
 
 def _expanded(condition: Condition, given: Any) -> tuple[Value, ...]:
-    """Values of a grid axis - a value, a list, ``linspace`` or ``logspace`` - each of them checked."""
+    """Expand a grid axis, which is a value, a list, ``linspace`` or ``logspace``, and check every value."""
     values: list[Any]
     if isinstance(given, dict):
         values = _spaced(given)

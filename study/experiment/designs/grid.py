@@ -26,12 +26,12 @@ _FITS_PER_UNIT = 20_000
 
 
 class Grid(Design):
-    """A grid's entries besides its axes, and what may be asked of it."""
+    """A grid, of which `GridDesign` adds the axes."""
 
     kind: Literal["grid"]
     draws: Literal["shared", "independent"] = "shared"
     most_samples: Annotated[int, Field(ge=1)] | None = None
-    """Cells of many samples have fewer trials: so many that trials times samples do not exceed this."""
+    """Limit of trials times samples: cells of many samples have fewer trials."""
     one_trial_a_cell = False
 
     def cells(self) -> int:
@@ -47,7 +47,7 @@ class Grid(Design):
         return min(map(int, self.given()[SAMPLES.name]))
 
     def values(self, condition: Condition) -> tuple[Value, ...]:
-        """The values that a condition takes, also those of σ where σ/r is listed, and the reverse."""
+        """The values that a condition takes: also those of σ if σ/r is listed, and the reverse."""
         given: dict[str, tuple[Value, ...]] = self.given()
         if condition.name in given:
             return given[condition.name]
@@ -58,15 +58,15 @@ class Grid(Design):
         return () if condition.default is None else (condition.default,)
 
     def independent(self) -> bool:
-        """Whether every cell has draws of its own."""
+        """True if every cell has draws of its own."""
         return self.draws == "independent" or self.cells() == 1
 
     def same_draws(self, other: Design) -> bool:
-        """Whether the other is a grid whose cells share their draws in the same way."""
+        """True if the other is a grid whose cells share draws in the same way."""
         return _sharing(self) == _sharing(other)
 
     def groups(self, seed: int, dimension: int) -> Iterator["GridGroup"]:
-        """The cells of equal numbers of samples and angles, and whatever else is drawn; each by itself if need be."""
+        """A group for each number of samples, angle and other drawn condition; or one for each cell, if independent."""
         given = self.given()
         apart = [name for name in given if CONDITIONS[name].own_draws]
         together = [name for name in given if name not in apart]
@@ -86,16 +86,16 @@ class Grid(Design):
 
 Axes: Any = create_model("Axes", __base__=Design, __module__=__name__, **axes())
 GridDesign: type[Grid] = create_model("GridDesign", __base__=(Grid, Axes), __module__=__name__)
-"""The entries of a grid: kind and trials, the axes, and the others, in which order they are in the canonical config."""
+"""A grid with all of its entries: kind and trials, then the axes, then the others. The digest needs this order."""
 
 
 @dataclass(frozen=True)
 class GridGroup:
-    """Cells of a grid that are served from the same draws.
+    """Cells of a grid that share draws.
 
     Attributes:
-        stream: name of their draws, but for the number of the block.
-        cells: conditions, all of the same number of samples and angle.
+        stream: name of the draws, without the number of the block.
+        cells: the cells, all of the same number of samples and angle.
     """
 
     stream: Name
@@ -113,22 +113,22 @@ class GridGroup:
 
     @cached_property
     def size(self) -> int:
-        """Trials in a block, which share one pair of streams."""
+        """Number of trials in a block, which are drawn from one pair of streams."""
         return block_trials(self.samples)
 
     @cached_property
     def levels(self) -> int:
-        """How many times the draws are placed and fitted."""
+        """Number of levels at which the draws are placed and fitted."""
         return len({cell.level for cell in self.cells}) if len(self.cells) > 1 else 1
 
     @cached_property
     def digest(self) -> bytes:
-        """Stands for all that determines the draws and conditions, but for the study's seed."""
+        """Digest of all that determines the draws and the cells, without the study's seed."""
         values = [(c.samples, c.noise, c.angle, c.radius, c.center, *c.further) for c in self.cells]
         return hashlib.blake2b(repr((self.stream, self.size, values)).encode(), digest_size=16).digest()
 
     def trials_per_unit(self, levels: int) -> int:
-        """Whole blocks, so many that a unit is worth being sent to a worker and its rows fit in memory."""
+        """Whole blocks: enough for a worker to be busy, and so few that the unit's rows fit in memory."""
         enough = -(-_SAMPLES_PER_UNIT // (self.size * self.samples * levels))
         return self.size * min(enough, max(1, _FITS_PER_UNIT // (self.size * self.width)))
 
@@ -140,19 +140,19 @@ class GridGroup:
             yield Batch((*self.stream, block), start, trials, self.cells, skip=start - begin)
 
     def places(self, first: int, last: int) -> Iterator[tuple[Cell, int, int]]:
-        """Every cell, with all of these trials."""
+        """Every cell, each with all of these trials."""
         return ((cell, first, last) for cell in self.cells)
 
     def load(self, first: int, last: int) -> tuple[int, int]:
-        """Samples drawn for these trials, and batches."""
+        """Numbers of samples and of batches that are drawn for the trials from first to before last."""
         return (last - first) * self.samples, -(-last // self.size) - first // self.size
 
     def only(self, cells: Collection[Cell]) -> "GridGroup":
-        """The group with some of its cells, in its own order."""
+        """The same group with some of its cells."""
         return GridGroup(self.stream, tuple(cell for cell in self.cells if cell in cells))
 
     def shared(self, other: Group) -> tuple["GridGroup | None", "GridGroup | None"]:
-        """The part whose cells another group of the same stream has too, and the rest; None for what is empty."""
+        """Split off the cells that another group of the same stream has too: those and the rest, None if empty."""
         known = frozenset(other.cells)
         some, rest = self.only(known), self.only(frozenset(self.cells) - known)
         if some.cells and rest.cells:
@@ -161,17 +161,17 @@ class GridGroup:
 
 
 def block_trials(samples: int) -> int:
-    """How many trials share one pair of streams; a function of the number of samples alone."""
+    """Number of trials that are drawn from one pair of streams; it depends on the number of samples alone."""
     return max(1, min(BLOCK_TRIALS, BLOCK_SAMPLES // samples))
 
 
 def diagonal_center(distance: float, dimension: int) -> tuple[float, ...]:
-    """Centre of a grid's cells: at a distance from the origin, along the main diagonal."""
+    """Centre of a grid's cells: on the main diagonal, at a distance from the origin."""
     return (distance / math.sqrt(dimension),) * dimension
 
 
 def _cell(values: Mapping[str, Value], dimension: int) -> Cell:
-    """A combination of values as a cell, fitted in a unit of about its radius."""
+    """Make the cell of a combination of values; it is fitted in a unit of about its radius."""
     scale = float(f"1e{math.floor(math.log10(float(values[RADIUS.name])))}")
     return Cell.of(values, diagonal_center(float(values[CENTER.name]), dimension), scale)
 

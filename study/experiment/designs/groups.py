@@ -1,4 +1,4 @@
-"""Groups of cells that are served from the same draws, and the units of work that they are cut into."""
+"""Groups of cells that share draws, and the units of work that they are cut into."""
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
@@ -9,61 +9,61 @@ from study.experiment.streams import Name
 
 
 class Group(Protocol):
-    """Cells that are served from the same draws, or the trials of a random design, each of them a cell of its own."""
+    """Cells that share draws; or the trials of a random design, each of which is a cell of its own."""
 
     @property
     def stream(self) -> Name:
-        """Name of the draws, but for the number of the block."""
+        """Name of the draws, without the number of the block."""
 
     @property
     def cells(self) -> tuple[Cell, ...]:
-        """The cells; none where every trial draws its own."""
+        """The cells; none if every trial draws its own."""
 
     @property
     def samples(self) -> int:
-        """Number of samples of each trial; 0 where every trial draws its own."""
+        """Number of samples of each trial; 0 if every trial draws its own."""
 
     @property
     def width(self) -> int:
-        """Data sets of a trial: one for each cell that it is placed in."""
+        """Number of data sets of a trial: one for each cell."""
 
     @property
     def size(self) -> int:
-        """Trials in a block, which share one pair of streams."""
+        """Number of trials in a block, which are drawn from one pair of streams."""
 
     @property
     def levels(self) -> int:
-        """How many times the draws are placed and fitted."""
+        """Number of levels at which the draws are placed and fitted."""
 
     @property
     def digest(self) -> bytes:
-        """Stands for all that determines the draws and conditions, but for the study's seed."""
+        """Digest of all that determines the draws and the cells, without the study's seed."""
 
     def trials_per_unit(self, levels: int) -> int:
-        """Number of trials that make a unit, where each is fitted at so many levels."""
+        """Number of trials in a unit, if each is fitted at so many levels."""
 
     def batches(self, first: int, last: int) -> Iterator[Batch]:
         """The batches that hold the trials from first to before last."""
 
     def places(self, first: int, last: int) -> Iterator[tuple[Cell, int, int]]:
-        """The cells of the trials from first to before last, each with its own first and last."""
+        """The cells of the trials from first to before last, each with its first trial and the one after its last."""
 
     def load(self, first: int, last: int) -> tuple[int, int]:
-        """Samples drawn for these trials, and batches."""
+        """Numbers of samples and of batches that are drawn for the trials from first to before last."""
 
     def only(self, cells: Collection[Cell]) -> Self:
-        """The group with some of its cells, in its own order."""
+        """The same group with some of its cells."""
 
     def shared(self, other: Self) -> tuple[Self | None, Self | None]:
-        """The part whose cells another group of the same stream has too, and the rest; None for what is empty."""
+        """Split off the cells that another group of the same stream has too: those and the rest, None if empty."""
 
 
 @dataclass(frozen=True)
 class Span:
-    """A unit before its batches are made, so light that a million of them may wait: trials of a group.
+    """A unit before its batches are made: some trials of a group, so light that a million of them fit in memory.
 
     Attributes:
-        group: the conditions.
+        group: the cells.
         first: number of the first trial.
         last: one more than that of the last.
     """
@@ -74,7 +74,7 @@ class Span:
 
     @property
     def rows(self) -> int:
-        """Data sets: trials times cells."""
+        """Number of data sets: trials times cells."""
         return (self.last - self.first) * self.group.width
 
     def unit(self) -> Unit:

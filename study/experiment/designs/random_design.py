@@ -18,12 +18,12 @@ from study.experiment.distributions import Distribution
 from study.experiment.streams import Name, stream
 
 _BLOCK = 1024
-"""Trials whose numbers come from one stream."""
+"""Number of trials whose values are drawn from one stream."""
 _TRIALS_PER_UNIT = 25
 
 
 class Random(Design):
-    """What may be asked of a random design, whose entries are its laws."""
+    """A random design, of which `RandomDesign` adds the laws."""
 
     kind: Literal["random"]
     one_trial_a_cell = True
@@ -53,7 +53,7 @@ class Random(Design):
         return True
 
     def same_draws(self, other: Design) -> bool:
-        """Whether the other is a random design of the same laws."""
+        """True if the other is a random design of the same laws."""
         return self.model_dump(exclude={"trials"}) == other.model_dump(exclude={"trials"})
 
     def groups(self, seed: int, dimension: int) -> Iterator["RandomGroup"]:
@@ -63,7 +63,7 @@ class Random(Design):
 
 Laws: Any = create_model("Laws", __base__=Design, __module__=__name__, **laws())
 RandomDesign: type[Random] = create_model("RandomDesign", __base__=(Random, Laws), __module__=__name__)
-"""The entries of a random design: kind and trials, and the laws."""
+"""A random design with all of its entries: kind and trials, then the laws."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class RandomGroup:
     Attributes:
         seed: the study's.
         dimension: the study's.
-        design: its laws; the number of trials does not count.
+        design: the laws; the number of trials has no effect.
     """
 
     seed: int
@@ -87,12 +87,12 @@ class RandomGroup:
 
     @cached_property
     def digest(self) -> bytes:
-        """Stands for the laws, but for the study's seed."""
+        """Digest of the laws, without the study's seed."""
         content = (_BLOCK, self.design.model_dump_json(exclude={"trials"}))
         return hashlib.blake2b(repr(content).encode(), digest_size=16).digest()
 
     def trials_per_unit(self, levels: int) -> int:
-        """A few, for nothing is known of their numbers of samples."""
+        """A few: their numbers of samples are not known before they are drawn."""
         return _TRIALS_PER_UNIT
 
     def batches(self, first: int, last: int) -> Iterator[Batch]:
@@ -101,11 +101,11 @@ class RandomGroup:
             yield Batch((*self.stream, i), i, 1, (self.cell(i),))
 
     def places(self, first: int, last: int) -> Iterator[tuple[Cell, int, int]]:
-        """The cell of each trial, which has no other."""
+        """The cell of each trial, with that trial alone."""
         return ((self.cell(i), i, i + 1) for i in range(first, last))
 
     def load(self, first: int, last: int) -> tuple[int, int]:
-        """Samples drawn for these trials, and batches."""
+        """Numbers of samples and of batches that are drawn for the trials from first to before last."""
         return sum(int(self._drawn(SAMPLES, i)) for i in range(first, last)), last - first
 
     def only(self, cells: Collection[Cell]) -> "RandomGroup":
@@ -117,14 +117,14 @@ class RandomGroup:
         return self, None
 
     def cell(self, trial: int) -> Cell:
-        """The condition that a trial drew. Every quantity has a stream of its own."""
+        """Draw the cell of a trial. Every condition is drawn from a stream of its own."""
         values: dict[str, Value] = {name: self._drawn(CONDITIONS[name], trial) for name in self.design.given()}
         heading = stream(self.seed, "design", "heading", trial).standard_normal(self.dimension)
         center = float(values[CENTER.name]) * heading / np.linalg.norm(heading)
         return Cell.of(values, tuple(rounded(v) for v in center))
 
     def _drawn(self, condition: Condition, trial: int) -> float:
-        """The value of a condition that a trial drew; whole, if the condition is."""
+        """Draw the value of a condition for a trial; rounded, if it is a whole number."""
         law: Distribution = getattr(self.design, condition.name)
         block, index = divmod(trial, _BLOCK)
         number = law.at(_uniforms(self.seed, condition.name, block)[index])
@@ -134,5 +134,5 @@ class RandomGroup:
 
 @lru_cache(maxsize=64)
 def _uniforms(seed: int, name: str, block: int) -> tuple[float, ...]:
-    """Uniform numbers of a condition for a block of trials."""
+    """Draw uniform numbers of a condition for a block of trials."""
     return tuple(stream(seed, "design", name, block).random(_BLOCK).tolist())
