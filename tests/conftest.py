@@ -4,6 +4,8 @@ Factories are session fixtures that return functions, so that hypothesis tests c
 """
 
 import shutil
+import time
+from pathlib import Path
 
 from study.runs.workers import instruction_set
 
@@ -46,6 +48,8 @@ angle = { law = "uniform", low = 0, high = 180 }
 """
 
 
+PATIENCE = 600
+"""Seconds after which a test that waits is taken to hang."""
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 FLAGS = ["--no-sandbox", "--no-first-run", "--disable-sync", "--disable-quic"]
 FLAGS += ["--disable-background-networking", "--disable-component-update"]
@@ -60,9 +64,52 @@ def browser():
         pytest.skip(f"no browser on this machine: none of {', '.join(BROWSERS)} is on the path")
     playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     with playwright.sync_playwright() as driver:
-        launched = driver.chromium.launch(executable_path=path, args=FLAGS)
+        launched = driver.chromium.launch(executable_path=path, args=FLAGS, timeout=1000 * PATIENCE)
         yield launched
         launched.close()
+
+
+@pytest.fixture(scope="module")
+def new_tab(browser):
+    """Open a tab, in which nothing fails because it takes long."""
+
+    def make(**options):
+        tab = browser.new_page(**options)
+        tab.set_default_timeout(1000 * PATIENCE)
+        return tab
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def until(wait_for):
+    """Wait until something holds in a tab; the page's policy forbids what would wait within it."""
+
+    def wait(tab, holds):
+        wait_for(lambda: tab.evaluate(holds), pause=lambda: tab.wait_for_timeout(20))
+
+    return wait
+
+
+@pytest.fixture(scope="session")
+def held():
+    """Path of `held.py`: a command whose workers stop at a gate."""
+    return Path(__file__).with_name("held.py")
+
+
+@pytest.fixture(scope="session")
+def wait_for():
+    """Wait until something holds, and return it."""
+
+    def wait(holds, goes_on=lambda: True, pause=lambda: time.sleep(0.01)):
+        last = time.monotonic() + PATIENCE
+        while not (found := holds()):
+            assert goes_on(), "it ended before"
+            assert time.monotonic() < last, f"it has not come in {PATIENCE} s"
+            pause()
+        return found
+
+    return wait
 
 
 @pytest.fixture
@@ -149,14 +196,14 @@ def status_of():
 @pytest.fixture(scope="session")
 def make_run(tmp_path_factory):
     """Run a config into a folder of its own, with its summary, and its posteriors if it asks for them."""
-    from study.analysis.summary import of_errors, summarise
+    from study.analysis.summary import summarise
     from study.experiment.config import parse
     from study.posterior.run import compute  # here, because tests of arrays do without all of this
     from study.runs.runner import run
 
     def make(text, folder=None):
         study = parse(text)
-        store = run(study, text, folder or tmp_path_factory.mktemp("runs") / study.name, jobs=1, reduce=of_errors)
+        store = run(study, text, folder or tmp_path_factory.mktemp("runs") / study.name, jobs=1)
         if study.keep == "errors":
             summarise(store)
         if study.posterior is not None:

@@ -11,6 +11,7 @@ import study
 
 PACKAGE = Path(study.__file__).parent
 ROOMS = [
+    "text",
     "sphere",
     "estimators",
     "experiment",

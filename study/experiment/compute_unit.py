@@ -1,6 +1,6 @@
 """Compute one unit of work. This is the only code that runs in a worker; it returns rows and writes nothing."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from time import perf_counter
 
@@ -22,21 +22,6 @@ TOGETHER = 2**17
 _SETS = 2**15
 """Point sets fitted at once: the moments of so many stay in a cache."""
 
-Reduce = Callable[[Errors], Columns]
-"""Makes rows of a summary from the errors of whole cells."""
-
-
-@dataclass(frozen=True)
-class Result:
-    """What a unit computes: columns of equal length for each table, none where it has no rows."""
-
-    errors: Columns
-    timings: Columns
-    points: Columns
-    failures: Columns
-    summary: Columns
-
-
 _workspace = Workspace()
 
 
@@ -54,7 +39,9 @@ class Clock:
         self._last = perf_counter()
 
     def columns(self) -> Columns:
-        """The rows, summed over what only differs by time."""
+        """The rows, summed over what only differs by time; no columns if there are none."""
+        if not self.rows:
+            return {}
         totals: dict[tuple[str, int], list[float]] = {}
         for step, samples, fits, seconds in self.rows:
             entry = totals.setdefault((step, samples), [0, 0.0])
@@ -68,28 +55,50 @@ class Clock:
         }
 
 
-def compute(study: Study, unit: Unit, reduce: Reduce | None = None) -> Result:
+@dataclass(frozen=True)
+class Result:
+    """Result of a unit.
+
+    Attributes:
+        blocks: errors of consecutive trials of the same cells.
+        clock: seconds of each step.
+        points: columns of the points that the study keeps, none if it keeps none.
+        failures: columns of the fits that failed, none if none did.
+    """
+
+    blocks: tuple[Errors, ...]
+    clock: Clock
+    points: Columns
+    failures: Columns
+
+    @property
+    def errors(self) -> Columns:
+        """Columns of the error table; none without estimators."""
+        return stack(block.columns() for block in self.blocks)
+
+    @property
+    def timings(self) -> Columns:
+        """Columns of the timing table."""
+        return self.clock.columns()
+
+
+def compute(study: Study, unit: Unit) -> Result:
     """Draw a unit's batches, place them on their cells' spheres, fit them, and compare with the truth.
 
     Args:
         study: the config.
         unit: the work.
-        reduce: where a study keeps summaries alone, what makes them of the errors of the unit's cells.
     """
     clock, points, failures = Clock(), StoredPoints(study), Failures(study.estimators)
     if study.route == "moments":
         found = _from_moments(study, unit, clock, failures)
     else:
         found = _from_points(study, unit, clock, points, failures)
-    blocks = list(found)
-    errors, summary = _told(study, blocks, reduce)
-    if summary:
-        clock.read("summary", unit.batches[0].samples, sum(block.radius.size for block in blocks))
-    return Result(errors, clock.columns(), stack(points.columns()), failures.columns(), summary)
+    return Result(tuple(found), clock, stack(points.columns()), failures.columns())
 
 
-def lost(study: Study, unit: Unit, message: str, reduce: Reduce | None = None) -> Result:
-    """What is told of a unit that could not be computed: every fit failed, and the bounds are not known."""
+def lost(study: Study, unit: Unit, message: str) -> Result:
+    """Result of a unit whose worker died: every fit failed, and no bound is known."""
     d, blocks, failures = study.dimension, [], Failures(study.estimators, "worker")
     for batch in unit.batches:
         on, bound = list(levels(batch.cells)), np.full((batch.trials, d + 1, d + 1), np.nan)
@@ -99,17 +108,7 @@ def lost(study: Study, unit: Unit, message: str, reduce: Reduce | None = None) -
             failures.note(name, range(len(batch.cells)), [batch], dict.fromkeys(range(batch.trials), message))
         truths = [Truth((0.0,) * d, 0.0) for _ in on]
         blocks.append(Errors.of(study, [batch], bound, [[fit] * len(study.estimators)], truths))
-    rows, summary = _told(study, blocks, reduce)
-    return Result(rows, {}, {}, failures.columns(), summary)
-
-
-def _told(study: Study, blocks: list[Errors], reduce: Reduce | None) -> tuple[Columns, Columns]:
-    """Rows of the errors and of the summary: those that the study keeps."""
-    if not blocks:
-        return {}, {}
-    if study.keep == "errors" or reduce is None:
-        return stack(block.columns() for block in blocks), {}
-    return {}, reduce(Errors.joined(blocks))
+    return Result(tuple(blocks), Clock(), {}, failures.columns())
 
 
 def _from_points(

@@ -18,7 +18,7 @@ from pydantic import (
 )
 
 from study.estimators import ESTIMATORS
-from study.experiment.conditions import CONDITIONS, STORED, Condition, is_number
+from study.experiment.conditions import CONDITIONS, NOISE, STORED, Condition, is_number
 from study.experiment.config_faults import ConfigError, Fault, report
 from study.experiment.designs.design import Design
 from study.experiment.designs.fields import MAX_CELLS
@@ -171,7 +171,7 @@ def _faults_between_keys(raw: dict[str, Any]) -> list[Fault]:
     design, d = raw.get("design"), raw.get("dimension", 3)
     if not isinstance(d, int) or not isinstance(design, dict):
         return faults
-    given = [key for key in ("noise", "noise_over_radius") if key in design]
+    given = [key for key in (NOISE.name, NOISE.alternative) if key in design]
     if len(given) != 1:
         found = " and ".join(given) or "neither"
         faults.append(Fault(("design",), f"give noise or noise_over_radius, one of the two (found {found})"))

@@ -7,7 +7,7 @@ that the target is for. So the decision depends on the cell's own rows, and on n
 A rule that stops at a small *estimated* error prefers errors that were estimated too small. With few checkpoints, each
 of twice the trials, that costs little: the true standard error is within the target, and the interval of 2 targets on
 either side covers the truth in 97 % of cells. The interval of 2 stored errors covers it in 93 %, against 93 to 95 %
-after a number of trials that is fixed beforehand (`tests/analysis/test_precision_coverage.py`).
+after a number of trials that is fixed beforehand (`tests/statistics/test_precision_coverage.py`).
 """
 
 import difflib

@@ -17,7 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from study.analysis.kept_markers import point_sets
+from study.analysis.joint_markers import point_sets
 from study.estimators import fit, mgdk
 from study.figures import style
 from study.figures.inputs import NotApplicable, Tables, at_first

@@ -1,17 +1,16 @@
-"""A study that grew: rows are taken from an earlier run of the same name, or of the same folder, where they are equal.
+"""Reuse of the rows of an earlier, smaller run, of the same name or in the same folder.
 
-More trials, cells or estimators leave the rows of a smaller study as they are, bit for bit. So where a finished run of
-a smaller study lies beside a new one, the new one's units are cut into what the earlier has and what it has not. Rows
-of an estimator of another version, and of units that a worker died of, are computed anew. A run of the very same config
-in another folder is left alone: running a study again is how it is checked. A study with a precision neither takes rows
-from another run nor gives any.
+More trials, cells or estimators leave the rows of a smaller study as they are, bit for bit. So if a finished run of a
+smaller study lies beside a new one, the new one's units are cut into pieces that the earlier run has and pieces that it
+has not. Rows of an estimator of another version, and of units whose worker died, are computed again. A run of the very
+same config in another folder is not used, because a study is run again to check it. An adaptive study neither takes
+rows of another run nor gives any.
 """
 
 import re
 from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -21,19 +20,20 @@ from study.experiment.config import Study
 from study.experiment.designs.groups import Group, Span
 from study.experiment.streams import Name
 from study.experiment.units import groups, spans, trials_of
-from study.runs.jobs import Job, estimators_of, output
+from study.runs.completeness import damaged, digests
+from study.runs.jobs import Job, estimators_of
 from study.runs.layout import Layout
 from study.runs.storage.atomic_write import RunError
-from study.runs.storage.parts import FORMAT, Packet
+from study.runs.storage.parts import Packet
 from study.runs.storage.run_folder import Run
 
 
-class Cut(Layout):
-    """How a study's units are cut along those of an earlier one.
+class ReuseLayout(Layout):
+    """A study's units, cut along those of an earlier study.
 
     Args:
         study: the new study.
-        earlier: the other; None to leave units whole.
+        earlier: the earlier study; None to leave units whole.
     """
 
     def __init__(self, study: Study, earlier: Study | None) -> None:
@@ -42,8 +42,8 @@ class Cut(Layout):
         self._groups = {group.stream: group for group in groups(self.earlier)} if self.earlier is not None else {}
         self._halves: tuple[Group, Group | None, Group | None] | None = None
 
-    def __call__(self, span: Span) -> Iterator[Span]:
-        """The pieces of a unit: the earlier run's trials of its cells, more trials of them, and other cells."""
+    def cut(self, span: Span) -> Iterator[Span]:
+        """Cut a unit into the earlier run's trials of its cells, further trials of them, and other cells."""
         earlier = self._groups.get(span.group.stream)
         if self.earlier is None or earlier is None:
             yield span
@@ -61,8 +61,8 @@ class Cut(Layout):
                 yield Span(shared, middle, span.last)
 
 
-class Earlier:
-    """The finished run that rows are taken from.
+class EarlierRun:
+    """A finished run whose rows are reused.
 
     Args:
         run: the run.
@@ -83,15 +83,15 @@ class Earlier:
             row += span.rows * each
 
     @classmethod
-    def of(cls, run: Run) -> "Earlier | None":
-        """The run, if it is finished and its rows are whole."""
-        return cls(run) if "errors" in _told(run) and not {"errors", "failures"} & set(damaged(run)) else None
+    def of(cls, run: Run) -> "EarlierRun | None":
+        """Open a run; None if it is not finished, or its rows are damaged."""
+        return cls(run) if "errors" in digests(run) and not {"errors", "failures"} & set(damaged(run)) else None
 
     def take(self, job: Job) -> Packet | None:
-        """What a job asks for and this run has; None if that is nothing.
+        """Take the rows of a job that this run has; None if it has none.
 
         Args:
-            job: outputs of a piece, as `Cut` made it.
+            job: outputs of a piece, as `ReuseLayout` cut it.
         """
         span = job.span
         trials = trials_of(self.run.study, span.group)
@@ -119,7 +119,7 @@ class Earlier:
         return Packet.of([(job.key, outputs)], [found])
 
     def _rows(self, begin: int, end: int) -> pa.Table:
-        """Rows of the error table from one number to before another."""
+        """Rows ``begin`` to ``end`` - 1 of the error table."""
         groups = [i for i, last in enumerate(self._ends) if last > begin and (self._ends[i - 1] if i else 0) < end]
         start = self._ends[groups[0] - 1] if groups and groups[0] else 0
         return pa.concat_tables([self._group(i) for i in groups]).slice(begin - start, end - begin)
@@ -129,34 +129,8 @@ class Earlier:
         return self._file.read_row_group(index)
 
 
-def finished(run: Run) -> bool:
-    """Whether a run is finished, and its tables are those that its manifest tells of."""
-    return run.study.keep in _told(run) and run.stopped() is None and not damaged(run)
-
-
-def damaged(run: Run) -> list[str]:
-    """Names of a finished run's tables that are not any more as they were written."""
-    return [name for name, digest in _told(run).items() if run.fingerprint(name) != digest]
-
-
-def _told(run: Run) -> dict[str, str]:
-    """Digests of the tables, as the manifest tells them; none of a run that is not finished."""
-    try:
-        said: dict[str, Any] = run.manifest()
-        known = said["format"] == FORMAT and set(said["estimators"]) == set(run.study.estimators)
-        return dict(said["tables"]) if known else {}
-    except (RunError, KeyError, TypeError, ValueError):
-        return {}
-
-
-def up_to_date(run: Run) -> bool:
-    """Whether a finished run has nothing left to compute: its estimators are of today's versions, no unit was lost."""
-    said = run.manifest()
-    return not said["lost"] and all(f"{n}@{v}" == output(n) for n, v in said["estimators"].items())
-
-
 def beside(study: Study, folder: Path) -> Run | None:
-    """The finished run of the same name, next to a folder, that has most trials and cells of a study."""
+    """Find the finished run of the same name, next to a folder, that has most rows of a study."""
     found: list[tuple[int, Run]] = []
     for path in sorted(folder.parent.glob(f"{study.name}-*")):
         if path == folder or not re.fullmatch(r"[0-9a-f]{10}", path.name.removeprefix(f"{study.name}-")):
@@ -169,11 +143,11 @@ def beside(study: Study, folder: Path) -> Run | None:
             shared = set(run.study.estimators) & set(study.estimators)
             found.append((sum(each.rows for each in spans(run.study)) * len(shared), run))
     found.sort(key=lambda entry: -entry[0])
-    return next((run for worth, run in found if worth and Earlier.of(run)), None)
+    return next((run for rows, run in found if rows and EarlierRun.of(run)), None)
 
 
 def _related(study: Study, earlier: Study) -> bool:
-    """Whether equal conditions have equal rows in two studies, and each has as many as its design says."""
+    """Tell whether equal conditions have equal rows in two studies, and each has as many as its design says."""
     if study.precision is not None or earlier.precision is not None:
         return False
     return study.stem() == earlier.stem() and study.design.same_draws(earlier.design)

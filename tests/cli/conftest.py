@@ -1,6 +1,8 @@
 """What the tests of the command line share: a small config, and a way to run a command as a user does."""
 
+import contextlib
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -53,6 +55,36 @@ def call(command):
         return done.returncode, done.stdout, done.stderr
 
     return run
+
+
+@pytest.fixture
+def hold(command, held, wait_for, tmp_path_factory):
+    """Start a command, and wait until each of its workers stands at the gate and a part is stored; the process."""
+    environment = {**command[1], "GATE": str(tmp_path_factory.mktemp("gate"))}
+    gate, started = Path(environment["GATE"]), []
+
+    def start(folder, parts, workers, *arguments):
+        process = subprocess.Popen(
+            [sys.executable, "-W", "error", str(held), *map(str, arguments)],
+            cwd=folder,
+            env=environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            encoding="utf-8",
+            start_new_session=True,
+        )
+        started.append(process)
+        wait_for(
+            lambda: len(list(gate.glob("held-*"))) == workers and any(parts.glob("[!.]*.part")),
+            lambda: process.poll() is None,
+        )
+        return process
+
+    yield start
+    for process in started:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
 
 
 @pytest.fixture(scope="session")

@@ -34,7 +34,7 @@ def test_a_budget_that_ends_at_once(call_here, folder):
         assert (code, said) == (4, "out\n")
         assert len(complained.splitlines()) == 1
         assert complained.startswith("out: stopped by its budget of 0 s: 0 of 4 cells reached the target; `study run ")
-        assert complained.endswith(" goes on\n")
+        assert complained.endswith(" resumes it\n")
     assert "stopped by its budget of 0 s" in call_here(folder, "status", "out")[1]
     assert "no cell has a trial yet" in call_here(folder, "summary", "out")[1]
     for verb in ("figures", "report"):
@@ -88,8 +88,8 @@ def test_plan(call_here, folder):
     assert (code, complained) == (0, "")
     least, most = said.split("at most")
     assert "up to the first checkpoint, 100 trials" in least
-    assert "fits       800\n" in least
-    assert "fits       3,200\n" in most
+    assert "fits     800\n" in least
+    assert "fits     3,200\n" in most
 
 
 @pytest.mark.parametrize("value", ["-1", "soon"])

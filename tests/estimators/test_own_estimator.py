@@ -6,7 +6,8 @@ import pytest
 
 import study
 from study import Status
-from study.analysis.fitting import PointFileError, choose, described
+from study.analysis import estimator_list
+from study.analysis.fitting import PointFileError, choose
 from study.estimators import Estimator, Fit, Samples, fit
 from study.estimators.fit import blank
 from study.experiment.config import ConfigError, parse
@@ -81,7 +82,7 @@ def test_not_registered():
 def test_what_it_needs_is_asked_for(monkeypatch):
     """Declared to need the noise, it is listed so, left out of `all` where none is given, and refused by name."""
     monkeypatch.setitem(study.ESTIMATORS, "coope", Estimator(coope, needs="noise"))
-    assert any("coope" in line and "noise" in line for line in described())
+    assert any("coope" in line and "noise" in line for line in estimator_list.printed())
     assert "coope" not in choose("all", None)
     assert "coope" in choose("all", 0.02)
     with pytest.raises(PointFileError, match="coope"):

@@ -81,7 +81,7 @@ def test_the_answers_are_the_error_tables_rows(made):
     for cell in list(dict.fromkeys(errors["cell"]))[::7]:
         for trial in np.unique(chosen(errors, cell=cell)["trial"])[-2:].tolist():
             again = replay(made, find(made, cell, trial))
-            found, told = trial_report.answers(made, again), chosen(errors, cell=cell, trial=trial)
+            found, told = trial_report.fit_table(made, again), chosen(errors, cell=cell, trial=trial)
             assert list(found["estimator"]) == list(told["estimator"]) == list(made.estimators)
             same = {"error": "error", "axis": "error_1", "radius_error": "radius_error", "condition": "condition"}
             for mine, theirs in (same | {"iterations": "iterations"}).items():
@@ -203,7 +203,7 @@ def test_what_is_printed(make_study, d):
     assert lines[3] == told
     assert lines[4].split()[:4] == ["estimator", "error", "over", "bound"]
     assert len(lines) == 8
-    for line, row in zip(lines[5:], trial_report.answers(made, trial).to_dict("records"), strict=True):
+    for line, row in zip(lines[5:], trial_report.fit_table(made, trial).to_dict("records"), strict=True):
         cells = line.split()
         numbers = [row[name] for name in ("error", "over_bound", "axis", "radius_error", "noise", "condition")]
         assert cells[0] == row["estimator"]

@@ -40,9 +40,9 @@ QUESTIONS = {
 
 
 @pytest.fixture(scope="module")
-def tab(browser):
+def tab(new_tab):
     """A tab of it."""
-    return browser.new_page()
+    return new_tab()
 
 
 @pytest.fixture
@@ -146,18 +146,14 @@ def test_details_on_paper(tab, show, page):
     assert tab.pdf(format="A4").startswith(b"%PDF")
 
 
-def test_by_keyboard(tab, show, page):
+def test_by_keyboard(tab, show, page, wait_for):
     """A box that scrolls can be reached and scrolled with keys alone."""
     show(page, 375)
     box = tab.locator(".scroll:has(table.plain)").first
     box.focus()
     assert box.evaluate("e => document.activeElement == e && e.scrollWidth > e.clientWidth")
     tab.keyboard.press("ArrowRight")
-    for _ in range(100):  # the page's policy forbids what would wait within it
-        if box.evaluate("e => e.scrollLeft") > 0:
-            break
-        tab.wait_for_timeout(20)
-    assert box.evaluate("e => e.scrollLeft") > 0
+    wait_for(lambda: box.evaluate("e => e.scrollLeft") > 0, pause=lambda: tab.wait_for_timeout(20))
 
 
 @pytest.mark.parametrize(

@@ -6,11 +6,15 @@ import itertools
 import os
 import shutil
 import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
 from study.experiment.config import parse
 from study.runs import jobs, provenance, runner
+
+sys.path.append(str(Path(__file__).parent))  # worker processes, too, import `deadly` by its name
 
 
 def _toml(value):
@@ -70,7 +74,7 @@ def small_units(monkeypatch):
 @pytest.fixture
 def small_parts(monkeypatch):
     """A part for every unit, so that a small study has many."""
-    monkeypatch.setattr("study.runs.workers.dispatch.Pool.enough", 0.0)
+    monkeypatch.setattr("study.runs.workers.backend.Backend.enough", 0.0)
     monkeypatch.setattr("study.runs.storage.parts._SECONDS", 0.0)
     monkeypatch.setattr("study.runs.storage.parts._SHARE", 0.0)
 
@@ -80,11 +84,11 @@ def computed(monkeypatch):
     """A list that grows by what is computed: a cell's name, a trial and an estimator for each fit."""
     done, real = [], jobs.compute
 
-    def watched(made, unit, reduce=None):
+    def watched(made, unit):
         for batch in unit.batches:
             numbers = range(batch.first, batch.first + batch.trials)
             done.extend((c.name, t, e) for c in batch.cells for t in numbers for e in made.estimators)
-        return real(made, unit, reduce)
+        return real(made, unit)
 
     monkeypatch.setattr(jobs, "compute", watched)
     return done

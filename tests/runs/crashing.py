@@ -4,9 +4,10 @@ Not a test: `test_faults.py` starts it. What takes a second - imports, compiled 
 request has ``config`` and ``folder``, perhaps ``backend``, and what happens to the run: ``kill_at``, the number of the
 step before or after which it kills itself (steps: computing, syncing, renaming, removing), ``full_at``, the number of
 the sync from which on the disk is full, and ``kill_workers``, numbers of results after which a worker is killed. The
-answer has ``signal``, ``code``, ``steps``, and the keys that were ``computed``.
+answer has ``signal``, ``code``, ``steps``, how many ``workers`` were killed, and the keys that were ``computed``.
 """
 
+import contextlib
 import errno
 import json
 import os
@@ -16,16 +17,18 @@ import threading
 import traceback
 from pathlib import Path
 
+import psutil
+
 from study.experiment.config import parse
 from study.experiment.designs import grid
 from study.runs import jobs, runner
 from study.runs.storage import parts
 from study.runs.storage.atomic_write import RunError
-from study.runs.workers import dispatch
-from study.statistics.performance import measured
+from study.runs.workers.backend import Backend
+from study.runs.workers.choose import Workers
 
 grid._SAMPLES_PER_UNIT = 500  # one block in a unit, and one unit in a part
-dispatch.Pool.enough = 0.0
+Backend.enough = 0.0
 parts._SECONDS = parts._SHARE = 0.0
 FULL = 3
 
@@ -55,18 +58,23 @@ class Trap:
         return stepping
 
 
-def killer(numbers):
-    """A progress callback that kills a worker after these numbers of results."""
-    import psutil
+def is_worker(process):
+    """Whether a child process is a worker that is alive."""
+    with contextlib.suppress(psutil.NoSuchProcess):  # it may end while it is looked at
+        return "popen_loky" in " ".join(process.cmdline())
+    return False
 
+
+def killer(numbers, log):
+    """A progress callback that kills a worker after these numbers of results."""
     told, waiting = [], list(numbers)
 
     def progress(share):
         told.append(share)
         if waiting and len(told) >= waiting[0]:
-            found = [p for p in psutil.Process().children() if "popen_loky" in " ".join(p.cmdline())]
-            for process in found[:1]:  # none while all are being replaced
+            for process in list(filter(is_worker, psutil.Process().children()))[:1]:  # none while all are replaced
                 process.kill()
+                os.write(log, b"worker\n")
                 waiting.pop(0)
 
     return progress
@@ -77,9 +85,9 @@ def serve(request, log):
     trap = Trap(request.get("kill_at"))
     real = jobs.execute
 
-    def execute(order, some):
+    def execute(made, some):
         os.write(log, "".join(f"{job.key}\n" for job in some).encode())
-        return real(order, some)
+        return real(made, some)
 
     os.fsync, os.replace = trap.around(os.fsync), trap.around(os.replace)
     os.unlink, os.rename = trap.around(os.unlink), trap.around(os.rename)
@@ -94,11 +102,11 @@ def serve(request, log):
             sync(handle)
 
         os.fsync = full
-    crew = dispatch.Workers(request.get("backend", "threads"), 2)
-    progress = killer(request["kill_workers"]) if "kill_workers" in request else None
+    crew = Workers(request.get("backend", "threads"), 2)
+    progress = killer(request["kill_workers"], log) if "kill_workers" in request else None
     try:
         study, folder = parse(request["config"]), Path(request["folder"])
-        runner.run(study, request["config"], folder, crew, progress, lambda line: 0, judge=measured)
+        runner.run(study, request["config"], folder, crew, progress, lambda line: 0)
     except RunError as error:
         return FULL if "No space left" in str(error) else 1
     finally:
@@ -127,7 +135,8 @@ def main():
         answer = {
             "signal": os.WTERMSIG(status) if os.WIFSIGNALED(status) else 0,
             "code": os.WEXITSTATUS(status) if os.WIFEXITED(status) else None,
-            "computed": [word for word in said if word and not word.startswith("steps")],
+            "workers": said.count("worker"),
+            "computed": [word for word in said if word and not word.startswith(("steps", "worker"))],
             "steps": sum(int(word.split()[1]) for word in said if word.startswith("steps")),
         }
         print(json.dumps(answer), flush=True)

@@ -4,14 +4,13 @@ import json
 import os
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
 
 import study
 from study.runs.storage.atomic_write import RunError
-from study.runs.workers.dispatch import Workers
+from study.runs.workers.choose import Workers
 
 pytestmark = pytest.mark.usefixtures("same_software")
 
@@ -27,8 +26,8 @@ def tables(run):
 def one_unit_in_a_task(monkeypatch):
     """Many small tasks, so that all workers have some."""
     monkeypatch.setattr("study.experiment.designs.grid._SAMPLES_PER_UNIT", 500)
-    monkeypatch.setattr("study.runs.workers.dispatch.Pool.enough", 0.0)
-    monkeypatch.setattr("study.runs.workers.dask_cluster.Cluster.enough", 0.0)
+    monkeypatch.setattr("study.runs.workers.backend.Backend.enough", 0.0)
+    monkeypatch.setattr("study.runs.workers.dask_cluster.DaskCluster.enough", 0.0)
 
 
 @pytest.fixture
@@ -37,10 +36,28 @@ def expected(start, one_unit_in_a_task):
     return tables(start(jobs=1, **ENTRIES))
 
 
+def read_scheduler(path):
+    """What a scheduler writes about itself; None until all of it is there."""
+    try:
+        return json.loads(path.read_text())
+    except (FileNotFoundError, json.JSONDecodeError):
+        return None
+
+
 @pytest.fixture
-def cluster(tmp_path):
+def gate(held, tmp_path, monkeypatch):
+    """Let this process and the workers that it starts find `held.py`, and its gate, a folder."""
+    folder = tmp_path / "gate"
+    folder.mkdir()
+    monkeypatch.setenv("GATE", str(folder))
+    monkeypatch.syspath_prepend(str(held.parent))
+    return folder
+
+
+@pytest.fixture
+def cluster(gate, held, wait_for, tmp_path):
     """A scheduler and two workers, each a process, started as the manual says; its address and the workers."""
-    paths = [str(Path(study.__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
+    paths = [str(Path(study.__file__).parents[1]), str(held.parent), os.environ.get("PYTHONPATH", "")]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
     processes, place = [], tmp_path / "scheduler.json"
 
@@ -52,10 +69,7 @@ def cluster(tmp_path):
     scheduler = ["--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--no-jupyter", "--scheduler-file", str(place)]
     try:
         begin("distributed.cli.dask_scheduler", *scheduler)
-        while not place.exists() or not place.read_text():
-            assert processes[0].poll() is None
-            time.sleep(0.02)
-        address = json.loads(place.read_text())["address"]
+        address = wait_for(lambda: read_scheduler(place), lambda: processes[0].poll() is None)["address"]
         more = ["--", "--nthreads", "1", "--no-nanny", "--no-dashboard"]
         yield address, [begin("study.cli", "worker", address, *more) for _ in range(2)]
     finally:
@@ -72,17 +86,26 @@ def test_loky(start, expected):
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning:distributed")
-def test_dask_with_a_worker_killed_midway(start, expected, cluster):
-    """A real scheduler and two real workers, of which one is killed when a few results are there."""
+def test_dask_with_a_worker_killed_midway(start, expected, cluster, gate, wait_for, monkeypatch):
+    """A real scheduler and two real workers, of which one is killed while it computes, when a few results are there."""
+    import held
+
     address, workers = cluster
-    shares = []
+    shares, killed = [], []
 
     def progress(share):
         shares.append(share)
-        if len(shares) == 4:
-            workers[0].kill()
+        if len(shares) == held.FREE:
+            path, *_ = wait_for(lambda: list(gate.glob("held-*")))
+            (worker,) = [worker for worker in workers if path.name.endswith(f"-{worker.pid}")]
+            worker.kill()
+            killed.append(worker)
+            (gate / "open").touch()
 
+    monkeypatch.setattr("study.runs.workers.dask_cluster._PATIENCE", 600.0)  # a busy machine may answer late
+    monkeypatch.setattr("study.runs.runner.execute", held.execute)
     run = start(jobs=Workers("dask", 2, address), progress=progress, **ENTRIES)
+    assert len(killed) == 1
     assert len(shares) > 10
     assert tables(run) == expected
     assert not run.has("failures")

@@ -14,7 +14,7 @@ import pytest
 import study
 from study.experiment.config import parse
 from study.experiment.units import spans
-from study.runs.jobs import Asked
+from study.runs.jobs import Jobs
 from study.runs.storage.parts import DAMAGED, Parts
 from study.runs.storage.run_folder import Run
 
@@ -74,7 +74,7 @@ def committed(folder):
     """Keys of what is stored in whole files, of a run that is not finished."""
     parts, study = Parts(folder, "units"), parse(CONFIG)
     parts.load(set_aside=False)
-    keys = {Asked(study).job(span).key for span in spans(study)}
+    keys = {Jobs(study).job(span).key for span in spans(study)}
     return {key for key in keys if parts.outputs(key)}
 
 
@@ -119,6 +119,7 @@ def test_twenty_kills_damage_and_a_full_disk(serve, unbroken, small_disk):
 
     answer = attempt(backend="loky", kill_workers=OF_WORKERS, kill_at=200)  # some 25 parts
     assert answer["signal"] == signal.SIGKILL
+    assert answer["workers"] == len(OF_WORKERS)
     assert len(safe) > max(OF_WORKERS)
     for number in range(1, OF_THE_PARENT):
         answer = attempt(kill_at=chance.randrange(1, took["steps"] // 22))

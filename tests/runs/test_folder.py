@@ -4,7 +4,7 @@ import pytest
 
 from study.experiment.config import parse
 from study.experiment.units import spans
-from study.runs.jobs import Asked, Order, execute
+from study.runs.jobs import Jobs, execute
 from study.runs.storage.parts import Parts
 from study.runs.storage.run_folder import Run, RunError
 
@@ -108,7 +108,7 @@ def test_an_interrupted_run_is_finished_by_running_again(start, make_text, tmp_p
     folder = tmp_path / "stopped"
     store = Run.create(folder, study).begin(make_text())
     parts = Parts(store.folder, "units")
-    parts.add(execute(Order(study), (Asked(study).job(next(spans(study))),)))
+    parts.add(execute(study, (Jobs(study).job(next(spans(study))),)))
     parts.commit()
     assert len(list((folder / "parts").iterdir())) == 1
     start(folder=folder, warn=str)
@@ -122,7 +122,7 @@ def test_a_unit_is_named_by_its_content(make_text):
 
     def keys(top=None, **design):
         study = parse(make_text(top, **design))
-        return {Asked(study).job(span).key for span in spans(study)}
+        return {Jobs(study).job(span).key for span in spans(study)}
 
     alone = keys(samples=[40])
     assert alone < keys(samples=[6, 40])

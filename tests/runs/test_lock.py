@@ -14,19 +14,20 @@ from study.runs.storage.lock import holder, writing
 pytestmark = pytest.mark.usefixtures("same_software")
 
 HOLD = """
-import sys, time
+import sys
 from pathlib import Path
 from study.runs.storage.lock import writing
 with writing(Path(sys.argv[1])):
     print("held", flush=True)
-    time.sleep(100)
+    sys.stdin.read()
 """
 
 
 @pytest.fixture
 def other(tmp_path):
-    """Another process that holds the lock of a folder."""
-    process = subprocess.Popen([sys.executable, "-c", HOLD, str(tmp_path)], stdout=subprocess.PIPE, encoding="utf-8")
+    """Another process that holds the lock of a folder until it is killed."""
+    command = [sys.executable, "-c", HOLD, str(tmp_path)]
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, encoding="utf-8")
     assert process.stdout.readline() == "held\n"
     yield process
     process.kill()

@@ -21,7 +21,9 @@ def manifest(make_text, tmp_path_factory):
     from study.runs import runner
 
     text = make_text()
-    run = runner.run(parse(text), text, tmp_path_factory.mktemp("manifest") / "run", 2)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("study.runs.provenance._PATIENCE", 600.0)  # on a busy machine git may take long
+        run = runner.run(parse(text), text, tmp_path_factory.mktemp("manifest") / "run", 2)
     return run, json.loads((run.folder / "manifest.json").read_text(encoding="utf-8"))
 
 

@@ -1,6 +1,7 @@
 """Part files: what is written is read, what is torn or changed is found, and many packets share a file."""
 
 import json
+from types import SimpleNamespace
 
 import pyarrow as pa
 import pytest
@@ -8,6 +9,14 @@ import pytest
 from study.runs.storage import parts as module
 from study.runs.storage.atomic_write import RunError
 from study.runs.storage.parts import DAMAGED, FORMAT, Packet, Parts
+
+
+@pytest.fixture(autouse=True)
+def clock(monkeypatch):
+    """The time, in seconds, which stands still unless a test sets it: a part is written early after a second."""
+    now = [0.0]
+    monkeypatch.setattr(module, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    return now
 
 
 def packet(key, outputs=("a@1",), rows=3, value=0.0):
@@ -127,7 +136,6 @@ def test_header_is_one_line_that_can_be_read(tmp_path):
 
 def test_small_packets_wait_for_each_other(tmp_path, monkeypatch):
     """A file is written when enough has come together; what waits is written in the end."""
-    monkeypatch.setattr(module, "_SECONDS", 1e9)
     size = len(packet("k").tables["errors"])
     monkeypatch.setattr(module, "_BYTES", 10 * size)
     parts = Parts(tmp_path, "units")
@@ -139,10 +147,8 @@ def test_small_packets_wait_for_each_other(tmp_path, monkeypatch):
     assert all(found(parts, f"k{i}") for i in range(25))
 
 
-def test_time_between_files_grows_with_the_run(tmp_path, monkeypatch):
+def test_time_between_files_grows_with_the_run(tmp_path, monkeypatch, clock):
     """A hundredth of the time gone, and a second at least: files grow in number with the logarithm of time."""
-    clock = [0.0]
-    monkeypatch.setattr(module.time, "monotonic", lambda: clock[0])
     monkeypatch.setattr(module, "write", lambda path, data: None)  # 800 files, each synced, would take a while
     parts = Parts(tmp_path, "units")
     assert parts.patience() is None

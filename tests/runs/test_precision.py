@@ -6,16 +6,16 @@ import shutil
 import numpy as np
 import pytest
 
-from study.analysis.summary import printed, summarise, summary
+from study.analysis.summary import summarise, summary
+from study.analysis.summary_text import printed
 from study.experiment.config import parse
 from study.runs import runner
 from study.runs.adaptive import cell_measures
 from study.runs.adaptive.checkpoint_rounds import Rounds
-from study.runs.adaptive.time_budget import Budget
+from study.runs.adaptive.time_budget import TimeBudget
 from study.runs.status import printed as status
 from study.runs.storage.run_folder import RunError
-from study.runs.workers.dispatch import Workers
-from study.statistics.performance import measured
+from study.runs.workers.choose import Workers
 
 pytestmark = pytest.mark.usefixtures("same_software")
 
@@ -47,8 +47,7 @@ def go(tmp_path):
 
     def run(text=CONFIG, folder="run", jobs=2, **arguments):
         study = parse(text)
-        judge = measured if study.precision else None
-        return runner.run(study, text, tmp_path / folder, jobs, judge=judge, **arguments)
+        return runner.run(study, text, tmp_path / folder, jobs, **arguments)
 
     return run
 
@@ -76,7 +75,7 @@ class Clock:
 def stopped_after(go, units, **arguments):
     """A run that is stopped when so many tasks are done."""
     clock = Clock()
-    return go(budget=Budget(units, clock), progress=clock.tick, jobs=1, **arguments)
+    return go(budget=TimeBudget(units, clock), progress=clock.tick, jobs=1, **arguments)
 
 
 def rule(rows, estimators, target):
@@ -233,7 +232,7 @@ class TestResume:
     def test_damaged_parts(self, go):
         """They are computed again, and what was decided by them is decided again."""
         clock = Clock()
-        run = go(budget=Budget(40, clock), progress=clock.tick)
+        run = go(budget=TimeBudget(40, clock), progress=clock.tick)
         for path in sorted((run.folder / "parts").iterdir())[::9]:
             path.write_bytes(path.read_bytes()[:-50])
         assert told(go(warn=lambda line: None)) == told(go(folder="whole"))
@@ -311,19 +310,19 @@ class TestBudget:
         assert (table["reason"] == "budget").all()
         assert len(run.table("errors")) == 0
         summarise(run)
-        assert list(printed(run))[1:] == ["no cell has a trial yet"]
+        assert list(printed(run))[2:] == ["no cell has a trial yet"]
 
     def test_status(self, go):
         """How many cells are open, and that the budget stopped it; of a finished run, why each cell stopped."""
         run = stopped_after(go, 40)
         counts = run.table("precision")["reason"].value_counts()
-        lines = list(status(run.folder, measured))
-        assert lines[0].endswith("stopped by its budget of 40 s; `study run` goes on")
+        lines = list(status(run.folder))
+        assert lines[0].endswith("stopped by its budget of 40 s; `study run` resumes it")
         (cells,) = [line for line in lines if line.startswith("  cells")]
         assert f"{counts['target']} reached the target" in cells
         assert f"{counts['budget']} are open" in cells
         go()
-        lines = list(status(run.folder, measured))
+        lines = list(status(run.folder))
         assert lines[0].endswith(": finished")
         assert "0 are open" in next(line for line in lines if line.startswith("  cells"))
 
@@ -343,12 +342,10 @@ def test_progress_stays_within_one(go):
     assert sum(shares) == pytest.approx(1.0)
 
 
-def test_what_it_needs(go, tmp_path):
-    """A function that finds the measure; and a budget is for trials by need alone."""
-    with pytest.raises(ValueError, match="give judge"):
-        runner.run(parse(CONFIG), CONFIG, tmp_path / "run")
+def test_a_budget_needs_a_precision(go, tmp_path):
+    """A budget for a study of a fixed number of trials is refused."""
     with pytest.raises(ValueError, match="a budget is for a config with"):
-        go(FIXED, budget=Budget(1.0))
+        go(FIXED, budget=TimeBudget(1.0))
     assert not (tmp_path / "run").exists()
 
 
@@ -389,8 +386,8 @@ def test_one_cell_is_read_alone(go):
 
 def test_units_are_known_from_the_rounds():
     """Before any part is there, what is pending is the first checkpoint of every group."""
-    rounds = Rounds(parse(CONFIG), measured)
+    rounds = Rounds(parse(CONFIG))
     pending = list(rounds.pending())
-    assert {span.group.stream for span in pending} == set(rounds.courses)
+    assert {span.group.stream for span in pending} == set(rounds.progress)
     assert sum(span.rows for span in pending) == 12 * 100
     assert rounds.ahead() == pytest.approx(1 / 8)

@@ -1,12 +1,14 @@
 """A run that stopped goes on: what was finished is not computed again, and the tables do not show it."""
 
+import itertools
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
 import study
 from study.runs.storage import parts as parts_module
-from study.runs.storage.parts import DAMAGED
+from study.runs.storage.parts import DAMAGED, Parts
 
 pytestmark = pytest.mark.usefixtures("same_software", "small_units", "small_parts")
 
@@ -32,6 +34,12 @@ def stop_after(count):
 def tables(run):
     """Bytes of the tables that do not depend on time."""
     return {name: (run.folder / f"{name}.parquet").read_bytes() for name in ("errors", "points")}
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """Let a second go by each time that parts ask for the time."""
+    monkeypatch.setattr(parts_module, "time", SimpleNamespace(monotonic=itertools.count().__next__))
 
 
 @pytest.fixture
@@ -72,10 +80,10 @@ def test_what_was_finished_when_another_unit_failed_is_kept(start, computed, tmp
     real = module.compute
     monkeypatch.setattr(parts_module, "_SECONDS", 1e9)  # all that is finished waits to be written
 
-    def broken(made, unit, reduce=None):
+    def broken(made, unit):
         if len(computed) > 100:
             raise ZeroDivisionError("a fault")
-        return real(made, unit, reduce)
+        return real(made, unit)
 
     monkeypatch.setattr(module, "compute", broken)
     with pytest.raises(ZeroDivisionError):
@@ -138,8 +146,6 @@ def test_a_run_killed_between_tables_and_manifest(start, stopped, monkeypatch):
 
 def test_a_run_killed_after_the_manifest(start, stopped, monkeypatch, computed):
     """Parts that a kill left beside finished tables are removed."""
-    from study.runs.storage.parts import Parts
-
     with monkeypatch.context() as patch:
         patch.setattr(Parts, "remove", lambda *_: (_ for _ in ()).throw(Stop))
         with pytest.raises(Stop):
@@ -158,15 +164,17 @@ def test_half_written_files_are_removed(start, stopped):
     assert not [path for path in stopped.rglob("*") if path.name.endswith(".tmp")]
 
 
-def test_timings_are_kept(start, stopped):
+def test_timings_are_kept(clock, start, stopped):
     """Timings of before the break are in the table, and the manifest's seconds are of both sessions."""
+    before = Parts(stopped, "units")
+    before.load()
     resumed, whole = start(folder=stopped, **ENTRIES), start(**ENTRIES)
 
     def fits(run):
         return run.table("timings").groupby("step", observed=True)["fits"].sum().to_dict()
 
     assert fits(resumed) == fits(whole)
-    assert resumed.manifest()["seconds_computing"] > 0.0
+    assert resumed.manifest()["seconds_computing"] > before.seconds > 0.0
 
 
 def test_another_version_of_an_estimator_is_not_mixed_in(start, stopped, computed, monkeypatch):
@@ -196,7 +204,7 @@ def test_software_that_changed_is_told(start, stopped, monkeypatch):
     monkeypatch.setattr(provenance, "software", lambda: real | {"study": "0.0.9", "commit": "f" * 40})
     told = []
     run = start(folder=stopped, warn=told.append, **ENTRIES)
-    assert "goes on with what version" in told[0]
+    assert "resumes what version" in told[0]
     assert run.manifest()["also_computed_by"] == [real]
 
 

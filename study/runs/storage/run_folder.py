@@ -2,15 +2,15 @@
 
     results/<name>-<digest>/
         config.toml        the config, as it was given
-        manifest.json      what was run, on what, how long it took; written last: with it, a run is finished
-        parts/             what is computed of a run that is not finished; see `study.runs.storage.parts`
+        manifest.json      config, software, machine, seconds, digests of the tables; written last: it ends a run
+        parts/             finished rows of a run that is not finished; see `study.runs.storage.parts`
         errors.parquet     a row per cell, trial and estimator
-        failures.parquet   fits that raised, or whose worker died, if there are any
-        timings.parquet    apart, so that error tables can be compared byte by byte
+        failures.parquet   fits that raised an exception or whose worker died, if there are any
+        timings.parquet    seconds; a table of its own, so that error tables can be compared byte by byte
         points.parquet     points of the trials that the config keeps
-        precision.parquet  trials of each cell, and why it has no more, where the config asks for a precision
+        precision.parquet  number of trials of each cell, and why it has no more, where the config has a [precision]
         summary.parquet    performance measures with their Monte-Carlo error
-        posterior.parquet, answers.parquet, draws.parquet   ensemble posteriors, where the config asks for them
+        posterior.parquet, answers.parquet, draws.parquet   ensemble posteriors, where the config has a [posterior]
 
 Workers compute and write nothing; the parent alone writes, and only while it holds the folder's lock.
 """
@@ -48,7 +48,7 @@ class Run:
 
     @classmethod
     def create(cls, folder: Path, study: Study) -> "Run":
-        """Make a folder for a study, or take the one that is there, if it is of the same config.
+        """Make a folder for a study, or use the one that is there if it belongs to the same config.
 
         Raises:
             RunError: if it belongs to another config or a newer version, is a file, or cannot be written.
@@ -87,7 +87,7 @@ class Run:
             raise RunError(f"{folder}: its config cannot be read any more: {error}") from None
 
     def begin(self, config: str) -> "Run":
-        """Store the config's text, remove what a killed writer left half written, and return the run."""
+        """Store the config's text, remove the temporary files of a killed writer, and return the run."""
         with explained(self.folder):
             for place in (self.folder, self.folder / "parts"):
                 for path in place.glob(".*.tmp"):
@@ -102,11 +102,11 @@ class Run:
         return self.folder / f"{name}.parquet"
 
     def has(self, name: str) -> bool:
-        """Whether a table is stored."""
+        """True if a table is stored."""
         return self.path(name).is_file()
 
     def table(self, name: str, columns: list[str] | None = None) -> Any:
-        """A stored table as a data frame.
+        """Read a stored table into a data frame.
 
         Raises:
             RunError: if it is not there, because the run did not finish.
@@ -114,7 +114,7 @@ class Run:
         return self.read(name, lambda path: schemas.read(path, columns))
 
     def cell(self, name: str) -> Any:
-        """The error table's rows of one cell as a data frame, read without the others.
+        """Read the error table's rows of one cell into a data frame, without the others.
 
         Args:
             name: the cell's name, or its beginning, as far as no other begins so.
@@ -124,21 +124,21 @@ class Run:
             RunError: if the run did not finish.
         """
         cell, where = locate(self.study, name)
-        # row groups know the least and largest value of each column: those that cannot hold the cell are not read
+        # a row group has the range of each column, so that groups without the cell are not read
         rows = [("cell", "==", cell.name), ("trial", ">=", where[0].first), ("trial", "<", where[-1].last)]
         rows += [(c.name, "==", cell.values[c.name]) for c in self.study.conditions()]
         return self.read("errors", lambda path: pq.read_table(path, filters=rows).to_pandas())
 
     def arrow(self, name: str) -> pa.Table:
-        """A stored table as it is on disk; see `table`."""
+        """Read a stored table into Arrow's memory; see `table`."""
         return self.read(name, pq.read_table)
 
     def read(self, name: str, read: Callable[[Path], Any]) -> Any:
-        """What a function reads from a table's file; see `table`."""
+        """Read a table's file with a function; see `table`."""
         path = self.path(name)
         if name == "errors" and self.study.keep == "summary":
             raise RunError(
-                f'{path}: not kept: the study keeps its summary alone; keep = "errors" in the config keeps it'
+                f'{path}: not stored: the study keeps its summary alone; keep = "errors" in the config stores it'
             )
         if not path.is_file():
             raise RunError(f"{path}: missing; finish the run with `study run {self.folder / 'config.toml'}`")
@@ -148,7 +148,7 @@ class Run:
             raise RunError(f"{path}: cannot be read: {error}") from None
 
     def metadata(self, name: str) -> dict[str, str]:
-        """What a stored table says of itself; empty if it is not there or cannot be read."""
+        """Metadata of a stored table; empty if it is not there or cannot be read."""
         try:
             found = pq.read_schema(self.path(name)).metadata
         except (OSError, pa.ArrowInvalid):
@@ -156,7 +156,7 @@ class Run:
         return {key.decode(): value.decode() for key, value in (found or {}).items()}
 
     def fingerprint(self, name: str) -> str | None:
-        """SHA-256 of a table's file, which equal runs have in common; None if it is not there."""
+        """SHA-256 of a table's file; None if it is not there."""
         try:
             with open(self.path(name), "rb") as file:
                 return hashlib.file_digest(file, "sha256").hexdigest()
@@ -173,7 +173,7 @@ class Run:
     def join(
         self, name: str, columns: list[schemas.Column], parts: Iterable[pa.Table], metadata: Mapping[str, str]
     ) -> None:
-        """Write a table from parts, none of which stays in memory."""
+        """Write a table from parts, without holding all of them in memory."""
         with explained(self.folder):
             join(self.path(name), schemas.schema(columns, metadata), parts)
 
@@ -183,7 +183,7 @@ class Run:
             self.path(name).unlink(missing_ok=True)
 
     def set_aside(self, name: str) -> None:
-        """Move a table that is damaged out of the way."""
+        """Move a damaged table to ``parts/damaged``."""
         with explained(self.folder):
             if self.has(name):
                 (self.folder / "parts" / DAMAGED).mkdir(parents=True, exist_ok=True)
@@ -210,12 +210,12 @@ class Run:
         return found
 
     def amend_manifest(self, entries: dict[str, Any]) -> None:
-        """Add entries to the manifest, of a run that has one."""
+        """Add entries to the manifest of a run that has one."""
         if (self.folder / "manifest.json").is_file():
             self.save_manifest(self.manifest() | entries)
 
     def stopped(self) -> float | None:
-        """Seconds of the budget that stopped the run before it was finished; None if none did."""
+        """Seconds of the budget that stopped the run before its end; None if none did."""
         try:
             found = self.manifest().get("stopped_after")
         except RunError:
@@ -223,14 +223,14 @@ class Run:
         return float(found) if isinstance(found, int | float) else None
 
     def trials(self) -> dict[str, int]:
-        """Trials of each cell by its name, where a precision decided; empty where it did not, or not yet."""
+        """Number of trials of each cell of an adaptive run, by name; empty while there is no precision table."""
         if not self.has("precision"):
             return {}
         found = self.table("precision", ["cell", "trials"])
         return dict(zip(found["cell"].astype(str), found["trials"].astype(int), strict=True))
 
     def maker(self) -> dict[str, Any]:
-        """The software that finished the run, as `study.runs.provenance` tells it; empty if it is not known."""
+        """The software that finished the run, as `study.runs.provenance.software` has it; empty if it is not known."""
         try:
             found = self.manifest().get("software", {})
         except RunError:
@@ -238,7 +238,7 @@ class Run:
         return found if isinstance(found, dict) else {}
 
     def refuse_newer(self) -> None:
-        """RunError if the run was finished by a newer program, whose files this one might read wrongly."""
+        """Raise a RunError if a newer program finished the run, whose files this one might read wrongly."""
         try:
             found = self.manifest().get("format", 1)
         except RunError:
