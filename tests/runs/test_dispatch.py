@@ -7,7 +7,7 @@ import pytest
 import study
 from study.estimators.fit import Estimator
 from study.experiment.config import parse
-from study.experiment.design import units
+from study.experiment.units import units
 from study.runs.plan import plan
 
 pytestmark = pytest.mark.usefixtures("same_software")
