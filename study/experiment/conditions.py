@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 Value = int | float | str
 
 
-class Row(Protocol):
+class RowValues(Protocol):
     """A row of a table, or the values of a cell: values by the name of their column."""
 
     def __contains__(self, name: object, /) -> bool: ...
@@ -64,7 +64,7 @@ class Condition:
     axis: bool = True
     law: bool = True
     stored: bool = True
-    derived: Callable[[Row], Any] | None = None
+    derived: Callable[[RowValues], Any] | None = None
     labelled: bool = True
     digits: int = 6
     mark: str = ""
@@ -73,7 +73,7 @@ class Condition:
         """True if a value is of its kind: a word, or a number that floating point can hold."""
         return isinstance(value, str) if self.kind is str else is_number(value)
 
-    def of(self, row: Row) -> Any:
+    def of(self, row: RowValues) -> Any:
         """Its value in a row of a table, or among the values of a cell."""
         return row[self.name] if self.derived is None else self.derived(row)
 
@@ -81,7 +81,7 @@ class Condition:
         """A value as a label has it: ``20°``."""
         return (value if isinstance(value, str) else f"{value:.{self.digits}g}") + self.mark
 
-    def label(self, row: Row) -> str:
+    def label(self, row: RowValues) -> str:
         """Its symbol and its value in a row: ``φ = 20°``."""
         return f"{self.symbol} = {self.written(self.of(row))}"
 
@@ -187,6 +187,6 @@ def named_in(columns: Container[str]) -> list[Condition]:
     return [c for c in LABELS if c in ALWAYS or (c.silent and c.name in columns)]
 
 
-def label(row: Row) -> str:
+def label(row: RowValues) -> str:
     """A row's conditions in words: ``N = 10, σ/r = 0.1, φ = 90°``, and the silent ones that its table has."""
     return ", ".join(c.label(row) for c in named_in(row))
