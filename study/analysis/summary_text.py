@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from study.experiment.conditions import NOISE_OVER_RADIUS, Condition, Row, distinguishing
+from study.experiment.conditions import NOISE_OVER_RADIUS, Condition, RowValues, distinguishing
 from study.runs.storage.run_folder import Run
 from study.text.columns import columns
 
@@ -30,14 +30,14 @@ def printed(run: Run) -> Iterator[str]:
     yield from columns(rows, ["", *dict.fromkeys(frame["estimator"])])
 
 
-def _conditions(row: Row, named: list[Condition]) -> str:
+def _conditions(row: RowValues, named: list[Condition]) -> str:
     """The conditions of a group."""
     if np.isfinite(row["decade"]):
         return f"{NOISE_OVER_RADIUS.symbol} = 1e{int(row['decade']):+03d} …"
     return ", ".join(condition.label(row) for condition in named)
 
 
-def _median(row: Row) -> str:
+def _median(row: RowValues) -> str:
     if row["ok"] == 0:
         return "none ok"
     failed = 1.0 - row["ok"] / row["planned"]

@@ -4,7 +4,7 @@ import math
 import re
 from collections.abc import Sequence
 
-from study.experiment.conditions import CONDITIONS, SAMPLES, Condition, Row, Value
+from study.experiment.conditions import CONDITIONS, SAMPLES, Condition, RowValues, Value
 from study.experiment.config import Study
 from study.experiment.distributions import Distribution
 
@@ -119,7 +119,7 @@ def dimension(study: Study) -> str:
     )
 
 
-def condition(which: Condition, row: Row) -> str:
+def condition(which: Condition, row: RowValues) -> str:
     """The value of a condition in a row of a table."""
     value = which.of(row)
     if isinstance(value, str):
