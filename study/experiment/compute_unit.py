@@ -127,7 +127,7 @@ def _from_points(
             on = [cells[places[0]].level for places in some]
             samples = draws.place(on[0], _workspace) if len(on) == 1 else draws.place_each(on)
             clock.read("points", n, trials * len(on))
-            samples.regression.spectrum  # noqa: B018  computed now, so that no estimator's time includes what all use
+            samples.spectrum  # noqa: B018  computed now, so that no estimator's time includes what all use
             clock.read("moments", n, trials * len(on))
             fits.append([])
             for name in study.estimators:
@@ -176,7 +176,7 @@ def _from_moments(study: Study, unit: Unit, clock: Clock, failures: Failures) ->
         level = cells[places[0]].level
         regression = joint.regression(np.array([level.sigma]), np.array([level.radius]))
         samples = Samples.of_regression(regression, level.sigma)
-        regression.spectrum  # noqa: B018
+        samples.spectrum  # noqa: B018
         clock.read("points", n, trials)
         truths.append(Truth((0.0,) * d, 0.0))  # fits from joint moments are errors already
         fits.append([])

@@ -16,8 +16,6 @@ from study.sphere.types import Floats
 Columns = dict[str, NDArray[Any]]
 """Columns of a table by name."""
 
-_OF_FITS = ("center", "radius", "noise_variance", "status", "condition", "iterations")
-
 
 class Truth(NamedTuple):
     """A sphere that fits are compared with, in the unit of the fits."""
@@ -107,7 +105,7 @@ class Errors:
         if len(blocks) == 1:
             return blocks[0]
         of_fits: dict[str, Any] = {
-            name: np.concatenate([getattr(b, name) for b in blocks], axis=2) for name in _OF_FITS
+            name: np.concatenate([getattr(b, name) for b in blocks], axis=2) for name in Fit._fields
         }
         sizes = tuple(size for b in blocks for size in b.blocks)
         return replace(blocks[0], blocks=sizes, bound=np.concatenate([b.bound for b in blocks]), **of_fits)

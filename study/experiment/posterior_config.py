@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
-from study.estimators.fit import Worded
+from study.estimators.status import Worded
 from study.experiment.conditions import ANGLE, CONDITIONS, SAMPLES, Value
 from study.experiment.config_faults import Fault
 from study.experiment.designs.cells import Cell

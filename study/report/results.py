@@ -8,7 +8,7 @@ from typing import Any
 import pandas as pd
 
 from study.estimators import Status
-from study.estimators.fit import explain
+from study.estimators.status import explain
 from study.experiment.conditions import LABELS, SAMPLES, named_in
 from study.figures import style
 from study.report import words

@@ -1,13 +1,13 @@
 """One unit of work: rows that compare each fit with its truth, and an estimator that raises."""
 
-import dataclasses
 import math
 
 import numpy as np
 import pytest
 
 import study
-from study.estimators.fit import Estimator, blank
+from study.estimators import Estimator
+from study.estimators.fit import blank
 from study.experiment.compute_unit import Result, compute, lost
 from study.experiment.designs.groups import Span
 from study.experiment.sampling import draw
@@ -288,7 +288,7 @@ def test_answers_of_another_shape_are_failures(make_study, monkeypatch, wrong):
 
     def short(samples):
         fit = study.ESTIMATORS["lls"](samples)
-        return dataclasses.replace(fit, **{wrong: getattr(fit, wrong)[:0]})
+        return fit._replace(**{wrong: getattr(fit, wrong)[:0]})
 
     monkeypatch.setitem(study.ESTIMATORS, "short", Estimator(short, "a test"))
     made = make_study({"estimators": ["short"]}, trials=3)
