@@ -6,7 +6,8 @@ import numpy as np
 import pandas as pd
 
 from study.estimators import Fit
-from study.estimators.fit import blank, explain
+from study.estimators.fit import blank
+from study.estimators.status import explain
 from study.experiment.config import Study
 from study.experiment.guarded_fit import attempt
 from study.experiment.replay import Trial

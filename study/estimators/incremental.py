@@ -1,66 +1,96 @@
 """Incremental GDK: one sample at a time, in constant memory, with an answer at any moment.
 
-Two ways. `igdk` is the paper's: recurrences for x̄, C, S and C⁻¹ (a rank-one update, so no new inverse is needed), and
-the answer is GDKE's with its bias - with C - Σ the update is no longer of rank one. `Incremental` keeps the moments,
-which merge exactly, and solves the d × d system when an answer is wanted: every closed form, unbiased ones among
-them, from the same few numbers.
+There are two ways. `igdk` is the paper's: recurrences for x̄, C, S and C⁻¹ (a rank-one update, so no new inverse is
+needed), and the answer is GDKE's with its bias - with C - Σ the update is no longer of rank one. `Incremental` keeps
+the moments, which merge exactly, and solves the d × d system when an answer is wanted: every closed form, unbiased ones
+among them, from the same few numbers.
 """
 
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from study.estimators.fit import Estimator, Fit, Samples, Status, blank
+from study.estimators.estimator import Estimator
+from study.estimators.fit import Fit, blank
 from study.estimators.kasa import residual_noise
+from study.estimators.samples import Samples
+from study.estimators.status import Status
 from study.sphere.jit import compiled
 from study.sphere.moments import Moments
 from study.sphere.types import Floats
 
 
+class Running(NamedTuple):
+    """State of the recurrences: x̄ (b, d), C (b, d, d) and S (b, d), both in weights of 1/(n - 1)."""
+
+    mean: Floats
+    covariance: Floats
+    third: Floats
+
+
 @compiled
-def _step(point: Any, n: float, mean: Any, c: Any, s: Any, inverse: Any, delta: Any, w: Any) -> None:
-    """Take one more sample into x̄, C, S (weights 1/(n-1)) and C⁻¹ of n samples, in place (theory §1.1)."""
-    d = mean.size
-    share, shrink = 1.0 / (n + 1.0), (n - 1.0) / n
-    trace = square = dw = 0.0
+def add_sample(point: Floats, n: float, running: Running, t: int, delta: Floats) -> None:
+    """Add a sample to x̄, C and S of the n samples of set t, in place, and write δ = x - x̄ (d,) (theory §1.1).
+
+    C and S count from the second sample on. Of none and one they hold no numbers of use.
+    """
+    d = delta.size
+    mean, c, s = running.mean[t], running.covariance[t], running.third[t]
+    before = max(n - 1.0, 0.0)
+    share, shrink = 1.0 / (n + 1.0), before / max(n, 1.0)
+    trace = square = 0.0
     for i in range(d):
         delta[i] = point[i] - mean[i]
         square += delta[i] * delta[i]
         trace += c[i, i]
-    third = (n - 1.0) * share * share * square
+    third = before * share * share * square
     for i in range(d):
-        w[i] = along = 0.0
+        along = 0.0
         for j in range(d):
-            w[i] += inverse[i, j] * delta[j]
             along += c[i, j] * delta[j]
-        dw += delta[i] * w[i]
         s[i] = shrink * (s[i] - share * (2.0 * along + trace * delta[i])) + third * delta[i]
-    scale, grow = 1.0 / ((n * n - 1.0) / n + dw), 1.0 / shrink
     for i in range(d):
-        step, correction = share * delta[i], scale * w[i]
+        step = share * delta[i]
         mean[i] += step
         for j in range(i + 1):
             c[i, j] = c[j, i] = shrink * c[i, j] + step * delta[j]
+
+
+@compiled
+def _update_inverse(n: float, inverse: Floats, delta: Floats, w: Floats) -> None:
+    """Update C⁻¹ of n samples by one more, δ from their mean, in place (theory §1.1); ``w`` receives C⁻¹δ."""
+    d = delta.size
+    dw = 0.0
+    for i in range(d):
+        w[i] = 0.0
+        for j in range(d):
+            w[i] += inverse[i, j] * delta[j]
+        dw += delta[i] * w[i]
+    scale, grow = 1.0 / ((n * n - 1.0) / n + dw), 1.0 / ((n - 1.0) / n)
+    for i in range(d):
+        correction = scale * w[i]
+        for j in range(i + 1):
             inverse[i, j] = inverse[j, i] = grow * (inverse[i, j] - correction * w[j])
 
 
 @compiled
-def _stream_all(x: Any, first: int, mean: Any, c: Any, s: Any, inverse: Any) -> None:
-    """Run each set of a batch (b, d, n) through the recurrence, from its sample number ``first`` on."""
+def _stream_all(x: Floats, first: int, running: Running, inverse: Floats) -> None:
+    """Run each set of a batch (b, d, n) through the recurrences, from its sample number ``first`` on."""
     b, d, n = x.shape
     delta, w, point = np.empty(d), np.empty(d), np.empty(d)
     for t in range(b):
         for k in range(first, n):
             for i in range(d):
                 point[i] = x[t, i, k]
-            _step(point, float(k), mean[t], c[t], s[t], inverse[t], delta, w)
+            add_sample(point, float(k), running, t, delta)
+            _update_inverse(float(k), inverse[t], delta, w)
 
 
 def igdk(samples: Samples) -> Fit:
     """Incremental GDK by the paper's recurrences, with GDKE's bias.
 
-    They start on the first d + 5 samples, or more while those lie in a plane.
+    They start on the first d + 5 samples, or on more while those lie in a plane.
 
     Source: paper eqs 24-25; the recurrences are theory §1.1.
     """
@@ -76,7 +106,7 @@ def igdk(samples: Samples) -> Fit:
         first = min(n, 2 * first)  # so far they lie in a plane
     fit = blank(b, d)
     inverse = np.linalg.inv(np.where(regular[:, None, None], c, np.eye(d)))
-    _stream_all(samples.x, first, mean, c, s, inverse)
+    _stream_all(samples.x, first, Running(mean, c, s), inverse)
     offset = 0.5 * np.einsum("bij,bj->bi", inverse, s)
     fit.center[:] = mean + offset
     fit.radius[:] = np.sqrt((n - 1.0) / n * np.trace(c, axis1=1, axis2=2) + np.einsum("bi,bi->b", offset, offset))
@@ -91,11 +121,26 @@ def igdk(samples: Samples) -> Fit:
 class Incremental:
     """A sphere fit that grows with its points, in constant memory.
 
+    The points are not stored: 14 numbers in three dimensions stand for all of them, and every closed form gives from
+    these the answer that it gives from the points.
+
     Args:
         dimension: d ≥ 2.
 
+    Attributes:
+        dimension: d.
+        moments: the `Moments` of the points so far, a batch of one; None while there are none.
+
     Raises:
-        ValueError: if the dimension is smaller.
+        ValueError: if the dimension is smaller than 2.
+
+    Example:
+        >>> growing = study.Incremental(3)
+        >>> for points in stream:
+        ...     growing.update(points)
+        ...     growing.fit(study.ESTIMATORS["als"]).center
+
+    Source: the idea is the paper's, eqs 24-25.
     """
 
     def __init__(self, dimension: int) -> None:
@@ -105,7 +150,10 @@ class Incremental:
         self.dimension = dimension
 
     def update(self, points: ArrayLike) -> None:
-        """Take more points: one (d,) or several (n, d). Rows with a NaN are left out.
+        """Add points.
+
+        Args:
+            points: one (d,) or several (n, d), in the unit of those before. Points with a NaN are left out.
 
         Raises:
             ValueError: if the shape is another.
@@ -120,21 +168,22 @@ class Incremental:
             self.moments = Moments.of(x) if self.moments is None else self.moments.update(x)
 
     def fit(self, estimator: Estimator, noise: float | Floats | None = None) -> Fit:
-        """The answer so far, of a closed form.
+        """Fit the points so far by a closed form.
 
         Args:
-            estimator: one that looks at the moments alone, such as ``study.ESTIMATORS["als"]``.
-            noise: σ, a covariance (d, d), or None where the estimator does not need it.
+            estimator: one that needs the moments alone, such as ``study.ESTIMATORS["als"]``.
+            noise: standard deviation σ in the unit of the points, a covariance (d, d), or None where the estimator
+                does not need it.
 
         Returns:
-            A fit of shape ``()``; its status says so while there are fewer than d + 1 points.
+            A fit of shape ``()``. While there are fewer than d + 1 points its status is `Status.TOO_FEW_POINTS`.
 
         Raises:
-            ValueError: if the estimator looks at the points themselves, which are not kept.
+            ValueError: if the estimator needs the points themselves, which are not stored.
         """
         if not estimator.moments_suffice:
-            raise ValueError("this estimator looks at the points, which are not kept: take gdke, ugdk or als")
-        if self.moments is None or self.moments.count[0] < self.dimension + 1:
+            raise ValueError("this estimator reads the points, which are not stored: take gdke, ugdk or als")
+        if self.moments is None or self.moments.n[0] < self.dimension + 1:
             fit = blank(1, self.dimension)
             fit.status[:] = Status.TOO_FEW_POINTS
         else:

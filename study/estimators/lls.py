@@ -1,28 +1,29 @@
 """Linear least squares: the (d + 1)-column system |y|² = β₀ + βᵀy by orthogonal factorisation.
 
-In exact arithmetic this is Kåsa's fit, `gdke`, to the letter; it differs in what rounding does to it. The columns
-are (1, y₁ … y_d) with y taken from a point near the data, so that a distant origin costs no digits; the reflection
-of the first column then is the centring. The triangle R is kept by appending the data to it chunk by chunk, so one
-pass suffices.
+In exact arithmetic this is Kåsa's fit, `gdke` (theory 0.1); it differs in its rounding errors. The columns are
+(1, y₁ … y_d) with y relative to a point near the data, so that a distant origin costs no digits; the reflection
+of the first column then is the centring. The data are appended to the triangle R chunk by chunk, so one pass suffices.
 """
 
 import math
-from typing import Any
 
 import numpy as np
 
-from study.estimators.fit import Fit, Samples, Status, blank
+from study.estimators.fit import Fit, blank
 from study.estimators.kasa import noise_of_residuals
-from study.sphere.jit import CHUNK, compiled, compiled_as_written, dot, fill, fresh, put, total, zeros
-from study.sphere.layouts import abreast, at, extent, near, readable, window
+from study.estimators.samples import Samples
+from study.estimators.status import Status
+from study.sphere.jit import CHUNK, Sums, compiled, compiled_as_written, dot, fill, fresh, put, total, zeros
+from study.sphere.layouts import PointSets, View, abreast, at, extent, near, readable, window
 from study.sphere.linalg import eigenbasis
+from study.sphere.types import Floats
 
 _EPS = 2.0**-52
 
 
 @compiled
-def _take(column: Any, pivot: Any, share: float) -> float:
-    """Take a share of the pivot from a column, in place; the column's square."""
+def _take(column: Floats, pivot: Floats, share: float) -> float:
+    """Subtract a share of the pivot from a column, in place, and return the column's squared length."""
     square = 0.0
     for k in range(column.size):
         value = column[k] - share * pivot[k]
@@ -32,8 +33,8 @@ def _take(column: Any, pivot: Any, share: float) -> float:
 
 
 @compiled
-def _take_beside(column: Any, pivot: Any, share: float, other: Any) -> float:
-    """The same; the column's product with another, which the compiler must know to be another to be fast."""
+def _take_beside(column: Floats, pivot: Floats, share: float, other: Floats) -> float:
+    """Do the same, but return the product with another column. In a function of its own the compiler makes it fast."""
     product = 0.0
     for k in range(column.size):
         value = column[k] - share * pivot[k]
@@ -43,8 +44,8 @@ def _take_beside(column: Any, pivot: Any, share: float, other: Any) -> float:
 
 
 @compiled
-def _append(triangle: Any, rows: Any, m: int, products: Any) -> None:
-    """Householder: append m rows, given by columns (q, m), to an upper triangle (q, q) in place.
+def _append(triangle: Floats, rows: Floats, m: int, products: Floats) -> None:
+    """Append m rows, given by columns (q, m), to an upper triangle (q, q) in place, by Householder reflections.
 
     ``products`` holds the scalar products of the first column with all of them, and those of the next are formed
     while a reflection is applied.
@@ -53,7 +54,7 @@ def _append(triangle: Any, rows: Any, m: int, products: Any) -> None:
     for i in range(q):
         pivot = rows[i, :m]
         norm = math.sqrt(triangle[i, i] ** 2 + products[i])
-        if norm == 0.0:  # not so if it is not a number, which is to spread
+        if norm == 0.0:  # not if it is NaN, which then spreads
             for j in range(i + 1, q):
                 products[j] = dot(rows[i + 1, :m], rows[j, :m])
             continue
@@ -71,7 +72,7 @@ def _append(triangle: Any, rows: Any, m: int, products: Any) -> None:
 
 
 @compiled
-def _scatter(triangle: Any, scatter: Any) -> None:
+def _scatter(triangle: Floats, scatter: Floats) -> None:
     """The scatter of the centred columns y₁ … y_d."""
     d = scatter.shape[0]
     for i in range(d):
@@ -82,7 +83,7 @@ def _scatter(triangle: Any, scatter: Any) -> None:
 
 
 @compiled
-def _solve(triangle: Any, beta: Any) -> None:
+def _solve(triangle: Floats, beta: Floats) -> None:
     """Back substitution for β (d + 1,)."""
     p = beta.size
     for i in range(p - 1, -1, -1):
@@ -93,8 +94,8 @@ def _solve(triangle: Any, beta: Any) -> None:
 
 
 @compiled_as_written
-def _columns(view: Any, m: int, origin: Any, rows: Any) -> None:
-    """Columns y₁ … y_d and |y|² of m samples, y = x - origin, beside the first of ones."""
+def _columns(view: View, m: int, origin: Sums, rows: Floats) -> None:
+    """Write columns y₁ … y_d and |y|² of m samples, y = x - origin, after the first of ones."""
     d = len(origin)
     for k in range(m):
         square = 0.0
@@ -106,8 +107,11 @@ def _columns(view: Any, m: int, origin: Any, rows: Any) -> None:
 
 
 @compiled
-def _fit_all(x: Any, group: int, center: Any, radius: Any, residual: Any, noise: Any, scatter: Any, zero: Any) -> None:
-    """Solve each point set of a batch (b, d, n), about a point near it: the mean of its first samples."""
+def _fit_all(x: PointSets, group: int, fit: Fit, residual: Floats, scatter: Floats, zero: Sums) -> None:
+    """Solve each point set of a batch (b, d, n), about a point near it: the mean of its first samples.
+
+    ``residual`` (b,) and ``scatter`` (b, d, d) receive mean square residuals and the scatter of the points.
+    """
     b, d, n = extent(x)
     q = d + 2
     rows, copy, products, beta = np.empty((q, CHUNK)), np.empty((1, d, CHUNK)), np.empty(q), np.empty(d + 1)
@@ -139,10 +143,10 @@ def _fit_all(x: Any, group: int, center: Any, radius: Any, residual: Any, noise:
             radius_squared = beta[0]
             for i in range(d):
                 half = 0.5 * beta[i + 1]
-                center[t, i] = origins[g, i] + half
+                fit.center[t, i] = origins[g, i] + half
                 radius_squared += half * half
-            radius[t] = math.sqrt(radius_squared) if radius_squared >= 0.0 else math.nan
-            noise[t] = noise_of_residuals(residual[t], radius_squared, float(n), d)
+            fit.radius[t] = math.sqrt(radius_squared) if radius_squared >= 0.0 else math.nan
+            fit.noise_variance[t] = noise_of_residuals(residual[t], radius_squared, float(n), d)
 
 
 def lls(samples: Samples) -> Fit:
@@ -153,10 +157,9 @@ def lls(samples: Samples) -> Fit:
     b, d, _ = samples.shape
     fit = blank(b, d)
     residual, scatter = np.empty(b), np.empty((b, d, d))
-    x, group = readable(samples.source), abreast(samples.source)
-    _fit_all(x, group, fit.center, fit.radius, residual, fit.noise_variance, scatter, zeros(d))
+    _fit_all(readable(samples.source), abreast(samples.source), fit, residual, scatter, zeros(d))
     values, _ = eigenbasis(scatter)
-    regular = values[:, 0] > d * _EPS * values[:, -1]  # the points span all dimensions: the rule of `gdk`
+    regular = values[:, 0] > d * _EPS * values[:, -1]  # the points span all dimensions, by the rule of `gdke`
     fit.status[~regular] = Status.SINGULAR
     fit.status[~np.isfinite(residual)] = Status.NOT_FINITE
     lost = fit.status != Status.OK

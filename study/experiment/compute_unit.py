@@ -126,7 +126,7 @@ def _from_points(study: Study, unit: Unit, clock: Clock, kept: "Kept", failures:
             on = [cells[places[0]].level for places in some]
             samples = draws.place(on[0], _workspace) if len(on) == 1 else draws.place_each(on)
             clock.read("points", n, trials * len(on))
-            samples.regression.spectrum  # noqa: B018  now, so that no estimator is charged for what all share
+            samples.spectrum  # noqa: B018  now, so that no estimator is charged for what all share
             clock.read("moments", n, trials * len(on))
             fits.append([])
             for name in study.estimators:
@@ -174,7 +174,7 @@ def _from_moments(study: Study, unit: Unit, clock: Clock, failures: Failures) ->
         level = cells[places[0]].level
         regression = joint.regression(np.array([level.noise]), np.array([level.radius]))
         samples = Samples.of_regression(regression, level.noise)
-        regression.spectrum  # noqa: B018
+        samples.spectrum  # noqa: B018
         clock.read("points", n, trials)
         truths.append(Truth((0.0,) * d, 0.0))  # its fits are errors already
         fits.append([])

@@ -14,9 +14,6 @@ from study.sphere.types import Floats
 Columns = dict[str, NDArray[Any]]
 
 
-_OF_FITS = ("center", "radius", "noise_variance", "status", "condition", "iterations")
-
-
 class Truth(NamedTuple):
     """A sphere that fits are compared with, in the unit in which they were made."""
 
@@ -92,7 +89,7 @@ class Errors:
         if len(blocks) == 1:
             return blocks[0]
         of_fits: dict[str, Any] = {
-            name: np.concatenate([getattr(b, name) for b in blocks], axis=2) for name in _OF_FITS
+            name: np.concatenate([getattr(b, name) for b in blocks], axis=2) for name in Fit._fields
         }
         sizes = tuple(size for b in blocks for size in b.blocks)
         return replace(blocks[0], blocks=sizes, bound=np.concatenate([b.bound for b in blocks]), **of_fits)

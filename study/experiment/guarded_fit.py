@@ -10,7 +10,6 @@ from study.experiment.design import Batch, Cell
 from study.experiment.errors import Columns
 
 _LONGEST_MESSAGE = 500
-_PER_SET = ("radius", "noise_variance", "status", "condition", "iterations")
 
 
 def attempt(name: str, samples: Samples) -> tuple[Fit, dict[int, str]]:
@@ -32,19 +31,17 @@ def attempt(name: str, samples: Samples) -> tuple[Fit, dict[int, str]]:
             raised[trial] = f"{type(error).__name__}: {error}"[:_LONGEST_MESSAGE]
             fit.status[trial] = Status.FAILED
             continue
-        for field in ("center", *_PER_SET):
-            getattr(fit, field)[trial] = getattr(one, field)[0]
+        for whole, part in zip(fit, one, strict=True):
+            whole[trial] = part[0]
     return fit, raised
 
 
 def _called(name: str, samples: Samples) -> Fit:
     """An estimator's answer; ValueError if it is not one answer for each set of points."""
     fit, (b, d, _) = ESTIMATORS[name](samples), samples.shape
-    for field in _PER_SET:
-        if getattr(fit, field).shape != (b,):
-            raise ValueError(f"{field} has shape {getattr(fit, field).shape}, expected ({b},)")
-    if fit.center.shape != (b, d):
-        raise ValueError(f"center has shape {fit.center.shape}, expected ({b}, {d})")
+    for field, expected in zip(Fit._fields, blank(b, d), strict=True):
+        if getattr(fit, field).shape != expected.shape:
+            raise ValueError(f"{field} has shape {getattr(fit, field).shape}, expected {expected.shape}")
     return fit
 
 

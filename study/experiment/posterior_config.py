@@ -4,7 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
-from study.estimators.fit import Worded
+from study.estimators.status import Worded
 from study.experiment.distributions import Frozen, is_number
 
 CONDITIONS = ("samples", "noise", "noise_over_radius", "angle", "radius", "center")

@@ -7,7 +7,7 @@ from typing import Any
 import pandas as pd
 
 from study.estimators import Status
-from study.estimators.fit import explain
+from study.estimators.status import explain
 from study.figures import style
 from study.report import words
 from study.report.blocks import (

@@ -6,9 +6,7 @@ answer does not depend on o. From the points themselves o is the centroid, and t
 (`study.sphere.joint_moments`), and so is the answer.
 """
 
-from dataclasses import dataclass, fields
-from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,30 +16,41 @@ from study.sphere.moments import Moments
 from study.sphere.types import Floats
 
 
-@compiled
-def _central(
-    count: Any, second: Any, third: Any, fourth: Any, covariance: Any, cross: Any, variance: Any, square: Any
-) -> None:
-    """C and S (paper eqs 5 and 6), and variance and mean of |y|², of sums about the centroid."""
-    b, d = third.shape
-    for t in range(b):
-        n, trace = count[t], 0.0
-        for i in range(d):
-            trace += second[t, i, i]
-            cross[t, i] = third[t, i] / (n - 1.0)
-            for j in range(d):
-                covariance[t, i, j] = second[t, i, j] / (n - 1.0)
-        square[t] = trace / n
-        variance[t] = fourth[t] / n - square[t] * square[t]
+class Regression(NamedTuple):
+    """Moments of y = x - o and |y|² of a batch of point sets.
 
+    Attributes:
+        n: number of samples of each set (b,).
+        origin: o (b, d), in the unit of the points.
+        mean: ȳ (b, d).
+        covariance: C, the sample covariance of y, in weights of 1/(n - 1), paper eq. 5 (b, d, d).
+        cross: sample covariance of y and |y|² (b, d): the paper's S, eq. 6, where ȳ = 0.
+        variance: variance of |y|², in weights of 1/n (b,).
+        square: mean of |y|², less ``base`` (b,).
+        base: r² (b,), where it is known and the fits are wanted as errors; else 0.
+    """
 
-@compiled
-def _decompose(
-    covariance: Any, cross: Any, mean: Any, values: Any, vectors: Any, cross_along: Any, mean_along: Any
-) -> None:  # fmt: skip
-    diagonalise_all(covariance, values, vectors)
-    components_all(vectors, cross, cross_along)
-    components_all(vectors, mean, mean_along)
+    n: Floats
+    origin: Floats
+    mean: Floats
+    covariance: Floats
+    cross: Floats
+    variance: Floats
+    square: Floats
+    base: Floats
+
+    @classmethod
+    def of(cls, moments: Moments) -> "Regression":
+        """Form the regression about the centroids."""
+        b, d = moments.mean.shape
+        covariance, cross, variance, square = np.empty((b, d, d)), np.empty((b, d)), np.empty(b), np.empty(b)
+        result = cls(moments.n, moments.mean, np.zeros((b, d)), covariance, cross, variance, square, np.zeros(b))
+        _central(moments, result)
+        return result
+
+    def only(self, index: int) -> "Regression":
+        """The regression of one set of the batch."""
+        return Regression(*(part[index : index + 1] for part in self))
 
 
 class Spectrum(NamedTuple):
@@ -59,47 +68,34 @@ class Spectrum(NamedTuple):
     cross: Floats
     mean: Floats
 
-
-@dataclass(frozen=True)
-class Regression:
-    """Moments of y = x - o and |y|² of a batch of point sets.
-
-    Attributes:
-        count: number of samples n of each set (b,).
-        origin: o (b, d), in the unit of the points.
-        mean: ȳ (b, d).
-        covariance: C, the sample covariance of y, in weights of 1/(n - 1), paper eq. 5 (b, d, d).
-        cross: its counterpart between y and |y|² (b, d): the paper's S, eq. 6, where ȳ = 0.
-        variance: that of |y|², in weights of 1/n (b,).
-        square: the mean of |y|², less ``base`` (b,).
-        base: r², where it is known and the fits are wanted as errors; else 0.
-    """
-
-    count: Floats
-    origin: Floats
-    mean: Floats
-    covariance: Floats
-    cross: Floats
-    variance: Floats
-    square: Floats
-    base: Floats
-
     @classmethod
-    def of(cls, moments: Moments) -> "Regression":
-        """About the centroids."""
-        m, (b, d) = moments, moments.mean.shape
-        covariance, cross, variance, square = np.empty((b, d, d)), np.empty((b, d)), np.empty(b), np.empty(b)
-        _central(m.count, m.second, m.third, m.fourth, covariance, cross, variance, square)
-        return cls(m.count, m.mean, np.zeros((b, d)), covariance, cross, variance, square, np.zeros(b))
-
-    def only(self, index: int) -> "Regression":
-        """That of one set of the batch."""
-        return Regression(*(getattr(self, each.name)[index : index + 1] for each in fields(self)))
-
-    @cached_property
-    def spectrum(self) -> Spectrum:
-        """The same in the eigenbasis of C, which several estimators share."""
-        values, cross, mean = (np.empty(self.mean.shape) for _ in range(3))
-        result = Spectrum(values, np.empty(self.covariance.shape), cross, mean)
-        _decompose(self.covariance, self.cross, self.mean, *result)
+    def of(cls, regression: Regression) -> "Spectrum":
+        """Diagonalise C."""
+        values, cross, mean = (np.empty(regression.mean.shape) for _ in range(3))
+        result = cls(values, np.empty(regression.covariance.shape), cross, mean)
+        _decompose(regression, result)
         return result
+
+
+@compiled
+def _central(moments: Moments, regression: Regression) -> None:
+    """C and S (paper eqs 5 and 6), and variance and mean of |y|², of sums about the centroid."""
+    count, _, second, third, fourth = moments
+    _, _, _, covariance, cross, variance, square, _ = regression
+    b, d = third.shape
+    for t in range(b):
+        n, trace = count[t], 0.0
+        for i in range(d):
+            trace += second[t, i, i]
+            cross[t, i] = third[t, i] / (n - 1.0)
+            for j in range(d):
+                covariance[t, i, j] = second[t, i, j] / (n - 1.0)
+        square[t] = trace / n
+        variance[t] = fourth[t] / n - square[t] * square[t]
+
+
+@compiled
+def _decompose(regression: Regression, spectrum: Spectrum) -> None:
+    diagonalise_all(regression.covariance, spectrum.values, spectrum.vectors)
+    components_all(spectrum.vectors, regression.cross, spectrum.cross)
+    components_all(spectrum.vectors, regression.mean, spectrum.mean)

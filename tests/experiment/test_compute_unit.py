@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import study
-from study.estimators.fit import Estimator, blank
+from study.estimators import Estimator
+from study.estimators.fit import blank
 from study.experiment.compute_unit import Result, compute, lost
 from study.experiment.design import Span, spans, units
 from study.experiment.sampling import draw

@@ -7,7 +7,7 @@ import pytest
 import study
 from study.analysis.summary import of_errors, summarise
 from study.estimators import Status
-from study.estimators.fit import Estimator
+from study.estimators.estimator import Estimator
 from study.experiment.compute_unit import compute
 from study.experiment.config import parse
 from study.experiment.design import units

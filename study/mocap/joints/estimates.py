@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from study.estimators.fit import Worded
+from study.estimators.status import Worded
 from study.mocap.joints.center import LIMIT, Center, Marker, center
 from study.mocap.joints.outlier_samples import near_sphere, sifted
 from study.mocap.joints.segments import Frames
