@@ -22,69 +22,56 @@ from study.sphere.types import Floats
 
 
 class Running(NamedTuple):
-    """State of the recurrences: x̄ (b, d), C (b, d, d) and S (b, d), both in weights of 1/(n - 1)."""
+    """State of the recurrences: x̄ (b, d), C (b, d, d) and S (b, d) in weights of 1/(n - 1), and C⁻¹ (b, d, d)."""
 
     mean: Floats
     covariance: Floats
     third: Floats
+    inverse: Floats
 
 
 @compiled
-def add_sample(point: Floats, n: float, running: Running, t: int, delta: Floats) -> None:
-    """Add a sample to x̄, C and S of the n samples of set t, in place, and write δ = x - x̄ (d,) (theory §1.1).
+def _step(point: Floats, n: float, running: Running, delta: Floats, w: Floats) -> None:
+    """Add one sample to x̄, C, S and C⁻¹ of n samples of one set, in place (theory §1.1).
 
-    C and S count from the second sample on. Of none and one they hold no numbers of use.
+    ``delta`` and ``w`` (d,) receive δ = x - x̄ and C⁻¹δ.
     """
-    d = delta.size
-    mean, c, s = running.mean[t], running.covariance[t], running.third[t]
-    before = max(n - 1.0, 0.0)
-    share, shrink = 1.0 / (n + 1.0), before / max(n, 1.0)
-    trace = square = 0.0
+    mean, c, s, inverse = running
+    d = mean.size
+    share, shrink = 1.0 / (n + 1.0), (n - 1.0) / n
+    trace = square = dw = 0.0
     for i in range(d):
         delta[i] = point[i] - mean[i]
         square += delta[i] * delta[i]
         trace += c[i, i]
-    third = before * share * share * square
+    third = (n - 1.0) * share * share * square
     for i in range(d):
-        along = 0.0
+        w[i] = along = 0.0
         for j in range(d):
+            w[i] += inverse[i, j] * delta[j]
             along += c[i, j] * delta[j]
+        dw += delta[i] * w[i]
         s[i] = shrink * (s[i] - share * (2.0 * along + trace * delta[i])) + third * delta[i]
+    scale, grow = 1.0 / ((n * n - 1.0) / n + dw), 1.0 / shrink
     for i in range(d):
-        step = share * delta[i]
+        step, correction = share * delta[i], scale * w[i]
         mean[i] += step
         for j in range(i + 1):
             c[i, j] = c[j, i] = shrink * c[i, j] + step * delta[j]
-
-
-@compiled
-def _update_inverse(n: float, inverse: Floats, delta: Floats, w: Floats) -> None:
-    """Update C⁻¹ of n samples by one more, δ from their mean, in place (theory §1.1); ``w`` receives C⁻¹δ."""
-    d = delta.size
-    dw = 0.0
-    for i in range(d):
-        w[i] = 0.0
-        for j in range(d):
-            w[i] += inverse[i, j] * delta[j]
-        dw += delta[i] * w[i]
-    scale, grow = 1.0 / ((n * n - 1.0) / n + dw), 1.0 / ((n - 1.0) / n)
-    for i in range(d):
-        correction = scale * w[i]
-        for j in range(i + 1):
             inverse[i, j] = inverse[j, i] = grow * (inverse[i, j] - correction * w[j])
 
 
 @compiled
-def _stream_all(x: Floats, first: int, running: Running, inverse: Floats) -> None:
+def _stream_all(x: Floats, first: int, running: Running) -> None:
     """Run each set of a batch (b, d, n) through the recurrences, from its sample number ``first`` on."""
     b, d, n = x.shape
     delta, w, point = np.empty(d), np.empty(d), np.empty(d)
     for t in range(b):
+        one = Running(running.mean[t], running.covariance[t], running.third[t], running.inverse[t])
         for k in range(first, n):
             for i in range(d):
                 point[i] = x[t, i, k]
-            add_sample(point, float(k), running, t, delta)
-            _update_inverse(float(k), inverse[t], delta, w)
+            _step(point, float(k), one, delta, w)
 
 
 def igdk(samples: Samples) -> Fit:
@@ -106,7 +93,7 @@ def igdk(samples: Samples) -> Fit:
         first = min(n, 2 * first)  # so far they lie in a plane
     fit = blank(b, d)
     inverse = np.linalg.inv(np.where(regular[:, None, None], c, np.eye(d)))
-    _stream_all(samples.x, first, Running(mean, c, s), inverse)
+    _stream_all(samples.x, first, Running(mean, c, s, inverse))
     offset = 0.5 * np.einsum("bij,bj->bi", inverse, s)
     fit.center[:] = mean + offset
     fit.radius[:] = np.sqrt((n - 1.0) / n * np.trace(c, axis1=1, axis2=2) + np.einsum("bi,bi->b", offset, offset))

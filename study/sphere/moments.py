@@ -64,7 +64,7 @@ class Moments(NamedTuple):
         """
         result = Moments(*(part.copy() for part in self))
         _merge_all(result, Moments(*(part.copy() for part in other)))
-        return result
+        return result._replace(n=self.n + other.n)
 
     def update(self, x: Floats) -> "Moments":
         """Moments after more samples (b, d, n)."""
@@ -199,24 +199,35 @@ def accumulate(x: PointSets, group: int, moments: Moments, zero: Sums, square: S
 
 
 @compiled
+def _merge(one: Moments, two: Moments, work: Floats) -> float:
+    """Merge the second set into the first, in place, but for n; the second is destroyed, the fourth moment returned."""
+    n, mean, second, third, fourth = one
+    n2, mean2, second2, third2, fourth2 = two
+    d = mean.size
+    delta, first = work[0], work[1]
+    share = n2 / (n + n2)
+    for i in range(d):
+        delta[i] = share * (mean2[i] - mean[i])
+        first[i] = 0.0
+    fourth = shift(n, delta, first, second, third, fourth)
+    for i in range(d):
+        mean[i] += delta[i]
+        delta[i] = mean[i] - mean2[i]
+        first[i] = 0.0
+    fourth += shift(n2, delta, first, second2, third2, fourth2)
+    for i in range(d):
+        third[i] += third2[i]
+        for j in range(d):
+            second[i, j] += second2[i, j]
+    return fourth
+
+
+@compiled
 def _merge_all(one: Moments, two: Moments) -> None:
-    """Merge each set of the second batch into its counterpart of the first; the second batch is destroyed."""
-    b, d = one.mean.shape
-    delta, first = np.empty(d), np.empty(d)
-    for t in range(b):
-        mean, mean2 = one.mean[t], two.mean[t]
-        share = two.n[t] / (one.n[t] + two.n[t])
-        for i in range(d):
-            delta[i] = share * (mean2[i] - mean[i])
-            first[i] = 0.0
-        fourth = shift(one.n[t], delta, first, one.second[t], one.third[t], one.fourth[t])
-        for i in range(d):
-            mean[i] += delta[i]
-            delta[i] = mean[i] - mean2[i]
-            first[i] = 0.0
-        one.fourth[t] = fourth + shift(two.n[t], delta, first, two.second[t], two.third[t], two.fourth[t])
-        for i in range(d):
-            one.third[t, i] += two.third[t, i]
-            for j in range(d):
-                one.second[t, i, j] += two.second[t, i, j]
-        one.n[t] += two.n[t]
+    work = np.empty((2, one.mean.shape[1]))
+    for t in range(one.n.size):
+        one.fourth[t] = _merge(
+            Moments(one.n[t], one.mean[t], one.second[t], one.third[t], one.fourth[t]),
+            Moments(two.n[t], two.mean[t], two.second[t], two.third[t], two.fourth[t]),
+            work,
+        )
