@@ -1,4 +1,4 @@
-"""Tables in, figures out: each figure is a module of ``prepare(tables) -> frame`` and ``draw(frame) -> Figure``.
+"""Registry of the figures, each a module of ``prepare(tables) -> frame`` and ``draw(frame) -> Figure``.
 
 To add one, write such a module and a line in `FIGURES`. All computing is in ``prepare``; ``draw`` reads no files.
 """
@@ -26,17 +26,17 @@ from study.figures.inputs import NotApplicable, Tables
 from study.runs.storage.run_folder import Run
 
 
-class Drawing(Protocol):
-    """What a figure's module offers."""
+class FigureModule(Protocol):
+    """Protocol of a figure's module."""
 
     def prepare(self, tables: Tables) -> Any:
-        """Compute what is shown; `NotApplicable` if the run does not have it."""
+        """Compute the frame; raise `NotApplicable` if the run lacks what it needs."""
 
     def draw(self, frame: Any) -> Figure:
-        """Draw it."""
+        """Draw the frame."""
 
 
-FIGURES: dict[str, Drawing] = {
+FIGURES: dict[str, FigureModule] = {
     "fig2_error": fig2_error,
     "fig3_gdke_ellipse": fig3_gdke_ellipse,
     "fig4_ugdk_ellipse": fig4_ugdk_ellipse,
@@ -49,7 +49,7 @@ FIGURES: dict[str, Drawing] = {
     "fig_calibration": fig_calibration,
 }
 
-__all__ = ["FIGURES", "Drawing", "NotApplicable", "Tables", "draw_all"]
+__all__ = ["FIGURES", "FigureModule", "NotApplicable", "Tables", "draw_all"]
 
 
 def draw_all(run: Run, folder: Path, names: Collection[str] = ()) -> tuple[list[Path], dict[str, str]]:
@@ -77,6 +77,6 @@ def draw_all(run: Run, folder: Path, names: Collection[str] = ()) -> tuple[list[
             drawn += style.save(figure.draw(figure.prepare(tables)), folder / name)
         except NotApplicable as reason:
             skipped[name] = str(reason)
-        except Exception as error:  # whatever it is, it is told, and the other figures are drawn
+        except Exception as error:  # a figure that fails must not cost the others
             skipped[name] = f"failed: {error!r}"
     return drawn, skipped

@@ -27,7 +27,7 @@ _LEAST_TRIALS = 50
 
 @dataclass(frozen=True)
 class Spread:
-    """How an estimator's centres scatter over all trials of the cell, in radii.
+    """Bias and spread of an estimator's centre over all trials of the cell, in radii.
 
     Attributes:
         bias: median error along the axis and across it.
@@ -96,7 +96,7 @@ class DataSet:
 
     @property
     def stamp(self) -> str:
-        """What the stamp says."""
+        """Text of the stamp: the run and its trials."""
         return f"{self.run} · trial {self.trial} of {self.trials:,}"
 
 
@@ -169,5 +169,5 @@ def _spread(errors: Floats) -> Spread:
 
 
 def reach(level: float) -> float:
-    """How many standard deviations the ellipse reaches that holds a plane Gaussian with the given probability."""
+    """Semi-axes, in standard deviations, of the ellipse that holds a bivariate normal with the given probability."""
     return math.sqrt(-2.0 * math.log1p(-level))

@@ -1,4 +1,4 @@
-"""Figures 3 and 4 alike: one fit to an arc, the whole circle on the left, its centre with error ellipses on the right.
+"""Shared drawing of figures 3 and 4: the whole circle on the left, its centre with error ellipses on the right.
 
 The ellipses are centred on the estimate, as the paper draws them, and have the size of the estimator's spread over
 all trials of the cell (`study.figures.arc_data`). The dots are the centres fitted to other trials, so that the ellipse
@@ -28,8 +28,8 @@ _SHAPE = 0.36  # height over width
 
 
 @dataclass(frozen=True)
-class Frame:
-    """What the figure shows.
+class EllipseFrame:
+    """Content of figure 3 or 4.
 
     Attributes:
         data: the data set.
@@ -53,7 +53,7 @@ class Frame:
         return self.spread.distance(fit.x, fit.y)
 
 
-def prepare(tables: Tables, estimator: str) -> Frame:
+def prepare(tables: Tables, estimator: str) -> EllipseFrame:
     """Choose the data set, and a window that holds both figures' ellipses, so that they can be compared.
 
     Raises:
@@ -65,11 +65,11 @@ def prepare(tables: Tables, estimator: str) -> Frame:
     centers = np.array([[data.fits[name].x, data.fits[name].y] for name in shown])
     corners = np.vstack([centers - half, centers + half, [[0.0, 0.0]]])
     (left, bottom), (right, top) = corners.min(axis=0), corners.max(axis=0)
-    return Frame(data, estimator, window([left, right], [bottom, top], pad=0.1, spare=0.3))
+    return EllipseFrame(data, estimator, window([left, right], [bottom, top], pad=0.1, spare=0.3))
 
 
 def window(x: Sequence[float], y: Sequence[float], pad: float, spare: float, below: float = 0.5) -> Window:
-    """Left, right, bottom, top of a window of one shape, so that the words below it have their room.
+    """Left, right, bottom and top of a window of fixed shape, with room for the words below it.
 
     Args:
         x: positions that must be inside.
@@ -86,7 +86,7 @@ def window(x: Sequence[float], y: Sequence[float], pad: float, spare: float, bel
 
 
 @style.journal()
-def draw(frame: Frame) -> Figure:
+def draw(frame: EllipseFrame) -> Figure:
     """Draw the two panels."""
     figure = Figure(figsize=(style.PAGE, 2.95), layout="constrained")
     whole, zoom = figure.subplots(1, 2, width_ratios=[1.0, 1.45])
@@ -113,7 +113,7 @@ def frame_axes(ax: Axes) -> None:
     ax.set_ylabel("$(x_2 − c_2)/r$")
 
 
-def _draw_whole(ax: Axes, frame: Frame) -> None:
+def _draw_whole(ax: Axes, frame: EllipseFrame) -> None:
     data, color = frame.data, style.color(frame.estimator)
     fit = data.fits[frame.estimator]
     draw_data(ax, data)
@@ -129,7 +129,7 @@ def _draw_whole(ax: Axes, frame: Frame) -> None:
     ax.set_title(f"{style.label(frame.estimator)}'s circle", loc="left")
 
 
-def _draw_zoom(ax: Axes, frame: Frame) -> None:
+def _draw_zoom(ax: Axes, frame: EllipseFrame) -> None:
     data, spread, color = frame.data, frame.spread, style.color(frame.estimator)
     fit = data.fits[frame.estimator]
     others = data.errors[data.errors["estimator"] == frame.estimator].iloc[:_SHOWN_TRIALS]
@@ -145,7 +145,7 @@ def _draw_zoom(ax: Axes, frame: Frame) -> None:
     ax.set_ylim(bottom, top)
     beside: dict[str, Any] = {"textcoords": "offset points", "fontsize": style.SMALL, "zorder": 7}
     text = f"68 % and 95 % of {style.label(frame.estimator)}'s spread"
-    if fit.x > 0.5 * (left + right) + wide:  # no room to its right
+    if fit.x > 0.5 * (left + right) + wide:  # there is no room to its right
         ax.annotate(text, (fit.x + wide, fit.y + tall), (0, 4), ha="right", va="bottom", color=color, **beside)
     else:
         ax.annotate(text, (fit.x, fit.y + tall), (0, 4), ha="center", va="bottom", color=color, **beside)
@@ -164,8 +164,8 @@ def write_below(ax: Axes, lines: list[str]) -> None:
         ax.annotate(words, (0.0, 0.0), below, "axes fraction", "offset points", va="top", fontsize=style.SMALL)
 
 
-def _words(frame: Frame) -> list[str]:
-    """What the ellipses say, in numbers."""
+def _words(frame: EllipseFrame) -> list[str]:
+    """Lines that give the bias and the coverage in numbers."""
     spread, trials = frame.spread, frame.data.trials
     bias, sd = style.number(spread.bias[0]), style.number(spread.sd[0])
     in_sd = style.decimals(spread.bias[0] / spread.sd[0], 1)

@@ -33,8 +33,8 @@ _LEAST_PER_DECADE = 10
 
 
 @dataclass(frozen=True)
-class Frame:
-    """What the figure shows.
+class ErrorFrame:
+    """Content of figure 2.
 
     Attributes:
         dots: a row per fit: estimator, noise and error over the radius, kind ("ok", "far" or "not ok").
@@ -53,7 +53,7 @@ class Frame:
     stamp: str
 
 
-def prepare(tables: Tables) -> Frame:
+def prepare(tables: Tables) -> ErrorFrame:
     """Relative errors, the running median of the bound, slopes and counts.
 
     Raises:
@@ -82,11 +82,11 @@ def prepare(tables: Tables) -> Frame:
     stamp = f"{tables.name} · {panels['planned'].min():,} trials"
     if len(bound):
         stamp += f", at least {bound['trials'].min()} in each decade of the CRLB's median"
-    return Frame(dots, bound, panels, (low, high), limits, stamp)
+    return ErrorFrame(dots, bound, panels, (low, high), limits, stamp)
 
 
 def _robust_limits(error: Floats) -> tuple[int, int]:
-    """Powers of ten around all but the wildest 0.2 % of errors at each end, with a decade to spare."""
+    """Powers of ten around all but the outermost 0.2 % of errors at each end, and a decade more."""
     usable = error[np.isfinite(error) & (error > 0.0)]
     if not len(usable):
         raise NotApplicable("no fit has a finite error")
@@ -110,7 +110,7 @@ def _panel(name: str, part: pd.DataFrame, limits: tuple[int, int]) -> dict[str, 
         "planned": len(part),
         "far": int((part["kind"] == "far").sum()),
         "not_ok": int((part["kind"] == "not ok").sum()),
-        "off_scale": int((~on_scale).sum()),  # an error of zero, or none that is finite, counts among them
+        "off_scale": int((~on_scale).sum()),  # zero and non-finite errors count too
     }
 
 
@@ -122,7 +122,7 @@ def _running_bound(trials: pd.DataFrame) -> pd.DataFrame:
 
 
 @style.journal()
-def draw(frame: Frame) -> Figure:
+def draw(frame: ErrorFrame) -> Figure:
     """Draw the panels, on shared axes."""
     count = len(frame.panels)
     columns = 1 if count == 1 else 2 if count <= 4 else 3
@@ -145,7 +145,7 @@ def draw(frame: Frame) -> Figure:
     return figure
 
 
-def _draw_panel(ax: Axes, frame: Frame, panel: "pd.Series[Any]", narrow: bool) -> None:
+def _draw_panel(ax: Axes, frame: ErrorFrame, panel: "pd.Series[Any]", narrow: bool) -> None:
     name = panel["estimator"]
     color = style.color(name)
     dots = frame.dots[frame.dots["estimator"] == name]
@@ -190,7 +190,7 @@ def _words(panel: "pd.Series[Any]") -> str:
     return "\n".join(lines)
 
 
-def _label_lines(ax: Axes, frame: Frame) -> None:
+def _label_lines(ax: Axes, frame: ErrorFrame) -> None:
     """Name the two lines, once, in the corners that the diagonal leaves free."""
     at = frame.noise_limits[1] - 0.09 * (frame.noise_limits[1] - frame.noise_limits[0])
     ax.text(10.0**at, 10.0**at, "error = noise  ", ha="right", va="bottom", fontsize=style.SMALL, color="#666666")
@@ -208,14 +208,14 @@ def _label_lines(ax: Axes, frame: Frame) -> None:
         )
 
 
-def _ticks(frame: Frame, limits: tuple[int, int], narrow: bool) -> list[float]:
+def _ticks(frame: ErrorFrame, limits: tuple[int, int], narrow: bool) -> list[float]:
     """Powers of ten, as many decades apart on one axis as on the other."""
     step = max(1, round((frame.noise_limits[1] - frame.noise_limits[0]) / (3 if narrow else 6)))
     return [10.0**power for power in range(math.ceil(limits[0] / step) * step, limits[1] + 1, step)]
 
 
 def _key() -> list[Line2D]:
-    """The three marks."""
+    """Legend entries of the three marks."""
     plain: dict[str, Any] = {"linestyle": "none", "markeredgewidth": 0.6}
     return [
         Line2D([], [], marker="o", markersize=2.5, color="#555555", label="a fit that is ok", **plain),

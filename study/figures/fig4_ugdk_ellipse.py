@@ -13,11 +13,11 @@ from study.figures import ellipse
 from study.figures.inputs import Tables
 
 
-def prepare(tables: Tables) -> ellipse.Frame:
-    """Compute what is shown; see `study.figures.ellipse.prepare`."""
+def prepare(tables: Tables) -> ellipse.EllipseFrame:
+    """Compute the frame; see `study.figures.ellipse.prepare`."""
     return ellipse.prepare(tables, "ugdk")
 
 
-def draw(frame: ellipse.Frame) -> Figure:
-    """Draw it."""
+def draw(frame: ellipse.EllipseFrame) -> Figure:
+    """Draw the frame."""
     return ellipse.draw(frame)

@@ -23,7 +23,7 @@ from study.figures.inputs import Tables
 METHODS = ["mle", "ugdk", "gdke"]
 
 
-class Shown(NamedTuple):
+class ComparedCircle(NamedTuple):
     """An estimator's circle, and the other estimators that give the same."""
 
     estimator: str
@@ -32,14 +32,14 @@ class Shown(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Frame:
-    """What the figure shows: the data set and the circles, in the order of their centres along the axis."""
+class MethodsFrame:
+    """Content of figure 5: the data set and the circles, in the order of their centres along the axis."""
 
     data: DataSet
-    shown: list[Shown]
+    shown: list[ComparedCircle]
 
 
-def prepare(tables: Tables) -> Frame:
+def prepare(tables: Tables) -> MethodsFrame:
     """Choose the data set and collect the circles.
 
     Raises:
@@ -52,12 +52,12 @@ def prepare(tables: Tables) -> Frame:
         same = [
             other for other, fit in data.fits.items() if other not in METHODS and np.allclose(fit, circle, atol=1e-9)
         ]
-        shown.append(Shown(name, circle, same))
-    return Frame(data, sorted(shown, key=lambda one: one.circle.x))
+        shown.append(ComparedCircle(name, circle, same))
+    return MethodsFrame(data, sorted(shown, key=lambda one: one.circle.x))
 
 
 @style.journal()
-def draw(frame: Frame) -> Figure:
+def draw(frame: MethodsFrame) -> Figure:
     """Draw the circles on the left, their centres enlarged on the right."""
     figure = Figure(figsize=(style.PAGE, 2.95), layout="constrained")
     whole, zoom = figure.subplots(1, 2, width_ratios=[1.0, 1.45])
@@ -78,7 +78,7 @@ def draw(frame: Frame) -> Figure:
     return figure
 
 
-def _enlarge(ax: Axes, frame: Frame) -> None:
+def _enlarge(ax: Axes, frame: MethodsFrame) -> None:
     """Show the centres alone, each named beside its mark, with numbers below."""
     x, y = ([getattr(one.circle, axis) for one in frame.shown] + [0.0] for axis in "xy")
     left, right, bottom, top = window(x, y, pad=0.25, spare=0.67, below=0.3)  # room above for the names
@@ -86,7 +86,7 @@ def _enlarge(ax: Axes, frame: Frame) -> None:
     ax.set_ylim(bottom, top)
     frame_axes(ax)
     ax.yaxis.set_major_locator(MaxNLocator(3))
-    # names on rungs, the leftmost highest, so that neighbours do not write over each other
+    # names at different heights, the leftmost highest, so that neighbours do not overlap
     small: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "fontsize": style.SMALL}
     line = {"arrowstyle": "-", "linewidth": 0.6, "color": style.FAINT, "shrinkA": 0, "shrinkB": 3}
     for rung, (name, circle, _) in enumerate(reversed(frame.shown)):
@@ -97,8 +97,8 @@ def _enlarge(ax: Axes, frame: Frame) -> None:
     write_below(ax, [frame.data.caption, *_words(frame)])
 
 
-def _words(frame: Frame) -> list[str]:
-    """The circles in numbers, the best first, and what else they are."""
+def _words(frame: MethodsFrame) -> list[str]:
+    """The circles in numbers, the best first, each with the estimators that coincide with it."""
     lines = []
     for name, circle, same in sorted(frame.shown, key=lambda one: one.circle.off):
         off, wider = style.number(circle.off), style.number(circle.radius - 1.0)

@@ -30,8 +30,8 @@ _LEAST_TRIALS = 20
 
 
 @dataclass(frozen=True)
-class Frame:
-    """What the figure shows; positions from the true centre.
+class MarkersFrame:
+    """Content of figure 6; positions are relative to the true centre.
 
     Attributes:
         points: of the outer and the inner marker (n, 2).
@@ -54,7 +54,7 @@ class Frame:
     caption: str
 
 
-def prepare(tables: Tables) -> Frame:
+def prepare(tables: Tables) -> MarkersFrame:
     """Fit the kept trials of the cells of the greatest and the least radius, alone and together.
 
     Raises:
@@ -87,7 +87,7 @@ def prepare(tables: Tables) -> Frame:
     distances = np.nan_to_num(np.linalg.norm(cloud, axis=2), nan=np.inf)
     shown = _typical(distances)
     cell = cells.iloc[-1]
-    return Frame(
+    return MarkersFrame(
         points=(outer[shown], inner[shown]),
         centers=cloud[:, shown],
         radii=(float(alone[0].radius[shown]), float(alone[1].radius[shown]), tuple(joints[shown].radii)),
@@ -106,8 +106,8 @@ def _typical(distances: Floats) -> int:
 
 
 @style.journal()
-def draw(frame: Frame) -> Figure:
-    """Draw the circles on the left, how the errors are distributed on the right."""
+def draw(frame: MarkersFrame) -> Figure:
+    """Draw the circles on the left, the distributions of the errors on the right."""
     figure = Figure(figsize=(style.PAGE, 3.1), layout="constrained")
     whole, zoom = figure.subplots(1, 2, width_ratios=[1.0, 1.2])
     _circles(whole, frame)
@@ -116,7 +116,7 @@ def draw(frame: Frame) -> Figure:
     return figure
 
 
-def _circles(ax: Axes, frame: Frame) -> None:
+def _circles(ax: Axes, frame: MarkersFrame) -> None:
     for radius in frame.true_radii:
         ax.add_patch(Circle((0, 0), radius, fill=False, linewidth=0.7, linestyle=(0, (3, 2)), color=style.FAINT))
     for points, color in zip(frame.points, (OUTER, INNER), strict=True):
@@ -134,7 +134,7 @@ def _circles(ax: Axes, frame: Frame) -> None:
     ax.set_title("one data set", loc="left")
 
 
-def _errors(ax: Axes, frame: Frame) -> None:
+def _errors(ax: Axes, frame: MarkersFrame) -> None:
     """Distribution functions of the three distances from the true centre."""
     share = (np.arange(frame.distances.shape[1]) + 0.5) / frame.distances.shape[1]
     for row, (distance, color) in enumerate(zip(frame.distances, _COLORS, strict=True)):

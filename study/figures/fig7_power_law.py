@@ -37,8 +37,8 @@ _DASHES = (0, (2, 2))
 
 
 @dataclass(frozen=True)
-class Frame:
-    """What the figure shows.
+class PowerLawFrame:
+    """Content of figure 7.
 
     Attributes:
         curves: a row per noise, estimator and N: median error and its Monte-Carlo error, over the radius. Infinite
@@ -61,7 +61,7 @@ class Frame:
     stamp: str
 
 
-def prepare(tables: Tables) -> Frame:
+def prepare(tables: Tables) -> PowerLawFrame:
     """Medians, exponents, bounds and the bias that theory predicts.
 
     Raises:
@@ -92,7 +92,7 @@ def prepare(tables: Tables) -> Frame:
     moments = cap_moments(math.radians(angle), tables.dimension)
     isotropic = np.array_equal(tables.noise_shape, np.eye(tables.dimension))
     biased = curves["estimator"].isin(["gdke", "lls"]).any()
-    return Frame(
+    return PowerLawFrame(
         curves=curves,
         laws=pd.DataFrame([row for level, part in curves.groupby("level") for row in _laws(level, part)]),
         bounds=_bounds(tables, curves),
@@ -142,7 +142,7 @@ def _laws(level: Any, part: pd.DataFrame) -> list[dict[str, Any]]:
 
 
 def _failed(samples: Floats, there: Bools) -> str:
-    """Where there is no median, in words."""
+    """Sentence that names the N without a median."""
     if there.all():
         return ""
     which = "every $N$" if not there.any() else f"$N$ = {', '.join(f'{n:.0f}' for n in samples[~there])}"
@@ -150,7 +150,7 @@ def _failed(samples: Floats, there: Bools) -> str:
 
 
 @style.journal()
-def draw(frame: Frame) -> Figure:
+def draw(frame: PowerLawFrame) -> Figure:
     """Draw a panel per noise."""
     levels = list(frame.limits.index)
     columns = min(2, len(levels))
@@ -165,8 +165,8 @@ def draw(frame: Frame) -> Figure:
     return figure
 
 
-def _key(frame: Frame, biased: bool) -> list[Line2D]:
-    """What the lines are that are no estimator's."""
+def _key(frame: PowerLawFrame, biased: bool) -> list[Line2D]:
+    """Legend entries of the bound, its median and GDKE's bias."""
     words = "√tr CRLB"
     if math.isfinite(frame.at_bound):
         words += f"; the median of a Gaussian at the bound is {frame.at_bound:.2f} of it"
@@ -180,8 +180,8 @@ def _key(frame: Frame, biased: bool) -> list[Line2D]:
     return handles
 
 
-def _draw_panel(ax: Axes, frame: Frame, level: float, short: bool) -> bool:
-    """Draw the curves at one noise; whether GDKE's bias is among them."""
+def _draw_panel(ax: Axes, frame: PowerLawFrame, level: float, short: bool) -> bool:
+    """Draw the curves at one noise; True if GDKE's bias is drawn too."""
     ax.set_xscale("log")
     ax.set_yscale("log")
     curves = frame.curves[(frame.curves["level"] == level) & np.isfinite(frame.curves["median"])]
@@ -211,7 +211,7 @@ def _draw_panel(ax: Axes, frame: Frame, level: float, short: bool) -> bool:
 
 
 def _draw_curve(ax: Axes, name: str, curve: pd.DataFrame, size: float) -> None:
-    """A curve; those drawn first are wider and have larger marks, so that they are seen behind what covers them."""
+    """Draw a curve; curves drawn first are wider and have larger marks, so that later ones do not hide them."""
     ax.errorbar(
         curve["samples"],
         curve["median"],
@@ -243,7 +243,7 @@ def _law_words(law: "pd.Series[Any]", short: bool) -> str:
 
 
 def _label_ends(ax: Axes, ends: list[tuple[float, str, str]], line: float) -> None:
-    """Names to the right of the curves' ends, in lines of a given height in parts of the axis."""
+    """Write names to the right of the curves' ends; ``height`` of a line is a share of the axis."""
     low, high = np.log10(ax.get_ylim())
     wanted = [(math.log10(value) - low) / (high - low) for value, _, _ in ends]
     places = style.spread(wanted, [line * (1 + words.count("\n")) for _, words, _ in ends])

@@ -1,4 +1,4 @@
-"""Calibration: are posteriors, and the estimators' own error ellipsoids, right as often as they say?
+"""Calibration: do posteriors, and the estimators' own error ellipsoids, cover the truth as often as stated?
 
 Left: ranks of the truth in its posteriors, as the share of trials whose rank is below p, less p; within the band that
 95 of 100 sets of so many uniform ranks keep to (Kolmogorov's). Right: the share of trials whose true centre lies in
@@ -43,8 +43,8 @@ class Curve:
 
 
 @dataclass(frozen=True)
-class Frame:
-    """What the figure shows.
+class CalibrationFrame:
+    """Content of the figure.
 
     Attributes:
         curves: of the ranks.
@@ -59,7 +59,7 @@ class Frame:
     stamp: str
 
 
-def prepare(tables: Tables) -> Frame:
+def prepare(tables: Tables) -> CalibrationFrame:
     """Collect ranks and coverage.
 
     Raises:
@@ -87,11 +87,11 @@ def prepare(tables: Tables) -> Frame:
     count = min(len(curve.ranks) for curve in curves)
     failed = sum(int((~part["ok"]).sum()) for _, part in kinds)
     stamp = f"{tables.name} · {count:,} trials behind each curve" + (f", {failed} chains not ok" if failed else "")
-    return Frame(curves, coverage(found), count, stamp)
+    return CalibrationFrame(curves, coverage(found), count, stamp)
 
 
 @style.journal()
-def draw(frame: Frame) -> Figure:
+def draw(frame: CalibrationFrame) -> Figure:
     """Draw the ranks on the left, the coverage on the right, with one legend above."""
     rows = len(frame.coverage[["likelihood", "method"]].drop_duplicates())
     figure = Figure(figsize=(style.PAGE, 2.0 + max(1.5, 0.24 * rows)), layout="constrained")
@@ -103,8 +103,8 @@ def draw(frame: Frame) -> Figure:
     return figure
 
 
-def _handles(frame: Frame) -> list[Line2D]:
-    """What colours, lines and marks mean."""
+def _handles(frame: CalibrationFrame) -> list[Line2D]:
+    """Legend entries for colours, lines and marks."""
     shown = list(dict.fromkeys((c.likelihood, c.parameter) for c in frame.curves))
     several = len({likelihood for likelihood, _ in shown}) > 1
     handles = [
@@ -125,7 +125,7 @@ def _fill(noise_is: str, color: str) -> str:
     return color if noise_is == "known" else "white"
 
 
-def _draw_ranks(ax: Axes, frame: Frame) -> None:
+def _draw_ranks(ax: Axes, frame: CalibrationFrame) -> None:
     band = float(stats.kstwo.ppf(0.95, frame.trials))
     ax.axhspan(-band, band, color="#ececec", zorder=0, linewidth=0.0)
     ax.axhline(0.0, color="black", linewidth=0.8)
@@ -144,7 +144,7 @@ def _draw_ranks(ax: Axes, frame: Frame) -> None:
     ax.set_title("ranks", loc="left")
 
 
-def _draw_coverage(ax: Axes, frame: Frame) -> None:
+def _draw_coverage(ax: Axes, frame: CalibrationFrame) -> None:
     several = frame.coverage["likelihood"].nunique() > 1
     for level in LEVELS:
         ax.axvline(level, color="black", linewidth=0.8, zorder=1)

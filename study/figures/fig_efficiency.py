@@ -1,4 +1,4 @@
-"""Efficiency: how far above the Cramér-Rao bound each estimator's median error lies, over relative noise.
+"""Efficiency: median error over the Cramér-Rao bound against relative noise, per estimator.
 
 One panel per cap angle. The unit is what an estimator with Gaussian errors at the bound would have, so 1 is efficient.
 Medians are of all fits as they come, whatever their status, for the paper's UGDK among them; a fit without a number
@@ -32,8 +32,8 @@ _LOW, _HIGH = 0.5, 10.0  # shown at least
 
 
 @dataclass(frozen=True)
-class Frame:
-    """What the figure shows.
+class EfficiencyFrame:
+    """Content of the figure.
 
     Attributes:
         curves: a row per angle, noise and estimator: the median error in units of an efficient estimator's, and its
@@ -49,7 +49,7 @@ class Frame:
     stamp: str
 
 
-def prepare(tables: Tables) -> Frame:
+def prepare(tables: Tables) -> EfficiencyFrame:
     """Medians over the bound, at the greatest number of samples, and at the first radius and centre.
 
     Raises:
@@ -76,7 +76,7 @@ def prepare(tables: Tables) -> Frame:
         rows.append((angle, str(estimator), noise, median.value / unit, median.error / unit, len(part)))
     columns = ["angle", "estimator", "level", "ratio", "error", "trials"]
     curves = pd.DataFrame(rows, columns=columns)
-    return Frame(
+    return EfficiencyFrame(
         curves=curves,
         marks=pd.DataFrame([{"angle": angle, **_marks(moments, samples)} for angle, moments in caps.items()]),
         samples=samples,
@@ -85,13 +85,13 @@ def prepare(tables: Tables) -> Frame:
 
 
 def _scatter(curves: pd.DataFrame) -> str:
-    """The usual Monte-Carlo error, in words."""
+    """Sentence that gives the typical Monte-Carlo error."""
     relative = (curves["error"] / curves["ratio"])[np.isfinite(curves["ratio"]) & np.isfinite(curves["error"])]
     return f", usual standard error {100.0 * relative.median():.1f} %" if len(relative) else ""
 
 
 def _marks(moments: CapMoments, samples: int) -> dict[str, float]:
-    """Relative noise at which theory expects the changes."""
+    """Relative noise at which theory predicts each change."""
     return {
         "gdke": gdke_leaves(samples, moments),
         "ugdk": ugdk_leaves(moments),
@@ -100,7 +100,7 @@ def _marks(moments: CapMoments, samples: int) -> dict[str, float]:
 
 
 @style.journal()
-def draw(frame: Frame) -> Figure:
+def draw(frame: EfficiencyFrame) -> Figure:
     """Draw a panel per angle, two in a row, with one legend above."""
     angles = list(frame.marks["angle"])[:_MOST_PANELS]
     rows = math.ceil(len(angles) / 2)
@@ -129,8 +129,8 @@ def draw(frame: Frame) -> Figure:
     return figure
 
 
-def _panel(ax: Axes, frame: Frame, angle: float) -> None:
-    """One angle."""
+def _panel(ax: Axes, frame: EfficiencyFrame, angle: float) -> None:
+    """Draw the panel of one angle."""
     mine = frame.curves[frame.curves["angle"] == angle]
     ax.set_xscale("log")
     ax.set_yscale("log")
@@ -140,22 +140,36 @@ def _panel(ax: Axes, frame: Frame, angle: float) -> None:
     curves = list(mine.groupby("estimator", sort=False))
     for place, (name, curve) in enumerate(curves):
         shown = curve.sort_values("level")
-        size = 1.0 - place / len(curves)  # those drawn first are larger, so that they are seen behind what covers them
+        size = 1.0 - place / len(curves)  # larger marks first: later ones do not hide them
         ax.plot(
-            shown["level"], shown["ratio"], color=style.color(str(name)), marker=style.marker(str(name)),
-            markersize=2.2 + 2.4 * size, markeredgewidth=0.0, linewidth=0.7 + 0.9 * size, zorder=3,
-        )  # fmt: skip
+            shown["level"],
+            shown["ratio"],
+            color=style.color(str(name)),
+            marker=style.marker(str(name)),
+            markersize=2.2 + 2.4 * size,
+            markeredgewidth=0.0,
+            linewidth=0.7 + 0.9 * size,
+            zorder=3,
+        )
     marks = frame.marks[frame.marks["angle"] == angle].iloc[0]
     low, high = mine["level"].min(), mine["level"].max()
     ax.set_xlim(low / 1.3, high * 1.3)
     present = set(mine["estimator"])
     for key, words, name, side in (
-        ("gdke", "$s^*$", "gdke", "left"), ("ugdk", "$σ^2=v/2$", "ugdk", "right"), ("fails", "$κ=3$", "ugdk", "left"),
-    ):  # fmt: skip
+        ("gdke", "$s^*$", "gdke", "left"),
+        ("ugdk", "$σ^2=v/2$", "ugdk", "right"),
+        ("fails", "$κ=3$", "ugdk", "left"),
+    ):
         if name in present and low <= marks[key] <= high:
             ax.axvline(marks[key], 0.0, 0.09, color=style.color(name), linewidth=1.2, zorder=1)
             ax.annotate(
-                words, (marks[key], 0.0), (2 if side == "left" else -2, 2), ("data", "axes fraction"), "offset points",
-                ha=side, fontsize=style.SMALL, color=style.color(name),
-            )  # fmt: skip
+                words,
+                (marks[key], 0.0),
+                (2 if side == "left" else -2, 2),
+                ("data", "axes fraction"),
+                "offset points",
+                ha=side,
+                fontsize=style.SMALL,
+                color=style.color(name),
+            )
     ax.set_title(f"$φ$ = {angle:g}°, $N$ = {frame.samples:,}", loc="left")

@@ -1,4 +1,4 @@
-"""Where each estimator is efficient: median error over the Cramér-Rao bound, for every noise, angle and sample count.
+"""Map of efficiency: median error over the Cramér-Rao bound for every noise, angle and number of samples.
 
 A row of panels per estimator, a panel per number of samples N; in each, relative noise to the right and the cap's
 half-angle upwards. The unit is what an estimator with Gaussian errors at the bound would have: white is efficient, red
@@ -34,8 +34,8 @@ _NOTHING = "#8a8a8a"
 
 
 @dataclass(frozen=True)
-class Frame:
-    """What the figure shows.
+class MapFrame:
+    """Content of the figure.
 
     Attributes:
         ratios: a row per estimator, N, angle and σ/r: the median error in units of an efficient estimator's; infinite
@@ -47,7 +47,7 @@ class Frame:
     stamp: str
 
 
-def prepare(tables: Tables) -> Frame:
+def prepare(tables: Tables) -> MapFrame:
     """Medians from the summary, at the first radius and centre.
 
     Raises:
@@ -60,7 +60,7 @@ def prepare(tables: Tables) -> Frame:
     found = tables.summary
     for axis in ("radius", "center"):
         found = found[found[axis] == found[axis].iloc[0]]
-    # twelve digits: what a config's range gives for one level may differ in the last bit from radius to radius
+    # twelve digits: one level of a logspace may differ in its last bit from radius to radius
     level = np.array([float(f"{v:.12g}") for v in found["noise"] / found["radius"]])
     for name, values in (("levels of noise", level), ("angles", found["angle"])):
         if len(np.unique(values)) < _LEAST:
@@ -82,12 +82,12 @@ def prepare(tables: Tables) -> Frame:
     known = relative[np.isfinite(relative)]
     usual = f", usual standard error {100.0 * np.median(known):.1f} %" if len(known) else ""
     least = int(found["planned"].min())
-    return Frame(ratios, f"{tables.name} · at least {least:,} trials behind each median{usual}")
+    return MapFrame(ratios, f"{tables.name} · at least {least:,} trials behind each median{usual}")
 
 
 @style.journal()
-def draw(frame: Frame) -> Figure:
-    """Draw estimators downwards, numbers of samples to the right, one scale of colours beside them."""
+def draw(frame: MapFrame) -> Figure:
+    """Draw a row of panels per estimator, a column per number of samples, and one colour scale."""
     names = list(dict.fromkeys(frame.ratios["estimator"]))
     counts = sorted(frame.ratios["samples"].unique())
     figure = Figure(figsize=(style.PAGE, 0.9 + 0.95 * len(names)), layout="constrained")
@@ -109,13 +109,13 @@ def draw(frame: Frame) -> Figure:
 
 
 def _short(count: int) -> str:
-    """4, 100, 10³: exact powers of ten from a thousand on are written as such."""
+    """Short form of a number of samples: 4, 100, 10³."""
     power = round(math.log10(count))
     return f"$10^{power}$" if count >= 1000 and 10**power == count else f"{count:,}"
 
 
 def _panel(ax: Axes, mine: pd.DataFrame, norm: LogNorm) -> QuadMesh:
-    """One estimator at one number of samples."""
+    """Draw the panel of one estimator at one number of samples."""
     table = mine.pivot(index="angle", columns="level", values="ratio").sort_index().sort_index(axis=1)
     values = np.ma.masked_invalid(table.to_numpy())
     edges = np.arange(len(table) + 1)

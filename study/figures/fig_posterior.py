@@ -1,4 +1,4 @@
-"""The posterior of one trial: where an independent computation puts the centre and the radius, and what the fits say.
+"""Posterior of one trial, beside the fits and the bound.
 
 Shaded: 68 % and 95 % of emcee's draws, σ known, geometric likelihood. Dashed: the Cramér-Rao bound's 95 % ellipse
 about the truth, for this trial's directions. Of the trials whose draws were kept the one is shown that lies on the
@@ -33,7 +33,7 @@ _SMOOTH = 1.25
 
 
 @dataclass(frozen=True)
-class View:
+class ParameterPlane:
     """One plane of parameters, in units of the radius, from the truth.
 
     Attributes:
@@ -53,16 +53,16 @@ class View:
 
 
 @dataclass(frozen=True)
-class Frame:
-    """What the figure shows: two views, the estimators' names, the trial in words, and the stamp."""
+class PosteriorFrame:
+    """Content of the figure: two views, the estimators' names, the trial in words, and the stamp."""
 
-    views: list[View]
+    views: list[ParameterPlane]
     names: list[str]
     caption: str
     stamp: str
 
 
-def prepare(tables: Tables) -> Frame:
+def prepare(tables: Tables) -> PosteriorFrame:
     """Choose the trial, and estimate the density of its draws.
 
     Raises:
@@ -86,7 +86,7 @@ def prepare(tables: Tables) -> Frame:
     planes = [("across the axis", "error_2", "2"), ("radius", "radius_error", "radius")]
     views = [_view(words, draws, errors, row, column, ending) for words, column, ending in planes]
     relative = row["noise"] / radius
-    return Frame(
+    return PosteriorFrame(
         views=views,
         names=[str(name) for name in errors["estimator"]],
         caption=f"$N$ = {row['samples']:,}, $σ$ = {relative:g} $r$, $φ$ = {row['angle']:g}°",
@@ -94,7 +94,7 @@ def prepare(tables: Tables) -> Frame:
     )
 
 
-def _view(words: str, draws: pd.DataFrame, errors: pd.DataFrame, row: Any, column: str, ending: str) -> View:
+def _view(words: str, draws: pd.DataFrame, errors: pd.DataFrame, row: Any, column: str, ending: str) -> ParameterPlane:
     """One plane: the axis, and another parameter."""
     radius = row["radius"]
     cloud = draws[["error_1", column]].to_numpy() / radius
@@ -109,11 +109,11 @@ def _view(words: str, draws: pd.DataFrame, errors: pd.DataFrame, row: Any, colum
     denser = 1.0 - np.searchsorted(at_draws, here) / len(at_draws)
     correlation = row[f"bound_with_{ending}"]
     bound = np.outer(sd, sd) * np.array([[1.0, correlation], [correlation, 1.0]])
-    return View(words, x, y, denser, bound, answers)
+    return ParameterPlane(words, x, y, denser, bound, answers)
 
 
 @style.journal()
-def draw(frame: Frame) -> Figure:
+def draw(frame: PosteriorFrame) -> Figure:
     """Draw the two planes side by side, with one legend above."""
     figure = Figure(figsize=(style.PAGE, 3.3), layout="constrained")
     for ax, view in zip(figure.subplots(1, 2), frame.views, strict=True):
@@ -125,7 +125,7 @@ def draw(frame: Frame) -> Figure:
     return figure
 
 
-def _plane(ax: Axes, view: View, names: list[str]) -> None:
+def _plane(ax: Axes, view: ParameterPlane, names: list[str]) -> None:
     ax.grid(False)
     shaded: dict[str, Any] = {"colors": _SHADES[::-1], "levels": [0.0, *_LEVELS], "zorder": 1}
     ax.contourf(view.x, view.y, view.share, **shaded)
@@ -138,7 +138,7 @@ def _plane(ax: Axes, view: View, names: list[str]) -> None:
     ax.add_patch(Ellipse((0.0, 0.0), long, short, angle=turn, edgecolor="black", **line))
     ax.plot(0.0, 0.0, marker="+", color="black", markersize=9, markeredgewidth=1.2, linestyle="none", label="truth")
     for place, (name, (x, y)) in enumerate(zip(names, view.answers, strict=True)):
-        size = 8.0 - 4.0 * place / len(names)  # those drawn first are larger, so that they are seen behind the rest
+        size = 8.0 - 4.0 * place / len(names)  # larger marks first: later ones do not hide them
         look: dict[str, Any] = {"marker": style.marker(name), "color": style.color(name), "markersize": size}
         ax.plot(x, y, linestyle="none", zorder=5, label=style.label(name), **look)
     ax.set_xlabel("centre along the axis, $(ĉ_1 − c_1)/r$")

@@ -27,7 +27,7 @@ _SMALLEST = 1e-6  # difference, in radii, that a picture shows
 
 
 @dataclass(frozen=True)
-class View:
+class Projection:
     """A projection on a plane.
 
     Attributes:
@@ -44,8 +44,8 @@ class View:
 
 
 @dataclass(frozen=True)
-class Frame:
-    """What the picture shows: one view of circles, two of spheres.
+class FitFrame:
+    """Content of the picture: one view of circles, two of spheres.
 
     Attributes:
         views: the projections.
@@ -56,7 +56,7 @@ class Frame:
         notes: what is not, and what a status says.
     """
 
-    views: list[View]
+    views: list[Projection]
     groups: list[list[str]]
     radii: Floats
     fits_in: Bools
@@ -64,7 +64,7 @@ class Frame:
     notes: list[str]
 
 
-def prepare(points: Floats, fits: dict[str, Fit], names: list[str]) -> Frame:
+def prepare(points: Floats, fits: dict[str, Fit], names: list[str]) -> FitFrame:
     """Project points and fits.
 
     Args:
@@ -108,7 +108,7 @@ def prepare(points: Floats, fits: dict[str, Fit], names: list[str]) -> Frame:
         for group, radius, inside in zip(groups, radii, fits_in, strict=True)
         if not inside
     ]
-    return Frame(views, groups, radii, fits_in, caption, _statuses(fits, usable) + notes)
+    return FitFrame(views, groups, radii, fits_in, caption, _statuses(fits, usable) + notes)
 
 
 def _groups(fits: dict[str, Fit]) -> list[list[str]]:
@@ -130,7 +130,7 @@ def _groups(fits: dict[str, Fit]) -> list[list[str]]:
 
 
 def _sample(points: Floats) -> Ints:
-    """Numbers of the points to show: evenly many, and all that lie far out."""
+    """Indices of the points to show: evenly spaced ones, and all that lie far out."""
     n = len(points)
     if n <= _MOST_POINTS:
         return np.arange(n)
@@ -139,24 +139,24 @@ def _sample(points: Floats) -> Ints:
 
 
 def _combination(direction: Floats, names: list[str]) -> str:
-    """A direction in the coordinates' names, where that is short: a second line of an axis' name."""
+    """Second line of an axis' name: its direction in the coordinates, if that is short."""
     parts = [(part, name) for part, name in zip(direction, names, strict=True) if abs(part) >= 0.005]
     words = " ".join(f"{'−' if part < 0 else '+'} {abs(part):.2f} {name}" for part, name in parts)
     words = words.removeprefix("+ ").replace("− ", "−", words.startswith("−"))
     return f"\n{words}" if len(words) <= 45 else ""
 
 
-def _view(points: Floats, centers: Floats, axes: Floats, plane: Floats, names: tuple[str, str]) -> View:
+def _view(points: Floats, centers: Floats, axes: Floats, plane: Floats, names: tuple[str, str]) -> Projection:
     """Project on a plane (d, 2): an ellipsoid's shadow is the ellipse of the projected matrix."""
     halves = np.einsum("dp,kde->kpe", plane, np.nan_to_num(axes, nan=0.0, posinf=0.0, neginf=0.0))
     values, vectors = np.linalg.eigh(halves @ halves.swapaxes(1, 2))
     ellipses = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
     ellipses[~np.isfinite(axes).all(axis=(1, 2))] = np.nan
-    return View(names, points @ plane, centers @ plane, ellipses)
+    return Projection(names, points @ plane, centers @ plane, ellipses)
 
 
 def _statuses(fits: dict[str, Fit], usable: dict[str, Fit]) -> list[str]:
-    """What the statuses say that are not ok, and which fits are not drawn."""
+    """Notes on fits that are not ok, and on fits that are not drawn."""
     said: dict[tuple[str, str], list[str]] = {}
     for name, fit in fits.items():
         if name not in usable or fit.status != Status.OK:
@@ -170,7 +170,7 @@ def _label(group: list[str]) -> str:
 
 
 @style.journal()
-def draw(frame: Frame) -> Figure:
+def draw(frame: FitFrame) -> Figure:
     """Draw the views side by side, with the centres enlarged below (of circles: beside)."""
     flat = len(frame.views) == 1
     zoomed = len(frame.groups) > 1 or bool(np.isfinite(frame.views[0].ellipses).any())
@@ -183,7 +183,7 @@ def draw(frame: Frame) -> Figure:
             low, high = _enlarged(axes.flat[len(frame.views) + place], view, frame, 1.0 if flat else 0.7)
             part = Rectangle((low[0], low[1]), *(high - low), fill=False, linewidth=0.6, edgecolor=style.INK, zorder=6)
             axes.flat[place].add_patch(part)
-    if not flat:  # the names of shared axes once
+    if not flat:  # name shared axes once
         for ax in axes[:-1].flat:
             ax.set_xlabel("")
         for ax in axes[:, 1:].flat:
@@ -193,8 +193,8 @@ def draw(frame: Frame) -> Figure:
     return figure
 
 
-def _words(figure: Figure, frame: Frame) -> None:
-    """Names above and notes below; the figure grows by their height."""
+def _words(figure: Figure, frame: FitFrame) -> None:
+    """Write names above and notes below; the figure grows by their height."""
     notes = [line for note in frame.notes for line in textwrap.wrap(note, 118, subsequent_indent="    ")]
     labels = [textwrap.fill(_label(group), 100, subsequent_indent="    ") for group in frame.groups]
     columns = max(1, min(len(labels), 110 // (8 + max(map(len, labels), default=0))))
@@ -211,8 +211,8 @@ def _words(figure: Figure, frame: Frame) -> None:
         figure.legend(handles=[line], loc="outside lower left", handlelength=0.0, handletextpad=0.0)
 
 
-def _whole(ax: Axes, view: View, frame: Frame) -> None:
-    """Points and circles."""
+def _whole(ax: Axes, view: Projection, frame: FitFrame) -> None:
+    """Draw points and circles."""
     ax.plot(*view.points.T, ".", color=style.FAINT, markersize=2.0, zorder=2)
     drawn = zip(frame.groups, view.centers, frame.radii, frame.fits_in, strict=True)
     for place, (group, center, radius, inside) in enumerate(drawn):
@@ -224,14 +224,14 @@ def _whole(ax: Axes, view: View, frame: Frame) -> None:
     centers, radii = view.centers[frame.fits_in], frame.radii[frame.fits_in, None]
     low, high = np.min([*reach, *(centers - radii)], axis=0), np.max([*reach, *(centers + radii)], axis=0)
     span = 1.08 * float(np.max(high - low)) or 1.0
-    size = np.maximum(high - low + 0.08 * span, 0.4 * span)  # of a plane seen from its edge, too
+    size = np.maximum(high - low + 0.08 * span, 0.4 * span)  # enough for a plane seen edge-on
     low, high = 0.5 * (low + high - size), 0.5 * (low + high + size)
     ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel=view.names[0], ylabel=view.names[1])
     ax.set_title("points and fits", loc="left")
 
 
-def _enlarged(ax: Axes, view: View, frame: Frame, shape: float) -> tuple[Floats, Floats]:
-    """The centres and their ellipses; lower left and upper right of the window that holds them, of a given shape."""
+def _enlarged(ax: Axes, view: Projection, frame: FitFrame, shape: float) -> tuple[Floats, Floats]:
+    """Draw the centres and their ellipses; return lower left and upper right of a window of the given shape."""
     halves = np.linalg.norm(view.ellipses, axis=2)  # of the box around each ellipse
     size = np.nan_to_num(halves.max(axis=1))
     use = frame.fits_in if frame.fits_in.any() else np.ones(len(size), dtype=bool)
@@ -255,6 +255,6 @@ def _enlarged(ax: Axes, view: View, frame: Frame, shape: float) -> tuple[Floats,
     return low, high
 
 
-def _width(place: int, frame: Frame) -> float:
-    """Width of a line; those drawn first are wider, so that they are seen behind what covers them."""
+def _width(place: int, frame: FitFrame) -> float:
+    """Width of a line; lines drawn first are wider, so that later ones do not hide them."""
     return 0.8 + 1.2 * (1.0 - (place + 1) / len(frame.groups))

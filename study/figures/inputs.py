@@ -1,4 +1,4 @@
-"""What a figure is given: a run's tables in memory, and how it says that it cannot be drawn from them."""
+"""Input of a figure: a run's tables in memory; `NotApplicable` says why a run cannot feed a figure."""
 
 from dataclasses import dataclass
 from typing import Self
@@ -10,13 +10,13 @@ from study.runs.storage.run_folder import Run, RunError
 from study.sphere.types import Floats
 
 
-class NotApplicable(Exception):  # noqa: N818  no error: most runs have some figure that they cannot feed
+class NotApplicable(Exception):  # noqa: N818  not an error: most runs cannot feed some figure
     """A figure that cannot be drawn from a run; the message is the reason, in words for a user."""
 
 
 @dataclass(frozen=True)
 class Tables:
-    """A run, as the figures see it.
+    """Tables of a run in memory.
 
     Attributes:
         name: the run's name, which is printed on every figure.
@@ -29,7 +29,7 @@ class Tables:
         posterior: a row per chain; None if none was run. See `study.runs.storage.schemas.posterior`.
         answers: the estimators' answers beside the chains, likewise.
         draws: draws of the chains that were kept, likewise.
-        independent: whether no two cells share their directions and noise.
+        independent: True if no two cells share their directions and noise.
     """
 
     name: str
@@ -65,7 +65,9 @@ class Tables:
             **{name: run.table(name) for name in ("posterior", "answers", "draws") if run.has("posterior")},
         )
         if tables.summary.empty:
-            raise RunError(f"{run.folder}: its budget ended before any cell had a trial; `study run` goes on")
+            raise RunError(
+                f"{run.folder}: its budget ended before any cell had a trial; run `study run` again to resume"
+            )
         return tables
 
     @property

@@ -1,4 +1,4 @@
-"""How every figure looks: width, type, one colour and mark per estimator, the stamp, and files equal to the byte."""
+"""Style of every figure: width, type, one colour and mark per estimator, the stamp, reproducible files."""
 
 import colorsys
 import contextlib
@@ -86,7 +86,7 @@ _SETTINGS: dict[str, Any] = {
 
 @contextlib.contextmanager
 def journal() -> Iterator[None]:
-    """Matplotlib's own defaults and ours, whatever a user has set; also a decorator for ``draw``."""
+    """Matplotlib's defaults and this project's settings, independent of the user's; also a decorator for ``draw``."""
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(_SETTINGS)  # type: ignore[arg-type]
@@ -94,16 +94,16 @@ def journal() -> Iterator[None]:
 
 
 def label(estimator: str) -> str:
-    """What a reader sees for an estimator; an unknown one (a user's own) is called by its name."""
+    """Label of an estimator; one that is not shipped is labelled by its name."""
     return _LOOKS[estimator][0] if estimator in _LOOKS else estimator
 
 
 def color(estimator: str) -> str:
-    """The estimator's colour in every figure; an unknown one has a dark colour that only its name determines."""
+    """Colour of an estimator in every figure; that of one that is not shipped depends on its name alone."""
     if estimator in _LOOKS:
         return _LOOKS[estimator][1]
     hue = zlib.crc32(estimator.encode()) / 2**32
-    while True:  # on by the golden ratio, until it is unlike the fixed ones
+    while True:  # steps of the golden ratio until the colour differs from the fixed ones
         rgb = colorsys.hsv_to_rgb(hue % 1.0, 0.85, 0.5)
         if all(math.dist(rgb, to_rgb(fixed)) > 0.2 for _, fixed, _ in _LOOKS.values()):
             return to_hex(rgb)
@@ -111,7 +111,7 @@ def color(estimator: str) -> str:
 
 
 def marker(estimator: str) -> str:
-    """The estimator's mark in every figure, so that no reader depends on colour."""
+    """Mark of an estimator in every figure, so that no reader depends on colour."""
     return _LOOKS[estimator][2] if estimator in _LOOKS else "X"
 
 
@@ -122,18 +122,18 @@ def joined(estimators: Sequence[str], words: str = "", width: int = 80) -> str:
 
 
 def number(value: float) -> str:
-    """Three digits, with a power of ten instead of an "e", and a minus that is as long as a plus."""
+    """Format a number with three digits, a power of ten instead of an "e", and a true minus sign."""
     digits, _, power = f"{value:.3g}".partition("e")
     return f"{digits} × $10^{{{int(power)}}}$" if power else digits.replace("-", "−")
 
 
 def decimals(value: float, digits: int) -> str:
-    """A fixed number of decimals, with a long minus but none before zero."""
+    """Format a number with fixed decimals and a true minus sign; zero has none."""
     return f"{round(value, digits) + 0.0:.{digits}f}".replace("-", "−")
 
 
 def spread(wanted: Sequence[float], heights: Sequence[float]) -> Floats:
-    """Places of labels beside an axis that do not overlap and stay near where they belong.
+    """Place labels beside an axis so that they do not overlap and stay near their values.
 
     Args:
         wanted: where the middle of each label belongs, in parts of the axis.
@@ -145,7 +145,7 @@ def spread(wanted: Sequence[float], heights: Sequence[float]) -> Floats:
     values, sizes = np.asarray(wanted, dtype=float), np.asarray(heights, dtype=float)
     order = np.argsort(values, kind="stable")
     steps = np.concatenate([[0.0], np.cumsum(0.5 * (sizes[order][1:] + sizes[order][:-1]))])
-    # less the steps, places must only not decrease; cutting off at constant ends keeps the best best
+    # minus the steps, places must not decrease: isotonic regression; clipping keeps the optimum
     free = isotonic_regression(values[order] - steps).x
     low, high = 0.5 * sizes[order[0]], 1.0 - 0.5 * sizes[order[-1]] - steps[-1]
     placed = np.empty_like(values)
@@ -154,7 +154,7 @@ def spread(wanted: Sequence[float], heights: Sequence[float]) -> Floats:
 
 
 def stamp(figure: Figure, text: str) -> None:
-    """Print the run's name, and how many trials are behind the figure, small in the lower right corner."""
+    """Print the run's name and its number of trials in small type in the lower right corner."""
     # below the drawing area that a layout engine fills, in a strip of its own
     strip = 0.16 / float(figure.get_size_inches()[1])
     engine = figure.get_layout_engine()
@@ -168,7 +168,7 @@ _ANONYMOUS: dict[str, dict[str, Any]] = {
     "svg": {"Date": None, "Creator": None},
     "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
 }
-"""What each format would say of the time and the software, left out."""
+"""Metadata fields of each format that hold time and software; they are left empty."""
 
 
 @journal()

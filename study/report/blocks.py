@@ -1,4 +1,4 @@
-"""What a page is made of: sections of blocks, plain data that the template turns into HTML, kind by kind."""
+"""Blocks of a page: plain data that the template turns into HTML, kind by kind."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -18,7 +18,7 @@ Content = str | Block | Sequence["str | Block"]
 
 @dataclass(frozen=True)
 class Text(Block):
-    """A paragraph."""
+    """Paragraph of text."""
 
     kind: ClassVar[str] = "text"
     content: Content
@@ -26,7 +26,7 @@ class Text(Block):
 
 @dataclass(frozen=True)
 class Note(Block):
-    """Words below others, smaller."""
+    """Smaller text below other text."""
 
     kind: ClassVar[str] = "note"
     content: Content
@@ -60,7 +60,7 @@ class Badge(Block):
 
 
 @dataclass(frozen=True)
-class Code(Block):
+class InlineCode(Block):
     """A name or a command within text."""
 
     kind: ClassVar[str] = "code"
@@ -69,7 +69,7 @@ class Code(Block):
 
 @dataclass(frozen=True)
 class Verbatim(Block):
-    """Lines as they are."""
+    """Preformatted lines."""
 
     kind: ClassVar[str] = "verbatim"
     text: str
@@ -78,7 +78,7 @@ class Verbatim(Block):
 
 @dataclass(frozen=True)
 class Items(Block):
-    """A list."""
+    """Bulleted list."""
 
     kind: ClassVar[str] = "items"
     items: Sequence[Content]
@@ -86,7 +86,7 @@ class Items(Block):
 
 @dataclass(frozen=True)
 class Facts(Block):
-    """Terms, and what is to be said of each."""
+    """List of terms with a description of each."""
 
     kind: ClassVar[str] = "facts"
     pairs: Sequence[tuple[str, Content]]
@@ -94,7 +94,7 @@ class Facts(Block):
 
 @dataclass(frozen=True)
 class Folded(Block):
-    """What a reader may open. On paper it is open, unless it is not ``printed``."""
+    """Block that a reader can open; in print it is open if ``printed``."""
 
     kind: ClassVar[str] = "folded"
     summary: Content

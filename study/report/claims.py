@@ -7,7 +7,21 @@ from typing import Any
 import pandas as pd
 
 from study.analysis.claims.claim import Verdict
-from study.report.blocks import Badge, Block, Code, Content, Facts, Folded, Items, Link, Note, Row, Section, Table, Text
+from study.report.blocks import (
+    Badge,
+    Block,
+    Content,
+    Facts,
+    Folded,
+    InlineCode,
+    Items,
+    Link,
+    Note,
+    Row,
+    Section,
+    Table,
+    Text,
+)
 from study.report.material import Material
 from study.report.overview import run_id
 from study.report.words import count, readable
@@ -21,7 +35,7 @@ _LOOKS = {
 
 
 def claims_section(material: Material) -> Iterable[Section]:
-    """The claims that the runs could judge, then those that they could not, and why."""
+    """Section of the claims: first those with a verdict, then those without, and why."""
     claims = material.claims
     yield Section("The paper's claims", "claims", [*_claims(material, claims)])
 
@@ -53,7 +67,7 @@ def _claims(material: Material, claims: pd.DataFrame) -> Iterable[Block]:
 
 
 def _tally(claims: pd.DataFrame) -> Text:
-    """How many of each verdict there are, in the order of the verdicts."""
+    """Sentence that counts each verdict, in the order of the verdicts."""
     found = Counter(str(verdict) for verdict in claims["verdict"])
     order = [*(str(v) for v in Verdict if str(v) in found), *sorted(set(found) - {str(v) for v in Verdict})]
     badges: list[str | Block] = [f"{len(claims)} claim{'s' * (len(claims) > 1)}: "]
@@ -80,7 +94,7 @@ def _judged(row: Any, material: Material) -> Row:
         ("Remark", str(row.remark)),
         ("Trials", f"at least {count(int(row.trials))} behind each number" if row.trials else ""),
         ("Runs", runs),
-        ("Tables", Code(str(row.reads)) if row.reads else ""),
+        ("Tables", InlineCode(str(row.reads)) if row.reads else ""),
     ]
     judged = Folded("How it was judged", Facts([(term, content) for term, content in facts if content]))
     found = Items([readable(part) for part in str(row.finding).splitlines()])
@@ -95,7 +109,7 @@ def _judged(row: Any, material: Material) -> Row:
 
 
 def _missing(rest: pd.DataFrame, judged: pd.DataFrame, material: Material) -> Iterable[Block]:
-    """What would have to be given for the rest of the claims, in a sentence, if it is tables of other runs."""
+    """Sentence that names the runs or tables that the remaining claims need."""
     reads = _reads(rest)
     given = {record.run.study.name for record in material.records}
     configs = dict.fromkeys(config for config, _, table in (read.partition("/") for read in reads) if table)
@@ -104,7 +118,12 @@ def _missing(rest: pd.DataFrame, judged: pd.DataFrame, material: Material) -> It
         needed = [f"runs of {', '.join(map(str, needed))}"]
     for table, option in (("cost", "--cost"), ("case-study", "--recording")):
         if table in reads and table not in _reads(judged):
-            needed += [", and "] * bool(needed) + ["what ", Code(f"study {table}"), " writes, given by ", Code(option)]
+            needed += [", and "] * bool(needed) + [
+                "what ",
+                InlineCode(f"study {table}"),
+                " writes, given by ",
+                InlineCode(option),
+            ]
     if needed:
         yield Text(["Missing are ", *needed, "."])
 
@@ -114,5 +133,5 @@ def _reads(claims: pd.DataFrame) -> list[str]:
 
 
 def _coded(text: str) -> list[str | Block]:
-    """Text in which what stands between backticks is code."""
-    return [Code(part) if i % 2 else part for i, part in enumerate(text.split("`"))]
+    """Text with the parts between backticks as code."""
+    return [InlineCode(part) if i % 2 else part for i, part in enumerate(text.split("`"))]

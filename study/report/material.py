@@ -1,4 +1,4 @@
-"""What a page is made from: each run's tables, read once, and the figures that they can feed."""
+"""Content of the page: each run's tables, read once, and the figures that they can feed."""
 
 import hashlib
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ from study.runs.storage.run_folder import Run, RunError
 
 
 class Software(BaseModel):
-    """Versions and code, as `study.runs.provenance.software` tells them."""
+    """Versions and commit, as in `study.runs.provenance.software`."""
 
     study: str
     commit: str | None
@@ -27,7 +27,7 @@ class Software(BaseModel):
 
 
 class Machine(BaseModel):
-    """What `study.runs.provenance.machine` tells."""
+    """Machine, as in `study.runs.provenance.machine`."""
 
     system: str
     processor: str
@@ -36,7 +36,7 @@ class Machine(BaseModel):
 
 
 class Manifest(BaseModel):
-    """A run's manifest, as far as the page shows it."""
+    """Fields of a run's manifest that the page shows."""
 
     started: str
     seconds_computing: float
@@ -63,7 +63,7 @@ class Manifest(BaseModel):
 
 @dataclass(frozen=True)
 class Record:
-    """A run, as the page shows it.
+    """One run's tables and facts for the page.
 
     Attributes:
         run: the folder; what else is stored in it can be read from there.
@@ -93,7 +93,7 @@ class Record:
 
     @classmethod
     def of(cls, run: Run, tables: Tables) -> Self:
-        """Read what is stored of a run besides the tables at hand.
+        """Read what else is stored of a run whose tables are loaded.
 
         Raises:
             RunError: if something is missing.
@@ -123,7 +123,7 @@ class Record:
 
 @dataclass(frozen=True)
 class Material:
-    """All that the sections are written from.
+    """Input of all sections.
 
     Attributes:
         records: the runs, in the order given.

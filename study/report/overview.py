@@ -1,10 +1,10 @@
-"""The page's first section: what was run, and on what."""
+"""First section of the page: the runs and the machines."""
 
 from collections.abc import Iterable
 
 from study.figures import style
 from study.report import words
-from study.report.blocks import Code, Link, Note, Row, Section, Table
+from study.report.blocks import InlineCode, Link, Note, Row, Section, Table
 from study.report.material import Material, Record
 
 _HEAD = ["Run", "Design", "Estimators", "Trials", "Samples", "Seed", "Computed on", "Seconds", "Workers"]
@@ -19,7 +19,7 @@ def overview_section(material: Material) -> Iterable[Section]:
 
 
 def run_id(record: Record) -> str:
-    """The place of a run's section."""
+    """Anchor of a run's section."""
     return f"run-{record.name}"
 
 
@@ -30,7 +30,7 @@ def _row(record: Record) -> Row:
     shape = "; noise not the same in all directions" if study.noise_shape is not None else ""
     return Row(
         [
-            [Link(record.name, run_id(record)), Note(["of the config ", Code(study.name)])],
+            [Link(record.name, run_id(record)), Note(["of the config ", InlineCode(study.name)])],
             f"{words.dimension(study)}; {words.design(study)}{shape}",
             ", ".join(style.label(name) for name in record.estimators),
             words.count(record.trials),

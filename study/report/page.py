@@ -1,4 +1,4 @@
-"""From runs and claims to the page: which sections it has, and in which order."""
+"""The page: its sections and their order."""
 
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -18,7 +18,7 @@ from study.runs.storage.run_folder import Run
 
 
 def figures_section(material: Material) -> Iterable[Section]:
-    """Every figure once, and why the others are not there."""
+    """Section of figures, each once, with the reasons for those that are missing."""
     content: list[Block] = list(material.pictures.values())
     if not content:
         content.append(Text("These runs can feed none of the figures."))
@@ -33,7 +33,7 @@ def figures_section(material: Material) -> Iterable[Section]:
 
 
 def run_sections(material: Material) -> Iterable[Section]:
-    """What was found in each run, and where it comes from."""
+    """Sections of each run: results and provenance."""
     return (run_section(record) for record in material.records)
 
 
@@ -90,14 +90,14 @@ def save(page: str, path: Path) -> Path:
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        write(path, page.encode("utf-8", "replace"))  # a folder's name may hold bytes that are no text
+        write(path, page.encode("utf-8", "replace"))  # a folder's name may hold bytes that are not text
     except OSError as error:
         raise RunError(f"{path}: cannot be written: {error.strerror or error}") from None
     return path
 
 
 def _unique(reasons: dict[str, str], runs: int) -> list[str]:
-    """Reasons without repetition, each with the runs that gave it, unless all did."""
+    """Reasons without repetition, each with its runs unless it holds for all."""
     found: dict[str, list[str]] = {}
     for name, reason in reasons.items():
         found.setdefault(reason, []).append(name)

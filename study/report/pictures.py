@@ -1,4 +1,4 @@
-"""Figures as pictures within the page: PNG in data URIs, with words for those who do not see them."""
+"""Figures embedded in the page as PNG data URIs, with alternative text."""
 
 import base64
 import inspect
@@ -7,12 +7,12 @@ import re
 
 from matplotlib.figure import Figure
 
-from study.figures import FIGURES, Drawing, NotApplicable, Tables, style
-from study.report.blocks import Code, Picture, Text
+from study.figures import FIGURES, FigureModule, NotApplicable, Tables, style
+from study.report.blocks import InlineCode, Picture, Text
 
 
 def add_pictures(tables: Tables, pictures: dict[str, Picture], undrawn: dict[str, dict[str, str]]) -> None:
-    """Draw what a run can feed and no run before it could.
+    """Draw the figures that a run can feed and no earlier run could.
 
     Args:
         tables: the run.
@@ -27,13 +27,13 @@ def add_pictures(tables: Tables, pictures: dict[str, Picture], undrawn: dict[str
             pictures[name] = picture(name, figure, tables)
         except NotApplicable as reason:
             undrawn.setdefault(name, {})[tables.name] = str(reason)
-        except Exception as error:  # whatever it is, it is told, and the rest of the page is made
+        except Exception as error:  # a figure that fails must not cost the page
             undrawn.setdefault(name, {})[tables.name] = f"failed: {error!r}"
         else:
             undrawn.pop(name, None)
 
 
-def picture(name: str, figure: Drawing, tables: Tables) -> Picture:
+def picture(name: str, figure: FigureModule, tables: Tables) -> Picture:
     """Draw a figure.
 
     Raises:
@@ -45,12 +45,12 @@ def picture(name: str, figure: Drawing, tables: Tables) -> Picture:
     width, height = (int.from_bytes(data[i : i + 4], "big") for i in (16, 20))
     title, look = described(figure)
     source = f"data:image/png;base64,{base64.b64encode(data).decode()}"
-    caption = [Text(title), *([Text(look)] if look else []), Text([Code(name), f", run {tables.name}"])]
+    caption = [Text(title), *([Text(look)] if look else []), Text([InlineCode(name), f", run {tables.name}"])]
     return Picture(name, source, f"{title} Run {tables.name}.", width, height, caption)
 
 
-def described(figure: Drawing) -> tuple[str, str]:
-    """What a figure's docstring says it shows, its first paragraph, and what to look at; "" where it says nothing."""
+def described(figure: FigureModule) -> tuple[str, str]:
+    """First paragraph of a figure's docstring and its advice on what to look at; "" if there is none."""
     paragraphs = [" ".join(part.split()) for part in re.split(r"\n\s*\n", inspect.getdoc(figure) or "")]
     paragraphs = [part.replace("``", "") for part in paragraphs]
     return paragraphs[0], next((part for part in paragraphs[1:] if part.startswith("Look at")), "")
@@ -58,7 +58,7 @@ def described(figure: Drawing) -> tuple[str, str]:
 
 @style.journal()
 def png(figure: Figure) -> bytes:
-    """A figure as PNG, without the software's name in it, so that equal figures are equal bytes."""
+    """Encode a figure as PNG without the software's name, so that equal figures are equal bytes."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", metadata={"Software": None})
     return buffer.getvalue()

@@ -1,4 +1,4 @@
-"""The independent computation: posteriors beside the fits and the bound, and whether they are as right as they say."""
+"""Section of the posteriors: beside the fits and the bound, and their calibration."""
 
 from collections.abc import Iterable
 
@@ -14,7 +14,7 @@ _LONG = 60
 
 
 def posterior_section(material: Material) -> Iterable[Section]:
-    """The posteriors of every run that has them; nothing, if none has."""
+    """Section of the posteriors; empty if no run has them."""
     content: list[Block] = []
     for record in material.records:
         if record.run.has("posterior"):
@@ -73,7 +73,7 @@ def _cells(record: Record, cells: pd.DataFrame) -> Table:
 
 
 def _coverage(record: Record, found: pd.DataFrame, answers: pd.DataFrame) -> list[Block]:
-    """How often sets of nominal level hold the truth."""
+    """Table of coverage: share of sets of a nominal level that hold the truth."""
     if not record.run.study.independent():
         return [Note("Coverage is not shown: cells of this run share draws, and so are not independent of each other.")]
     everything = calibration.trials(found, answers)

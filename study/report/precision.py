@@ -1,7 +1,7 @@
-"""Trials by need: how many cells reached the precision that a config asks for, and what it took."""
+"""Table of adaptive runs: cells by the reason why they got no more trials."""
 
 from study.report import words
-from study.report.blocks import Block, Code, Row, Table, Text
+from study.report.blocks import Block, InlineCode, Row, Table, Text
 from study.report.material import Record
 
 _REASONS = {
@@ -12,7 +12,7 @@ _REASONS = {
 
 
 def precision(record: Record) -> list[Block]:
-    """A row per reason why cells have no more trials."""
+    """Table with a row per reason why cells got no more trials."""
     asked, frame = record.run.study.precision, record.run.table("precision")
     assert asked is not None
     if asked.target is not None:
@@ -35,7 +35,7 @@ def precision(record: Record) -> list[Block]:
     table = Table(f"Trials by need, {record.name}", caption, head, rows, numeric=frozenset({1, 2}))
     told: list[str | Block] = [
         "Trials were added until the Monte-Carlo error of ",
-        Code(asked.measure),
+        InlineCode(asked.measure),
         f" was {goal}, for {whose}.",
     ]
     return [Text(told), table]

@@ -1,4 +1,4 @@
-"""Where a run's numbers come from: the time that they took, versions and machine, and how to make them again."""
+"""Provenance of a run: time, versions, machine, and the command that reproduces it."""
 
 import shlex
 from collections.abc import Callable
@@ -8,7 +8,7 @@ import pandas as pd
 
 from study.figures import style
 from study.report import words
-from study.report.blocks import Block, Code, Content, Facts, Folded, Row, Table, Text, Verbatim
+from study.report.blocks import Block, Content, Facts, Folded, InlineCode, Row, Table, Text, Verbatim
 from study.report.material import Record
 
 _MANY_SAMPLES = 12
@@ -44,7 +44,7 @@ def times(record: Record) -> list[Block]:
 
 
 def _by_samples(frame: pd.DataFrame, steps: list[str], name: str) -> Table:
-    """Columns are numbers of samples, or their decades where there are many."""
+    """Table whose columns are numbers of samples, or their decades if there are many."""
     text: Callable[[int], str]
     if frame["samples"].nunique() > _MANY_SAMPLES:
         frame = frame.assign(level=np.floor(np.log10(frame["samples"]) + 1e-9).astype(int))
@@ -72,13 +72,13 @@ def _step(name: str) -> str:
 
 
 def provenance(record: Record) -> list[Block]:
-    """What the numbers come from, and the command that makes them again."""
+    """Facts on a run's origin, and the command that reproduces it."""
     manifest, folder = record.manifest, record.run.folder
     software, machine = manifest.software, manifest.machine
     commit: Content = "unknown: not run from a checkout"
     if software.commit:
         state = "with changes that were not committed" if software.dirty else "nothing uncommitted"
-        commit = [Code(software.commit), f", {state}"]
+        commit = [InlineCode(software.commit), f", {state}"]
     packages = ", ".join(f"{name} {version}" for name, version in software.packages.items() if version)
     threads = ", ".join(f"{pool} {n}" for pool, n in machine.threads.items())
     facts: list[tuple[str, Content]] = [
@@ -91,8 +91,8 @@ def provenance(record: Record) -> list[Block]:
         ("Workers", str(manifest.jobs)),
         ("Started", words.moment(manifest.started)),
         ("Seed", str(record.run.study.seed)),
-        ("Digest of the config", Code(record.run.study.digest())),
-        (f"SHA-256 of {record.main}.parquet", Code(record.fingerprint)),
+        ("Digest of the config", InlineCode(record.run.study.digest())),
+        (f"SHA-256 of {record.main}.parquet", InlineCode(record.fingerprint)),
     ]
     again = shlex.join(["study", "run", str(folder / "config.toml"), "--jobs", str(manifest.jobs)])
     other = shlex.quote(f"{folder}-again")

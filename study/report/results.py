@@ -1,4 +1,4 @@
-"""A run's section, and its tables of results: error against the bound, how the fits ended, the worst trials."""
+"""Section of a run: errors over the bound, statuses of the fits, the worst trials."""
 
 import shlex
 from collections.abc import Callable
@@ -12,10 +12,10 @@ from study.figures import style
 from study.report import words
 from study.report.blocks import (
     Block,
-    Code,
     Content,
     Folded,
     Heading,
+    InlineCode,
     Note,
     Row,
     Section,
@@ -32,7 +32,7 @@ _TOO_LONG = 1000
 
 
 def run_section(record: Record) -> Section:
-    """All tables of a run."""
+    """Section with all tables of a run."""
     parts = {
         "Error against the bound": ("efficiency", efficiency),
         **({"Trials by need": ("precision", precision)} if record.run.has("precision") else {}),
@@ -51,7 +51,7 @@ def efficiency(record: Record) -> list[Block]:
     """Median error over the bound: a row per group, a column per estimator."""
     frame = record.summary
     if frame["group"].nunique() > _TOO_LONG:
-        return [Text(["There are too many conditions for a table; ", Code("summary.parquet"), " has them."])]
+        return [Text(["There are too many conditions for a table; ", InlineCode("summary.parquet"), " has them."])]
     by_decade = bool(frame["decade"].notna().any())
     titles, conditions, fixed = _conditions(frame, by_decade)
     shown = [name for name in record.estimators if name in set(frame["estimator"])]
@@ -77,7 +77,7 @@ def efficiency(record: Record) -> list[Block]:
 
 
 def _conditions(frame: pd.DataFrame, by_decade: bool) -> tuple[list[str], list[Callable[["pd.Series[Any]"], str]], str]:
-    """Titles of the columns that tell groups apart, functions that write them, and what all groups have in common."""
+    """Titles and formats of the columns that distinguish groups, and the conditions that all groups share."""
     if by_decade:
         return ["σ/r from"], [_decade], ""
     columns = {title: [make(row) for _, row in frame.iterrows()] for title, make in _CONDITIONS.items()}
@@ -108,9 +108,9 @@ def _ratio(row: "pd.Series[Any]") -> Content:
 
 
 def statuses(record: Record) -> list[Block]:
-    """Counts: a row per status that occurs, a column per estimator."""
+    """Table of counts: a row per status that occurs, a column per estimator."""
     known = ["planned", *(status.name.lower() for status in Status)]
-    names = [name for name in known if name in record.summary]  # a run may be older than a status
+    names = [name for name in known if name in record.summary]  # an older run may lack newer statuses
     counts = record.summary.groupby("estimator", observed=True, sort=False)[names].sum()
     rows = []
     for name in names:
@@ -125,7 +125,7 @@ def statuses(record: Record) -> list[Block]:
 
 
 def worst_trials(record: Record) -> list[Block]:
-    """Where the largest errors over the bound are, and how to see each of them again."""
+    """Table of the trials with the largest errors over the bound, with the commands that replay them."""
     frame = record.worst
     if frame is None:
         return [Text('The study kept its summary alone (keep = "summary"): which trials were worst is not known.')]
@@ -135,13 +135,13 @@ def worst_trials(record: Record) -> list[Block]:
     rows = [
         Row(
             [
-                Code(str(row["cell"])),
+                InlineCode(str(row["cell"])),
                 str(row["trial"]),
                 style.label(str(row["estimator"])),
                 *(_CONDITIONS[title](row) for title in ("N", "σ/r", "φ")),
                 words.timed(row["ratio"]),
                 explain(int(row["status"])),
-                Code(f"study replay {folder} {shlex.quote(str(row['cell']))} {row['trial']}"),
+                InlineCode(f"study replay {folder} {shlex.quote(str(row['cell']))} {row['trial']}"),
             ]
         )
         for _, row in frame.iterrows()

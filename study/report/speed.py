@@ -1,4 +1,4 @@
-"""How fast it is: the ratios that `make bench` stored, group by group, with the machine's name."""
+"""Section on speed: the ratios that `make bench` stored, by group, with the machine's name."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -28,7 +28,7 @@ def read_bench(path: Path) -> pd.DataFrame:
 
 
 def speed_section(material: Material) -> Iterable[Section]:
-    """A table for each group of benchmarks; nothing where none were given."""
+    """Section with a table per group of benchmarks; empty if there are none."""
     if material.bench is None:
         return
     machine = material.bench["machine"].iloc[0]

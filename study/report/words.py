@@ -1,4 +1,4 @@
-"""Numbers and designs as a reader sees them: three digits, powers of ten, a minus as long as a plus."""
+"""Text of numbers and designs: three digits, powers of ten, true minus signs."""
 
 import math
 import re
@@ -9,8 +9,8 @@ from study.experiment.config import Study
 from study.experiment.distributions import Choice, Constant, LogUniform, Uniform
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-_NARROW = "\u202f"  # between thousands: narrow, and no place to break a line
-_JOINED = "\u00a0"  # a space that is no place to break a line
+_NARROW = "\u202f"  # narrow no-break space between thousands
+_JOINED = "\u00a0"  # no-break space
 _NUMBER = r"-?\d+\.?\d*(?:e[+-]\d+)?"
 _QUANTITIES = {"samples": "N", "noise": "σ", "noise_over_radius": "σ/r", "angle": "φ", "radius": "r", "center": "|c|"}
 
@@ -21,13 +21,13 @@ def power_of_ten(exponent: int) -> str:
 
 
 def count(value: int) -> str:
-    """A whole number with its thousands apart."""
+    """Format a whole number with thousands separated."""
     text = f"{value:,}".replace(",", _NARROW).replace("-", "−")
     return text if abs(value) >= 10_000 else text.replace(_NARROW, "")
 
 
 def number(value: float, digits: int = 3, zeros: bool = False) -> str:
-    """A number in so many digits, with a power of ten where it is very large or small; zeros at its end if asked."""
+    """Format a number to some digits, with a power of ten if it is very large or small; trailing zeros on request."""
     if math.isnan(value):
         return "–"
     if math.isinf(value):
@@ -41,14 +41,14 @@ def number(value: float, digits: int = 3, zeros: bool = False) -> str:
 
 
 def timed(value: float) -> str:
-    """A number that was measured once, without an error: three digits, zeros included, no power of ten below 10⁶."""
+    """Format a single measurement without an error: three digits, no power of ten below 10⁶."""
     if 999.5 <= value < 999_500.0:
         return count(int(float(f"{value:.3g}")))
     return number(value, zeros=True)
 
 
 def exactly(value: float) -> str:
-    """A number as a config gives it, not rounded."""
+    """Format a number of a config, not rounded."""
     digits = len(f"{value:.11e}".partition("e")[0].rstrip("0").replace(".", "").lstrip("-"))
     if value == int(value) and (abs(value) < 1e6 or abs(value) < 10.0**digits):
         return count(int(value))
@@ -56,7 +56,7 @@ def exactly(value: float) -> str:
 
 
 def measured(value: float, error: float) -> str:
-    """A number with its Monte-Carlo error: two digits of the error, and the number to the same place.
+    """Format a number with its Monte-Carlo error: two digits of the error, the number to the same place.
 
     The number has at most six digits; where the error is larger, both have two of their own. "± ∞" says that there
     are too few trials for an error; a number without one was counted.
@@ -68,19 +68,19 @@ def measured(value: float, error: float) -> str:
     top = math.floor(math.log10(max(abs(value), error)))
     place = math.floor(math.log10(error)) - 1
     place = max(min(place, top), top - 5)
-    power = top if top >= 5 or top < -3 else 0  # a number breaks, if it must, before its error
+    power = top if top >= 5 or top < -3 else 0  # break a line before the error, if anywhere
     decimals = max(0, power - place)
     scale = 10.0**-power
     shown = f"{value * scale:.{decimals}f}".replace("-", "−")
     beside = f"{error * scale:.{decimals}f}"
-    if abs(value) < error or float(beside) == 0.0:  # no place that both have in common
+    if abs(value) < error or float(beside) == 0.0:  # the two have no digit in common
         return f"{_plain(value, 6 if error < abs(value) else 2)} ±{_JOINED}{_plain(error, 2)}"
     both = f"{shown} ±{_JOINED}{beside}"
     return f"({both}){_JOINED}×{_JOINED}{power_of_ten(power)}" if power else both
 
 
 def _plain(value: float, digits: int) -> str:
-    """A number in so many digits, without a power of ten for what is neither very large nor small."""
+    """Format a number to some digits, without a power of ten unless it is very large or small."""
     if value == 0.0:
         return "0"
     if 10.0 ** (digits - 1) <= abs(value) < 1e5:
@@ -89,7 +89,7 @@ def _plain(value: float, digits: int) -> str:
 
 
 def percent(part: int, whole: int) -> str:
-    """A share that is never rounded to none or to all."""
+    """Format a share in per cent; only exact 0 and 1 give 0 % and 100 %."""
     if 0 < part < 0.001 * whole:
         return f"<{_JOINED}0.1{_JOINED}%"
     if 0.999 * whole < part < whole:
@@ -98,7 +98,7 @@ def percent(part: int, whole: int) -> str:
 
 
 def moment(text: str) -> str:
-    """A time as a manifest has it, without its T."""
+    """Format a manifest's time without its T."""
     return text.replace("T", " ").replace("+00:00", " UTC")
 
 
@@ -107,21 +107,21 @@ def _joined(found: re.Match[str]) -> str:
 
 
 def readable(text: str) -> str:
-    """Numbers within text that a program wrote - 1.2e-05, -3, 27.41 ± 5.1 - as a reader expects them."""
+    """Rewrite numbers within a program's text (1.2e-05, -3) with powers of ten and true minus signs."""
     text = re.sub(rf"(?<![\w.)\]])({_NUMBER}) ± ({_NUMBER})", _joined, text)
     text = re.sub(r"(?<=\d)e([+-]\d+)\b", lambda found: f"{_JOINED}×{_JOINED}{power_of_ten(int(found[1]))}", text)
     return re.sub(r"(?<![\w.)\]-])-(?=[\d.])", "−", text)
 
 
 def dimension(study: Study) -> str:
-    """What is fitted."""
+    """Name of the fitted shape in d dimensions."""
     return {2: "circles in the plane", 3: "spheres in space"}.get(
         study.dimension, f"spheres in {study.dimension} dimensions"
     )
 
 
 def design(study: Study) -> str:
-    """A study's design in a sentence."""
+    """Sentence that describes a study's design."""
     made = study.design
     unit = {"angle": "°"}
     if isinstance(made, RandomDesign):
