@@ -1,6 +1,5 @@
 """One unit of work: rows that compare each fit with its truth, and an estimator that raises."""
 
-import dataclasses
 import math
 
 import numpy as np
@@ -288,7 +287,7 @@ def test_answers_of_another_shape_are_failures(make_study, monkeypatch, wrong):
 
     def short(samples):
         fit = study.ESTIMATORS["lls"](samples)
-        return dataclasses.replace(fit, **{wrong: getattr(fit, wrong)[:0]})
+        return fit._replace(**{wrong: getattr(fit, wrong)[:0]})
 
     monkeypatch.setitem(study.ESTIMATORS, "short", Estimator(short, "a test"))
     made = make_study({"estimators": ["short"]}, trials=3)
