@@ -113,20 +113,18 @@ def _slope(run: Callable[[Any], None], dimension: int) -> float:
 def count(dimension: int) -> dict[str, float]:
     """Operations per sample of each kernel; compilation must be off."""
     layouts, moments = (import_module(f"study.sphere.{name}") for name in ("layouts", "moments"))
-    fit, lls, mle, igdk = (import_module(f"study.estimators.{name}") for name in ("fit", "lls", "mle", "incremental"))
+    lls, mle, igdk = (import_module(f"study.estimators.{name}") for name in ("lls", "mle", "incremental"))
     d = dimension
 
     def zeros(dimension: int, per: int = 1) -> Any:
         return (0.0,) * (dimension * per)  # numbers that let themselves be counted, in any dimension
 
     def closed(x: Any) -> None:
-        result = moments.Moments(_objects(1), _objects(1, d), _objects(1, d, d), _objects(1, d), _objects(1))
+        result = moments.Moments(_objects(2, 1), _objects(2, 1, d), _objects(1, d, d))
         moments.accumulate(x, 1, result, zeros(d), zeros(d, d))
 
     def linear(x: Any) -> None:
-        center, *others = fit.blank(1, d)
-        result = fit.Fit(_objects(*center.shape), *(_objects(*array.shape) for array in others))
-        lls._fit_all(x, 1, result, _objects(1), _objects(1, d, d), zeros(d))
+        lls._fit_all(x, 1, _objects(1, d), _objects(1), _objects(1), np.zeros(1, dtype=int), zeros(d))
 
     def one_pass(x: Any) -> None:
         block, scratch = layouts.Block(x, 0, 0, x.shape[2]), layouts.Scratch(None, zeros(d), zeros(d, d))

@@ -75,18 +75,19 @@ def _solve(values: Floats, cross: Floats, mean: Floats, square: float, spread: f
 @compiled
 def _solve_all(regression: Regression, spectrum: Spectrum, kappa: float, kept: Bools, eta: Floats) -> None:
     """The root for each set, found in units of its own size, so that no power of the points' unit overflows."""
-    values, _, cross, mean = spectrum
+    values, cross, mean = spectrum.along[0], spectrum.along[1], spectrum.along[2]
+    numbers = regression.numbers
     b, d = values.shape
     extent, q, y = np.empty(d), np.empty(d), np.empty(d)
     for t in range(b):
-        n = regression.n[t]
-        unit, weight = regression.base[t] + regression.square[t], (n - 1.0) / n
+        n = numbers[0, t]
+        unit, weight = numbers[3, t] + numbers[2, t], (n - 1.0) / n
         root = math.sqrt(unit)
         for k in range(d):
             extent[k] = values[t, k] * weight / unit
             q[k] = cross[t, k] * weight / (unit * root) if kept[t, k] else 0.0
             y[k] = mean[t, k] / root if kept[t, k] else 0.0
-        spread = regression.variance[t] / unit / unit
+        spread = numbers[1, t] / unit / unit
         eta[t] = _solve(extent, q, y, 1.0, spread, kappa) * unit / weight
 
 
@@ -99,8 +100,9 @@ def root(samples: Samples, kappa: float, kept: Bools | None = None) -> Floats:
         kept: eigen-directions of C that take part (b, d); all, if None.
     """
     spectrum = samples.spectrum
-    eta = np.empty(len(spectrum.values))
-    kept = every(*spectrum.values.shape) if kept is None else kept
+    b, d, _ = spectrum.axes.shape
+    eta = np.empty(b)
+    kept = every(b, d) if kept is None else kept
     _solve_all(samples.regression, spectrum, kappa, kept, eta)
     return eta
 
@@ -212,7 +214,7 @@ def _flat(samples: Samples, kept: Bools, direction: int) -> Bools:
     curvature.
     """
     regression = samples.regression
-    values, _, along, _ = samples.spectrum
+    values, along = samples.spectrum.values, samples.spectrum.cross
     n, d = regression.n, values.shape[1]
     others = kept.copy()
     others[:, direction] = False

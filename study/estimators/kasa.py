@@ -71,9 +71,10 @@ def member(samples: Samples, eta: Floats, radius_weight: float | Floats, kept: B
     Returns:
         The fit, its noise variance estimated from the residuals.
     """
-    fit, spectrum = blank(*samples.regression.mean.shape), samples.spectrum
-    weight = np.zeros(len(eta)) + radius_weight
-    kept = every(*spectrum.values.shape) if kept is None else kept
+    spectrum = samples.spectrum
+    b, d, _ = spectrum.axes.shape
+    fit, weight = blank(b, d), np.zeros(b) + radius_weight
+    kept = every(b, d) if kept is None else kept
     _member(samples.regression, spectrum, eta, weight, kept, fit)
     return fit
 
@@ -94,7 +95,7 @@ def subtracting(samples: Samples, noise: Floats) -> Fit:
     with np.errstate(all="ignore"):
         right = np.einsum("bji,bj->bi", basis, right)
     offset, fit, kept = np.empty((b, d)), blank(b, d), every(b, d)
-    _offsets(Spectrum(remaining, basis, right, np.zeros((b, d))), np.zeros(b), kept, offset)
+    _offsets(Spectrum(np.stack([remaining, right, np.zeros((b, d))]), basis), np.zeros(b), kept, offset)
     fit.condition[:] = _spectral_radius(noise, spectrum)
     trace = np.trace(noise, axis1=1, axis2=2)
     _conclude(r, spectrum, offset, -(r.n - 1.0) / r.n * trace, kept, fit)
@@ -131,17 +132,18 @@ def noise_of_residuals(variance: float, mean_square: float, n: float, dimension:
 @compiled
 def _offsets(spectrum: Spectrum, eta: Floats, kept: Bools, offset: Floats) -> None:
     """(C - ηI)⁻¹ (½q - ηȳ), paper eqs 2 and 17, from the eigenbasis of C."""
-    values, vectors, cross, mean = spectrum
+    along, axes = spectrum
+    values, cross, mean = along[0], along[1], along[2]
     b, d = values.shape
     for t in range(b):
         for i in range(d):
             offset[t, i] = 0.0
         for k in range(d):
-            along = mean[t, k]
+            component = mean[t, k]
             if kept[t, k]:
-                along = (0.5 * cross[t, k] - eta[t] * along) / (values[t, k] - eta[t])
+                component = (0.5 * cross[t, k] - eta[t] * component) / (values[t, k] - eta[t])
             for i in range(d):
-                offset[t, i] += vectors[t, i, k] * along
+                offset[t, i] += axes[t, i, k] * component
 
 
 @compiled
@@ -156,7 +158,9 @@ def _least(values: Floats, kept: Bools, t: int) -> float:
 @compiled
 def _residuals(regression: Regression, offset: Floats, excess: Floats, noise: Floats) -> None:
     """Mean |x - ĉ|², less the base, and the noise that the variance of |x - ĉ|² shows."""
-    n, _, mean, covariance, cross, variance, square, base = regression
+    numbers, vectors, covariance = regression
+    n, variance, square, base = numbers[0], numbers[1], numbers[2], numbers[3]
+    mean, cross = vectors[1], vectors[2]
     b, d = offset.shape
     for t in range(b):
         spread, total = variance[t], square[t]
@@ -179,9 +183,9 @@ def _conclude(
 
     ``radius_term`` is the difference between the radius squared and the mean of |x - ĉ|². ``fit.condition`` is given.
     """
-    _, origin, _, _, _, variance, _, base = regression
+    origin, variance, base = regression.vectors[0], regression.numbers[1], regression.numbers[3]
     center, radius, noise, condition, status, _ = fit
-    values = spectrum.values
+    values = spectrum.along[0]
     b, d = offset.shape
     excess = np.empty(b)
     _residuals(regression, offset, excess, noise)
@@ -208,7 +212,7 @@ def _conclude(
 @compiled
 def _member(regression: Regression, spectrum: Spectrum, eta: Floats, weight: Floats, kept: Bools, fit: Fit) -> None:
     """Fill in the family's fits for given η, and ρ = η/λ_min."""
-    n, values = regression.n, spectrum.values
+    n, values = regression.numbers[0], spectrum.along[0]
     b, d = values.shape
     offset, radius_term = np.empty((b, d)), np.empty(b)
     _offsets(spectrum, eta, kept, offset)
@@ -221,6 +225,6 @@ def _member(regression: Regression, spectrum: Spectrum, eta: Floats, weight: Flo
 def _spectral_radius(noise: Floats, spectrum: Spectrum) -> Floats:
     """ρ(Σ̂C⁻¹) (b,): the largest eigenvalue of Λ^-½ Vᵀ Σ̂ V Λ^-½, which is symmetric."""
     with np.errstate(all="ignore"):
-        scaled = spectrum.vectors / np.sqrt(spectrum.values)[:, None, :]
+        scaled = spectrum.axes / np.sqrt(spectrum.values)[:, None, :]
         similar = np.einsum("bji,bjk,bkl->bil", scaled, noise, scaled)
     return eigenbasis(similar)[0][:, -1]

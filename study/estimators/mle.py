@@ -79,10 +79,9 @@ def _minimum_from(samples: Samples, share: float) -> Fit:
     ĉ is Taubin's answer where the noise is clearly below the points' extent, which saves a pass or two, and GDKE's,
     which does not run away, where it is not.
     """
-    b, d, _ = samples.shape
-    regression = samples.regression
+    regression, values = samples.regression, samples.spectrum.values
+    b, d = values.shape
     eta = root(samples, 0.0)
-    values = samples.spectrum.values
     clear = eta < _CLEAR * values[:, 0]
     first = member(samples, np.where(clear, eta, 0.0), 0.0)
     fit = blank(b, d)

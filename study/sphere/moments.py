@@ -32,30 +32,36 @@ from study.sphere.layouts import (
 from study.sphere.types import Floats
 
 
-class Moments(NamedTuple):
-    """Centred moments of a batch of point sets.
+class _One(NamedTuple):
+    """Moments of one set: n, x̄ (d,), Σyyᵀ (d, d), Σy|y|² (d,), Σ|y|⁴."""
 
-    Attributes:
-        n: number of samples of each set (b,).
-        mean: x̄ (b, d), in the unit of the points.
-        second: Σyyᵀ (b, d, d), unit squared.
-        third: Σy|y|² (b, d), unit cubed.
-        fourth: Σ|y|⁴ (b,), unit to the fourth.
-    """
-
-    n: Floats
+    n: float
     mean: Floats
     second: Floats
     third: Floats
-    fourth: Floats
+    fourth: float
+
+
+class Moments(NamedTuple):
+    """Centred moments of a batch of point sets, in three arrays, which is what a kernel takes.
+
+    Attributes:
+        numbers: ``n`` and ``fourth`` of each set (2, b).
+        vectors: ``mean`` and ``third`` (2, b, d).
+        second: Σyyᵀ (b, d, d), unit squared.
+    """
+
+    numbers: Floats
+    vectors: Floats
+    second: Floats
 
     @classmethod
     def of(cls, x: Floats | Placed) -> "Moments":
         """Compute the moments of point sets: an array (b, d, n) in any memory layout, or the draws they come from."""
-        b, d, n = extent(x)
-        m = cls(np.full(b, float(n)), np.empty((b, d)), np.empty((b, d, d)), np.empty((b, d)), np.empty(b))
-        accumulate(readable(x), abreast(x), m, zeros(d), zeros(d, d))
-        return m
+        b, d, _ = extent(x)
+        moments = cls(np.empty((2, b)), np.empty((2, b, d)), np.empty((b, d, d)))
+        accumulate(readable(x), abreast(x), moments, zeros(d), zeros(d, d))
+        return moments
 
     def merge(self, other: "Moments") -> "Moments":
         """Moments of the union of each set with the set at the same place of another batch, in any order.
@@ -64,11 +70,32 @@ class Moments(NamedTuple):
         """
         result = Moments(*(part.copy() for part in self))
         _merge_all(result, Moments(*(part.copy() for part in other)))
-        return result._replace(n=self.n + other.n)
+        result.numbers[0] += other.n
+        return result
 
     def update(self, x: Floats) -> "Moments":
         """Moments after more samples (b, d, n)."""
         return self.merge(Moments.of(x))
+
+    @property
+    def n(self) -> Floats:
+        """Number of samples of each set (b,)."""
+        return np.asarray(self.numbers[0])
+
+    @property
+    def mean(self) -> Floats:
+        """The mean x̄ (b, d), in the unit of the points."""
+        return np.asarray(self.vectors[0])
+
+    @property
+    def third(self) -> Floats:
+        """Σy|y|² (b, d), unit cubed."""
+        return np.asarray(self.vectors[1])
+
+    @property
+    def fourth(self) -> Floats:
+        """Σ|y|⁴ (b,), unit to the fourth."""
+        return np.asarray(self.numbers[1])
 
     @property
     def covariance(self) -> Floats:
@@ -146,8 +173,9 @@ def _add(block: Block, moments: Moments, first: Floats, scratch: Scratch) -> Non
     rows, zero, square = scratch
     d = len(zero)
     origin, one, two, three, four = fresh(zero), fresh(zero), fresh(square), fresh(zero), 0.0
+    mean, third, second = moments.vectors[0], moments.vectors[1], moments.second
     for i in range(d):
-        origin = put(origin, i, moments.mean[t, i])
+        origin = put(origin, i, mean[t, i])
     for start in range(begin, begin + m, CHUNK):
         count = min(CHUNK, begin + m - start)
         view = window(x, t, start, count, rows, zero)
@@ -160,26 +188,27 @@ def _add(block: Block, moments: Moments, first: Floats, scratch: Scratch) -> Non
                 two = put(two, i * d + j, two[i * d + j] + some_two[i * d + j])
     for i in range(d):
         first[i] += one[i]
-        moments.third[t, i] += three[i]
+        third[t, i] += three[i]
         for j in range(i + 1):
-            moments.second[t, i, j] += two[i * d + j]
-    moments.fourth[t] += four
+            second[t, i, j] += two[i * d + j]
+    moments.numbers[1, t] += four
 
 
 @compiled
 def accumulate(x: PointSets, group: int, moments: Moments, zero: Sums, square: Sums) -> None:
     """Write the moments of each point set of a batch (b, d, n); ``group`` sets share their draws, see `abreast`.
 
-    ``zero`` and ``square`` are d and d² sums at zero. ``moments.n`` is left as it is.
+    ``zero`` and ``square`` are d and d² sums at zero.
     """
     b, d, n = extent(x)
     scratch = Scratch(np.empty((1, d, CHUNK)), zero, square)
     first, delta = np.empty((group, d)), np.empty(d)
-    _, mean, second, third, fourth = moments
+    mean, third, second = moments.vectors[0], moments.vectors[1], moments.second
+    count, fourth = moments.numbers[0], moments.numbers[1]
     for head in range(0, b, group):
         for g in range(group):
             t = head + g
-            point, fourth[t] = near(x, t, n, scratch.rows, zero), 0.0
+            point, count[t], fourth[t] = near(x, t, n, scratch.rows, zero), float(n), 0.0
             for i in range(d):
                 mean[t, i], first[g, i], third[t, i] = point[i], 0.0, 0.0
                 for j in range(i + 1):
@@ -199,7 +228,7 @@ def accumulate(x: PointSets, group: int, moments: Moments, zero: Sums, square: S
 
 
 @compiled
-def _merge(one: Moments, two: Moments, work: Floats) -> float:
+def _merge(one: _One, two: _One, work: Floats) -> float:
     """Merge the second set into the first, in place, but for n; the second is destroyed, the fourth moment returned."""
     n, mean, second, third, fourth = one
     n2, mean2, second2, third2, fourth2 = two
@@ -223,11 +252,15 @@ def _merge(one: Moments, two: Moments, work: Floats) -> float:
 
 
 @compiled
+def _set(moments: Moments, t: int) -> _One:
+    numbers, vectors, second = moments
+    return _One(numbers[0, t], vectors[0, t], second[t], vectors[1, t], numbers[1, t])
+
+
+@compiled
 def _merge_all(one: Moments, two: Moments) -> None:
-    work = np.empty((2, one.mean.shape[1]))
-    for t in range(one.n.size):
-        one.fourth[t] = _merge(
-            Moments(one.n[t], one.mean[t], one.second[t], one.third[t], one.fourth[t]),
-            Moments(two.n[t], two.mean[t], two.second[t], two.third[t], two.fourth[t]),
-            work,
-        )
+    """Merge each set of the second batch into that of the first, but for n; the second batch is destroyed."""
+    b, d, _ = one.second.shape
+    work = np.empty((2, d))
+    for t in range(b):
+        one.numbers[1, t] = _merge(_set(one, t), _set(two, t), work)

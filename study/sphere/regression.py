@@ -17,85 +17,117 @@ from study.sphere.types import Floats
 
 
 class Regression(NamedTuple):
-    """Moments of y = x - o and |y|² of a batch of point sets.
+    """Moments of y = x - o and |y|² of a batch of point sets, in three arrays, which is what a kernel takes.
 
     Attributes:
-        n: number of samples of each set (b,).
-        origin: o (b, d), in the unit of the points.
-        mean: ȳ (b, d).
+        numbers: n, ``variance``, ``square`` and ``base`` of each set (4, b).
+        vectors: ``origin``, ``mean`` and ``cross`` (3, b, d).
         covariance: C, the sample covariance of y, in weights of 1/(n - 1), paper eq. 5 (b, d, d).
-        cross: sample covariance of y and |y|² (b, d): the paper's S, eq. 6, where ȳ = 0.
-        variance: variance of |y|², in weights of 1/n (b,).
-        square: mean of |y|², less ``base`` (b,).
-        base: r² (b,), where it is known and the fits are wanted as errors; else 0.
     """
 
-    n: Floats
-    origin: Floats
-    mean: Floats
+    numbers: Floats
+    vectors: Floats
     covariance: Floats
-    cross: Floats
-    variance: Floats
-    square: Floats
-    base: Floats
 
     @classmethod
     def of(cls, moments: Moments) -> "Regression":
         """Form the regression about the centroids."""
-        b, d = moments.mean.shape
-        covariance, cross, variance, square = np.empty((b, d, d)), np.empty((b, d)), np.empty(b), np.empty(b)
-        result = cls(moments.n, moments.mean, np.zeros((b, d)), covariance, cross, variance, square, np.zeros(b))
+        b, d, _ = moments.second.shape
+        result = cls(np.empty((4, b)), np.empty((3, b, d)), np.empty((b, d, d)))
         _central(moments, result)
         return result
 
     def only(self, index: int) -> "Regression":
         """The regression of one set of the batch."""
-        return Regression(*(part[index : index + 1] for part in self))
+        one = slice(index, index + 1)
+        return Regression(self.numbers[:, one].copy(), self.vectors[:, one].copy(), self.covariance[one])
+
+    @property
+    def n(self) -> Floats:
+        """Number of samples of each set (b,)."""
+        return np.asarray(self.numbers[0])
+
+    @property
+    def variance(self) -> Floats:
+        """Variance of |y|², in weights of 1/n (b,)."""
+        return np.asarray(self.numbers[1])
+
+    @property
+    def square(self) -> Floats:
+        """Mean of |y|², less ``base`` (b,)."""
+        return np.asarray(self.numbers[2])
+
+    @property
+    def base(self) -> Floats:
+        """r² (b,), where it is known and the fits are wanted as errors; else 0."""
+        return np.asarray(self.numbers[3])
+
+    @property
+    def origin(self) -> Floats:
+        """The origin o (b, d), in the unit of the points."""
+        return np.asarray(self.vectors[0])
+
+    @property
+    def mean(self) -> Floats:
+        """Mean of y (b, d)."""
+        return np.asarray(self.vectors[1])
+
+    @property
+    def cross(self) -> Floats:
+        """Sample covariance of y and |y|² (b, d): the paper's S, eq. 6, where the mean of y is 0."""
+        return np.asarray(self.vectors[2])
 
 
 class Spectrum(NamedTuple):
     """A regression in the eigenbasis of C.
 
     Attributes:
-        values: eigenvalues of C (b, d), ascending.
-        vectors: eigenvectors (b, d, d), as columns.
-        cross: components of ``cross`` along them (b, d).
-        mean: components of ``mean`` along them (b, d).
+        along: eigenvalues of C, ascending, and the components of ``cross`` and ``mean`` along its axes (3, b, d).
+        axes: eigenvectors of C (b, d, d), as columns.
     """
 
-    values: Floats
-    vectors: Floats
-    cross: Floats
-    mean: Floats
+    along: Floats
+    axes: Floats
 
     @classmethod
     def of(cls, regression: Regression) -> "Spectrum":
         """Diagonalise C."""
-        values, cross, mean = (np.empty(regression.mean.shape) for _ in range(3))
-        result = cls(values, np.empty(regression.covariance.shape), cross, mean)
+        result = cls(np.empty(regression.vectors.shape), np.empty(regression.covariance.shape))
         _decompose(regression, result)
         return result
+
+    @property
+    def values(self) -> Floats:
+        """Eigenvalues of C (b, d), ascending."""
+        return np.asarray(self.along[0])
+
+    @property
+    def cross(self) -> Floats:
+        """Components of ``cross`` along the eigenvectors (b, d)."""
+        return np.asarray(self.along[1])
 
 
 @compiled
 def _central(moments: Moments, regression: Regression) -> None:
     """C and S (paper eqs 5 and 6), and variance and mean of |y|², of sums about the centroid."""
-    count, _, second, third, fourth = moments
-    _, _, _, covariance, cross, variance, square, _ = regression
+    second, origin, third = moments.second, moments.vectors[0], moments.vectors[1]
+    count, fourth = moments.numbers[0], moments.numbers[1]
+    numbers, vectors, covariance = regression
     b, d = third.shape
     for t in range(b):
         n, trace = count[t], 0.0
         for i in range(d):
             trace += second[t, i, i]
-            cross[t, i] = third[t, i] / (n - 1.0)
+            vectors[0, t, i], vectors[1, t, i], vectors[2, t, i] = origin[t, i], 0.0, third[t, i] / (n - 1.0)
             for j in range(d):
                 covariance[t, i, j] = second[t, i, j] / (n - 1.0)
-        square[t] = trace / n
-        variance[t] = fourth[t] / n - square[t] * square[t]
+        square = trace / n
+        numbers[0, t], numbers[1, t], numbers[2, t], numbers[3, t] = n, fourth[t] / n - square * square, square, 0.0
 
 
 @compiled
 def _decompose(regression: Regression, spectrum: Spectrum) -> None:
-    diagonalise_all(regression.covariance, spectrum.values, spectrum.vectors)
-    components_all(spectrum.vectors, regression.cross, spectrum.cross)
-    components_all(spectrum.vectors, regression.mean, spectrum.mean)
+    along, axes = spectrum
+    diagonalise_all(regression.covariance, along[0], axes)
+    components_all(axes, regression.vectors[2], along[1])
+    components_all(axes, regression.vectors[1], along[2])
