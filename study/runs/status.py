@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from study.experiment.config import Study
-from study.experiment.design import spans
+from study.experiment.units import spans
 from study.runs.adaptive.checkpoint_rounds import Rounds
 from study.runs.adaptive.group_progress import CAP, TARGET
 from study.runs.completeness import damaged, finished, up_to_date
@@ -17,6 +17,7 @@ from study.runs.storage.atomic_write import RunError
 from study.runs.storage.lock import holder
 from study.runs.storage.parts import DAMAGED, Parts
 from study.runs.storage.run_folder import Run
+from study.text.columns import columns
 
 
 def printed(folder: Path) -> Iterator[str]:
@@ -33,18 +34,23 @@ def printed(folder: Path) -> Iterator[str]:
     parts = Parts(folder, "units")
     parts.load(set_aside=False)
     yield f"{run.study.run_name()}: {_state(run, parts)}"
-    if (writer := holder(folder)) is not None:
-        yield f"  written by   {writer}, at this moment"
+    yield from columns(_facts(run, parts), indent=2)
+
+
+def _facts(run: Run, parts: Parts) -> Iterator[tuple[str, str]]:
+    """Names and values of the lines."""
+    if (writer := holder(run.folder)) is not None:
+        yield "written by", f"{writer}, at this moment"
     layout = _layout(run, parts)
-    yield f"  units        {_units(run, parts, layout)}"
+    yield "units", _units(run, parts, layout)
     if run.study.precision is not None:
-        yield f"  cells        {_cells(run, layout)}"
-    yield f"  parts        {parts.count:,} whole, {_aside(parts)}"
-    yield f"  failures     {_failures(run)}"
-    yield f"  tables       {_tables(run)}"
+        yield "cells", _cells(run, layout)
+    yield "parts", f"{parts.count:,} whole, {_aside(parts)}"
+    yield "failures", _failures(run)
+    yield "tables", _tables(run)
     makers = [made for made in [run.maker(), *parts.made_by] if made]
     for made in makers or [{}]:
-        yield f"  made by      {described(made)}" + (", not this one" if other_version(made) else "")
+        yield "made by", described(made) + (", not this one" if other_version(made) else "")
 
 
 def _state(run: Run, parts: Parts) -> str:

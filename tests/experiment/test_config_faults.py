@@ -52,7 +52,7 @@ COMMON = [
     (3, "keep_points = -1", "keep_points = -1", "greater than or equal to 0"),
     (4, "estimators = []", "estimators = []", "at least 1"),
     (4, 'estimators = "lls"', "estimators = 'lls'", "tuple"),
-    (4, 'estimators = ["lsl"]', "estimators = ['lsl']", "'lsl' unknown: known are mle, ", "did you mean 'lls'?"),
+    (4, 'estimators = ["lsl"]', "estimators = ['lsl']", "'lsl' unknown; did you mean 'lls'? Known are mle, "),
     (4, 'estimators = ["lls", "lls"]', "estimators", "twice"),
     (5, "noise_shape = [[1, 0], [0, 1]]", "noise_shape = [[1, 0], [0, 1]]", "symmetric, positive definite 3 × 3"),
     (5, "noise_shape = [[1, 2, 0], [0, 1, 0], [0, 0, 1]]", "noise_shape", "symmetric"),

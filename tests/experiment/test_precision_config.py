@@ -80,7 +80,11 @@ FAULTS = [
     ("target = 1.0\nmeasure = 3", "precision.measure = 3", "string"),
     ("target = 1.0\nestimators = []", "precision.estimators = []", "at least 1"),
     ('target = 1.0\nestimators = ["mle", "mle"]', "precision.estimators", "an estimator is named twice"),
-    ('target = 1.0\nestimators = ["ugdke"]', "precision.estimators", "which are mle, ugdk; did you mean 'ugdk'?"),
+    (
+        'target = 1.0\nestimators = ["ugdke"]',
+        "precision.estimators",
+        "not among the study's; did you mean 'ugdk'? Known are mle, ugdk",
+    ),
     ("target = 1.0\ntagret = 1.0", "precision.tagret = 1.0", "unknown key; did you mean 'target'?"),
 ]  # fmt: skip
 

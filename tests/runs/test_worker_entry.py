@@ -1,4 +1,4 @@
-"""The worker's entry point: results and exceptions come back as values, and a worker that differs refuses to compute."""
+"""The worker's entry point: results and exceptions come back as values, and a differing worker refuses to compute."""
 
 import pickle
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from study.mocap.io.recording import Recording
 from study.sphere.types import Bools, Floats
+from study.text.columns import columns
 
 STILL = 0.001
 """A marker whose bounding box has a smaller diagonal does not move; metres."""
@@ -64,11 +65,10 @@ def describe(recording: Recording) -> list[str]:
         lines.append(f"no marker moves by more than {1000 * np.nanmax(moved):.2g} mm; joints cannot be found")
     elif still:
         lines.append(f"move by less than {1000 * STILL:g} mm: {', '.join(still)}")
-    width = max(map(len, recording.markers))
-    lines.append(f"{'marker':{width}}  missing   gaps  longest  extent")
+    rows = []
     for marker, row, far in zip(recording.markers, seen, moved, strict=True):
         found = gaps(row)
         longest = f"{found.longest / recording.rate:.2f} s" if found.longest else "-"
-        moves = f"{far:.2f} m" if np.isfinite(far) else "-"
-        lines.append(f"{marker:{width}}  {found.missing / frames:6.1%}  {found.gaps:5}  {longest:>7}  {moves:>6}")
-    return lines
+        extent = f"{far:.2f} m" if np.isfinite(far) else "-"
+        rows.append([marker, f"{found.missing / frames:.1%}", str(found.gaps), longest, extent])
+    return [*lines, *columns(rows, ["marker", "missing", "gaps", "longest", "extent"], "<>")]

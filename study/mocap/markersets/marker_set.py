@@ -1,6 +1,5 @@
 """A marker set: the markers on each segment of the body, and the joints between the segments."""
 
-import difflib
 from collections.abc import Iterator
 from typing import Annotated, Literal, Self
 
@@ -8,6 +7,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from study.experiment.config_faults import Fault
 from study.experiment.distributions import Frozen
+from study.text.nearest import did_you_mean
 
 Name = Annotated[str, Field(pattern=r"^\S(.*\S)?$")]
 
@@ -138,9 +138,7 @@ def _joints(parts: MarkerSetParts) -> Iterator[Fault]:
         names.add(joint.name)
         for key, value in (("parent", joint.parent), ("child", joint.child)):
             if value not in known:
-                near = difflib.get_close_matches(value, known, n=1)
-                hint = f"; did you mean {near[0]!r}?" if near else f"; there are {', '.join(known)}"
-                yield Fault((*here, key), f"no such segment{hint}", value)
+                yield Fault((*here, key), f"no such segment; {did_you_mean(value, known)}", value)
         if joint.child not in known or joint.parent not in known:
             continue
         child = known[joint.child]

@@ -8,6 +8,8 @@ from pydantic import ValidationError
 
 from study.experiment.config_faults import ConfigError, Fault, report
 from study.mocap.markersets.marker_set import Joint, MarkerSet, MarkerSetParts, Segment, misfits
+from study.text.columns import columns
+from study.text.nearest import did_you_mean
 
 FOLDER = Path(__file__).parent
 """The folder of the shipped files: this room of the package."""
@@ -29,14 +31,13 @@ def shipped_text(name: str) -> str:
     Raises:
         MarkerSetError: if no shipped marker set has this name.
     """
-    return _read(_shipped_path(name, "`study markersets` lists them"))
+    return _read(_shipped_path(name, "`study markersets` describes them"))
 
 
 def described() -> list[str]:
     """A line for each shipped marker set: name, numbers of markers and joints, and what it is."""
     sets = [load_markerset(name) for name in shipped()]
-    width = max(len(one.name) for one in sets)
-    return [f"{s.name:{width}}  {len(s.markers())} markers  {len(s.joints)} joints  {s.about}" for s in sets]
+    return list(columns([s.name, f"{len(s.markers())} markers", f"{len(s.joints)} joints", s.about] for s in sets))
 
 
 def load_markerset(name: str | Path) -> MarkerSet:
@@ -56,7 +57,7 @@ def load_markerset(name: str | Path) -> MarkerSet:
 
 def _shipped_path(name: str, remedy: str) -> Path:
     if name not in shipped():
-        raise MarkerSetError(f"no marker set {name!r}; there are {', '.join(shipped())}; {remedy}")
+        raise MarkerSetError(f"no marker set {name!r}: {did_you_mean(name, shipped())}; {remedy}")
     return FOLDER / f"{name}.toml"
 
 

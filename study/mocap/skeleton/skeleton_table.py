@@ -7,6 +7,8 @@ import pandas as pd
 
 from study.mocap.geometry.convex_hull import hull_distances
 from study.mocap.skeleton.scene import Flag, Scene
+from study.text.columns import columns
+from study.text.numbers import number
 
 UNEVEN = 0.08
 """Difference of a bone's length from the other side's, relative to their mean, above which it is marked."""
@@ -61,20 +63,24 @@ def bone_table(scene: Scene) -> pd.DataFrame:
 
 def skeleton_lines(scene: Scene) -> Iterator[str]:
     """Lay out bones, distances of joints from the markers' hull, shares of bridged frames, and reasons to doubt."""
-    yield f"{'bone':32}  {'length':>8}  {'error':>8}  {'varies':>8}  left to right"
-    table = bone_table(scene)
-    numbers = table[["length", "error", "spread", "uneven"]].to_numpy(dtype=float)
-    for start, end, (length, worst, spread, uneven) in zip(table["start"], table["end"], numbers, strict=True):
-        compared = "" if np.isnan(uneven) else f"{round(100 * uneven, 1) + 0.0:+.1f} %"  # no minus before zero
-        flagged = "  uneven" if abs(uneven) > UNEVEN else ""
-        error = "-" if np.isnan(worst) else f"{1000 * worst:.1f} mm"
-        bone = f"{start} - {end}"
-        yield f"{bone:32}  {length:6.3f} m  {error:>8}  {1000 * spread:5.1f} mm  {compared:>7}{flagged}".rstrip()
-    yield f"{'joint':32}  {'outside':>8}  {'by':>9}  the markers' hull: share of the frames; 95 % of them at most"
-    for name, hull in zip(scene.joints, hull_distances(scene.places, scene.centers), strict=True):
-        share = "-" if np.isnan(hull.share_outside) else f"{hull.share_outside:.0%}"
-        far = "-" if not hull.distance > 0.0 else f"{1000 * hull.distance:.1f} mm"
-        yield f"{name:32}  {share:>8}  {far:>9}"
+    bones = [
+        [
+            f"{row['start']} - {row['end']}",
+            f"{row['length']:.3f} m",
+            _millimetres(row["error"]),
+            _millimetres(row["spread"]),
+            "" if np.isnan(row["uneven"]) else f"{round(100 * row['uneven'], 1) + 0.0:+.1f} %",  # no minus before zero
+            "uneven" if abs(row["uneven"]) > UNEVEN else "",
+        ]
+        for row in bone_table(scene).to_dict("records")
+    ]
+    yield from columns(bones, ["bone", "length", "error", "varies", "left to right"], "<>>>><")
+    hulls = [
+        [name, number(hull.share_outside, ".0%"), _millimetres(hull.distance) if hull.distance > 0.0 else "-"]
+        for name, hull in zip(scene.joints, hull_distances(scene.places, scene.centers), strict=True)
+    ]
+    yield from columns(hulls, ["joint", "outside", "by"], "<>")
+    yield "outside: share of frames outside the markers' hull; by: 95 % quantile of the distance outside it"
     for name, flags in zip(scene.joints, scene.flags, strict=True):
         shares = [(flag, (flags == flag).mean()) for flag in Flag if flag != Flag.SEEN]
         lacking = [f"{flag.name.lower()} in {share:.1%} of the frames" for flag, share in shares if share]
@@ -84,6 +90,10 @@ def skeleton_lines(scene: Scene) -> Iterator[str]:
         if doubt:
             yield f"{name}: not to be relied on: {doubt}"
     yield from (f"note: {note}" for note in scene.notes)
+
+
+def _millimetres(metres: float) -> str:
+    return "-" if np.isnan(metres) else f"{1000 * metres:.1f} mm"
 
 
 def _mirrored(name: str) -> str:

@@ -33,10 +33,10 @@ def test_lines():
         "note: something was odd",
         "without any sample: LONGNAME",
         "move by less than 1 mm: C",
-        "marker    missing   gaps  longest  extent",
-        "A          20.0%      1   0.20 s  5.00 m",
-        "LONGNAME  100.0%      1   1.00 s       -",
-        "C           0.0%      0        -  0.00 m",
+        "marker    missing  gaps  longest  extent",
+        "A           20.0%     1   0.20 s  5.00 m",
+        "LONGNAME   100.0%     1   1.00 s       -",
+        "C            0.0%     0        -  0.00 m",
     ]
 
 

@@ -43,7 +43,7 @@ class Handler(BaseHTTPRequestHandler):
 @pytest.fixture
 def server(monkeypatch):
     monkeypatch.setenv("NO_PROXY", "127.0.0.1")
-    monkeypatch.setattr("study.mocap.io.fetch._SECONDS", 600.0)  # a busy machine may answer late
+    monkeypatch.setattr("study.mocap.io.fetch._TIMEOUT", 600.0)  # a busy machine may answer late
     server = Server()
     thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
     thread.start()
@@ -113,7 +113,7 @@ def test_a_name_that_no_recording_has(server, tmp_path, name):
 
 
 def test_a_library_that_is_not_known(tmp_path):
-    with pytest.raises(RecordingError, match="no library 'accad'; there are cmu"):
+    with pytest.raises(RecordingError, match="no library 'accad': known are cmu"):
         fetch("accad", "60_08", folder=tmp_path)
 
 
