@@ -1,4 +1,4 @@
-"""A run that is interrupted: code 130, one line, and the finished parts are kept. One that is killed leaves nobody."""
+"""Interrupted runs end with code 130 and one line, and keep the finished parts; killed ones leave no workers."""
 
 import os
 import signal

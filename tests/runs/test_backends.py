@@ -1,4 +1,4 @@
-"""The same run by threads, by processes and by a Dask cluster, one of whose workers is killed: the same bytes."""
+"""Threads, processes and a Dask cluster give the same bytes, even if Dask workers are killed."""
 
 import functools
 import json
@@ -39,7 +39,7 @@ def expected(start, one_unit_in_a_task):
 
 
 def read_scheduler(path):
-    """What a scheduler writes about itself; None until all of it is there."""
+    """Read the file in which a scheduler gives its address; None until all of it is there."""
     try:
         return json.loads(path.read_text())
     except (FileNotFoundError, json.JSONDecodeError):
@@ -90,7 +90,7 @@ def test_loky(start, expected):
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning:distributed")
 def test_dask_with_a_worker_killed_midway(start, expected, cluster, gate, wait_for, monkeypatch):
-    """A real scheduler and two real workers, of which one is killed while it computes, when a few results are there."""
+    """One of two Dask workers is killed while it computes, after a few results: the other computes the rest."""
     import held
 
     address, workers = cluster
@@ -152,7 +152,7 @@ def test_no_scheduler(start, tmp_path, monkeypatch, address):
 
 @pytest.mark.parametrize("wrong", [Workers("dask"), Workers("threads", 2, "tcp://x:1"), Workers("slurm")], ids=str)
 def test_no_such_backend(start, tmp_path, wrong):
-    """A backend that is not known, or lacks its scheduler, is told in one line."""
+    """A backend that is unknown, or lacks its scheduler, is refused in one line."""
     with pytest.raises(RunError, match="--"):
         start(jobs=wrong, folder=tmp_path / "run")
     assert not (tmp_path / "run").exists()
