@@ -240,13 +240,13 @@ def replay(folder: Folder, cell: Cell, trial: Trial = None, out: PointsOut = Non
     The truth and every estimator's fit are printed.
     """
     from study.analysis.trial_report import fits, points, printed
-    from study.experiment.replay import find, named, replay
+    from study.experiment.replay import find, parse_name, replay
     from study.runs.provenance import other_version
     from study.runs.storage.atomic_write import save_frame
     from study.runs.storage.run_folder import Run
 
     run = Run.open(folder)
-    drawn = replay(run.study, find(run.study, *named(cell, trial)))
+    drawn = replay(run.study, find(run.study, *parse_name(cell, trial)))
     if drawn.trial >= (count := run.trials().get(drawn.cell.name, drawn.trial + 1)):
         _complain(f"{folder}: cell {drawn.cell.name} has {count:,} trials; trial {drawn.trial} is not in its tables")
     if (warning := other_version(run.maker())) is not None:

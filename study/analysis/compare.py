@@ -23,6 +23,7 @@ from scipy import stats
 
 from study.analysis.error_groups import Grouped, Key
 from study.estimators import Status
+from study.experiment.conditions import label
 from study.runs.provenance import described
 from study.runs.storage.atomic_write import RunError
 from study.runs.storage.run_folder import Run
@@ -32,7 +33,6 @@ from study.text.columns import columns
 FALSE_ALARM = 1e-3
 """Largest probability with which two equal runs are called different."""
 _COLUMNS = ["trial", "error", "radius_error", "bound", "status"]
-_CONDITIONS = ["samples", "noise", "angle", "radius"]
 _ROUNDING = 1e-6
 """Errors of the same fit on another machine may differ by this share of the bound."""
 
@@ -118,10 +118,10 @@ def _by_errors(one: Run, other: Run) -> tuple[list[Comparison], tuple[int, int],
         raise RunError(f"{one.folder} and {other.folder}: a grid and a random design have no groups in common")
     paired = one.study.stem() == other.study.stem() and _draws(one) == _draws(other)
     shared = [key for key in a.counts if key in b.counts]
-    columns = [*_COLUMNS, *_CONDITIONS]
+    columns = [*_COLUMNS, *(condition.name for condition in one.study.conditions())]
     found = []
     for keys in a.batches(shared):
-        mine, theirs = a.read(keys, columns), b.read(keys, columns)
+        mine, theirs = a.read(keys, columns), b.read(keys, _COLUMNS)
         found += [_paired(key, mine[key], theirs[key], paired) for key in keys]
     only = len(a.counts) - len(shared), len(b.counts) - len(shared)
     return found, only, "errors, trial by trial" if paired else "errors over bound; the draws are not shared"
@@ -207,7 +207,7 @@ def _words(row: "pd.Series[float]", key: Key) -> str:
     """A group in words: a decade of σ/r, or a cell's conditions and its name."""
     if key[0].startswith("1e"):
         return f"σ/r = {key[0]} …"
-    return f"N = {row['samples']:g}, σ/r = {row['noise'] / row['radius']:.3g}, φ = {row['angle']:.4g}°, cell {key[0]}"
+    return f"{label(row)}, cell {key[0]}"
 
 
 def printed(found: Difference, most: int = 5) -> Iterator[str]:

@@ -113,7 +113,7 @@ def _slope(run: Callable[[Objects], None], dimension: int) -> float:
 
 def count(dimension: int) -> dict[str, float]:
     """Operations per sample of each kernel; compilation must be off."""
-    moments = import_module("study.sphere.moments")
+    layouts, moments = (import_module(f"study.sphere.{name}") for name in ("layouts", "moments"))
     lls, mle, igdk = (import_module(f"study.estimators.{name}") for name in ("lls", "mle", "incremental"))
     d = dimension
 
@@ -121,22 +121,21 @@ def count(dimension: int) -> dict[str, float]:
         return (0.0,) * (dimension * per)  # plain numbers, so that counting works in any dimension
 
     def closed(x: Objects) -> None:
-        sums = _objects(1, d), _objects(1, d, d), _objects(1, d), _objects(1)
-        moments.accumulate(x, 1, *sums, zeros(d), zeros(d, d))
+        result = moments.Moments(_objects(2, 1), _objects(2, 1, d), _objects(1, d, d))
+        moments.accumulate(x, 1, result, zeros(d), zeros(d, d))
 
     def linear(x: Objects) -> None:
-        answers = _objects(1, d), _objects(1), _objects(1), _objects(1), _objects(1, d, d)
-        lls._fit_all(x, 1, *answers, zeros(d))
+        lls._fit_all(x, 1, _objects(1, d), _objects(1), _objects(1), np.zeros(1, dtype=int), zeros(d))
 
     def one_pass(x: Objects) -> None:
-        sums = _objects(2 + 2 * d + d * d)
-        mle._pass(x, 0, 0, x.shape[2], _objects(d), _objects(d), 1.0, None, sums, zeros(d), zeros(d, d))
+        block, scratch = layouts.Block(x, 0, 0, x.shape[2]), layouts.Scratch(None, zeros(d), zeros(d, d))
+        mle._pass(block, _objects(d), _objects(d), 1.0, _objects(2 + 2 * d + d * d), scratch)
 
     def incremental(x: Objects) -> None:
-        inverse = _objects(1, d, d)
+        running = igdk.Running(_objects(1, d), _objects(1, d, d), _objects(1, d), _objects(1, d, d))
         for i in range(d):
-            inverse[0, i, i] = Counted(1.0)
-        igdk._stream_all(x, d + 5, _objects(1, d), _objects(1, d, d), _objects(1, d), inverse)
+            running.inverse[0, i, i] = Counted(1.0)
+        igdk._stream_all(x, d + 5, running)
 
     kernels = {"moments": closed, "lls": linear, "mle": one_pass, "igdk": incremental}
     return {name: _slope(run, d) for name, run in kernels.items()}

@@ -8,7 +8,6 @@ import pandas as pd
 import pyarrow.parquet as pq
 from numpy.typing import ArrayLike
 
-from study.experiment.conditions import RandomDesign
 from study.runs.storage.run_folder import Run
 from study.sphere.types import Floats
 
@@ -54,7 +53,7 @@ class Grouped:
     def __init__(self, run: Run) -> None:
         self._run = run
         self._file: Any = run.read("errors", pq.ParquetFile)
-        self.by_decade = isinstance(run.study.design, RandomDesign)
+        self.by_decade = run.study.design.one_trial_a_cell
         self.counts: dict[Key, int] = {}
         self._where: dict[Key, tuple[int, int]] = {}
         for index in range(self._file.num_row_groups):

@@ -8,7 +8,7 @@ import pandas as pd
 
 from study.analysis.pointfile import PointFileError
 from study.estimators import ESTIMATORS, Fit, Status, fit
-from study.estimators.fit import explain
+from study.estimators.status import explain
 from study.sphere.types import Floats
 from study.text.columns import columns
 from study.text.nearest import did_you_mean

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
+from study.experiment.conditions import RADIUS, STORED
 from study.sphere.types import Floats
 
 
@@ -45,7 +46,8 @@ def joint_markers(errors: pd.DataFrame, points: pd.DataFrame) -> Iterator[JointM
     """
     cells = errors.drop_duplicates("cell").astype({"cell": str}).sort_values("radius")
     by_name = points.assign(cell=points["cell"].astype(str))
-    for _, mine in cells.groupby(["noise", "samples", "angle", "center"]):
+    others = [condition.name for condition in STORED if condition is not RADIUS and condition.name in cells]
+    for _, mine in cells.groupby(others):
         if len(mine) > 1:
             sets = [point_sets(by_name, cell) for cell in mine["cell"]]
             count = min(map(len, sets))

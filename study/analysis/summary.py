@@ -10,6 +10,7 @@ import pandas as pd
 import pyarrow as pa
 
 from study.analysis.error_groups import Grouped, label
+from study.experiment.conditions import STORED
 from study.experiment.errors import Columns
 from study.runs.storage import schemas
 from study.runs.storage.run_folder import Run
@@ -18,12 +19,13 @@ from study.statistics.summary_rows import NEEDED, as_columns, row
 
 def summarise(run: Run) -> None:
     """Summarise a run's error table and store the summary beside it, with few groups in memory at a time."""
-    grouped, columns = Grouped(run), schemas.summary()
+    grouped, conditions = Grouped(run), run.study.conditions()
+    columns, needed = schemas.summary(conditions), [*(condition.name for condition in conditions), *NEEDED]
 
     def parts() -> Iterator[pa.Table]:
         for keys in grouped.batches():
-            found = grouped.read(keys, NEEDED)
-            yield schemas.table(columns, as_columns([row(*key, _arrays(found[key])) for key in keys]))
+            found = grouped.read(keys, needed)
+            yield schemas.table(columns, as_columns([row(*key, _arrays(found[key], needed)) for key in keys]))
 
     run.join("summary", columns, parts(), {"study.config": run.study.canonical()})
 
@@ -42,9 +44,10 @@ def summary(errors: pd.DataFrame, by_decade: bool) -> pd.DataFrame:
     errors = label(errors, by_decade)
     if by_decade:
         errors = errors.sort_values("decade", kind="stable")
+    needed = [*(condition.name for condition in STORED if condition.name in errors), *NEEDED]
     groups = errors.groupby(["group", "estimator"], sort=False, observed=True)
-    return pd.DataFrame([row(str(group), str(estimator), _arrays(part)) for (group, estimator), part in groups])
+    return pd.DataFrame([row(str(group), str(estimator), _arrays(part, needed)) for (group, estimator), part in groups])
 
 
-def _arrays(part: pd.DataFrame) -> Columns:
-    return {name: part[name].to_numpy() for name in [*NEEDED, "decade"]}
+def _arrays(part: pd.DataFrame, names: list[str]) -> Columns:
+    return {name: part[name].to_numpy() for name in [*names, "decade"]}

@@ -1,9 +1,10 @@
 """The summary of a run for a terminal: median errors in units of the bound."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 
 import numpy as np
 
+from study.experiment.conditions import NOISE_OVER_RADIUS, Condition, RowValues, distinguishing
 from study.runs.storage.run_folder import Run
 from study.text.columns import columns
 
@@ -21,23 +22,22 @@ def printed(run: Run) -> Iterator[str]:
     if frame.empty:
         yield "no cell has a trial yet"
         return
-    varying = [name for name in ("radius", "center") if frame[name].nunique() > 1]
+    named = distinguishing(frame)
     rows = []
     for _, part in frame.groupby("group", sort=False):
         fits = part.to_dict("records")
-        rows.append([_conditions(fits[0], varying), *map(_median, fits)])
+        rows.append([_conditions(fits[0], named), *map(_median, fits)])
     yield from columns(rows, ["", *dict.fromkeys(frame["estimator"])])
 
 
-def _conditions(row: Mapping[str, float], varying: list[str]) -> str:
-    """The conditions of a group; radius and centre only if they vary."""
+def _conditions(row: RowValues, named: list[Condition]) -> str:
+    """The conditions of a group."""
     if np.isfinite(row["decade"]):
-        return f"σ/r = 1e{int(row['decade']):+03d} …"
-    parts = [f"N = {row['samples']:g}", f"σ/r = {row['noise'] / row['radius']:.3g}", f"φ = {row['angle']:.4g}°"]
-    return ", ".join([*parts, *(f"{'r' if name == 'radius' else '|c|'} = {row[name]:g}" for name in varying)])
+        return f"{NOISE_OVER_RADIUS.symbol} = 1e{int(row['decade']):+03d} …"
+    return ", ".join(condition.label(row) for condition in named)
 
 
-def _median(row: Mapping[str, float]) -> str:
+def _median(row: RowValues) -> str:
     if row["ok"] == 0:
         return "none ok"
     failed = 1.0 - row["ok"] / row["planned"]

@@ -6,7 +6,9 @@ import numpy as np
 import pandas as pd
 
 from study.estimators import Fit
-from study.estimators.fit import blank, explain
+from study.estimators.fit import blank
+from study.estimators.status import explain
+from study.experiment.conditions import CONDITIONS
 from study.experiment.config import Study
 from study.experiment.guarded_fit import attempt
 from study.experiment.replay import Trial
@@ -64,7 +66,8 @@ def printed(study: Study, trial: Trial) -> Iterator[str]:
     errors = cell.noise * np.sqrt(np.diag(trial.unit_bound))
     center = ", ".join(f"{value:.9g}" for value in cell.center)
     yield f"{study.run_name()}, cell {cell.name}, trial {trial.trial}"
-    yield f"  N = {cell.samples:,}, σ = {cell.noise:g} ({cell.noise / cell.radius:.3g} r), φ = {cell.angle:g}°"
+    further = "".join(f", {CONDITIONS[name].label(cell.values)}" for name, _ in cell.further)
+    yield f"  N = {cell.samples:,}, σ = {cell.noise:g} ({cell.noise / cell.radius:.3g} r), φ = {cell.angle:g}°{further}"
     yield f"  true centre ({center}), radius {cell.radius:g}"
     yield (
         f"  bound: {np.sqrt(np.sum(errors[:d] ** 2)):.3g} for the centre ({errors[0]:.3g} along the axis), "

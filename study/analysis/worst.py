@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 
 from study.estimators import Status
+from study.experiment.conditions import named_in
 from study.runs.storage.atomic_write import RunError
 from study.runs.storage.run_folder import Run
 from study.text.columns import columns
@@ -50,8 +51,9 @@ def printed(run: Run, count: int, estimator: str | None = None) -> Iterator[str]
     known = run.study.estimators
     if estimator is not None and estimator not in known:
         raise RunError(f"{run.folder}: no estimator {estimator!r} in this run; {did_you_mean(estimator, known)}")
-    used = ["cell", "trial", "samples", "noise", "radius", "angle", "estimator", "error", "bound", "status"]
-    found = worst(run.table("errors", used), count, estimator)
+    conditions = [condition.name for condition in run.study.conditions()]
+    used = ["cell", "trial", *conditions, "estimator", "error", "bound", "status"]
+    found, shown = worst(run.table("errors", used), count, estimator), named_in(conditions)
     yield f"{run.study.run_name()}: the largest errors over the Cramér-Rao bound of fits that are ok"
     rows = [
         [
@@ -59,12 +61,11 @@ def printed(run: Run, count: int, estimator: str | None = None) -> Iterator[str]
             row["estimator"],
             f"{row['ratio']:.4g}",
             f"{row['error'] / row['radius']:.3g}",
-            f"{row['samples']}",
-            f"{row['noise'] / row['radius']:.3g}",
-            f"{row['angle']:.4g}°",
+            *(condition.written(condition.of(row)) for condition in shown),
         ]
         for row in found.to_dict("records")
     ]
-    yield from columns(rows, ["trial", "estimator", "over bound", "error/r", "N", "σ/r", "φ"], "<<>")
+    titles = ["trial", "estimator", "over bound", "error/r", *(condition.symbol for condition in shown)]
+    yield from columns(rows, titles, "<<>")
     if len(found):
         yield f"to see the first: study replay {run.folder} {found['cell'][0]}/{found['trial'][0]} --plot worst.png"

@@ -13,10 +13,10 @@ import pandas as pd
 from scipy import stats
 
 from study.estimators import Status
+from study.experiment.conditions import STORED
 from study.experiment.posterior_config import ChainStatus
 
 KEYS = ["cell", "trial", "likelihood", "noise_is"]
-CONDITIONS = ["cell", "likelihood", "noise_is", "samples", "noise", "angle", "radius", "flatness"]
 LEVELS = (0.68, 0.95)
 FLAT = 0.02
 """σ²/v above which the posterior is skewed (docs/theory.md §6)."""
@@ -41,9 +41,11 @@ def by_cell(posterior: pd.DataFrame, answers: pd.DataFrame) -> pd.DataFrame:
     ratio = posterior[[f"sd_{e}" for e in endings]].to_numpy() / posterior[[f"bound_{e}" for e in endings]].to_numpy()
     found = posterior.assign(shift=shift.to_numpy(), least=ratio.min(axis=1), most=ratio.max(axis=1))
     rows = []
+    conditions = [condition.name for condition in STORED if condition.name in found]
+    kept = ["cell", "likelihood", "noise_is", *conditions, "flatness"]
     for _, part in found.groupby(["cell", "likelihood", "noise_is"], sort=False, observed=True):
         ok = part[part["status"] == ChainStatus.OK]
-        row: dict[str, object] = {name: part[name].iloc[0] for name in CONDITIONS}
+        row: dict[str, object] = {name: part[name].iloc[0] for name in kept}
         row |= {"chains": len(part), "ok": len(ok), "shift": ok["shift"].max(), "tau": ok["tau"].max()}
         rows.append(row | {"least": ok["least"].min(), "most": ok["most"].max()})
     return pd.DataFrame(rows)

@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 
 from study.experiment.config import Study
-from study.experiment.design import Cell
+from study.experiment.designs.cells import Cell
 from study.experiment.posterior_config import Posterior
 from study.experiment.replay import Address, addresses, replay
 from study.experiment.streams import old_stream
@@ -57,7 +57,7 @@ class ChainTask:
         prior = prior_of(trial.cell, posterior, self.noise_is == "known")
         random = old_stream(study.seed, "posterior", *self.key.values())
         chain = sample(trial.samples, prior, self.likelihood, random, posterior.walkers, posterior.max_steps)
-        return tables.rows(trial, chain, self.key, study.estimators, posterior.walkers, self._keeps_draws(posterior))
+        return tables.rows(study, trial, chain, self.key, posterior.walkers, self._keeps_draws(posterior))
 
     def _keeps_draws(self, posterior: Posterior) -> bool:
         return self.address.trial < posterior.keep_draws
@@ -71,13 +71,7 @@ def prior_of(cell: Cell, posterior: Posterior, known: bool) -> Prior:
 
 def chain_tasks(study: Study, posterior: Posterior) -> list[ChainTask]:
     """Every chain that a config asks for, in the order of the tables."""
-
-    def chosen(cell: Cell) -> bool:
-        relative = cell.noise / cell.radius
-        values = {"samples": cell.samples, "noise": cell.noise, "noise_over_radius": relative, "angle": cell.angle}
-        return posterior.chooses(**values, radius=cell.radius, center=cell.distance)
-
-    places = [a for a in addresses(study, posterior.trials) if chosen(a.cell)]
+    places = [a for a in addresses(study, posterior.trials) if posterior.chooses(a.cell)]
     return [
         ChainTask(place, name, noise) for place in places for name in posterior.likelihood for noise in posterior.noise
     ]

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 
 import pandas as pd
 
+from study.experiment.conditions import named_in
 from study.posterior.calibration import FLAT, LEVELS, by_cell, coverage, trials, uniformity
 from study.runs.storage.run_folder import Run
 from study.text.columns import columns
@@ -20,15 +21,16 @@ def printed(run: Run) -> Iterator[str]:
     """
     found, beside = run.table("posterior"), run.table("answers")
     yield f"{run.study.run_name()}: posteriors; shift of the mean from the MLE in sd, largest over the parameters"
-    rows = []
+    conditions, rows = named_in(found), []
     for row in by_cell(found, beside).to_dict("records"):
-        conditions = [f"{row['samples']}", f"{row['noise'] / row['radius']:.3g}", f"{row['angle']:.4g}°"]
-        rows.append([*conditions, row["likelihood"], row["noise_is"], f"{row['ok']}/{row['chains']}"])
+        values = [condition.written(condition.of(row)) for condition in conditions]
+        rows.append([*values, row["likelihood"], row["noise_is"], f"{row['ok']}/{row['chains']}"])
         if row["ok"]:
             ratio = f"{row['least']:.2f} … {row['most']:.2f}"
             rows[-1] += [number(row["shift"], ".2f"), ratio, f"{row['tau']:.0f}"]
-    titles = ["N", "σ/r", "φ", "likelihood", "noise", "ok", "shift", "sd over bound", "τ"]
-    yield from columns(rows, titles, ">>><<>")
+    symbols = [condition.symbol for condition in conditions]
+    titles = [*symbols, "likelihood", "noise", "ok", "shift", "sd over bound", "τ"]
+    yield from columns(rows, titles, ">" * len(symbols) + "<<>")
     if run.study.independent():
         yield from printed_calibration(trials(found, beside))
 

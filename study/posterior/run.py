@@ -50,7 +50,8 @@ def compute(run: Run, jobs: Workers | int = 2, progress: Callable[[float], None]
     if run.metadata("posterior").get("study.posterior") == metadata["study.posterior"]:
         return
     d = study.dimension
-    stored = {"answers": schemas.answers(d), "draws": schemas.draws(d), "posterior": schemas.posterior(d)}
+    stored = {"answers": schemas.answers(d), "draws": schemas.draws(d)}
+    stored["posterior"] = schemas.posterior(d, study.conditions())
     if workers.backend == "threads" and workers.jobs > 1:
         workers = replace(workers, backend="loky")
     with workers.open() as backend, threadpool_limits(limits=1), writing(run.folder):

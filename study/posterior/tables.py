@@ -1,7 +1,6 @@
 """The tables of a chain: the posterior in numbers, each estimator's fit beside it, and stored draws."""
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -9,6 +8,7 @@ import pyarrow as pa
 from scipy import stats
 
 from study.estimators import ESTIMATORS, Samples
+from study.experiment.config import Study
 from study.experiment.replay import Trial
 from study.posterior.sampler import Chain
 from study.runs.storage import schemas
@@ -21,16 +21,14 @@ STORED_DRAWS = 2000
 """Largest number of draws that are stored of a chain."""
 
 
-def rows(
-    trial: Trial, chain: Chain, key: Row, estimators: Sequence[str], walkers: int, keep: bool
-) -> dict[str, pa.Table]:
+def rows(study: Study, trial: Trial, chain: Chain, key: Row, walkers: int, keep: bool) -> dict[str, pa.Table]:
     """Rows of the three tables for one chain.
 
     Args:
+        study: the config, which has the estimators whose fits are compared with the chain, and the conditions.
         trial: the data set.
         chain: the posterior of its sphere.
         key: columns that identify the chain: cell, trial, likelihood, noise_is.
-        estimators: names of the estimators whose fits are compared with it.
         walkers: number of walkers.
         keep: store draws.
 
@@ -41,14 +39,14 @@ def rows(
     truth = np.array([*trial.cell.center, trial.cell.radius, trial.cell.noise])
     known = key["noise_is"] == "known"
     draws = chain.flat - truth[: d + 2 - known]
-    beside = [key | _answer(trial, name, draws, known) for name in estimators]
+    beside = [key | _answer(trial, name, draws, known) for name in study.estimators]
     walker_by_walker = np.arange(len(draws)).reshape(-1, walkers).T.ravel()
     chosen = np.linspace(0, len(draws) - 1, min(len(draws), STORED_DRAWS)).round().astype(int)
     stored = draws[walker_by_walker[chosen]] if keep and len(draws) else draws[:0]
     noise = stored[:, d + 1] + trial.cell.noise if not known else np.full(len(stored), trial.cell.noise)
     columns = {f"error_{i + 1}": stored[:, i] for i in range(d)} | {"radius_error": stored[:, d], "noise": noise}
     return {
-        "posterior": _table(schemas.posterior(d), [key | _posterior(trial, chain, draws, walkers)]),
+        "posterior": _table(schemas.posterior(d, study.conditions()), [key | _posterior(trial, chain, draws, walkers)]),
         "answers": _table(schemas.answers(d), beside),
         "draws": schemas.table(schemas.draws(d), {k: [v] * len(stored) for k, v in key.items()} | columns),
     }
@@ -67,8 +65,7 @@ def _posterior(trial: Trial, chain: Chain, draws: Floats, walkers: int) -> Row:
     """The row of the posterior table; draws (n, parameters) are differences from the truth."""
     cell, d = trial.cell, trial.samples.x.shape[1]
     extent = cell.radius**2 * cap_moments(math.radians(cell.angle), d).along
-    row: Row = {name: getattr(cell, name) for name in ("samples", "noise", "angle", "radius")}
-    row |= {"center": cell.distance, "flatness": cell.noise**2 / extent}
+    row: Row = cell.values | {"flatness": cell.noise**2 / extent}
     row |= {"status": int(chain.status), "tau": chain.tau, "acceptance": chain.acceptance}
     row |= {"steps": chain.steps, "walkers": walkers, "draws": len(draws) / chain.tau}
     unit = np.sqrt(np.diag(trial.unit_bound))

@@ -7,7 +7,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from study.experiment.config import Study
-from study.experiment.design import GridGroup, Span
+from study.experiment.designs.groups import Span
 from study.runs.jobs import POINTS, Jobs, estimators_of
 from study.runs.layout import Layout
 from study.runs.storage.atomic_write import RunError
@@ -75,13 +75,13 @@ def stored_rows(jobs: Jobs, parts: Parts, piece: Span, name: str) -> Iterator[tu
 def _order(study: Study, span: Span, table: pa.Table) -> Ints:
     """The order of a unit's rows in the table."""
     if "group" in table.schema.names:  # a summary, of the cells of a grid
-        cells = _places(table, "group", [cell.name for cell in span.group.cells if cell is not None])
+        cells = _places(table, "group", [cell.name for cell in span.group.cells])
         return np.lexsort([_places(table, "estimator", study.estimators), cells])
     trial = table["trial"].to_numpy()
     keys = [trial]
     if "estimator" in table.schema.names:
         keys.append(_places(table, "estimator", study.estimators))
-    if isinstance(span.group, GridGroup):
+    if span.group.cells:
         keys.append(_places(table, "cell", [cell.name for cell in span.group.cells]))
     return np.lexsort([*keys, trial // span.group.size])  # the last counts most
 

@@ -48,9 +48,9 @@ def finish(
     if isinstance(layout, Rounds):
         layout.stop()
         reasons = layout.reasons()
-        store.join("precision", schemas.PRECISION, [layout.table()], metadata)
+        store.join("precision", schemas.precision(study.conditions()), [layout.table()], metadata)
         written.append("precision")
-    for name, columns in schemas.of_units(study.dimension).items():
+    for name, columns in schemas.of_units(study.dimension, study.conditions()).items():
         rows = assemble.rows(study, parts, layout, name)
         if name == "failures":
             rows = _counted(rows, causes)

@@ -8,8 +8,10 @@ from itertools import groupby
 from study.estimators import ESTIMATORS
 from study.experiment.compute_unit import Result, compute, lost, stack
 from study.experiment.config import Study
-from study.experiment.design import Span, Unit, spans
+from study.experiment.designs.cells import Unit
+from study.experiment.designs.groups import Span
 from study.experiment.errors import Columns, Errors
+from study.experiment.units import spans
 from study.runs.storage import schemas
 from study.runs.storage.parts import FORMAT, Packet, encode
 from study.statistics import summary_rows
@@ -123,7 +125,7 @@ def _packed(study: Study, jobs: tuple[Job, ...], result: Callable[[Study, Unit],
             unit = job.span.unit()
             found.append(tables(part, unit, result(part, unit)))
     stacked, rows = {}, {}
-    for name, columns in schemas.of_units(study.dimension).items():
+    for name, columns in schemas.of_units(study.dimension, study.conditions()).items():
         some = [each[name] for each in found if each[name]]
         if some:
             stacked[name] = schemas.table(columns, stack(some))

@@ -3,7 +3,8 @@
 from collections.abc import Iterator
 
 from study.experiment.config import Study
-from study.experiment.design import Span, spans
+from study.experiment.designs.groups import Span
+from study.experiment.units import spans
 from study.runs.storage.parts import Parts
 
 

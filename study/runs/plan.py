@@ -3,8 +3,9 @@
 from dataclasses import dataclass
 
 from study.experiment.config import Study
-from study.experiment.design import Cell, units
+from study.experiment.designs.cells import Cell
 from study.experiment.errors import levels
+from study.experiment.units import units
 from study.runs.jobs import takes_long
 from study.runs.speed_probe import measure
 

@@ -16,9 +16,10 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from study.experiment.conditions import GridDesign, RandomDesign
 from study.experiment.config import Study
-from study.experiment.design import Cell, GridGroup, Span, spans, trials_of
+from study.experiment.designs.groups import Group, Span
+from study.experiment.streams import Name
+from study.experiment.units import groups, spans, trials_of
 from study.runs.completeness import damaged, digests
 from study.runs.jobs import Job, estimators_of
 from study.runs.layout import Layout
@@ -38,36 +39,26 @@ class ReuseLayout(Layout):
     def __init__(self, study: Study, earlier: Study | None) -> None:
         super().__init__(study)
         self.earlier = earlier if earlier is not None and _related(study, earlier) else None
-        self._cells: dict[object, frozenset[Cell]] = {}
-        self._halves: tuple[GridGroup, GridGroup, GridGroup] | None = None
-        if self.earlier is not None and isinstance(self.earlier.design, GridDesign):
-            for span in spans(self.earlier):
-                if isinstance(span.group, GridGroup) and span.group.stream not in self._cells:
-                    self._cells[span.group.stream] = frozenset(span.group.cells)
+        self._groups = {group.stream: group for group in groups(self.earlier)} if self.earlier is not None else {}
+        self._halves: tuple[Group, Group | None, Group | None] | None = None
 
     def cut(self, span: Span) -> Iterator[Span]:
         """Cut a unit into the earlier run's trials of its cells, further trials of them, and other cells."""
-        if self.earlier is None:
+        earlier = self._groups.get(span.group.stream)
+        if self.earlier is None or earlier is None:
             yield span
             return
-        group, trials = span.group, trials_of(self.earlier, span.group)
-        if isinstance(group, GridGroup):
-            if self._halves is None or self._halves[0] is not group:  # units of a group come one after the other
-                known = self._cells.get(group.stream, frozenset())
-                others = group.only([cell for cell in group.cells if cell not in known])
-                self._halves = group, group.only(known), others
-            _, shared, others = self._halves
-            if not shared.cells:
-                yield span
-                return
-            if others.cells:
-                yield Span(others, span.first, span.last)
-            group = shared if others.cells else group
-        middle = min(max(trials, span.first), span.last)
-        if span.first < middle:
-            yield Span(group, span.first, middle)
-        if middle < span.last:
-            yield Span(group, middle, span.last)
+        if self._halves is None or self._halves[0] is not span.group:  # units of a group come one after the other
+            self._halves = span.group, *span.group.shared(earlier)
+        _, shared, others = self._halves
+        if others is not None:
+            yield Span(others, span.first, span.last)
+        if shared is not None:
+            middle = min(max(trials_of(self.earlier, shared), span.first), span.last)
+            if span.first < middle:
+                yield Span(shared, span.first, middle)
+            if middle < span.last:
+                yield Span(shared, middle, span.last)
 
 
 class EarlierRun:
@@ -85,11 +76,10 @@ class EarlierRun:
         counts = [self._file.metadata.row_group(i).num_rows for i in range(self._file.num_row_groups)]
         self._ends = [sum(counts[: i + 1]) for i in range(len(counts))]
         self._failures = run.arrow("failures") if run.has("failures") else None
-        self._begin: dict[object, tuple[int, int]] = {}
+        self._begin: dict[Name, tuple[int, int]] = {}
         row, each = 0, len(run.study.estimators)
         for span in spans(run.study):
-            place = span.group.stream if isinstance(span.group, GridGroup) else None
-            self._begin.setdefault(place, (row, len(span.group.cells) * each))
+            self._begin.setdefault(span.group.stream, (row, span.group.width * each))
             row += span.rows * each
 
     @classmethod
@@ -108,16 +98,15 @@ class EarlierRun:
         if span.last > trials:
             return None
         outputs = tuple(o for o in job.outputs if o in self.outputs)
-        place = span.group.stream if isinstance(span.group, GridGroup) else None
-        if not outputs or place not in self._begin:
+        if not outputs or span.group.stream not in self._begin:
             return None
-        begin, per_trial = self._begin[place]
+        begin, per_trial = self._begin[span.group.stream]
         size = span.group.size  # whole blocks hold the cells one after the other
         low, high = span.first // size * size, -(-span.last // size) * size
         whole = self._rows(begin + per_trial * low, begin + per_trial * min(high, trials))
         use = (pc.field("trial") >= span.first) & (pc.field("trial") < span.last)
         use &= pc.field("estimator").cast(pa.string()).isin(list(estimators_of(outputs)))
-        if isinstance(span.group, GridGroup):
+        if span.group.cells:
             use &= pc.field("cell").cast(pa.string()).isin([cell.name for cell in span.group.cells])
         found = {"errors": whole.filter(use)}
         if found["errors"].num_rows != span.rows * len(outputs):
@@ -159,11 +148,6 @@ def beside(study: Study, folder: Path) -> Run | None:
 
 def _related(study: Study, earlier: Study) -> bool:
     """Tell whether equal conditions have equal rows in two studies, and each has as many as its design says."""
-    one, other = study.design, earlier.design
     if study.precision is not None or earlier.precision is not None:
         return False
-    if study.stem() != earlier.stem() or one.kind != other.kind:
-        return False
-    if isinstance(one, RandomDesign):
-        return one.model_dump(exclude={"trials"}) == other.model_dump(exclude={"trials"})
-    return isinstance(other, GridDesign) and one.draws == other.draws
+    return study.stem() == earlier.stem() and study.design.same_draws(earlier.design)

@@ -9,9 +9,8 @@ from time import perf_counter
 import numpy as np
 
 from study.experiment.compute_unit import TOGETHER, compute
-from study.experiment.conditions import RandomDesign
 from study.experiment.config import Study
-from study.experiment.design import Batch, Cell, Unit
+from study.experiment.designs.cells import Batch, Cell, Unit
 from study.experiment.errors import levels
 from study.runs.jobs import tables
 from study.sphere.types import Floats
@@ -80,7 +79,7 @@ def _probes(study: Study, cells: Sequence[Cell], size: int) -> list[Unit]:
     most = max(_CELLS * _LEVELS, len(cells) // _SIZES)
     near = sorted(cells, key=lambda cell: abs(np.log(cell.samples / size)))[:most]
     chosen = [near[i] for i in np.linspace(0, len(near) - 1, min(_CELLS, len(near))).astype(int)]
-    if isinstance(study.design, RandomDesign):
+    if study.design.one_trial_a_cell:
         batches = (Batch(("probe", i), 0, 1, (replace(cell, samples=size),)) for i, cell in enumerate(chosen))
         return [Unit((batch,)) for batch in batches]
     trials = min(study.design.trials_of(size), max(1, TOGETHER // size))
@@ -114,7 +113,6 @@ def _timed(study: Study, units: list[Unit]) -> tuple[float, float]:
 def _time_of_summary(study: Study, cells: Sequence[Cell]) -> float:
     """Seconds to summarise a cell, measured at the smallest number of samples."""
     smallest = min(cells, key=lambda cell: cell.samples)
-    assert not isinstance(study.design, RandomDesign)
     unit = Unit((Batch(("probe", 0), 0, study.design.trials_of(smallest.samples), (smallest,)),))
     best = np.inf
     for _ in range(_REPEATS):

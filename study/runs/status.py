@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from study.experiment.config import Study
-from study.experiment.design import spans
+from study.experiment.units import spans
 from study.runs.adaptive.checkpoint_rounds import Rounds
 from study.runs.adaptive.group_progress import CAP, TARGET
 from study.runs.completeness import damaged, finished, up_to_date

@@ -10,12 +10,12 @@ import numpy as np
 import pandas as pd
 
 from study.estimators import Status
+from study.experiment.conditions import STORED
 from study.experiment.errors import Columns, Errors
 from study.statistics.performance import MEASURES, Fits
 
-CONDITIONS = ["samples", "noise", "angle", "radius", "center"]
-NEEDED = [*CONDITIONS, "error", "error_1", "bound", "status"]
-"""Columns of the error table that a row of the summary is made of."""
+NEEDED = ["error", "error_1", "bound", "status"]
+"""Columns of the error table that a row of the summary is made of, besides the conditions."""
 
 
 def row(group: str, estimator: str, fits: Columns) -> dict[str, Any]:
@@ -24,7 +24,7 @@ def row(group: str, estimator: str, fits: Columns) -> dict[str, Any]:
     Args:
         group: name of the group.
         estimator: name of the estimator.
-        fits: rows of the error table, in the columns `NEEDED`, and ``decade``.
+        fits: rows of the error table: the conditions, the columns `NEEDED`, and ``decade``.
 
     Returns:
         A value for each column of the summary table.
@@ -36,7 +36,11 @@ def row(group: str, estimator: str, fits: Columns) -> dict[str, Any]:
         "decade": fits["decade"][0],
         "planned": len(status),
     }
-    found |= {name: fits[name][0] if np.all(fits[name] == fits[name][0]) else np.nan for name in CONDITIONS}
+    for condition in STORED:
+        if condition.name in fits:
+            values = fits[condition.name]
+            varying = "" if condition.kind is str else np.nan
+            found[condition.name] = values[0] if np.all(values == values[0]) else varying
     found |= {s.name.lower(): int(np.sum(status == s)) for s in Status}
     measures = Fits(fits)
     for name, measure in MEASURES.items():
@@ -55,8 +59,7 @@ def of_errors(errors: Errors) -> Columns:
     """
     distance, bound, rows = errors.distance, errors.center_bound, []
     for place, cell in enumerate(errors.cells):
-        conditions = (cell.samples, cell.noise, cell.angle, cell.radius, cell.distance)
-        of_cell = {name: np.array([value]) for name, value in zip(CONDITIONS, conditions, strict=True)}
+        of_cell = {name: np.array([cell.values[name]]) for name in errors.conditions}
         for index, estimator in enumerate(errors.estimators):
             of_fits = {
                 "error": distance[place, index],

@@ -6,7 +6,7 @@ import pytest
 
 import study
 from study.experiment.config import parse
-from study.experiment.design import spans
+from study.experiment.units import spans
 from study.runs.jobs import Jobs, execute
 from study.runs.storage.lock import writing
 from study.runs.storage.parts import FORMAT, Parts

@@ -1,16 +1,17 @@
 """One unit of work: rows that compare each fit with its truth, and an estimator that raises."""
 
-import dataclasses
 import math
 
 import numpy as np
 import pytest
 
 import study
-from study.estimators.fit import Estimator, blank
+from study.estimators import Estimator
+from study.estimators.fit import blank
 from study.experiment.compute_unit import Result, compute, lost
-from study.experiment.design import Span, spans, units
+from study.experiment.designs.groups import Span
 from study.experiment.sampling import draw
+from study.experiment.units import spans, units
 
 ANSWER = (3.0, -4.0, 12.0, 0.5, 0.25)
 
@@ -142,7 +143,7 @@ def test_order_and_number_of_rows(make_study):
 @pytest.mark.parametrize("keep", [0, 1, 3, 99])
 def test_first_trials_points_are_kept(make_study, keep, monkeypatch):
     """The points of as many first trials of each cell are kept as asked for, across blocks."""
-    monkeypatch.setattr("study.experiment.design.BLOCK_TRIALS", 2)
+    monkeypatch.setattr("study.experiment.designs.grid.BLOCK_TRIALS", 2)
     made = make_study({"keep_points": keep}, trials=5, noise=[0.1, 0.2])
     result = compute(made, next(units(made)))
     kept = min(keep, 5)
@@ -287,7 +288,7 @@ def test_answers_of_another_shape_are_failures(make_study, monkeypatch, wrong):
 
     def short(samples):
         fit = study.ESTIMATORS["lls"](samples)
-        return dataclasses.replace(fit, **{wrong: getattr(fit, wrong)[:0]})
+        return fit._replace(**{wrong: getattr(fit, wrong)[:0]})
 
     monkeypatch.setitem(study.ESTIMATORS, "short", Estimator(short, "a test"))
     made = make_study({"estimators": ["short"]}, trials=3)

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from study.experiment.config import ConfigError, parse
-from study.experiment.design import units
+from study.experiment.units import units
 
 GRID = """name = "test"
 seed = 1

@@ -1,5 +1,6 @@
 """A config's ``[posterior]``: what it means, every way in which it can be wrong, and that it names no run."""
 
+import dataclasses
 import re
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import pytest
 
 import study
 from study.experiment.config import ConfigError, load, parse
+from study.experiment.designs.cells import Cell
 from study.experiment.posterior_config import Posterior
 
 CONFIGS = Path(study.__file__).parents[1] / "configs"
@@ -256,20 +258,19 @@ def test_faults_of_the_posterior_stand_with_the_others_in_the_order_of_the_file(
     assert [int(re.match(r"  line (\d+)", line)[1]) for line in said] == [FIRST, FIRST + 1, FIRST + 2, FIRST + 2]
 
 
-CONDITIONS = {"samples": 20, "noise": 0.1, "noise_over_radius": 0.05, "angle": 60.0, "radius": 2.0, "center": 3.0}
+CELL = Cell(samples=20, noise=0.1, angle=60.0, radius=2.0, center=(3.0, 0.0, 0.0))
+VALUES = {"samples": 20, "noise": 0.1, "noise_over_radius": 0.05, "angle": 60.0, "radius": 2.0, "center": 3.0}
 
 
 def test_chooses():
-    """A cell is chosen if each condition has one of its values; without where, every cell is."""
-    assert Posterior().chooses(**CONDITIONS)
-    for name, value in CONDITIONS.items():
-        made = Posterior(where={name: [value * (1.0 + 1e-12), 7e9]})
-        assert made.chooses(**CONDITIONS)
-        assert not made.chooses(**{**CONDITIONS, name: value * (1.0 + 1e-6)})
-        assert made.chooses(**{**CONDITIONS, name: 7e9})
+    """A cell is chosen if each condition has one of its values, to nine digits; without where, every cell is."""
+    assert Posterior().chooses(CELL)
+    for name, value in VALUES.items():
+        assert Posterior(where={name: [value * (1.0 + 1e-12), 7e9]}).chooses(CELL)
+        assert not Posterior(where={name: [value * (1.0 + 1e-6), 7e9]}).chooses(CELL)
     both = Posterior(where={"angle": 60, "radius": 1.0})
-    assert not both.chooses(**CONDITIONS)
-    assert both.chooses(**{**CONDITIONS, "radius": 1.0})
+    assert not both.chooses(CELL)
+    assert both.chooses(dataclasses.replace(CELL, radius=1.0))
 
 
 OLD = {

@@ -7,8 +7,8 @@ import study
 from study.analysis import trial_report
 from study.estimators import Status
 from study.experiment.compute_unit import compute, stack
-from study.experiment.design import units
 from study.experiment.replay import ReplayError, addresses, find, replay
+from study.experiment.units import units
 
 KEPT = 3
 GRID = {"trials": 5, "samples": [6, 40], "noise": [0.05, 0.5], "angle": [60, 180], "radius": 2.0, "center": 3.0}
@@ -39,7 +39,7 @@ def made(request, design, make_study):
     names = [n for n in study.ESTIMATORS if kind == "plain" or n != "hinge"]  # which takes no covariance
     top = {"dimension": d, "keep_points": KEPT, "estimators": names}
     with pytest.MonkeyPatch.context() as patch:  # several batches per cell
-        patch.setattr("study.experiment.design.BLOCK_TRIALS", 2)
+        patch.setattr("study.experiment.designs.grid.BLOCK_TRIALS", 2)
         made = make_study(top | ({"noise_shape": SHAPES[d]} if kind == "shaped" else {}), **design)
         results = [compute(made, unit) for unit in units(made)]
         yield made, stack([r.errors for r in results]), stack([r.points for r in results if r.points])

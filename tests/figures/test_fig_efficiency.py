@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 from scipy import stats
 
+from study.experiment.noise import AnisotropicGaussian
 from study.figures import fig_efficiency, style
 from study.figures.inputs import NotApplicable
 
@@ -139,7 +140,11 @@ def test_reasons(small):
     with pytest.raises(NotApplicable, match='kind = "grid"'):
         fig_efficiency.prepare(dataclasses.replace(tables, design="random"))
     with pytest.raises(NotApplicable, match="without noise_shape"):
-        fig_efficiency.prepare(dataclasses.replace(tables, noise_shape=np.diag([1.0, 1.0, 2.0])))
+        fig_efficiency.prepare(
+            dataclasses.replace(
+                tables, noise_law=AnisotropicGaussian(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 2.0)))
+            )
+        )
     with pytest.raises(NotApplicable, match="at least 4 levels of noise in the grid, not 3"):
         fig_efficiency.prepare(small(levels=LEVELS[:3]))
 

@@ -67,8 +67,8 @@ def same_software(monkeypatch, software):
 @pytest.fixture
 def small_units(monkeypatch):
     """Units of a few batches, so that a small study has many."""
-    monkeypatch.setattr("study.experiment.design.BLOCK_TRIALS", 4)
-    monkeypatch.setattr("study.experiment.design._SAMPLES_PER_UNIT", 500)
+    monkeypatch.setattr("study.experiment.designs.grid.BLOCK_TRIALS", 4)
+    monkeypatch.setattr("study.experiment.designs.grid._SAMPLES_PER_UNIT", 500)
 
 
 @pytest.fixture

@@ -19,15 +19,15 @@ from pathlib import Path
 
 import psutil
 
-from study.experiment import design
 from study.experiment.config import parse
+from study.experiment.designs import grid
 from study.runs import jobs, runner
 from study.runs.storage import parts
 from study.runs.storage.atomic_write import RunError
 from study.runs.workers.backend import Backend
 from study.runs.workers.choose import Workers
 
-design._SAMPLES_PER_UNIT = 500  # one block in a unit, and one unit in a part
+grid._SAMPLES_PER_UNIT = 500  # one block in a unit, and one unit in a part
 Backend.enough = 0.0
 parts._SECONDS = parts._SHARE = 0.0
 FULL = 3

@@ -25,7 +25,7 @@ def tables(run):
 @pytest.fixture
 def one_unit_in_a_task(monkeypatch):
     """Many small tasks, so that all workers have some."""
-    monkeypatch.setattr("study.experiment.design._SAMPLES_PER_UNIT", 500)
+    monkeypatch.setattr("study.experiment.designs.grid._SAMPLES_PER_UNIT", 500)
     monkeypatch.setattr("study.runs.workers.backend.Backend.enough", 0.0)
     monkeypatch.setattr("study.runs.workers.dask_cluster.DaskCluster.enough", 0.0)
 

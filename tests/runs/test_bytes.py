@@ -5,7 +5,7 @@ import random
 import pytest
 
 from study.experiment.config import parse
-from study.experiment.design import units
+from study.experiment.units import units
 from study.runs import runner
 
 RANDOM = {

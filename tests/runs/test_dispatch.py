@@ -5,9 +5,9 @@ import threading
 import pytest
 
 import study
-from study.estimators.fit import Estimator
+from study.estimators.estimator import Estimator
 from study.experiment.config import parse
-from study.experiment.design import units
+from study.experiment.units import units
 from study.runs.plan import plan
 
 pytestmark = pytest.mark.usefixtures("same_software")

@@ -13,7 +13,7 @@ import pytest
 
 import study
 from study.experiment.config import parse
-from study.experiment.design import spans
+from study.experiment.units import spans
 from study.runs.jobs import Jobs
 from study.runs.storage.parts import DAMAGED, Parts
 from study.runs.storage.run_folder import Run
@@ -95,7 +95,7 @@ def damage(folder, chance):
 @pytest.fixture
 def one_block_in_a_unit(monkeypatch):
     """Units as the other process has them."""
-    monkeypatch.setattr("study.experiment.design._SAMPLES_PER_UNIT", 500)
+    monkeypatch.setattr("study.experiment.designs.grid._SAMPLES_PER_UNIT", 500)
 
 
 @pytest.mark.usefixtures("one_block_in_a_unit")

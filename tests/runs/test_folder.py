@@ -3,7 +3,7 @@
 import pytest
 
 from study.experiment.config import parse
-from study.experiment.design import spans
+from study.experiment.units import spans
 from study.runs.jobs import Jobs, execute
 from study.runs.storage.parts import Parts
 from study.runs.storage.run_folder import Run, RunError

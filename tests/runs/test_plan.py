@@ -5,7 +5,7 @@ import math
 import pytest
 
 from study.experiment.config import parse
-from study.experiment.design import units
+from study.experiment.units import units
 from study.runs.plan import plan
 
 pytestmark = pytest.mark.usefixtures("same_software")

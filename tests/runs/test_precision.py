@@ -37,8 +37,8 @@ CHECKPOINTS = (100, 200, 400, 800)
 @pytest.fixture
 def small(monkeypatch, small_parts):
     """Units of one block, whose size divides no checkpoint, and a part for each."""
-    monkeypatch.setattr("study.experiment.design.BLOCK_TRIALS", 30)
-    monkeypatch.setattr("study.experiment.design._SAMPLES_PER_UNIT", 100)
+    monkeypatch.setattr("study.experiment.designs.grid.BLOCK_TRIALS", 30)
+    monkeypatch.setattr("study.experiment.designs.grid._SAMPLES_PER_UNIT", 100)
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from study.experiment.config import parse
-from study.experiment.design import units
+from study.experiment.units import units
 from study.runs.speed_probe import Pace, measure
 
 PACE = Pace(np.array([10.0, 110.0, 1000.0]), np.array([1.0, 2.0, 4.0]), np.array([0.5, 1.5, 2.5]), 0.0)

@@ -7,7 +7,7 @@ import pytest
 import study
 from study.analysis.summary import summarise
 from study.estimators import Status
-from study.estimators.fit import Estimator
+from study.estimators.estimator import Estimator
 from study.experiment.config import parse
 from study.runs import runner
 from study.runs.storage.atomic_write import RunError

@@ -5,8 +5,8 @@ import pandas as pd
 from study.analysis.summary import summary
 from study.experiment.compute_unit import compute
 from study.experiment.config import Study
-from study.experiment.design import units
 from study.experiment.errors import Errors
+from study.experiment.units import units
 from study.statistics.summary_rows import of_errors
 
 GRID = {"kind": "grid", "trials": 70, "samples": 5, "noise": [0.05, 3.0], "angle": [60, 180], "radius": [1.0, 10.0]}

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from study.mocap.io.recording import RecordingError
+from study.text.nearest import did_you_mean
 
 _TIMEOUT = 30.0  # seconds
 
@@ -77,7 +78,7 @@ def fetch(library: str, name: str, *, base: str | None = None, folder: Path | No
     except ModuleNotFoundError as error:
         raise RecordingError(f"downloading needs {error.name}: pip install '.[mocap]'") from None
     if library not in LIBRARIES:
-        raise RecordingError(f"no library {library!r}; there are {', '.join(LIBRARIES)}")
+        raise RecordingError(f"no library {library!r}: {did_you_mean(library, LIBRARIES)}")
     source = LIBRARIES[library]
     found = source.name.fullmatch(name)
     if found is None:

@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from study.estimators.fit import Worded
+from study.estimators.status import Worded
 from study.mocap.geometry.pose_noise import PoseNoise
 from study.mocap.joints.center import CONDITION_LIMIT, CenterFit, LocalMarker, fit_center
 from study.mocap.joints.outlier_samples import reject_off_sphere, reject_outliers

@@ -9,6 +9,7 @@ from pydantic import ValidationError
 from study.experiment.config_faults import ConfigError, Fault, report
 from study.mocap.markersets.marker_set import Joint, MarkerSet, MarkerSetParts, Segment, misfits
 from study.text.columns import columns
+from study.text.nearest import did_you_mean
 
 FOLDER = Path(__file__).parent
 """The folder of the shipped files: this room of the package."""
@@ -30,7 +31,7 @@ def shipped_text(name: str) -> str:
     Raises:
         MarkerSetError: if no shipped marker set has this name.
     """
-    return _read(_shipped_path(name, "`study markersets` lists them"))
+    return _read(_shipped_path(name, "`study markersets` describes them"))
 
 
 def described() -> list[str]:
@@ -56,7 +57,7 @@ def load_markerset(name: str | Path) -> MarkerSet:
 
 def _shipped_path(name: str, remedy: str) -> Path:
     if name not in shipped():
-        raise MarkerSetError(f"no marker set {name!r}; there are {', '.join(shipped())}; {remedy}")
+        raise MarkerSetError(f"no marker set {name!r}: {did_you_mean(name, shipped())}; {remedy}")
     return FOLDER / f"{name}.toml"
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from study.estimators.fit import Worded
+from study.estimators.status import Worded
 from study.mocap.io.recording import RecordingError
 from study.mocap.skeleton.bones import side
 from study.sphere.types import Bytes, Floats

@@ -7,7 +7,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from study.experiment.design import Cell, Span
+from study.experiment.designs.cells import Cell
+from study.experiment.designs.groups import Span
 from study.experiment.errors import Columns
 from study.experiment.precision_config import Precision
 from study.runs.assemble import stored_rows
@@ -105,7 +106,7 @@ def _batches(places: Sequence[list[Span]], estimators: int) -> Iterator[CellBatc
         while cells:
             room = max((_ROWS - held) // each, 0 if batch else 1)
             if room:
-                some = [cell for cell in cells[:room] if cell is not None]
+                some = cells[:room]
                 batch.append((pieces, some))
                 held += each * len(some)
                 cells = cells[room:]

@@ -12,8 +12,9 @@ from itertools import chain
 import pyarrow as pa
 
 from study.experiment.config import Study
-from study.experiment.design import GridGroup, Span, groups, spans_of, trials_of
+from study.experiment.designs.groups import Span
 from study.experiment.precision_config import Precision
+from study.experiment.units import groups, spans_of, trials_of
 from study.runs.adaptive.cell_measures import measure_cells
 from study.runs.adaptive.group_progress import NOTHING, GroupProgress
 from study.runs.jobs import Jobs
@@ -37,7 +38,6 @@ class Rounds(Layout):
         self.progress = {
             group.stream: GroupProgress(group, self.precision.checkpoints(trials_of(study, group)))
             for group in groups(study)
-            if isinstance(group, GridGroup)
         }
 
     def units(self) -> Iterator[Span]:
@@ -48,7 +48,6 @@ class Rounds(Layout):
 
     def cut(self, span: Span) -> Iterator[Span]:
         """Cut a unit into the pieces that the stages have of it."""
-        assert isinstance(span.group, GridGroup)
         for stage in self.progress[span.group.stream].stages:
             yield from _within(span, stage)
 
@@ -73,7 +72,6 @@ class Rounds(Layout):
         for stream in places:
             progress = self.progress[stream]
             for cell in progress.stages[-1].group.cells:
-                assert cell is not None
                 progress.take(cell, found[cell])
             if progress.open:
                 progress.go_on()
@@ -122,15 +120,15 @@ class Rounds(Layout):
                 rows.append(
                     {
                         "cell": cell.name,
-                        **{name: getattr(cell, name) for name in ("samples", "noise", "angle", "radius")},
-                        "center": cell.distance,
+                        **cell.values,
                         "trials": found.trials,
                         "checkpoints": sum(point <= found.trials for point in progress.checkpoints),
                         **{name: getattr(found, name) for name in ("estimator", "value", "error", "goal")},
                         "reason": progress.reasons[cell],
                     }
                 )
-        return schemas.table(schemas.PRECISION, {c.name: [row[c.name] for row in rows] for c in schemas.PRECISION})
+        columns = schemas.precision(self.study.conditions())
+        return schemas.table(columns, {c.name: [row[c.name] for row in rows] for c in columns})
 
 
 def _within(span: Span, stage: Span) -> Iterator[Span]:

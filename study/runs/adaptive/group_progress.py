@@ -2,7 +2,8 @@
 
 import math
 
-from study.experiment.design import Cell, GridGroup, Span
+from study.experiment.designs.cells import Cell
+from study.experiment.designs.groups import Group, Span
 from study.runs.adaptive.cell_measures import CellPrecision
 
 TARGET, CAP, BUDGET = "target", "cap", "budget"
@@ -24,7 +25,7 @@ class GroupProgress:
         reasons: for each cell that is not open any more, why.
     """
 
-    def __init__(self, group: GridGroup, checkpoints: list[int]) -> None:
+    def __init__(self, group: Group, checkpoints: list[int]) -> None:
         self.group, self.checkpoints = group, checkpoints
         self.restart()
 

@@ -124,10 +124,9 @@ class Run:
             RunError: if the run did not finish.
         """
         cell, where = locate(self.study, name)
-        values = {"samples": cell.samples, "noise": cell.noise, "angle": cell.angle, "radius": cell.radius}
         # a row group has the range of each column, so that groups without the cell are not read
         rows = [("cell", "==", cell.name), ("trial", ">=", where[0].first), ("trial", "<", where[-1].last)]
-        rows += [(column, "==", value) for column, value in values.items()]
+        rows += [(c.name, "==", cell.values[c.name]) for c in self.study.conditions()]
         return self.read("errors", lambda path: pq.read_table(path, filters=rows).to_pandas())
 
     def arrow(self, name: str) -> pa.Table:

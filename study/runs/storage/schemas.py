@@ -1,6 +1,6 @@
 """Schemas of the stored tables: each column with its type, unit and meaning, which are stored in the file too."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -8,6 +8,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from study.estimators import Status
+from study.experiment.conditions import COLUMNS, Condition
 from study.experiment.posterior_config import ChainStatus
 from study.statistics.performance import MEASURES
 
@@ -30,16 +31,23 @@ def _per_axis(name: str, dimension: int, unit: str, meaning: str) -> list[Column
     return [Column(f"{name}_{i + 1}", pa.float64(), unit, meaning.format(i + 1)) for i in range(dimension)]
 
 
-def errors(dimension: int) -> list[Column]:
-    """The error table: a row per cell, trial and estimator."""
+def _conditions(conditions: Iterable[Condition], in_full: bool = False) -> list[Column]:
+    """A column for each condition of a cell."""
+    kinds = {int: pa.int64(), float: pa.float64(), str: _WORD}
+    return [Column(c.name, kinds[c.kind], c.unit, (in_full and c.in_full) or c.meaning) for c in conditions]
+
+
+def errors(dimension: int, conditions: Sequence[Condition] = COLUMNS) -> list[Column]:
+    """The error table: a row per cell, trial and estimator.
+
+    Args:
+        dimension: d.
+        conditions: those that have a column in the study's tables.
+    """
     return [
         Column("cell", _WORD, "", "name of the condition, a digest of its values"),
         Column("trial", pa.int64(), "", "number of the data set"),
-        Column("samples", pa.int64(), "", "number of samples N of the data set"),
-        Column("noise", pa.float64(), "length", "standard deviation σ of each coordinate"),
-        Column("angle", pa.float64(), "degree", "confinement half-angle φ about the first axis"),
-        Column("radius", pa.float64(), "length", "true radius r"),
-        Column("center", pa.float64(), "length", "distance |c| of the true centre from the origin"),
+        *_conditions(conditions, in_full=True),
         Column("estimator", _WORD, "", "name of the estimator"),
         *_per_axis("error", dimension, "length", "estimated minus true centre, component {}; 1 is the cap's axis"),
         Column("error", pa.float64(), "length", "distance from the estimated to the true centre"),
@@ -83,17 +91,20 @@ def points(dimension: int) -> list[Column]:
     ]
 
 
-def summary() -> list[Column]:
-    """The summary table: a row per group - a cell, or a decade of σ/r - and estimator."""
+def _varying(condition: Condition) -> Column:
+    """The column of a condition in the summary, where it may vary within a group."""
+    if condition.kind is str:
+        return Column(condition.name, pa.string(), "", f"{condition.meaning}; empty where it varies")
+    return Column(condition.name, pa.float64(), condition.unit, f"{condition.meaning}; not a number where it varies")
+
+
+def summary(conditions: Sequence[Condition] = COLUMNS) -> list[Column]:
+    """The summary table: a row per group, a cell or a decade of σ/r, and estimator; for the argument see `errors`."""
     columns = [
         Column("group", pa.string(), "", "name of the cell, or the decade of σ/r by its lower end"),
         Column("estimator", _WORD, "", "name of the estimator"),
         Column("decade", pa.float64(), "", "floor of log10 σ/r; not a number for a cell"),
-        Column("samples", pa.float64(), "", "number of samples N; not a number where it varies"),
-        Column("noise", pa.float64(), "length", "standard deviation σ; not a number where it varies"),
-        Column("angle", pa.float64(), "degree", "confinement half-angle φ; not a number where it varies"),
-        Column("radius", pa.float64(), "length", "true radius r; not a number where it varies"),
-        Column("center", pa.float64(), "length", "distance |c| from the origin; not a number where it varies"),
+        *map(_varying, conditions),
         Column("planned", pa.int64(), "", "fits planned; none is ever drawn again or left out"),
         *(Column(s.name.lower(), pa.int64(), "", f"fits with the status: {s.text}") for s in Status),
     ]
@@ -123,11 +134,11 @@ _CHAIN = [
 POSTERIOR_QUANTILES = {"q025": 0.025, "q16": 0.16, "q50": 0.5, "q84": 0.84, "q975": 0.975}
 
 
-def posterior(dimension: int) -> list[Column]:
+def posterior(dimension: int, conditions: Sequence[Condition] = COLUMNS) -> list[Column]:
     """The posterior table: a row per chain. Means and quantiles are less the truth."""
     return [
         *_CHAIN,
-        *(c for c in errors(dimension) if c.name in ("samples", "noise", "angle", "radius", "center")),
+        *_conditions(conditions, in_full=True),
         Column("flatness", pa.float64(), "", "σ²/v, noise over the points' variance along the cap's axis, by theory"),
         Column("status", pa.int8(), "", _CHAIN_STATUSES),
         *_per_parameter("mean", dimension, "length", "posterior mean less the truth,"),
@@ -194,13 +205,7 @@ CLAIMS = [
 ]
 
 
-PRECISION = [
-    Column("cell", _WORD, "", "name of the condition"),
-    Column("samples", pa.int64(), "", "number of samples N"),
-    Column("noise", pa.float64(), "length", "standard deviation σ"),
-    Column("angle", pa.float64(), "degree", "confinement half-angle φ"),
-    Column("radius", pa.float64(), "length", "true radius r"),
-    Column("center", pa.float64(), "length", "distance |c| from the origin"),
+_PRECISION = [
     Column("trials", pa.int64(), "", "data sets that the cell has; 0 if the budget ended before its first checkpoint"),
     Column("checkpoints", pa.int64(), "", "number of checkpoints that the cell reached"),
     Column("estimator", _WORD, "", "of those that the target is for, the one that is farthest from it"),
@@ -211,14 +216,19 @@ PRECISION = [
 ]
 
 
-def of_units(dimension: int) -> dict[str, list[Column]]:
+def precision(conditions: Sequence[Condition] = COLUMNS) -> list[Column]:
+    """The precision table of an adaptive run: a row per cell; for the argument see `errors`."""
+    return [Column("cell", _WORD, "", "name of the condition"), *_conditions(conditions), *_PRECISION]
+
+
+def of_units(dimension: int, conditions: Sequence[Condition] = COLUMNS) -> dict[str, list[Column]]:
     """Columns of the tables that units fill, by table: errors or, in a study that keeps nothing else, the summary."""
     return {
-        "errors": errors(dimension),
+        "errors": errors(dimension, conditions),
         "timings": TIMINGS,
         "points": points(dimension),
         "failures": FAILURES,
-        "summary": summary(),
+        "summary": summary(conditions),
     }
 
 

@@ -100,7 +100,10 @@ def test_markersets(call, tmp_path):
     assert (code, complained) == (0, "")
     (tmp_path / "mine.toml").write_text(said, encoding="utf-8")
     assert load_markerset(tmp_path / "mine.toml") == load_markerset("cmu41")
-    refused(call("markersets", "cmu42"), "no marker set 'cmu42'; there are cmu41, plug-in-gait; `study markersets`")
+    refused(
+        call("markersets", "cmu42"),
+        "no marker set 'cmu42': did you mean 'cmu41'? Known are cmu41, plug-in-gait; `study",
+    )
 
 
 def test_joints(call, body, tmp_path):
@@ -229,7 +232,7 @@ def test_bad_files(call, bad, verb, name, words, tmp_path):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--markerset", "nothing"], "no marker set 'nothing'; there are cmu41, plug-in-gait"),
+        (["--markerset", "nothing"], "no marker set 'nothing': known are cmu41, plug-in-gait"),
         (["--markerset", "none.toml"], "none.toml: cannot be read"),
         (["--unit", "furlong"], "its unit 'furlong' is not known"),
         (["--rate", "0"], "its rate in frames per second is 0"),
@@ -269,7 +272,7 @@ def test_a_name_stays_in_the_folder(call, tmp_path):
 def test_fetch(call, monkeypatch, tmp_path):
     """A wrong name or library gives code 2, a server out of reach code 1; each gives one line."""
     refused(call("fetch", "cmu", "../secret"), "'../secret' cannot be a recording of cmu", "60_08")
-    refused(call("fetch", "nasa", "60_08"), "no library 'nasa'; there are cmu")
+    refused(call("fetch", "nasa", "60_08"), "no library 'nasa': known are cmu")
     monkeypatch.setenv("STUDY_CMU_URL", "http://127.0.0.1:9")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     refused(call("fetch", "cmu", "60_08"), "the server cannot be reached", code=1)

@@ -113,7 +113,7 @@ def test_a_name_that_no_recording_has(server, tmp_path, name):
 
 
 def test_a_library_that_is_not_known(tmp_path):
-    with pytest.raises(RecordingError, match="no library 'accad'; there are cmu"):
+    with pytest.raises(RecordingError, match="no library 'accad': known are cmu"):
         fetch("accad", "60_08", folder=tmp_path)
 
 

@@ -100,5 +100,8 @@ def test_a_path(tmp_path):
 
 
 def test_an_unknown_name_is_told_with_the_known():
-    with pytest.raises(MarkerSetError, match="no marker set 'cmu42'; there are cmu41, plug-in-gait; or give the path"):
+    with pytest.raises(
+        MarkerSetError,
+        match=r"no marker set 'cmu42': did you mean 'cmu41'\? Known are cmu41, plug-in-gait; or give the path",
+    ):
         load_markerset("cmu42")
