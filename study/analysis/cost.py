@@ -128,7 +128,7 @@ def count(dimension: int) -> dict[str, float]:
         lls._fit_all(x, 1, _objects(1, d), _objects(1), _objects(1), np.zeros(1, dtype=int), zeros(d))
 
     def one_pass(x: Objects) -> None:
-        block, scratch = layouts.Block(x, 0, 0, x.shape[2]), layouts.Scratch(None, zeros(d), zeros(d, d))
+        block, scratch = layouts.SampleBlock(x, 0, 0, x.shape[2]), layouts.Scratch(None, zeros(d), zeros(d, d))
         mle._pass(block, _objects(d), _objects(d), 1.0, _objects(2 + 2 * d + d * d), scratch)
 
     def incremental(x: Objects) -> None:

@@ -23,7 +23,7 @@ from study.estimators.kasa import member
 from study.estimators.newton import ON, STATE, Room, Search, advance, begin
 from study.estimators.samples import Samples
 from study.sphere.jit import CHUNK, Sums, compiled, fill, fresh, put, zeros
-from study.sphere.layouts import BLOCK, Block, PointSets, Scratch, abreast, at, extent, window
+from study.sphere.layouts import BLOCK, PointSets, SampleBlock, Scratch, abreast, at, extent, window
 from study.sphere.types import Floats
 
 _CLEAR = 0.3
@@ -92,7 +92,7 @@ def _minimum_from(samples: Samples, share: float) -> Fit:
 
 
 @compiled
-def _pass(block: Block, origin: Floats, center: Floats, radius: float, sums: Floats, scratch: Scratch) -> None:
+def _pass(block: SampleBlock, origin: Floats, center: Floats, radius: float, sums: Floats, scratch: Scratch) -> None:
     """Add a block of samples to the sums for a trial centre, which is relative to ``origin``.
 
     They are Σ(R-r), Σ(R-r)², Σ(R-r)e, Σe and, in its lower triangle, Σeeᵀ/R, whose trace is Σ1/R.
@@ -161,7 +161,7 @@ def _fit_all(x: PointSets, group: int, start: Start, fit: Fit, zero: Sums, squar
             for begun in range(0, n, BLOCK):
                 for g in range(group):
                     if going[g]:
-                        block = Block(x, head + g, begun, min(BLOCK, n - begun))
+                        block = SampleBlock(x, head + g, begun, min(BLOCK, n - begun))
                         _pass(block, start.origin[head + g], trial[g], state[g].radius, sums[g], scratch)
             for g in range(group):
                 if going[g]:

@@ -81,7 +81,7 @@ def weighted_scatter(directions: Floats, weights: Floats) -> tuple[Floats, Float
 
 @compiled
 def _invert(sums: Floats, mean: Floats, values: Floats, vectors: Floats, bound: Floats) -> None:
-    """Block inversion of J, given the eigenbasis of the scatter K, where that is regular."""
+    """SampleBlock inversion of J, given the eigenbasis of the scatter K, where that is regular."""
     b, d = mean.shape
     for t in range(b):
         if not values[t, 0] > d * _FLAT * values[t, d - 1]:

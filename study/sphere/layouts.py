@@ -80,7 +80,7 @@ class Formed(NamedTuple):
 View = Stored | Formed
 
 
-class Block(NamedTuple):
+class SampleBlock(NamedTuple):
     """The ``size`` samples of set ``t`` of a batch from sample ``start`` on."""
 
     x: PointSets

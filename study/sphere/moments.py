@@ -17,9 +17,9 @@ import numpy as np
 from study.sphere.jit import CHUNK, Sums, compiled, fresh, put, zeros
 from study.sphere.layouts import (
     BLOCK,
-    Block,
     Placed,
     PointSets,
+    SampleBlock,
     Scratch,
     View,
     abreast,
@@ -167,7 +167,7 @@ def _high(view: View, m: int, origin: Sums, third: Sums, fourth: float) -> tuple
 
 
 @compiled
-def _add(block: Block, moments: Moments, first: Floats, scratch: Scratch) -> None:
+def _add(block: SampleBlock, moments: Moments, first: Floats, scratch: Scratch) -> None:
     """Add the sums of a block of samples about its set's ``mean``: Σy to ``first`` (d,), the others to the moments."""
     x, t, begin, m = block
     rows, zero, square = scratch
@@ -215,7 +215,7 @@ def accumulate(x: PointSets, group: int, moments: Moments, zero: Sums, square: S
                     second[t, i, j] = 0.0
         for start in range(0, n, BLOCK):
             for g in range(group):
-                _add(Block(x, head + g, start, min(BLOCK, n - start)), moments, first[g], scratch)
+                _add(SampleBlock(x, head + g, start, min(BLOCK, n - start)), moments, first[g], scratch)
         for g in range(group):
             t = head + g
             for i in range(d):

@@ -119,7 +119,7 @@ def test_marks(small, samples):
             assert row["gdke"] == math.inf  # without bias it does not leave
         assert row["ugdk"] ** 2 == pytest.approx(along / 2.0, rel=1e-9)
         assert along / row["fails"] ** 2 * math.sqrt(samples / 2.0) == pytest.approx(3.0, rel=1e-9)
-    if samples == 100:  # theory §4, claim 7
+    if samples == 100:  # s* of theory §3, rounded
         np.testing.assert_allclose(marks["gdke"][:3], [1.8e-3, 1.9e-2, 5.8e-2], rtol=0.03)
 
 
