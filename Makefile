@@ -8,38 +8,39 @@ INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c c
 .PHONY: paper calibration skeleton test smoke lint bench clean
 .DELETE_ON_ERROR:
 
-# The paper's study, all that its claims are judged by, figures (in figures/), verdicts, and one page about everything.
-PAPER := paper ellipse mgdk power-law efficiency outliers starts bias anisotropic markers posterior
+# The paper's study, the studies that its claims need, figures (in figures/), verdicts, and one page about everything.
+STUDIES := paper ellipse mgdk power-law efficiency outliers starts bias anisotropic markers posterior
+CONFIGS := $(STUDIES:%=configs/%.toml)
+DRAW = $(BIN)/study figures --out figures
 paper: $(VENV)/.run results/cost.parquet
 	@set -e; \
-	echo "The paper's 1000 trials, and ten studies that its claims are judged by:"; \
-	runs=$$($(BIN)/study run $(PAPER:%=configs/%.toml)); \
-	set -- $$runs; printf '  %s\n' "$$@"; first=$$1; \
-	$(BIN)/study figures "$$1" fig2_error --out figures; \
-	$(BIN)/study figures "$$2" fig3_gdke_ellipse fig4_ugdk_ellipse fig5_methods --out figures; \
-	$(BIN)/study figures "$$3" fig6_mgdk --out figures; \
-	$(BIN)/study figures "$$4" fig7_power_law --out figures; \
-	$(BIN)/study figures "$$5" fig_efficiency --out figures; \
-	shift 10; $(BIN)/study figures "$$1" fig_posterior fig_calibration --out figures; \
-	$(BIN)/study claims $$runs --cost results/cost.parquet; \
-	$(BIN)/study report $$runs --cost results/cost.parquet --bench results/bench.csv --out results/report.html; \
+	echo "The paper's 1000 trials, and ten studies that its claims need:"; \
+	$(BIN)/study run $(CONFIGS); \
+	$(DRAW) configs/paper.toml fig2_error; \
+	$(DRAW) configs/ellipse.toml fig3_gdke_ellipse fig4_ugdk_ellipse fig5_methods; \
+	$(DRAW) configs/mgdk.toml fig6_mgdk; \
+	$(DRAW) configs/power-law.toml fig7_power_law; \
+	$(DRAW) configs/efficiency.toml fig_efficiency; \
+	$(DRAW) configs/posterior.toml fig_posterior fig_calibration; \
+	$(BIN)/study claims $(CONFIGS) --cost results/cost.parquet; \
+	$(BIN)/study report $(CONFIGS) --cost results/cost.parquet --bench results/bench.csv --out results/report.html; \
 	echo "The reference run in this repository, and this one:"; \
-	$(BIN)/study diff results/paper "$$first"
+	$(BIN)/study diff results/paper configs/paper.toml
 
-# What fits cost on this machine: operations counted, seconds measured. Made once.
+# The cost of fits on this machine: operations counted, seconds measured. Made once.
 results/cost.parquet: $(VENV)/.run
 	$(BIN)/study cost --out $@
 
-# Posteriors of many trials: are they, and the estimators' own error ellipsoids, right as often as they say? Minutes.
+# Posteriors of many trials: how often they, and the estimators' own error ellipsoids, cover the truth. Takes minutes.
 calibration: $(VENV)/.run
 	@set -e; \
-	for config in calibration whole-sphere; do \
-	    run=$$($(BIN)/study run configs/$$config.toml); \
-	    $(BIN)/study posterior "$$run"; \
-	    $(BIN)/study figures "$$run" fig_calibration; \
+	for name in calibration whole-sphere; do \
+	    $(BIN)/study run configs/$$name.toml; \
+	    $(BIN)/study posterior configs/$$name.toml; \
+	    $(BIN)/study figures configs/$$name.toml fig_calibration; \
 	done
 
-# A body that moves, made here, so that nothing is downloaded: its joints, its skeleton, a figure, a page that shows it.
+# A synthetic recording, so that nothing is downloaded: its joints, its skeleton, a figure, a page that shows it.
 BODY := results/recordings/body
 skeleton: $(VENV)/.mocap
 	@set -e; \
@@ -51,7 +52,7 @@ skeleton: $(VENV)/.mocap
 	$(BIN)/study skeleton $(BODY)/body.c3d --calibration $(BODY); \
 	echo; echo "Open $(BODY)/viewer.html in a browser; the figure is $(BODY)/fig1_skeleton.png"
 
-# On two workers; those of a file stay together, for they share what is made once.
+# On two workers; the tests of a file stay together, because they share fixtures.
 JOBS ?= 2
 test: $(VENV)/.dev
 	$(BIN)/python -m pytest -q -n $(JOBS) --dist loadfile
@@ -60,16 +61,16 @@ test: $(VENV)/.dev
 smoke: $(VENV)/.run
 	@set -e; \
 	$(BIN)/study plan configs/smoke.toml; \
-	run=$$($(BIN)/study run configs/smoke.toml); \
-	$(BIN)/study figures "$$run"; \
-	$(BIN)/study summary "$$run"
+	$(BIN)/study run configs/smoke.toml; \
+	$(BIN)/study figures configs/smoke.toml; \
+	$(BIN)/study summary configs/smoke.toml
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-# Ratios to the limits of this machine and to other people's code, and growth; stored in results/bench.csv.
+# Speed as ratios to the limits of this machine and to other packages; stored in results/bench.csv.
 bench: $(VENV)/.bench
 	$(BIN)/python -m pytest -q benchmarks --benchmark-group-by=group --benchmark-columns=min,median,rounds
 
@@ -81,7 +82,7 @@ $(VENV)/bin/python:
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "needs Python 3.11 or newer; set PYTHON=…")'
 	$(PYTHON) -m venv $(VENV)
 
-# The plan of a study compiles its loops, which are then kept: no study has to wait for it.
+# `study plan` compiles the loops once, so that no study waits for the compiler.
 $(VENV)/.run: $(VENV)/bin/python pyproject.toml constraints.txt
 	$(INSTALL) -e .
 	$(BIN)/study plan configs/smoke.toml >/dev/null

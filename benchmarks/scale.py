@@ -1,4 +1,4 @@
-"""What a large run costs its parent: seconds to take up 10,000 parts, workers kept busy, memory by the row.
+"""Cost of a large run for its parent: seconds to resume with 10,000 parts, busy workers, memory by the row.
 
 Not run by `make bench`, because it takes minutes: ``python benchmarks/scale.py resume|busy|memory [rows]``.
 """
@@ -16,11 +16,12 @@ from study.runs.workers import instruction_set
 
 instruction_set.fix()
 
-from study.analysis.summary import of_errors, summarise  # noqa: E402
-from study.experiment.config import parse  # noqa: E402
+from study.analysis.summary import summarise  # noqa: E402
+from study.experiment.config import Study, parse  # noqa: E402
 from study.runs import jobs, runner  # noqa: E402
 from study.runs.storage import parts  # noqa: E402
-from study.runs.workers import dispatch  # noqa: E402
+from study.runs.workers.backend import Backend  # noqa: E402
+from study.runs.workers.choose import Workers  # noqa: E402
 
 _HEAD = 'name = "scale"\nseed = 1\nestimators = ["gdke", "ugdk", "als", "taubin"]\n[design]\n'
 _HEAD += 'kind = "grid"\nangle = 90\n'
@@ -32,14 +33,14 @@ class Stop(BaseException):
 
 
 def tiny(cells: int) -> str:
-    """A study of so many units of one trial of ten samples."""
+    """Config of a study of so many units, each of one trial of ten samples."""
     return _HEAD + f'draws = "independent"\ntrials = 1\nsamples = 10\nnoise = {{ linspace = [0.1, 0.9, {cells}] }}\n'
 
 
 def resume(folder: Path) -> None:
     """Seconds from the start of a run to its first new unit, where 10,000 parts are finished."""
     text = tiny(10_100)
-    dispatch.Pool.enough = parts._SECONDS = parts._SHARE = 0.0
+    Backend.enough = parts._SECONDS = parts._SHARE = 0.0
     told = []
 
     def stop(share: float) -> None:
@@ -51,33 +52,33 @@ def resume(folder: Path) -> None:
         runner.run(parse(text), text, folder, 1, stop)
     count = len(list((folder / "parts").iterdir()))
     began, first = time.perf_counter(), []
-    real = runner._Work.compute
+    real = runner._Computation.compute
 
-    def timed(work: runner._Work, pool: dispatch.Pool) -> None:
-        next(work._missing(), None)
+    def timed(computation: runner._Computation, backend: Backend) -> None:
+        next(computation.missing(), None)
         first.append(time.perf_counter() - began)
-        real(work, pool)
+        real(computation, backend)
 
-    runner._Work.compute = timed
+    runner._Computation.compute = timed
     runner.run(parse(text), text, folder, 1)
     print(f"{count:,} parts: {first[0]:.2f} s until the first new unit; {time.perf_counter() - began:.2f} s in all")
 
 
-def noted(order: jobs.Order, some: tuple[jobs.Job, ...]) -> parts.Packet:
-    """`execute`, whose seconds are noted."""
+def noted(study: Study, some: tuple[jobs.Job, ...]) -> parts.Packet:
+    """Compute jobs as `execute` does, and note the seconds."""
     began = time.perf_counter()
-    done = jobs.execute(order, some)
+    done = jobs.execute(study, some)
     with open(f"{_BUSY}-{os.getpid()}", "a", encoding="utf-8") as file:
         file.write(f"{began} {time.perf_counter()}\n")
     return done
 
 
 def busy(folder: Path) -> None:
-    """Share of the time that two processes compute, in a run of 100,000 tiny units, from first start to last end."""
+    """Share of the time from first start to last end in which two processes compute, in a run of 100,000 tiny units."""
     text = tiny(100_000)
     runner.execute = import_module("scale").noted  # by a name that the workers can import
     began = time.perf_counter()
-    runner.run(parse(text), text, folder, dispatch.Workers("loky", 2))
+    runner.run(parse(text), text, folder, Workers("loky", 2))
     lines = [p.read_text().split("\n") for p in _BUSY.parent.glob("busy-*")]
     spans = [tuple(map(float, line.split())) for some in lines for line in some if line]
     whole = max(end for _, end in spans) - min(start for start, _ in spans)
@@ -88,7 +89,7 @@ def busy(folder: Path) -> None:
 def memory(folder: Path, rows: int) -> None:
     """The parent's peak memory in a run of so many rows, its summary included."""
     text = _HEAD + f"trials = {rows // 20}\nsamples = 6\nnoise = [0.1, 0.2, 0.3, 0.4, 0.5]\n"
-    done = runner.run(parse(text), text, folder, dispatch.Workers("loky", 2), reduce=of_errors)
+    done = runner.run(parse(text), text, folder, Workers("loky", 2))
     ran = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     summarise(done)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024

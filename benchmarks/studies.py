@@ -4,7 +4,8 @@ from functools import partial
 
 from study.experiment.compute_unit import compute
 from study.experiment.config import Study
-from study.experiment.design import Unit, units
+from study.experiment.designs.cells import Unit
+from study.experiment.units import units
 
 FOUR = ["mle", "lls", "gdke", "ugdk"]
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from studies import grid, whole
 
-from study.runs.workers.dispatch import Workers
+from study.runs.workers.choose import Workers
 
 MEMORY = """
 import resource, sys

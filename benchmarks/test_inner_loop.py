@@ -11,7 +11,8 @@ import pytest
 
 from study.experiment.compute_unit import compute
 from study.experiment.config import Study
-from study.experiment.design import Unit, units
+from study.experiment.designs.cells import Unit
+from study.experiment.units import units
 
 SIGMA, ANGLE = 0.05, 60.0
 

@@ -7,8 +7,8 @@ from studies import FOUR, grid, whole
 
 import study
 from study.estimators import ESTIMATORS
-from study.experiment.design import units
 from study.experiment.sampling import Workspace, draw
+from study.experiment.units import units
 
 MILLION = 1_000_000
 MANY = 60
@@ -67,7 +67,7 @@ def test_one_more_level(timed, normals, samples):
         for name in FOUR:
             ESTIMATORS[name](fitted)
 
-    items = len(levels) * draws.noise.size // 3
+    items = len(levels) * draws.unit_noise.size // 3
     timed(group, f"N = {samples:,}", more, items=items, aim="≤ 0.35" if samples >= 10_000 else "", rounds=MANY)
 
 

@@ -3,14 +3,17 @@
     import study
     result = study.fit(points, "ugdk", noise=0.05)   # points (…, n, d)
     bound = study.crlb(directions, noise=0.05)       # (…, d+1, d+1)
+    best = study.attainable_bound(45, noise=0.3)     # (d+1, d+1), for one sample on the unit sphere
 
 The command line is `study --help`.
 """
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from study.estimators import ESTIMATORS, Estimator, Fit, Incremental, JointFit, Samples, Status, fit, mgdk
+    from study.sphere.attainable import attainable_bound
     from study.sphere.bounds import crlb
 
 __version__ = "0.1.0"
@@ -23,21 +26,21 @@ __all__ = [
     "Samples",
     "Status",
     "__version__",
+    "attainable_bound",
     "crlb",
     "fit",
     "mgdk",
 ]
 
 
+_PLACES = {"attainable_bound": "study.sphere.attainable", "crlb": "study.sphere.bounds"}
+"""Modules of the names that are not estimators'."""
+
+
 def __getattr__(name: str) -> Any:
     """Import the library on first use, so that `study --help` need not wait for it."""
-    if name == "crlb":
-        from study.sphere.bounds import crlb as found
-    elif name in __all__:
-        from study import estimators
-
-        found = getattr(estimators, name)
-    else:
+    if name not in __all__:
         raise AttributeError(f"module 'study' has no attribute {name!r}")
+    found = getattr(import_module(_PLACES.get(name, "study.estimators")), name)
     globals()[name] = found  # not asked for again: it would cost as much as a sum over a thousand samples
     return found

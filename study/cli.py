@@ -11,9 +11,15 @@ from typing import Annotated, Any
 
 import typer
 
-from study.analysis.commands import diff, status, worst
-from study.mocap import commands
-from study.runs.commands import Code, Folder, worker
+from study.analysis.commands import cost, diff, estimators, status, summary, worst
+from study.mocap.commands.case_study import case_study
+from study.mocap.commands.fetch import fetch
+from study.mocap.commands.joints import joints
+from study.mocap.commands.markersets import markersets
+from study.mocap.commands.recording import recording
+from study.mocap.commands.skeleton import skeleton
+from study.mocap.commands.synthetic import synthetic
+from study.runs.commands import RUNS, ExitCode, Folder, run_folder, worker
 from study.runs.workers import instruction_set
 
 app = typer.Typer(
@@ -24,99 +30,126 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
-Config = Annotated[Path, typer.Argument(metavar="CONFIG", help="a study's config, such as configs/sweep.toml")]
-Folders = Annotated[list[Path], typer.Argument(metavar="RUN", help="folders of runs of different configs")]
-Cost = Annotated[Path | None, typer.Option("--cost", help="the table that `study cost` stores, for claims of cost")]
-Recordings = Annotated[
-    list[Path] | None,
-    typer.Option("--recording", metavar="DIR", help="folder that `study case-study` wrote; can be given repeatedly"),
+_CONFIG = "config file, or name of a shipped config (see `study configs`)"
+Config = Annotated[Path, typer.Argument(metavar="CONFIG", help=_CONFIG)]
+Configs = Annotated[list[Path], typer.Argument(metavar="CONFIG…", help=_CONFIG)]
+Folders = Annotated[
+    list[Path],
+    typer.Argument(metavar="RUN", parser=run_folder, help="folders of runs, or their configs, each of another config"),
 ]
+Cost = Annotated[Path | None, typer.Option("--cost", help="table that `study cost` stores, for the claims on cost")]
+_RECORDING = "folder that `study case-study` wrote; may be given several times"
+Recordings = Annotated[list[Path] | None, typer.Option("--recording", metavar="DIR", help=_RECORDING)]
+Bench = Annotated[Path | None, typer.Option("--bench", help="table that `make bench` stores")]
 Figures = Annotated[list[str] | None, typer.Argument(metavar="FIGURE…", help="such as fig2_error [default: all]")]
-Out = Annotated[Path | None, typer.Option("--out", help="the run's folder [default: results/<name>-<digest>]")]
+Out = Annotated[Path | None, typer.Option("--out", help="folder of the run [default: results/<name>-<digest>]")]
+Pictures = Annotated[Path | None, typer.Option("--out", help="folder for the pictures [default: RUN/figures]")]
+Page = Annotated[Path | None, typer.Option("--out", help="file of the page [default: RUN/report.html]")]
 Jobs = Annotated[int, typer.Option("--jobs", "-j", min=1, max=1024, help="number of workers")]
-Backend = Annotated[
-    str | None,
-    typer.Option(
-        "--backend",
-        help="who computes: threads, loky (processes) or dask (a cluster) [default: threads; loky for long studies]",
-    ),
-]
-Seconds = Annotated[
-    float | None, typer.Option("--budget", min=0.0, help="seconds that work is begun, where [precision] asks for it")
-]
+_BACKEND = "threads, loky (processes) or dask (a cluster) [default: threads; loky for long studies]"
+Backend = Annotated[str | None, typer.Option("--backend", help=_BACKEND)]
 Scheduler = Annotated[str | None, typer.Option("--scheduler", help="address of a Dask scheduler: tcp://host:8786")]
+_BUDGET = "start no new work after this many seconds; for configs with [precision]"
+Seconds = Annotated[float | None, typer.Option("--budget", min=0.0, help=_BUDGET)]
+Points = Annotated[Path, typer.Argument(metavar="POINTS", help="CSV, TSV or other text, .npy, or .parquet")]
+Estimator = Annotated[str, typer.Option("--estimator", "-e", help="name of an estimator, or all")]
+Noise = Annotated[float | None, typer.Option("--noise", help="standard deviation of a coordinate, if known")]
+Columns = Annotated[str | None, typer.Option("--columns", help="coordinates by name or number of column: x,y,z")]
+Cell = Annotated[str, typer.Argument(metavar="CELL", help="name of the cell, or its beginning; or CELL/TRIAL")]
+Trial = Annotated[int | None, typer.Argument(metavar="[TRIAL]", min=0, help="number of the trial, from 0")]
+PointsOut = Annotated[Path | None, typer.Option("--out", help="file for the points, .csv or .parquet")]
+Plot = Annotated[Path | None, typer.Option("--plot", help="file for a picture of the points and the fits")]
+
+
+@app.command()
+def configs() -> None:
+    """List the shipped configs. `study plan` and `study run` take them by name."""
+    from study.experiment.shipped_configs import shipped_configs, summary_line
+    from study.text.columns import columns
+
+    for line in columns([name, summary_line(path)] for name, path in shipped_configs().items()):
+        typer.echo(line)
 
 
 @app.command()
 def plan(config: Config, jobs: Jobs = 2) -> None:
-    """Say what a study will cost, without running it."""
-    from study.analysis.summary import of_errors
+    """Predict a study's size and time without running it."""
     from study.experiment.config import load
+    from study.experiment.shipped_configs import config_file
     from study.runs.plan import extremes
     from study.runs.plan import plan as make_plan
+    from study.text.columns import columns
 
-    study = load(config)
+    study = load(config_file(config))
     typer.echo(f"{study.run_name()}")
     for title, part in extremes(study).items():
         if title:
             typer.echo(f"  {title}")
-        for label, value in make_plan(part, jobs, of_errors).lines():
-            typer.echo(f"  {label:<10} {value}")
+        for line in columns(make_plan(part, jobs).lines(), indent=2):
+            typer.echo(line)
 
 
 @app.command()
 def run(
-    configs: Annotated[list[Path], typer.Argument(metavar="CONFIG…", help="studies' configs")],
+    configs: Configs,
     jobs: Jobs = 2,
     out: Out = None,
     backend: Backend = None,
     scheduler: Scheduler = None,
     budget: Seconds = None,
 ) -> None:
-    """Run studies, as far as they have not been run, and store their tables; print the folder of each."""
-    from study.analysis.summary import of_errors, summarise
+    """Run studies; resume unfinished ones.
+
+    The tables are stored, and the folder of each run is printed.
+    """
+    from study.analysis.summary import summarise
     from study.experiment.config import read
+    from study.experiment.shipped_configs import config_file
     from study.posterior.run import compute
     from study.runs import runner
-    from study.runs.adaptive.time_budget import Budget
-    from study.runs.finish import complaint, stopped
-    from study.runs.jobs import long
-    from study.runs.workers.dispatch import Workers
-    from study.statistics.performance import measured
+    from study.runs.adaptive.time_budget import TimeBudget
+    from study.runs.finish import budget_message, failure_message
+    from study.runs.jobs import takes_long
+    from study.runs.workers.choose import Workers
 
     if (backend == "dask") != (scheduler is not None) or backend not in (None, "threads", "loky", "dask"):
-        raise typer.BadParameter("--backend is threads, loky, or dask, which alone takes a --scheduler, and needs it")
+        raise typer.BadParameter("--backend is threads, loky or dask; --scheduler goes with dask, and only with it")
     if out is not None and len(configs) > 1:
-        raise typer.BadParameter(f"--out {out} is one folder, for one config; leave it out")
-    complaints, code = [], Code.FAILURES
-    studies = [read(config) for config in configs]  # all are read before any is run
+        raise typer.BadParameter(f"--out {out} is a folder for one config, but {len(configs)} are given; leave it out")
+    complaints, code = [], ExitCode.TOO_MANY_FAILURES
+    studies = [read(config_file(config)) for config in configs]  # a fault in the last one shows before the first runs
     for config, (study, _) in zip(configs, studies, strict=True):
         if budget is not None and study.precision is None:
-            raise typer.BadParameter(f"--budget {budget:g}: {config} has no [precision], and is computed whole")
+            reason = f"{config} has no [precision] and cannot stop early; leave --budget out"
+            raise typer.BadParameter(f"--budget {budget:g}: {reason}")
     for study, text in studies:
-        workers = Workers(backend or ("loky" if jobs > 1 and long(study) else "threads"), jobs, scheduler)
+        workers = Workers(backend or ("loky" if jobs > 1 and takes_long(study) else "threads"), jobs, scheduler)
         with _progress(study.run_name()) as advance:
-            folder = out or Path("results") / study.run_name()
-            end = None if budget is None else Budget(budget)
-            done = runner.run(study, text, folder, workers, advance, reduce=of_errors, judge=measured, budget=end)
+            folder = out or RUNS / study.run_name()
+            end = None if budget is None else TimeBudget(budget)
+            done = runner.run(study, text, folder, workers, advance, budget=end)
         if not done.has("summary"):
             summarise(done)
-        if (words := stopped(done)) is not None:
+        if (words := budget_message(done)) is not None:
             complaints.append(words)
-            code = Code.BUDGET
+            code = ExitCode.BUDGET
         elif study.posterior is not None:
             with _progress("posteriors") as advance:
                 compute(done, workers, advance)
         typer.echo(str(done.folder))
-        complaints += [said for said in [complaint(done)] if said]
+        complaints += [said for said in [failure_message(done)] if said]
     if complaints:
-        raise typer.Exit(_said("\n".join(complaints), code))
+        raise typer.Exit(_complain("\n".join(complaints), code))
 
 
 @app.command()
 def posterior(folder: Folder, jobs: Jobs = 2) -> None:
-    """Sample the posteriors that a run's config asks for in [posterior], with emcee."""
-    from study.posterior.run import compute, printed
+    """Sample posteriors of a run's trials.
+
+    The config chooses the trials in [posterior]. The tables are stored, and their calibration is printed.
+    """
+    from study.posterior.posterior_text import printed
+    from study.posterior.run import compute
     from study.runs.storage.run_folder import Run
 
     run = Run.open(folder)
@@ -127,28 +160,15 @@ def posterior(folder: Folder, jobs: Jobs = 2) -> None:
 
 
 @app.command()
-def summary(folder: Folder) -> None:
-    """Print a run's medians of error over bound, with their Monte-Carlo errors."""
-    from study.analysis.summary import printed
-    from study.runs.storage.run_folder import Run
-
-    for line in printed(Run.open(folder)):
-        typer.echo(line)
-
-
-@app.command()
-def figures(
-    folder: Folder,
-    names: Figures = None,
-    out: Annotated[Path | None, typer.Option("--out", help="folder for the pictures [default: RUN/figures]")] = None,
-) -> None:
-    """Draw a run's figures from its stored tables, as PNG and SVG."""
+def figures(folder: Folder, names: Figures = None, out: Pictures = None) -> None:
+    """Draw a run's figures from its tables, as PNG and SVG."""
     from study.figures import FIGURES, draw_all
     from study.runs.storage.run_folder import Run
+    from study.text.nearest import did_you_mean
 
     unknown = [name for name in names or [] if name not in FIGURES]
     if unknown:
-        raise typer.BadParameter(f"{', '.join(unknown)} unknown: known are {', '.join(FIGURES)}")
+        raise typer.BadParameter(f"{', '.join(unknown)}: unknown; {did_you_mean(unknown, FIGURES)}")
     run = Run.open(folder)
     drawn, skipped = draw_all(run, out or run.folder / "figures", names or [])
     for path in drawn:
@@ -159,9 +179,12 @@ def figures(
 
 @app.command()
 def claims(folders: Folders, cost: Cost = None, recording: Recordings = None) -> None:
-    """Judge the paper's claims by runs; store the table in the first one's folder, and print it."""
+    """Judge the paper's claims by runs.
+
+    The verdicts and the numbers behind them are printed, and stored in the first run's folder.
+    """
     from study.analysis.claims import judge_all, printed, save
-    from study.mocap.case_study.stored_tables import read_case_studies
+    from study.mocap.case_study.stored_case_studies import read_case_studies
     from study.runs.storage.run_folder import Run
 
     runs = [Run.open(folder) for folder in folders]
@@ -173,15 +196,14 @@ def claims(folders: Folders, cost: Cost = None, recording: Recordings = None) ->
 
 @app.command()
 def report(
-    folders: Folders,
-    out: Annotated[Path | None, typer.Option("--out", help="the page's file [default: RUN/report.html]")] = None,
-    cost: Cost = None,
-    recording: Recordings = None,
-    bench: Annotated[Path | None, typer.Option("--bench", help="the table that `make bench` stores")] = None,
+    folders: Folders, out: Page = None, cost: Cost = None, recording: Recordings = None, bench: Bench = None
 ) -> None:
-    """Write one HTML page about runs: claims, figures, tables, provenance; it needs no other file."""
+    """Write one HTML page about runs.
+
+    It has the claims, figures, tables and provenance, and needs no other file.
+    """
     from study.analysis.claims import judge_all
-    from study.mocap.case_study.stored_tables import read_case_studies
+    from study.mocap.case_study.stored_case_studies import read_case_studies
     from study.report import read_bench, render, save
     from study.runs.storage.run_folder import Run
 
@@ -193,20 +215,16 @@ def report(
 
 @app.command()
 def fit(
-    file: Annotated[Path, typer.Argument(metavar="POINTS", help="CSV, TSV or other text, .npy, or .parquet")],
-    estimator: Annotated[str, typer.Option("--estimator", "-e", help="an estimator's name, or all")] = "als",
-    noise: Annotated[float | None, typer.Option("--noise", help="standard deviation of a coordinate, if known")] = None,
-    columns: Annotated[str | None, typer.Option("--columns", help="coordinates, by name or number: x,y,z")] = None,
-    plot: Annotated[Path | None, typer.Option("--plot", help="draw points, fits and error ellipses here")] = None,
+    file: Points, estimator: Estimator = "als", noise: Noise = None, columns: Columns = None, plot: Plot = None
 ) -> None:
     """Fit a sphere, or a circle, to points in a file."""
-    from study.analysis.fitting import answers, choose, fit_all, printed
+    from study.analysis.fitting import choose, fit_all, fit_table, printed
     from study.analysis.pointfile import read_points
 
     chosen = choose(estimator, noise)
     points, names = read_points(file, columns.split(",") if columns else None)
     fits = fit_all(points, chosen, noise)
-    for line in printed(answers(fits, names), names):
+    for line in printed(fit_table(fits, names), names):
         typer.echo(line)
     if plot is not None:
         from study.figures.fit_plot import draw, prepare
@@ -216,26 +234,23 @@ def fit(
 
 
 @app.command()
-def replay(
-    folder: Folder,
-    cell: Annotated[str, typer.Argument(metavar="CELL", help="the cell's name, or its beginning; or CELL/TRIAL")],
-    trial: Annotated[int | None, typer.Argument(metavar="[TRIAL]", min=0, help="number of the data set")] = None,
-    out: Annotated[Path | None, typer.Option("--out", help="write the points here, as CSV or parquet")] = None,
-    plot: Annotated[Path | None, typer.Option("--plot", help="draw points, fits and truth here")] = None,
-) -> None:
-    """Draw one trial of a run again, and show the truth and every estimator's answer."""
+def replay(folder: Folder, cell: Cell, trial: Trial = None, out: PointsOut = None, plot: Plot = None) -> None:
+    """Draw one trial of a run again.
+
+    The truth and every estimator's fit are printed.
+    """
     from study.analysis.trial_report import fits, points, printed
-    from study.experiment.replay import find, named, replay
+    from study.experiment.replay import find, parse_name, replay
     from study.runs.provenance import other_version
     from study.runs.storage.atomic_write import save_frame
     from study.runs.storage.run_folder import Run
 
     run = Run.open(folder)
-    drawn = replay(run.study, find(run.study, *named(cell, trial)))
+    drawn = replay(run.study, find(run.study, *parse_name(cell, trial)))
     if drawn.trial >= (count := run.trials().get(drawn.cell.name, drawn.trial + 1)):
-        _said(f"{folder}: cell {drawn.cell.name} has {count:,} trials; trial {drawn.trial} is not in its tables", 0)
+        _complain(f"{folder}: cell {drawn.cell.name} has {count:,} trials; trial {drawn.trial} is not in its tables")
     if (warning := other_version(run.maker())) is not None:
-        _said(f"{folder}: {warning}", 0)
+        _complain(f"{folder}: {warning}")
     for line in printed(run.study, drawn):
         typer.echo(line)
     if out is not None:
@@ -249,46 +264,23 @@ def replay(
         save_picture(draw(prepare(frame.to_numpy(), fits(run.study, drawn), axes)), plot)
 
 
-@app.command()
-def estimators() -> None:
-    """List the estimators: where each comes from, what it costs per sample, what it must be told."""
-    from study.analysis.fitting import described
-
-    for line in described():
-        typer.echo(line)
-
-
-@app.command()
-def cost(
-    out: Annotated[Path, typer.Option("--out", help="the table's file, .csv or .parquet")] = Path(
-        "results/cost.parquet"
-    ),
-) -> None:
-    """Count the operations of a fit and time it, beside the paper's figures; store the table."""
-    from study.analysis.cost import cost_table, printed
-    from study.runs.storage.atomic_write import save_frame
-
-    table = cost_table()
-    save_frame(table, out)
-    for line in printed(table):
-        typer.echo(line)
-
-
-app.command()(status)
-app.command()(diff)
-app.command()(worst)
-app.command()(worker)
-app.command()(commands.recording)
-app.command()(commands.joints)
-app.command()(commands.skeleton)
-app.command()(commands.case_study)
-app.command()(commands.synthetic)
-app.command()(commands.fetch)
+_OF_RUNS: tuple[Callable[..., None], ...] = (status, summary, diff, worst, estimators, cost, worker)
+_OF_RECORDINGS: tuple[Callable[..., None], ...] = (
+    recording,
+    joints,
+    skeleton,
+    case_study,
+    synthetic,
+    fetch,
+    markersets,
+)
+for _command in _OF_RUNS + _OF_RECORDINGS:
+    app.command()(_command)
 
 
 @contextlib.contextmanager
 def _progress(words: str) -> Iterator[Callable[[float], None]]:
-    """A bar on a terminal's standard error; what it gives is told each share of the work that is done."""
+    """Show a progress bar if standard error is a terminal; the function it gives adds a share of the work."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
@@ -299,18 +291,18 @@ def _progress(words: str) -> Iterator[Callable[[float], None]]:
 
 
 def main(command: Callable[..., Any] = app) -> None:
-    """Entry point; see `Code`."""
+    """Entry point; see `ExitCode`."""
     instruction_set.fix()
     if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGTERM, _interrupt)  # what a batch system sends when time is up: as Ctrl-C
-    for stream in (sys.stdout, sys.stderr):  # a terminal without Greek shows a question mark
+        signal.signal(signal.SIGTERM, _interrupt)  # a batch system sends it when time is up
+    for stream in (sys.stdout, sys.stderr):  # a terminal without Greek letters gets question marks
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
     try:
         command()
     except SystemExit as end:
-        if end.code == Code.INTERRUPTED:
-            _said("interrupted; what was finished is kept, and running again goes on from there", Code.INTERRUPTED)
+        if end.code == ExitCode.INTERRUPTED:
+            _complain("interrupted; run the same command again to resume", ExitCode.INTERRUPTED)
         raise
     except Exception as error:
         from study.analysis.pointfile import PointFileError
@@ -320,9 +312,9 @@ def main(command: Callable[..., Any] = app) -> None:
         from study.runs.storage.run_folder import RunError
 
         if isinstance(error, ConfigError | PointFileError | RecordingError | ReplayError):
-            raise SystemExit(_said(str(error), Code.USAGE)) from None
+            raise SystemExit(_complain(str(error), ExitCode.USAGE)) from None
         if isinstance(error, RunError):
-            raise SystemExit(_said(str(error), Code.FAILURE)) from None
+            raise SystemExit(_complain(str(error), ExitCode.FAILURE)) from None
         raise
 
 
@@ -330,7 +322,8 @@ def _interrupt(number: int, frame: object) -> None:
     raise KeyboardInterrupt
 
 
-def _said(message: str, code: int) -> int:
+def _complain(message: str, code: int = ExitCode.COMPLETE) -> int:
+    """Print a message to standard error; returns the exit code."""
     print(message, file=sys.stderr)
     return code
 

@@ -196,14 +196,14 @@ def status_of():
 @pytest.fixture(scope="session")
 def make_run(tmp_path_factory):
     """Run a config into a folder of its own, with its summary, and its posteriors if it asks for them."""
-    from study.analysis.summary import of_errors, summarise
+    from study.analysis.summary import summarise
     from study.experiment.config import parse
     from study.posterior.run import compute  # here, because tests of arrays do without all of this
     from study.runs.runner import run
 
     def make(text, folder=None):
         study = parse(text)
-        store = run(study, text, folder or tmp_path_factory.mktemp("runs") / study.name, jobs=1, reduce=of_errors)
+        store = run(study, text, folder or tmp_path_factory.mktemp("runs") / study.name, jobs=1)
         if study.keep == "errors":
             summarise(store)
         if study.posterior is not None:

@@ -25,10 +25,10 @@ _SIGNALS, _WAKE = os.pipe()
 _chains = posterior._chains
 
 
-def execute(order, some):
+def execute(study, some):
     """Compute units, once the gate is passed."""
     _pass()
-    return jobs.execute(order, some)
+    return jobs.execute(study, some)
 
 
 def chains(shared, items):

@@ -1,4 +1,4 @@
-"""What theory expects on a cap: GDKE's bias, the noise at which estimators fall behind, and the error at the bound.
+"""Expectations from theory on a cap: GDKE's bias, noise limits of estimators, and the median error at the bound.
 
 Directions u uniform on a cap have mean (m₁, 0, …) and covariance diag(Kₐ, Kₚ, …): `study.sphere.cap.cap_moments`. With
 the radius as the unit the points' variance along the axis, v, is Kₐ, and noise is σ/r.
@@ -14,7 +14,7 @@ from study.sphere.types import Floats
 
 
 def gdke_bias(noise: float, moments: CapMoments, noise_shape: Floats) -> float:
-    """Length of GDKE's bias for many samples, (C₀ + Σ)⁻¹ Σ (c₀ - μ̄): a shrink towards the points.
+    """Length of GDKE's bias for many samples, (C₀ + Σ)⁻¹ Σ (c₀ - μ̄), which points towards the samples.
 
     Args:
         noise: σ over the radius.
@@ -33,20 +33,20 @@ def gdke_bias(noise: float, moments: CapMoments, noise_shape: Floats) -> float:
 
 
 def gdke_leaves(samples: float, moments: CapMoments) -> float:
-    """Noise from which on GDKE's bias is above its scatter, s* = √(Kₐ/N)/m₁ (theory §3).
+    """Noise s* = √(Kₐ/N)/m₁ above which GDKE's bias exceeds its scatter (theory §3).
 
-    Infinite on the whole sphere, where there is no bias.
+    It is infinite on the whole sphere, where there is no bias.
     """
     return math.sqrt(moments.along / samples) / moments.mean if moments.mean > 1e-9 else math.inf
 
 
 def ugdk_leaves(moments: CapMoments) -> float:
-    """Noise from which on UGDK is above the bound, σ² = v/2 (theory §3)."""
+    """Noise above which UGDK exceeds the bound, σ² = v/2 (theory §3)."""
     return math.sqrt(moments.along / 2.0)
 
 
 def kappa(noise: float, samples: float, moments: CapMoments) -> float:
-    """κ = (v/σ²) √(N/2), which says how safely C - Σ is positive definite (theory §2.2)."""
+    """κ = (v/σ²) √(N/2): the larger it is, the more certainly C - Σ is positive definite (theory §2.2)."""
     return moments.along / noise**2 * math.sqrt(samples / 2.0)
 
 

@@ -1,27 +1,41 @@
-"""Commands that look into runs, for `study.cli`: how far one is, two compared, and the worst trials of one."""
+"""Commands on the tables of runs and on estimators, for `study.cli`."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from study.runs.commands import Code, Folder
+from study.runs.commands import ExitCode, Folder, run_folder
 
 
 def status(folder: Folder) -> None:
-    """Say how far a run is: units, parts, failures, tables, who made it and who writes to it."""
-    from study.runs.status import printed
-    from study.statistics.performance import measured
+    """Print the state of a run.
 
-    for line in printed(folder, measured):
+    These are its units, parts, failures, tables, and the software that made it.
+    """
+    from study.runs.status import printed
+
+    for line in printed(folder):
+        typer.echo(line)
+
+
+def summary(folder: Folder) -> None:
+    """Print a run's median errors over the bound."""
+    from study.analysis.summary_text import printed
+    from study.runs.storage.run_folder import Run
+
+    for line in printed(Run.open(folder)):
         typer.echo(line)
 
 
 def diff(
-    one: Annotated[Path, typer.Argument(metavar="RUN_A", help="a run's folder")],
-    other: Annotated[Path, typer.Argument(metavar="RUN_B", help="another's")],
+    one: Annotated[Path, typer.Argument(metavar="RUN_A", parser=run_folder, help="folder of a run, or its config")],
+    other: Annotated[Path, typer.Argument(metavar="RUN_B", parser=run_folder, help="folder of another run")],
 ) -> None:
-    """Compare two runs: identical, the same within Monte-Carlo error, or different, and where. Different is code 1."""
+    """Compare two runs.
+
+    They are identical, the same within Monte-Carlo error, or different (exit code 1).
+    """
     from study.analysis.compare import compare, printed
     from study.runs.storage.run_folder import Run
 
@@ -29,17 +43,46 @@ def diff(
     for line in printed(found):
         typer.echo(line)
     if found.different:
-        raise typer.Exit(Code.FAILURE)
+        raise typer.Exit(ExitCode.FAILURE)
 
 
 def worst(
     folder: Folder,
-    count: Annotated[int, typer.Option("--count", "-n", min=1, help="how many trials")] = 10,
-    estimator: Annotated[str | None, typer.Option("--estimator", "-e", help="look at its fits alone")] = None,
+    count: Annotated[int, typer.Option("--count", "-n", min=1, help="number of trials")] = 10,
+    estimator: Annotated[str | None, typer.Option("--estimator", "-e", help="one estimator [default: all]")] = None,
 ) -> None:
-    """List the trials where an estimator said ok and was farthest from the truth, in units of the bound."""
+    """List the trials with the largest errors.
+
+    Errors are in units of the bound; only fits whose status is ok count.
+    """
     from study.analysis.worst import printed
     from study.runs.storage.run_folder import Run
 
     for line in printed(Run.open(folder), count, estimator):
+        typer.echo(line)
+
+
+def estimators() -> None:
+    """List the estimators, their cost and their sources."""
+    from study.analysis.estimator_list import printed
+
+    for line in printed():
+        typer.echo(line)
+
+
+def cost(
+    out: Annotated[Path, typer.Option("--out", help="file of the table, .csv or .parquet")] = Path(
+        "results/cost.parquet"
+    ),
+) -> None:
+    """Measure the cost of a fit beside the paper's figures.
+
+    Operations are counted and fits are timed; the table is stored.
+    """
+    from study.analysis.cost_table import cost_table, printed
+    from study.runs.storage.atomic_write import save_frame
+
+    table = cost_table()
+    save_frame(table, out)
+    for line in printed(table):
         typer.echo(line)

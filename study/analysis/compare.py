@@ -1,17 +1,21 @@
-"""Two runs compared: identical, the same within Monte-Carlo error, or different, and where.
+"""Comparison of two runs: identical, the same within Monte-Carlo error, or different.
 
-Where both have their error tables and share their draws, fits of the same data set are compared with each other: how
-often the error of one is larger than the other's is binomial if neither is better (the sign test). Where the draws
-differ, the ranks of errors over bound are compared (Mann & Whitney's test). Failed fits count as worse than any. Where
-one run has only its summary, medians are compared by their Monte-Carlo errors, and shares of ok fits by Fisher's exact
-test. Each group and estimator is a comparison; runs are different if any is so far off that chance would do that to
-one of them in one of a thousand comparisons of equal runs (Bonferroni), however the comparisons depend on each other.
+Each group and estimator is one comparison, by the strongest test that the stored tables allow:
+
+- Both runs have error tables and share their draws: the sign test. If neither run is better, the number of data sets
+  on which its error is the larger one is binomial.
+- The draws differ: Mann & Whitney's test on errors over bound.
+- One run has only its summary: medians are compared by their Monte-Carlo errors, shares of ok fits by Fisher's exact
+  test.
+
+Fits that are not ok count as worse than any other. Runs are called different if any comparison is less probable than
+one in a thousand divided by the number of comparisons (Bonferroni). So equal runs are called different at most once in
+a thousand times, whatever the dependence between the comparisons.
 """
 
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -19,30 +23,32 @@ from scipy import stats
 
 from study.analysis.error_groups import Grouped, Key
 from study.estimators import Status
+from study.experiment.conditions import label
 from study.runs.provenance import described
 from study.runs.storage.atomic_write import RunError
 from study.runs.storage.run_folder import Run
+from study.sphere.types import Floats
+from study.text.columns import columns
 
 FALSE_ALARM = 1e-3
-"""How often two equal runs are called different, at most."""
+"""Largest probability with which two equal runs are called different."""
 _COLUMNS = ["trial", "error", "radius_error", "bound", "status"]
-_CONDITIONS = ["samples", "noise", "angle", "radius"]
 _ROUNDING = 1e-6
-"""Of the bound: what errors of the same fit may differ by, on another machine."""
+"""Errors of the same fit on another machine may differ by this share of the bound."""
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """One group and estimator.
+    """The comparison of one group and estimator.
 
     Attributes:
-        key: names of both.
-        words: the group in words.
-        measure: what is compared.
-        one, other: its values in the two runs.
+        key: names of the group and the estimator.
+        words: the group's conditions in words.
+        measure: name of the measure that is compared.
+        one, other: the measure in the two runs.
         chance: probability of so large a difference between equal runs.
-        trials: smaller number of trials.
-        equal: whether all numbers are the same to the bit.
+        trials: the smaller of the two numbers of trials.
+        equal: true if all numbers are the same to the bit.
     """
 
     key: Key
@@ -56,20 +62,20 @@ class Comparison:
 
     @property
     def deviation(self) -> float:
-        """The difference in standard deviations of a normal number that is so improbable."""
+        """The difference in standard errors: the normal deviate that is as improbable."""
         size = float(stats.norm.isf(0.5 * max(self.chance, 1e-300)))
         return math.copysign(size, self.other - self.one) if math.isfinite(self.other - self.one) else size
 
 
 @dataclass(frozen=True)
 class Difference:
-    """What a comparison of two runs found.
+    """The result of comparing two runs.
 
     Attributes:
-        runs: the two.
-        how: what was compared, in words.
-        found: a comparison per group and estimator, or two.
-        only: groups and estimators that one run alone has.
+        runs: the two runs.
+        how: the test that was used, in words.
+        found: one or two comparisons per group and estimator.
+        only: number of pairs of group and estimator that only the first run has, and only the second.
     """
 
     runs: tuple[Run, Run]
@@ -84,17 +90,17 @@ class Difference:
 
     @property
     def different(self) -> bool:
-        """Whether any comparison is too far off for chance."""
+        """True if any comparison is too improbable for equal runs."""
         return any(each.chance < self.threshold for each in self.found)
 
     @property
     def identical(self) -> bool:
-        """Whether all that both have is the same, to the bit."""
+        """True if everything that both runs have is the same to the bit."""
         return all(each.equal for each in self.found)
 
 
 def compare(one: Run, other: Run) -> Difference:
-    """Compare two runs, by their error tables where both have them, else by their summaries.
+    """Compare two runs by their error tables if both have them, else by their summaries.
 
     Raises:
         RunError: if a run has neither, or they have nothing in common.
@@ -112,22 +118,22 @@ def _by_errors(one: Run, other: Run) -> tuple[list[Comparison], tuple[int, int],
         raise RunError(f"{one.folder} and {other.folder}: a grid and a random design have no groups in common")
     paired = one.study.stem() == other.study.stem() and _draws(one) == _draws(other)
     shared = [key for key in a.counts if key in b.counts]
-    columns = [*_COLUMNS, *_CONDITIONS]
+    columns = [*_COLUMNS, *(condition.name for condition in one.study.conditions())]
     found = []
     for keys in a.batches(shared):
-        mine, theirs = a.read(keys, columns), b.read(keys, columns)
+        mine, theirs = a.read(keys, columns), b.read(keys, _COLUMNS)
         found += [_paired(key, mine[key], theirs[key], paired) for key in keys]
     only = len(a.counts) - len(shared), len(b.counts) - len(shared)
-    return found, only, "errors, trial by trial" if paired else "errors over bound, whose draws are not shared"
+    return found, only, "errors, trial by trial" if paired else "errors over bound; the draws are not shared"
 
 
 def _draws(run: Run) -> str:
-    """How cells share draws: equal trials of equal cells are the same data sets only where that is the same."""
+    """The way in which cells share draws: runs have the same data sets only if they agree in it."""
     return getattr(run.study.design, "draws", run.study.design.kind)
 
 
 def _paired(key: Key, one: pd.DataFrame, other: pd.DataFrame, paired: bool) -> Comparison:
-    """A group by fits of the same data sets, if it has some, else by its distributions."""
+    """Compare a group by fits of the same data sets, or by its distributions if there are none."""
     both = one.merge(other, on=["cell", "trial"], suffixes=("_a", "_b")) if paired else one.iloc[:0]
     words = _words(one.iloc[0], key)
     values = [_over_bound(frame, suffix) for frame, suffix in ((one, ""), (other, ""))]
@@ -154,8 +160,8 @@ def _paired(key: Key, one: pd.DataFrame, other: pd.DataFrame, paired: bool) -> C
     )
 
 
-def _over_bound(frame: pd.DataFrame, suffix: str) -> Any:
-    """Errors over the bound; infinite for fits that are not ok, or where the bound says nothing."""
+def _over_bound(frame: pd.DataFrame, suffix: str) -> Floats:
+    """Errors over the bound; infinite for fits that are not ok, and where the bound is infinite."""
     error, bound = frame[f"error{suffix}"].to_numpy(), frame[f"bound{suffix}"].to_numpy()
     ok = (frame[f"status{suffix}"] == Status.OK).to_numpy() & np.isfinite(bound)
     with np.errstate(all="ignore"):
@@ -174,19 +180,19 @@ def _by_summary(one: Run, other: Run) -> tuple[list[Comparison], tuple[int, int]
         words, trials = _words(mine, key), int(min(mine["planned"], theirs["planned"]))
         for measure, values in (("share ok", _shares(mine, theirs)), ("median over bound", _medians(mine, theirs))):
             found.append(Comparison(key, words, measure, *values, trials, equal))
-    return found, (len(a) - len(shared), len(b) - len(shared)), "summaries: the errors of one are not there"
+    return found, (len(a) - len(shared), len(b) - len(shared)), "summaries; one run has no error table"
 
 
-def _shares(one: Any, other: Any) -> tuple[float, float, float]:
+def _shares(one: "pd.Series[float]", other: "pd.Series[float]") -> tuple[float, float, float]:
     counts = [[int(row["ok"]), int(row["planned"] - row["ok"])] for row in (one, other)]
     return one["ok"] / one["planned"], other["ok"] / other["planned"], float(stats.fisher_exact(counts)[1])
 
 
-def _medians(one: Any, other: Any) -> tuple[float, float, float]:
-    """Medians of ok fits, and the chance of their difference.
+def _medians(one: "pd.Series[float]", other: "pd.Series[float]") -> tuple[float, float, float]:
+    """Medians of ok fits, and the probability of their difference.
 
-    Their Monte-Carlo errors come from about √n order statistics, so the tail is that of Student's t with as many
-    degrees of freedom, not a normal one.
+    Their Monte-Carlo errors come from about √n order statistics, so the difference follows Student's t with √n degrees
+    of freedom.
     """
     values = [float(row["ratio_median_ok"]) for row in (one, other)]
     error = math.hypot(one["ratio_median_ok_error"], other["ratio_median_ok_error"])
@@ -197,34 +203,47 @@ def _medians(one: Any, other: Any) -> tuple[float, float, float]:
     return values[0], values[1], 2.0 * float(stats.t.sf(away / error, freedom)) if error > 0.0 else 0.0
 
 
-def _words(row: Any, key: Key) -> str:
+def _words(row: "pd.Series[float]", key: Key) -> str:
     """A group in words: a decade of σ/r, or a cell's conditions and its name."""
     if key[0].startswith("1e"):
         return f"σ/r = {key[0]} …"
-    return f"N = {row['samples']:g}, σ/r = {row['noise'] / row['radius']:.3g}, φ = {row['angle']:.4g}°, cell {key[0]}"
+    return f"{label(row)}, cell {key[0]}"
 
 
 def printed(found: Difference, most: int = 5) -> Iterator[str]:
-    """A comparison for a terminal: the verdict, what was compared, and where the largest differences are."""
+    """A comparison for a terminal: the verdict, the test, and the largest differences.
+
+    Args:
+        found: the comparison.
+        most: number of differences to list.
+    """
     names = [str(run.folder) for run in found.runs]
     verdict = (
         "identical" if found.identical else "different" if found.different else "the same within Monte-Carlo error"
     )
     yield f"{names[0]} and {names[1]}: {verdict}"
     for name, run, only in zip(names, found.runs, found.only, strict=True):
-        more = f"; {only:,} groups and estimators are in it alone" if only else ""
+        more = f"; {only:,} pairs of group and estimator are in this run only" if only else ""
         yield f"  {name}: {run.study.run_name()}, {described(run.maker())}{more}"
     equal = sum(each.equal for each in found.found)
     yield f"  compared: {found.how}; {len(found.found):,} comparisons, {equal:,} of them equal to the bit"
     if found.identical:
         return
-    yield f"  different is called what equal runs would show once in {1 / FALSE_ALARM:g} comparisons of runs, or less:"
     limit = float(stats.norm.isf(0.5 * found.threshold))
     beyond = sum(each.chance < found.threshold for each in found.found)
-    yield f"  a deviation beyond {limit:.2f} standard errors; {beyond:,} are"
-    for each in sorted(found.found, key=lambda c: (c.chance, c.key))[:most]:
-        mark = "!" if each.chance < found.threshold else " "
-        yield (
-            f"  {mark} {each.words}, {each.key[1]}: {each.measure} {each.one:.4g} and {each.other:.4g}, "
-            f"{each.deviation:+.2f} standard errors, {each.trials:,} trials"
-        )
+    yield f"  {beyond:,} deviate by more than {limit:.2f} standard errors (marked !), which makes runs different;"
+    yield f"  equal runs deviate so far at most once in {1 / FALSE_ALARM:g} times"
+    rows = [
+        [
+            "!" if each.chance < found.threshold else "",
+            f"{each.words}, {each.key[1]}",
+            each.measure,
+            f"{each.one:.4g}",
+            f"{each.other:.4g}",
+            f"{each.deviation:+.2f}",
+            f"{each.trials:,}",
+        ]
+        for each in sorted(found.found, key=lambda c: (c.chance, c.key))[:most]
+    ]
+    titles = ["", "group and estimator", "measure", "first run", "second run", "standard errors", "trials"]
+    yield from columns(rows, titles, "<<<>", indent=2)

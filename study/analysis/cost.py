@@ -1,10 +1,8 @@
-"""What a fit costs: operations counted, seconds measured, beside the paper's figures.
+"""Measurement of a fit's cost: operations counted in the kernels themselves, and seconds.
 
-Operations are counted by running the kernels themselves on numbers that count.
-
-With compilation off the compiled functions are plain Python, and so can be fed with `Counted` numbers: every addition,
-subtraction, multiplication, division and square root is one operation. Nothing is modelled; a change in a kernel
-changes its count. Part of it runs as a program of its own, because compiler settings hold from the start.
+With compilation off the kernels are plain Python and accept `Counted` numbers: every addition, subtraction,
+multiplication, division and square root is one operation. Nothing is modelled; a change in a kernel changes its count.
+Counting, and timing of scalar code, run as a program of their own, because compiler settings hold from its start.
 """
 
 import json
@@ -20,12 +18,15 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-import pandas as pd
+from numpy.typing import NDArray
 
+from study.analysis.paper_cost import PAPER
 from study.experiment.streams import stream
 
+Objects = NDArray[np.object_]
+"""Arrays of `Counted` numbers."""
 _TURNS = 20
-"""Turns in which each fit is timed three times; the least of all counts."""
+"""Turns in which each fit is timed three times; the least time counts."""
 
 
 class Counted(float):
@@ -33,31 +34,31 @@ class Counted(float):
 
     operations = 0
 
-    def __add__(self, other: Any) -> "Counted":
+    def __add__(self, other: float) -> "Counted":
         return _counted(float.__add__(self, other))
 
-    def __sub__(self, other: Any) -> "Counted":
+    def __sub__(self, other: float) -> "Counted":
         return _counted(float.__sub__(self, other))
 
-    def __mul__(self, other: Any) -> "Counted":
+    def __mul__(self, other: float) -> "Counted":
         return _counted(float.__mul__(self, other))
 
-    def __truediv__(self, other: Any) -> "Counted":
+    def __truediv__(self, other: float) -> "Counted":
         return _counted(float.__truediv__(self, other))
 
-    def __radd__(self, other: Any) -> "Counted":
+    def __radd__(self, other: float) -> "Counted":
         return _counted(float.__radd__(self, other))
 
-    def __rsub__(self, other: Any) -> "Counted":
+    def __rsub__(self, other: float) -> "Counted":
         return _counted(float.__rsub__(self, other))
 
-    def __rmul__(self, other: Any) -> "Counted":
+    def __rmul__(self, other: float) -> "Counted":
         return _counted(float.__rmul__(self, other))
 
-    def __rtruediv__(self, other: Any) -> "Counted":
+    def __rtruediv__(self, other: float) -> "Counted":
         return _counted(float.__rtruediv__(self, other))
 
-    def __pow__(self, other: Any, modulo: None = None) -> "Counted":
+    def __pow__(self, other: float, modulo: None = None) -> "Counted":
         return _counted(float(self) ** float(other))  # squares only
 
     def __neg__(self) -> "Counted":
@@ -67,18 +68,18 @@ class Counted(float):
         return Counted(float.__abs__(self))
 
 
-def _counted(value: Any) -> Counted:
+def _counted(value: float) -> Counted:
     Counted.operations += 1
     return Counted(value)
 
 
 @contextmanager
 def _counting_numpy() -> Iterator[None]:
-    """Arrays that kernels make hold objects, and square roots count."""
+    """Make new arrays hold objects, and count square roots."""
     empty, root = np.empty, math.sqrt
     arrays: Any = np
 
-    def objects(shape: Any, dtype: Any = float) -> Any:
+    def objects(shape: int | tuple[int, ...], dtype: type = float) -> NDArray[Any]:
         return empty(shape, dtype=object if dtype is float else dtype)
 
     arrays.empty = objects
@@ -89,13 +90,13 @@ def _counting_numpy() -> Iterator[None]:
         arrays.empty, math.sqrt = empty, root
 
 
-def _objects(*shape: int) -> Any:
-    array = np.zeros(shape, dtype=object)
+def _objects(*shape: int) -> Objects:
+    array: Objects = np.zeros(shape, dtype=object)
     array[...] = Counted(0.0)
     return array
 
 
-def _slope(run: Callable[[Any], None], dimension: int) -> float:
+def _slope(run: Callable[[Objects], None], dimension: int) -> float:
     """Operations per sample: the increase between two numbers of samples within one chunk."""
     counts = []
     for n in (40, 140):
@@ -112,30 +113,29 @@ def _slope(run: Callable[[Any], None], dimension: int) -> float:
 
 def count(dimension: int) -> dict[str, float]:
     """Operations per sample of each kernel; compilation must be off."""
-    moments = import_module("study.sphere.moments")
+    layouts, moments = (import_module(f"study.sphere.{name}") for name in ("layouts", "moments"))
     lls, mle, igdk = (import_module(f"study.estimators.{name}") for name in ("lls", "mle", "incremental"))
     d = dimension
 
-    def zeros(dimension: int, per: int = 1) -> Any:
-        return (0.0,) * (dimension * per)  # numbers that let themselves be counted, in any dimension
+    def zeros(dimension: int, per: int = 1) -> tuple[float, ...]:
+        return (0.0,) * (dimension * per)  # plain numbers, so that counting works in any dimension
 
-    def closed(x: Any) -> None:
-        sums = _objects(1, d), _objects(1, d, d), _objects(1, d), _objects(1)
-        moments.accumulate(x, 1, *sums, zeros(d), zeros(d, d))
+    def closed(x: Objects) -> None:
+        result = moments.Moments(_objects(2, 1), _objects(2, 1, d), _objects(1, d, d))
+        moments.accumulate(x, 1, result, zeros(d), zeros(d, d))
 
-    def linear(x: Any) -> None:
-        answers = _objects(1, d), _objects(1), _objects(1), _objects(1), _objects(1, d, d)
-        lls._fit_all(x, 1, *answers, zeros(d))
+    def linear(x: Objects) -> None:
+        lls._fit_all(x, 1, _objects(1, d), _objects(1), _objects(1), np.zeros(1, dtype=int), zeros(d))
 
-    def one_pass(x: Any) -> None:
-        sums = _objects(2 + 2 * d + d * d)
-        mle._pass(x, 0, 0, x.shape[2], _objects(d), _objects(d), 1.0, None, sums, zeros(d), zeros(d, d))
+    def one_pass(x: Objects) -> None:
+        block, scratch = layouts.SampleBlock(x, 0, 0, x.shape[2]), layouts.Scratch(None, zeros(d), zeros(d, d))
+        mle._pass(block, _objects(d), _objects(d), 1.0, _objects(2 + 2 * d + d * d), scratch)
 
-    def incremental(x: Any) -> None:
-        inverse = _objects(1, d, d)
+    def incremental(x: Objects) -> None:
+        running = igdk.Running(_objects(1, d), _objects(1, d, d), _objects(1, d), _objects(1, d, d))
         for i in range(d):
-            inverse[0, i, i] = Counted(1.0)
-        igdk._stream_all(x, d + 5, _objects(1, d), _objects(1, d, d), _objects(1, d), inverse)
+            running.inverse[0, i, i] = Counted(1.0)
+        igdk._stream_all(x, d + 5, running)
 
     kernels = {"moments": closed, "lls": linear, "mle": one_pass, "igdk": incremental}
     return {name: _slope(run, d) for name, run in kernels.items()}
@@ -147,7 +147,7 @@ def counted(dimension: int) -> dict[str, float]:
 
 
 def timed(dimension: int, samples: int) -> dict[str, float]:
-    """Seconds of one fit of each estimator, moments included, on points of a 60° cap with noise 0.05 r."""
+    """Seconds of one fit of each estimator, moments included, for points of a 60° cap with noise 0.05 r."""
     from study.estimators import ESTIMATORS, Samples
     from study.sphere.cap import sample_cap
 
@@ -156,7 +156,7 @@ def timed(dimension: int, samples: int) -> dict[str, float]:
     u = np.stack([sample_cap(rng, samples, math.radians(60.0), dimension) for _ in range(sets)])
     x = np.ascontiguousarray((u + 0.05 * rng.standard_normal(u.shape)).swapaxes(1, 2))
     best = dict.fromkeys(PAPER, math.inf)
-    for _ in range(_TURNS):  # for a machine's pace changes while others use it
+    for _ in range(_TURNS):  # in turns, because a machine's pace changes while others use it
         for name in PAPER:
             for _ in range(3):
                 samples_of = Samples(x, 0.05)
@@ -167,66 +167,10 @@ def timed(dimension: int, samples: int) -> dict[str, float]:
 
 
 def timed_scalar(dimension: int, samples: int) -> dict[str, float]:
-    """The same with the compiler kept from using vector instructions, as code was in 2008."""
+    """Seconds as in `timed`, without vector instructions, like code of 2008."""
     with tempfile.TemporaryDirectory() as cache:
         off = {"NUMBA_LOOP_VECTORIZE": "0", "NUMBA_SLP_VECTORIZE": "0", "NUMBA_CACHE_DIR": cache}
         return _elsewhere(["time", str(dimension), str(samples)], off)
-
-
-def cost_table(dimension: int = 3, samples: int = 1000) -> pd.DataFrame:
-    """The paper's cost claims beside what is counted and measured here.
-
-    Returns:
-        A row per estimator: FLOPs of a fit by the paper and per sample here, seconds of a fit on two footings, and
-        each of them over GDKE's.
-    """
-    operations, vector, scalar = counted(dimension), timed(dimension, samples), timed_scalar(dimension, samples)
-    rows = []
-    for name, paper in PAPER.items():
-        kernel = {"mle": "mle", "lls": "lls", "igdk": "igdk"}.get(name, "moments")
-        rows.append(
-            {
-                "estimator": name,
-                "samples": samples,
-                "paper_flops": paper(samples, dimension),
-                "flops_per_sample": operations[kernel],
-                "flops_of": "a pass" if name == "mle" else "a fit",
-                "vector_seconds": vector[name],
-                "scalar_seconds": scalar[name],
-            }
-        )
-    frame = pd.DataFrame(rows)
-    base = frame[frame["estimator"] == "gdke"].iloc[0]
-    for column in ("paper_flops", "flops_per_sample", "vector_seconds", "scalar_seconds"):
-        frame[f"{column}_over_gdke"] = frame[column] / base[column]
-    return frame
-
-
-def printed(frame: pd.DataFrame) -> Iterator[str]:
-    """The table for a terminal."""
-    yield f"cost of a fit of {frame['samples'].iloc[0]} samples in 3-D; × is over gdke"
-    yield f"{'':<10}{'paper FLOPs':>16}{'FLOPs per sample':>26}{'vector code':>22}{'scalar code':>22}"
-    for _, row in frame.iterrows():
-        paper = f"{row['paper_flops']:,.0f} {row['paper_flops_over_gdke']:6.2f}×" if row["paper_flops"] > 0 else "-"
-        mine = f"{row['flops_per_sample']:g} {row['flops_of']} {row['flops_per_sample_over_gdke']:6.2f}×"
-        times = [f"{1e6 * row[c]:.2f} µs {row[f'{c}_over_gdke']:6.2f}×" for c in ("vector_seconds", "scalar_seconds")]
-        yield f"{row['estimator']:<10}{paper:>16}{mine:>26}{times[0]:>22}{times[1]:>22}"
-
-
-def _gdke(n: int, d: int) -> float:
-    """Paper eqs 7-8: 26 N + 45 in three dimensions."""
-    return n * (d * d + 6 * d - 1) + d * (d + 1) * (d + 8) / 3.0 + 1.0
-
-
-PAPER: dict[str, Callable[[int, int], float]] = {
-    "gdke": _gdke,
-    "ugdk": _gdke,
-    "als": lambda n, d: math.nan,  # not in the paper
-    "igdk": lambda n, d: 4.0 * _gdke(n, d),  # §8: "about four times slower"
-    "lls": lambda n, d: 236.0 * n + 709.0 if d == 3 else math.nan,  # §4.4
-    "mle": lambda n, d: 80.0 * _gdke(n, d),  # §10: "about 80 times faster than the MLE"
-}
-"""FLOPs of a fit as the paper has them."""
 
 
 def _elsewhere(arguments: list[str], environment: dict[str, str]) -> dict[str, float]:

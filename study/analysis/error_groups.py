@@ -1,4 +1,4 @@
-"""An error table by group and estimator, of which a part is in memory at a time, however long the table is."""
+"""An error table read by group and estimator, a part at a time, so that any length fits in memory."""
 
 from collections.abc import Collection, Iterator
 from typing import Any
@@ -8,14 +8,13 @@ import pandas as pd
 import pyarrow.parquet as pq
 from numpy.typing import ArrayLike
 
-from study.experiment.conditions import RandomDesign
 from study.runs.storage.run_folder import Run
 from study.sphere.types import Floats
 
 Key = tuple[str, str]
 """Names of a group and an estimator."""
 ROWS = 1 << 18
-"""As many rows are held at a time, if a single group has not more."""
+"""Rows in memory at a time, or those of one group if it has more."""
 _CONDITIONS = ["cell", "noise", "radius", "estimator"]
 
 
@@ -33,7 +32,7 @@ def label(errors: pd.DataFrame, by_decade: bool) -> pd.DataFrame:
 
 
 def decade(values: ArrayLike) -> Floats:
-    """Lower end of the decade that each value lies in, as a power of ten; what rounding put just below it is in it."""
+    """Exponent of ten at the lower end of each value's decade; a value just below it by rounding counts as in it."""
     return np.asarray(np.floor(np.log10(values) + 1e-9))
 
 
@@ -44,7 +43,7 @@ class Grouped:
         run: the finished run.
 
     Attributes:
-        by_decade: whether a group is a decade of σ/r, not a cell.
+        by_decade: true if a group is a decade of σ/r, false if it is a cell.
         counts: rows of each group and estimator, in the order of a summary.
 
     Raises:
@@ -54,7 +53,7 @@ class Grouped:
     def __init__(self, run: Run) -> None:
         self._run = run
         self._file: Any = run.read("errors", pq.ParquetFile)
-        self.by_decade = isinstance(run.study.design, RandomDesign)
+        self.by_decade = run.study.design.one_trial_a_cell
         self.counts: dict[Key, int] = {}
         self._where: dict[Key, tuple[int, int]] = {}
         for index in range(self._file.num_row_groups):
@@ -65,10 +64,10 @@ class Grouped:
             self.counts = dict(sorted(self.counts.items(), key=lambda item: int(item[0][0][2:])))
 
     def batches(self, keys: Collection[Key] | None = None) -> Iterator[list[Key]]:
-        """Keys, as many at a time as can be read together.
+        """Keys in batches that can be read together.
 
         Args:
-            keys: those to go through; all, if None.
+            keys: the keys to go through; all if None.
         """
         batch: list[Key] = []
         rows = 0
@@ -85,8 +84,8 @@ class Grouped:
         """Rows of some groups and estimators, in the order of the table.
 
         Args:
-            keys: names of groups and estimators; those that are not in the table have no entry in the answer.
-            columns: of the error table; ``group`` and ``decade`` come along.
+            keys: names of groups and estimators; one that is not in the table has no entry in the result.
+            columns: columns of the error table; ``group`` and ``decade`` are added.
         """
         known = {key for key in keys if key in self.counts}
         if not known:
@@ -108,7 +107,7 @@ class Grouped:
 
     @staticmethod
     def _places(rows: pd.DataFrame) -> dict[Key, Any]:
-        """Numbers of the rows of each key, in the order in which the keys come."""
+        """Positions of the rows of each key, in the order in which the keys first appear."""
         groups = rows.groupby(["group", "estimator"], sort=False, observed=True)
         places: Any = groups.indices
         return {key: places[key] for key in groups.size().index}

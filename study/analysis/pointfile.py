@@ -1,4 +1,4 @@
-"""Points from a file: CSV, TSV or other text, NPY, parquet. What cannot be read is told with its row and column."""
+"""Points from a file: CSV, TSV or other text, NPY, parquet. A message on a bad value gives its row and column."""
 
 import csv
 import zipfile
@@ -10,8 +10,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from study.sphere.types import Floats
+from study.text.nearest import did_you_mean
 
-_MISSING = {"", "na", "null", "none", "n/a", "-"}  # beside nan, which is a float
+_MISSING = {"", "na", "null", "none", "n/a", "-"}
+"""Cells without a number, besides nan, which is a float."""
 _BLANKS = " "
 
 
@@ -25,9 +27,9 @@ def read_points(path: Path, columns: Sequence[str] | None = None) -> tuple[Float
     Args:
         path: text with one point per row (delimiter comma, semicolon, tab, bar or blanks; with or without a header;
             lines that start with # are comments), ``.npy`` of shape (n, d), or ``.parquet``. Empty cells and NaN are
-            missing. Decimals may be commas, where the delimiter is not.
-        columns: names or numbers, from 1, of the columns that hold coordinates; all if None. The others may hold
-            anything.
+            missing. The decimal mark may be a comma if the delimiter is not.
+        columns: names or numbers, from 1, of the columns that hold coordinates; all columns if None. The other columns
+            may hold anything.
 
     Returns:
         Points (n, d) and the names of their columns.
@@ -58,7 +60,7 @@ def read_points(path: Path, columns: Sequence[str] | None = None) -> tuple[Float
 
 
 def _chosen(path: Path, names: list[str], columns: Sequence[str] | None) -> list[int]:
-    """Places of the columns that hold coordinates."""
+    """Indices of the columns that hold coordinates."""
     places = list(range(len(names))) if columns is None else [_column(path, names, c.strip()) for c in columns]
     for place in places:
         if places.count(place) > 1:
@@ -75,7 +77,7 @@ def _column(path: Path, names: list[str], column: str) -> int:
         return names.index(column)
     if column.isdecimal() and 1 <= int(column) <= len(names):
         return int(column) - 1
-    raise PointFileError(f"{path}: no column {column!r}; there are {', '.join(names)} (or 1 to {len(names)})")
+    raise PointFileError(f"{path}: no column {column!r}; {did_you_mean(column, names)} (or 1 to {len(names)})")
 
 
 def _numpy(path: Path, columns: Sequence[str] | None) -> tuple[Floats, list[str]]:
@@ -99,7 +101,7 @@ def _parquet(path: Path, columns: Sequence[str] | None) -> tuple[Floats, list[st
             table = pq.ParquetFile(file).read()
     except pa.ArrowInvalid as error:
         raise PointFileError(f"{path}: not a parquet file: {str(error).splitlines()[0]}") from None
-    index = (table.schema.pandas_metadata or {}).get("index_columns", [])  # rows' labels, not coordinates
+    index = (table.schema.pandas_metadata or {}).get("index_columns", [])  # labels of rows are not coordinates
     numeric = [
         i
         for i, field in enumerate(table.schema)
@@ -154,7 +156,7 @@ def _text(path: Path, columns: Sequence[str] | None) -> tuple[Floats, list[str]]
 
 
 def _plain(rows: list[str], delimiter: str) -> Floats | None:
-    """The numbers of rows that are nothing else, read in one go; None if any is not, for the slow way to tell."""
+    """Rows of plain numbers, read at once; None if anything else is in them, which the slow way then locates."""
     try:
         return np.loadtxt(rows, delimiter=None if delimiter == _BLANKS else delimiter, comments=None, ndmin=2)
     except ValueError:
@@ -162,7 +164,7 @@ def _plain(rows: list[str], delimiter: str) -> Floats | None:
 
 
 def _delimiter(rows: list[str]) -> str:
-    """The delimiter: the first of these that is in at least half of the rows."""
+    """The delimiter: tab, semicolon, bar or comma, the first that is in at least half of the rows; else blanks."""
     return next((mark for mark in "\t;|," if 2 * sum(mark in row for row in rows) >= len(rows)), _BLANKS)
 
 
@@ -174,17 +176,17 @@ def _cells(row: str, delimiter: str) -> list[str]:
 
 
 def _header(cells: list[str], delimiter: str) -> list[str]:
-    """The names in a first row; none, if a number is in it, or nothing."""
+    """The names in a first row; an empty list if the row has a number in it, or only empty cells."""
     numbers = [_number(cell, comma) for cell in cells for comma in {False, delimiter != ","}]
     is_header = None in numbers and all(number is None or np.isnan(number) for number in numbers)
     return [cell.strip() for cell in cells] if is_header else []
 
 
 def _number(cell: str, comma: bool) -> float | None:
-    """The number in a cell, NaN if it is missing, None if it is something else."""
+    """The number in a cell; NaN if it is missing, None if it is something else."""
     if comma:
         cell = cell.replace(".", "?").replace(",", ".")
     try:
-        return None if "_" in cell else float(cell)  # 1_000 is a number to Python alone
+        return None if "_" in cell else float(cell)  # only Python takes 1_000 for a number
     except ValueError:
         return float("nan") if cell.strip().lower() in _MISSING else None

@@ -1,4 +1,4 @@
-"""One trial drawn again, for a reader: the truth, the bound, and what every estimator makes of it."""
+"""One trial drawn again: its points, the truth, the bound, and every estimator's fit."""
 
 from collections.abc import Iterator
 
@@ -6,10 +6,13 @@ import numpy as np
 import pandas as pd
 
 from study.estimators import Fit
-from study.estimators.fit import blank, explain
+from study.estimators.fit import blank
+from study.estimators.status import explain
+from study.experiment.conditions import CONDITIONS
 from study.experiment.config import Study
 from study.experiment.guarded_fit import attempt
 from study.experiment.replay import Trial
+from study.text.columns import columns
 
 
 def points(trial: Trial) -> pd.DataFrame:
@@ -18,7 +21,7 @@ def points(trial: Trial) -> pd.DataFrame:
 
 
 def fits(study: Study, trial: Trial) -> dict[str, Fit]:
-    """Every estimator's answer, and the true sphere, each a fit of shape ()."""
+    """The true sphere under the name "truth", and every estimator's fit, each of shape ()."""
     cell = trial.cell
     found = {name: attempt(name, trial.samples)[0].reshape(samples=trial.samples) for name in study.estimators}
     truth = blank(1, study.dimension)
@@ -26,13 +29,13 @@ def fits(study: Study, trial: Trial) -> dict[str, Fit]:
     return {"truth": truth.reshape(samples=trial.samples)} | found
 
 
-def answers(study: Study, trial: Trial) -> pd.DataFrame:
-    """Every estimator's answer, a row each, as the run's error table has them.
+def fit_table(study: Study, trial: Trial) -> pd.DataFrame:
+    """Every estimator's fit as a row, with the same numbers as in the run's error table.
 
     Returns:
         Columns: estimator, error (distance of the centre from the truth), over_bound (in units of √tr CRLB of the
-        realised directions), axis (error along the cap's axis), radius_error, noise (σ̂, or σ as told), condition (ρ),
-        iterations, status in words.
+        realised directions), axis (error along the cap's axis), radius_error, noise (σ̂, or the σ that was given),
+        condition (ρ), iterations, status in words.
     """
     d, scale, level = study.dimension, trial.cell.scale, trial.cell.level
     bound = trial.cell.noise * float(np.sqrt(np.trace(trial.unit_bound[:d, :d])))
@@ -63,17 +66,17 @@ def printed(study: Study, trial: Trial) -> Iterator[str]:
     errors = cell.noise * np.sqrt(np.diag(trial.unit_bound))
     center = ", ".join(f"{value:.9g}" for value in cell.center)
     yield f"{study.run_name()}, cell {cell.name}, trial {trial.trial}"
-    yield f"  N = {cell.samples:,}, σ = {cell.noise:g} ({cell.noise / cell.radius:.3g} r), φ = {cell.angle:g}°"
+    further = "".join(f", {CONDITIONS[name].label(cell.values)}" for name, _ in cell.further)
+    yield f"  N = {cell.samples:,}, σ = {cell.noise:g} ({cell.noise / cell.radius:.3g} r), φ = {cell.angle:g}°{further}"
     yield f"  true centre ({center}), radius {cell.radius:g}"
     yield (
         f"  bound: {np.sqrt(np.sum(errors[:d] ** 2)):.3g} for the centre ({errors[0]:.3g} along the axis), "
         f"{errors[d]:.3g} for the radius"
     )
-    lines = [["estimator", "error", "over bound", "along axis", "radius error", "noise", "ρ", "steps", "status"]]
-    for row in answers(study, trial).to_dict("records"):
+    rows = []
+    for row in fit_table(study, trial).to_dict("records"):
         numbers = [row[name] for name in ("error", "over_bound", "axis", "radius_error", "noise", "condition")]
         texts = [f"{value:.3g}" if np.isfinite(value) else "-" for value in numbers]
-        lines.append([row["estimator"], *texts, str(row["iterations"] or "-"), row["status"]])
-    wide = [max(len(line[i]) for line in lines) for i in range(len(lines[0]))]
-    for line in lines:
-        yield "  ".join(f"{text:<{w}}" for text, w in zip(line, wide, strict=True)).rstrip()
+        rows.append([row["estimator"], *texts, str(row["iterations"] or "-"), row["status"]])
+    titles = ["estimator", "error", "over bound", "along axis", "radius error", "noise", "ρ", "iterations", "status"]
+    yield from columns(rows, titles)

@@ -1,4 +1,4 @@
-"""The worst trials of a run: where an estimator said ok and yet was farthest from the truth."""
+"""The worst trials of a run: the largest errors among the fits whose status is ok."""
 
 from collections.abc import Iterator
 
@@ -6,25 +6,27 @@ import numpy as np
 import pandas as pd
 
 from study.estimators import Status
+from study.experiment.conditions import named_in
 from study.runs.storage.atomic_write import RunError
 from study.runs.storage.run_folder import Run
+from study.text.columns import columns
+from study.text.nearest import did_you_mean
 
 
 def worst(errors: pd.DataFrame, count: int = 5, estimator: str | None = None) -> pd.DataFrame:
     """The trials with the largest error over the bound, among the fits that are ok.
 
-    A trial counts once, with the estimator that did worst on it: LLS and GDKE are the same fit, and a list of pairs
-    would be half as long. Trials whose directions do not determine the centre have an infinite bound and are left out:
-    there is nothing that an estimator could have done better.
+    A trial counts once, with the estimator that errs most on it: LLS and GDKE are the same fit, and would list every
+    trial twice. Trials whose directions do not determine the centre have an infinite bound and are left out.
 
     Args:
         errors: the error table.
-        count: how many trials.
-        estimator: look at its fits alone.
+        count: number of trials.
+        estimator: the estimator whose fits are used; all estimators if None.
 
     Returns:
-        At most so many rows of the error table, the worst first, with a column ``ratio``, error over bound, and an
-        index from 0. Equal ones are in the order of cell, trial and estimator by name, whatever the table's order.
+        At most ``count`` rows of the error table, the worst first, with a column ``ratio``, error over bound, and an
+        index from 0. Equal ratios are in the order of cell, trial and estimator by name.
     """
     use = (errors["status"] == Status.OK) & np.isfinite(errors["bound"])
     if estimator is not None:
@@ -32,7 +34,7 @@ def worst(errors: pd.DataFrame, count: int = 5, estimator: str | None = None) ->
     found: pd.DataFrame = errors[use]
     found = found.assign(
         ratio=found["error"] / found["bound"],
-        cell=found["cell"].astype(str),  # names in the order of the alphabet, not of a dictionary
+        cell=found["cell"].astype(str),  # sorted by name, not by the code of a dictionary
         estimator=found["estimator"].astype(str),
     )
     found = found[found["ratio"].notna()]
@@ -48,16 +50,22 @@ def printed(run: Run, count: int, estimator: str | None = None) -> Iterator[str]
     """
     known = run.study.estimators
     if estimator is not None and estimator not in known:
-        raise RunError(f"{run.folder}: estimator {estimator!r} is not in it; it has {', '.join(known)}")
-    columns = ["cell", "trial", "samples", "noise", "radius", "angle", "estimator", "error", "bound", "status"]
-    found = worst(run.table("errors", columns), count, estimator)
+        raise RunError(f"{run.folder}: no estimator {estimator!r} in this run; {did_you_mean(estimator, known)}")
+    conditions = [condition.name for condition in run.study.conditions()]
+    used = ["cell", "trial", *conditions, "estimator", "error", "bound", "status"]
+    found, shown = worst(run.table("errors", used), count, estimator), named_in(conditions)
     yield f"{run.study.run_name()}: the largest errors over the Cramér-Rao bound of fits that are ok"
-    yield f"{'trial':<20}{'estimator':<14}{'over bound':>12}{'error/r':>10}{'N':>9}{'σ/r':>10}{'φ':>8}"
-    for row in found.to_dict("records"):
-        yield (
-            f"{row['cell'] + '/' + str(row['trial']):<20}{row['estimator']:<14}{row['ratio']:>12.4g}"
-            f"{row['error'] / row['radius']:>10.3g}{row['samples']:>9}{row['noise'] / row['radius']:>10.3g}"
-            f"{row['angle']:>7.4g}°"
-        )
+    rows = [
+        [
+            f"{row['cell']}/{row['trial']}",
+            row["estimator"],
+            f"{row['ratio']:.4g}",
+            f"{row['error'] / row['radius']:.3g}",
+            *(condition.written(condition.of(row)) for condition in shown),
+        ]
+        for row in found.to_dict("records")
+    ]
+    titles = ["trial", "estimator", "over bound", "error/r", *(condition.symbol for condition in shown)]
+    yield from columns(rows, titles, "<<>")
     if len(found):
         yield f"to see the first: study replay {run.folder} {found['cell'][0]}/{found['trial'][0]} --plot worst.png"

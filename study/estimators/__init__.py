@@ -1,108 +1,11 @@
-"""The estimators, by name. To add one: write a function from `Samples` to `Fit`, and a line in `ESTIMATORS`."""
+"""Sphere estimators: `fit` calls one by name, `ESTIMATORS` lists them."""
 
-import numpy as np
-from numpy.typing import ArrayLike
-
-from study.estimators.algebraic import als, als_guarded, hinge, hyper, pratt, taubin
-from study.estimators.fit import Estimator, Fit, Samples, Status, blank
-from study.estimators.incremental import Incremental, igdk
-from study.estimators.kasa import gdke, ugdk
-from study.estimators.lls import lls
-from study.estimators.lls_historical import lls_nr, lls_nr_raw
-from study.estimators.lls_single import lls_single
-from study.estimators.mle import mle
-from study.estimators.mle_starts import mle_centroid, mle_mirror
+from study.estimators.estimator import Estimator
+from study.estimators.fit import Fit
+from study.estimators.incremental import Incremental
 from study.estimators.multi_marker import JointFit, mgdk
-from study.estimators.unknown_covariance import ugdk_cov
-from study.sphere.bounds import noise_covariance
-
-
-def _moments(d: int) -> float:
-    """FLOPs per sample of the centred moments, which every closed form starts from (the paper's count: d² + 6d - 1)."""
-    return d * d + 8 * d + 2
-
-
-_BIASED = "pulled towards the points by the noise, which its standard errors do not show; als is not"
-
-ESTIMATORS: dict[str, Estimator] = {
-    "mle": Estimator(
-        mle, "paper §4.3; Shakarji 1998", flops=lambda d: d * d + 10 * d + 6, flops_of="a pass", by_window=True
-    ),
-    "mle_centroid": Estimator(mle_centroid, "mle from another start, the centroid of the points", by_window=True),
-    "mle_mirror": Estimator(mle_mirror, "mle from a wrong start, beyond the points", by_window=True),
-    "lls": Estimator(lls, "paper §4.4", flops=lambda d: 2 * d * d + 10 * d + 5, caution=_BIASED, by_window=True),
-    "lls_nr": Estimator(lls_nr, "paper §4.4; Press et al. 1992: centred, singular values cut at 1e-5", caution=_BIASED),
-    "lls_nr_raw": Estimator(lls_nr_raw, "paper §4.4; Press et al. 1992: not centred, cut at 1e-6", caution=_BIASED),
-    "lls_single": Estimator(lls_single, "lls by normal equations in single precision", caution=_BIASED),
-    "gdke": Estimator(gdke, "paper eqs 2-6; Kåsa 1976", flops=_moments, moments_suffice=True, caution=_BIASED),
-    "ugdk": Estimator(ugdk, "paper eqs 15-21", needs="noise", flops=_moments, moments_suffice=True),
-    "als": Estimator(als, "Kukush, Markovsky & Van Huffel 2004", flops=_moments, moments_suffice=True),
-    "als_guarded": Estimator(
-        als_guarded, "als, or taubin where the noise hides the extent", flops=_moments, moments_suffice=True
-    ),
-    "hinge": Estimator(hinge, "als without the directions of no extent", flops=_moments, moments_suffice=True),
-    "taubin": Estimator(taubin, "Taubin 1991", flops=_moments, moments_suffice=True),
-    "pratt": Estimator(pratt, "Pratt 1987", flops=_moments, moments_suffice=True),
-    "hyper": Estimator(hyper, "Al-Sharadqah & Chernov 2009", flops=_moments, moments_suffice=True),
-    "ugdk_cov": Estimator(ugdk_cov, "the paper's open question: the whole covariance from the points"),
-    "igdk": Estimator(igdk, "paper eqs 24-25", flops=lambda d: 7 * d * d + 20 * d + 3, caution=_BIASED),
-}
+from study.estimators.registry import ESTIMATORS, fit
+from study.estimators.samples import Samples
+from study.estimators.status import Status
 
 __all__ = ["ESTIMATORS", "Estimator", "Fit", "Incremental", "JointFit", "Samples", "Status", "fit", "mgdk"]
-
-
-def fit(points: ArrayLike, estimator: str = "als", noise: ArrayLike | None = None) -> Fit:
-    """Fit a sphere (a circle, if d = 2) to each of one or many point sets.
-
-    Args:
-        points: coordinates (…, n, d): n ≥ d + 1 points in d ≥ 2 dimensions; leading axes are a batch. Rows with a NaN,
-            or masked, are missing samples.
-        estimator: a name in `study.ESTIMATORS`.
-        noise: standard deviation σ of each coordinate, a covariance Σ (d, d), or None where the estimator does not
-            need it.
-
-    Returns:
-        A `Fit` whose arrays have the leading axes of ``points``. Statistics never raise: look at ``fit.status``.
-
-    Raises:
-        TypeError: if the points are not real numbers.
-        ValueError: if the shape, the noise or the estimator's name cannot be used.
-    """
-    if estimator not in ESTIMATORS:
-        raise ValueError(f"estimator = {estimator!r}: known are {', '.join(ESTIMATORS)}")
-    array = np.asarray(points)
-    if isinstance(points, np.ma.MaskedArray):  # a mask means missing, which is NaN here
-        array = np.where(np.ma.getmaskarray(points), np.nan, array)
-    if array.dtype.kind not in "fiu":
-        raise TypeError(f"points have dtype {array.dtype}: expected real numbers")
-    if array.ndim < 2 or array.shape[-1] < 2:
-        raise ValueError(f"points have shape {array.shape}: expected (…, n, d) with d ≥ 2")
-    *lead, n, d = array.shape
-    if n < d + 1:
-        raise ValueError(f"points have shape {array.shape}: a sphere in {d} dimensions needs at least {d + 1} points")
-    if noise is not None:
-        noise_covariance(noise, d)
-        noise = float(np.asarray(noise)) if np.ndim(noise) == 0 else np.asarray(noise, dtype=float)
-    samples = Samples(array.astype(float, copy=False).reshape(-1, n, d).swapaxes(1, 2), noise)
-    function = ESTIMATORS[estimator]
-    missing = bool(np.isnan(samples.moments.fourth).any())
-    result = _fit_present(function, samples) if missing else function(samples)
-    return result.reshape(*lead, samples=samples)
-
-
-def _fit_present(estimator: Estimator, samples: Samples) -> Fit:
-    """Fit each set without its missing samples; sets with equally many are fitted together."""
-    b, d, _ = samples.shape
-    result = blank(b, d)
-    present = np.logical_not(np.isnan(samples.x).any(axis=1))
-    count = present.sum(axis=1)
-    for n in np.unique(count):
-        sets = np.flatnonzero(count == n)
-        if n < d + 1:
-            result.status[sets] = Status.TOO_FEW_POINTS
-            continue
-        whole = np.stack([samples.x[t][:, present[t]] for t in sets])
-        part = estimator(Samples(whole, samples.noise))
-        for name in ("center", "radius", "noise_variance", "status", "condition", "iterations"):
-            getattr(result, name)[sets] = getattr(part, name)
-    return result

@@ -1,4 +1,4 @@
-"""Members of the family that find the noise in the points themselves: η as the root of one equation.
+"""Members of the family that find the noise in the points themselves: η is the root of one equation.
 
 With centred moments of weight 1/n, every classical algebraic fit is ĉ = x̄ + ½ (C - ηI)⁻¹ s with η the smallest root of
 
@@ -10,15 +10,16 @@ theoretical value 4r²η + 2dη²: UGDK that measures its own noise.
 """
 
 import math
-from typing import Any
 
 import numpy as np
 from scipy import stats
 
-from study.estimators.fit import Fit, Samples, Status
+from study.estimators.fit import Fit
 from study.estimators.kasa import every, member
+from study.estimators.samples import Samples
+from study.estimators.status import Status
 from study.sphere.jit import compiled
-from study.sphere.regression import Regression
+from study.sphere.regression import Regression, Spectrum
 from study.sphere.types import Bools, Floats
 
 _EPS = 2.0**-52
@@ -28,10 +29,10 @@ _THREE_SIGMA = 0.0027
 
 
 @compiled
-def _solve(values: Any, cross: Any, mean: Any, square: float, spread: float, kappa: float) -> float:
+def _solve(values: Floats, cross: Floats, mean: Floats, square: float, spread: float, kappa: float) -> float:
     """Root η of g in [0, λ_min) by Newton's method inside a bracket.
 
-    About any origin, with y = x - o (theory 8.2),
+    About any origin o, with y = x - o (theory 8.2),
 
         g(η) = Var |y|² - 4η mean |y|² + ϰη² - Σ (q_k - 2ηȳ_k)²/(λ_k - η)
 
@@ -72,43 +73,46 @@ def _solve(values: Any, cross: Any, mean: Any, square: float, spread: float, kap
 
 
 @compiled
-def _solve_all(
-    count: Any, values: Any, cross: Any, mean: Any, square: Any, spread: Any, kappa: float, kept: Any, eta: Any
-) -> None:
-    """The root for each set, found in units of its own size, so that no power of the points' unit is lost."""
+def _solve_all(regression: Regression, spectrum: Spectrum, kappa: float, kept: Bools, eta: Floats) -> None:
+    """The root for each set, found in units of its own size, so that no power of the points' unit overflows."""
+    values, cross, mean = spectrum.along[0], spectrum.along[1], spectrum.along[2]
+    numbers = regression.numbers
     b, d = values.shape
     extent, q, y = np.empty(d), np.empty(d), np.empty(d)
     for t in range(b):
-        unit, weight = square[t], (count[t] - 1.0) / count[t]
+        n = numbers[0, t]
+        unit, weight = numbers[3, t] + numbers[2, t], (n - 1.0) / n
         root = math.sqrt(unit)
         for k in range(d):
             extent[k] = values[t, k] * weight / unit
             q[k] = cross[t, k] * weight / (unit * root) if kept[t, k] else 0.0
             y[k] = mean[t, k] / root if kept[t, k] else 0.0
-        eta[t] = _solve(extent, q, y, 1.0, spread[t] / unit / unit, kappa) * unit / weight
+        spread = numbers[1, t] / unit / unit
+        eta[t] = _solve(extent, q, y, 1.0, spread, kappa) * unit / weight
 
 
-def root(regression: Regression, kappa: float, kept: Bools | None = None) -> Floats:
+def root(samples: Samples, kappa: float, kept: Bools | None = None) -> Floats:
     """Root η of (5.1) for each set, in units of the sample covariance C (b,).
 
     Args:
-        regression: the batch.
+        samples: the batch.
         kappa: the constant ϰ.
         kept: eigen-directions of C that take part (b, d); all, if None.
     """
-    r, s = regression, regression.spectrum
-    eta = np.empty(len(s.values))
-    kept = every(*s.values.shape) if kept is None else kept
-    _solve_all(r.count, s.values, s.cross, s.mean, r.base + r.square, r.variance, kappa, kept, eta)
+    spectrum = samples.spectrum
+    b, d, _ = spectrum.axes.shape
+    eta = np.empty(b)
+    kept = every(b, d) if kept is None else kept
+    _solve_all(samples.regression, spectrum, kappa, kept, eta)
     return eta
 
 
 def taubin(samples: Samples) -> Fit:
-    """Taubin's fit (ϰ = 0): the gradient-weighted algebraic fit. Its tails are shorter than those of `als`.
+    """Taubin's fit (ϰ = 0): the gradient-weighted algebraic fit. Its errors have shorter tails than those of `als`.
 
     Source: Taubin 1991; as a member of the family, theory table 5.1.
     """
-    return member(samples.regression, root(samples.regression, 0.0), 0.0)
+    return member(samples, root(samples, 0.0), 0.0)
 
 
 def pratt(samples: Samples) -> Fit:
@@ -116,7 +120,7 @@ def pratt(samples: Samples) -> Fit:
 
     Source: Pratt 1987; as a member of the family, theory table 5.1.
     """
-    return member(samples.regression, root(samples.regression, -4.0), 2.0)
+    return member(samples, root(samples, -4.0), 2.0)
 
 
 def hyper(samples: Samples) -> Fit:
@@ -125,36 +129,36 @@ def hyper(samples: Samples) -> Fit:
     Source: Al-Sharadqah & Chernov 2009; Kanatani & Rangarajan 2011.
     """
     d = samples.shape[1]
-    return member(samples.regression, root(samples.regression, -float(d * d)), -float(d))
+    return member(samples, root(samples, -float(d * d)), -float(d))
 
 
 def als(samples: Samples) -> Fit:
     """Adjusted least squares with unknown noise (ϰ = 2d): UGDK that measures σ² in the same points.
 
-    Not knowing σ it does better than UGDK knowing it: the realised noise along the cap's axis differs from σ² by
-    chance, the residuals show by how much, and subtracting what was realised removes that error. The noise variance
-    is unbiased, nη/(n - d - 1) in weights of 1/n. Where the extent left after the subtraction is within two standard
-    errors of nothing, the status says that the centre is unreliable.
+    It does better than UGDK does with the true σ: the realised noise along the cap's axis differs from σ² by chance,
+    the residuals show by how much, and subtracting the realised noise removes that error. The noise variance is
+    unbiased, nη/(n - d - 1) in weights of 1/n. Where the extent left after the subtraction is within two standard
+    errors of zero, the status says that the centre is unreliable.
 
     Source: Kukush, Markovsky & Van Huffel 2004, specialised to spheres; theory §5.
     """
     d = samples.shape[1]
-    eta = root(samples.regression, 2.0 * d)
-    fit = member(samples.regression, eta, -float(d))
+    eta = root(samples, 2.0 * d)
+    fit = member(samples, eta, -float(d))
     fit.status[(fit.status == Status.OK) & ~_significant(samples, eta, 2.0)[:, 0]] = Status.INSIGNIFICANT
     return fit
 
 
 def als_guarded(samples: Samples) -> Fit:
-    """`als` where it is significant, Taubin's root where it is not: an answer with short tails in every case.
+    """`als` where the extent is significant, Taubin's root where it is not: errors with short tails in every case.
 
     Source: theory §2.2.
     """
     d = samples.shape[1]
-    eta = root(samples.regression, 2.0 * d)
+    eta = root(samples, 2.0 * d)
     safe = _significant(samples, eta, 2.0)[:, 0]
-    taubins = root(samples.regression, 0.0)
-    guarded = member(samples.regression, np.where(safe, eta, taubins), np.where(safe, -float(d), 0.0))
+    taubins = root(samples, 0.0)
+    guarded = member(samples, np.where(safe, eta, taubins), np.where(safe, -float(d), 0.0))
     guarded.status[(guarded.status == Status.OK) & ~safe] = Status.INSIGNIFICANT
     return guarded
 
@@ -162,29 +166,32 @@ def als_guarded(samples: Samples) -> Fit:
 def hinge(samples: Samples) -> Fit:
     """`als` for points that may lie on an arc or in a plane: a direction without significant extent is dropped.
 
-    Along a dropped direction the centre stays at the centroid; the status says that one was. The noise is found in
-    the points, or as given by ``samples.noise`` (σ).
+    Along a dropped direction the centre stays at the centroid, and the status says so. The noise is found in the
+    points, or is ``samples.noise`` (σ) if that is given.
+
+    Raises:
+        ValueError: if the noise is a covariance.
 
     Source: theory §1.2; with unknown noise, its rule with the two conditions of `_flat`.
     """
     if np.ndim(samples.noise if samples.noise is not None else 0.0) == 2:
-        raise ValueError("hinge drops directions by one noise level: pass noise=σ, or none")
+        raise ValueError("hinge compares every direction with one noise level: pass noise=σ, not a covariance, or none")
     b, d, _ = samples.shape
-    values = samples.regression.spectrum.values
+    values = samples.spectrum.values
     kept = values > 8.0 * d * _EPS * values[:, -1:]
     if samples.noise is not None:
-        eta = np.broadcast_to(np.square(samples.noise), b)
+        eta = np.zeros(b) + np.square(samples.noise)
         kept &= _significant(samples, eta, 3.0)
     else:
-        for k in range(d - 1):  # from the least extent upwards, as long as all below are flat
+        for k in range(d - 1):  # from the least extent upwards, as long as all before are flat
             kept[:, k] &= ~(_flat(samples, kept, k) & ~kept[:, :k].any(axis=1))
-        eta = root(samples.regression, 2.0 * d, kept)
-    fit = member(samples.regression, eta, -float(d), kept)
+        eta = root(samples, 2.0 * d, kept)
+    fit = member(samples, eta, -float(d), kept)
     fine = fit.status == Status.OK
     if samples.noise is not None:
         fit.noise_variance[fine] = eta[fine]
     else:  # a dropped direction takes no degree of freedom
-        n = samples.regression.count
+        n = samples.regression.n
         with np.errstate(all="ignore"):
             fit.noise_variance[:] *= (n - d - 1.0) / (n - kept.sum(axis=1) - 1.0)
     weak = ~(_significant(samples, eta, 2.0) | ~kept).all(axis=1)
@@ -192,24 +199,26 @@ def hinge(samples: Samples) -> Fit:
     fit.status[fine & weak] = Status.INSIGNIFICANT
     lost = fine & (kept.sum(axis=1) < 2)
     fit.status[lost] = Status.SINGULAR
-    fit.center[lost], fit.radius[lost], fit.noise_variance[lost], fit.condition[lost] = np.nan, np.nan, np.nan, np.nan
+    for numbers in (fit.center, fit.radius, fit.noise_variance, fit.condition):
+        numbers[lost] = np.nan
     return fit
 
 
 def _flat(samples: Samples, kept: Bools, direction: int) -> Bools:
-    """Whether an eigen-direction of C is noise alone, the noise being unknown (b,).
+    """True where an eigen-direction of C holds noise alone, the noise being unknown (b,).
 
-    It is if its eigenvalue is within three standard errors of the noise that the other directions show (each of the
-    two has an error of η√(2/n)), and if it explains no more of the algebraic residuals than chance: a direction is a
-    regressor there, and its F statistic is below the quantile of three standard errors. The second condition tells an
-    arc's flat direction from a small cap's axis, which may be as short but carries the curvature.
+    Two conditions define it. Its eigenvalue is within three standard errors of the noise that the other directions
+    show (each of the two has an error of η√(2/n)). And it explains no more of the algebraic residuals than chance: a
+    direction is a regressor there, and its F statistic is below the quantile of three standard errors. The second
+    condition separates an arc's flat direction from a small cap's axis, which may be as short but carries the
+    curvature.
     """
     regression = samples.regression
-    values, _, along, _ = regression.spectrum
-    n, d = regression.count, values.shape[1]
+    values, along = samples.spectrum.values, samples.spectrum.cross
+    n, d = regression.n, values.shape[1]
     others = kept.copy()
     others[:, direction] = False
-    eta = root(regression, 2.0 * d, others)
+    eta = root(samples, 2.0 * d, others)
     spare = n - others.sum(axis=1) - 2.0
     with np.errstate(all="ignore"):
         explained = along**2 / values * ((n - 1.0) / n)[:, None]
@@ -220,6 +229,6 @@ def _flat(samples: Samples, kept: Bools, direction: int) -> Bools:
 
 
 def _significant(samples: Samples, eta: Floats, errors: float) -> Bools:
-    """Whether each eigenvalue of C exceeds the noise by so many standard errors of the noise, η√(2/n): (b, d)."""
-    n = samples.regression.count
-    return np.asarray(samples.regression.spectrum.values - eta[:, None] > errors * (eta * np.sqrt(2.0 / n))[:, None])
+    """True where an eigenvalue of C exceeds the noise by so many standard errors of the noise, η√(2/n): (b, d)."""
+    n = samples.regression.n
+    return np.asarray(samples.spectrum.values - eta[:, None] > errors * (eta * np.sqrt(2.0 / n))[:, None])

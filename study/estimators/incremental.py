@@ -1,26 +1,42 @@
 """Incremental GDK: one sample at a time, in constant memory, with an answer at any moment.
 
-Two ways. `igdk` is the paper's: recurrences for x̄, C, S and C⁻¹ (a rank-one update, so no new inverse is needed), and
-the answer is GDKE's with its bias - with C - Σ the update is no longer of rank one. `Incremental` keeps the moments,
-which merge exactly, and solves the d × d system when an answer is wanted: every closed form, unbiased ones among
-them, from the same few numbers.
+There are two ways. `igdk` is the paper's: recurrences for x̄, C, S and C⁻¹ (a rank-one update, so no new inverse is
+needed), and the answer is GDKE's with its bias - with C - Σ the update is no longer of rank one. `Incremental` keeps
+the moments, which merge exactly, and solves the d × d system when an answer is wanted: every closed form, unbiased ones
+among them, from the same few numbers.
 """
 
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from study.estimators.fit import Estimator, Fit, Samples, Status, blank
+from study.estimators.estimator import Estimator
+from study.estimators.fit import Fit, blank
 from study.estimators.kasa import residual_noise
+from study.estimators.samples import Samples
+from study.estimators.status import Status
 from study.sphere.jit import compiled
 from study.sphere.moments import Moments
 from study.sphere.types import Floats
 
 
+class Running(NamedTuple):
+    """State of the recurrences: x̄ (b, d), C (b, d, d) and S (b, d) in weights of 1/(n - 1), and C⁻¹ (b, d, d)."""
+
+    mean: Floats
+    covariance: Floats
+    third: Floats
+    inverse: Floats
+
+
 @compiled
-def _step(point: Any, n: float, mean: Any, c: Any, s: Any, inverse: Any, delta: Any, w: Any) -> None:
-    """Take one more sample into x̄, C, S (weights 1/(n-1)) and C⁻¹ of n samples, in place (theory §1.1)."""
+def _step(point: Floats, n: float, running: Running, delta: Floats, w: Floats) -> None:
+    """Add one sample to x̄, C, S and C⁻¹ of n samples of one set, in place (theory §1.1).
+
+    ``delta`` and ``w`` (d,) receive δ = x - x̄ and C⁻¹δ.
+    """
+    mean, c, s, inverse = running
     d = mean.size
     share, shrink = 1.0 / (n + 1.0), (n - 1.0) / n
     trace = square = dw = 0.0
@@ -46,21 +62,22 @@ def _step(point: Any, n: float, mean: Any, c: Any, s: Any, inverse: Any, delta: 
 
 
 @compiled
-def _stream_all(x: Any, first: int, mean: Any, c: Any, s: Any, inverse: Any) -> None:
-    """Run each set of a batch (b, d, n) through the recurrence, from its sample number ``first`` on."""
+def _stream_all(x: Floats, first: int, running: Running) -> None:
+    """Run each set of a batch (b, d, n) through the recurrences, from its sample number ``first`` on."""
     b, d, n = x.shape
     delta, w, point = np.empty(d), np.empty(d), np.empty(d)
     for t in range(b):
+        one = Running(running.mean[t], running.covariance[t], running.third[t], running.inverse[t])
         for k in range(first, n):
             for i in range(d):
                 point[i] = x[t, i, k]
-            _step(point, float(k), mean[t], c[t], s[t], inverse[t], delta, w)
+            _step(point, float(k), one, delta, w)
 
 
 def igdk(samples: Samples) -> Fit:
     """Incremental GDK by the paper's recurrences, with GDKE's bias.
 
-    They start on the first d + 5 samples, or more while those lie in a plane.
+    They start on the first d + 5 samples, or on more while those lie in a plane.
 
     Source: paper eqs 24-25; the recurrences are theory §1.1.
     """
@@ -76,7 +93,7 @@ def igdk(samples: Samples) -> Fit:
         first = min(n, 2 * first)  # so far they lie in a plane
     fit = blank(b, d)
     inverse = np.linalg.inv(np.where(regular[:, None, None], c, np.eye(d)))
-    _stream_all(samples.x, first, mean, c, s, inverse)
+    _stream_all(samples.x, first, Running(mean, c, s, inverse))
     offset = 0.5 * np.einsum("bij,bj->bi", inverse, s)
     fit.center[:] = mean + offset
     fit.radius[:] = np.sqrt((n - 1.0) / n * np.trace(c, axis1=1, axis2=2) + np.einsum("bi,bi->b", offset, offset))
@@ -91,11 +108,26 @@ def igdk(samples: Samples) -> Fit:
 class Incremental:
     """A sphere fit that grows with its points, in constant memory.
 
+    The points are not stored: 14 numbers in three dimensions stand for all of them, and every closed form gives from
+    these the answer that it gives from the points.
+
     Args:
         dimension: d ≥ 2.
 
+    Attributes:
+        dimension: d.
+        moments: the `Moments` of the points so far, a batch of one; None while there are none.
+
     Raises:
-        ValueError: if the dimension is smaller.
+        ValueError: if the dimension is smaller than 2.
+
+    Example:
+        >>> growing = study.Incremental(3)
+        >>> for points in stream:
+        ...     growing.update(points)
+        ...     growing.fit(study.ESTIMATORS["als"]).center
+
+    Source: the idea is the paper's, eqs 24-25.
     """
 
     def __init__(self, dimension: int) -> None:
@@ -105,7 +137,10 @@ class Incremental:
         self.dimension = dimension
 
     def update(self, points: ArrayLike) -> None:
-        """Take more points: one (d,) or several (n, d). Rows with a NaN are left out.
+        """Add points.
+
+        Args:
+            points: one (d,) or several (n, d), in the unit of those before. Points with a NaN are left out.
 
         Raises:
             ValueError: if the shape is another.
@@ -120,21 +155,22 @@ class Incremental:
             self.moments = Moments.of(x) if self.moments is None else self.moments.update(x)
 
     def fit(self, estimator: Estimator, noise: float | Floats | None = None) -> Fit:
-        """The answer so far, of a closed form.
+        """Fit the points so far by a closed form.
 
         Args:
-            estimator: one that looks at the moments alone, such as ``study.ESTIMATORS["als"]``.
-            noise: σ, a covariance (d, d), or None where the estimator does not need it.
+            estimator: one that needs the moments alone, such as ``study.ESTIMATORS["als"]``.
+            noise: standard deviation σ in the unit of the points, a covariance (d, d), or None where the estimator
+                does not need it.
 
         Returns:
-            A fit of shape ``()``; its status says so while there are fewer than d + 1 points.
+            A fit of shape ``()``. While there are fewer than d + 1 points its status is `Status.TOO_FEW_POINTS`.
 
         Raises:
-            ValueError: if the estimator looks at the points themselves, which are not kept.
+            ValueError: if the estimator needs the points themselves, which are not stored.
         """
         if not estimator.moments_suffice:
-            raise ValueError("this estimator looks at the points, which are not kept: take gdke, ugdk or als")
-        if self.moments is None or self.moments.count[0] < self.dimension + 1:
+            raise ValueError("this estimator reads the points, which are not stored: take gdke, ugdk or als")
+        if self.moments is None or self.moments.n[0] < self.dimension + 1:
             fit = blank(1, self.dimension)
             fit.status[:] = Status.TOO_FEW_POINTS
         else:

@@ -1,28 +1,41 @@
 """Linear least squares: the (d + 1)-column system |y|² = β₀ + βᵀy by orthogonal factorisation.
 
-In exact arithmetic this is Kåsa's fit, `gdke`, to the letter; it differs in what rounding does to it. The columns
-are (1, y₁ … y_d) with y taken from a point near the data, so that a distant origin costs no digits; the reflection
-of the first column then is the centring. The triangle R is kept by appending the data to it chunk by chunk, so one
-pass suffices.
+In exact arithmetic this is Kåsa's fit, `gdke` (theory 0.1); it differs in its rounding errors. The columns are
+(1, y₁ … y_d) with y relative to a point near the data, so that a distant origin costs no digits; the reflection
+of the first column then is the centring. The data are appended to the triangle R chunk by chunk, so one pass suffices.
 """
 
 import math
-from typing import Any
 
 import numpy as np
 
-from study.estimators.fit import Fit, Samples, Status, blank
+from study.estimators.fit import Fit, blank
 from study.estimators.kasa import noise_of_residuals
-from study.sphere.jit import CHUNK, compiled, compiled_as_written, dot, fill, fresh, put, total, zeros
-from study.sphere.layouts import abreast, at, extent, near, readable, window
-from study.sphere.linalg import eigenbasis
+from study.estimators.samples import Samples
+from study.estimators.status import Status
+from study.sphere.jit import CHUNK, Sums, compiled, compiled_as_written, dot, fill, fresh, put, total, zeros
+from study.sphere.layouts import PointSets, View, abreast, at, extent, near, readable, window
+from study.sphere.linalg import diagonalise_all
+from study.sphere.types import Floats, Ints
 
 _EPS = 2.0**-52
 
 
+def lls(samples: Samples) -> Fit:
+    """Linear least squares by Householder reflections, with no cut of small singular values.
+
+    Source: paper §4.4.
+    """
+    b, d, _ = samples.shape
+    fit = blank(b, d)
+    x, group = readable(samples.source), abreast(samples.source)
+    _fit_all(x, group, fit.center, fit.radius, fit.noise_variance, fit.status, zeros(d))
+    return fit
+
+
 @compiled
-def _take(column: Any, pivot: Any, share: float) -> float:
-    """Take a share of the pivot from a column, in place; the column's square."""
+def _take(column: Floats, pivot: Floats, share: float) -> float:
+    """Subtract a share of the pivot from a column, in place, and return the column's squared length."""
     square = 0.0
     for k in range(column.size):
         value = column[k] - share * pivot[k]
@@ -32,8 +45,8 @@ def _take(column: Any, pivot: Any, share: float) -> float:
 
 
 @compiled
-def _take_beside(column: Any, pivot: Any, share: float, other: Any) -> float:
-    """The same; the column's product with another, which the compiler must know to be another to be fast."""
+def _take_beside(column: Floats, pivot: Floats, share: float, other: Floats) -> float:
+    """Do the same, but return the product with another column. In a function of its own the compiler makes it fast."""
     product = 0.0
     for k in range(column.size):
         value = column[k] - share * pivot[k]
@@ -43,8 +56,8 @@ def _take_beside(column: Any, pivot: Any, share: float, other: Any) -> float:
 
 
 @compiled
-def _append(triangle: Any, rows: Any, m: int, products: Any) -> None:
-    """Householder: append m rows, given by columns (q, m), to an upper triangle (q, q) in place.
+def _append(triangle: Floats, rows: Floats, m: int, products: Floats) -> None:
+    """Append m rows, given by columns (q, m), to an upper triangle (q, q) in place, by Householder reflections.
 
     ``products`` holds the scalar products of the first column with all of them, and those of the next are formed
     while a reflection is applied.
@@ -53,7 +66,7 @@ def _append(triangle: Any, rows: Any, m: int, products: Any) -> None:
     for i in range(q):
         pivot = rows[i, :m]
         norm = math.sqrt(triangle[i, i] ** 2 + products[i])
-        if norm == 0.0:  # not so if it is not a number, which is to spread
+        if norm == 0.0:  # not if it is NaN, which then spreads
             for j in range(i + 1, q):
                 products[j] = dot(rows[i + 1, :m], rows[j, :m])
             continue
@@ -71,7 +84,7 @@ def _append(triangle: Any, rows: Any, m: int, products: Any) -> None:
 
 
 @compiled
-def _scatter(triangle: Any, scatter: Any) -> None:
+def _scatter(triangle: Floats, scatter: Floats) -> None:
     """The scatter of the centred columns y₁ … y_d."""
     d = scatter.shape[0]
     for i in range(d):
@@ -82,7 +95,7 @@ def _scatter(triangle: Any, scatter: Any) -> None:
 
 
 @compiled
-def _solve(triangle: Any, beta: Any) -> None:
+def _solve(triangle: Floats, beta: Floats) -> None:
     """Back substitution for β (d + 1,)."""
     p = beta.size
     for i in range(p - 1, -1, -1):
@@ -93,8 +106,8 @@ def _solve(triangle: Any, beta: Any) -> None:
 
 
 @compiled_as_written
-def _columns(view: Any, m: int, origin: Any, rows: Any) -> None:
-    """Columns y₁ … y_d and |y|² of m samples, y = x - origin, beside the first of ones."""
+def _columns(view: View, m: int, origin: Sums, rows: Floats) -> None:
+    """Write columns y₁ … y_d and |y|² of m samples, y = x - origin, after the first of ones."""
     d = len(origin)
     for k in range(m):
         square = 0.0
@@ -106,12 +119,13 @@ def _columns(view: Any, m: int, origin: Any, rows: Any) -> None:
 
 
 @compiled
-def _fit_all(x: Any, group: int, center: Any, radius: Any, residual: Any, noise: Any, scatter: Any, zero: Any) -> None:
+def _fit_all(x: PointSets, group: int, center: Floats, radius: Floats, noise: Floats, status: Ints, zero: Sums) -> None:
     """Solve each point set of a batch (b, d, n), about a point near it: the mean of its first samples."""
     b, d, n = extent(x)
     q = d + 2
     rows, copy, products, beta = np.empty((q, CHUNK)), np.empty((1, d, CHUNK)), np.empty(q), np.empty(d + 1)
     origins, triangles = np.empty((group, d)), np.empty((group, q, q))
+    scatter, values, basis = np.empty((group, d, d)), np.empty((group, d)), np.empty((group, d, d))
     fill(rows[0], 1.0)
     for head in range(0, b, group):
         triangles[:] = 0.0
@@ -132,34 +146,22 @@ def _fit_all(x: Any, group: int, center: Any, radius: Any, residual: Any, noise:
                     products[j] = total(rows[j, :m])
                 _append(triangles[g], rows, m, products)
         for g in range(group):
+            _scatter(triangles[g], scatter[g])
+        diagonalise_all(scatter, values, basis)
+        for g in range(group):
             t, triangle = head + g, triangles[g]
-            _scatter(triangle, scatter[t])
+            residual = triangle[d + 1, d + 1] ** 2 / n
+            if not abs(residual) < math.inf:
+                status[t] = Status.NOT_FINITE
+                continue
+            if not values[g, 0] > d * _EPS * values[g, d - 1]:  # the rule of `gdke`
+                status[t] = Status.SINGULAR
+                continue
             _solve(triangle, beta)
-            residual[t] = triangle[d + 1, d + 1] ** 2 / n
             radius_squared = beta[0]
             for i in range(d):
                 half = 0.5 * beta[i + 1]
                 center[t, i] = origins[g, i] + half
                 radius_squared += half * half
             radius[t] = math.sqrt(radius_squared) if radius_squared >= 0.0 else math.nan
-            noise[t] = noise_of_residuals(residual[t], radius_squared, float(n), d)
-
-
-def lls(samples: Samples) -> Fit:
-    """Linear least squares by Householder reflections, with no cut of small singular values.
-
-    Source: paper §4.4.
-    """
-    b, d, _ = samples.shape
-    fit = blank(b, d)
-    residual, scatter = np.empty(b), np.empty((b, d, d))
-    x, group = readable(samples.source), abreast(samples.source)
-    _fit_all(x, group, fit.center, fit.radius, residual, fit.noise_variance, scatter, zeros(d))
-    values, _ = eigenbasis(scatter)
-    regular = values[:, 0] > d * _EPS * values[:, -1]  # the points span all dimensions: the rule of `gdk`
-    fit.status[~regular] = Status.SINGULAR
-    fit.status[~np.isfinite(residual)] = Status.NOT_FINITE
-    lost = fit.status != Status.OK
-    if lost.any():
-        fit.center[lost], fit.radius[lost], fit.noise_variance[lost] = np.nan, np.nan, np.nan
-    return fit
+            noise[t] = noise_of_residuals(residual, radius_squared, float(n), d)

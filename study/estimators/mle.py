@@ -1,37 +1,104 @@
 """Maximum likelihood: geometric least squares, minimising F(c) = Σ(Rᵢ - R̄)² over the centre, Rᵢ = |xᵢ - c|.
 
 Newton's method with the exact Hessian, from GDKE's or Taubin's answer: 1-8 passes over the data where Gauss-Newton
-takes 7-78. Never from UGDK's, which can lie anywhere. The steps are in `newton.py`, the sums they need here. Sets that
-share their draws go on side by side, pass by pass, because these are formed from what is in a cache then.
+takes 7-78. Never from UGDK's, which can lie anywhere. `newton.py` has the steps, this file the sums that they need.
+Sets that are formed from the same draws proceed side by side, pass by pass, while the draws are in a cache.
+
+F falls off on both sides of the points: besides the minimum on the side of the sphere there may be one on the other
+side, or only a slope to infinity, where the sphere is a plane (a status says so). `mle_centroid` and `mle_mirror`
+start elsewhere, to show whether there are other minima, and better ones; on data use `mle`. Its answers are bad exactly
+where one of these has a much better one, or none has.
 
 Source: paper §4.3 and Shakarji 1998, which minimise the same function by Levenberg-Marquardt.
 """
 
 import math
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
 from study.estimators.algebraic import root
-from study.estimators.fit import Fit, Samples, blank
+from study.estimators.fit import Fit, blank
 from study.estimators.kasa import member
-from study.estimators.newton import ON, SEARCH, advance, begin
-from study.sphere.jit import CHUNK, compiled, fill, fresh, put, zeros
-from study.sphere.layouts import BLOCK, abreast, at, extent, window
+from study.estimators.newton import ON, STATE, Room, Search, advance, begin
+from study.estimators.samples import Samples
+from study.sphere.jit import CHUNK, Sums, compiled, fill, fresh, put, zeros
+from study.sphere.layouts import BLOCK, PointSets, SampleBlock, Scratch, abreast, at, extent, window
+from study.sphere.types import Floats
 
 _CLEAR = 0.3
 """Noise below this share of the points' least variance leaves no doubt where to begin."""
 
 
+class Start(NamedTuple):
+    """Starting values of a batch.
+
+    Attributes:
+        origin: point near each set (b, d).
+        spread: mean of |x - origin|² (b,).
+        values: eigenvalues of C (b, d), ascending.
+        offset: centre relative to the origin (b, d); receives the best centre.
+    """
+
+    origin: Floats
+    spread: Floats
+    values: Floats
+    offset: Floats
+
+
+def mle(samples: Samples) -> Fit:
+    """Maximum likelihood (geometric least squares) by Newton's method with a bound.
+
+    Isotropic noise is assumed whatever ``samples.noise`` is; the noise level does not enter the centre. The noise
+    variance is Σ(R - r)²/(n - d - 1).
+
+    Source: paper §4.3; Shakarji 1998.
+    """
+    return _minimum_from(samples, 1.0)
+
+
+def mle_centroid(samples: Samples) -> Fit:
+    """`mle` from the centroid of the points, between the two sides.
+
+    Source: paper §4.1, which explains MLE's outliers by multiple solutions.
+    """
+    return _minimum_from(samples, 0.0)
+
+
+def mle_mirror(samples: Samples) -> Fit:
+    """`mle` from the wrong side of the points: GDKE's answer reflected through their centroid.
+
+    Source: paper §4.1, which explains MLE's outliers by multiple solutions.
+    """
+    return _minimum_from(samples, -1.0)
+
+
+def _minimum_from(samples: Samples, share: float) -> Fit:
+    """The minimum of F that Newton's method finds from x̄ + share · (ĉ - x̄).
+
+    ĉ is Taubin's answer where the noise is clearly below the points' extent, which saves a pass or two, and GDKE's,
+    which does not run away, where it is not.
+    """
+    regression, values = samples.regression, samples.spectrum.values
+    b, d = values.shape
+    eta = root(samples, 0.0)
+    clear = eta < _CLEAR * values[:, 0]
+    first = member(samples, np.where(clear, eta, 0.0), 0.0)
+    fit = blank(b, d)
+    fit.status[:] = first.status
+    start = Start(regression.origin, regression.square, values, share * (first.center - regression.origin))
+    _fit_all(samples.rows, abreast(samples.source), start, fit, zeros(d), zeros(d, d))
+    return fit
+
+
 @compiled
-def _pass(
-    x: Any, t: int, start: int, m: int, origin: Any, center: Any, radius: float, rows: Any, sums: Any,
-    zero: Any, square: Any,
-) -> None:  # fmt: skip
-    """Add a block of samples to the sums for a trial centre, which is taken from ``origin``.
+def _pass(block: SampleBlock, origin: Floats, center: Floats, radius: float, sums: Floats, scratch: Scratch) -> None:
+    """Add a block of samples to the sums for a trial centre, which is relative to ``origin``.
 
     They are Σ(R-r), Σ(R-r)², Σ(R-r)e, Σe and, in its lower triangle, Σeeᵀ/R, whose trace is Σ1/R.
     """
+    x, t, start, m = block
+    rows, zero, square = scratch
     d = len(zero)
     near, away, e, pull, mean, curve = fresh(zero), fresh(zero), fresh(zero), fresh(zero), fresh(zero), fresh(square)
     for i in range(d):
@@ -67,84 +134,47 @@ def _pass(
 
 
 @compiled
-def _fit_all(
-    x: Any, group: int, origin: Any, spread: Any, least: Any, offset: Any, center: Any, radius: Any, noise: Any,
-    iterations: Any, status: Any, zero: Any, square: Any,
-) -> None:  # fmt: skip
-    """Minimise F for each set of a batch from ``offset``, which receives the centres, both taken from ``origin``.
+def _fit_all(x: PointSets, group: int, start: Start, fit: Fit, zero: Sums, square: Sums) -> None:
+    """Minimise F for each set of a batch whose status is ok; ``group`` sets share their draws, see `abreast`.
 
-    ``spread`` is the mean of |x - origin|², ``least`` the smallest eigenvalue of C.
+    ``zero`` and ``square`` are d and d² sums at zero.
     """
     b, d, n = extent(x)
-    rows, search, going = np.empty((1, d, CHUNK)), np.empty(group, SEARCH), np.empty(group, np.bool_)
-    sums, result = np.empty((group, 2 + 2 * d + d * d)), np.empty((group, 3))
-    trial, step, descent = np.empty((group, d)), np.empty((group, d)), np.empty(d)
-    matrix, vectors = np.empty((d, d)), np.empty((d, d))
+    scratch = Scratch(np.empty((1, d, CHUNK)), zero, square)
+    room = Room(np.empty(d), np.empty((d, d)), np.empty((d, d)))
+    state, going, sums = np.empty(group, STATE), np.empty(group, np.bool_), np.empty((group, 2 + 2 * d + d * d))
+    trial, step, result = np.empty((group, d)), np.empty((group, d)), np.empty((group, 3))
     for head in range(0, b, group):
         left = 0
         for g in range(group):
+            t = head + g
             result[g, 0] = result[g, 1] = math.nan
             result[g, 2] = 0.0
-            going[g] = status[head + g] == 0
+            going[g] = fit.status[t] == 0
             if going[g]:
                 left += 1
-                t, plane = head + g, (n - 1.0) * least[head + g]
-                begin(search[g], spread[t], plane, offset[t], trial[g])
+                search = Search(state[g], start.offset[t], trial[g], step[g], result[g])
+                begin(search, start.spread[t], (n - 1.0) * start.values[t, 0])
         while left > 0:
             for g in range(group):
                 fill(sums[g], 0.0)
-            for start in range(0, n, BLOCK):
-                m = min(BLOCK, n - start)
+            for begun in range(0, n, BLOCK):
                 for g in range(group):
                     if going[g]:
-                        t, about = head + g, search[g].radius
-                        _pass(x, t, start, m, origin[t], trial[g], about, rows, sums[g], zero, square)
+                        block = SampleBlock(x, head + g, begun, min(BLOCK, n - begun))
+                        _pass(block, start.origin[head + g], trial[g], state[g].radius, sums[g], scratch)
             for g in range(group):
                 if going[g]:
                     t = head + g
-                    found = advance(
-                        search[g], n, sums[g], offset[t], trial[g], step[g], result[g], descent, matrix, vectors
-                    )
-                    if found != ON:
-                        status[t], going[g] = found, False
+                    search = Search(state[g], start.offset[t], trial[g], step[g], result[g])
+                    status = advance(search, n, sums[g], room)
+                    if status != ON:
+                        fit.status[t], going[g] = status, False
                         left -= 1
         for g in range(group):
             t = head + g
             for i in range(d):
-                center[t, i] = origin[t, i] + offset[t, i]
-            radius[t], iterations[t] = result[g, 0], int(result[g, 2])
+                fit.center[t, i] = start.origin[t, i] + start.offset[t, i]
+            fit.radius[t], fit.iterations[t] = result[g, 0], int(result[g, 2])
             value = max(result[g, 1], 0.0) if result[g, 1] == result[g, 1] else math.nan  # rounding can take F below 0
-            noise[t] = value / (n - d - 1) if n > d + 1 else math.nan
-
-
-def mle(samples: Samples) -> Fit:
-    """Maximum likelihood (geometric least squares) by Newton's method with a bound.
-
-    Isotropic noise is assumed whatever ``samples.noise`` says; the noise level itself does not enter the centre. The
-    noise variance is Σ(R - r)²/(n - d - 1).
-
-    Source: paper §4.3; Shakarji 1998.
-    """
-    return minimum_from(samples, 1.0)
-
-
-def minimum_from(samples: Samples, share: float) -> Fit:
-    """The minimum of F that Newton's method finds from x̄ + share · (ĉ - x̄).
-
-    ĉ is Taubin's answer where the noise is clearly below the points' extent, which saves a pass or two, and GDKE's,
-    which does not run away, where it is not.
-    """
-    b, d, _ = samples.shape
-    regression = samples.regression
-    eta = root(regression, 0.0)
-    least = regression.spectrum.values[:, 0]
-    clear = eta < _CLEAR * least
-    start = member(regression, np.where(clear, eta, 0.0), 0.0)
-    fit = blank(b, d)
-    fit.status[:] = start.status
-    offset = share * (start.center - regression.origin)
-    _fit_all(
-        samples.rows, abreast(samples.source), regression.origin, regression.square, least, offset,
-        fit.center, fit.radius, fit.noise_variance, fit.iterations, fit.status, zeros(d), zeros(d, d),
-    )  # fmt: skip
-    return fit
+            fit.noise_variance[t] = value / (n - d - 1) if n > d + 1 else math.nan

@@ -1,10 +1,10 @@
-"""Several markers, one centre (MGDK): markers at different distances from one joint share what they know of it.
+"""Several markers about one centre (MGDK): the joint fit of markers at different distances from it.
 
     ĉ = [Σ_p w_p (C_p - Σ̂)]⁻¹ Σ_p w_p [(C_p - Σ̂) x̄_p + ½ S_p]                            (paper eq. 22, corrected)
 
-In print the sum closes before ½S_p; both ways of reading it are wrong. With unequal sample counts w_p = n_p - 1, and
-with weights 1/r̂_p² the inner markers count for what they are worth: a marker's algebraic residual grows with its
-radius. Where the noise is not known, one η for all markers is found from their residuals together (theory §5.5).
+In print the sum closes before ½S_p; both ways of reading it are wrong (theory §2). As derived, w_p = n_p - 1. But a
+marker's algebraic residual grows with its radius, and so its weight should fall: w_p = n_p/r̂_p². Where the noise is not
+known, one η for all markers is found from their residuals together (theory §5.5).
 """
 
 from collections.abc import Sequence
@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
-from study.estimators.fit import Status
+from study.estimators.status import Status
 from study.sphere.bounds import noise_covariance
+from study.sphere.jit import compiled_as_written
 from study.sphere.linalg import eigenbasis
 from study.sphere.moments import Moments
 from study.sphere.types import Floats, Ints
@@ -25,16 +26,17 @@ _ROUNDS = 5
 
 @dataclass(frozen=True)
 class JointFit:
-    """The common centre of several markers.
+    """The common centre of several markers, as `mgdk` finds it.
 
     Attributes:
         center: ĉ (d,), in the unit of the points.
-        radii: r̂ of each marker (M,); NaN where none is real.
-        noise_variance: σ² of one coordinate, as given (the mean, for a covariance) or found.
+        radii: r̂ of each marker (M,), in the unit of the points; NaN where no radius is real.
+        noise_variance: σ² of one coordinate, unit squared: as given (the mean over coordinates, for a covariance) or
+            estimated.
         status: `Status` of the fit.
-        condition: ρ, the share of the least extent of Σ w_p C_p that is noise; it must be below 1.
-        covariance: of ĉ (d, d): the Cramér-Rao bound with the estimates plugged in.
-        count: samples used of each marker (M,); rows with a NaN are left out.
+        condition: ρ, the largest share of noise in Σ w_p C_p along any direction; it must be below 1.
+        covariance: covariance of ĉ (d, d), unit squared: the Cramér-Rao bound with the estimates plugged in.
+        count: number of samples used of each marker (M,); points with a NaN are left out.
     """
 
     center: Floats
@@ -47,18 +49,24 @@ class JointFit:
 
 
 def mgdk(markers: Sequence[ArrayLike], noise: ArrayLike | None = None, weighted: bool = True) -> JointFit:
-    """Fit one centre to several markers.
+    """Fit spheres with one common centre to several markers, each with a radius of its own (MGDK).
 
     Args:
-        markers: points (n_p, d) of each marker, the numbers of samples may differ.
-        noise: σ, a covariance Σ (d, d), or None: found in the points.
-        weighted: weigh each marker by 1/r̂². Without, eq. 22 as derived, whose errors exceed the reported covariance
-            where the radii differ.
+        markers: points (n_p, d) of each marker, in one unit and one coordinate system; n_p may differ. Points with a
+            NaN are missing samples.
+        noise: standard deviation σ of each coordinate, in the unit of the points, a covariance Σ (d, d), or None: it
+            is then estimated from the points.
+        weighted: weigh each marker by 1/r̂². If False, eq. 22 as derived is used, whose errors exceed the reported
+            covariance where the radii differ.
+
+    Returns:
+        A `JointFit`. Look at its ``status`` before using the numbers: markers that determine no centre have a status,
+        and raise nothing.
 
     Raises:
-        ValueError: if there is no marker, or shapes or the noise cannot be used.
+        ValueError: if there is no marker, or a shape or the noise cannot be used. The message says which and why.
 
-    Source: paper eqs 22-23; correction, weights and the joint root: theory §2, §5.5.
+    Source: paper eqs 22-23; the correction is in theory §2, weights and the joint root in §5.5.
     """
     arrays = [_points(marker, place) for place, marker in enumerate(markers)]
     if not arrays or len({array.shape[1] for array in arrays}) != 1:
@@ -100,12 +108,41 @@ def mgdk(markers: Sequence[ArrayLike], noise: ArrayLike | None = None, weighted:
     )
 
 
+@compiled_as_written
+def add_marker(weight: float, left: Floats, mean: Floats, third: Floats, matrix: Floats, right: Floats) -> None:
+    """Add a marker to the normal equations of eq. 22, corrected: matrix · ĉ = right.
+
+    Args:
+        weight: w_p.
+        left: C_p - Σ̂ (d, d).
+        mean: x̄_p (d,), relative to any origin, which the centre then is relative to as well.
+        third: S_p (d,).
+        matrix: Σ w_p (C_p - Σ̂) (d, d), in place.
+        right: Σ w_p [(C_p - Σ̂) x̄_p + ½ S_p] (d,), in place.
+    """
+    for i in range(len(mean)):
+        even = odd = 0.0  # two sums, in the order of NumPy's einsum
+        for j in range(len(mean)):
+            matrix[i, j] += weight * left[i, j]
+            if j % 2 == 0:
+                even += left[i, j] * mean[j]
+            else:
+                odd += left[i, j] * mean[j]
+        right[i] += weight * (even + odd + 0.5 * third[i])
+
+
+@compiled_as_written
+def _add_markers(weights: Floats, left: Floats, mean: Floats, third: Floats, matrix: Floats, right: Floats) -> None:
+    for p in range(len(weights)):
+        add_marker(weights[p], left[p], mean[p], third[p], matrix, right)
+
+
 class _Joint:
     """The markers' moments, stacked, in weights of 1/n."""
 
     def __init__(self, moments: Sequence[Moments], dimension: int) -> None:
         self.d = dimension
-        self.n = np.array([m.count[0] for m in moments])
+        self.n = np.array([m.n[0] for m in moments])
         self.mean = np.array([m.mean[0] for m in moments])
         self.c = np.array([m.second[0] for m in moments]) / self.n[:, None, None]
         self.s = np.array([m.third[0] for m in moments]) / self.n[:, None]
@@ -126,11 +163,9 @@ class _Joint:
 
     def center(self, subtracted: Floats, weights: Floats) -> Floats:
         """Eq. 22, corrected, about the mean of the markers' centroids."""
-        left = self.c - subtracted
-        origin = self.mean.mean(axis=0)
-        right = np.einsum("pij,pj->pi", left, self.mean - origin) + 0.5 * self.s
-        matrix = np.einsum("p,pij->ij", weights, left)
-        return np.asarray(origin + _solved(matrix, np.einsum("p,pi->i", weights, right)))
+        origin, matrix, right = self.mean.mean(axis=0), np.zeros((self.d, self.d)), np.zeros(self.d)
+        _add_markers(weights, self.c - subtracted, self.mean - origin, self.s, matrix, right)
+        return np.asarray(origin + _solved(matrix, right))
 
     def square_radii(self, center: Floats, subtracted: Floats) -> Floats:
         """Eq. 23, squared."""
@@ -138,7 +173,7 @@ class _Joint:
         return np.asarray(np.trace(self.c - subtracted, axis1=1, axis2=2) + np.einsum("pi,pi->p", away, away))
 
     def root(self, weights: Floats) -> float:
-        """η for which the residuals' variances equal what that noise gives: Σ w (Var f - 4r²η - 2dη²) = 0.
+        """η for which the residuals' variances are those that such noise gives: Σ w (Var f - 4r²η - 2dη²) = 0.
 
         About the weighted mean of the centroids, with b the right-hand side of eq. 22 and λ_k the extents, that is
 

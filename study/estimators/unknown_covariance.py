@@ -1,22 +1,22 @@
-"""UGDK with the whole noise covariance found in the points: the question that the paper leaves open.
+"""UGDK with the whole noise covariance estimated from the points: the question that the paper leaves open.
 
 About the centre, v = x - c and f = |v|² - mean |v|². For Gaussian noise of covariance Σ the moments of f² v vᵀ obey
 
     E f²vvᵀ - E f² Σ - 8ΣPΣ - 8Σ³ - 8(PΣ² + Σ²P) = 4 Q : Σ + 2 tr(Σ²) P,      P = E vvᵀ - Σ = r² E uuᵀ,
     Q = E vvvv - sym₆(P, Σ) - sym₃(Σ, Σ) = r⁴ E uuuu,                                              (theory §5.4)
 
-linear in Σ up to small terms, which are taken from the step before. Solved for Σ, projected on positive
-semidefinite matrices, the centre computed again, a dozen times from `als`. On small caps the noise across the axis is
-not observed; a little of the isotropic answer is mixed in for it, and the centre does not need it.
+linear in Σ up to small terms, which come from the step before. A step solves them for Σ, projects it on positive
+semidefinite matrices, and computes the centre again; a dozen steps start from `als`. On small caps the noise across the
+axis is not observed; a little of the isotropic answer is mixed in for it, and the centre does not need it.
 """
-
-from typing import Any
 
 import numpy as np
 
 from study.estimators.algebraic import als
-from study.estimators.fit import Fit, Samples, Status
+from study.estimators.fit import Fit
 from study.estimators.kasa import subtracting
+from study.estimators.samples import Samples
+from study.estimators.status import Status
 from study.sphere.jit import CHUNK, compiled, dot, fill, total
 from study.sphere.types import Bools, Floats
 
@@ -25,12 +25,12 @@ _RIDGE = 1e-4
 
 
 def ugdk_cov(samples: Samples) -> Fit:
-    """UGDK with Σ̂ estimated from the points (Gaussian noise, the same for each; no covariance is asked for).
+    """UGDK with Σ̂ estimated from the points, which need Gaussian noise of one covariance.
 
-    Worth it where the noise is markedly anisotropic and the points are many. With isotropic noise it pays for what it
-    need not find: on a 20° cap with n = 1000 its median error is 1.4 times that of `als` at σ = .0056 r and 2.7 times
-    at .018 r; on 90° and more the two are alike up to σ = .1 r. Above σ ≈ .2 r
-    the equations can lead to a wrong Σ̂, which no status tells.
+    It is worth its cost where the noise is markedly anisotropic and the points are many. With isotropic noise it
+    estimates more than it needs: on a 20° cap with n = 1000 its median error is 1.4 times that of `als` at σ = .0056 r
+    and 2.7 times at .018 r; on 90° and more the two are alike up to σ = .1 r. Above σ ≈ .2 r the equations can lead to
+    a wrong Σ̂, which no status shows.
 
     Source: theory §5.4.
     """
@@ -44,13 +44,13 @@ def ugdk_cov(samples: Samples) -> Fit:
     with np.errstate(all="ignore"):
         scale = np.sqrt(np.trace(samples.moments.covariance, axis1=1, axis2=2))
     scale = np.where(usable, scale, 1.0)[:, None, None]
-    # in one memory layout, which division would take from the points, and with it the order of adding
+    # in one memory layout: a quotient would have the points', which determines the order of adding
     x = np.ascontiguousarray(np.where(usable[:, None, None], samples.x, 0.0) / scale)
     fit = start
     for step in range(1, _ROUNDS + 1):
         unit = _covariance(x, center / scale[:, :, 0], noise / scale**2, isotropic / scale**2)
         noise = unit * scale**2
-        fit = subtracting(samples.regression, noise)
+        fit = subtracting(samples, noise)
         good = (fit.status == Status.OK)[:, None]
         center = np.where(good, fit.center, center)
         noise = np.where(good[:, :, None], noise, isotropic)
@@ -61,13 +61,13 @@ def ugdk_cov(samples: Samples) -> Fit:
 
 
 def _covariance(x: Floats, center: Floats, noise: Floats, isotropic: Floats) -> Floats:
-    """One round: Σ̂ (b, d, d) from the moments about a centre and the Σ̂ before."""
+    """One step: Σ̂ (b, d, d) from the moments about a centre and the Σ̂ before."""
     b, d, n = x.shape
     m = d * (d + 1) // 2
     sums, weighted_sums, products = np.empty((b, m)), np.empty((b, m)), np.empty((b, m, m))
     square = np.empty(b)
     _sums(x, center, sums, weighted_sums, products, square)
-    place = np.zeros((d, d), dtype=int)  # of a pair of coordinates among the d(d+1)/2
+    place = np.zeros((d, d), dtype=int)  # place of a pair of coordinates among the d(d+1)/2
     upper = np.triu_indices(d)
     place[upper] = place.T[upper] = np.arange(m)
     second, weighted = sums[:, place] / n, weighted_sums[:, place] / n
@@ -99,7 +99,7 @@ def _covariance(x: Floats, center: Floats, noise: Floats, isotropic: Floats) -> 
 
 
 @compiled
-def _sums(x: Any, center: Any, sums: Any, weighted: Any, products: Any, square: Any) -> None:
+def _sums(x: Floats, center: Floats, sums: Floats, weighted: Floats, products: Floats, square: Floats) -> None:
     """Σp, Σf²p and Σpp' over the pairs p = vᵢvⱼ, i ≤ j, of v = x - c, and Σf²; f is |v|² less its mean."""
     b, d, n = x.shape
     m = sums.shape[1]

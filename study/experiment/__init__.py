@@ -1,1 +1,1 @@
-"""What a study is: its config, its cells, its random streams, and the one function that runs in a worker."""
+"""Experiments: the config of a study, its cells and random streams, and the computation of one unit of work."""

@@ -1,6 +1,6 @@
-"""One unit of work: the only code that runs in a worker. It computes rows and writes nothing."""
+"""Compute one unit of work. This is the only code that runs in a worker; it returns rows and writes nothing."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from time import perf_counter
 
@@ -9,7 +9,7 @@ import numpy as np
 from study.estimators import ESTIMATORS, Fit, Samples, Status
 from study.estimators.fit import blank
 from study.experiment.config import Study
-from study.experiment.design import Batch, Cell, Unit
+from study.experiment.designs.cells import Batch, Cell, Unit
 from study.experiment.errors import Columns, Errors, Truth, levels
 from study.experiment.guarded_fit import Failures, attempt
 from study.experiment.sampling import Workspace, draw
@@ -17,25 +17,10 @@ from study.sphere.joint_moments import JointMoments
 from study.sphere.types import Floats
 
 TOGETHER = 2**17
-"""Samples drawn at a time: several batches, so that the calls on them cost little, and little enough for a cache."""
+"""Samples drawn at once: several batches, so that calls cost little, and few enough for a cache."""
 
 _SETS = 2**15
-"""Point sets fitted at a time: what is known of so many stays in a cache."""
-
-Reduce = Callable[[Errors], Columns]
-"""Makes rows of a summary from the errors of whole cells."""
-
-
-@dataclass(frozen=True)
-class Result:
-    """What a unit computes: columns of equal length for each table, none where it has no rows."""
-
-    errors: Columns
-    timings: Columns
-    points: Columns
-    failures: Columns
-    summary: Columns
-
+"""Point sets fitted at once: the moments of so many stay in a cache."""
 
 _workspace = Workspace()
 
@@ -54,7 +39,9 @@ class Clock:
         self._last = perf_counter()
 
     def columns(self) -> Columns:
-        """The rows, summed over what only differs by time."""
+        """The rows, summed over what only differs by time; no columns if there are none."""
+        if not self.rows:
+            return {}
         totals: dict[tuple[str, int], list[float]] = {}
         for step, samples, fits, seconds in self.rows:
             entry = totals.setdefault((step, samples), [0, 0.0])
@@ -68,28 +55,50 @@ class Clock:
         }
 
 
-def compute(study: Study, unit: Unit, reduce: Reduce | None = None) -> Result:
+@dataclass(frozen=True)
+class Result:
+    """Result of a unit.
+
+    Attributes:
+        blocks: errors of consecutive trials of the same cells.
+        clock: seconds of each step.
+        points: columns of the points that the study keeps, none if it keeps none.
+        failures: columns of the fits that failed, none if none did.
+    """
+
+    blocks: tuple[Errors, ...]
+    clock: Clock
+    points: Columns
+    failures: Columns
+
+    @property
+    def errors(self) -> Columns:
+        """Columns of the error table; none without estimators."""
+        return stack(block.columns() for block in self.blocks)
+
+    @property
+    def timings(self) -> Columns:
+        """Columns of the timing table."""
+        return self.clock.columns()
+
+
+def compute(study: Study, unit: Unit) -> Result:
     """Draw a unit's batches, place them on their cells' spheres, fit them, and compare with the truth.
 
     Args:
         study: the config.
         unit: the work.
-        reduce: where a study keeps summaries alone, what makes them of the errors of the unit's cells.
     """
-    clock, kept, failures = Clock(), Kept(study), Failures(study.estimators)
+    clock, points, failures = Clock(), StoredPoints(study), Failures(study.estimators)
     if study.route == "moments":
         found = _from_moments(study, unit, clock, failures)
     else:
-        found = _from_points(study, unit, clock, kept, failures)
-    blocks = list(found)
-    errors, summary = _told(study, blocks, reduce)
-    if summary:
-        clock.read("summary", unit.batches[0].samples, sum(block.radius.size for block in blocks))
-    return Result(errors, clock.columns(), stack(kept.columns()), failures.columns(), summary)
+        found = _from_points(study, unit, clock, points, failures)
+    return Result(tuple(found), clock, stack(points.columns()), failures.columns())
 
 
-def lost(study: Study, unit: Unit, message: str, reduce: Reduce | None = None) -> Result:
-    """What is told of a unit that could not be computed: every fit failed, and the bounds are not known."""
+def lost(study: Study, unit: Unit, message: str) -> Result:
+    """Result of a unit whose worker died: every fit failed, and no bound is known."""
     d, blocks, failures = study.dimension, [], Failures(study.estimators, "worker")
     for batch in unit.batches:
         on, bound = list(levels(batch.cells)), np.full((batch.trials, d + 1, d + 1), np.nan)
@@ -98,26 +107,18 @@ def lost(study: Study, unit: Unit, message: str, reduce: Reduce | None = None) -
         for name in study.estimators:
             failures.note(name, range(len(batch.cells)), [batch], dict.fromkeys(range(batch.trials), message))
         truths = [Truth((0.0,) * d, 0.0) for _ in on]
-        blocks.append(_errors(study, [batch], bound, [[fit] * len(study.estimators)], truths))
-    rows, summary = _told(study, blocks, reduce)
-    return Result(rows, {}, {}, failures.columns(), summary)
+        blocks.append(Errors.of(study, [batch], bound, [[fit] * len(study.estimators)], truths))
+    return Result(tuple(blocks), Clock(), {}, failures.columns())
 
 
-def _told(study: Study, blocks: list[Errors], reduce: Reduce | None) -> tuple[Columns, Columns]:
-    """Rows of the errors and of the summary: those that the study keeps."""
-    if not blocks:
-        return {}, {}
-    if study.keep == "errors" or reduce is None:
-        return stack(block.columns() for block in blocks), {}
-    return {}, reduce(Errors.joined(blocks))
-
-
-def _from_points(study: Study, unit: Unit, clock: Clock, kept: "Kept", failures: Failures) -> Iterator[Errors]:
-    """Form the points of each level and fit them: what the paper did, and what shows rounding."""
+def _from_points(
+    study: Study, unit: Unit, clock: Clock, points: "StoredPoints", failures: Failures
+) -> Iterator[Errors]:
+    """Form the points of each level and fit them, as the paper did: rounding is included."""
     for batches in together(unit.batches):
         n, cells = batches[0].samples, batches[0].cells
         draws = draw(study, batches, _workspace)
-        trials = len(draws.noise)
+        trials = len(draws.unit_noise)
         clock.read("draw", n, trials)
         bound, truths = draws.unit_bound(), []
         fits: list[list[Fit]] = []
@@ -126,7 +127,7 @@ def _from_points(study: Study, unit: Unit, clock: Clock, kept: "Kept", failures:
             on = [cells[places[0]].level for places in some]
             samples = draws.place(on[0], _workspace) if len(on) == 1 else draws.place_each(on)
             clock.read("points", n, trials * len(on))
-            samples.regression.spectrum  # noqa: B018  now, so that no estimator is charged for what all share
+            samples.spectrum  # noqa: B018  computed now, so that no estimator's time includes what all use
             clock.read("moments", n, trials * len(on))
             fits.append([])
             for name in study.estimators:
@@ -138,18 +139,19 @@ def _from_points(study: Study, unit: Unit, clock: Clock, kept: "Kept", failures:
                 clock.read(name, n, trials * len(on))
             truths += [Truth(level.center, level.radius) for level in on]
             for place in some[0] if study.keep_points else ():
-                kept.take(cells[place], batches, samples)
-        if study.estimators:  # a run whose fits are known may ask for points or timings alone
-            yield _errors(study, batches, bound, fits, truths)
+                points.add(cells[place], batches, samples)
+        if study.estimators:  # if all fits are known already, a run may need points or timings alone
+            yield Errors.of(study, batches, bound, fits, truths)
 
 
 def _side_by_side(study: Study, cells: tuple[Cell, ...], trials: int) -> Iterator[list[list[int]]]:
-    """The places of the cells of each level, by as many levels as are computed at once.
+    """Places of the cells of each level, in groups of levels that are computed at once.
 
-    That is one, where an estimator, or who keeps points, wants them in memory, or where the noise is not isotropic.
+    A level is computed alone if its points are formed in memory: for an estimator that needs them there, to store them,
+    for noise that is not isotropic, or for conditions besides σ, r and c.
     """
     entries = [ESTIMATORS[name] for name in study.estimators]
-    alone = study.keep_points or study.noise_shape is not None
+    alone = study.keep_points or not study.noise_law.isotropic or any(cell.further for cell in cells)
     alone = alone or not all(entry.moments_suffice or entry.by_window for entry in entries)
     count, places = 1 if alone else max(1, _SETS // trials), list(levels(cells))
     for first in range(0, len(places), count):
@@ -157,26 +159,26 @@ def _side_by_side(study: Study, cells: tuple[Cell, ...], trials: int) -> Iterato
 
 
 def _from_moments(study: Study, unit: Unit, clock: Clock, failures: Failures) -> Iterator[Errors]:
-    """Reduce the draws to their joint moments, and fit all levels of all trials from those: statistics alone."""
+    """Reduce the draws to their joint moments, and fit all levels of all trials from those, without rounding."""
     parts, bounds, cells = [], [], unit.batches[0].cells
     for batches in together(unit.batches):
         n = batches[0].samples
         draws = draw(study, batches, _workspace)
-        clock.read("draw", n, len(draws.noise))
-        parts.append(JointMoments.of(draws.directions, draws.noise))
-        clock.read("moments", n, len(draws.noise))
+        clock.read("draw", n, len(draws.unit_noise))
+        parts.append(JointMoments.of(draws.directions, draws.unit_noise))
+        clock.read("moments", n, len(draws.unit_noise))
         bounds.append(draws.unit_bound())
-        clock.read("bound", n, len(draws.noise))
+        clock.read("bound", n, len(draws.unit_noise))
     joint, truths = JointMoments.joined(parts), []
     fits: list[list[Fit]] = []
     trials, d = len(joint.count), study.dimension
     for places in levels(cells):
         level = cells[places[0]].level
-        regression = joint.regression(np.array([level.noise]), np.array([level.radius]))
-        samples = Samples.of_regression(regression, level.noise)
-        regression.spectrum  # noqa: B018
+        regression = joint.regression(np.array([level.sigma]), np.array([level.radius]))
+        samples = Samples.of_regression(regression, level.sigma)
+        samples.spectrum  # noqa: B018
         clock.read("points", n, trials)
-        truths.append(Truth((0.0,) * d, 0.0))  # its fits are errors already
+        truths.append(Truth((0.0,) * d, 0.0))  # fits from joint moments are errors already
         fits.append([])
         for name in study.estimators:
             fit, raised = attempt(name, samples)
@@ -184,19 +186,11 @@ def _from_moments(study: Study, unit: Unit, clock: Clock, failures: Failures) ->
             failures.note(name, places, unit.batches, raised)
             clock.read(name, n, trials)
     if study.estimators:
-        yield _errors(study, unit.batches, np.concatenate(bounds), fits, truths)
-
-
-def _errors(
-    study: Study, batches: Sequence[Batch], bound: Floats, fits: list[list[Fit]], truths: list[Truth]
-) -> Errors:
-    """Errors of batches of the same cells, whose rows do not depend on what is computed together."""
-    blocks = tuple(batch.trials for batch in batches)
-    return Errors.of(batches[0].cells, study.estimators, batches[0].first, blocks, bound, fits, truths)
+        yield Errors.of(study, unit.batches, np.concatenate(bounds), fits, truths)
 
 
 def together(batches: Sequence[Batch]) -> Iterator[list[Batch]]:
-    """Batches of the same cells that are computed at once, in order."""
+    """Group batches of the same cells that are computed at once, in order."""
     group: list[Batch] = []
     for batch in batches:
         full = sum(b.trials for b in group) * batch.samples + batch.trials * batch.samples > TOGETHER
@@ -214,15 +208,15 @@ def stack(parts: Iterable[Columns]) -> Columns:
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]} if parts else {}
 
 
-class Kept:
-    """Points of the trials that the study keeps, batch by batch and cell by cell."""
+class StoredPoints:
+    """Points of the trials whose points the study stores, batch by batch and cell by cell."""
 
     def __init__(self, study: Study) -> None:
         self._below = study.keep_points
         self._found: dict[tuple[int, int], Columns] = {}
 
-    def take(self, cell: Cell, batches: Sequence[Batch], samples: Samples) -> None:
-        """Take what is to be kept of the points of a cell's level, drawn in these batches."""
+    def add(self, cell: Cell, batches: Sequence[Batch], samples: Samples) -> None:
+        """Add the points of a cell, as far as they are to be stored, from the points of its level in some batches."""
         start = 0
         for batch in batches:
             count = min(batch.trials, self._below - batch.first)

@@ -1,127 +1,192 @@
-"""Conditions of a study: values allowed, and the two designs: a grid of them, or laws that every trial draws from."""
+"""The conditions of an experiment in one table: configs, cells, stored tables and labels are made from it.
+
+A condition that has a default and is *silent* leaves no trace at it: not in the digest of a config, not in the names of
+cells and streams, not in the columns of the tables. So a study that does not use it is, to the byte, what it was before
+the condition existed.
+"""
 
 import math
-from collections.abc import Callable
-from typing import Annotated, Any, Literal
+from collections.abc import Callable, Container
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
 
-import numpy as np
-from pydantic import AfterValidator, BeforeValidator, Field, SerializerFunctionWrapHandler, model_serializer
+if TYPE_CHECKING:
+    import pandas as pd
 
-from study.experiment.config_faults import shorten
-from study.experiment.distributions import Choice, Constant, Frozen, Law, LogUniform, Uniform, is_number
-
-MAX_CELLS = 10_000_000
-
-ALLOWED: dict[str, tuple[Callable[[float], bool], str]] = {
-    "samples": (lambda v: v >= 3 and v == int(v), "a whole number, at least dimension + 1"),
-    "noise": (lambda v: v > 0, "above 0, in the unit of the radius"),
-    "angle": (lambda v: 0 < v <= 180, "above 0 and at most 180 degrees"),
-    "radius": (lambda v: v > 0, "above 0"),
-    "center": (lambda v: v >= 0, "at least 0: the distance of the centre from the origin"),
-}
+Value = int | float | str
 
 
-def _axis(quantity: str) -> BeforeValidator:
-    """Expand a grid axis - a number, a list, ``linspace`` or ``logspace`` - and check every value."""
-    allowed, words = ALLOWED[quantity]
+class RowValues(Protocol):
+    """A row of a table, or the values of a cell: values by the name of their column."""
 
-    def expand(value: Any) -> object:
-        numbers: list[Any]
-        if isinstance(value, dict):
-            numbers = _spaced(value)
-            if quantity == "samples":
-                numbers = [float(round(v)) if math.isfinite(v) else v for v in numbers]
-        elif isinstance(value, list | tuple):
-            numbers = list(value)
-        else:
-            numbers = [value]
-        if not numbers:
-            raise ValueError(f"the list is empty; give at least one value, each {words}")
-        wrong = [v for v in numbers if not is_number(v) or not allowed(v)]
-        if wrong:
-            listed = ", ".join(shorten(v) for v in wrong[:5]) + (", …" if len(wrong) > 5 else "")
-            raise ValueError(f"{listed} not allowed: every value must be {words}")
-        if quantity == "samples":
-            return tuple(dict.fromkeys(int(v) for v in numbers))
-        return tuple(dict.fromkeys(float(v) + 0.0 for v in numbers))  # -0.0 is 0.0
-
-    return BeforeValidator(expand)
+    def __contains__(self, name: object, /) -> bool: ...
+    def __getitem__(self, name: Any, /) -> Any: ...
 
 
-def _spaced(value: dict[str, Any]) -> list[float]:
-    """Values of ``{ linspace = [first, last, count] }`` or ``{ logspace = [first, last, count] }``, ends included."""
-    words = "write { linspace = [first, last, count] } or { logspace = [first, last, count] }"
-    if len(value) != 1 or next(iter(value)) not in ("linspace", "logspace"):
-        raise ValueError(f"keys {', '.join(value) or 'none'} not understood: {words}")
-    ((kind, ends),) = value.items()
-    if not isinstance(ends, list) or len(ends) != 3 or not all(is_number(v) for v in ends):
-        raise ValueError(f"{kind} = {ends!r} not understood: {words}")
-    first, last, count = ends
-    if not isinstance(count, int) or not 1 <= count <= MAX_CELLS:
-        raise ValueError(f"count = {count!r} in {kind} must be a whole number from 1 to {MAX_CELLS}")
-    if count == 1 and first != last:
-        raise ValueError(f"{kind} from {first} to {last} cannot be 1 value: {words}")
-    if kind == "logspace" and not (first > 0 and last > 0):
-        raise ValueError(f"logspace from {first} to {last} must have both ends above 0")
-    space = np.linspace if kind == "linspace" else np.geomspace
-    with np.errstate(all="ignore"):  # a range beyond floating point gives values that are not allowed
-        values = space(float(first), float(last), count)
-    # twelve digits: 0.1 instead of 0.10000000000000002, on every machine
-    return [float(f"{v:.12g}") for v in values]
+@dataclass(frozen=True, kw_only=True)
+class Condition:
+    """One condition of an experiment.
+
+    Attributes:
+        name: its key in a config, and the name of its column in the tables.
+        symbol: for labels.
+        meaning: of its column in the tables, in words.
+        in_full: the longer meaning that the error table has; the same as elsewhere, if empty.
+        unit: of its column: length, degree, or none.
+        allowed: true for the values that may be given.
+        rule: the values allowed, in words.
+        kind: of its values: int, float or str.
+        default: its value where a config gives none; without a default, a config must give it or its alternative.
+        alternative: another condition that a config may give instead of it.
+        silent: the default leaves no trace.
+        own_draws: cells with different values have different draws; otherwise the same draws are placed differently.
+        axis: a grid may list its values.
+        law: a random design may draw it.
+        stored: it has a column in the tables.
+        derived: finds it from the other conditions of a row, if it has no column.
+        labelled: labels name it.
+        digits: of a value in a label.
+        mark: the sign behind a value in a label.
+    """
+
+    name: str
+    symbol: str
+    meaning: str
+    in_full: str = ""
+    unit: str = ""
+    allowed: Callable[[Any], bool]
+    rule: str
+    kind: type[int] | type[float] | type[str] = float
+    default: Value | None = None
+    alternative: str = ""
+    silent: bool = False
+    own_draws: bool = False
+    axis: bool = True
+    law: bool = True
+    stored: bool = True
+    derived: Callable[[RowValues], Any] | None = None
+    labelled: bool = True
+    digits: int = 6
+    mark: str = ""
+
+    def holds(self, value: object) -> bool:
+        """True if a value is of its kind: a word, or a number that floating point can hold."""
+        return isinstance(value, str) if self.kind is str else is_number(value)
+
+    def of(self, row: RowValues) -> Any:
+        """Its value in a row of a table, or among the values of a cell."""
+        return row[self.name] if self.derived is None else self.derived(row)
+
+    def written(self, value: Value) -> str:
+        """A value as a label has it: ``20°``."""
+        return (value if isinstance(value, str) else f"{value:.{self.digits}g}") + self.mark
+
+    def label(self, row: RowValues) -> str:
+        """Its symbol and its value in a row: ``φ = 20°``."""
+        return f"{self.symbol} = {self.written(self.of(row))}"
 
 
-def _law(quantity: str) -> AfterValidator:
-    """Check that a law stays within the values allowed for a quantity; an open lower end may touch the limit."""
-    allowed, words = ALLOWED[quantity]
-
-    def check(law: Constant | Choice | Uniform | LogUniform) -> Constant | Choice | Uniform | LogUniform:
-        values = law.possible()
-        if isinstance(law, Uniform | LogUniform):
-            if quantity == "samples":
-                values = tuple(float(round(v)) for v in values)
-            elif law.low == 0.0:
-                values = values[1:]  # an open end may touch the limit
-        wrong = [f"{v:.12g}" for v in dict.fromkeys(values) if not allowed(v)]
-        if wrong:
-            raise ValueError(f"{' and '.join(wrong)} not allowed: every value must be {words}")
-        return law
-
-    return AfterValidator(check)
+def is_number(value: object) -> bool:
+    """True if a config's value is a number that floating point can hold."""
+    try:
+        return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    except OverflowError:
+        return False
 
 
-class RandomDesign(Frozen):
-    """Each trial draws its own conditions from declared laws (the paper's §4.1)."""
+SAMPLES = Condition(
+    name="samples",
+    symbol="N",
+    meaning="number of samples N",
+    in_full="number of samples N of the data set",
+    allowed=lambda v: v >= 3 and v == int(v),
+    rule="a whole number, at least dimension + 1",
+    kind=int,
+    own_draws=True,
+)
+NOISE = Condition(
+    name="noise",
+    symbol="σ",
+    meaning="standard deviation σ",
+    in_full="standard deviation σ of each coordinate",
+    unit="length",
+    allowed=lambda v: v > 0,
+    rule="above 0, in the unit of the radius",
+    alternative="noise_over_radius",
+    labelled=False,
+)
+NOISE_OVER_RADIUS = Condition(
+    name="noise_over_radius",
+    symbol="σ/r",
+    meaning="standard deviation σ over radius r",
+    allowed=lambda v: v > 0,
+    rule="above 0, in the unit of the radius",
+    alternative="noise",
+    stored=False,
+    derived=lambda row: row["noise"] / row["radius"],
+    digits=3,
+)
+ANGLE = Condition(
+    name="angle",
+    symbol="φ",
+    meaning="confinement half-angle φ",
+    in_full="confinement half-angle φ about the first axis",
+    unit="degree",
+    allowed=lambda v: 0 < v <= 180,
+    rule="above 0 and at most 180 degrees",
+    own_draws=True,
+    digits=4,
+    mark="°",
+)
+RADIUS = Condition(
+    name="radius",
+    symbol="r",
+    meaning="true radius r",
+    unit="length",
+    allowed=lambda v: v > 0,
+    rule="above 0",
+    default=1.0,
+)
+CENTER = Condition(
+    name="center",
+    symbol="|c|",
+    meaning="distance |c| from the origin",
+    in_full="distance |c| of the true centre from the origin",
+    unit="length",
+    allowed=lambda v: v >= 0,
+    rule="at least 0: the distance of the centre from the origin",
+    default=0.0,
+)
 
-    kind: Literal["random"]
-    trials: Annotated[int, Field(ge=1, le=MAX_CELLS)]
-    samples: Annotated[Law, _law("samples")]
-    noise: Annotated[Law, _law("noise")] | None = None
-    noise_over_radius: Annotated[Law, _law("noise")] | None = None
-    angle: Annotated[Law, _law("angle")]
-    radius: Annotated[Law, _law("radius")] = Constant(law="constant", value=1.0)
-    center: Annotated[Law, _law("center")] = Constant(law="constant", value=0.0)
+CONDITIONS = {c.name: c for c in (SAMPLES, NOISE, NOISE_OVER_RADIUS, ANGLE, RADIUS, CENTER)}
+"""Every condition by its name, in the order of keys, columns and labels. A new one is appended."""
+
+STORED = tuple(c for c in CONDITIONS.values() if c.stored)
+"""The conditions with a column of their own."""
+
+SILENT = tuple(c for c in CONDITIONS.values() if c.silent)
+"""The conditions that leave no trace at their defaults."""
+
+COLUMNS = tuple(c for c in STORED if not c.silent)
+"""The conditions that are columns of every table."""
+
+LABELS = tuple(c for c in CONDITIONS.values() if c.labelled)
+"""The conditions that labels may name."""
+
+ALWAYS = (SAMPLES, NOISE_OVER_RADIUS, ANGLE)
+"""The conditions that a label names in any case."""
 
 
-class GridDesign(Frozen):
-    """Every combination of the listed values is a cell of so many trials."""
+def distinguishing(table: "pd.DataFrame") -> list[Condition]:
+    """The conditions that distinguish the rows of a table: N, σ/r and φ in any case, others if they vary."""
+    return [c for c in LABELS if c in ALWAYS or (c.name in table and table[c.name].nunique() > 1)]
 
-    kind: Literal["grid"]
-    trials: Annotated[int, Field(ge=1, le=MAX_CELLS)]
-    samples: Annotated[tuple[int, ...], _axis("samples")]
-    noise: Annotated[tuple[float, ...], _axis("noise")] | None = None
-    noise_over_radius: Annotated[tuple[float, ...], _axis("noise")] | None = None
-    angle: Annotated[tuple[float, ...], _axis("angle")]
-    radius: Annotated[tuple[float, ...], _axis("radius")] = (1.0,)
-    center: Annotated[tuple[float, ...], _axis("center")] = (0.0,)
-    draws: Literal["shared", "independent"] = "shared"
-    most_samples: Annotated[int, Field(ge=1)] | None = None
-    """Cells of many samples have fewer trials: so many that trials times samples do not exceed this."""
 
-    @model_serializer(mode="wrap")
-    def _written(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Without the limit where there is none: configs from before it was are what they were."""
-        return {k: v for k, v in handler(self).items() if k != "most_samples" or v is not None}
+def named_in(columns: Container[str]) -> list[Condition]:
+    """The conditions that a text names for rows with these columns: N, σ/r and φ, and the silent ones among them."""
+    return [c for c in LABELS if c in ALWAYS or (c.silent and c.name in columns)]
 
-    def trials_of(self, samples: int) -> int:
-        """Number of trials of each cell of so many samples."""
-        return self.trials if self.most_samples is None else max(1, min(self.trials, self.most_samples // samples))
+
+def label(row: RowValues) -> str:
+    """A row's conditions in words: ``N = 10, σ/r = 0.1, φ = 90°``, and the silent ones that its table has."""
+    return ", ".join(c.label(row) for c in named_in(row))

@@ -1,42 +1,54 @@
-"""A study's config: TOML in, a frozen `Study` out, or one message with every fault."""
+"""Read a study's config: TOML in, a frozen `Study` out, or one message with every fault."""
 
-import difflib
 import hashlib
-import math
 import tomllib
-from itertools import product
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal, Union
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator, Field, ValidationError
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    PlainValidator,
+    SerializeAsAny,
+    TypeAdapter,
+    ValidationError,
+)
 
 from study.estimators import ESTIMATORS
-from study.experiment.conditions import ALLOWED, MAX_CELLS, GridDesign, RandomDesign
+from study.experiment.conditions import CONDITIONS, NOISE, STORED, Condition, is_number
 from study.experiment.config_faults import ConfigError, Fault, report
-from study.experiment.distributions import Choice, Constant, Frozen, is_number
-from study.experiment.posterior_config import CONDITIONS, Posterior, same
+from study.experiment.designs.design import Design
+from study.experiment.designs.fields import MAX_CELLS
+from study.experiment.designs.grid import GridDesign
+from study.experiment.designs.random_design import RandomDesign
+from study.experiment.distributions import Frozen
+from study.experiment.noise import NoiseLaw, gaussian
+from study.experiment.posterior_config import Posterior, posterior_faults
 from study.experiment.precision_config import Precision, precision_faults
+from study.text.nearest import did_you_mean
+
+_EITHER: Any = Annotated[Union[RandomDesign, GridDesign], Field(discriminator="kind")]  # noqa: UP007  two variables
+_DESIGNS: TypeAdapter[Design] = TypeAdapter(_EITHER)
 
 
 def _tuples(value: object) -> object:
-    """Lists as TOML has them, to tuples, which a frozen config holds."""
+    """Turn lists, which TOML has, into tuples, which a frozen config holds."""
     return tuple(_tuples(v) for v in value) if isinstance(value, list) else value
 
 
 def _known_estimators(names: tuple[str, ...]) -> tuple[str, ...]:
     unknown = [name for name in names if name not in ESTIMATORS]
     if unknown:
-        near = [difflib.get_close_matches(name, ESTIMATORS, n=1) for name in unknown]
-        hint = "".join(f"; did you mean {n[0]!r}?" for n in near if n)
-        raise ValueError(f"{', '.join(map(repr, unknown))} unknown: known are {', '.join(ESTIMATORS)}{hint}")
+        raise ValueError(f"{', '.join(map(repr, unknown))} unknown; {did_you_mean(unknown, ESTIMATORS)}")
     if len(set(names)) < len(names):
         raise ValueError("an estimator is named twice")
     return names
 
 
 class Study(Frozen):
-    """A whole study, as its config says it."""
+    """A study: its config, complete and checked."""
 
     name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]{0,60}$")]
     seed: Annotated[int, Field(ge=0)]
@@ -47,48 +59,56 @@ class Study(Frozen):
     noise_shape: Annotated[tuple[tuple[float, ...], ...], BeforeValidator(_tuples)] | None = None
     """Covariance of a sample in units of σ² (d, d); the identity if absent."""
     keep_points: Annotated[int, Field(ge=0)] = 0
-    """The trials whose points are stored: those with a number below this one, in each cell."""
+    """Number of trials of each cell whose points are stored: the first ones."""
     tolerate_failures: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
-    """Share of the fits that may fail - raise, or kill their worker - before a complete run counts as a bad one."""
+    """Share of the fits that may raise or kill their worker before a finished run ends with an error status."""
     route: Literal["points", "moments"] = "points"
-    """How fits are computed: from points, as the paper did, rounding included; or, closed forms only, from the joint
-    moments of directions and noise, which gives the statistical error alone and all noise levels at once."""
+    """Fits are computed from points, as the paper did, rounding included; or, closed forms only, from the joint moments
+    of directions and noise, which gives the statistical error alone and all noise levels at once."""
     keep: Literal["errors", "summary"] = "errors"
-    """What is stored of the trials: every error, or their summary alone."""
-    design: Annotated[RandomDesign | GridDesign, Field(discriminator="kind")]
+    """The table that is stored: the error of every fit, or their summary alone."""
+    design: Annotated[SerializeAsAny[Design], PlainValidator(_DESIGNS.validate_python)]
     posterior: Posterior | None = None
     precision: Precision | None = None
-    """When a cell has trials enough; without it each has as many as its design says."""
+    """The rule by which a cell has enough trials; without it, each has as many as the design says."""
+
+    @property
+    def noise_law(self) -> NoiseLaw:
+        """The law of the noise of a sample."""
+        return gaussian(self.noise_shape, self.dimension)
 
     def cells(self) -> int:
-        """Number of conditions: in a random design, one per trial."""
-        design = self.design
-        if isinstance(design, RandomDesign):
-            return design.trials
-        noises = design.noise or design.noise_over_radius or ()
-        return math.prod(len(axis) for axis in (design.samples, noises, design.angle, design.radius, design.center))
+        """Number of cells: in a random design, one per trial."""
+        return self.design.cells()
 
     def independent(self) -> bool:
-        """Whether no two conditions share their directions and noise."""
-        return isinstance(self.design, RandomDesign) or self.design.draws == "independent" or self.cells() == 1
+        """True if no two cells share their directions and noise."""
+        return self.design.independent()
+
+    def conditions(self) -> tuple[Condition, ...]:
+        """The conditions that have a column in the study's tables."""
+        return tuple(c for c in STORED if not c.silent or c.name in self.design.given())
 
     def canonical(self) -> str:
-        """All that determines the error table, as JSON: without ``[posterior]``, tolerance, and budget of time."""
+        """The config as JSON, as far as it determines the error table.
+
+        That leaves out ``[posterior]``, the tolerance of failures, and the budget of time.
+        """
         left_out: dict[str, Any] = dict.fromkeys(("posterior", "tolerate_failures"), True) | {"precision": {"seconds"}}
-        return self.model_dump_json(exclude=left_out | dict.fromkeys(self._usual(), True))
+        return self.model_dump_json(exclude=left_out | dict.fromkeys(self._unused(), True))
 
     def stem(self) -> str:
-        """What determines any row besides its condition, trial and estimator, as JSON: the seed, for example."""
+        """The entries that determine a row besides its cell, trial and estimator, as JSON: the seed, for example."""
         left_out = {"posterior", "precision", "tolerate_failures", "name", "design", "estimators", "keep_points"}
-        return self.model_dump_json(exclude={*left_out, *self._usual()})
+        return self.model_dump_json(exclude={*left_out, *self._unused()})
 
-    def _usual(self) -> set[str]:
-        """Keys that leave no trace at their defaults, so that configs from before they were are what they were."""
+    def _unused(self) -> set[str]:
+        """Newer entries that are at their defaults; they are left out, so that older configs keep their digest."""
         names = ("route", "keep", "precision")
         return {name for name in names if getattr(self, name) == type(self).model_fields[name].default}
 
     def digest(self) -> str:
-        """Ten hexadecimal digits that stand for the canonical config."""
+        """Digest of the canonical config, ten hexadecimal digits."""
         return hashlib.sha256(self.canonical().encode()).hexdigest()[:10]
 
     def run_name(self) -> str:
@@ -101,16 +121,16 @@ def parse(text: str, source: str = "config") -> Study:
 
     Args:
         text: the TOML document.
-        source: what to call it in messages.
+        source: its name in messages.
 
     Raises:
-        ConfigError: with every fault, its place, the value and what is allowed.
+        ConfigError: with every fault, its place, its value and the values allowed.
     """
     try:
         raw = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # also a number of thousands of digits, or brackets in thousands
+    except (ValueError, RecursionError) as error:  # for numbers of thousands of digits, and thousands of brackets, too
         raise ConfigError(f"{source}: not TOML: {error}") from None
-    faults = _across(raw)
+    faults = _faults_between_keys(raw)
     study = None
     try:
         study = Study.model_validate(raw)
@@ -120,11 +140,9 @@ def parse(text: str, source: str = "config") -> Study:
         faults.append(Fault(("design",), f"{study.cells():,} cells; at most {MAX_CELLS:,} are allowed"))
     elif study is not None:
         if study.posterior is not None:
-            faults += _posterior_faults(study, study.posterior)
+            faults += posterior_faults(study.posterior, study.design, study.dimension, study.noise_shape is not None)
         if study.precision is not None:
-            design = study.design
-            grid, cap = isinstance(design, GridDesign), design.trials
-            faults += precision_faults(study.precision, study.estimators, grid, study.keep, cap)
+            faults += precision_faults(study.precision, study.estimators, study.design, study.keep)
     if faults or study is None:
         raise ConfigError.listing(source, text, faults)
     return study
@@ -145,13 +163,13 @@ def read(path: Path) -> tuple[Study, str]:
     return parse(text, str(path)), text
 
 
-def _across(raw: dict[str, Any]) -> list[Fault]:
-    """Faults that lie between keys. Keys of the wrong type are left to the schema."""
+def _faults_between_keys(raw: dict[str, Any]) -> list[Fault]:
+    """Find entries that do not go together. Those of the wrong type are left to the schema."""
     faults: list[Fault] = []
     design, d = raw.get("design"), raw.get("dimension", 3)
     if not isinstance(d, int) or not isinstance(design, dict):
         return faults
-    given = [key for key in ("noise", "noise_over_radius") if key in design]
+    given = [key for key in (NOISE.name, NOISE.alternative) if key in design]
     if len(given) != 1:
         found = " and ".join(given) or "neither"
         faults.append(Fault(("design",), f"give noise or noise_over_radius, one of the two (found {found})"))
@@ -166,7 +184,7 @@ def _across(raw: dict[str, Any]) -> list[Fault]:
 
 
 def _route_faults(raw: dict[str, Any], design: dict[str, Any]) -> list[Fault]:
-    """What the route through joint moments, and the keeping of summaries alone, do not give."""
+    """Find entries that do not go with the route through joint moments, or with storing summaries alone."""
     faults: list[Fault] = []
     grid = design.get("kind") == "grid"
     if raw.get("route") == "moments":
@@ -193,7 +211,7 @@ def _route_faults(raw: dict[str, Any], design: dict[str, Any]) -> list[Fault]:
 
 
 def _least_samples(samples: object) -> float | None:
-    """Smallest sample count that a design's entry can give; None where the schema will complain."""
+    """Smallest number of samples that a design's entry can give; None if the schema refuses the entry."""
     if isinstance(samples, dict):
         if "law" in samples:
             values = [samples.get("low"), samples.get("value"), *_as_list(samples.get("values"))]
@@ -210,7 +228,7 @@ def _as_list(value: object) -> list[Any]:
 
 
 def _shape_faults(shape: object, d: int) -> list[Fault]:
-    """A noise shape must be a covariance (d, d)."""
+    """Check that a noise shape is a covariance (d, d)."""
     try:
         matrix = np.asarray(shape, dtype=float)
         good = matrix.shape == (d, d) and bool(np.all(np.isfinite(matrix))) and bool(np.all(matrix == matrix.T))
@@ -223,65 +241,10 @@ def _shape_faults(shape: object, d: int) -> list[Fault]:
     return [] if good else [Fault(("noise_shape",), words, shape)]
 
 
-def _posterior_faults(study: Study, posterior: Posterior) -> list[Fault]:
-    """Posteriors that the design cannot give."""
-    design, where = study.design, dict(posterior.where)
-    possible = _possible(design)
-    faults = [
-        Fault(("posterior", "where"), f"no cell has {name} = {value:.12g}")
-        for name, values in where.items()
-        for value in values
-        if name in possible and not any(same(value, v) for v in possible[name])
-    ]
-
-    def chosen(name: str) -> list[float]:
-        """Values that chosen cells can have; NaN where a law leaves them open."""
-        values = where.get(name, possible.get(name, (math.nan,)))
-        return [float(v) for v in values]
-
-    if "whole_sphere" in posterior.likelihood and any(v != 180.0 for v in chosen("angle")):
-        words = "whole_sphere is wrong on caps: choose cells of the whole sphere with where = { angle = 180 }"
-        faults.append(Fault(("posterior", "likelihood"), words))
-    least = min(where["samples"]) if "samples" in where else _fewest(design)
-    if "unknown" in posterior.noise and least < study.dimension + 2:
-        words = f"an unknown noise needs at least {study.dimension + 2} samples, not {least:g}; choose with where"
-        faults.append(Fault(("posterior", "noise"), words))
-    least_walkers = 2 * (study.dimension + 3)
-    if posterior.walkers < least_walkers:
-        words = f"at least {least_walkers} are needed in dimension {study.dimension}"
-        faults.append(Fault(("posterior", "walkers"), words, posterior.walkers))
-    if study.noise_shape is not None:
-        faults.append(Fault(("posterior",), "its likelihoods are of isotropic noise: take noise_shape out"))
-    return faults
-
-
-def _possible(design: RandomDesign | GridDesign) -> dict[str, tuple[float, ...]]:
-    """Values that each condition takes, where they can be listed."""
-    if isinstance(design, GridDesign):
-        noises = design.noise or design.noise_over_radius or ()
-        name, other = ("noise", "noise_over_radius") if design.noise else ("noise_over_radius", "noise")
-        scaled = product(noises, design.radius)
-        return {
-            **{key: tuple(map(float, getattr(design, key))) for key in ("samples", "angle", "radius", "center")},
-            name: noises,
-            other: tuple(v / r if design.noise else v * r for v, r in scaled),
-        }
-    laws = {key: getattr(design, key) for key in CONDITIONS}
-    return {key: law.possible() for key, law in laws.items() if isinstance(law, Constant | Choice)}
-
-
-def _fewest(design: RandomDesign | GridDesign) -> float:
-    """Smallest number of samples in a design."""
-    if isinstance(design, GridDesign):
-        return min(design.samples)
-    return float(round(min(design.samples.possible())))
-
-
 _KEYS: dict[tuple[str, ...], list[str]] = {
     (): list(Study.model_fields),
     ("posterior",): list(Posterior.model_fields),
     ("precision",): list(Precision.model_fields),
     ("design",): sorted({*RandomDesign.model_fields, *GridDesign.model_fields}),
-    **{("design", key): ["law", "value", "values", "low", "high", "linspace", "logspace"] for key in ALLOWED},
+    **{("design", name): ["law", "value", "values", "low", "high", "linspace", "logspace"] for name in CONDITIONS},
 }
-assert set(get_args(Study.model_fields["design"].annotation)) == {RandomDesign, GridDesign}

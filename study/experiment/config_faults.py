@@ -1,6 +1,5 @@
-"""What is wrong with a config: every fault with its line, its place, the value and what is allowed."""
+"""Faults of a config, each with its line, its place, its value and the values allowed."""
 
-import difflib
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -8,6 +7,7 @@ from dataclasses import dataclass
 from pydantic import ValidationError
 
 from study.experiment.distributions import LAWS
+from study.text.nearest import did_you_mean
 
 Path = tuple[str | int, ...]
 _MISSING = object()
@@ -15,14 +15,20 @@ _MISSING = object()
 
 @dataclass(frozen=True)
 class Fault:
-    """One thing that is wrong."""
+    """One fault.
+
+    Attributes:
+        path: keys and indices that lead to the entry.
+        words: the sentence about it.
+        value: its value, which the message shows if it is given.
+    """
 
     path: Path
     words: str
     value: object = _MISSING
 
     def place(self) -> str:
-        """The key as a reader would write it: ``design.angle[2]``."""
+        """The key as a user would write it: ``design.angle[2]``."""
         text = ""
         for part in self.path:
             text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else str(part)
@@ -30,7 +36,7 @@ class Fault:
 
 
 class ConfigError(Exception):
-    """A config that cannot be used; the message says why, all of it."""
+    """A config that cannot be used; the message has all of its faults."""
 
     @classmethod
     def listing(cls, source: str, text: str, faults: Sequence[Fault]) -> "ConfigError":
@@ -45,7 +51,7 @@ class ConfigError(Exception):
 
 
 def report(error: ValidationError, known: Mapping[tuple[str, ...], list[str]]) -> list[Fault]:
-    """Turn a schema's complaints into faults, with the nearest known key for each unknown one."""
+    """Turn the errors of a schema into faults, with the nearest known key for each unknown one."""
     faults: dict[Path, Fault] = {}
     for entry in error.errors(include_url=False):
         path = _path(entry["loc"])
@@ -65,17 +71,16 @@ def report(error: ValidationError, known: Mapping[tuple[str, ...], list[str]]) -
 
 
 def _unknown(key: str, known: list[str]) -> str:
-    """What to say about an unknown key."""
+    """The sentence about an unknown key."""
     if key in known:
         return "unknown key: not one of this kind of design"
-    near = difflib.get_close_matches(key, known, n=1)
-    return f"unknown key; did you mean {near[0]!r}?" if near else f"unknown key; known are {', '.join(known)}"
+    return f"unknown key; {did_you_mean(key, known)}"
 
 
 def _path(location: Sequence[str | int]) -> Path:
-    """Drop from a schema's location the names of union members, which are not in the file.
+    """Drop the names of union members, which are not in the file, from a schema's location.
 
-    They follow the key whose value the union is: ``design, random, noise, uniform, low``.
+    They follow the key that has the union as its type: ``design, random, noise, uniform, low``.
     """
     path = list(location)
     if path[:1] == ["design"] and len(path) > 1 and path[1] in ("random", "grid"):
@@ -107,6 +112,6 @@ def _printable(text: str) -> str:
 
 
 def shorten(value: object) -> str:
-    """A value as a message shows it."""
+    """A value for a message, cut to 60 characters."""
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..."

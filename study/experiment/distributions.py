@@ -1,21 +1,41 @@
 """The laws that a random design draws its conditions from, each as the inverse of its distribution function."""
 
-import math
-from typing import Annotated, Literal, Self
+from abc import abstractmethod
+from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
+from study.experiment.conditions import is_number
+
 
 class Frozen(BaseModel):
-    """A part of a config: immutable, typed strictly, no unknown keys, no NaN."""
+    """A section of a config: immutable, typed strictly, no unknown keys, no NaN."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
 
-class Constant(Frozen):
+class Distribution(Frozen):
+    """A law that a number is drawn from."""
+
+    continuous: ClassVar[bool] = False
+    """It has a density on an interval; otherwise it has a few values."""
+    name: ClassVar[str]
+    """The law in words."""
+
+    @abstractmethod
+    def at(self, u: float) -> float:
+        """The number drawn, from a uniform one u in [0, 1)."""
+
+    @abstractmethod
+    def possible(self) -> tuple[float, ...]:
+        """The values that can be drawn; of a continuous law the ends, of which the lower is never drawn."""
+
+
+class Constant(Distribution):
     """Always the same value."""
 
     law: Literal["constant"]
+    name = "constant"
     value: float
 
     def at(self, u: float) -> float:
@@ -31,10 +51,11 @@ def _nonempty_tuple(value: object) -> object:
     return tuple(value) if isinstance(value, list) else value
 
 
-class Choice(Frozen):
+class Choice(Distribution):
     """One of a list of values, each equally likely."""
 
     law: Literal["choice"]
+    name = "choice"
     values: Annotated[tuple[float, ...], BeforeValidator(_nonempty_tuple), Field(min_length=1)]
 
     def at(self, u: float) -> float:
@@ -46,7 +67,8 @@ class Choice(Frozen):
         return self.values
 
 
-class _Interval(Frozen):
+class _Interval(Distribution):
+    continuous = True
     low: float
     high: float
 
@@ -57,7 +79,7 @@ class _Interval(Frozen):
         return self
 
     def possible(self) -> tuple[float, ...]:
-        """The ends of what can be drawn; the lower one itself never is."""
+        """The ends of the interval."""
         return self.low, self.high
 
 
@@ -65,6 +87,7 @@ class Uniform(_Interval):
     """Uniform on (low, high]."""
 
     law: Literal["uniform"]
+    name = "uniform"
 
     def at(self, u: float) -> float:
         """The value at quantile 1 - u, u in [0, 1)."""
@@ -75,6 +98,7 @@ class LogUniform(_Interval):
     """Uniform in the logarithm, on (low, high]."""
 
     law: Literal["log_uniform"]
+    name = "log-uniform"
     low: Annotated[float, Field(gt=0)]
 
     def at(self, u: float) -> float:
@@ -86,16 +110,8 @@ class LogUniform(_Interval):
 LAWS = ("constant", "choice", "uniform", "log_uniform")
 
 
-def is_number(value: object) -> bool:
-    """Whether a config's value is a number that floating point can hold."""
-    try:
-        return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-    except OverflowError:
-        return False
-
-
 def _plain_number(value: object) -> object:
-    """A number stands for a constant; what is neither a number nor a law is told what a law looks like."""
+    """Make a constant of a number, and refuse anything but a law with an example of one."""
     if is_number(value):
         return {"law": "constant", "value": value}
     if not isinstance(value, dict | Frozen) or (isinstance(value, dict) and "law" not in value):

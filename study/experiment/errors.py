@@ -1,6 +1,6 @@
-"""What came of a block of trials: the errors of every estimator in every cell, and their rows."""
+"""The errors of every estimator in every cell over a block of trials, and their rows in the error table."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -8,17 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from study.estimators import Fit
-from study.experiment.design import Cell
+from study.experiment.conditions import CONDITIONS, Value
+from study.experiment.config import Study
+from study.experiment.designs.cells import Batch, Cell
 from study.sphere.types import Floats
 
 Columns = dict[str, NDArray[Any]]
-
-
-_OF_FITS = ("center", "radius", "noise_variance", "status", "condition", "iterations")
+"""Columns of a table by name."""
 
 
 class Truth(NamedTuple):
-    """A sphere that fits are compared with, in the unit in which they were made."""
+    """A sphere that fits are compared with, in the unit of the fits."""
 
     center: tuple[float, ...]
     radius: float
@@ -31,8 +31,9 @@ class Errors:
     Attributes:
         cells: the conditions.
         estimators: the names.
+        conditions: names of the conditions that are columns of the table.
         first: number of the first trial.
-        blocks: numbers of trials, which add up to T: rows of the table come block by block.
+        blocks: numbers of trials, with the sum T: rows of the table are ordered block by block.
         bound: the Cramér-Rao bound at σ = 1 of each trial's directions (T, d+1, d+1).
         center: estimated minus true centre (C, E, T, d), in the unit of the cells.
         radius: estimated minus true radius (C, E, T).
@@ -41,6 +42,7 @@ class Errors:
 
     cells: tuple[Cell, ...]
     estimators: tuple[str, ...]
+    conditions: tuple[str, ...]
     first: int
     blocks: tuple[int, ...]
     bound: Floats
@@ -53,14 +55,19 @@ class Errors:
 
     @classmethod
     def of(
-        cls, cells: tuple[Cell, ...], estimators: tuple[str, ...], first: int, blocks: tuple[int, ...], bound: Floats,
-        fits: Sequence[Sequence[Fit]], truths: Sequence[Truth],
-    ) -> "Errors":  # fmt: skip
-        """From the ``fits`` of all trials, and the ``truths`` of their levels, as `levels` has these.
+        cls, study: Study, batches: Sequence[Batch], bound: Floats, fits: Sequence[list[Fit]], truths: Sequence[Truth]
+    ) -> "Errors":
+        """Compare fits with the truth.
 
-        Levels may have been fitted together: for each such group there is a fit per estimator, of each trial's levels
-        one after the other. The other arguments are those of the class.
+        Args:
+            study: the config, of which the estimators and the stored conditions count.
+            batches: consecutive trials of the same cells.
+            bound: the Cramér-Rao bound at σ = 1 of each trial's directions (T, d+1, d+1).
+            fits: of all trials. Levels may have been fitted together: for each such group of levels there is a fit per
+                estimator, of each trial's levels one after the other.
+            truths: of the levels, in the order of `levels`.
         """
+        cells = batches[0].cells
         places = list(levels(cells))
         level = np.empty(len(cells), dtype=np.intp)
         for index, some in enumerate(places):
@@ -78,27 +85,33 @@ class Errors:
             return np.concatenate(groups)
 
         return cls(
-            cells, estimators, first, blocks, bound,
+            cells=cells,
+            estimators=study.estimators,
+            conditions=tuple(condition.name for condition in study.conditions()),
+            first=batches[0].first,
+            blocks=tuple(batch.trials for batch in batches),
+            bound=bound,
             center=(found("center") - true_center)[level] * scale[..., None],
             radius=(found("radius") - true_radius)[level] * scale,
             noise_variance=found("noise_variance")[level] * scale**2,
-            status=found("status").astype(np.int8)[level], condition=found("condition")[level],
+            status=found("status").astype(np.int8)[level],
+            condition=found("condition")[level],
             iterations=found("iterations").astype(np.int32)[level],
-        )  # fmt: skip
+        )
 
     @classmethod
     def joined(cls, blocks: Sequence["Errors"]) -> "Errors":
-        """Blocks of consecutive trials of the same cells as one."""
+        """Join blocks of consecutive trials of the same cells."""
         if len(blocks) == 1:
             return blocks[0]
         of_fits: dict[str, Any] = {
-            name: np.concatenate([getattr(b, name) for b in blocks], axis=2) for name in _OF_FITS
+            name: np.concatenate([getattr(b, name) for b in blocks], axis=2) for name in Fit._fields
         }
         sizes = tuple(size for b in blocks for size in b.blocks)
         return replace(blocks[0], blocks=sizes, bound=np.concatenate([b.bound for b in blocks]), **of_fits)
 
     @property
-    def noise(self) -> Floats:
+    def sigma(self) -> Floats:
         """σ of each cell (C,)."""
         return np.array([cell.noise for cell in self.cells])
 
@@ -110,12 +123,12 @@ class Errors:
     @property
     def center_bound(self) -> Floats:
         """√tr CRLB of the centre (C, T)."""
-        return np.asarray(self.noise[:, None] * np.sqrt(np.einsum("tii->ti", self.bound)[:, :-1].sum(axis=1)))
+        return np.asarray(self.sigma[:, None] * np.sqrt(np.einsum("tii->ti", self.bound)[:, :-1].sum(axis=1)))
 
     @property
     def radius_bound(self) -> Floats:
         """√CRLB of the radius (C, T)."""
-        return np.asarray(self.noise[:, None] * np.sqrt(self.bound[:, -1, -1]))
+        return np.asarray(self.sigma[:, None] * np.sqrt(self.bound[:, -1, -1]))
 
     def columns(self) -> Columns:
         """Rows of the error table: block by block, cell by cell, estimator by estimator, trial by trial."""
@@ -123,18 +136,12 @@ class Errors:
         places, ends = np.arange(c * e * t).reshape(c, e, t), np.cumsum(self.blocks)[:-1]
         place = np.concatenate([part.ravel() for part in np.split(places, ends, axis=2)])
         cell, estimator, trial = np.unravel_index(place, (c, e, t))
-        conditions = {
-            "samples": np.array([cell.samples for cell in self.cells]),
-            "noise": self.noise,
-            "angle": np.array([cell.angle for cell in self.cells]),
-            "radius": np.array([cell.radius for cell in self.cells]),
-            "center": np.array([cell.distance for cell in self.cells]),
-        }
+        of_cells = [each.values for each in self.cells]
         error = self.center.reshape(c * e * t, self.center.shape[3])[place]
         return {
             "cell": np.array([cell.name for cell in self.cells], dtype=object)[cell],
             "trial": self.first + trial,
-            **{name: values[cell] for name, values in conditions.items()},
+            **{name: _column(name, of_cells)[cell] for name in self.conditions},
             "estimator": np.array(self.estimators, dtype=object)[estimator],
             **{f"error_{i + 1}": error[:, i] for i in range(error.shape[1])},
             "error": self.distance.ravel()[place],
@@ -146,6 +153,12 @@ class Errors:
             "condition": self.condition.ravel()[place],
             "iterations": self.iterations.ravel()[place],
         }
+
+
+def _column(name: str, of_cells: Sequence[Mapping[str, Value]]) -> NDArray[Any]:
+    """A condition of each cell; words as objects, which tables are made of."""
+    values = [each[name] for each in of_cells]
+    return np.array(values, dtype=object) if CONDITIONS[name].kind is str else np.array(values)
 
 
 def levels(cells: tuple[Cell, ...]) -> Iterator[list[int]]:

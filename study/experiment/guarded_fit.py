@@ -1,4 +1,4 @@
-"""An estimator called so that what it raises costs the trials on which it raises, and no others."""
+"""Calls of an estimator in which an exception costs the trials that raise it, and no others."""
 
 from collections.abc import Sequence
 
@@ -6,23 +6,22 @@ import numpy as np
 
 from study.estimators import ESTIMATORS, Fit, Samples, Status
 from study.estimators.fit import blank
-from study.experiment.design import Batch, Cell
+from study.experiment.designs.cells import Batch, Cell
 from study.experiment.errors import Columns
 
 _LONGEST_MESSAGE = 500
-_PER_SET = ("radius", "noise_variance", "status", "condition", "iterations")
 
 
 def attempt(name: str, samples: Samples) -> tuple[Fit, dict[int, str]]:
-    """Call an estimator. What it raises becomes a status of those trials alone on which it raises, and a message.
+    """Call an estimator; a trial on which it raises has the status FAILED.
 
     Returns:
-        The fit, and by the number of the trial, from 0, what was raised.
+        The fit, and the messages of exceptions by the number of the trial, from 0.
     """
     b, d, _ = samples.shape
     try:
         return _called(name, samples), {}
-    except Exception:  # by which of the trials, is found by trying each
+    except Exception:  # trying each trial by itself shows which of them raise
         fit = blank(b, d)
     raised = {}
     for trial in range(b):
@@ -32,19 +31,17 @@ def attempt(name: str, samples: Samples) -> tuple[Fit, dict[int, str]]:
             raised[trial] = f"{type(error).__name__}: {error}"[:_LONGEST_MESSAGE]
             fit.status[trial] = Status.FAILED
             continue
-        for field in ("center", *_PER_SET):
-            getattr(fit, field)[trial] = getattr(one, field)[0]
+        for whole, part in zip(fit, one, strict=True):
+            whole[trial] = part[0]
     return fit, raised
 
 
 def _called(name: str, samples: Samples) -> Fit:
-    """An estimator's answer; ValueError if it is not one answer for each set of points."""
+    """Call an estimator; ValueError if it does not answer once for each set of points."""
     fit, (b, d, _) = ESTIMATORS[name](samples), samples.shape
-    for field in _PER_SET:
-        if getattr(fit, field).shape != (b,):
-            raise ValueError(f"{field} has shape {getattr(fit, field).shape}, expected ({b},)")
-    if fit.center.shape != (b, d):
-        raise ValueError(f"center has shape {fit.center.shape}, expected ({b}, {d})")
+    for field, expected in zip(Fit._fields, blank(b, d), strict=True):
+        if getattr(fit, field).shape != expected.shape:
+            raise ValueError(f"{field} has shape {getattr(fit, field).shape}, expected {expected.shape}")
     return fit
 
 
@@ -53,7 +50,7 @@ class Failures:
 
     Args:
         estimators: names, in the order of the study.
-        cause: of all of them: exception or worker.
+        cause: the cause of all of them, exception or worker.
     """
 
     def __init__(self, estimators: Sequence[str], cause: str = "exception") -> None:
@@ -62,12 +59,12 @@ class Failures:
         self._found: list[tuple[int, int, int, int, Cell, str, str]] = []
 
     def note(self, name: str, cells: Sequence[int], batches: Sequence[Batch], raised: dict[int, str]) -> None:
-        """Note what an estimator raised.
+        """Note the exceptions of an estimator.
 
         Args:
             name: the estimator's.
-            cells: places of the cells, in their batches, that its answers are of.
-            batches: what it was given: their trials, one after the other.
+            cells: places, in their batches, of the cells that were fitted.
+            batches: the batches that were fitted, their trials one after the other.
             raised: messages by the number of the trial, from 0.
         """
         if not raised:

@@ -1,34 +1,38 @@
-"""What a config's ``[posterior]`` asks for: which cells and trials, which likelihood, and how long a chain may be."""
+"""The section ``[posterior]`` of a config: cells and trials, likelihood, and length of the chains."""
 
+import math
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
-from study.estimators.fit import Worded
-from study.experiment.distributions import Frozen, is_number
+from study.estimators.status import Worded
+from study.experiment.conditions import ANGLE, CONDITIONS, SAMPLES, Value
+from study.experiment.config_faults import Fault
+from study.experiment.designs.cells import Cell
+from study.experiment.designs.design import Design
+from study.experiment.distributions import Frozen
 
-CONDITIONS = ("samples", "noise", "noise_over_radius", "angle", "radius", "center")
 Noise = Literal["known", "unknown"]
 Likelihood = Literal["geometric", "whole_sphere"]
 
 
 class ChainStatus(Worded):
-    """How a chain ended."""
+    """The way a chain ended."""
 
     OK = 0, "ok"
     NOT_CONVERGED = 1, "the chain did not reach 50 autocorrelation times, stable to 1 %, within its budget of steps"
     AT_PRIOR = 2, "the posterior reaches the prior's box, which decides the answer: the data alone do not bound it"
     NO_START = 3, "no finite error ellipsoid within the prior's box to start from"
-    NOT_MIXED = 4, "walkers that started at different humps of the posterior did not mix within the budget of steps"
+    NOT_MIXED = 4, "walkers that started at different modes of the posterior did not mix within the budget of steps"
 
 
 def _listed(value: Any) -> Any:
-    """One value as a list of one; a list as a tuple, which a frozen config holds."""
+    """Make a tuple, which a frozen config holds, of one value or of a list."""
     return tuple(value) if isinstance(value, list | tuple) else (value,)
 
 
 def _conditions(value: Any) -> Any:
-    """Check ``where``: conditions and the values chosen of each."""
+    """Check ``where``, which has conditions and the values chosen of each."""
     if not isinstance(value, dict):
         raise ValueError("must be a table of conditions and values, such as { angle = [60, 180], samples = 100 }")
     unknown = [key for key in value if key not in CONDITIONS]
@@ -37,9 +41,9 @@ def _conditions(value: Any) -> Any:
     listed = {key: _listed(values) for key, values in value.items()}
     if any(not values for values in listed.values()):
         raise ValueError("every list must have a value; leave a condition out to choose all of its cells")
-    if any(not is_number(v) for values in listed.values() for v in values):
+    if any(not CONDITIONS[key].holds(v) for key, values in listed.items() for v in values):
         raise ValueError("every value must be a number")
-    return tuple((key, tuple(float(v) for v in values)) for key, values in listed.items())
+    return tuple((key, tuple(v if isinstance(v, str) else float(v) for v in values)) for key, values in listed.items())
 
 
 def _unique(values: tuple[str, ...]) -> tuple[str, ...]:
@@ -52,18 +56,18 @@ class Posterior(Frozen):
     """Ensemble posteriors of (c, r) for some of a study's trials.
 
     Attributes:
-        trials: of each chosen cell, the trials with a number below this one.
+        trials: number of trials of each chosen cell: the first ones.
         where: conditions that choose cells, each with the values chosen; all cells, if empty.
-        noise: whether σ is known, or one more parameter, or one chain of each.
+        noise: known or unknown, where σ is one more parameter, or both, with a chain of each.
         likelihood: geometric; or whole_sphere, or both, where every chosen cell's angle is 180°.
         box: half-width of the prior box on the centre, about the true one, in true radii.
         walkers: of the ensemble.
-        max_steps: of a chain, after which it is reported as not converged.
-        keep_draws: the trials whose draws are stored, thinned: those with a number below this one.
+        max_steps: of a chain that has not converged before.
+        keep_draws: number of trials of each chosen cell whose draws are stored, thinned: the first ones.
     """
 
     trials: Annotated[int, Field(ge=1)] = 4
-    where: Annotated[tuple[tuple[str, tuple[float, ...]], ...], BeforeValidator(_conditions)] = ()
+    where: Annotated[tuple[tuple[str, tuple[float | str, ...]], ...], BeforeValidator(_conditions)] = ()
     noise: Annotated[tuple[Noise, ...], BeforeValidator(_listed), Field(min_length=1), AfterValidator(_unique)] = (
         "known",
         "unknown",
@@ -76,11 +80,49 @@ class Posterior(Frozen):
     max_steps: Annotated[int, Field(ge=100, le=10_000_000)] = 20_000
     keep_draws: Annotated[int, Field(ge=0)] = 1
 
-    def chooses(self, **conditions: float) -> bool:
-        """Whether a cell of these conditions is among those asked for; values agree to nine digits."""
-        return all(any(same(conditions[name], value) for value in values) for name, values in self.where)
+    def chooses(self, cell: Cell) -> bool:
+        """True if the config chooses a cell; values agree to nine digits."""
+        values = cell.values
+        return all(any(same(CONDITIONS[name].of(values), v) for v in chosen) for name, chosen in self.where)
 
 
-def same(a: float, b: float) -> bool:
-    """Whether two conditions agree to nine digits."""
+def posterior_faults(posterior: Posterior, design: Design, dimension: int, shaped: bool) -> list[Fault]:
+    """Find entries of a ``[posterior]`` that a study cannot satisfy.
+
+    Args:
+        posterior: the config's section.
+        design: the study's.
+        dimension: the study's.
+        shaped: the study's noise has a shape.
+    """
+    where = dict(posterior.where)
+    possible = {name: design.values(condition) for name, condition in CONDITIONS.items()}
+    faults = []
+    for name, chosen in where.items():
+        values = possible[name]
+        for value in chosen:
+            if values is not None and not any(same(value, v) for v in values):
+                words = value if isinstance(value, str) else f"{value:.12g}"
+                faults.append(Fault(("posterior", "where"), f"no cell has {name} = {words}"))
+    angles = where.get(ANGLE.name) or possible[ANGLE.name] or (math.nan,)
+    if "whole_sphere" in posterior.likelihood and any(v != 180.0 for v in angles):
+        words = "whole_sphere is wrong on caps: choose cells of the whole sphere with where = { angle = 180 }"
+        faults.append(Fault(("posterior", "likelihood"), words))
+    least = min(map(float, where.get(SAMPLES.name, ())), default=design.least_samples())
+    if "unknown" in posterior.noise and least < dimension + 2:
+        words = f"an unknown noise needs at least {dimension + 2} samples, not {least:g}; choose with where"
+        faults.append(Fault(("posterior", "noise"), words))
+    least_walkers = 2 * (dimension + 3)
+    if posterior.walkers < least_walkers:
+        words = f"at least {least_walkers} are needed in dimension {dimension}"
+        faults.append(Fault(("posterior", "walkers"), words, posterior.walkers))
+    if shaped:
+        faults.append(Fault(("posterior",), "its likelihoods are of isotropic noise: take noise_shape out"))
+    return faults
+
+
+def same(a: Value, b: Value) -> bool:
+    """True if two values of a condition are the same word, or agree to nine digits."""
+    if isinstance(a, str) or isinstance(b, str):
+        return a == b
     return abs(a - b) <= 1e-9 * max(abs(a), abs(b))

@@ -1,16 +1,15 @@
-"""What a config's ``[precision]`` asks for: trials are added to a cell until a measure is known as well as it says.
+"""The section ``[precision]`` of a config: cells get trials until the Monte-Carlo error of a measure is small enough.
 
-A cell is looked at when it has so many trials: the first checkpoint, twice as many, and so on up to `design.trials`,
-the cap. It stops at the first of them where the Monte-Carlo error of the measure is small enough for every estimator
-that the target is for. So the decision is a function of the cell's own rows, and of no other cell's.
+The error is computed at checkpoints: after a first number of trials, after twice as many, and so on up to
+`design.trials`, the cap. A cell stops at the first checkpoint at which the error is small enough for every estimator
+that the target is for. So the decision depends on the cell's own rows, and on no other cell's.
 
-To stop where an *estimated* error is small is to stop rather where it came out too small. With few checkpoints, each of
-twice the trials, that costs little: the real standard error of what is found is within the target, and 2 targets on
-either side hold the truth in 97 % of cells; 2 of the errors that are stored hold it in 93 %, where they do so in 93 to
-95 % after a number of trials fixed beforehand (`tests/analysis/test_precision_coverage.py`).
+A rule that stops at a small *estimated* error prefers errors that were estimated too small. With few checkpoints, each
+of twice the trials, that costs little: the true standard error is within the target, and the interval of 2 targets on
+either side covers the truth in 97 % of cells. The interval of 2 stored errors covers it in 93 %, against 93 to 95 %
+after a number of trials that is fixed beforehand (`tests/statistics/test_precision_coverage.py`).
 """
 
-import difflib
 import math
 from collections.abc import Sequence
 from itertools import product
@@ -19,22 +18,20 @@ from typing import Annotated, Any, Self
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from study.experiment.config_faults import Fault
+from study.experiment.designs.design import Design
 from study.experiment.distributions import Frozen
+from study.text.nearest import did_you_mean
 
 MEASURES = (
-    *(f"{name}_{of}" for name, of in product(
-        [f"{name}_{part}" for name, part in product(("relative", "ratio"), ("median", "q05", "q95"))], ("ok", "all")
-    )),
-    "far_ok", "far_all", "axis_median_ok", "tail_index", "bias", "rmse",
-)  # fmt: skip
-"""The summary's measures: those that have a Monte-Carlo error."""
+    *("_".join(words) for words in product(("relative", "ratio"), ("median", "q05", "q95"), ("ok", "all"))),
+    *("far_ok", "far_all", "axis_median_ok", "tail_index", "bias", "rmse"),
+)
+"""The measures of the summary that have a Monte-Carlo error."""
 
 
 def _known(name: str) -> str:
     if name not in MEASURES:
-        near = difflib.get_close_matches(name, MEASURES, n=1)
-        hint = f"; did you mean {near[0]!r}?" if near else ""
-        raise ValueError(f"no measure of the summary: known are {', '.join(MEASURES)}{hint}")
+        raise ValueError(f"no measure of the summary; {did_you_mean(name, MEASURES)}")
     return name
 
 
@@ -49,15 +46,15 @@ def _unique(names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 class Precision(Frozen):
-    """When a cell has trials enough.
+    """The rule by which a cell has enough trials.
 
     Attributes:
-        measure: the summary's, whose Monte-Carlo error decides.
+        measure: the measure of the summary whose Monte-Carlo error decides.
         target: the error that is small enough, in the measure's own unit.
-        relative_target: the same as a share of the measure; one of the two is given.
-        estimators: whose error must be so small; every one of the study, if None.
-        first: trials at the first checkpoint. The error of a quantile is itself known to 30 % from 100 trials.
-        seconds: how long one `study run` hands out work; the tables do not depend on it when all is done.
+        relative_target: the same as a fraction of the measure; one of the two is given.
+        estimators: those whose error must be so small; all of the study's, if None.
+        first: trials at the first checkpoint. From 100 trials, the error of a quantile is itself known to 30 %.
+        seconds: time after which one `study run` starts no new work; the finished tables do not depend on it.
     """
 
     measure: Annotated[str, AfterValidator(_known)] = "ratio_median_ok"
@@ -78,44 +75,41 @@ class Precision(Frozen):
         return self
 
     def checkpoints(self, cap: int) -> list[int]:
-        """Numbers of trials at which a cell is looked at, up to the most that it may have."""
+        """Numbers of trials at which a cell is examined, up to the most that it may have."""
         points = [min(self.first, cap)]
         while points[-1] < cap:
             points.append(min(2 * points[-1], cap))
         return points
 
     def goal(self, value: float) -> float:
-        """The largest error that is small enough for a measure of this value."""
+        """The largest error that is small enough, for a measure of this value."""
         return self.target if self.target is not None else float(self.relative_target or 0.0) * abs(value)
 
     def reached(self, value: float, error: float) -> bool:
-        """Whether a measure is known well enough; an error that is infinite, or not a number, is never small."""
+        """True if the error of a measure is small enough; one that is infinite, or not a number, never is."""
         return math.isfinite(error) and error <= self.goal(value)
 
 
-def precision_faults(precision: Precision, estimators: Sequence[str], grid: bool, keep: str, cap: int) -> list[Fault]:
-    """What is asked for and a study cannot give.
+def precision_faults(precision: Precision, estimators: Sequence[str], design: Design, keep: str) -> list[Fault]:
+    """Find entries of a ``[precision]`` that a study cannot satisfy.
 
     Args:
         precision: the config's section.
         estimators: the study's.
-        grid: whether its design is one.
-        keep: what is stored of its trials.
-        cap: trials that a cell has at most.
+        design: the study's, whose number of trials is the most that a cell has.
+        keep: the study's: errors or summary.
     """
     faults = []
-    if not grid:
+    if design.one_trial_a_cell:
         words = 'a random design has one trial in a cell: design.kind = "grid", or leave [precision] out'
         faults.append(Fault(("precision",), words))
     if keep == "summary":
         faults.append(Fault(("precision",), 'needs the errors, which keep = "summary" does not store'))
-    if grid and cap < precision.first:
-        words = f"design.trials = {cap} is the cap, and below the first checkpoint: raise it, or lower first"
+    if not design.one_trial_a_cell and design.trials < precision.first:
+        words = f"design.trials = {design.trials} is the cap, and below the first checkpoint: raise it, or lower first"
         faults.append(Fault(("precision", "first"), words, precision.first))
     unknown = [name for name in precision.estimators or () if name not in estimators]
     if unknown:
-        near = [difflib.get_close_matches(name, estimators, n=1) for name in unknown]
-        hint = "".join(f"; did you mean {n[0]!r}?" for n in near if n)
-        words = f"{', '.join(map(repr, unknown))} not among the study's, which are {', '.join(estimators)}{hint}"
+        words = f"{', '.join(map(repr, unknown))} not among the study's; {did_you_mean(unknown, estimators)}"
         faults.append(Fault(("precision", "estimators"), words))
     return faults

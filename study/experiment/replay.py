@@ -1,29 +1,31 @@
-"""One trial again, from its name: the same points to the last bit, wherever its run was made."""
+"""Draw one trial again from its name: the same points to the last bit, on whatever machine its run was computed."""
 
-import difflib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import chain
 
 from study.estimators import Samples
 from study.experiment.config import Study
-from study.experiment.design import Batch, Cell, RandomGroup, Span, groups, spans, spans_of
+from study.experiment.designs.cells import Batch, Cell
+from study.experiment.designs.groups import Span
 from study.experiment.sampling import draw
+from study.experiment.units import groups, spans_of, trials_of
 from study.sphere.types import Floats
+from study.text.nearest import nearest
 
 _MOST_COMPARED = 20_000
 
 
 class ReplayError(Exception):
-    """There is no such trial; the message says what there is."""
+    """A trial that a study does not have; the message says which ones it has."""
 
 
 @dataclass(frozen=True)
 class Address:
-    """Where a trial is drawn.
+    """The place of a trial in a study.
 
     Attributes:
-        batch: the trials that share its streams.
+        batch: the trials that are drawn from the same streams.
         cell: its condition, one of the batch's.
         trial: its number.
     """
@@ -41,7 +43,7 @@ class Trial:
         cell: its condition.
         trial: its number.
         samples: the points (1, d, n) and the noise.
-        level: the same in units of the cell's scale, as the estimators saw them.
+        level: the same in units of the cell's scale, as the estimators take them.
         unit_bound: Cramér-Rao bound of (c, r) at σ = 1, for the realised directions (d+1, d+1).
     """
 
@@ -53,11 +55,11 @@ class Trial:
 
 
 def addresses(study: Study, below: int | None = None) -> Iterator[Address]:
-    """Every trial of a study, in the order in which its cells come and its trials count up.
+    """The places of a study's trials, cell by cell in the order of its tables.
 
     Args:
         study: the config.
-        below: the trials with a number below this one alone, if it is given.
+        below: only trials with a number below this one are listed, if it is given.
     """
     for span in chain.from_iterable(spans_of(study, group, below) for group in groups(study)):
         for batch in span.unit().batches:
@@ -68,38 +70,28 @@ def addresses(study: Study, below: int | None = None) -> Iterator[Address]:
 
 
 def locate(study: Study, cell: str) -> tuple[Cell, list[Span]]:
-    """A cell of a study by its name.
+    """Find a cell of a study by its name.
 
     Args:
         study: the config.
-        cell: the cell's name, or its beginning, as far as no other begins so.
+        cell: the cell's name, or enough of its beginning to tell it from all others.
 
     Returns:
-        The cell, and the units, or their share, that hold its trials.
+        The cell, and the spans of its trials: in a random design, one for each trial.
 
     Raises:
         ReplayError: if there is no such cell, or more than one.
     """
     found: dict[str, tuple[Cell, list[Span]]] = {}
     names: list[str] = []
-    group: object = None
-    matching: list[Cell] = []
-    for span in spans(study):
-        if isinstance(span.group, RandomGroup):
-            for batch in span.unit().batches:
-                names += [batch.cells[0].name] * (len(names) < _MOST_COMPARED)
-                if batch.cells[0].name.startswith(cell):
-                    place = found.setdefault(batch.cells[0].name, (batch.cells[0], []))
-                    place[1].append(Span(span.group, batch.first, batch.first + 1))
-            continue
-        if span.group is not group:  # its units come one after the other
-            group, matching = span.group, [c for c in span.group.cells if c.name.startswith(cell)]
-            names += [c.name for c in span.group.cells[: _MOST_COMPARED - len(names)]]
-        for each in matching:
-            found.setdefault(each.name, (each, []))[1].append(span)
+    for group in groups(study):
+        for each, first, last in group.places(0, trials_of(study, group)):
+            names += [each.name] * (len(names) < _MOST_COMPARED)
+            if each.name.startswith(cell):
+                found.setdefault(each.name, (each, []))[1].append(Span(group, first, last))
     if not found:
-        near = difflib.get_close_matches(cell, names, n=1)
-        hint = f"did you mean {near[0]}? The" if near else "the"
+        close = nearest(cell, names)
+        hint = "the" if close is None else f"did you mean {close}? The"
         raise ReplayError(
             f"cell {cell!r}: no such cell in {study.run_name()}; {hint} error table's first column has them"
         )
@@ -108,11 +100,11 @@ def locate(study: Study, cell: str) -> tuple[Cell, list[Span]]:
     return next(iter(found.values()))
 
 
-def named(cell: str, trial: int | None) -> tuple[str, int]:
-    """A cell's name and a trial's number from what a user gives: both, or one name, ``CELL/TRIAL``.
+def parse_name(cell: str, trial: int | None) -> tuple[str, int]:
+    """Read a cell's name and a trial's number, which a user gives one by one or as ``CELL/TRIAL``.
 
     Raises:
-        ReplayError: if it is neither.
+        ReplayError: if the two are given in neither way.
     """
     name, _, number = cell.partition("/")
     if trial is None and number.isascii() and number.isdigit():
@@ -123,11 +115,11 @@ def named(cell: str, trial: int | None) -> tuple[str, int]:
 
 
 def find(study: Study, cell: str, trial: int) -> Address:
-    """Where a trial of a cell is drawn.
+    """Find a trial of a study.
 
     Args:
         study: the config.
-        cell: the cell's name, or its beginning, as far as no other begins so.
+        cell: the cell's name, or enough of its beginning to tell it from all others.
         trial: number of the trial.
 
     Raises:
@@ -136,12 +128,12 @@ def find(study: Study, cell: str, trial: int) -> Address:
     place, where = locate(study, cell)
     for span in where:
         if span.first <= trial < span.last:
-            batches = span.unit().batches
+            batches = span.group.batches(span.first, span.last)
             return Address(next(b for b in batches if b.first <= trial < b.first + b.trials), place, trial)
     first, last = where[0].first, where[-1].last - 1
     whole = 1 < sum(span.last - span.first for span in where) == last - first + 1
-    said = f"{first} to {last}" if whole else ", ".join(str(i) for s in where for i in range(s.first, s.last))
-    raise ReplayError(f"trial {trial}: cell {place.name} has trial {said}")
+    numbers = f"{first} to {last}" if whole else ", ".join(str(i) for s in where for i in range(s.first, s.last))
+    raise ReplayError(f"trial {trial}: cell {place.name} has trial {numbers}")
 
 
 def replay(study: Study, address: Address) -> Trial:
@@ -149,5 +141,5 @@ def replay(study: Study, address: Address) -> Trial:
     batch, cell = address.batch, address.cell
     draws = draw(study, [batch]).only(address.trial - batch.first)
     level = draws.place(cell.level)
-    samples = Samples(cell.scale * level.x, draws.told(cell.noise))
+    samples = Samples(cell.scale * level.x, draws.law.given(cell.noise))
     return Trial(cell, address.trial, samples, level, draws.unit_bound()[0])

@@ -1,4 +1,4 @@
-"""From a batch to its points: one draw of unit directions u and normals z serves every σ, r and c."""
+"""Draw a batch and form its points: one draw of unit directions u and unit noise z serves every σ, r and c."""
 
 import math
 import threading
@@ -9,33 +9,33 @@ import numpy as np
 
 from study.estimators import Samples
 from study.experiment.config import Study
-from study.experiment.design import Batch, Level
+from study.experiment.designs.cells import Batch, Level
+from study.experiment.noise import NoiseLaw
 from study.experiment.streams import lanes
 from study.sphere import cap
-from study.sphere.bounds import bound_from_scatter, normal_weights, weighted_scatter
 from study.sphere.layouts import Placed, form
 from study.sphere.types import Floats
 
 Array = Callable[[str, tuple[int, ...]], Floats]
-"""Gives an array of a name and shape, with any content."""
+"""Makes an array of a name and shape, with any content."""
 
 
 def new(name: str, shape: tuple[int, ...]) -> Floats:
-    """A fresh array, whatever its name."""
+    """A fresh array; the name does not matter."""
     return np.empty(shape)
 
 
 class Workspace(threading.local):
-    """Arrays of one thread that are used again: fresh memory costs as much as the arithmetic on it.
+    """Reuse arrays within a thread: fresh memory costs as much as the arithmetic on it.
 
-    What is taken from it is valid until an array of the same name is asked for again.
+    An array is valid until the next one of the same name is requested.
     """
 
     def __init__(self) -> None:
         self._arrays: dict[str, Floats] = {}
 
     def __call__(self, name: str, shape: tuple[int, ...]) -> Floats:
-        """An array of a shape, perhaps used before."""
+        """An array of a shape, with any content."""
         size = math.prod(shape)
         if name not in self._arrays or self._arrays[name].size < size:
             self._arrays[name] = np.empty(size)
@@ -44,77 +44,59 @@ class Workspace(threading.local):
 
 @dataclass(frozen=True)
 class Draws:
-    """What a batch draws, before it is placed on any sphere.
+    """The draws of a batch, before they are placed on any sphere.
 
     Attributes:
         directions: unit vectors (b, d, n) about the first axis, with the height 1 - u₁ in place of u₁.
-        noise: noise of unit size (b, d, n), of covariance ``shape``.
-        shape: covariance of the noise in units of σ² (d, d).
+        unit_noise: noise at σ = 1 (b, d, n).
+        law: the law of the noise.
     """
 
     directions: Floats
-    noise: Floats
-    shape: Floats
+    unit_noise: Floats
+    law: NoiseLaw
 
     def place(self, level: Level, array: Array = new) -> Samples:
-        """The points x = c + r u + σ z of a level, (b, d, n), and the noise that estimators are told of them."""
-        return Samples(form(self._placed([level]), array("points", self.noise.shape)), self.told(level.noise))
+        """Form the points x = c + r u + σ z of a level (b, d, n), with the noise as estimators take it."""
+        points = form(self._placed([level]), array("points", self.unit_noise.shape))
+        return Samples(points, self.law.given(level.sigma))
 
     def place_each(self, levels: Sequence[Level]) -> Samples:
-        """The points of several levels, which are formed where they are read: each trial's first, then the next one's.
+        """Place the draws at several levels: all levels of the first trial, then of the next one.
 
-        The noise must be isotropic.
+        The points are formed when they are read. The noise must be isotropic.
         """
-        return Samples(self._placed(levels), np.tile([level.noise for level in levels], len(self.noise)))
+        return Samples(self._placed(levels), np.tile([level.sigma for level in levels], len(self.unit_noise)))
 
     def _placed(self, levels: Sequence[Level]) -> Placed:
-        center, radius, sigma = (np.array(values) for values in zip(*((c, r, s) for s, r, c in levels), strict=True))
-        return Placed(self.directions, self.noise, center, radius, sigma)
-
-    def told(self, noise: float) -> float | Floats:
-        """The noise that estimators are told: σ, or a covariance (d, d) if it is not isotropic."""
-        return noise if np.array_equal(self.shape, np.eye(len(self.shape))) else noise**2 * self.shape
+        center = np.array([level.center for level in levels])
+        radius = np.array([level.radius for level in levels])
+        sigma = np.array([level.sigma for level in levels])
+        return Placed(self.directions, self.unit_noise, center, radius, sigma)
 
     def only(self, trial: int) -> "Draws":
         """One trial of the batch, counted from its first."""
-        return Draws(self.directions[trial : trial + 1], self.noise[trial : trial + 1], self.shape)
+        one = slice(trial, trial + 1)
+        return Draws(self.directions[one], self.unit_noise[one], self.law)
 
     def unit_bound(self) -> Floats:
-        """The Cramér-Rao bound at σ = 1 of the realised directions (b, d+1, d+1).
-
-        It is exact at tiny angles, because it is formed from heights: the sign of u₁ drops out of the variances,
-        and its offset from the mean.
-        """
-        _, d, n = self.directions.shape
-        if np.array_equal(self.shape, np.eye(d)):
-            weights = np.ones((1, n))
-        else:
-            u = self.directions.swapaxes(1, 2).copy()
-            u[:, :, 0] = 1.0 - u[:, :, 0]
-            weights = normal_weights(u, self.shape)
-        sums, mean, scatter = weighted_scatter(self.directions, weights)
-        scatter[:, 0, 1:] *= -1.0
-        scatter[:, 1:, 0] *= -1.0
-        mean[:, 0] = 1.0 - mean[:, 0]
-        return bound_from_scatter(sums, mean, scatter)
+        """The Cramér-Rao bound of (c, r) at σ = 1, for the realised directions (b, d+1, d+1)."""
+        return self.law.unit_bound(self.directions)
 
 
 def draw(study: Study, batches: Sequence[Batch], array: Array = new) -> Draws:
     """Draw batches of equal cells from their named streams."""
     d, samples, angle = study.dimension, batches[0].samples, math.radians(batches[0].angle)
     trials = sum(batch.skip + batch.trials for batch in batches)
-    directions, noise = array("directions", (trials, d, samples)), array("noise", (trials, d, samples))
+    directions, normals = array("directions", (trials, d, samples)), array("normals", (trials, d, samples))
     used = np.ones(trials, dtype=bool)
     first = 0
     for batch in batches:
         part = slice(first, first + batch.skip + batch.trials)
-        cap.draw(lanes(study.seed, *batch.stream), angle, directions[part], noise[part])
+        cap.draw(lanes(study.seed, *batch.stream), angle, directions[part], normals[part])
         used[first : first + batch.skip] = False
         first = part.stop
     if not used.all():
-        directions, noise = directions[used], noise[used]
-    covariance = np.eye(d)
-    if study.noise_shape is not None:
-        covariance = np.array(study.noise_shape)
-        noise = np.linalg.cholesky(covariance) @ noise
-    return Draws(directions, noise, covariance)
+        directions, normals = directions[used], normals[used]
+    law = study.noise_law
+    return Draws(directions, law.unit_noise(normals), law)

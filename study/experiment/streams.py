@@ -1,8 +1,8 @@
-"""Random streams by name: the only place where a generator is made.
+"""Random streams by name. No generator is made anywhere else.
 
-A stream is named by the study's seed, a purpose and whatever tells it from its siblings. The name is hashed into a
-`SeedSequence` spawn key, so no number depends on the order of work, the number of workers or what else is computed,
-and any stream can be made again from its name. SFC64 is the fastest of NumPy's bit generators.
+The name of a stream is the study's seed, a purpose, and words or numbers that distinguish it from similar streams. It
+is hashed into a `SeedSequence` spawn key. So no number depends on the order of work, the number of workers or other
+results, and any stream can be made again from its name. SFC64 is the fastest of NumPy's bit generators.
 """
 
 import hashlib
@@ -30,15 +30,15 @@ def stream(seed: int, *name: str | int | float) -> np.random.Generator:
 
 
 def lanes(seed: int, *name: str | int | float) -> Words:
-    """Make the state of a named stream for compiled loops: generators side by side, as `study.sphere.sfc64` has them.
+    """Make the state of a named stream for compiled loops: the parallel generators of `study.sphere.sfc64`.
 
-    Every word that the state begins with is a hash of the name, which costs less than a `SeedSequence`.
+    Every word of the first state is a hash of the name, which costs less than a `SeedSequence`.
     """
     return seeded(np.frombuffer(hashlib.shake_128(repr((seed, *name)).encode()).digest(8 * WORDS), dtype="<u8"))
 
 
 def old_stream(seed: int, *name: str | int | float) -> OldStream:
-    """The same for a library that draws from NumPy's old kind of generator (emcee)."""
+    """Make the generator of a named stream for emcee, which draws from NumPy's old kind of generator."""
     return OldStream(np.random.MT19937(_sequence(seed, name)))
 
 

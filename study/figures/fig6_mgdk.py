@@ -17,10 +17,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from study.analysis.kept_markers import point_sets
+from study.analysis.joint_markers import point_sets
 from study.estimators import fit, mgdk
 from study.figures import style
-from study.figures.inputs import NotApplicable, Tables
+from study.figures.inputs import NotApplicable, Tables, at_first
 from study.sphere.types import Floats
 from study.statistics.measures import Measure, quantile
 
@@ -69,8 +69,7 @@ def prepare(tables: Tables) -> MarkersFrame:
     cells = tables.errors.drop_duplicates("cell")
     if cells["radius"].nunique() < 2:
         raise NotApplicable("needs two markers: two radii in the grid")
-    for axis in ("samples", "noise", "angle", "center"):
-        cells = cells[cells[axis] == cells[axis].iloc[0]]
+    cells = at_first(cells, besides=("radius",))
     if cells["radius"].nunique() < 2:
         raise NotApplicable("needs both markers under the same noise: noise in the config, not noise_over_radius")
     cells = cells.sort_values("radius")

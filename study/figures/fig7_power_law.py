@@ -25,7 +25,7 @@ from matplotlib.lines import Line2D
 
 from study.analysis.asymptotics import gdke_bias, median_at_bound
 from study.figures import style
-from study.figures.inputs import NotApplicable, Tables
+from study.figures.inputs import NotApplicable, Tables, at_first
 from study.sphere.cap import cap_moments
 from study.sphere.types import Bools, Floats
 from study.statistics.measures import power_law
@@ -69,9 +69,8 @@ def prepare(tables: Tables) -> PowerLawFrame:
     """
     if tables.design != "grid":
         raise NotApplicable('needs many trials of each condition: kind = "grid" in the config')
-    summary = tables.summary.assign(level=tables.summary["noise"] / tables.summary["radius"])
-    for axis in ("angle", "radius", "center"):
-        summary = summary[summary[axis] == summary[axis].iloc[0]]
+    summary = at_first(tables.summary, besides=("samples", "noise"))
+    summary = summary.assign(level=summary["noise"] / summary["radius"])
     if summary["samples"].nunique() < _LEAST_SAMPLES:
         raise NotApplicable(f"needs at least {_LEAST_SAMPLES} numbers of samples in the grid")
     levels = np.sort(summary["level"].unique())
@@ -90,14 +89,14 @@ def prepare(tables: Tables) -> PowerLawFrame:
     ).reset_index(drop=True)
     angle = float(summary["angle"].iloc[0])
     moments = cap_moments(math.radians(angle), tables.dimension)
-    isotropic = np.array_equal(tables.noise_shape, np.eye(tables.dimension))
+    shape = tables.noise_law.covariance(1.0)
     biased = curves["estimator"].isin(["gdke", "lls"]).any()
     return PowerLawFrame(
         curves=curves,
         laws=pd.DataFrame([row for level, part in curves.groupby("level") for row in _laws(level, part)]),
         bounds=_bounds(tables, curves),
-        limits=pd.Series({v: gdke_bias(v, moments, tables.noise_shape) if biased else math.nan for v in picked}),
-        at_bound=median_at_bound(moments, tables.dimension) if isotropic else math.nan,
+        limits=pd.Series({v: gdke_bias(v, moments, shape) if biased else math.nan for v in picked}),
+        at_bound=median_at_bound(moments, tables.dimension) if tables.noise_law.isotropic else math.nan,
         fixed=f"$φ$ = {angle:g}°",
         stamp=f"{tables.name} · at least {curves['planned'].min():,} trials behind each median",
     )

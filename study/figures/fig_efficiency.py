@@ -22,7 +22,7 @@ from matplotlib.lines import Line2D
 
 from study.analysis.asymptotics import gdke_leaves, median_at_bound, noise_at_kappa, ugdk_leaves
 from study.figures import style
-from study.figures.inputs import NotApplicable, Tables
+from study.figures.inputs import NotApplicable, Tables, at_first
 from study.sphere.cap import CapMoments, cap_moments
 from study.statistics.measures import quantile
 
@@ -57,11 +57,10 @@ def prepare(tables: Tables) -> EfficiencyFrame:
     """
     if tables.design != "grid":
         raise NotApplicable('needs many trials of each condition: kind = "grid" in the config')
-    if not np.array_equal(tables.noise_shape, np.eye(tables.dimension)):
+    if not tables.noise_law.isotropic:
         raise NotApplicable("compares with an isotropic bound: needs a config without noise_shape")
     errors = tables.errors
-    for axis, value in (("samples", errors["samples"].max()), *((a, errors[a].iloc[0]) for a in ("radius", "center"))):
-        errors = errors[errors[axis] == value]
+    errors = at_first(errors[errors["samples"] == errors["samples"].max()], besides=("noise", "angle"))
     level = errors["noise"] / errors["radius"]
     if level.nunique() < _LEAST_LEVELS:
         raise NotApplicable(f"needs at least {_LEAST_LEVELS} levels of noise in the grid, not {level.nunique()}")

@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 
 from study.analysis.asymptotics import median_at_bound
 from study.figures import style
-from study.figures.inputs import NotApplicable, Tables
+from study.figures.inputs import NotApplicable, Tables, at_first
 from study.sphere.cap import cap_moments
 
 _LEAST = 2
@@ -55,11 +55,9 @@ def prepare(tables: Tables) -> MapFrame:
     """
     if tables.design != "grid":
         raise NotApplicable('needs many trials of each condition: kind = "grid" in the config')
-    if not np.array_equal(tables.noise_shape, np.eye(tables.dimension)):
+    if not tables.noise_law.isotropic:
         raise NotApplicable("compares with an isotropic bound: needs a config without noise_shape")
-    found = tables.summary
-    for axis in ("radius", "center"):
-        found = found[found[axis] == found[axis].iloc[0]]
+    found = at_first(tables.summary, besides=("samples", "noise", "angle"))
     # twelve digits: one level of a logspace may differ in its last bit from radius to radius
     level = np.array([float(f"{v:.12g}") for v in found["noise"] / found["radius"]])
     for name, values in (("levels of noise", level), ("angles", found["angle"])):

@@ -16,7 +16,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Ellipse, Rectangle
 
 from study.estimators import Fit, Status
-from study.estimators.fit import explain
+from study.estimators.status import explain
 from study.figures import style
 from study.sphere.types import Bools, Floats, Ints
 

@@ -1,13 +1,14 @@
 """Input of a figure: a run's tables in memory; `NotApplicable` says why a run cannot feed a figure."""
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Self
 
-import numpy as np
 import pandas as pd
 
+from study.experiment.conditions import STORED
+from study.experiment.noise import NoiseLaw
 from study.runs.storage.run_folder import Run, RunError
-from study.sphere.types import Floats
 
 
 class NotApplicable(Exception):  # noqa: N818  not an error: most runs cannot feed some figure
@@ -22,7 +23,7 @@ class Tables:
         name: the run's name, which is printed on every figure.
         dimension: d of the spheres.
         design: "grid" or "random".
-        noise_shape: covariance of a sample in units of σ² (d, d).
+        noise_law: the law of the noise of a sample.
         rows: the error table, `errors` to the figures; None if the study kept its summary alone.
         summary: the summary table; see `study.runs.storage.schemas.summary`.
         points: the points of the trials that were kept; None if none were.
@@ -35,7 +36,7 @@ class Tables:
     name: str
     dimension: int
     design: str
-    noise_shape: Floats
+    noise_law: NoiseLaw
     rows: pd.DataFrame | None
     summary: pd.DataFrame
     points: pd.DataFrame | None = None
@@ -52,13 +53,12 @@ class Tables:
             RunError: if a table is missing, because the run did not finish, or its budget ended before any trial.
         """
         study = run.study
-        shape = study.noise_shape
         tables = cls(
             name=study.run_name(),
             dimension=study.dimension,
             design=study.design.kind,
             independent=study.independent(),
-            noise_shape=np.eye(study.dimension) if shape is None else np.array(shape),
+            noise_law=study.noise_law,
             rows=run.table("errors") if study.keep == "errors" else None,
             summary=run.table("summary"),
             points=run.table("points") if study.keep_points else None,
@@ -86,3 +86,16 @@ class Tables:
         """Names of the estimators, in the order of the config."""
         table = self.summary if self.rows is None else self.rows
         return [str(name) for name in table["estimator"].unique()]
+
+
+def at_first(table: pd.DataFrame, besides: Collection[str]) -> pd.DataFrame:
+    """Rows in which every condition has the value of the first row.
+
+    Args:
+        table: errors or their summary.
+        besides: names of conditions that may have any value.
+    """
+    for condition in STORED:
+        if condition.name in table and condition.name not in besides:
+            table = table[table[condition.name] == table[condition.name].iloc[0]]
+    return table

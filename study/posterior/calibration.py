@@ -1,28 +1,25 @@
-"""Do posteriors, and the estimators' own covariances, mean what they say? Ranks and coverage over many trials.
+"""Simulation-based calibration of posteriors and of the estimators' own covariances, over many trials.
 
-If they do, the rank of the truth in its posterior is uniform (Cook, Gelman & Rubin 2006; Talts et al. 2018), and sets
-of nominal level p hold it in a share p of the trials. The same is asked of an estimator: the distribution function of
-its error law at the truth, and the level of its ellipsoid that the truth lies on.
+For a correct posterior the rank of the truth is uniform (Cook, Gelman & Rubin 2006; Talts et al. 2018), and sets of
+nominal level p contain the truth in a share p of the trials. An estimator is tested in the same way: its rank is the
+distribution function of its error law at the truth, its level that of the ellipsoid through the truth.
 
-The truth is fixed in a grid's cells, and drawn in a random design. With priors that are flat where the posterior is,
-both must give uniform ranks where the likelihood is that of the data, up to terms of the order of σ²/v.
+In a grid the truth is fixed, in a random design it is drawn. The priors are flat where the posterior is, so both must
+give uniform ranks up to terms of the order of σ²/v, if the likelihood is that of the data.
 """
-
-from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 import pandas as pd
 from scipy import stats
 
 from study.estimators import Status
+from study.experiment.conditions import STORED
 from study.experiment.posterior_config import ChainStatus
 
 KEYS = ["cell", "trial", "likelihood", "noise_is"]
-CONDITIONS = ["cell", "likelihood", "noise_is", "samples", "noise", "angle", "radius", "flatness"]
 LEVELS = (0.68, 0.95)
 FLAT = 0.02
-"""σ²/v from which on skewness of the posterior is to be expected (docs/theory.md §6)."""
+"""σ²/v above which the posterior is skewed (docs/theory.md §6)."""
 
 
 def by_cell(posterior: pd.DataFrame, answers: pd.DataFrame) -> pd.DataFrame:
@@ -33,10 +30,10 @@ def by_cell(posterior: pd.DataFrame, answers: pd.DataFrame) -> pd.DataFrame:
         answers: the table of the estimators' answers.
 
     Returns:
-        A row per cell, likelihood and ``noise_is``, with the cell's conditions: ``chains``, how many are ``ok``, and of
-        those the largest ``shift`` of the posterior mean from the MLE in any component of (c, r), in posterior sd (not
-        a number without ``mle`` among the estimators), the ``least`` and the ``most`` that a component's sd is of the
-        bound's, and the longest ``tau``.
+        A row per cell, likelihood and ``noise_is``, with the cell's conditions: the numbers ``chains`` and ``ok``, and
+        over the ok chains the largest ``shift`` of the posterior mean from the MLE in any component of (c, r), in
+        posterior sd (NaN without ``mle`` among the estimators), the ``least`` and ``most`` ratio of a component's sd to
+        the bound's, and the largest ``tau``.
     """
     endings = [name.removeprefix("away_") for name in answers.columns if name.startswith("away_")]
     mle = answers[answers["estimator"] == "mle"].set_index(KEYS)[[f"away_{e}" for e in endings]]
@@ -44,9 +41,11 @@ def by_cell(posterior: pd.DataFrame, answers: pd.DataFrame) -> pd.DataFrame:
     ratio = posterior[[f"sd_{e}" for e in endings]].to_numpy() / posterior[[f"bound_{e}" for e in endings]].to_numpy()
     found = posterior.assign(shift=shift.to_numpy(), least=ratio.min(axis=1), most=ratio.max(axis=1))
     rows = []
+    conditions = [condition.name for condition in STORED if condition.name in found]
+    kept = ["cell", "likelihood", "noise_is", *conditions, "flatness"]
     for _, part in found.groupby(["cell", "likelihood", "noise_is"], sort=False, observed=True):
         ok = part[part["status"] == ChainStatus.OK]
-        row: dict[str, Any] = {name: part[name].iloc[0] for name in CONDITIONS}
+        row: dict[str, object] = {name: part[name].iloc[0] for name in kept}
         row |= {"chains": len(part), "ok": len(ok), "shift": ok["shift"].max(), "tau": ok["tau"].max()}
         rows.append(row | {"least": ok["least"].min(), "most": ok["most"].max()})
     return pd.DataFrame(rows)
@@ -61,8 +60,8 @@ def trials(posterior: pd.DataFrame, answers: pd.DataFrame) -> pd.DataFrame:
 
     Returns:
         Columns ``method`` ("posterior" or an estimator), ``likelihood``, ``noise_is``, ``flatness``, ``ok``,
-        ``level`` and ``rank_…``. Where there are chains of two likelihoods, an estimator's rows are those beside the
-        first, so that none counts twice.
+        ``level`` and ``rank_…``. With chains of two likelihoods, an estimator's rows are those beside the first, so
+        that no fit counts twice.
     """
     ranks = [name for name in answers.columns if name.startswith("rank_")]
     chains = posterior.assign(method="posterior", ok=posterior["status"] == ChainStatus.OK)
@@ -76,15 +75,15 @@ def trials(posterior: pd.DataFrame, answers: pd.DataFrame) -> pd.DataFrame:
 
 
 def coverage(found: pd.DataFrame) -> pd.DataFrame:
-    """How often the truth lies in a method's sets of nominal level.
+    """Share of trials in which a method's sets of nominal level contain the truth.
 
     Args:
         found: rows as `trials` gives them.
 
     Returns:
-        A row per likelihood, ``noise_is``, method and nominal level: ``trials``, ``failed`` (not ok: they count as not
-        holding the truth), ``share`` that holds it, ``low`` and ``high`` of its exact 95 % binomial interval, and
-        ``p`` of the exact binomial test that the level is what it says.
+        A row per likelihood, ``noise_is``, method and nominal level: ``trials``, ``failed`` (those not ok, which
+        count as not containing the truth), ``share`` that contains it, ``low`` and ``high`` of its exact 95 % binomial
+        interval, and ``p`` of the exact binomial test of the nominal level.
     """
     rows = []
     for keys, part in found.groupby(["likelihood", "noise_is", "method"], sort=False, observed=True):
@@ -92,21 +91,21 @@ def coverage(found: pd.DataFrame) -> pd.DataFrame:
         for level in LEVELS:
             test = stats.binomtest(int(np.sum(ok & (inside < level))), len(part), level)
             low, high = test.proportion_ci(0.95, method="exact")
-            row: dict[str, Any] = dict(zip(["likelihood", "noise_is", "method"], keys, strict=True))
+            row: dict[str, object] = dict(zip(["likelihood", "noise_is", "method"], keys, strict=True))
             row |= {"level": level, "trials": len(part), "failed": int(np.sum(~ok)), "share": test.statistic}
             rows.append(row | {"low": low, "high": high, "p": test.pvalue})
     return pd.DataFrame(rows)
 
 
 def uniformity(found: pd.DataFrame) -> pd.DataFrame:
-    """Whether ranks are uniform, parameter by parameter.
+    """Kolmogorov and Smirnov's test that ranks are uniform, parameter by parameter.
 
     Args:
-        found: rows as `trials` gives them; only those that are ok are used.
+        found: rows as `trials` gives them; only ok rows are used.
 
     Returns:
         A row per likelihood, ``noise_is``, method and parameter: ``trials``, ``mean`` of the ranks (0.5 if they are
-        uniform), ``distance`` (Kolmogorov-Smirnov) and its ``p``.
+        uniform), ``distance`` from the uniform distribution, and its ``p``.
     """
     rows = []
     parameters = [name for name in found.columns if name.startswith("rank_")]
@@ -116,20 +115,7 @@ def uniformity(found: pd.DataFrame) -> pd.DataFrame:
             if len(ranks) < 2:
                 continue
             test = stats.kstest(ranks, "uniform")
-            row: dict[str, Any] = dict(zip(["likelihood", "noise_is", "method"], keys, strict=True))
+            row: dict[str, object] = dict(zip(["likelihood", "noise_is", "method"], keys, strict=True))
             row |= {"parameter": name.removeprefix("rank_"), "trials": len(ranks), "mean": float(ranks.mean())}
             rows.append(row | {"distance": float(test.statistic), "p": float(test.pvalue)})
     return pd.DataFrame(rows)
-
-
-def printed(found: pd.DataFrame) -> Iterator[str]:
-    """Coverage in short, for a terminal: a line per method, of the chains below the flatness that skews them."""
-    curved = found[found["flatness"] < FLAT]
-    if curved.empty:
-        return
-    yield f"calibration of {len(curved[curved['method'] == 'posterior'])} chains, those with σ²/v < {FLAT}:"
-    yield f"{'likelihood':<13}{'noise':<9}{'method':<12}" + "".join(f"{f'{level:.0%} set':>20}" for level in LEVELS)
-    for keys, part in coverage(curved).groupby(["likelihood", "noise_is", "method"], sort=False, observed=True):
-        shares = "".join(f"{row['share']:>7.1%} ({row['low']:.1%} … {row['high']:.1%})" for _, row in part.iterrows())
-        likelihood, noise, method = keys
-        yield f"{likelihood:<13}{noise:<9}{method:<12}{shares}"

@@ -1,106 +1,38 @@
-"""The posterior tables of a run: which chains, computed by workers, each kept as it comes back, joined at the end.
+"""The posterior tables of a run: chains computed by workers, stored as they finish, and joined at the end."""
 
-A chain is named by its cell, trial, likelihood and whether the noise is known, and draws from a stream of that name.
-So the tables depend neither on the number of workers nor on what was interrupted, and more trials or cells leave the
-chains that are there as they were.
-"""
-
-import hashlib
 import json
 import sys
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 
-import numpy as np
-import pyarrow as pa
 import pyarrow.compute as pc
 from threadpoolctl import threadpool_limits
 
 from study.experiment.config import Study
-from study.experiment.design import Cell
 from study.experiment.posterior_config import Posterior
-from study.experiment.replay import Address, addresses, replay
-from study.experiment.streams import old_stream
-from study.posterior import calibration, tables
-from study.posterior.sampler import Chain, Prior, sample
+from study.posterior.chain_task import ChainTask, chain_tasks
 from study.runs.storage import schemas
 from study.runs.storage.atomic_write import RunError
 from study.runs.storage.lock import writing
 from study.runs.storage.parts import Packet, Parts
 from study.runs.storage.run_folder import Run
-from study.runs.workers.dispatch import Crew, Pool, Workers, kept
+from study.runs.workers.backend import Backend
+from study.runs.workers.choose import Workers
+from study.runs.workers.dispatch import Dispatch
 
-FORMAT = 2
-"""To be raised when a chain of the same name would draw otherwise: finished chains are kept by it."""
 _OUTPUTS = ("chain",)
 _HEAVY = 1e8
-"""Weight of a chain per sample: none is so light that it would be sent together with others."""
+"""Weight of a chain per sample, so large that each chain is sent to a worker alone."""
 Shared = tuple[Study, Posterior]
 
 
-@dataclass(frozen=True)
-class Task:
-    """One chain to run.
-
-    Attributes:
-        address: the trial.
-        likelihood: its name.
-        noise_is: known or unknown.
-    """
-
-    address: Address
-    likelihood: str
-    noise_is: str
-
-    @property
-    def key(self) -> dict[str, str | int]:
-        """What names the chain in every table."""
-        where = self.address
-        names = {"likelihood": self.likelihood, "noise_is": self.noise_is}
-        return {"cell": where.cell.name, "trial": where.trial, **names}
-
-    def part(self, study: Study, posterior: Posterior) -> str:
-        """Name of the chain's part: a digest of all that determines it."""
-        settings = (posterior.box, posterior.walkers, posterior.max_steps, self._kept(posterior))
-        content = repr((FORMAT, study.seed, study.dimension, study.estimators, settings, self.key, self.address.cell))
-        return hashlib.sha256(content.encode()).hexdigest()[:20]
-
-    def compute(self, study: Study, posterior: Posterior) -> dict[str, pa.Table]:
-        """Run the chain."""
-        trial = replay(study, self.address)
-        prior = prior_of(trial.cell, posterior, self.noise_is == "known")
-        random = old_stream(study.seed, "posterior", *self.key.values())
-        chain: Chain = sample(trial.samples, prior, self.likelihood, random, posterior.walkers, posterior.max_steps)
-        return tables.rows(trial, chain, self.key, study.estimators, posterior.walkers, self._kept(posterior))
-
-    def _kept(self, posterior: Posterior) -> bool:
-        return self.address.trial < posterior.keep_draws
-
-
-def prior_of(cell: Cell, posterior: Posterior, known: bool) -> Prior:
-    """The prior of a cell's trials: a box about the true centre, and any radius that a centre in it can have."""
-    center, width = np.array(cell.center), posterior.box * cell.radius
-    return Prior(center, width, 2.0 * cell.radius + len(center) ** 0.5 * width, cell.noise, known)
-
-
-def tasks(study: Study, posterior: Posterior) -> list[Task]:
-    """Every chain that a config asks for, in the order of the tables."""
-
-    def chosen(cell: Cell) -> bool:
-        relative = cell.noise / cell.radius
-        values = {"samples": cell.samples, "noise": cell.noise, "noise_over_radius": relative, "angle": cell.angle}
-        return posterior.chooses(**values, radius=cell.radius, center=cell.distance)
-
-    places = [a for a in addresses(study, posterior.trials) if chosen(a.cell)]
-    return [Task(place, name, noise) for place in places for name in posterior.likelihood for noise in posterior.noise]
-
-
 def compute(run: Run, jobs: Workers | int = 2, progress: Callable[[float], None] | None = None) -> None:
-    """Compute the posterior tables that a run's config asks for; what is there already is not computed again.
+    """Compute the posterior tables that a run's config asks for; finished chains are not computed again.
 
     Args:
-        run: the run; only its config is looked at.
-        jobs: number of workers, or who they are. Threads are made processes: emcee's steps hold the interpreter's lock.
+        run: the run; only its config is used.
+        jobs: number of workers, or the workers. Processes take the place of threads, because emcee's steps hold the
+            interpreter's lock.
         progress: called after each chain with its share of the work.
 
     Raises:
@@ -110,7 +42,7 @@ def compute(run: Run, jobs: Workers | int = 2, progress: Callable[[float], None]
     study, posterior = run.study, run.study.posterior
     if posterior is None:
         raise RunError(f"{run.folder}: its config has no [posterior]; add one, as in configs/posterior.toml")
-    todo = tasks(study, posterior)
+    todo = chain_tasks(study, posterior)
     if not todo:
         raise RunError(f"{run.folder}: [posterior] where = {dict(posterior.where)} chooses none of its cells")
     keys = {task.part(study, posterior): task for task in todo}
@@ -118,16 +50,17 @@ def compute(run: Run, jobs: Workers | int = 2, progress: Callable[[float], None]
     if run.metadata("posterior").get("study.posterior") == metadata["study.posterior"]:
         return
     d = study.dimension
-    stored = {"answers": schemas.answers(d), "draws": schemas.draws(d), "posterior": schemas.posterior(d)}
+    stored = {"answers": schemas.answers(d), "draws": schemas.draws(d)}
+    stored["posterior"] = schemas.posterior(d, study.conditions())
     if workers.backend == "threads" and workers.jobs > 1:
         workers = replace(workers, backend="loky")
-    with workers.open() as pool, threadpool_limits(limits=1), writing(run.folder):
+    with workers.open() as backend, threadpool_limits(limits=1), writing(run.folder):
         parts = Parts(run.folder, "chains")
         parts.load()
         for name in parts.damaged:
-            print(f"{parts.folder / name}: damaged; set aside in parts/damaged, and computed again", file=sys.stderr)
+            print(f"{parts.folder / name}: damaged; moved to parts/damaged and computed again", file=sys.stderr)
         _keep_finished(run, parts, keys, list(stored))
-        _compute(parts, (study, posterior), keys, pool, progress)
+        _compute(parts, (study, posterior), keys, backend, progress)
         for name, columns in stored.items():  # ``posterior`` last: where it is, the others are
             found = (table for key in keys for _, _, table in parts.tables(key, name))
             run.join(name, columns, found, metadata)
@@ -137,8 +70,8 @@ def compute(run: Run, jobs: Workers | int = 2, progress: Callable[[float], None]
         parts.remove()
 
 
-def _keep_finished(run: Run, parts: Parts, wanted: dict[str, Task], names: list[str]) -> None:
-    """Take chains out of finished tables that held others, so that only the new ones are computed."""
+def _keep_finished(run: Run, parts: Parts, wanted: dict[str, ChainTask], names: list[str]) -> None:
+    """Reuse chains of finished tables that were made for other settings, so that only new chains are computed."""
     held = set(json.loads(run.metadata("posterior").get("study.posterior", "[]"))) & set(wanted)
     stored = {name: run.arrow(name) for name in names} if held else {}
     for part in held:
@@ -150,50 +83,24 @@ def _keep_finished(run: Run, parts: Parts, wanted: dict[str, Task], names: list[
 
 
 def _compute(
-    parts: Parts, shared: Shared, keys: dict[str, Task], pool: Pool, progress: Callable[[float], None] | None
+    parts: Parts, shared: Shared, keys: dict[str, ChainTask], backend: Backend, progress: Callable[[float], None] | None
 ) -> None:
-    """Run the chains that are not there, and store each as it comes back."""
+    """Run the missing chains and store each as it finishes."""
     missing = [item for item in keys.items() if not parts.outputs(item[0])]
     lost: list[str] = []
-    crew: Crew[tuple[str, Task]] = Crew(pool, _chains, shared)
-    with kept(crew, parts):
-        for done in crew.results(missing, lambda item: _HEAVY * item[1].address.cell.samples, parts.patience):
-            if done is None:
-                parts.commit()
-                continue
-            if done.packet is None:
-                lost.append(done.message)
-            else:
-                parts.add(done.packet)
-            if progress is not None:
-                progress(len(done.items) / len(missing))
+
+    def ended(items: tuple[tuple[str, ChainTask], ...], failure: str) -> None:
+        if failure:
+            lost.append(failure)
+        if progress is not None:
+            progress(len(items) / len(missing))
+
+    dispatch = Dispatch(backend, _chains, shared, parts)
+    dispatch.compute(missing, lambda item: _HEAVY * item[1].address.cell.samples, ended)
     if lost:
-        raise RunError(f"{parts.folder.parent}: {len(lost)} chains could not be run: {lost[0]}; the others are kept")
+        raise RunError(f"{parts.folder.parent}: {len(lost)} chains could not be run: {lost[0]}; the others are stored")
 
 
-def _chains(shared: Shared, items: tuple[tuple[str, Task], ...]) -> Packet:
-    """Run chains; this is what a worker does."""
+def _chains(shared: Shared, items: tuple[tuple[str, ChainTask], ...]) -> Packet:
+    """Run chains, in a worker."""
     return Packet.of([(key, _OUTPUTS) for key, _ in items], [task.compute(*shared) for _, task in items])
-
-
-def printed(run: Run) -> Iterator[str]:
-    """The posterior tables in short, for a terminal.
-
-    Yields:
-        A title, a header, a line per cell and kind of chain as `study.posterior.calibration.by_cell` has them, and
-        then the coverage of all, where they are independent of each other.
-    """
-    found, beside = run.table("posterior"), run.table("answers")
-    yield f"{run.study.run_name()}: posteriors, largest shift of the mean from the MLE (in sd), and sd over bound"
-    titles = f"{'N':>7}{'σ/r':>10}{'φ':>7}  {'likelihood':<13}{'noise':<9}"
-    yield titles + f"{'ok':>7}{'shift':>8}{'sd over bound':>17}{'τ':>7}"
-    for row in calibration.by_cell(found, beside).to_dict("records"):
-        text = (
-            f"{row['samples']:>7}{row['noise'] / row['radius']:>10.3g}{row['angle']:>6.4g}°  "
-            f"{row['likelihood']:<13}{row['noise_is']:<9}{row['ok']:>3}/{row['chains']:<3}"
-        )
-        if row["ok"]:
-            text += f"{row['shift']:>8.2f}{row['least']:>9.2f} … {row['most']:.2f}{row['tau']:>8.0f}"
-        yield text
-    if run.study.independent():
-        yield from calibration.printed(calibration.trials(found, beside))

@@ -1,23 +1,18 @@
-"""One ensemble posterior of a sphere: emcee's sampler, from the MLE's ellipsoid, until its chain is long enough.
+"""One ensemble posterior of a sphere by emcee, from the MLE's ellipsoid until the chain is long enough.
 
-Prior: flat on the centre in a box and on the radius, 1/σ on a noise that is not known. A box, because a flat prior on
-the whole space leaves the posterior of a partial cap improper: along the way to a plane the likelihood tends to a
-constant. Where the box decides the answer, the status says so.
+Most moves propose independent places from Student's distribution with the mean and covariance of the other half of the
+walkers. The posteriors here are so nearly normal that the integrated autocorrelation time τ (Goodman & Weare 2010, as
+emcee computes it) is then about 3 steps; with the stretch move it is about 50. One move in ten is differential
+evolution (ter Braak 2006), which also works for posteriors that are not normal. If there may be modes apart from the
+best sphere, half of the walkers start there, places are proposed in coordinates in which the modes are neighbours
+(`ray_coordinates`), and one move in five is to the other side of the points.
 
-Most moves propose places drawn afresh from Student's distribution with the mean and the covariance of the other half of
-the walkers: posteriors here are so nearly normal that the integrated autocorrelation time τ (Goodman & Weare 2010, as
-emcee computes it) is about 3 steps, where the stretch move's is about 50. One in ten is differential evolution (ter
-Braak 2006), which holds its own where they are not. Where there may be mass elsewhere than about the best sphere
-(`rays.py`), half of the walkers start there, places are drawn in coordinates in which the humps are neighbours, and one
-move in five is to the other side of the points.
-
-A chain is long enough when what is left after its first fifth is 50 τ, and τ is stable to 1 %. As τ is a mean over
-walkers, each about its own mean, it is blind to walkers that stay at one hump each: a chain must be mixed as well, by
-the variance between their means, or is reported as one that is not.
+A chain is long enough when what remains after its first fifth is 50 τ long, and τ is stable to 1 %. emcee's τ is a mean
+over walkers, each about its own mean, so it does not notice walkers that stay at one mode each. Therefore a chain must
+be mixed as well, by the variance between the walkers' means; otherwise its status says so.
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import emcee
@@ -26,102 +21,40 @@ import numpy as np
 from study.estimators import ESTIMATORS, Samples, Status
 from study.experiment.posterior_config import ChainStatus
 from study.experiment.streams import OldStream
-from study.posterior.multimodal import Rays
+from study.posterior.density import NOISE_RANGE, LogPosterior, Prior
+from study.posterior.moves import FittedMove, MirrorMove
+from study.posterior.other_modes import other_modes_possible, spread_out
+from study.posterior.ray_coordinates import RayCoordinates
 from study.sphere import likelihood
 from study.sphere.types import Floats
 
-LIKELIHOODS = {"geometric": likelihood.geometric, "whole_sphere": likelihood.whole_sphere}
-_FIRST_LOOK = 100
-_AFRESH = 0.9
-"""Share of moves to places drawn afresh; the others are differential evolution."""
-_ACROSS = 0.2
-"""Share of moves across the points, where there are other humps."""
-_FREEDOM = 5.0
-"""Degrees of freedom of the proposals: tails heavier than the posterior's, so that no walker is stuck in one."""
-_LENGTH = 50.0
-_STABLE = 0.01
+_FITTED = 0.9
+"""Share of independent proposals; the other moves are differential evolution."""
+_MIRRORED = 0.2
+"""Share of moves across the points, taken from the independent proposals, if other modes are possible."""
+_FIRST_LENGTH = 100
+"""Steps before the chain's length is checked first."""
 _WARM_UP = 0.2
+"""Share of the chain that is dropped at its beginning."""
+_LENGTH = 50.0
+"""Least length of the rest, in units of τ."""
+_STABLE = 0.01
+"""Largest relative change of τ between two checks."""
 _MIXED = 0.1
 """Largest share of a variance that may lie between the walkers' own means."""
-_NOISE_RANGE = 1e3
 _RIM = 0.9
 """Draws beyond this share of the box's half-width are at its rim."""
 _AT_RIM = 0.01
-
-
-class Afresh(emcee.moves.RedBlueMove):  # type: ignore[misc]
-    """Propose places that do not depend on where a walker is, from a fit to the walkers that do not move.
-
-    Args:
-        rays: coordinates in which to fit and to propose; the walkers' own if None.
-    """
-
-    def __init__(self, rays: Rays | None = None) -> None:
-        super().__init__()
-        self.rays = rays
-
-    def get_proposal(self, s: Floats, c: list[Floats], random: OldStream) -> tuple[Floats, Floats]:
-        """Places for walkers ``s`` (k, p), from the others ``c``, and the log-densities that balance the choice."""
-        others = np.concatenate(c, axis=0)
-        if self.rays is None:
-            return _drawn(s, others, random)
-        here, volume = self.rays.coordinates(s)
-        places, balance = _drawn(here, self.rays.coordinates(others)[0], random)
-        walkers, after = self.rays.walkers(places)
-        return walkers, balance + after - volume
-
-
-class Across(emcee.moves.RedBlueMove):  # type: ignore[misc]
-    """Propose the sphere on the other side of the points, as far away: for a hump that few walkers are at."""
-
-    def __init__(self, rays: Rays) -> None:
-        super().__init__()
-        self.rays = rays
-
-    def get_proposal(self, s: Floats, c: list[Floats], random: OldStream) -> tuple[Floats, Floats]:
-        """Mirror places of walkers ``s`` (k, p), and the log-densities that balance the choice."""
-        here, volume = self.rays.coordinates(s)
-        here[:, : len(self.rays.points)] *= -1.0
-        walkers, after = self.rays.walkers(here)
-        return walkers, after - volume
-
-
-def _drawn(s: Floats, others: Floats, random: OldStream) -> tuple[Floats, Floats]:
-    """Student's draws (k, p) by others' mean and covariance, and the log-density at ``s`` less that at the draws."""
-    mean, root = others.mean(axis=0), np.linalg.cholesky(np.cov(others.T))
-    stretch = np.sqrt(_FREEDOM / random.chisquare(_FREEDOM, len(s)))
-    unit = random.standard_normal(s.shape) * stretch[:, None]
-    back = np.linalg.solve(root, (s - mean).T).T
-    here, there = (-0.5 * (_FREEDOM + s.shape[1]) * np.log1p((u**2).sum(axis=1) / _FREEDOM) for u in (back, unit))
-    return mean + unit @ root.T, here - there
-
-
-@dataclass(frozen=True)
-class Prior:
-    """Where the parameters may be.
-
-    Attributes:
-        center: middle of the box (d,).
-        width: its half-width, in the unit of the points.
-        radius: largest radius; the smallest is 0.
-        noise: σ if it is known; else the middle of the range of log σ, three decades either way.
-        known: whether σ is known.
-    """
-
-    center: Floats
-    width: float
-    radius: float
-    noise: float
-    known: bool
+"""Largest share of draws at the rim for which the box does not decide the result."""
 
 
 @dataclass(frozen=True)
 class Chain:
-    """What a chain found.
+    """The result of a chain.
 
     Attributes:
         status: how it ended.
-        draws: of (c, r), and σ where it is not known (steps, walkers, parameters); empty if it could not start.
+        draws: draws of (c, r), and of σ if it is unknown (steps, walkers, parameters); empty if it could not start.
         tau: largest of the parameters' autocorrelation times, in steps.
         acceptance: share of proposals accepted.
         steps: all steps taken, the warm-up included.
@@ -144,11 +77,11 @@ def sample(samples: Samples, prior: Prior, name: str, random: OldStream, walkers
 
     Args:
         samples: one point set (1, d, n); its noise is not used.
-        prior: where the parameters may be, and whether σ is one of them.
-        name: of the likelihood, in `LIKELIHOODS`.
-        random: where the sampler draws from.
-        walkers: of the ensemble.
-        max_steps: budget, after which a chain that is not long enough is reported as not converged.
+        prior: the range of the parameters.
+        name: name of the likelihood, in `LIKELIHOODS`.
+        random: source of random numbers.
+        walkers: number of walkers.
+        max_steps: number of steps after which a chain that is not long enough is reported as not converged.
 
     Returns:
         The chain; it never raises on data.
@@ -159,17 +92,15 @@ def sample(samples: Samples, prior: Prior, name: str, random: OldStream, walkers
     origin, spread = start
     parameters = len(spread)
     reference = likelihood.Reference.of(samples.x[0], origin[: parameters - 2 + prior.known], origin[-2 + prior.known])
-
-    def log_probability(scaled: Floats) -> Floats:
-        return _log_probability(scaled @ spread.T, reference, origin, prior, name)
-
+    log_posterior = LogPosterior(prior, name, reference, origin, spread)
     first = random.standard_normal((walkers, parameters))
-    moves, rays = [(Afresh(), _AFRESH), (emcee.moves.DEMove(), 1.0 - _AFRESH)], Rays(samples.x[0], origin, spread)
-    if rays.needed(prior.width, log_probability):
-        first = rays.spread_out(first, prior.width, random)
-        moves = [(Afresh(rays), _AFRESH - _ACROSS), (Across(rays), _ACROSS), moves[1]]
-    first = _inside(first, log_probability)
-    sampler = emcee.EnsembleSampler(walkers, parameters, log_probability, moves=moves, vectorize=True)
+    moves = [(FittedMove(), _FITTED), (emcee.moves.DEMove(), 1.0 - _FITTED)]
+    rays = RayCoordinates(samples.x[0], origin, spread)
+    if other_modes_possible(rays, prior.width, log_posterior):
+        first = spread_out(rays, first, prior.width, random)
+        moves = [(FittedMove(rays), _FITTED - _MIRRORED), (MirrorMove(rays), _MIRRORED), moves[1]]
+    first = _inside(first, log_posterior)
+    sampler = emcee.EnsembleSampler(walkers, parameters, log_posterior, moves=moves, vectorize=True)
     state = emcee.State(first, random_state=random.get_state())
     status, tau = _until_long_enough(sampler, state, max_steps)
     taken = sampler.get_chain().shape[0]
@@ -186,48 +117,48 @@ def sample(samples: Samples, prior: Prior, name: str, random: OldStream, walkers
 def _until_long_enough(
     sampler: emcee.EnsembleSampler, state: emcee.State | None, max_steps: int
 ) -> tuple[ChainStatus, float]:
-    """Run on and look again until the chain is 50 τ long and τ is stable; returns the last τ."""
-    target, before, taken = min(_FIRST_LOOK, max_steps), math.inf, 0
+    """Run until the chain is 50 τ long, τ is stable, and the walkers are mixed; returns the status and the last τ."""
+    target, before, taken = min(_FIRST_LENGTH, max_steps), math.inf, 0
     while True:
         state = sampler.run_mcmc(state, target - taken, skip_initial_state_check=True)
         taken = target
-        kept = sampler.get_chain(discard=int(_WARM_UP * taken))
+        chain = sampler.get_chain(discard=int(_WARM_UP * taken))
         with np.errstate(all="ignore"):  # walkers that never moved have no autocorrelation
-            tau = float(np.max(emcee.autocorr.integrated_time(kept, tol=0, quiet=True)))
+            tau = float(np.max(emcee.autocorr.integrated_time(chain, tol=0, quiet=True)))
         needed = _LENGTH * tau
-        enough = len(kept) >= needed
-        if enough and abs(before - tau) < _STABLE * tau and _mixed(kept):
+        enough = len(chain) >= needed
+        if enough and abs(before - tau) < _STABLE * tau and _mixed(chain):
             return ChainStatus.OK, tau
         if taken >= max_steps:
-            return ChainStatus.NOT_MIXED if enough and not _mixed(kept) else ChainStatus.NOT_CONVERGED, tau
+            return ChainStatus.NOT_MIXED if enough and not _mixed(chain) else ChainStatus.NOT_CONVERGED, tau
         before = tau
         ahead = math.ceil(needed / (1.0 - _WARM_UP)) if math.isfinite(needed) else 0
         target = min(max(ahead, math.ceil(1.1 * taken)), 4 * taken, max_steps)
 
 
-def _mixed(kept: Floats) -> bool:
-    """Whether walkers (steps, walkers, parameters) have all been everywhere.
+def _mixed(chain: Floats) -> bool:
+    """True if little of the variance of a chain (steps, walkers, parameters) lies between its walkers' means.
 
-    Of independent walkers of a chain of 50 τ a 50th of the variance is between their means: a χ² of so many degrees of
-    freedom that even for 8 walkers it passes a tenth in 1 of 10⁵ chains only.
+    For independent walkers with chains of 50 τ, a 50th of the variance does. That share follows χ²; even for 8 walkers
+    it exceeds a tenth in only 1 of 10⁵ chains.
     """
-    between, all_of_it = kept.mean(axis=0).var(axis=0), kept.var(axis=(0, 1))
-    return bool((between <= _MIXED * all_of_it).all())
+    between, total = chain.mean(axis=0).var(axis=0), chain.var(axis=(0, 1))
+    return bool((between <= _MIXED * total).all())
 
 
 def _start(samples: Samples, prior: Prior) -> tuple[Floats, Floats] | None:
-    """Where the walkers start: the best sphere's parameters, and a matrix that scales them to unit size.
+    """Parameters of the best sphere, and a matrix from unit walkers to offsets; None if there is no usable fit.
 
-    The best sphere is the MLE's; GDKE's, where that ran away or has no covariance.
+    The best sphere is the MLE's, or GDKE's if the MLE diverged or has no covariance.
     """
-    told = Samples(samples.x, prior.noise if prior.known else None)
+    given = Samples(samples.x, prior.noise if prior.known else None)
     d, n = samples.x.shape[1:]
     for name in ("mle", "gdke"):
-        fit = ESTIMATORS[name](told).reshape(1, samples=told)
+        fit = ESTIMATORS[name](given).reshape(1, samples=given)
         center, radius, covariance = fit.center[0], fit.radius[0], fit.covariance[0]
         noise = prior.noise if prior.known else math.sqrt(max(fit.noise_variance[0], 0.0))
         usable = fit.status[0] == Status.OK and np.isfinite(covariance).all()
-        usable &= prior.noise / _NOISE_RANGE < noise < prior.noise * _NOISE_RANGE
+        usable &= prior.noise / NOISE_RANGE < noise < prior.noise * NOISE_RANGE
         if not usable or np.abs(center - prior.center).max() >= prior.width or radius >= prior.radius:
             continue
         try:
@@ -242,28 +173,11 @@ def _start(samples: Samples, prior: Prior) -> tuple[Floats, Floats] | None:
     return None
 
 
-def _inside(scaled: Floats, log_probability: Callable[[Floats], Floats]) -> Floats:
-    """Pull walkers that start outside the prior towards the best sphere, which is inside, until they are in."""
+def _inside(walkers: Floats, log_posterior: LogPosterior) -> Floats:
+    """Halve the offsets of walkers outside the prior's range until they are inside, as the start is."""
     for _ in range(60):
-        outside = np.isneginf(log_probability(scaled))
+        outside = np.isneginf(log_posterior(walkers))
         if not outside.any():
             break
-        scaled[outside] *= 0.5
-    return scaled
-
-
-def _log_probability(
-    offsets: Floats, reference: likelihood.Reference, origin: Floats, prior: Prior, name: str
-) -> Floats:
-    """Log-posterior of parameters given as offsets from the start (k, parameters)."""
-    d = len(prior.center)
-    center, radius = origin[:d] + offsets[:, :d], origin[d] + offsets[:, d]
-    allowed = (np.abs(center - prior.center) < prior.width).all(axis=1) & (radius > 0.0) & (radius < prior.radius)
-    if prior.known:
-        log_noise = np.full(len(offsets), math.log(prior.noise))
-    else:
-        log_noise = origin[d + 1] + offsets[:, d + 1]  # 1/σ is flat in log σ
-        allowed &= np.abs(log_noise - math.log(prior.noise)) < math.log(_NOISE_RANGE)
-    value = np.full(len(offsets), -np.inf)
-    value[allowed] = LIKELIHOODS[name](reference, offsets[allowed, : d + 1], log_noise[allowed])
-    return value
+        walkers[outside] *= 0.5
+    return walkers

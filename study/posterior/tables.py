@@ -1,7 +1,6 @@
-"""What a chain says about its trial: the posterior in numbers, and each estimator's answer beside it."""
+"""The tables of a chain: the posterior in numbers, each estimator's fit beside it, and stored draws."""
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -9,6 +8,7 @@ import pyarrow as pa
 from scipy import stats
 
 from study.estimators import ESTIMATORS, Samples
+from study.experiment.config import Study
 from study.experiment.replay import Trial
 from study.posterior.sampler import Chain
 from study.runs.storage import schemas
@@ -17,38 +17,36 @@ from study.sphere.types import Floats
 
 Row = dict[str, Any]
 
-KEPT_DRAWS = 2000
-"""Draws stored of a chain whose draws are kept."""
+STORED_DRAWS = 2000
+"""Largest number of draws that are stored of a chain."""
 
 
-def rows(
-    trial: Trial, chain: Chain, key: Row, estimators: Sequence[str], walkers: int, keep: bool
-) -> dict[str, pa.Table]:
+def rows(study: Study, trial: Trial, chain: Chain, key: Row, walkers: int, keep: bool) -> dict[str, pa.Table]:
     """Rows of the three tables for one chain.
 
     Args:
+        study: the config, which has the estimators whose fits are compared with the chain, and the conditions.
         trial: the data set.
         chain: the posterior of its sphere.
-        key: what names the chain: cell, trial, likelihood, noise_is.
-        estimators: whose answers are set beside it.
-        walkers: of the ensemble.
-        keep: whether draws are stored.
+        key: columns that identify the chain: cell, trial, likelihood, noise_is.
+        walkers: number of walkers.
+        keep: store draws.
 
     Returns:
-        Tables ``posterior`` (one row), ``answers`` (a row per estimator) and ``draws`` (none, if not kept).
+        Tables ``posterior`` (one row), ``answers`` (a row per estimator) and ``draws`` (empty if they are not stored).
     """
     d = trial.samples.x.shape[1]
     truth = np.array([*trial.cell.center, trial.cell.radius, trial.cell.noise])
     known = key["noise_is"] == "known"
     draws = chain.flat - truth[: d + 2 - known]
-    beside = [key | _answer(trial, name, draws, known) for name in estimators]
+    beside = [key | _answer(trial, name, draws, known) for name in study.estimators]
     walker_by_walker = np.arange(len(draws)).reshape(-1, walkers).T.ravel()
-    chosen = np.linspace(0, len(draws) - 1, min(len(draws), KEPT_DRAWS)).round().astype(int)
+    chosen = np.linspace(0, len(draws) - 1, min(len(draws), STORED_DRAWS)).round().astype(int)
     stored = draws[walker_by_walker[chosen]] if keep and len(draws) else draws[:0]
     noise = stored[:, d + 1] + trial.cell.noise if not known else np.full(len(stored), trial.cell.noise)
     columns = {f"error_{i + 1}": stored[:, i] for i in range(d)} | {"radius_error": stored[:, d], "noise": noise}
     return {
-        "posterior": _table(schemas.posterior(d), [key | _posterior(trial, chain, draws, walkers)]),
+        "posterior": _table(schemas.posterior(d, study.conditions()), [key | _posterior(trial, chain, draws, walkers)]),
         "answers": _table(schemas.answers(d), beside),
         "draws": schemas.table(schemas.draws(d), {k: [v] * len(stored) for k, v in key.items()} | columns),
     }
@@ -59,16 +57,15 @@ def _table(columns: list[schemas.Column], found: list[Row]) -> pa.Table:
 
 
 def names(dimension: int) -> list[str]:
-    """Endings of the columns that there is one of per parameter."""
+    """Endings of the columns that exist once per parameter."""
     return [*(str(i + 1) for i in range(dimension)), "radius", "noise"]
 
 
 def _posterior(trial: Trial, chain: Chain, draws: Floats, walkers: int) -> Row:
-    """The row of the posterior table; draws (n, parameters) are less the truth."""
+    """The row of the posterior table; draws (n, parameters) are differences from the truth."""
     cell, d = trial.cell, trial.samples.x.shape[1]
     extent = cell.radius**2 * cap_moments(math.radians(cell.angle), d).along
-    row: Row = {name: getattr(cell, name) for name in ("samples", "noise", "angle", "radius")}
-    row |= {"center": cell.distance, "flatness": cell.noise**2 / extent}
+    row: Row = cell.values | {"flatness": cell.noise**2 / extent}
     row |= {"status": int(chain.status), "tau": chain.tau, "acceptance": chain.acceptance}
     row |= {"steps": chain.steps, "walkers": walkers, "draws": len(draws) / chain.tau}
     unit = np.sqrt(np.diag(trial.unit_bound))
@@ -98,22 +95,22 @@ def _posterior(trial: Trial, chain: Chain, draws: Floats, walkers: int) -> Row:
 
 
 def _answer(trial: Trial, name: str, draws: Floats, known: bool) -> Row:
-    """An estimator's row: its answer in posterior standard deviations, and the truth in its own distribution."""
+    """An estimator's row: its distance from the posterior mean, and the truth's quantiles in its own distribution."""
     d = trial.samples.x.shape[1]
-    told = known or ESTIMATORS[name].needs == "noise"
-    samples = Samples(trial.samples.x, trial.samples.noise if told else None)
+    given = known or ESTIMATORS[name].needs == "noise"
+    samples = Samples(trial.samples.x, trial.samples.noise if given else None)
     fit = ESTIMATORS[name](samples).reshape(1, samples=samples)
     answer = np.append(fit.center[0] - np.array(trial.cell.center), fit.radius[0] - trial.cell.radius)
     error = fit.standard_errors[0]
     spare = samples.x.shape[2] - d - 1
-    law = stats.norm() if told else stats.t(spare) if spare > 0 else None
+    law = stats.norm() if given else stats.t(spare) if spare > 0 else None
     row: Row = {"estimator": name, "status": int(fit.status[0]), "distance": math.nan, "level": math.nan}
     mean, sd = np.full(d + 1, math.nan), np.full(d + 1, math.nan)
     if len(draws):
         mean, sd = draws[:, : d + 1].mean(axis=0), draws[:, : d + 1].std(axis=0)
         square = _squares((answer - mean)[None, :d], np.cov(draws[:, :d].T))
         row["distance"] = float(np.sqrt(square[0]))
-    with np.errstate(all="ignore"):  # answers without a number, or without an error
+    with np.errstate(all="ignore"):  # a fit may have no number, or no error
         away, spread, ranks = (answer - mean) / sd, error / sd, -answer / error
     for i, ending in enumerate(names(d)[: d + 1]):
         row |= {f"away_{ending}": away[i], f"spread_{ending}": spread[i]}
@@ -121,12 +118,12 @@ def _answer(trial: Trial, name: str, draws: Floats, known: bool) -> Row:
     covariance = fit.covariance[0, :d, :d]
     if law is not None and np.isfinite(covariance).all() and np.isfinite(answer[:d]).all():
         square = _squares(answer[None, :d], covariance)[0]
-        row["level"] = float(stats.chi2.cdf(square, d) if told else stats.f.cdf(square / d, d, spare))
+        row["level"] = float(stats.chi2.cdf(square, d) if given else stats.f.cdf(square / d, d, spare))
     return row
 
 
 def _squares(vectors: Floats, covariance: Floats) -> Floats:
-    """Mahalanobis distances squared of vectors (n, d)."""
+    """Squared Mahalanobis distances of vectors (n, d)."""
     values, axes = np.linalg.eigh(covariance)
     with np.errstate(all="ignore"):
         return np.asarray((((vectors @ axes) ** 2) / values).sum(axis=1))

@@ -27,11 +27,11 @@ def _row(record: Record) -> Row:
     study, manifest = record.run.study, record.manifest
     machine = manifest.machine
     cores = f", {machine.cores}\u00a0cores" if machine.cores else ""
-    shape = "; noise not the same in all directions" if study.noise_shape is not None else ""
+    law = "" if study.noise_law.isotropic else f"; {study.noise_law.words}"
     return Row(
         [
             [Link(record.name, run_id(record)), Note(["of the config ", InlineCode(study.name)])],
-            f"{words.dimension(study)}; {words.design(study)}{shape}",
+            f"{words.dimension(study)}; {words.design(study)}{law}",
             ", ".join(style.label(name) for name in record.estimators),
             words.count(record.trials),
             words.count(record.samples) if record.samples < 1_000_000 else words.number(record.samples),

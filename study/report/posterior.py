@@ -4,6 +4,7 @@ from collections.abc import Iterable
 
 import pandas as pd
 
+from study.experiment.conditions import named_in
 from study.figures import style
 from study.posterior import calibration
 from study.report import words
@@ -43,7 +44,8 @@ def _said(record: Record, found: pd.DataFrame, answers: pd.DataFrame) -> list[Bl
 
 
 def _cells(record: Record, cells: pd.DataFrame) -> Table:
-    head = ["N", "σ/r", "φ", "likelihood", "σ", "σ²/v", "ok", "shift from MLE", "sd over bound", "τ"]
+    conditions = named_in(cells)
+    head = [*(c.symbol for c in conditions), "likelihood", "σ", "σ²/v", "ok", "shift from MLE", "sd over bound", "τ"]
     rows = []
     for row in cells.to_dict("records"):
         numbers = ["–", "–", "–"]
@@ -53,9 +55,7 @@ def _cells(record: Record, cells: pd.DataFrame) -> Table:
         rows.append(
             Row(
                 [
-                    words.count(row["samples"]),
-                    words.number(row["noise"] / row["radius"]),
-                    f"{row['angle']:g}°",
+                    *(words.condition(condition, row) for condition in conditions),
                     str(row["likelihood"]).replace("_", " "),
                     str(row["noise_is"]),
                     words.number(row["flatness"]),
@@ -69,7 +69,8 @@ def _cells(record: Record, cells: pd.DataFrame) -> Table:
         "in posterior standard deviations; the range of those over the bound's (where σ is "
         "unknown they follow σ̂); the longest autocorrelation time, in steps."
     )
-    return Table(f"Posteriors, {record.name}", caption, head, rows, numeric=frozenset({0, 1, 2, 5, 6, 7, 8, 9}))
+    words_at = {len(conditions), len(conditions) + 1}
+    return Table(f"Posteriors, {record.name}", caption, head, rows, numeric=frozenset(range(len(head))) - words_at)
 
 
 def _coverage(record: Record, found: pd.DataFrame, answers: pd.DataFrame) -> list[Block]:

@@ -2,12 +2,14 @@
 
 import shlex
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import pandas as pd
 
 from study.estimators import Status
-from study.estimators.fit import explain
+from study.estimators.status import explain
+from study.experiment.conditions import LABELS, SAMPLES, named_in
 from study.figures import style
 from study.report import words
 from study.report.blocks import (
@@ -80,23 +82,15 @@ def _conditions(frame: pd.DataFrame, by_decade: bool) -> tuple[list[str], list[C
     """Titles and formats of the columns that distinguish groups, and the conditions that all groups share."""
     if by_decade:
         return ["σ/r from"], [_decade], ""
-    columns = {title: [make(row) for _, row in frame.iterrows()] for title, make in _CONDITIONS.items()}
-    vary = [title for title, texts in columns.items() if len(set(texts)) > 1] or ["N"]
-    fixed = ", ".join(f"{title} = {texts[0]}" for title, texts in columns.items() if title not in vary)
-    return vary, [_CONDITIONS[title] for title in vary], f", all at {fixed}" if fixed else ""
+    made = {c: partial(words.condition, c) for c in LABELS if not c.stored or c.name in frame}
+    columns = {c: [make(row) for _, row in frame.iterrows()] for c, make in made.items()}
+    vary = [c for c, texts in columns.items() if len(set(texts)) > 1] or [SAMPLES]
+    fixed = ", ".join(f"{c.symbol} = {texts[0]}" for c, texts in columns.items() if c not in vary)
+    return [c.symbol for c in vary], [made[c] for c in vary], f", all at {fixed}" if fixed else ""
 
 
 def _decade(row: "pd.Series[Any]") -> str:
     return words.power_of_ten(int(row["decade"]))
-
-
-_CONDITIONS: dict[str, Callable[["pd.Series[Any]"], str]] = {
-    "N": lambda row: words.count(int(row["samples"])),
-    "σ/r": lambda row: words.number(row["noise"] / row["radius"]),
-    "φ": lambda row: f"{words.number(row['angle'], 4)}°",
-    "r": lambda row: words.number(row["radius"]),
-    "|c|": lambda row: words.number(row["center"]),
-}
 
 
 def _ratio(row: "pd.Series[Any]") -> Content:
@@ -132,13 +126,14 @@ def worst_trials(record: Record) -> list[Block]:
     if frame.empty:
         return [Text("No fit is ok and has a finite bound.")]
     folder = shlex.quote(str(record.run.folder))
+    conditions = named_in(frame)
     rows = [
         Row(
             [
                 InlineCode(str(row["cell"])),
                 str(row["trial"]),
                 style.label(str(row["estimator"])),
-                *(_CONDITIONS[title](row) for title in ("N", "σ/r", "φ")),
+                *(words.condition(condition, row) for condition in conditions),
                 words.timed(row["ratio"]),
                 explain(int(row["status"])),
                 InlineCode(f"study replay {folder} {shlex.quote(str(row['cell']))} {row['trial']}"),
@@ -146,10 +141,11 @@ def worst_trials(record: Record) -> list[Block]:
         )
         for _, row in frame.iterrows()
     ]
-    head = ["Cell", "Trial", "Estimator", "N", "σ/r", "φ", "Error over bound", "Status", "To see it again"]
+    symbols = [c.symbol for c in conditions]
+    head = ["Cell", "Trial", "Estimator", *symbols, "Error over bound", "Status", "To see it again"]
     caption = (
         "Largest error over a finite bound among the fits that are ok; a trial counts once, by its worst estimator. "
         "The command draws the same points again; the fits that it shows are those of the version installed."
     )
     label = f"The worst trials, {record.name}"
-    return [Table(label, caption, head, rows, numeric=frozenset({1, 3, 4, 5, 6}), stacked=True)]
+    return [Table(label, caption, head, rows, numeric=frozenset({1, *range(3, 4 + len(conditions))}), stacked=True)]

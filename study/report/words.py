@@ -4,15 +4,14 @@ import math
 import re
 from collections.abc import Sequence
 
-from study.experiment.conditions import RandomDesign
+from study.experiment.conditions import CONDITIONS, SAMPLES, Condition, RowValues, Value
 from study.experiment.config import Study
-from study.experiment.distributions import Choice, Constant, LogUniform, Uniform
+from study.experiment.distributions import Distribution
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _NARROW = "\u202f"  # narrow no-break space between thousands
 _JOINED = "\u00a0"  # no-break space
 _NUMBER = r"-?\d+\.?\d*(?:e[+-]\d+)?"
-_QUANTITIES = {"samples": "N", "noise": "σ", "noise_over_radius": "σ/r", "angle": "φ", "radius": "r", "center": "|c|"}
 
 
 def power_of_ten(exponent: int) -> str:
@@ -120,40 +119,52 @@ def dimension(study: Study) -> str:
     )
 
 
+def condition(which: Condition, row: RowValues) -> str:
+    """The value of a condition in a row of a table."""
+    value = which.of(row)
+    if isinstance(value, str):
+        return value
+    return count(int(value)) if which.kind is int else number(value, which.digits) + which.mark
+
+
 def design(study: Study) -> str:
     """Sentence that describes a study's design."""
     made = study.design
-    unit = {"angle": "°"}
-    if isinstance(made, RandomDesign):
-        laws = {name: getattr(made, name) for name in _QUANTITIES}
-        drawn = [f"{_QUANTITIES[k]}{_JOINED}{_law(law, unit.get(k, ''))}" for k, law in laws.items() if law is not None]
-        return f"{count(made.trials)} trials, each with conditions of its own: {'; '.join(drawn)}"
-    axes = {name: getattr(made, name) for name in _QUANTITIES}
-    values = [
-        f"{_QUANTITIES[k]}{_JOINED}={_JOINED}{_values(axis, unit.get(k, ''))}"
-        for k, axis in axes.items()
-        if axis is not None
-    ]
+    given = [(CONDITIONS[name], entry) for name, entry in made.given().items()]
+    values = "; ".join(f"{c.symbol}{_JOINED}{_entry(entry, c.mark)}" for c, entry in given)
+    if made.one_trial_a_cell:
+        return f"{count(made.trials)} trials, each with conditions of its own: {values}"
     cells, most = study.cells(), "up to " if study.precision is not None else ""
-    trials = {made.trials_of(n) for n in made.samples}
+    trials = {made.trials_of(int(n)) for n in made.values(SAMPLES) or ()}
     number = count(made.trials) if len(trials) == 1 else f"{count(min(trials))} to {count(max(trials))}"
     if cells == 1:
-        return f"one cell of {most}{number} trials: {'; '.join(values)}"
-    draws = "all from the same draws" if made.draws == "shared" else "each with draws of its own"
-    return f"{count(cells)} cells of {most}{number} trials, {draws}: {'; '.join(values)}"
+        return f"one cell of {most}{number} trials: {values}"
+    draws = "each with draws of its own" if study.independent() else "all from the same draws"
+    return f"{count(cells)} cells of {most}{number} trials, {draws}: {values}"
 
 
-def _law(law: Constant | Choice | Uniform | LogUniform, unit: str) -> str:
-    if isinstance(law, Uniform | LogUniform):
-        how = "uniform" if isinstance(law, Uniform) else "log-uniform"
-        return f"{how} from{_JOINED}{exactly(law.low)}{unit} to{_JOINED}{exactly(law.high)}{unit}"
-    values = law.possible()
-    return f"={_JOINED}{exactly(values[0])}{unit}" if len(values) == 1 else f"one of {_values(values, unit)}"
+def _entry(entry: tuple[Value, ...] | Distribution, mark: str) -> str:
+    """An axis of a grid, or a law of a random design."""
+    if isinstance(entry, tuple):
+        return f"={_JOINED}{_values(entry, mark)}"
+    values = entry.possible()
+    if entry.continuous:
+        low, high = (exactly(value) + mark for value in values)
+        return f"{entry.name} from{_JOINED}{low} to{_JOINED}{high}"
+    return f"={_JOINED}{exactly(values[0])}{mark}" if len(values) == 1 else f"one of {_values(values, mark)}"
 
 
-def _values(values: Sequence[float], unit: str) -> str:
+def _values(values: Sequence[Value], mark: str) -> str:
     if len(values) <= 6:
-        return ", ".join(f"{exactly(v)}{unit}" for v in values)
-    first = ", ".join(f"{number(v) if v != int(v) else exactly(v)}{unit}" for v in values[:3])
-    last = number(values[-1]) if values[-1] != int(values[-1]) else exactly(values[-1])
-    return f"{first}, …, {last}{unit} ({len(values)}{_JOINED}values)"
+        return ", ".join(_exactly(v) + mark for v in values)
+    first = ", ".join(_nearly(v) + mark for v in values[:3])
+    return f"{first}, …, {_nearly(values[-1])}{mark} ({len(values)}{_JOINED}values)"
+
+
+def _exactly(value: Value) -> str:
+    return value if isinstance(value, str) else exactly(value)
+
+
+def _nearly(value: Value) -> str:
+    """A value as given if it is whole, else in three digits."""
+    return _exactly(value) if isinstance(value, str) or value == int(value) else number(value)

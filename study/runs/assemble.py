@@ -1,4 +1,4 @@
-"""From what is stored of a unit, in whatever pieces it was computed, to its rows in the order of the tables."""
+"""Assembly of tables: the stored rows of each unit, however it was cut, in the order of the tables."""
 
 from collections.abc import Iterable, Iterator
 
@@ -7,8 +7,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from study.experiment.config import Study
-from study.experiment.design import GridGroup, Span
-from study.runs.jobs import POINTS, Asked, estimators_of
+from study.experiment.designs.groups import Span
+from study.runs.jobs import POINTS, Jobs, estimators_of
 from study.runs.layout import Layout
 from study.runs.storage.atomic_write import RunError
 from study.runs.storage.parts import Parts
@@ -16,27 +16,27 @@ from study.sphere.types import Ints
 
 
 def rows(study: Study, parts: Parts, layout: Layout, name: str) -> Iterator[pa.Table]:
-    """A table's rows, unit by unit.
+    """Read a table's rows, unit by unit.
 
     Args:
         study: the config.
-        parts: what is stored.
-        layout: what there should be.
+        parts: the stored rows.
+        layout: the units, and how each is cut.
         name: the table: errors, points, failures, timings or summary.
 
     Raises:
         RunError: if rows are missing.
     """
-    asked = Asked(study)
+    jobs = Jobs(study)
     if not parts.holds(name):
         return
     for span in layout.units():
         found: list[pa.Table] = []
         first: tuple[str, ...] = ()
         datasets = 0
-        for piece in layout(span):
+        for piece in layout.cut(span):
             datasets += piece.rows
-            for outputs, table in stored(asked, parts, piece, name):
+            for outputs, table in stored_rows(jobs, parts, piece, name):
                 first = first or outputs
                 found.append(table)
         expected = {"errors": datasets, "summary": len(span.group.cells)}.get(name, 0) * len(study.estimators)
@@ -50,16 +50,19 @@ def rows(study: Study, parts: Parts, layout: Layout, name: str) -> Iterator[pa.T
             yield table.take(pa.array(_order(study, span, table)))
 
 
-def stored(asked: Asked, parts: Parts, piece: Span, name: str) -> Iterator[tuple[tuple[str, ...], pa.Table]]:
-    """Stored rows of a piece, and the outputs that they are of, without those that nobody asks for.
+def stored_rows(jobs: Jobs, parts: Parts, piece: Span, name: str) -> Iterator[tuple[tuple[str, ...], pa.Table]]:
+    """Read the stored rows of a piece, without those of outputs that the study does not have.
 
     Args:
-        asked: what the study asks for.
-        parts: what is stored.
+        jobs: the study's.
+        parts: the stored rows.
         piece: of a unit.
         name: the table.
+
+    Yields:
+        Outputs, and their rows.
     """
-    job = asked.job(piece)
+    job = jobs.job(piece)
     for outputs, fresh, table in parts.tables(job.key, name):
         wanted = tuple(output for output in fresh if output in job.outputs)
         if not wanted or (name == "points" and not any(o.startswith(POINTS) for o in wanted)):
@@ -70,19 +73,21 @@ def stored(asked: Asked, parts: Parts, piece: Span, name: str) -> Iterator[tuple
 
 
 def _order(study: Study, span: Span, table: pa.Table) -> Ints:
+    """The order of a unit's rows in the table."""
     if "group" in table.schema.names:  # a summary, of the cells of a grid
-        cells = _places(table, "group", [cell.name for cell in span.group.cells if cell is not None])
+        cells = _places(table, "group", [cell.name for cell in span.group.cells])
         return np.lexsort([_places(table, "estimator", study.estimators), cells])
     trial = table["trial"].to_numpy()
     keys = [trial]
     if "estimator" in table.schema.names:
         keys.append(_places(table, "estimator", study.estimators))
-    if isinstance(span.group, GridGroup):
+    if span.group.cells:
         keys.append(_places(table, "cell", [cell.name for cell in span.group.cells]))
     return np.lexsort([*keys, trial // span.group.size])  # the last counts most
 
 
 def _places(table: pa.Table, column: str, words: Iterable[str]) -> Ints:
+    """Place of each row's word among others."""
     return np.asarray(pc.index_in(_words(table, column), pa.array(list(words))).to_numpy())
 
 

@@ -1,4 +1,4 @@
-"""Commands about runs, for `study.cli`: how they end, and a worker of a cluster."""
+"""Commands about runs, for `study.cli`: their exit codes, and the worker of a cluster."""
 
 from enum import IntEnum
 from pathlib import Path
@@ -6,25 +6,42 @@ from typing import Annotated
 
 import typer
 
-Folder = Annotated[Path, typer.Argument(metavar="RUN", help="a run's folder, such as results/paper-0123456789")]
+RUNS = Path("results")
+"""Folder of the runs, below the current one."""
 
 
-class Code(IntEnum):
-    """How a command ended."""
+def run_folder(argument: str) -> Path:
+    """The folder of a run, given itself, as the config of a run in `RUNS`, or as the name of a shipped config."""
+    path = Path(argument)
+    if path.is_dir() or path.suffix not in ("", ".toml"):
+        return path
+    from study.experiment.config import load
+    from study.experiment.shipped_configs import shipped_configs
+
+    config = path if path.suffix else shipped_configs().get(argument)
+    return path if config is None else RUNS / load(config).run_name()
+
+
+_FOLDER = "folder of a run, or the config of a run in results/, such as configs/paper.toml, or paper if it is shipped"
+Folder = Annotated[Path, typer.Argument(metavar="RUN", parser=run_folder, help=_FOLDER)]
+
+
+class ExitCode(IntEnum):
+    """Exit code of a command."""
 
     COMPLETE = 0
     FAILURE = 1
     USAGE = 2
-    FAILURES = 3  # complete, with more failed fits than the config tolerates
-    BUDGET = 4  # stopped by its budget of time, before every cell had trials enough
+    TOO_MANY_FAILURES = 3  # complete, with more failed fits than the config tolerates
+    BUDGET = 4  # stopped by its time budget before every cell had enough trials
     INTERRUPTED = 130  # by Ctrl-C or SIGTERM
 
 
 def worker(
-    scheduler: Annotated[str, typer.Argument(metavar="ADDRESS", help="of a Dask scheduler: tcp://host:8786")],
+    scheduler: Annotated[str, typer.Argument(metavar="ADDRESS", help="address of a Dask scheduler: tcp://host:8786")],
     options: Annotated[list[str] | None, typer.Argument(metavar="-- OPTION…", help="see `dask worker --help`")] = None,
 ) -> None:
-    """Start a Dask worker that computes as `study run --backend dask` does, to the last bit."""
+    """Start a Dask worker whose results are those of this machine, to the last bit."""
     from study.runs.workers.dask_cluster import serve
 
     serve(scheduler, options or [])

@@ -1,4 +1,4 @@
-"""The last step of a run: what was computed in parts becomes its tables, and the manifest says that they are whole."""
+"""The last step of a run: its parts are joined to tables, and the manifest is written."""
 
 import json
 import time
@@ -11,45 +11,46 @@ import pyarrow as pa
 
 from study.estimators import ESTIMATORS
 from study.runs import assemble, provenance
-from study.runs.adaptive.checkpoint_rounds import BUDGET, TARGET, Rounds
-from study.runs.adaptive.time_budget import Budget
+from study.runs.adaptive.checkpoint_rounds import Rounds
+from study.runs.adaptive.group_progress import BUDGET, TARGET
+from study.runs.adaptive.time_budget import TimeBudget
 from study.runs.layout import Layout
 from study.runs.storage import schemas
 from study.runs.storage.parts import FORMAT, Parts
 from study.runs.storage.run_folder import Run
-from study.runs.workers.dispatch import Workers
+from study.runs.workers.choose import Workers
 
 
 def finish(
-    store: Run, parts: Parts, layout: Layout, started: datetime, workers: Workers, budget: Budget | None = None
+    store: Run, parts: Parts, layout: Layout, started: datetime, workers: Workers, budget: TimeBudget | None = None
 ) -> None:
-    """Join the parts, in the order of the units, into the run's tables, and remove them, if no budget stopped the run.
+    """Join the parts to the run's tables, in the order of the units, and remove them, unless a budget stopped the run.
 
     The error table's metadata hold the config and the software, but nothing of time, machine or workers, so that equal
     runs are equal to the byte. The manifest comes last: a run that is killed before is finished again from its parts.
 
     Args:
         store: the run.
-        parts: all that is asked of its units.
-        layout: the units, and how each was cut; where cells are still open, they are left as they were judged last.
-        started: when.
-        workers: who computed.
-        budget: what the run had.
+        parts: the stored rows of all its units.
+        layout: the units, and how each was cut. Cells that are still open stay as they were at their last checkpoint.
+        started: time at which the run started.
+        workers: the workers that computed it.
+        budget: its time budget.
 
     Raises:
         RunError: if the folder cannot be written; the parts stay.
     """
     study, clock = store.study, time.perf_counter()
     metadata = {"study.config": study.canonical(), "study.software": json.dumps(parts.software)}
-    store.amend_manifest({"tables": {}})  # those that it tells of are about to go
+    store.amend_manifest({"tables": {}})  # those that it lists are about to be replaced
     store.remove("summary")
     written, causes, reasons = [], Counter[str](), Counter[str]()
     if isinstance(layout, Rounds):
         layout.stop()
         reasons = layout.reasons()
-        store.join("precision", schemas.PRECISION, [layout.table()], metadata)
+        store.join("precision", schemas.precision(study.conditions()), [layout.table()], metadata)
         written.append("precision")
-    for name, columns in schemas.of_units(study.dimension).items():
+    for name, columns in schemas.of_units(study.dimension, study.conditions()).items():
         rows = assemble.rows(study, parts, layout, name)
         if name == "failures":
             rows = _counted(rows, causes)
@@ -88,20 +89,20 @@ def finish(
         parts.remove()
 
 
-def stopped(run: Run) -> str | None:
-    """What to say of a run that its budget stopped; None of another."""
+def budget_message(run: Run) -> str | None:
+    """Message for a run that its budget stopped; None for another."""
     if (seconds := run.stopped()) is None:
         return None
     found, all_cells = run.manifest()["precision"], run.manifest()["cells"]
     done = f"{found.get(TARGET, 0):,} of {all_cells:,} cells reached the target"
-    again = f"`study run {run.folder / 'config.toml'} --out {run.folder}` goes on"
+    again = f"`study run {run.folder / 'config.toml'} --out {run.folder}` resumes it"
     return f"{run.folder}: stopped by its budget of {seconds:g} s: {done}; {again}"
 
 
-def complaint(run: Run) -> str | None:
-    """What to say of a finished run if a larger share of its fits failed than its config tolerates."""
-    said, tolerated = run.manifest(), run.study.tolerate_failures
-    failures, fits = said["failures"], said["fits"]
+def failure_message(run: Run) -> str | None:
+    """Message for a finished run whose share of failed fits is larger than its config tolerates; None for another."""
+    manifest, tolerated = run.manifest(), run.study.tolerate_failures
+    failures, fits = manifest["failures"], manifest["fits"]
     if failures <= tolerated * fits:
         return None
     words = f"{failures:,} of {fits:,} fits raised an exception or killed their worker"
@@ -109,6 +110,7 @@ def complaint(run: Run) -> str | None:
 
 
 def _counted(rows: Iterator[pa.Table], causes: Counter[str]) -> Iterator[pa.Table]:
+    """Count the causes of failures as their rows pass."""
     for table in rows:
         causes.update(table["cause"].cast(pa.string()).to_pylist())
         yield table

@@ -1,4 +1,4 @@
-"""What a study asks for, unit by unit, and what a worker does about it: outputs of a unit, as a packet."""
+"""Jobs: outputs to compute of a unit of a study, and the function with which a worker computes them."""
 
 import hashlib
 from collections.abc import Callable, Iterable, Iterator
@@ -6,19 +6,23 @@ from dataclasses import dataclass
 from itertools import groupby
 
 from study.estimators import ESTIMATORS
-from study.experiment.compute_unit import Reduce, Result, compute, lost, stack
+from study.experiment.compute_unit import Result, compute, lost, stack
 from study.experiment.config import Study
-from study.experiment.design import Span, spans
+from study.experiment.designs.cells import Unit
+from study.experiment.designs.groups import Span
+from study.experiment.errors import Columns, Errors
+from study.experiment.units import spans
 from study.runs.storage import schemas
 from study.runs.storage.parts import FORMAT, Packet, encode
+from study.statistics import summary_rows
 
 POINTS = "points"
 _OVERHEAD = 10_000.0
-"""Samples that take as long to draw as a call takes without any."""
+"""Overhead of a call, in samples that could be drawn meanwhile."""
 _ROW = 40.0
-"""Samples for which a row counts: more than take as long to draw, because packets of many rows are read whole."""
+"""Cost of a row, in samples; high, because packets of many rows are read whole."""
 _LONG = 1e9
-"""Weight, some ten seconds of one worker, that is worth the two seconds in which processes start."""
+"""Weight, some ten seconds of one worker, from which processes are worth the two seconds in which they start."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +31,7 @@ class Job:
 
     Attributes:
         span: the unit.
-        key: stands for it; see `study.runs.storage.parts`.
+        key: a digest of all that determines the unit's rows; see `study.runs.storage.parts`.
         outputs: estimators with their versions, and perhaps points.
     """
 
@@ -37,15 +41,15 @@ class Job:
 
     @property
     def weight(self) -> float:
-        """Work in comparable numbers: samples drawn and fitted, an overhead per batch and level, and rows."""
+        """Work in samples: those drawn and fitted, an overhead per batch and level, and a cost per row."""
         samples, batches = self.span.group.load(self.span.first, self.span.last)
         levels = self.span.group.levels
         rows = self.span.rows * len(self.outputs)
         return samples * (1.0 + levels) + _OVERHEAD * batches * (1 + levels) + _ROW * rows
 
 
-class Asked:
-    """What a study asks for.
+class Jobs:
+    """The jobs of a study.
 
     Args:
         study: the config.
@@ -57,32 +61,37 @@ class Asked:
         self.estimators = tuple(output(name) for name in study.estimators)
 
     def job(self, span: Span) -> Job:
-        """All that is asked of a unit."""
+        """The job of a unit, with all of its outputs."""
         content = self._stem + span.group.digest + f"{span.first}-{span.last}".encode()
         points = (f"{POINTS}:{self.study.keep_points}",) if span.first < self.study.keep_points else ()
         return Job(span, hashlib.blake2b(content, digest_size=12).hexdigest(), self.estimators + points)
 
-    def lacking(self, units: Iterable[Span], have: Callable[[str], set[str]]) -> Iterator[Job]:
-        """What is asked of units and is not there."""
+    def missing(self, units: Iterable[Span], stored: Callable[[str], set[str]]) -> Iterator[Job]:
+        """The jobs of units, with the outputs that are not stored; jobs that have none are left out.
+
+        Args:
+            units: the units.
+            stored: gives the outputs that are stored under a key.
+        """
         for span in units:
             job = self.job(span)
-            there = have(job.key)
+            there = stored(job.key)
             if missing := tuple(o for o in job.outputs if o not in there):
                 yield Job(span, job.key, missing)
 
 
-def long(study: Study) -> bool:
-    """Whether processes compute a study sooner than threads, which start at once but share one interpreter."""
-    asked, weight = Asked(study), 0.0
+def takes_long(study: Study) -> bool:
+    """Tell whether processes compute a study sooner than threads, which start at once but share one interpreter."""
+    jobs, weight = Jobs(study), 0.0
     for span in spans(study):
-        weight += asked.job(span).weight
+        weight += jobs.job(span).weight
         if weight > _LONG:
             return True
     return False
 
 
 def output(estimator: str) -> str:
-    """What an estimator's rows are called: its name and its version."""
+    """Name of an estimator's rows among the outputs: its name and its version."""
     return f"{estimator}@{ESTIMATORS[estimator].version}"
 
 
@@ -91,39 +100,51 @@ def estimators_of(outputs: Iterable[str]) -> tuple[str, ...]:
     return tuple(o.rpartition("@")[0] for o in outputs if "@" in o)
 
 
-@dataclass(frozen=True)
-class Order:
-    """What every job of a run has in common.
+def execute(study: Study, jobs: tuple[Job, ...]) -> Packet:
+    """Compute jobs of a study; workers run this."""
+    return _packed(study, jobs, compute)
 
-    Attributes:
+
+def give_up(study: Study, jobs: tuple[Job, ...], message: str) -> Packet:
+    """Rows of jobs whose worker died twice: every fit failed.
+
+    Args:
         study: the config.
-        reduce: makes the rows of a summary, where the study keeps no errors.
+        jobs: the jobs.
+        message: how the worker died.
     """
-
-    study: Study
-    reduce: Reduce | None = None
+    return _packed(study, jobs, lambda part, unit: lost(part, unit, message))
 
 
-def execute(order: Order, jobs: tuple[Job, ...]) -> Packet:
-    """Compute jobs; this is what a worker runs."""
-    return _packed(order.study, jobs, lambda part, job: compute(part, job.span.unit(), order.reduce))
-
-
-def give_up(order: Order, jobs: tuple[Job, ...], message: str) -> Packet:
-    """What is stored of jobs that no worker survived: every fit of them failed."""
-    return _packed(order.study, jobs, lambda part, job: lost(part, job.span.unit(), message, order.reduce))
-
-
-def _packed(study: Study, jobs: tuple[Job, ...], result: Callable[[Study, Job], Result]) -> Packet:
+def _packed(study: Study, jobs: tuple[Job, ...], result: Callable[[Study, Unit], Result]) -> Packet:
     found = []
     for outputs, together in groupby(jobs, key=lambda job: job.outputs):
         kept = study.keep_points if any(o.startswith(POINTS) for o in outputs) else 0
         part = study.model_copy(update={"estimators": estimators_of(outputs), "keep_points": kept})
-        found += [vars(result(part, job)) for job in together]
+        for job in together:
+            unit = job.span.unit()
+            found.append(tables(part, unit, result(part, unit)))
     stacked, rows = {}, {}
-    for name, columns in schemas.of_units(study.dimension).items():
+    for name, columns in schemas.of_units(study.dimension, study.conditions()).items():
         some = [each[name] for each in found if each[name]]
         if some:
             stacked[name] = schemas.table(columns, stack(some))
             rows[name] = [len(next(iter(each[name].values()))) if each[name] else 0 for each in found]
     return Packet([(job.key, job.outputs) for job in jobs], rows, {k: encode(t) for k, t in stacked.items()})
+
+
+def tables(study: Study, unit: Unit, result: Result) -> dict[str, Columns]:
+    """Columns of each table that a unit fills; none of those that the study does not keep.
+
+    Args:
+        study: the config.
+        unit: the unit; where the study keeps summaries alone, it holds all trials of its cells.
+        result: what was computed of it.
+    """
+    found: dict[str, Columns] = {"errors": {}, "summary": {}, "points": result.points, "failures": result.failures}
+    if study.keep == "errors":
+        found["errors"] = result.errors
+    elif result.blocks:
+        found["summary"] = summary_rows.of_errors(Errors.joined(result.blocks))
+        result.clock.read("summary", unit.batches[0].samples, sum(block.radius.size for block in result.blocks))
+    return found | {"timings": result.timings}

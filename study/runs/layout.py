@@ -1,9 +1,10 @@
-"""What a run consists of: its units, and the pieces of each that were, or are to be, computed by themselves."""
+"""The units of a run, and the pieces of each that are computed by themselves."""
 
 from collections.abc import Iterator
 
 from study.experiment.config import Study
-from study.experiment.design import Span, spans
+from study.experiment.designs.groups import Span
+from study.experiment.units import spans
 from study.runs.storage.parts import Parts
 
 
@@ -21,25 +22,25 @@ class Layout:
         """The units, in the order of the tables."""
         return spans(self.study)
 
-    def __call__(self, span: Span) -> Iterator[Span]:
-        """The pieces of a unit."""
+    def cut(self, span: Span) -> Iterator[Span]:
+        """Cut a unit into pieces."""
         yield span
 
     def pieces(self) -> Iterator[Span]:
         """All pieces of all units."""
-        return (piece for span in self.units() for piece in self(span))
+        return (piece for span in self.units() for piece in self.cut(span))
 
     def pending(self) -> Iterator[Span]:
         """The pieces that may have to be computed."""
         return self.pieces()
 
     def advance(self, parts: Parts) -> bool:
-        """Whether there are more units, now that parts have all that were pending."""
+        """Find further units, once the parts hold all that was pending; false if there are none."""
         return False
 
     def restart(self) -> None:
-        """Forget what was learnt from parts, some of which are lost."""
+        """Forget what was concluded from the parts, because some of them are lost."""
 
     def ahead(self) -> float:
-        """Share of what is pending in all that may still come."""
+        """Share of the pending pieces in all that may still have to be computed."""
         return 1.0

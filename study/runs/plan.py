@@ -1,22 +1,23 @@
-"""What a study will cost, told before it runs: counts, bytes, and seconds from a short calibration."""
+"""Cost of a study before it runs: counts, bytes, and seconds predicted from a short calibration."""
 
 from dataclasses import dataclass
 
-from study.experiment.compute_unit import Reduce
 from study.experiment.config import Study
-from study.experiment.design import Cell, units
+from study.experiment.designs.cells import Cell
 from study.experiment.errors import levels
-from study.runs.jobs import long
+from study.experiment.units import units
+from study.runs.jobs import takes_long
 from study.runs.speed_probe import measure
 
 _ROW_BYTES = 75.0
-"""Measured size of a row of a compressed error table, by and large (doubles of noise do not compress)."""
+"""Typical measured size of a row of a compressed error table, whose doubles hardly compress."""
 _POINT_BYTES = 26.0
 _ROW_SECONDS = 1e-6
-"""Time to write a row, by and large: a tenth of a second for a hundred thousand."""
+"""Typical time to write a row: a tenth of a second for a hundred thousand."""
 _START_SECONDS = 2.0
-"""Time that processes take to start, by and large."""
-_CELLS_LOOKED_AT = 5000
+"""Typical time in which worker processes start."""
+_MOST_CELLS = 5000
+"""Number of cells from which the calibration takes its conditions."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ class Plan:
     seconds: float
 
     def lines(self) -> list[tuple[str, str]]:
-        """Labels and values, for a reader."""
+        """Labels and values for the terminal."""
         return [
             ("cells", f"{self.cells:,}"),
             ("trials", f"{self.trials:,}"),
@@ -56,13 +57,12 @@ class Plan:
         ]
 
 
-def plan(study: Study, jobs: int, reduce: Reduce | None = None) -> Plan:
+def plan(study: Study, jobs: int) -> Plan:
     """Count a study's work and predict its time, without running it.
 
     Args:
         study: the config.
         jobs: number of workers.
-        reduce: makes the rows of the summary of a study that keeps nothing else.
     """
     cells: dict[int, tuple[Cell, ...]] = {}
     counted: dict[int, int] = {}
@@ -85,8 +85,8 @@ def plan(study: Study, jobs: int, reduce: Reduce | None = None) -> Plan:
         for kind, count in share.items():
             work[kind] = work.get(kind, 0) + count
         shares.append([(*kind, count) for kind, count in share.items()])
-    processes = jobs > 1 and long(study)  # which do not wait for each other, but take a while to start
-    pace = measure(study, _spread(list(cells.values())), 1 if processes else jobs, reduce)
+    processes = jobs > 1 and takes_long(study)  # they do not wait for one interpreter, but take a while to start
+    pace = measure(study, _spread(list(cells.values())), 1 if processes else jobs)
     seconds = sum(pace.seconds(n, count, level) for (n, level), count in work.items())
     longest = max(sum(pace.seconds(n, count, level) for n, level, count in share) for share in shares)
     fits = trials * len(study.estimators)
@@ -106,7 +106,7 @@ def plan(study: Study, jobs: int, reduce: Reduce | None = None) -> Plan:
 
 
 def extremes(study: Study) -> dict[str, Study]:
-    """A study of the least and one of the most work that a study can be, by a title; one alone if its work is known."""
+    """Studies of the least and the most work that a config can take, by title; itself alone if its work is fixed."""
     if study.precision is None:
         return {"": study}
     first = min(study.precision.first, study.design.trials)
@@ -115,6 +115,6 @@ def extremes(study: Study) -> dict[str, Study]:
 
 
 def _spread(groups: list[tuple[Cell, ...]]) -> list[Cell]:
-    """Some hundreds of cells of all groups, or all of them."""
-    every = max(1, sum(map(len, groups)) // _CELLS_LOOKED_AT)
+    """Thin out the cells of all groups, evenly, to some thousands."""
+    every = max(1, sum(map(len, groups)) // _MOST_CELLS)
     return [cell for group in groups for cell in group][::every]

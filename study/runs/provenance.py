@@ -1,4 +1,4 @@
-"""Where a run's numbers come from: versions, commit, machine, threads."""
+"""Provenance of a run's numbers: versions, commit, machine, threads."""
 
 import hashlib
 import os
@@ -20,7 +20,7 @@ _PATIENCE = 10.0
 
 
 def software() -> dict[str, Any]:
-    """What determines the bytes of a run besides its config: the versions and the code."""
+    """The versions and the code, which determine the bytes of a run besides its config."""
     return {
         "study": study.__version__,
         "commit": _git("rev-parse", "HEAD"),
@@ -32,26 +32,27 @@ def software() -> dict[str, Any]:
 
 
 def described(software: Mapping[str, Any]) -> str:
-    """Version and commit, for a reader."""
+    """Version and commit in words."""
     commit = software.get("commit")
     words = f"version {software.get('study', 'unknown')}" + (f", commit {commit[:10]}" if commit else "")
     return words + (" with changes" if software.get("dirty") else "")
 
 
 def other_version(made: Mapping[str, Any]) -> str | None:
-    """A warning if something was made by another version of this program; None if not, or if it is not known."""
+    """Warning about what another version of this program made; None if this one made it, or that is not known."""
     if not made or (made.get("study"), made.get("commit")) == (study.__version__, _git("rev-parse", "HEAD")):
         return None
     return f"made by {described(made)}; this is {described(software())}, whose numbers may differ"
 
 
 def fingerprint() -> dict[str, str | None]:
-    """What determines the bytes of an error table besides its config, of this very process."""
+    """Everything in this process that determines the bytes of an error table besides its config."""
     import llvmlite.binding
-    import numpy  # noqa: F401  whose linear algebra is asked for its kernels
+    import numpy  # noqa: F401  loads the linear algebra whose kernels are listed
     from numba.core import config
 
-    sources = sorted(path for room in ("sphere", "estimators", "experiment") for path in (_HOME / room).glob("*.py"))
+    rooms = ("sphere", "estimators", "experiment", "statistics")
+    sources = sorted(path for room in rooms for path in (_HOME / room).rglob("*.py"))
     blas = {str(pool.get("architecture")) for pool in threadpool_info() if pool["user_api"] == "blas"}
     return {
         "study": study.__version__,
@@ -63,7 +64,7 @@ def fingerprint() -> dict[str, str | None]:
 
 
 def machine() -> dict[str, Any]:
-    """What determines the seconds of a run."""
+    """The machine and its threads, which determine the seconds of a run."""
     return {
         "system": platform.platform(terse=True),
         "processor": _processor(),
@@ -80,7 +81,7 @@ def _version(package: str) -> str | None:
 
 
 def _git(*arguments: str) -> str | None:
-    """Output of a git command about the package's own checkout; None outside of one."""
+    """Output of a git command in the package's own checkout; None outside of one."""
     root = Path(__file__).resolve().parents[2]
     if not (root / ".git").exists():
         return None

@@ -1,4 +1,4 @@
-"""How fast this machine computes a study's trials: a short calibration on the study's own conditions."""
+"""Calibration for `study plan`: seconds per trial on this machine, measured on a study's own conditions."""
 
 import os
 from collections.abc import Sequence
@@ -8,16 +8,16 @@ from time import perf_counter
 
 import numpy as np
 
-from study.experiment.compute_unit import TOGETHER, Reduce, compute
-from study.experiment.conditions import RandomDesign
+from study.experiment.compute_unit import TOGETHER, compute
 from study.experiment.config import Study
-from study.experiment.design import Batch, Cell, Unit
+from study.experiment.designs.cells import Batch, Cell, Unit
 from study.experiment.errors import levels
+from study.runs.jobs import tables
 from study.sphere.types import Floats
 
 _SIZES = 7
 _MOST_PROBED = 250_000
-"""Samples: beyond, a trial costs in proportion."""
+"""Largest number of samples that is measured; beyond it, time is proportional to the number."""
 _CELLS = 6
 _LEVELS = 5
 _REPEATS = 3
@@ -26,13 +26,13 @@ _PER_TRIAL = ("draw", "bound")
 
 @dataclass(frozen=True)
 class Pace:
-    """Seconds of one of the workers while all are at work, at some numbers of samples (k,), ascending.
+    """Seconds of one worker while all workers compute, at k numbers of samples.
 
     Attributes:
-        samples: the numbers of samples.
-        draw: seconds to draw a trial (k,), with all that its levels share.
-        level: seconds to fit a trial with all estimators at one level of noise and radius (k,).
-        summary: seconds to summarise a cell for all estimators, where no errors are kept.
+        samples: the numbers of samples, ascending (k,).
+        draw: seconds per trial for the draw and all that its levels share (k,).
+        level: seconds per trial and level of noise and radius, for the fits of all estimators (k,).
+        summary: seconds to summarise a cell for all estimators; 0 in a study that keeps its errors.
     """
 
     samples: Floats
@@ -41,23 +41,22 @@ class Pace:
     summary: float
 
     def seconds(self, samples: int, trials: int, count: int) -> float:
-        """Predicted time of trials of so many samples at so many levels."""
+        """Predict the seconds of trials with so many samples each, at ``count`` levels."""
         return trials * (self._at(self.draw, samples) + count * self._at(self.level, samples))
 
     def _at(self, seconds: Floats, samples: int) -> float:
-        """Between the measured sizes linear in the number of samples, beyond the last in proportion."""
+        """Interpolate linearly between the measured sizes, and in proportion beyond the last."""
         beyond = max(1.0, samples / float(self.samples[-1]))
         return float(beyond * np.interp(samples, self.samples, seconds))
 
 
-def measure(study: Study, cells: Sequence[Cell], jobs: int, reduce: Reduce | None = None) -> Pace:
-    """Run a few trials of each of several sizes, on all workers at once: they share memory and interpreter.
+def measure(study: Study, cells: Sequence[Cell], jobs: int) -> Pace:
+    """Compute a few trials of several sizes, on all workers at once, since they share memory and interpreter.
 
     Args:
         study: the config.
-        cells: conditions of it, of all kinds.
+        cells: conditions of it, of all sizes.
         jobs: number of workers.
-        reduce: makes the rows of a summary, of a study that keeps nothing else.
     """
     bare = study.model_copy(update={"keep_points": 0, "keep": "errors"})
     sizes = np.unique([min(cell.samples, _MOST_PROBED) for cell in cells])
@@ -66,9 +65,9 @@ def measure(study: Study, cells: Sequence[Cell], jobs: int, reduce: Reduce | Non
         sizes = np.unique([sizes[np.abs(np.log(sizes / size)).argmin()] for size in wanted])
     probes = [_probes(study, cells, int(size)) for size in sizes]
     jobs = min(jobs, os.cpu_count() or 1)
-    with ThreadPoolExecutor(jobs) as pool:  # not the main thread: see `study.runs.runner`
+    with ThreadPoolExecutor(jobs) as pool:  # outside the main thread: see `study.runs.workers.threads`
         found = list(pool.map(lambda _: [_timed(bare, units) for units in probes], range(jobs)))
-        summary = pool.submit(_summarised, study, cells, reduce).result() if reduce and study.keep == "summary" else 0.0
+        summary = pool.submit(_time_of_summary, study, cells).result() if study.keep == "summary" else 0.0
     draw, level = np.median(np.array(found), axis=0).T
     if study.route == "moments":  # a fit takes as long at any size, and a run makes those of all trials at once
         level = np.full(len(level), level.min())
@@ -76,11 +75,11 @@ def measure(study: Study, cells: Sequence[Cell], jobs: int, reduce: Reduce | Non
 
 
 def _probes(study: Study, cells: Sequence[Cell], size: int) -> list[Unit]:
-    """Units of so many samples, of conditions far apart, as large as those that a run draws together."""
+    """Units of so many samples, of conditions far apart, each as large as a run computes at once."""
     most = max(_CELLS * _LEVELS, len(cells) // _SIZES)
     near = sorted(cells, key=lambda cell: abs(np.log(cell.samples / size)))[:most]
     chosen = [near[i] for i in np.linspace(0, len(near) - 1, min(_CELLS, len(near))).astype(int)]
-    if isinstance(study.design, RandomDesign):
+    if study.design.one_trial_a_cell:
         batches = (Batch(("probe", i), 0, 1, (replace(cell, samples=size),)) for i, cell in enumerate(chosen))
         return [Unit((batch,)) for batch in batches]
     trials = min(study.design.trials_of(size), max(1, TOGETHER // size))
@@ -101,7 +100,7 @@ def _timed(study: Study, units: list[Unit]) -> tuple[float, float]:
         ((batch,), best) = unit.batches, (np.inf, np.inf)
         for _ in range(_REPEATS):
             began = perf_counter()
-            timings = compute(study, unit).timings
+            timings = tables(study, unit, compute(study, unit))["timings"]
             whole = perf_counter() - began
             drawing = timings["seconds"][np.isin(timings["step"].astype(str), list(shared))].sum()
             best = min(best, (whole - drawing, drawing))
@@ -111,13 +110,12 @@ def _timed(study: Study, units: list[Unit]) -> tuple[float, float]:
     return float(draw), float(level)
 
 
-def _summarised(study: Study, cells: Sequence[Cell], reduce: Reduce) -> float:
-    """Seconds to summarise a cell, measured where drawing and fitting take least."""
+def _time_of_summary(study: Study, cells: Sequence[Cell]) -> float:
+    """Seconds to summarise a cell, measured at the smallest number of samples."""
     smallest = min(cells, key=lambda cell: cell.samples)
-    assert not isinstance(study.design, RandomDesign)
     unit = Unit((Batch(("probe", 0), 0, study.design.trials_of(smallest.samples), (smallest,)),))
     best = np.inf
     for _ in range(_REPEATS):
-        timings = compute(study, unit, reduce).timings
+        timings = tables(study, unit, compute(study, unit))["timings"]
         best = min(best, timings["seconds"][timings["step"] == "summary"].sum())
     return float(best)

@@ -1,29 +1,30 @@
-"""How far a run is, told without touching it."""
+"""Status of a run, found without changing it."""
 
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
 from study.experiment.config import Study
-from study.experiment.design import spans
-from study.runs.adaptive.cell_measures import Judge
-from study.runs.adaptive.checkpoint_rounds import CAP, TARGET, Rounds
-from study.runs.jobs import Asked
+from study.experiment.units import spans
+from study.runs.adaptive.checkpoint_rounds import Rounds
+from study.runs.adaptive.group_progress import CAP, TARGET
+from study.runs.completeness import damaged, finished, up_to_date
+from study.runs.jobs import Jobs
 from study.runs.layout import Layout
 from study.runs.provenance import described, other_version
-from study.runs.reuse import Cut, damaged, finished, up_to_date
+from study.runs.reuse import ReuseLayout
 from study.runs.storage.atomic_write import RunError
 from study.runs.storage.lock import holder
 from study.runs.storage.parts import DAMAGED, Parts
 from study.runs.storage.run_folder import Run
+from study.text.columns import columns
 
 
-def printed(folder: Path, judge: Judge) -> Iterator[str]:
-    """The state of a run for a terminal: a line per fact.
+def printed(folder: Path) -> Iterator[str]:
+    """Lines about the status of a run, for a terminal.
 
     Args:
         folder: the run's.
-        judge: finds the measure of a study that asks for a precision; see `study.runs.runner.run`.
 
     Raises:
         RunError: if there is no run, or it is of a newer version.
@@ -33,34 +34,40 @@ def printed(folder: Path, judge: Judge) -> Iterator[str]:
     parts = Parts(folder, "units")
     parts.load(set_aside=False)
     yield f"{run.study.run_name()}: {_state(run, parts)}"
-    if (writer := holder(folder)) is not None:
-        yield f"  written by   {writer}, at this moment"
-    layout = _layout(run, parts, judge)
-    yield f"  units        {_units(run, parts, layout)}"
+    yield from columns(_facts(run, parts), indent=2)
+
+
+def _facts(run: Run, parts: Parts) -> Iterator[tuple[str, str]]:
+    """Names and values of the lines."""
+    if (writer := holder(run.folder)) is not None:
+        yield "written by", f"{writer}, at this moment"
+    layout = _layout(run, parts)
+    yield "units", _units(run, parts, layout)
     if run.study.precision is not None:
-        yield f"  cells        {_cells(run, layout)}"
-    yield f"  parts        {parts.count:,} whole, {_aside(parts)}"
-    yield f"  failures     {_failures(run)}"
-    yield f"  tables       {_tables(run)}"
+        yield "cells", _cells(run, layout)
+    yield "parts", f"{parts.count:,} whole, {_aside(parts)}"
+    yield "failures", _failures(run)
+    yield "tables", _tables(run)
     makers = [made for made in [run.maker(), *parts.made_by] if made]
     for made in makers or [{}]:
-        yield f"  made by      {described(made)}" + (", which is another" if other_version(made) else "")
+        yield "made by", described(made) + (", not this one" if other_version(made) else "")
 
 
 def _state(run: Run, parts: Parts) -> str:
     if finished(run):
-        return "finished" if up_to_date(run) else "finished, but `study run` would compute some of it anew"
+        return "finished" if up_to_date(run) else "finished, but `study run` would compute some of it again"
     if damaged(run):
-        return "damaged: `study run` computes again what is lost"
+        return "damaged; `study run` computes the lost rows again"
     if (seconds := run.stopped()) is not None:
-        return f"stopped by its budget of {seconds:g} s; `study run` goes on"
-    return "begun, not finished" if parts.count else "not begun, or nothing is left of it"
+        return f"stopped by its budget of {seconds:g} s; `study run` resumes it"
+    return "begun, not finished" if parts.count else "not begun, or nothing of it is stored"
 
 
-def _layout(run: Run, parts: Parts, judge: Judge) -> Layout:
+def _layout(run: Run, parts: Parts) -> Layout:
+    """The units of a run, cut as the stored parts are."""
     if run.study.precision is None:
-        return Cut(run.study, Study.model_validate_json(parts.note) if parts.note else None)
-    rounds = Rounds(run.study, judge)
+        return ReuseLayout(run.study, Study.model_validate_json(parts.note) if parts.note else None)
+    rounds = Rounds(run.study)
     while rounds.advance(parts):
         pass
     return rounds
@@ -70,19 +77,19 @@ def _units(run: Run, parts: Parts, layout: Layout) -> str:
     if finished(run) and up_to_date(run):
         return "all done" if run.study.precision else f"{sum(1 for _ in spans(run.study)):,}, all done"
     total = sum(1 for _ in layout.pieces())
-    missing = sum(1 for _ in Asked(run.study).lacking(layout.pending(), parts.outputs))
+    missing = sum(1 for _ in Jobs(run.study).missing(layout.pending(), parts.outputs))
     known = f"{total:,} up to this round" if run.study.precision else f"{total:,}"
     return f"{known}, of which {total - missing:,} are done and {missing:,} missing"
 
 
 def _cells(run: Run, layout: Layout) -> str:
-    """How many cells have trials enough, and why; the others are open."""
+    """Numbers of cells that have enough trials, by the reason, and of those that are open."""
     found = Counter(run.manifest()["precision"]) if finished(run) else Counter[str]()
     if not found and isinstance(layout, Rounds):
         found = layout.reasons()
     total = run.study.cells()
-    parts = [f"{found[TARGET]:,} reached the target", f"{found[CAP]:,} the cap", f"{total - found.total():,} are open"]
-    return f"{total:,}, of which {', '.join(parts)}"
+    counts = [f"{found[TARGET]:,} reached the target", f"{found[CAP]:,} the cap", f"{total - found.total():,} are open"]
+    return f"{total:,}, of which {', '.join(counts)}"
 
 
 def _aside(parts: Parts) -> str:
@@ -92,8 +99,9 @@ def _aside(parts: Parts) -> str:
 
 def _failures(run: Run) -> str:
     try:
-        said = run.manifest()
-        return f"{said['failures']:,} of {said['fits']:,} fits, {said['lost']:,} of them by a worker that died"
+        manifest = run.manifest()
+        fits = f"{manifest['failures']:,} of {manifest['fits']:,} fits"
+        return f"{fits}, {manifest['lost']:,} of them because a worker died"
     except (RunError, KeyError):
         return "known when the run is finished"
 

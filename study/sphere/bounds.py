@@ -1,7 +1,7 @@
 """Fisher information and Cramér-Rao bound of a sphere's centre and radius.
 
 The functional model: each sample lies at c + r u plus Gaussian noise of covariance Σ, its direction u fixed and
-unknown. Eliminating the directions leaves the information in the normal ones (theory (3.1))
+unknown. Eliminating the directions leaves the information along the normals (theory (3.1))
 
     J = Σᵢ wᵢ wᵢᵀ / (uᵢᵀ Σ uᵢ),   w = (u, 1),   CRLB(c, r) = J⁻¹,
 
@@ -9,22 +9,20 @@ which bounds unbiased estimators. J is inverted through the centred directions, 
 singular to rounding while the scatter about the mean direction is not.
 """
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import ArrayLike
 
-from study.sphere.jit import CHUNK, compiled, fresh, put, total, zeros
-from study.sphere.layouts import at, window
+from study.sphere.jit import CHUNK, Sums, compiled, fresh, put, total, zeros
+from study.sphere.layouts import View, at, window
 from study.sphere.linalg import eigenbasis
 from study.sphere.types import Floats
 
 _FLAT = 4 * 2.0**-52
-"""Least eigenvalue of K over the largest, per dimension, that is no rounding: a bound beyond it would be infinite."""
+"""Least eigenvalue of K over the largest, per dimension, up to which it is rounding: the bound is infinite."""
 
 
 @compiled
-def _sums(view: Any, weights: Any, middle: Any, square: Any) -> Any:
+def _sums(view: View, weights: Floats, middle: Sums, square: Sums) -> tuple[Sums, Sums]:
     """Σωy and the lower triangle of Σωyyᵀ, y = u - middle, of as many samples of a set as there are weights."""
     d = len(middle)
     y, first, second = fresh(middle), fresh(middle), fresh(square)
@@ -42,8 +40,10 @@ def _sums(view: Any, weights: Any, middle: Any, square: Any) -> Any:
 
 
 @compiled
-def _scatter(directions: Any, weights: Any, sums: Any, mean: Any, scatter: Any, zero: Any, square: Any) -> None:
-    """Once over the samples: about the mean of the first of them, which is near enough to that of all."""
+def _scatter(
+    directions: Floats, weights: Floats, sums: Floats, mean: Floats, scatter: Floats, zero: Sums, square: Sums
+) -> None:
+    """`weighted_scatter`, in one pass: about the mean of the first samples, which is near enough to that of all."""
     b, d, n = directions.shape
     rows = np.empty((1, d, CHUNK))
     for t in range(b):
@@ -80,8 +80,8 @@ def weighted_scatter(directions: Floats, weights: Floats) -> tuple[Floats, Float
 
 
 @compiled
-def _invert(sums: Any, mean: Any, values: Any, vectors: Any, bound: Any) -> None:
-    """Block inversion of J, given the eigenbasis of the scatter K, where that is regular."""
+def _invert(sums: Floats, mean: Floats, values: Floats, vectors: Floats, bound: Floats) -> None:
+    """SampleBlock inversion of J, given the eigenbasis of the scatter K, where that is regular."""
     b, d = mean.shape
     for t in range(b):
         if not values[t, 0] > d * _FLAT * values[t, d - 1]:

@@ -7,13 +7,13 @@ of cosines, so nothing is lost at tiny angles: 1 - cos φ is formed as 2 sin²(�
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import special
 
-from study.sphere.cap_quantile import cap_law, to_heights
+from study.sphere.cap_quantile import CapLaw, cap_law, to_heights
 from study.sphere.jit import CHUNK, compiled, fill
 from study.sphere.sfc64 import LANES, fill_words, put_back, spare, to_uniform
 from study.sphere.types import Floats, Words
@@ -51,15 +51,15 @@ def heights(uniform: Floats, half_angle: float, dimension: int) -> Floats:
 
 
 @compiled
-def _to_sign(words: Any, row: Any) -> None:
-    """-1 or 1, by a bit that uniform numbers leave aside."""
+def _to_sign(words: Words, row: Floats) -> None:
+    """Write -1 or 1, by a bit that uniform numbers do not use."""
     for k in range(row.size):
         row[k] = 1.0 if words[k] & _1 else -1.0
 
 
 @compiled
-def _to_circle(words: Any, x: Any, y: Any) -> None:
-    """Points of the unit circle: an angle in [0, π/4), whose sine and cosine are short series, and three mirrors."""
+def _to_circle(words: Words, x: Floats, y: Floats) -> None:
+    """Write points of the unit circle: an angle in [0, π/4), its sine and cosine by short series, and three mirrors."""
     to_uniform(words, x)
     for k in range(x.size):
         angle, word = _EIGHTH * x[k], words[k]
@@ -74,7 +74,7 @@ def _to_circle(words: Any, x: Any, y: Any) -> None:
 
 
 @compiled
-def _to_unit_length(directions: Any, trial: int, start: int, length: Any) -> None:
+def _to_unit_length(directions: Floats, trial: int, start: int, length: Floats) -> None:
     """Divide vectors across the axis, in rows 1 to d - 1 of a trial, by their lengths."""
     fill(length, 0.0)
     for i in range(1, directions.shape[1]):
@@ -90,7 +90,7 @@ def _to_unit_length(directions: Any, trial: int, start: int, length: Any) -> Non
 
 
 @compiled
-def _aim(directions: Any, trial: int, start: int, length: Any) -> None:
+def _aim(directions: Floats, trial: int, start: int, length: Floats) -> None:
     """Give unit vectors across the axis, in rows 1 to d - 1 of a trial, the lengths that belong to the heights."""
     t = directions[trial, 0, start : start + length.size]
     for k in range(t.size):
@@ -102,10 +102,11 @@ def _aim(directions: Any, trial: int, start: int, length: Any) -> None:
 
 
 @compiled
-def _draw(state: Any, height: float, directions: Any, normals: Any) -> None:
-    """Uniform numbers times ``height`` in row 0 of the directions, vectors across the axis in the others, and normals.
+def _draw(state: Words, height: float, directions: Floats, normals: Floats) -> None:
+    """Draw the numbers that directions are made of, and normal numbers.
 
-    The vectors are those of the directions in three dimensions, of length 1 in two, and normal numbers in more.
+    Row 0 of the directions receives uniform numbers times ``height``, the others vectors across the axis: those of the
+    directions in three dimensions, of length 1 in two, and normal numbers in more.
     """
     b, d, n = directions.shape
     per_sample = d + (d - 1 if d < 4 else d)
@@ -136,8 +137,8 @@ def _draw(state: Any, height: float, directions: Any, normals: Any) -> None:
 
 
 @compiled
-def _aim_all(directions: Any) -> None:
-    """From heights and vectors of length 1 to directions."""
+def _aim_all(directions: Floats) -> None:
+    """Make directions of heights and vectors of length 1."""
     b, _, n = directions.shape
     length = np.empty(CHUNK)
     for trial in range(b):
@@ -146,8 +147,8 @@ def _aim_all(directions: Any) -> None:
 
 
 @compiled
-def _to_directions(directions: Any, law: Any) -> None:
-    """From uniform numbers and vectors of any length to directions."""
+def _to_directions(directions: Floats, law: CapLaw) -> None:
+    """Make directions of uniform numbers and vectors of any length."""
     b, _, n = directions.shape
     length = np.empty(CHUNK)
     for trial in range(b):

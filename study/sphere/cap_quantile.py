@@ -11,7 +11,7 @@ Source: for the series and their convergence, Trefethen, Approximation Theory an
 import math
 from collections.abc import Callable
 from functools import lru_cache
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from scipy import fft, special
@@ -19,8 +19,24 @@ from scipy import fft, special
 from study.sphere.jit import CHUNK, compiled, fill
 from study.sphere.types import Floats
 
-Law = tuple[float, float, Floats, Floats, Floats]
-"""What `to_heights` is to know of a cap; see `cap_law`."""
+
+class CapLaw(NamedTuple):
+    """Distribution of heights on a cap, as `to_heights` needs it.
+
+    Attributes:
+        edge: z at the cap's edge.
+        beyond: area of the rest of the sphere over the cap's, or 1 if that is less.
+        binades: 2^(2e/(d-1)) by the bits of an exponent e (1024,).
+        mantissas: Chebyshev series of (1 + z)^(2/(d-1)).
+        ratios: Chebyshev series of t/z.
+    """
+
+    edge: float
+    beyond: float
+    binades: Floats
+    mantissas: Floats
+    ratios: Floats
+
 
 _MANTISSA, _ONE, _52 = np.uint64(2**52 - 1), np.uint64(0x3FF0000000000000), np.uint64(52)
 
@@ -28,7 +44,7 @@ _MANTISSA, _ONE, _52 = np.uint64(2**52 - 1), np.uint64(0x3FF0000000000000), np.u
 def _series(function: Callable[[Floats], Floats], singularity: float) -> Floats:
     """Chebyshev coefficients, in 2z - 1 and an even number of them, of a function analytic on 0 ≤ z ≤ 1.
 
-    Its nearest singularity, on the real line, says after how many terms 2⁻⁵³ is left.
+    The place of its nearest singularity, on the real line, gives the number of terms after which 2⁻⁵³ is left.
     """
     count = 2 * math.ceil(0.5 * 53.0 * math.log(2.0) / math.acosh(abs(2.0 * singularity - 1.0)) + 0.5)
     z = np.cos(0.5 * math.pi * (np.arange(count) + 0.5) / count) ** 2
@@ -44,7 +60,7 @@ def _rule(dimension: int) -> tuple[Floats, Floats]:
     return 0.5 * (nodes + 1.0), 0.5 * weights
 
 
-def _radius(theta: Any, dimension: int) -> Any:
+def _radius(theta: float | Floats, dimension: int) -> Floats:
     """A(θ)^(1/(d-1)) for 0 ≤ θ ≤ π/2: nearly proportional to θ, so it does not underflow in many dimensions."""
     nodes, weights = _rule(dimension)
     sines = nodes * np.sinc(np.multiply.outer(theta / math.pi, nodes))  # over θ
@@ -53,7 +69,7 @@ def _radius(theta: Any, dimension: int) -> Any:
 
 @lru_cache
 def _tables(dimension: int) -> tuple[Floats, Floats, Floats]:
-    """Of one dimension: 2^(2e/(d-1)) by the bits of an exponent e, and the series of (1 + z)^(2/(d-1)) and of t/z."""
+    """Tables of one dimension: ``binades``, ``mantissas`` and ``ratios`` of a `CapLaw`."""
     d, power = dimension, 2.0 / (dimension - 1)
 
     def ratio(z: Floats) -> Floats:
@@ -72,26 +88,23 @@ def _tables(dimension: int) -> tuple[Floats, Floats, Floats]:
 
 
 @lru_cache(maxsize=1024)
-def cap_law(half_angle: float, dimension: int) -> Law:
-    """What turns shares of a cap's area into heights.
+def cap_law(half_angle: float, dimension: int) -> CapLaw:
+    """Distribution of heights on a cap.
 
     Args:
         half_angle: φ in radians, 0 < φ ≤ π.
         dimension: d ≥ 4.
-
-    Returns:
-        z at the cap's edge; the rest of the sphere's area over the cap's, or 1 if that is less; and the tables.
     """
     near = _radius(min(half_angle, math.pi - half_angle), dimension) / _radius(0.5 * math.pi, dimension)
     if half_angle <= 0.5 * math.pi:
-        return near**2, 1.0, *_tables(dimension)
+        return CapLaw(float(near**2), 1.0, *_tables(dimension))
     rest = near ** (dimension - 1)
-    return (2.0 - rest) ** (2.0 / (dimension - 1)), rest / (2.0 - rest), *_tables(dimension)
+    return CapLaw(float((2.0 - rest) ** (2.0 / (dimension - 1))), float(rest / (2.0 - rest)), *_tables(dimension))
 
 
 @compiled
-def _sum(series: Any, z: Any, b: Any, c: Any) -> None:
-    """A Chebyshev series at 2z - 1, into b; c is for what lies between. Clenshaw's recurrence, two steps at a time."""
+def _sum(series: Floats, z: Floats, b: Floats, c: Floats) -> None:
+    """Evaluate a Chebyshev series at 2z - 1, into b, by Clenshaw's recurrence, two steps at a time; c is scratch."""
     fill(b, 0.0)
     fill(c, 0.0)
     for j in range(series.size - 1, 0, -2):
@@ -104,11 +117,11 @@ def _sum(series: Any, z: Any, b: Any, c: Any) -> None:
 
 
 @compiled
-def to_heights(row: Any, law: Any) -> None:
+def to_heights(row: Floats, law: CapLaw) -> None:
     """Turn uniform numbers, shares of a cap's area, into heights; in place.
 
-    A number m 2^e, 1 ≤ m < 2, is raised to a power by the series of m and the table of e: with the library's power all
-    of it would take twice as long, and its bits would be those of the library.
+    A number m 2^e, 1 ≤ m < 2, is raised to a power by the series of m and the table of e: with the library's power
+    the function would take twice as long, and its bits would depend on the library.
     """
     edge, beyond, binades, mantissas, ratios = law
     middle = 0.5 * (1.0 + beyond)

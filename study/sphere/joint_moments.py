@@ -1,4 +1,4 @@
-"""Every noise level from one pass: the joint moments of directions u and noise z.
+"""Joint moments of directions u and noise z: from one pass over the draws, the fits at every noise level.
 
 A sample is x = c + r u + σ z. All that a closed form needs of x - c and |x - c|² are means and covariances of u, z,
 u·z and |z|² (44 numbers in three dimensions), combined by powers of r and σ. So the points need not be formed, and
@@ -9,7 +9,6 @@ Source: theory §8.
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -19,7 +18,7 @@ from study.sphere.types import Floats
 
 
 @compiled
-def _form(u: Any, z: Any, start: int, m: int, near: Any, rows: Any) -> None:
+def _form(u: Floats, z: Floats, start: int, m: int, near: Floats, rows: Floats) -> None:
     """Rows of m samples: 1 - u₁, u₂ … u_d, z, u·z and |z|², less ``near``."""
     d = u.shape[0]
     along, square = rows[2 * d, :m], rows[2 * d + 1, :m]
@@ -37,7 +36,7 @@ def _form(u: Any, z: Any, start: int, m: int, near: Any, rows: Any) -> None:
 
 
 @compiled
-def _accumulate(directions: Any, noise: Any, mean: Any, covariance: Any) -> None:
+def _accumulate(directions: Floats, noise: Floats, mean: Floats, covariance: Floats) -> None:
     """Means and covariances, in weights of 1/n, of the rows of each trial."""
     b, d, n = directions.shape
     q = 2 * d + 2
@@ -81,7 +80,7 @@ class JointMoments:
 
     @classmethod
     def of(cls, directions: Floats, noise: Floats) -> "JointMoments":
-        """Of directions with the height 1 - u₁ in place of u₁, and noise of unit size, (b, d, n) each."""
+        """Compute them from directions with the height 1 - u₁ in place of u₁, and unit noise, (b, d, n) each."""
         b, d, n = directions.shape
         q = 2 * d + 2
         mean, covariance = np.empty((b, q)), np.empty((b, q, q))
@@ -93,11 +92,11 @@ class JointMoments:
 
     @classmethod
     def joined(cls, parts: "list[JointMoments]") -> "JointMoments":
-        """Several batches as one."""
+        """Join several batches into one."""
         return cls(*(np.concatenate([getattr(p, name) for p in parts]) for name in ("count", "mean", "covariance")))
 
     def regression(self, sigma: Floats, radius: Floats) -> Regression:
-        """The regression about the true centre, where each batch is placed at several levels.
+        """Form the regression about the true centre, with the batch placed at several levels of noise and radius.
 
         Args:
             sigma: standard deviations of the noise (L,).
@@ -119,15 +118,11 @@ class JointMoments:
         variance = 4.0 * (r * s) ** 2 * c[:, n, n] + 4.0 * r * s**3 * c[:, n, e] + s**4 * c[:, e, e]
         excess = 2.0 * r * s * mean[:, n] + s**2 * mean[:, e]
         middle = r[..., None] * mean[:, u] + s[..., None] * mean[:, z]
-        count = np.tile(self.count, len(sigma))
-        weight = count / (count - 1.0)
+        n = np.tile(self.count, len(sigma))
+        weight = n / (n - 1.0)
+        cross = third.reshape(-1, d) * weight[:, None]
         return Regression(
-            count=count,
-            origin=np.zeros((len(count), d)),
-            mean=middle.reshape(-1, d),
+            numbers=np.stack([n, variance.reshape(-1), excess.reshape(-1), np.repeat(radius**2, b)]),
+            vectors=np.stack([np.zeros_like(cross), middle.reshape(-1, d), cross]),
             covariance=second.reshape(-1, d, d) * weight[:, None, None],
-            cross=third.reshape(-1, d) * weight[:, None],
-            variance=variance.reshape(-1),
-            square=excess.reshape(-1),
-            base=np.repeat(radius**2, b),
         )

@@ -1,19 +1,19 @@
 """Log-likelihoods of a sphere given points, for many spheres at once, up to a constant.
 
-Geometric: the distances Rᵢ = |xᵢ - c| are normal about r with the noise's σ. It is what maximum likelihood (paper
-§4.3) maximises, says nothing about directions, and holds for any cap.
+Geometric: the distances Rᵢ = |xᵢ - c| are normal about r with the noise's σ. Maximum likelihood (paper §4.3)
+maximises it. It says nothing about directions, and holds for any cap.
 
 Whole sphere: the density of a point x = c + r u + σ z with u uniform on the whole sphere, integrated over u. With
 k = Rr/σ² and ν = d/2 - 1 it is (2πσ²)^(-d/2) exp(-(R - r)²/2σ²) Γ(ν+1) (2/k)^ν e^-k I_ν(k), and in three dimensions
 the Bessel function is a sinh. For k ≫ 1 it is the geometric one times (R r)^(-(d-1)/2) per point, which moves the
-radius by -(d-1)σ²/2r. It knows where the points are not, so on a cap it is wrong.
+radius by -(d-1)σ²/2r. It counts it as evidence where no points are, and so is wrong on a cap (theory §6).
 
 Spheres are given as offsets from a reference (c*, r*) near the data's own: R - r is then formed without the
 cancellation that would cost all digits where σ ≪ r.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy import special
@@ -23,7 +23,7 @@ from study.sphere.types import Floats
 
 
 class Reference(NamedTuple):
-    """A point set as seen from a reference sphere.
+    """A point set relative to a reference sphere.
 
     Attributes:
         away: points less the reference centre (d, n).
@@ -39,10 +39,10 @@ class Reference(NamedTuple):
 
     @classmethod
     def of(cls, points: Floats, center: Floats, radius: float) -> "Reference":
-        """See points (d, n) from a centre (d,) and a radius."""
+        """Express points (d, n) relative to a centre (d,) and a radius."""
         away = np.ascontiguousarray(points - center[:, None])
         distance = np.sqrt(np.einsum("dn,dn->n", away, away))
-        return cls(away, distance, distance - radius, radius)
+        return cls(away, distance, distance - radius, float(radius))
 
 
 def geometric(reference: Reference, offsets: Floats, log_noise: Floats) -> Floats:
@@ -57,7 +57,7 @@ def geometric(reference: Reference, offsets: Floats, log_noise: Floats) -> Float
         The log-likelihood of each sphere (k,), up to the same constant.
     """
     squares = np.empty(len(offsets))
-    _square_sums(reference.away, reference.distance, reference.excess, offsets, squares)
+    _square_sums(reference, offsets, squares)
     return np.asarray(-0.5 * squares * np.exp(-2.0 * log_noise) - len(reference.distance) * log_noise)
 
 
@@ -65,7 +65,7 @@ def whole_sphere(reference: Reference, offsets: Floats, log_noise: Floats) -> Fl
     """Log-likelihood of points that are spread evenly over the whole sphere; arguments as for `geometric`."""
     d, n = reference.away.shape
     residuals = np.empty((len(offsets), n))
-    _residuals(reference.away, reference.distance, reference.excess, offsets, residuals)
+    _residuals(reference, offsets, residuals)
     radius = reference.radius + offsets[:, d:]
     precision = np.exp(-2.0 * log_noise)[:, None]
     with np.errstate(invalid="ignore", divide="ignore"):  # spheres without a radius, which the prior rules out
@@ -86,12 +86,12 @@ def _log_spread(k: Floats, dimension: int) -> Floats:
 
 
 @compiled
-def _square_sums(away: Any, distance: Any, excess: Any, offsets: Any, squares: Any) -> None:
+def _square_sums(reference: Reference, offsets: Floats, squares: Floats) -> None:
     """Σ(Rᵢ - r)² for each offset."""
-    k, n = len(offsets), distance.size
+    k, n = len(offsets), reference.distance.size
     residuals = np.empty((1, n))
     for j in range(k):
-        _residuals(away, distance, excess, offsets[j : j + 1], residuals)
+        _residuals(reference, offsets[j : j + 1], residuals)
         square, row = 0.0, residuals[0]
         for i in range(n):
             square += row[i] * row[i]
@@ -99,8 +99,9 @@ def _square_sums(away: Any, distance: Any, excess: Any, offsets: Any, squares: A
 
 
 @compiled
-def _residuals(away: Any, distance: Any, excess: Any, offsets: Any, residuals: Any) -> None:
+def _residuals(reference: Reference, offsets: Floats, residuals: Floats) -> None:
     """Rᵢ - r of each offset (k, n), from |y - δ| - |y| = (|δ|² - 2 y·δ) / (|y - δ| + |y|)."""
+    away, distance, excess, _ = reference
     d, n = away.shape
     for j in range(len(offsets)):
         row = residuals[j]

@@ -1,7 +1,6 @@
-"""Linear algebra of d × d matrices inside compiled loops, where a LAPACK call costs more than the work itself."""
+"""Linear algebra of d × d matrices in compiled loops, where a call of LAPACK costs more than the work itself."""
 
 import math
-from typing import Any
 
 import numpy as np
 
@@ -10,27 +9,27 @@ from study.sphere.types import Floats
 
 _MAX_SWEEPS = 40
 _LANES = 16
-"""Matrices that are diagonalised side by side."""
+"""Number of matrices that are diagonalised side by side."""
 _EPS = 2.0**-52
 
 
 @compiled
 def _significant(pp: float, qq: float, off: float) -> bool:
-    """Whether an entry off the diagonal would change the eigenvalues that its plane has now."""
+    """True if an entry off the diagonal is large enough to change the eigenvalues of its plane."""
     return abs(off) > 0.25 * _EPS * math.sqrt(abs(pp * qq))
 
 
 @compiled
 def _tangent(pp: float, qq: float, off: float) -> float:
-    """Of the smaller angle that takes an entry off the diagonal to zero."""
+    """Tangent of the smaller angle whose rotation takes an entry off the diagonal to zero."""
     theta = 0.5 * (qq - pp) / off
     t = 1.0 / (abs(theta) + math.sqrt(theta * theta + 1.0))
     return -t if theta < 0.0 else t
 
 
 @compiled
-def diagonalise(matrix: Any, vectors: Any) -> None:
-    """Cyclic Jacobi: overwrite a symmetric matrix by its eigenvalues on the diagonal, ascending.
+def diagonalise(matrix: Floats, vectors: Floats) -> None:
+    """Diagonalise a symmetric matrix in place, by cyclic Jacobi: eigenvalues on the diagonal, ascending.
 
     Jacobi and not QR, because it keeps small eigenvalues of a positive definite matrix to high relative
     accuracy (Demmel & Veselić 1992), and on a small cap the smallest one carries the answer.
@@ -77,8 +76,11 @@ def diagonalise(matrix: Any, vectors: Any) -> None:
 
 
 @compiled
-def _turn(pp: Any, qq: Any, pq: Any, cosine: Any, sine: Any) -> bool:
-    """Choose the rotations that take the p-q entries of some matrices to zero, and apply them to those entries."""
+def _eliminate(pp: Floats, qq: Floats, pq: Floats, cosine: Floats, sine: Floats) -> bool:
+    """Choose the rotations that take the p-q entries of some matrices to zero, and apply them to those entries.
+
+    Returns False if every one of the entries is negligible.
+    """
     rotated = 0.0
     for k in range(_LANES):
         significant = _significant(pp[k], qq[k], pq[k])
@@ -95,7 +97,7 @@ def _turn(pp: Any, qq: Any, pq: Any, cosine: Any, sine: Any) -> bool:
 
 
 @compiled
-def _apply(first: Any, second: Any, cosine: Any, sine: Any) -> None:
+def _rotate(first: Floats, second: Floats, cosine: Floats, sine: Floats) -> None:
     """Rotate pairs of entries."""
     for k in range(_LANES):
         a, b = first[k], second[k]
@@ -104,27 +106,28 @@ def _apply(first: Any, second: Any, cosine: Any, sine: Any) -> None:
 
 
 @compiled
-def _sweep(matrix: Any, vectors: Any, cosine: Any, sine: Any) -> bool:
-    """Rotate in every plane once; whether there was anything to rotate. The upper triangle alone is kept."""
+def _sweep(matrix: Floats, vectors: Floats, cosine: Floats, sine: Floats) -> bool:
+    """Rotate in every plane once, on the upper triangle alone. Returns False if nothing was left to rotate."""
     d = matrix.shape[0]
     rotated = False
     for p in range(d - 1):
         for q in range(p + 1, d):
-            if not _turn(matrix[p, p], matrix[q, q], matrix[p, q], cosine, sine):
+            if not _eliminate(matrix[p, p], matrix[q, q], matrix[p, q], cosine, sine):
                 continue
             rotated = True
             for k in range(d):
                 if k != p and k != q:
-                    _apply(matrix[min(k, p), max(k, p)], matrix[min(k, q), max(k, q)], cosine, sine)
-                _apply(vectors[k, p], vectors[k, q], cosine, sine)
+                    _rotate(matrix[min(k, p), max(k, p)], matrix[min(k, q), max(k, q)], cosine, sine)
+                _rotate(vectors[k, p], vectors[k, q], cosine, sine)
     return rotated
 
 
 @compiled
-def diagonalise_all(matrices: Any, values: Any, basis: Any) -> None:
-    """The same on so many matrices at a time, side by side in vector registers.
+def diagonalise_all(matrices: Floats, values: Floats, basis: Floats) -> None:
+    """Diagonalise matrices (b, d, d) by the same method, several at a time side by side in vector registers.
 
-    A matrix that is done is turned by nothing while others go on, so its numbers do not depend on its neighbours.
+    A matrix that is done is rotated by angles of zero while others go on, so its numbers do not depend on its
+    neighbours. ``values`` (b, d) and ``basis`` (b, d, d) receive the result; the matrices stay as they are.
     """
     b, d, _ = matrices.shape
     matrix, vectors = np.empty((d, d, _LANES)), np.empty((d, d, _LANES))
@@ -153,10 +156,11 @@ def diagonalise_all(matrices: Any, values: Any, basis: Any) -> None:
 
 
 @compiled
-def cholesky_solve(matrix: Any, right: Any) -> bool:
-    """Solve a positive definite system in place; False, and garbage, if the matrix is not positive definite.
+def cholesky_solve(matrix: Floats, right: Floats) -> bool:
+    """Solve a positive definite system in place.
 
-    The lower triangle of ``matrix`` is overwritten by the factor, ``right`` by the solution.
+    The lower triangle of ``matrix`` is overwritten by the factor, ``right`` by the solution. Returns False, and leaves
+    both undefined, if the matrix is not positive definite.
     """
     d = matrix.shape[0]
     for j in range(d):
@@ -191,7 +195,7 @@ def eigenbasis(matrices: Floats) -> tuple[Floats, Floats]:
 
 
 @compiled
-def components_all(basis: Any, vectors: Any, result: Any) -> None:
+def components_all(basis: Floats, vectors: Floats, result: Floats) -> None:
     """Components (b, d) of vectors (b, d) along the columns of bases (b, d, d)."""
     b, d = vectors.shape
     for t in range(b):

@@ -6,9 +6,7 @@ answer does not depend on o. From the points themselves o is the centroid, and t
 (`study.sphere.joint_moments`), and so is the answer.
 """
 
-from dataclasses import dataclass, fields
-from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,88 +16,118 @@ from study.sphere.moments import Moments
 from study.sphere.types import Floats
 
 
-@compiled
-def _central(
-    count: Any, second: Any, third: Any, fourth: Any, covariance: Any, cross: Any, variance: Any, square: Any
-) -> None:
-    """C and S (paper eqs 5 and 6), and variance and mean of |y|², of sums about the centroid."""
-    b, d = third.shape
-    for t in range(b):
-        n, trace = count[t], 0.0
-        for i in range(d):
-            trace += second[t, i, i]
-            cross[t, i] = third[t, i] / (n - 1.0)
-            for j in range(d):
-                covariance[t, i, j] = second[t, i, j] / (n - 1.0)
-        square[t] = trace / n
-        variance[t] = fourth[t] / n - square[t] * square[t]
+class Regression(NamedTuple):
+    """Moments of y = x - o and |y|² of a batch of point sets, in three arrays, which is what a kernel takes.
 
+    Attributes:
+        numbers: n, ``variance``, ``square`` and ``base`` of each set (4, b).
+        vectors: ``origin``, ``mean`` and ``cross`` (3, b, d).
+        covariance: C, the sample covariance of y, in weights of 1/(n - 1), paper eq. 5 (b, d, d).
+    """
 
-@compiled
-def _decompose(
-    covariance: Any, cross: Any, mean: Any, values: Any, vectors: Any, cross_along: Any, mean_along: Any
-) -> None:  # fmt: skip
-    diagonalise_all(covariance, values, vectors)
-    components_all(vectors, cross, cross_along)
-    components_all(vectors, mean, mean_along)
+    numbers: Floats
+    vectors: Floats
+    covariance: Floats
+
+    @classmethod
+    def of(cls, moments: Moments) -> "Regression":
+        """Form the regression about the centroids."""
+        b, d, _ = moments.second.shape
+        result = cls(np.empty((4, b)), np.empty((3, b, d)), np.empty((b, d, d)))
+        _central(moments, result)
+        return result
+
+    def only(self, index: int) -> "Regression":
+        """The regression of one set of the batch."""
+        one = slice(index, index + 1)
+        return Regression(self.numbers[:, one].copy(), self.vectors[:, one].copy(), self.covariance[one])
+
+    @property
+    def n(self) -> Floats:
+        """Number of samples of each set (b,)."""
+        return np.asarray(self.numbers[0])
+
+    @property
+    def variance(self) -> Floats:
+        """Variance of |y|², in weights of 1/n (b,)."""
+        return np.asarray(self.numbers[1])
+
+    @property
+    def square(self) -> Floats:
+        """Mean of |y|², less ``base`` (b,)."""
+        return np.asarray(self.numbers[2])
+
+    @property
+    def base(self) -> Floats:
+        """r² (b,), where it is known and the fits are wanted as errors; else 0."""
+        return np.asarray(self.numbers[3])
+
+    @property
+    def origin(self) -> Floats:
+        """The origin o (b, d), in the unit of the points."""
+        return np.asarray(self.vectors[0])
+
+    @property
+    def mean(self) -> Floats:
+        """Mean of y (b, d)."""
+        return np.asarray(self.vectors[1])
+
+    @property
+    def cross(self) -> Floats:
+        """Sample covariance of y and |y|² (b, d): the paper's S, eq. 6, where the mean of y is 0."""
+        return np.asarray(self.vectors[2])
 
 
 class Spectrum(NamedTuple):
     """A regression in the eigenbasis of C.
 
     Attributes:
-        values: eigenvalues of C (b, d), ascending.
-        vectors: eigenvectors (b, d, d), as columns.
-        cross: components of ``cross`` along them (b, d).
-        mean: components of ``mean`` along them (b, d).
+        along: eigenvalues of C, ascending, and the components of ``cross`` and ``mean`` along its axes (3, b, d).
+        axes: eigenvectors of C (b, d, d), as columns.
     """
 
-    values: Floats
-    vectors: Floats
-    cross: Floats
-    mean: Floats
-
-
-@dataclass(frozen=True)
-class Regression:
-    """Moments of y = x - o and |y|² of a batch of point sets.
-
-    Attributes:
-        count: number of samples n of each set (b,).
-        origin: o (b, d), in the unit of the points.
-        mean: ȳ (b, d).
-        covariance: C, the sample covariance of y, in weights of 1/(n - 1), paper eq. 5 (b, d, d).
-        cross: its counterpart between y and |y|² (b, d): the paper's S, eq. 6, where ȳ = 0.
-        variance: that of |y|², in weights of 1/n (b,).
-        square: the mean of |y|², less ``base`` (b,).
-        base: r², where it is known and the fits are wanted as errors; else 0.
-    """
-
-    count: Floats
-    origin: Floats
-    mean: Floats
-    covariance: Floats
-    cross: Floats
-    variance: Floats
-    square: Floats
-    base: Floats
+    along: Floats
+    axes: Floats
 
     @classmethod
-    def of(cls, moments: Moments) -> "Regression":
-        """About the centroids."""
-        m, (b, d) = moments, moments.mean.shape
-        covariance, cross, variance, square = np.empty((b, d, d)), np.empty((b, d)), np.empty(b), np.empty(b)
-        _central(m.count, m.second, m.third, m.fourth, covariance, cross, variance, square)
-        return cls(m.count, m.mean, np.zeros((b, d)), covariance, cross, variance, square, np.zeros(b))
-
-    def only(self, index: int) -> "Regression":
-        """That of one set of the batch."""
-        return Regression(*(getattr(self, each.name)[index : index + 1] for each in fields(self)))
-
-    @cached_property
-    def spectrum(self) -> Spectrum:
-        """The same in the eigenbasis of C, which several estimators share."""
-        values, cross, mean = (np.empty(self.mean.shape) for _ in range(3))
-        result = Spectrum(values, np.empty(self.covariance.shape), cross, mean)
-        _decompose(self.covariance, self.cross, self.mean, *result)
+    def of(cls, regression: Regression) -> "Spectrum":
+        """Diagonalise C."""
+        result = cls(np.empty(regression.vectors.shape), np.empty(regression.covariance.shape))
+        _decompose(regression, result)
         return result
+
+    @property
+    def values(self) -> Floats:
+        """Eigenvalues of C (b, d), ascending."""
+        return np.asarray(self.along[0])
+
+    @property
+    def cross(self) -> Floats:
+        """Components of ``cross`` along the eigenvectors (b, d)."""
+        return np.asarray(self.along[1])
+
+
+@compiled
+def _central(moments: Moments, regression: Regression) -> None:
+    """C and S (paper eqs 5 and 6), and variance and mean of |y|², of sums about the centroid."""
+    second, origin, third = moments.second, moments.vectors[0], moments.vectors[1]
+    count, fourth = moments.numbers[0], moments.numbers[1]
+    numbers, vectors, covariance = regression
+    b, d = third.shape
+    for t in range(b):
+        n, trace = count[t], 0.0
+        for i in range(d):
+            trace += second[t, i, i]
+            vectors[0, t, i], vectors[1, t, i], vectors[2, t, i] = origin[t, i], 0.0, third[t, i] / (n - 1.0)
+            for j in range(d):
+                covariance[t, i, j] = second[t, i, j] / (n - 1.0)
+        square = trace / n
+        numbers[0, t], numbers[1, t], numbers[2, t], numbers[3, t] = n, fourth[t] / n - square * square, square, 0.0
+
+
+@compiled
+def _decompose(regression: Regression, spectrum: Spectrum) -> None:
+    along, axes = spectrum
+    diagonalise_all(regression.covariance, along[0], axes)
+    components_all(axes, regression.vectors[2], along[1])
+    components_all(axes, regression.vectors[1], along[2])

@@ -1,21 +1,22 @@
-"""Random bits inside compiled loops: generators side by side, of which a processor steps several at a time.
+"""Random words in compiled loops: generators side by side, of which a processor steps several at a time.
 
-Each is SFC64, as NumPy has it, and its state a column of the array that is handed about. They give their words in turn.
-One more, the spare, gives what is asked for now and then, so that the others never wait for it.
+Each is SFC64, as in NumPy, and its state is a column of an array. They give their words in turn. One more generator,
+the spare, gives the words that are needed now and then, so that the others never wait.
 
 Source: SFC64 by C. Doty-Humphrey (PractRand).
 """
 
-from typing import Any
-
 import numpy as np
 
 from study.sphere.jit import compiled
-from study.sphere.types import Words
+from study.sphere.types import Floats, Words
+
+Lane = tuple[np.uint64, np.uint64, np.uint64, np.uint64]
+"""State of one generator: a, b, c and the counter."""
 
 LANES = 32
 WORDS = 3 * (LANES + 1)
-"""Random words of 64 bits that a state begins with."""
+"""Number of random words of 64 bits that seed a state."""
 _WARM_UP = 12
 _1, _3, _11, _12, _24, _40 = (np.uint64(k) for k in (1, 3, 11, 12, 24, 40))
 _ONE = np.uint64(0x3FF0000000000000)
@@ -23,7 +24,7 @@ _ONE = np.uint64(0x3FF0000000000000)
 
 
 def seeded(words: Words) -> Words:
-    """The state (4, LANES + 1) that random words (WORDS,) begin, as NumPy seeds one of its own; the spare is last."""
+    """Return the state (4, LANES + 1) that random words (WORDS,) seed, as NumPy seeds its own; the spare is last."""
     state = np.ones((4, LANES + 1), dtype=np.uint64)
     state[:3] = words.reshape(3, LANES + 1)
     _warm_up(state, np.empty(LANES, dtype=np.uint64))
@@ -31,29 +32,29 @@ def seeded(words: Words) -> Words:
 
 
 @compiled
-def next_word(lane: Any) -> Any:
-    """64 bits of a generator whose state is a tuple, and its state after them."""
+def next_word(lane: Lane) -> tuple[np.uint64, Lane]:
+    """The next word of a generator, and its state after it."""
     a, b, c, count = lane
     bits = a + b + count
     return bits, (b ^ (b >> _11), c + (c << _3), ((c << _24) | (c >> _40)) + bits, count + _1)
 
 
 @compiled
-def spare(state: Any) -> Any:
-    """The state of the spare generator, as a tuple to be kept in registers."""
+def spare(state: Words) -> Lane:
+    """State of the spare generator, as a tuple that stays in registers."""
     return state[0, LANES], state[1, LANES], state[2, LANES], state[3, LANES]
 
 
 @compiled
-def put_back(state: Any, lane: Any) -> None:
+def put_back(state: Words, lane: Lane) -> None:
     """Store the state of the spare generator."""
     state[0, LANES], state[1, LANES], state[2, LANES], state[3, LANES] = lane
 
 
 @compiled
-def fill_words(state: Any, words: Any) -> None:
+def fill_words(state: Words, words: Words) -> None:
     """Fill a row with words, LANES at a time; its length is a multiple of that."""
-    a, b, c, count = state[0, :LANES], state[1, :LANES], state[2, :LANES], state[3, 0]  # they count alike
+    a, b, c, count = state[0, :LANES], state[1, :LANES], state[2, :LANES], state[3, 0]  # all have the same counter
     for start in range(0, words.size, LANES):
         out = words[start : start + LANES]
         for k in range(LANES):
@@ -69,13 +70,13 @@ def fill_words(state: Any, words: Any) -> None:
 
 
 @compiled
-def uniform(word: Any) -> Any:
+def uniform(word: np.uint64) -> float:
     """A number in [0, 1) from the upper 53 bits of a word."""
     return np.int64(word >> _11) * (1.0 / 9007199254740992.0)
 
 
 @compiled
-def to_uniform(words: Any, row: Any) -> None:
+def to_uniform(words: Words, row: Floats) -> None:
     """Turn words into as many numbers in [0, 1), by their upper 52 bits.
 
     As the fraction of a float in [1, 2): processors that turn several integers into floats at once are rare.
@@ -88,7 +89,7 @@ def to_uniform(words: Any, row: Any) -> None:
 
 
 @compiled
-def _warm_up(state: Any, words: Any) -> None:
+def _warm_up(state: Words, words: Words) -> None:
     lane = spare(state)
     for _ in range(_WARM_UP):
         fill_words(state, words)

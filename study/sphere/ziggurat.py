@@ -1,20 +1,20 @@
-"""Normal numbers from random words, inside compiled loops: NumPy's method and tables, in a fifth of its time.
+"""Normal numbers from random words, in compiled loops: NumPy's method and tables, in a fifth of its time.
 
-The sign of a number is read from the table of layers instead of being a branch that no processor can foresee, and the
-words are made many at a time (`study.sphere.sfc64`). One number in ninety lies outside its layer's rectangle; what more
-it takes comes from the spare generator.
+The sign of a number is read from the table of layers instead of being a branch that no processor can predict, and the
+words are made many at a time (`study.sphere.sfc64`). One number in ninety lies outside its layer's rectangle; the
+further words that it needs come from the spare generator.
 
 Source: Marsaglia & Tsang, J. Stat. Softw. 5 (2000) 8, in 256 layers, as NumPy's `standard_normal` has it.
 """
 
 import math
-from typing import Any
 
 import numpy as np
 from numba.np.random._constants import fi_double, ki_double, wi_double, ziggurat_nor_inv_r, ziggurat_nor_r
 
 from study.sphere.jit import compiled
-from study.sphere.sfc64 import next_word, uniform
+from study.sphere.sfc64 import Lane, next_word, uniform
+from study.sphere.types import Floats, Words
 
 _WIDTH = np.concatenate([wi_double, -np.asarray(wi_double)])
 """Width of each layer over 2⁵²; the second half is for negative numbers."""
@@ -28,8 +28,11 @@ _1, _8, _9 = (np.uint64(k) for k in (1, 8, 9))
 
 
 @compiled
-def _outside(lane: Any, bits: Any, layer: int, x: float) -> Any:
-    """A number beyond its layer's rectangle. Returns it, whether it counts, and the state of the generator."""
+def _outside(lane: Lane, bits: np.uint64, layer: int, x: float) -> tuple[float, bool, Lane]:
+    """Draw a number outside its layer's rectangle.
+
+    Returns the number, False if it is rejected, and the state of the generator.
+    """
     if layer == 0:
         while True:
             first, lane = next_word(lane)
@@ -45,10 +48,11 @@ def _outside(lane: Any, bits: Any, layer: int, x: float) -> Any:
 
 
 @compiled
-def to_normals(words: Any, row: Any, lane: Any) -> Any:
-    """Turn words into as many normal numbers. ``lane`` is the state of another generator, for what they do not settle.
+def to_normals(words: Words, row: Floats, lane: Lane) -> Lane:
+    """Turn words into as many normal numbers.
 
-    From the words and the other words in the order in which `standard_normal` would ask for them, its very numbers.
+    ``lane`` is the state of another generator, for numbers that need more than their word; its state afterwards is
+    returned. `standard_normal` makes the same numbers of the same words, in the order in which it would ask for them.
     """
     for k in range(row.size):
         bits = words[k]
@@ -58,8 +62,8 @@ def to_normals(words: Any, row: Any, lane: Any) -> Any:
             x = np.int64(size) * _WIDTH[layer]
             if size < _INSIDE[layer & _LAYERS]:
                 break
-            x, counts, lane = _outside(lane, bits, layer & _LAYERS, x)
-            if counts:
+            x, accepted, lane = _outside(lane, bits, layer & _LAYERS, x)
+            if accepted:
                 break
             bits, lane = next_word(lane)
         row[k] = x

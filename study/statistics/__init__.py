@@ -1,1 +1,1 @@
-"""Numbers in, numbers with their Monte-Carlo errors out."""
+"""Statistics of simulated errors, each with its Monte-Carlo standard error."""

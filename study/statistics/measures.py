@@ -1,7 +1,7 @@
-"""Performance measures of a simulation study, each with its Monte-Carlo error (Morris, White & Crowther 2019).
+"""Statistics of a sample of errors, each with its Monte-Carlo standard error (Morris, White & Crowther 2019).
 
-Medians and quantiles are the headline, because the errors of sphere fits have heavy tails: UGDK's has no mean at
-any number of samples, GDKE's no variance at n ≤ d + 2. Moments are offered behind a guard, `moments_exist`.
+Medians and quantiles are the headline, because the errors of sphere fits have heavy tails: UGDK's have no mean at any
+number of samples, GDKE's no variance at n ≤ d + 2. Moments are given only where they exist (`moments_exist`).
 """
 
 import math
@@ -51,7 +51,7 @@ def quantile(values: Floats, p: float) -> Measure:
 
 
 def _order_statistic(ordered: Floats, rank: float) -> float:
-    """Value at a fractional rank, from 0, of ordered values that may end in infinities."""
+    """Value at a fractional rank, counted from 0, of ordered values that may end in infinities."""
     rank = min(max(rank, 0.0), len(ordered) - 1.0)
     below = int(rank)
     share = rank - below
@@ -69,20 +69,23 @@ def robust_sd(values: Floats) -> float:
 
 
 def inside(errors: Floats, sd: Floats, level: float) -> Bools:
-    """Which error ellipsoids have the truth inside: each about its estimate, with axes along the coordinates.
+    """Find the error ellipsoids that contain the truth. Their centres are the estimates, their axes the coordinates'.
 
     Args:
         errors: of the estimates (trials, d).
-        sd: their standard deviations (d,), of which all the ellipsoids have their size.
-        level: probability with which they hold the truth if the errors are Gaussian about 0.
+        sd: their standard deviations (d,), which give all ellipsoids their size.
+        level: probability that an ellipsoid contains the truth if the errors are Gaussian about 0.
+
+    Returns:
+        True for each ellipsoid that contains the truth (trials,).
     """
     return np.asarray(np.sum((errors / sd) ** 2, axis=1) <= stats.chi2.ppf(level, errors.shape[1]))
 
 
 def share(count: float, total: int) -> Measure:
-    """Share of trials, with the binomial standard error (Agresti & Coull's, which is not 0 at 0 or all).
+    """Share of trials, with the binomial standard error of Agresti & Coull (1998), which is not 0 for none or all.
 
-    Of trials that count in part, as a count that is not whole, the error is an upper bound.
+    If trials count in part, so that the count is not whole, the error is an upper bound.
     """
     if total == 0:
         return UNKNOWN
@@ -97,7 +100,7 @@ def mean(values: Floats) -> Measure:
 
 
 def root_mean_square(values: Floats) -> Measure:
-    """Root mean square, its error by the delta method."""
+    """Root mean square, with its error by the delta method."""
     square = mean(values**2)
     if not square.value > 0.0:
         return UNKNOWN
@@ -120,7 +123,7 @@ def tail_index(values: Floats) -> Measure:
 
 
 def moments_exist(index: Measure) -> bool:
-    """Whether a root mean square may be shown: the tail index is above 2 by two standard errors."""
+    """True if a mean square exists beyond doubt: the tail index is above 2 by two standard errors."""
     return index.value - 2.0 * index.error > 2.0
 
 
@@ -135,7 +138,7 @@ class PowerLaw(NamedTuple):
 def power_law(x: Floats, y: Floats, y_error: Floats) -> PowerLaw:
     """Fit a power law by least squares in the logarithms, weighted by Monte-Carlo errors.
 
-    The exponent's error is that of the weights, or larger by √(χ²/dof) where the points scatter more than they say.
+    The exponent's error follows from the weights; it is enlarged by √(χ²/dof) if the points scatter more than that.
     """
     use = np.isfinite(y) & (y > 0.0) & np.isfinite(y_error) & (y_error > 0.0)
     if use.sum() < 3:

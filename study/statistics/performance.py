@@ -1,8 +1,13 @@
-"""The summary's measures by name: each from the fits of one estimator in one group, with its Monte-Carlo error."""
+"""Performance measures of an estimator in one group of fits, by name, each with its Monte-Carlo error.
+
+They are those of Morris, White & Crowther (2019) as far as they exist for errors with heavy tails. Every quantile comes
+twice: of the fits whose status is ok (``_ok``), and of all fits with the others counted as infinite (``_all``).
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -36,18 +41,18 @@ class Fits:
 
     @cached_property
     def ok(self) -> Bools:
-        """Which fits are ok."""
+        """True for fits whose status is ok (n,)."""
         return np.asarray(self.columns["status"] == Status.OK)
 
     @cached_property
     def relative(self) -> Floats:
-        """Error over radius."""
+        """Error over radius (n,)."""
         with np.errstate(all="ignore"):
             return np.asarray(self.columns["error"] / self.columns["radius"])
 
     @cached_property
     def ratio(self) -> Floats:
-        """Error over bound: where the directions do not determine the centre, it says nothing: worse than any."""
+        """Error over bound (n,); infinite where the directions do not determine the centre and there is no bound."""
         bound = self.columns["bound"]
         with np.errstate(all="ignore"):
             return np.where(np.isfinite(bound), self.columns["error"] / bound, np.inf)
@@ -60,7 +65,7 @@ class Fits:
 
     @cached_property
     def tail(self) -> Measure:
-        """Index of the tail of error over bound, of the fits that are ok."""
+        """Tail index of error over bound, of the fits that are ok."""
         return tail_index(self.ratio[self.ok])
 
 
@@ -81,27 +86,55 @@ def _far_all(fits: Fits) -> Measure:
     return share(int(np.sum((fits.ratio > FAR) | ~fits.ok)), len(fits.ok))
 
 
-MEASURES: dict[str, Callable[[Fits], Measure]] = {
-    f"{name}_{part}_{of}": partial(function, name, p)
-    for name in ("relative", "ratio")
-    for part, p in (("median", 0.5), ("q05", 0.05), ("q95", 0.95))
-    for of, function in (("ok", _quantile_ok), ("all", _quantile_all))
-} | {
-    "far_ok": _far_ok,
-    "far_all": _far_all,
-    "axis_median_ok": lambda fits: quantile(fits.axis, 0.5),
-    "tail_index": lambda fits: fits.tail,
-    "bias": lambda fits: mean(fits.axis) if moments_exist(fits.tail) else UNKNOWN,
-    "rmse": lambda fits: root_mean_square(fits.ratio[fits.ok]) if moments_exist(fits.tail) else UNKNOWN,
+class Performance(NamedTuple):
+    """A performance measure: its meaning, and the function that computes it."""
+
+    meaning: str
+    of: Callable[[Fits], Measure]
+
+
+def _quantiles() -> dict[str, Performance]:
+    found = {}
+    for name, quantity in (("relative", "error over radius"), ("ratio", "error over √tr CRLB")):
+        for part, p, words in (
+            ("median", 0.5, "median"),
+            ("q05", 0.05, "5 % quantile"),
+            ("q95", 0.95, "95 % quantile"),
+        ):
+            of_ok, of_all = partial(_quantile_ok, name, p), partial(_quantile_all, name, p)
+            found[f"{name}_{part}_ok"] = Performance(f"{words} of {quantity}, of the fits that are ok", of_ok)
+            found[f"{name}_{part}_all"] = Performance(f"{words} of {quantity}, all others counted as infinite", of_all)
+    return found
+
+
+_GUARD = "only where the tail index exceeds 2 by two errors"
+MEASURES = _quantiles() | {
+    "far_ok": Performance("share of the ok fits with an error beyond 10 times the bound", _far_ok),
+    "far_all": Performance("share of all fits that are beyond 10 times the bound or not ok", _far_all),
+    "axis_median_ok": Performance(
+        "median of the error along the cap's axis, over the bound: the bias that always exists",
+        lambda fits: quantile(fits.axis, 0.5),
+    ),
+    "tail_index": Performance(
+        "Hill's index of the error's tail; moments of that order and above do not exist", lambda fits: fits.tail
+    ),
+    "bias": Performance(
+        f"mean error along the axis over the bound; {_GUARD}",
+        lambda fits: mean(fits.axis) if moments_exist(fits.tail) else UNKNOWN,
+    ),
+    "rmse": Performance(
+        f"root mean square of error over bound; {_GUARD}",
+        lambda fits: root_mean_square(fits.ratio[fits.ok]) if moments_exist(fits.tail) else UNKNOWN,
+    ),
 }
-"""Every measure of the summary; what each means, `study.runs.storage.schemas.summary` says."""
+"""Every performance measure of the summary, in the order of its columns."""
 
 
 def measured(name: str, columns: Columns) -> Measure:
-    """One measure of fits of one estimator.
+    """Compute one performance measure.
 
     Args:
         name: the measure's.
-        columns: as `Fits` takes them.
+        columns: rows of one estimator, as `Fits` takes them.
     """
-    return MEASURES[name](Fits(columns))
+    return MEASURES[name].of(Fits(columns))

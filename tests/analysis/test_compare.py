@@ -93,7 +93,7 @@ def test_different(make, monkeypatch, seed, by_summary):
     assert beyond == {"lls"}
     lines = list(printed(found))
     assert verdict(found) == "different"
-    assert any(line.startswith("  ! N = ") and ", lls: " in line and "cell " in line for line in lines)
+    assert any(line.startswith("  !  N = ") and ", lls  " in line and "cell " in line for line in lines)
 
 
 def test_a_change_of_rounding_is_none(make, monkeypatch):

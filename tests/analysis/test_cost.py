@@ -13,7 +13,9 @@ import pytest
 
 import study
 from study.analysis import cost
-from study.analysis.cost import PAPER, Counted, cost_table, counted
+from study.analysis.cost import Counted, counted
+from study.analysis.cost_table import cost_table, printed
+from study.analysis.paper_cost import PAPER
 from study.runs.storage.atomic_write import save_frame
 
 KERNEL = {"mle": "mle", "lls": "lls", "igdk": "igdk"}
@@ -159,7 +161,7 @@ def test_scalar_code_is_compiled_apart(table, settings):
 
 def test_cost_table_printed_and_stored(table, tmp_path):
     """Printed, each estimator has a line with no NaN in it; stored, both kinds of file hold the table."""
-    lines = list(cost.printed(table))
+    lines = list(printed(table))
     assert [line.split()[0] for line in lines[2:]] == list(PAPER)
     assert not any("nan" in line for line in lines)
     for suffix, read in [(".csv", pd.read_csv), (".parquet", pd.read_parquet)]:

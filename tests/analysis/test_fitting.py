@@ -11,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import study
-from study.analysis.fitting import answers, choose, described, fit_all, printed
+from study.analysis import estimator_list
+from study.analysis.fitting import choose, fit_all, fit_table, printed
 from study.analysis.pointfile import PointFileError
 from study.estimators import Status
 
@@ -23,7 +24,7 @@ def shown(points, estimators=FREE, noise=None, names="xyz"):
     """What a user sees: the table's rows by estimator, and the lines below it."""
     names = list(names[: points.shape[1]])
     fits = fit_all(points, list(estimators), noise)
-    head, *lines = printed(answers(fits, names), names)
+    head, *lines = printed(fit_table(fits, names), names)
     assert re.split(r" {2,}", head) == ["estimator", *names, "radius", "noise", "rms", "ρ", "samples", "status"]
     rows = {cells[0]: cells[1:] for cells in (re.split(r" {2,}", line) for line in lines[: len(fits)])}
     assert list(rows) == list(estimators)
@@ -37,7 +38,7 @@ def test_answers_are_the_librarys(rng, on_cap, d, noise):
     points, _ = on_cap(rng, 60, angle=70.0, d=d, noise=0.05, center=3.0)
     points[4, 1] = np.nan
     names = list("abcd"[:d])
-    table = answers(fit_all(points, choose("all", noise), noise), names).set_index("estimator")
+    table = fit_table(fit_all(points, choose("all", noise), noise), names).set_index("estimator")
     assert list(table.index) == (FREE if noise is None else list(study.ESTIMATORS))
     for name, row in table.iterrows():
         fit = study.fit(points, name, noise)
@@ -58,7 +59,7 @@ def test_columns_may_have_any_name(rng, on_cap):
         ["x", "x_error", "error_x"],
         ["samples", "center_radius", "estimator"],
     ):
-        (row,) = answers(fit_all(points, ["als"], None), names).to_dict("records")
+        (row,) = fit_table(fit_all(points, ["als"], None), names).to_dict("records")
         assert row["estimator"] == "als"
         np.testing.assert_allclose([row[f"center_{name}"] for name in names], 7.0, atol=0.05)
         np.testing.assert_allclose([row["radius"], row["noise"]], [2.0, 0.01], rtol=0.5)
@@ -72,8 +73,8 @@ def test_choose():
     assert choose("all", 0.1) == list(study.ESTIMATORS)
     assert choose("ugdk", 0.1) == ["ugdk"]
     for estimator, noise, words in (
-        ("taubim", None, "did you mean taubin?"),
-        ("zzz", None, "known are mle, "),
+        ("taubim", None, "unknown; did you mean 'taubin'? Known are mle, "),
+        ("zzz", None, "unknown; known are mle, "),
         ("ugdk", None, "needs the noise level"),
         ("als", 0.0, "--noise 0: "),
         ("all", -1.0, "--noise -1: "),
@@ -190,9 +191,9 @@ def test_the_least_number_of_points(rng, on_cap):
         assert cells[7] == "4"
 
 
-def test_described_lists_the_registry():
+def test_the_list_of_estimators_is_the_registry():
     """A line per registered estimator: its name, cost, what it needs and where it is from."""
-    head, *lines = described()
+    head, *lines = estimator_list.printed()
     assert head.split()[0] == "estimator"
     assert [line.split()[0] for line in lines] == list(study.ESTIMATORS)
     for line, entry in zip(lines, study.ESTIMATORS.values(), strict=True):

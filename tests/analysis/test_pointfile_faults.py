@@ -177,7 +177,7 @@ def test_columns_that_cannot_be_chosen(tmp_path):
     """A name or number that is not there, a column given twice, two of one name."""
     path = written(tmp_path, "x,y,z\n" + "\n".join(ROWS))
     for column in ("w", "0", "4", "-1", "", "²"):
-        assert refused(path, columns=["x", column]) == f"no column {column!r}; there are x, y, z (or 1 to 3)"
+        assert refused(path, columns=["x", column]) == f"no column {column!r}; known are x, y, z (or 1 to 3)"
     assert refused(path, columns=["x", "y", "x"]) == "column x is given twice"
     assert refused(path, columns=["x", "y", "1"]) == "column x is given twice"
     path = written(tmp_path, "x,y,x\n" + "\n".join(ROWS))

@@ -5,7 +5,8 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
-from study.analysis.summary import printed, summarise, summary
+from study.analysis.summary import summarise, summary
+from study.analysis.summary_text import printed
 from study.estimators import Status
 from study.experiment.config import parse
 from study.runs import runner
@@ -74,10 +75,11 @@ def test_every_value_has_its_error(run):
 
 
 def test_printed(run):
-    """The print has a title, a header and a line per group, each with a label of its own, and names failures."""
+    """A title, a note, a header and a line per group, each with a label of its own; failures are named."""
     stored = run.table("summary")
-    title, header, *lines = printed(run)
+    title, note, header, *lines = printed(run)
     assert title.startswith(run.study.run_name())
+    assert "brackets" in note
     assert header.split() == ["lls", "ugdk"]
     assert len(lines) == stored["group"].nunique()
     assert all(len(line) < 120 for line in lines)
@@ -88,7 +90,7 @@ def test_printed(run):
 
 def test_printed_labels_tell_groups_apart(run):
     """No two lines of the print have the same label."""
-    _, header, *lines = printed(run)
+    _, _, header, *lines = printed(run)
     labels = [line[: header.index("lls")].strip() for line in lines]
     assert len(set(labels)) == len(labels)
 

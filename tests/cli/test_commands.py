@@ -5,8 +5,9 @@ import re
 import subprocess
 import sys
 
-from study.analysis.summary import printed
-from study.experiment.config import parse
+from study.analysis.summary_text import printed
+from study.experiment.config import load, parse
+from study.experiment.shipped_configs import shipped_config, shipped_configs, summary_line
 from study.runs.plan import plan
 from study.runs.storage.run_folder import Run
 
@@ -93,3 +94,40 @@ def test_entry_point():
     """Where the package is installed, `study` is the main function."""
     found = [e for e in importlib.metadata.entry_points(group="console_scripts") if e.name == "study"]
     assert all(entry.value == "study.cli:main" for entry in found)
+
+
+def test_configs(call_here, tmp_path):
+    """`study configs` lists every shipped config with its first line, from any folder."""
+    code, said, complained = call_here(tmp_path, "configs")
+    assert (code, complained) == (0, "")
+    found = dict(re.split(r" {2,}", line, maxsplit=1) for line in said.splitlines())
+    assert found == {name: summary_line(path) for name, path in shipped_configs().items()}
+
+
+def test_a_shipped_config_by_name(call_here, tmp_path):
+    """`study plan smoke` works in a folder without configs, and says the same as with the file."""
+    code, said, complained = call_here(tmp_path, "plan", "smoke")
+    assert (code, complained) == (0, "")
+    assert said.splitlines()[0] == load(shipped_config("smoke")).run_name()
+
+
+def test_a_config_names_its_run(finished, call_here, config, tmp_path):
+    """Where a command takes a run's folder it also takes the config of a run in results/."""
+    (tmp_path / "tiny.toml").write_text(config)
+    name = parse(config).run_name()
+    (tmp_path / "results").mkdir()
+    (tmp_path / "results" / name).symlink_to(finished[0] / "out", target_is_directory=True)
+    by_config, by_folder = (call_here(tmp_path, "summary", word) for word in ("tiny.toml", f"results/{name}"))
+    assert by_config == by_folder
+    assert by_config[0] == 0
+    code, said, complained = call_here(tmp_path, "summary", "none.toml")
+    assert (code, said) == (2, "")
+    assert "none.toml: cannot be read" in complained
+
+
+def test_a_shipped_config_names_its_run(call_here, tmp_path):
+    """The name of a shipped config stands for its run, too."""
+    name = load(shipped_config("smoke")).run_name()
+    code, said, complained = call_here(tmp_path, "summary", "smoke")
+    assert (code, said) == (1, "")
+    assert f"results/{name}: not a run folder" in complained

@@ -107,7 +107,7 @@ def test_many_rows(say, cap, tmp_path):
         ("cap.csv --noise 0", "--noise 0: "),
         ("cap.csv --noise -0.1", "--noise -0.1: "),
         ("cap.csv --noise nan", "--noise nan: "),
-        ("cap.csv -e taubim", "--estimator taubim: did you mean taubin?"),
+        ("cap.csv -e taubim", "--estimator taubim: unknown; did you mean 'taubin'?"),
         ("cap.csv -e ugdk", "--estimator ugdk: needs the noise level"),
         ("bad.csv", "bad.csv: row 3, column 2: 'four' is not a number"),
     ],

@@ -54,6 +54,14 @@ def test_a_config_that_is_not_there(call_here, folder, verb):
     assert names(folder) == before
 
 
+@pytest.mark.parametrize("verb", ["plan", "run"])
+def test_a_name_that_no_config_has(call_here, folder, verb):
+    """A name without a suffix that is neither a file nor shipped is code 2, with the nearest name and the list."""
+    words = "papre: neither a file nor a shipped config; did you mean 'paper'? Known are anisotropic, bias, "
+    said = refused(call_here(folder, verb, "papre"), 2, words)
+    assert len(said.splitlines()) == 1
+
+
 @pytest.mark.parametrize(
     "arguments", [["rnu"], ["run"], ["run", "tiny.toml", "--jobs", "0"], ["plan", "-x", "a"]], ids=str
 )
@@ -64,8 +72,8 @@ def test_wrong_usage(call_here, folder, arguments):
 
 def test_what_is_no_run(call_here, folder):
     """A folder that is no run, or none at all, is code 1 and one line that says how to make one."""
-    for path in (".", "none", "tiny.toml"):
-        said = refused(call_here(folder, "summary", path), 1, path, "not a run folder", "study run CONFIG")
+    for path, named in ((".", "."), ("none", "none"), ("tiny.toml", "results/tiny-")):
+        said = refused(call_here(folder, "summary", path), 1, named, "not a run folder", "study run CONFIG")
         assert len(said.splitlines()) == 1
 
 

@@ -6,7 +6,9 @@ import signal
 import pytest
 
 from study.experiment.config import parse
-from study.posterior.run import compute, printed, tasks
+from study.posterior.chain_task import chain_tasks
+from study.posterior.posterior_text import printed
+from study.posterior.run import compute
 from study.runs.storage.parts import Parts
 from study.runs.storage.run_folder import Run
 
@@ -199,13 +201,13 @@ def test_interrupt(hold, long, tmp_path, jobs, everyone):
     (os.killpg if everyone else os.kill)(process.pid, signal.SIGINT)
     said, complained = process.communicate(timeout=600)
     assert (process.returncode, said) == (130, ""), complained
-    assert complained.splitlines() == ["interrupted; what was finished is kept, and running again goes on from there"]
+    assert complained.splitlines() == ["interrupted; run the same command again to resume"]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["config.toml", "parts"]
     there, run = Parts(tmp_path, "chains"), Run.open(tmp_path)
     there.load()
     kept = [
         task
-        for task in tasks(run.study, run.study.posterior)
+        for task in chain_tasks(run.study, run.study.posterior)
         if there.outputs(task.part(run.study, run.study.posterior))
     ]
     assert 0 < len(kept) < 16

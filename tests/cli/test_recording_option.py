@@ -79,7 +79,10 @@ def test_refusals(call_here, folder, verb):
     (folder / "bad").mkdir(exist_ok=True)
     (folder / "bad" / BAD).write_bytes(b"not parquet")
     for given, words in (
-        (["none"], "none: not the folder of a case study, without case-study-scatter.parquet; `study case-study FILE"),
+        (
+            ["none"],
+            "none: not the folder of a case study, as it has no case-study-scatter.parquet; `study case-study FILE",
+        ),
         (["bad"], f"bad/{BAD}: cannot be read"),
         (["body", "body"], "body and body: the same case study"),
     ):

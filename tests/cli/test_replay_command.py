@@ -8,8 +8,8 @@ import pytest
 
 from study.analysis import trial_report
 from study.experiment.compute_unit import compute
-from study.experiment.design import units
 from study.experiment.replay import find, replay
+from study.experiment.units import units
 from study.runs.storage.run_folder import Run
 
 AXES = ["x_1", "x_2", "x_3"]

@@ -6,8 +6,8 @@ import pytest
 
 import study
 from study.experiment.config import parse
-from study.experiment.design import spans
-from study.runs.jobs import Asked, Order, execute
+from study.experiment.units import spans
+from study.runs.jobs import Jobs, execute
 from study.runs.storage.lock import writing
 from study.runs.storage.parts import FORMAT, Parts
 from study.runs.storage.run_folder import Run
@@ -27,7 +27,7 @@ def begun(config, tmp_path):
     made = parse(config)
     store = Run.create(tmp_path / "out", made).begin(config)
     parts = Parts(store.folder, "units")
-    parts.add(execute(Order(made), (Asked(made).job(next(spans(made))),)))
+    parts.add(execute(made, (Jobs(made).job(next(spans(made))),)))
     parts.commit()
     return tmp_path
 
@@ -83,14 +83,14 @@ def test_status_of_a_damaged_run(call_here, run):
     path = run / "out" / "errors.parquet"
     path.write_bytes(path.read_bytes()[:-1])
     said = call_here(run, "status", "out")[1]
-    assert "damaged: `study run` computes again what is lost" in said
+    assert "damaged; `study run` computes the lost rows again" in said
     assert "errors (damaged)" in said
 
 
 def test_a_run_that_is_written_to(call_here, run):
-    """Who writes is told by `status`; who would write, too, is refused with code 1."""
+    """`status` names the writer; a second writer is refused with code 1."""
     with writing(run / "out"):
-        assert "written by   process" in call_here(run, "status", "out")[1]
+        assert "written by  process" in call_here(run, "status", "out")[1]
         refused(call_here(run, "run", "tiny.toml", "--out", "out"), 1, "is writing to it")
 
 
@@ -116,7 +116,7 @@ def test_a_run_without_a_manifest(call_here, run):
     """It is not finished: `run` computes it again, to the same bytes."""
     errors = (run / "out" / "errors.parquet").read_bytes()
     (run / "out" / "manifest.json").unlink()
-    assert "not begun, or nothing is left of it" in call_here(run, "status", "out")[1]
+    assert "not begun, or nothing of it is stored" in call_here(run, "status", "out")[1]
     assert call_here(run, "run", "tiny.toml", "--out", "out")[0] == 0
     assert (run / "out" / "errors.parquet").read_bytes() == errors
 
@@ -136,7 +136,7 @@ def test_diff(call_here, run, config):
 
 
 def test_diff_of_a_changed_estimator(call_here, run, config, monkeypatch):
-    """What got worse is code 1."""
+    """A difference is code 1."""
     (run / "many.toml").write_text(config.replace("trials = 5", "trials = 100"))
     good = study.ESTIMATORS["lls"]
     assert call_here(run, "run", "many.toml", "--out", "one")[0] == 0
@@ -166,7 +166,7 @@ def test_worst_and_replay(call_here, run):
     assert name.split("/")[0] in shown
     assert f"{ratio:.3g}" in shown
     assert (run / "worst.png").stat().st_size > 10_000
-    refused(call_here(run, "worst", "out", "-e", "mle"), 1, "estimator 'mle' is not in it", "lls, ugdk")
+    refused(call_here(run, "worst", "out", "-e", "mle"), 1, "no estimator 'mle' in this run; known are lls, ugdk")
 
 
 @pytest.mark.usefixtures("raises")
@@ -193,7 +193,7 @@ def test_failures_above_the_tolerance(call_here, config, tmp_path):
     ids=str,
 )
 def test_wrong_backends(call_here, config, tmp_path, words):
-    """A backend that is none, or without its scheduler, is wrong usage; nothing is written."""
+    """An unknown backend, or one without its scheduler, is wrong usage; nothing is written."""
     (tmp_path / "tiny.toml").write_text(config)
     assert call_here(tmp_path, "run", "tiny.toml", *words)[0] == 2
     assert [path.name for path in tmp_path.iterdir()] == ["tiny.toml"]

@@ -1,4 +1,4 @@
-"""Estimators that find the noise in the points, against the generalised eigenproblems they were published as."""
+"""Estimators that find the noise in the points, against the generalised eigenproblems of their publications."""
 
 import numpy as np
 import pytest
@@ -39,13 +39,13 @@ def published(points, name):
 @pytest.mark.parametrize("d", [2, 3])
 @pytest.mark.parametrize("noise", [0.01, 0.2])
 def test_published_eigenproblems(rng, on_cap, noise, d, name):
-    """One equation with one constant gives the centre of each publication's eigenproblem (theory §5.1)."""
+    """One equation with one constant gives the centre of each publication's eigenproblem (theory 5.1)."""
     for points in on_cap(rng, 40, 100.0, d, noise, radius=2.0, center=1.0, sets=20)[0]:
         np.testing.assert_allclose(study.fit(points, name).center, published(points, name), rtol=0, atol=1e-10)
 
 
 def test_pratt_is_hyper_on_the_circle(rng, on_cap):
-    """In two dimensions Pratt and Hyper have one constant, -4, and so one centre; in three they have not."""
+    """In two dimensions Pratt and Hyper have the same constant, -4, and so the same centre; in three they differ."""
     flat, solid = (on_cap(rng, 30, 100.0, d, noise=0.1, sets=10)[0] for d in (2, 3))
     np.testing.assert_allclose(study.fit(flat, "pratt").center, study.fit(flat, "hyper").center, rtol=0, atol=1e-13)
     assert np.abs(study.fit(solid, "pratt").center - study.fit(solid, "hyper").center).max() > 1e-5
@@ -53,14 +53,14 @@ def test_pratt_is_hyper_on_the_circle(rng, on_cap):
 
 @pytest.mark.parametrize("noise", [0.01, 0.3])
 def test_als_explains_its_residuals(rng, on_cap, noise):
-    """`als` is `ugdk` told the noise that explains its residuals: Var f = 4r²η + 2dη² (theory §5.2)."""
+    """`als` is `ugdk` with the noise that explains the residuals: Var f = 4r²η + 2dη² (theory §5.2)."""
     for points in on_cap(rng, 50, 110.0, noise=noise, sets=10)[0]:
         fit = study.fit(points, "als")
         eta = fit.noise_variance * (50 - 4) / 50
         square = np.sum((points - fit.center) ** 2, axis=1)
         assert np.var(square) == pytest.approx(4 * fit.radius**2 * eta + 6 * eta**2, rel=1e-9)
-        told = study.fit(points, "ugdk", np.sqrt(eta * 50 / 49))  # η is of weight 1/n, C of 1/(n - 1)
-        np.testing.assert_allclose(told.center, fit.center, rtol=0, atol=1e-10)
+        ugdk = study.fit(points, "ugdk", np.sqrt(eta * 50 / 49))  # η is of weight 1/n, C of 1/(n - 1)
+        np.testing.assert_allclose(ugdk.center, fit.center, rtol=0, atol=1e-10)
 
 
 def test_als_variance_is_unbiased(rng, on_cap, assert_mean):

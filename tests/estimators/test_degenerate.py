@@ -1,4 +1,4 @@
-"""Data that determine no sphere: a status and NaN, never an exception, never a warning, never a neighbour harmed."""
+"""Data that determine no sphere: a status and NaN, no exception, no warning, and no effect on other sets."""
 
 import numpy as np
 import pytest
@@ -11,19 +11,19 @@ FLAWED = ("lls_nr", "lls_nr_raw", "lls_single")
 
 @pytest.fixture(scope="module", params=[name for name in study.ESTIMATORS if name not in FLAWED])
 def careful(request):
-    """Each estimator but those that reproduce a flaw: a cut answers with least norm, single precision has no range."""
+    """Each estimator but those that reproduce a flaw: a cut gives the least norm, single precision has little range."""
     return request.param
 
 
 def assert_lost(fit, status, names):
-    """The fit has this status and no numbers that could be taken for an answer."""
+    """Assert that the fit has this status and no numbers that could be taken for an answer."""
     assert names == [status.name] * len(names)
     assert np.isnan(fit.center).all()
     assert np.isnan(fit.radius).all()
 
 
 def assert_plane(fit, estimator, names):
-    """A plane is recognised; `hinge` alone then has an answer, in the plane."""
+    """Assert that a plane is recognised; `hinge` alone then has an answer, in the plane."""
     if estimator == "hinge":
         assert names == ["HINGE"] * len(names)
         assert np.isfinite(fit.center).all()
@@ -32,7 +32,7 @@ def assert_plane(fit, estimator, names):
 
 
 def assert_others(fit, clean, bad):
-    """All but the bad sets have the answers of the clean batch."""
+    """Assert that all but the bad sets have the answers of the clean batch."""
     for name in ("center", "radius", "noise_variance", "status"):
         one, two = (np.delete(getattr(f, name), bad, axis=0) for f in (fit, clean))
         np.testing.assert_allclose(one, two, rtol=0, atol=1e-12, err_msg=name)
@@ -57,7 +57,7 @@ def test_not_finite(rng, on_cap, estimator, status_of, value, n):
 
 @pytest.mark.parametrize("n", [12, 700])
 def test_missing_samples(rng, on_cap, estimator, n):
-    """A row with a NaN is a missing sample: the fit is that of the rest, and other sets do not notice."""
+    """A row with a NaN is a missing sample: the fit is that of the rest, and other sets are not affected."""
     points = on_cap(rng, n, noise=0.01, sets=6)[0]
     clean = study.fit(points, estimator, noise=0.01)
     points[1, 3, 0] = points[1, n - 1, 2] = points[4, 0, 1] = np.nan
@@ -72,7 +72,7 @@ def test_missing_samples(rng, on_cap, estimator, n):
 
 
 def test_too_few_left(rng, on_cap, estimator, status_of):
-    """Where fewer than d + 1 samples are not missing, the status says so."""
+    """With fewer than d + 1 samples left the status is TOO_FEW_POINTS."""
     points = on_cap(rng, 6, noise=0.01, sets=3)[0]
     points[0, :3, 1] = np.nan
     points[2] = np.nan
@@ -119,7 +119,7 @@ def test_coordinate_plane(rng, on_cap, careful, status_of, axis):
 @pytest.mark.parametrize("n", [4, 20, 1000])
 @pytest.mark.parametrize("offset", [0.0, 10.0])
 def test_any_plane(rng, random_rotation, careful, status_of, offset, n):
-    """Points of a plane are recognised however it is turned and wherever it lies, rounding notwithstanding."""
+    """Points of a plane are recognised in any orientation and place, in spite of rounding."""
     sets = []
     for _ in range(100):
         angle = rng.uniform(0, 2 * np.pi, n)
@@ -131,13 +131,13 @@ def test_any_plane(rng, random_rotation, careful, status_of, offset, n):
 
 @pytest.mark.parametrize("d", [2, 3])
 def test_line(careful, status_of, d):
-    """Points of a line determine nothing, not even in a plane of theirs."""
+    """Points of a line determine nothing, not even a circle in a plane."""
     fit = study.fit(np.outer(np.arange(9.0), np.arange(1, d + 1)) + 0.3, careful, noise=0.01)
     assert_lost(fit, Status.SINGULAR, status_of(fit))
 
 
-def test_lost_sets_claim_nothing(rng, random_rotation, careful):
-    """Where nothing is known, no noise is estimated and no condition is below 1."""
+def test_lost_sets_have_no_noise_and_no_condition(rng, random_rotation, careful):
+    """A set without a sphere has no noise estimate and no condition below 1."""
     points = np.zeros((40, 9, 3))
     for t in range(2, 40):
         points[t] = rng.standard_normal((9, 3)) * [1, 1, 0] @ random_rotation(rng, 3)

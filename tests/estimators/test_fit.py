@@ -1,6 +1,6 @@
-"""The public call `study.fit`: shapes, batches, and what it does with input that is wrong or degenerate."""
+"""The public call `study.fit`: shapes, batches, wrong input, and the fields of its answer."""
 
-import dataclasses
+import pickle
 
 import numpy as np
 import pandas as pd
@@ -8,8 +8,6 @@ import pytest
 
 import study
 from study import Status
-
-FIELDS = ["center", "radius", "noise_variance", "status", "condition", "iterations"]
 
 
 @pytest.mark.parametrize("d", [2, 3, 5])
@@ -19,8 +17,8 @@ def test_shapes(rng, on_cap, estimator, lead, d):
     points = on_cap(rng, 20, d=d, noise=0.01, sets=max(int(np.prod(lead)), 1))[0][: int(np.prod(lead))]
     fit = study.fit(points.reshape(*lead, 20, d), estimator, noise=0.01)
     assert fit.center.shape == (*lead, d)
-    for name in FIELDS[1:]:
-        assert getattr(fit, name).shape == lead, name
+    for name in study.Fit._fields:
+        assert getattr(fit, name).shape == ((*lead, d) if name == "center" else lead), name
     assert np.all(fit.status == Status.OK)
     np.testing.assert_allclose(fit.radius, 1.0, atol=0.1)
     np.testing.assert_array_equal(fit.count, 20)
@@ -34,8 +32,8 @@ def test_batched_equals_looped(rng, on_cap, estimator, n, d):
     together = study.fit(points, estimator, noise=0.01)
     for t in range(6):
         alone = study.fit(points[t], estimator, noise=0.01)
-        for name in FIELDS:
-            np.testing.assert_array_equal(getattr(alone, name), getattr(together, name)[t], err_msg=name)
+        for name, one, whole in zip(study.Fit._fields, alone, together, strict=True):
+            np.testing.assert_array_equal(one, whole[t], err_msg=name)
 
 
 @pytest.mark.parametrize("kind", ["int64", "int16", "uint8", "float32", ">f8", "list", "frame"])
@@ -61,7 +59,7 @@ def test_points_are_left_alone(rng, on_cap, estimator):
 
 @pytest.mark.parametrize("shape", [(), (3,), (5, 1), (4, 5, 1), (3, 3), (0, 3), (2, 2), (7, 4, 4)])
 def test_wrong_shapes(estimator, shape):
-    """Points that are no (…, n, d) with n > d ≥ 2 are refused, and the message shows their shape."""
+    """Points of another shape than (…, n, d) with n > d ≥ 2 raise an error that shows the shape."""
     with pytest.raises(ValueError, match="points have shape") as caught:
         study.fit(np.zeros(shape), estimator, noise=0.1)
     assert str(shape) in str(caught.value)
@@ -69,7 +67,7 @@ def test_wrong_shapes(estimator, shape):
 
 @pytest.mark.parametrize("kind", [str, complex, bool, object])
 def test_wrong_types(kind):
-    """Text, complex numbers, truth values and objects are no coordinates: TypeError names the dtype."""
+    """Text, complex numbers, truth values and objects raise a TypeError that names the dtype."""
     points = np.arange(18).reshape(6, 3).astype(kind)
     with pytest.raises(TypeError, match="dtype"):
         study.fit(points, "gdke")
@@ -77,14 +75,14 @@ def test_wrong_types(kind):
 
 @pytest.mark.parametrize("name", ["sphere", "", "MLE"])
 def test_unknown_estimator(name):
-    """An unknown name is answered with the known ones."""
+    """An unknown name raises an error that lists the known ones."""
     with pytest.raises(ValueError, match="known") as caught:
         study.fit(np.eye(4, 3), name)
     assert all(known in str(caught.value) for known in study.ESTIMATORS)
 
 
 def test_ugdk_without_noise():
-    """The estimator that needs the noise says how to pass it."""
+    """The estimator that needs the noise raises an error that says how to pass it."""
     with pytest.raises(ValueError, match="noise="):
         study.fit(np.eye(4, 3), "ugdk")
 
@@ -106,7 +104,7 @@ def test_ugdk_without_noise():
     ],
 )
 def test_wrong_noise(rng, on_cap, estimator, noise, says):
-    """Noise that is no standard deviation and no covariance is refused by every estimator, saying why."""
+    """Noise that is neither a standard deviation nor a covariance raises an error that says why."""
     with pytest.raises(ValueError, match="noise") as caught:
         study.fit(on_cap(rng, 10)[0], estimator, noise=noise)
     caught.match(says)
@@ -114,17 +112,27 @@ def test_wrong_noise(rng, on_cap, estimator, noise, says):
 
 @pytest.mark.parametrize("noise", [1e-200, 1e200])
 def test_extreme_noise(rng, on_cap, estimator, noise):
-    """A noise whose variance float64 cannot hold is refused like any other that cannot be used."""
+    """A noise whose variance is out of the range of float64 raises an error too."""
     with pytest.raises(ValueError, match="noise"):
         study.fit(on_cap(rng, 10)[0], estimator, noise=noise)
 
 
-@pytest.mark.parametrize("name", FIELDS)
+@pytest.mark.parametrize("name", study.Fit._fields)
 def test_fit_is_frozen(rng, on_cap, name):
-    """A result cannot be rebound by accident."""
+    """An array of a fit cannot be replaced by accident."""
     fit = study.fit(on_cap(rng, 10)[0])
-    with pytest.raises(dataclasses.FrozenInstanceError):
+    with pytest.raises(AttributeError):
         setattr(fit, name, None)
+
+
+def test_fit_survives_pickling(rng, on_cap):
+    """A fit that was sent to another process has the same arrays and still holds its points."""
+    fit = study.fit(on_cap(rng, 10, noise=0.01)[0])
+    again = pickle.loads(pickle.dumps(fit))
+    for one, two in zip(again, fit, strict=True):
+        np.testing.assert_array_equal(one, two)
+    np.testing.assert_array_equal(again.covariance, fit.covariance)
+    assert again.count == 10
 
 
 def test_statuses_carry_text():

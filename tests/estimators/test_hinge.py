@@ -1,4 +1,4 @@
-"""Hinges: the axis of an arc in a plane is found as well as the noise allows, and ordinary caps are left alone."""
+"""Hinges: the axis of an arc in a plane is found as well as the noise allows, and ordinary caps are not affected."""
 
 import numpy as np
 import pytest
@@ -31,35 +31,35 @@ def tilt(angle, noise, n):
     return 0.67449 * noise * np.sqrt((1 + m1**2 / (m2 - m1**2)) / n)
 
 
-@pytest.mark.parametrize("told", [False, True])
+@pytest.mark.parametrize("known", [False, True])
 @pytest.mark.parametrize("noise", [0.01, 0.05])
 @pytest.mark.parametrize("angle", [60.0, 180.0])
-def test_axis_of_an_arc(rng, angle, noise, told):
-    """On arcs of ±60° and whole circles, N = 500, the axis error is theory's to 20 %, and 98 % are called hinges.
+def test_axis_of_an_arc(rng, angle, noise, known):
+    """On arcs of ±60° and whole circles, N = 500, the axis error is theory's to 20 %, and 98 % have the status HINGE.
 
-    4000 sets: a median scatters by 1.9 %, and the second-order excess at σ = .05 r is 8 %: 6 standard errors are left.
-    98 % is 6 of its standard errors below the 99.5 % found; `als` would err by 1 r (theory 0.9).
+    4000 sets: a median scatters by 1.9 %, and the second-order excess at σ = .05 r is 8 %: 6 standard errors remain.
+    98 % is 6 of its standard errors below the 99.5 % found; `als` would err by 1 r (theory 0.6).
     """
     points, basis = on_arcs(rng, 4000, 500, angle, noise)
-    fit = study.fit(points, "hinge", noise if told else None)
+    fit = study.fit(points, "hinge", noise if known else None)
     assert np.mean(fit.status == Status.HINGE) >= 0.98
     ratio = np.median(np.abs(across(fit, basis))) / tilt(angle, noise, 500)
     assert 0.9 < ratio <= 1.2
     assert np.median(np.abs(across(study.fit(points[:500], "als"), basis[:500]))) > 0.3
 
 
-@pytest.mark.parametrize("told", [False, True])
-def test_radius_and_noise_of_an_arc(rng, assert_mean, told):
+@pytest.mark.parametrize("known", [False, True])
+def test_radius_and_noise_of_an_arc(rng, assert_mean, known):
     """In the plane the fit is a circle fit: radius 1 and, on n - 3 degrees of freedom, the noise's variance.
 
     A dropped direction takes no degree of freedom: dividing by n - 4 would be 2.8 % off at n = 40, 17 standard errors.
     """
     points, _ = on_arcs(rng, 20_000, 40, 150.0, 0.003)
-    fit = study.fit(points, "hinge", 0.003 if told else None)
+    fit = study.fit(points, "hinge", 0.003 if known else None)
     flat = fit.status == Status.HINGE
     assert np.mean(flat) > 0.9
     assert_mean(fit.radius[flat], 1.0, k=6.0)
-    if told:
+    if known:
         np.testing.assert_allclose(fit.noise_variance, 0.003**2, rtol=1e-14)
     else:
         assert fit.noise_variance[flat].mean() / 0.003**2 == pytest.approx(1.0, abs=0.015)
@@ -76,12 +76,12 @@ def test_exactly_planar(rng, n, angle):
         np.testing.assert_allclose(fit.radius, 1.0, rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize("told", [False, True])
+@pytest.mark.parametrize("known", [False, True])
 @pytest.mark.parametrize("noise", [0.01, 0.05])
-def test_plane_in_four_dimensions(rng, noise, told):
+def test_plane_in_four_dimensions(rng, noise, known):
     """In 4-D both directions across an arc's plane are dropped, each with the error of the tilt (2000 sets)."""
     points, basis = on_arcs(rng, 2000, 500, 60.0, noise, d=4)
-    fit = study.fit(points, "hinge", noise if told else None)
+    fit = study.fit(points, "hinge", noise if known else None)
     assert np.mean(fit.status == Status.HINGE) >= 0.98
     assert 0.85 < np.median(np.abs(across(fit, basis))) / tilt(60.0, noise, 500) <= 1.2
 
@@ -100,10 +100,10 @@ def test_sphere_in_four_dimensions(rng, on_cap):
     assert np.median(np.abs(inner[:, 0])) == pytest.approx(0.67449 * 0.02 / np.sqrt(500 * m.along), rel=0.2)
 
 
-@pytest.mark.parametrize("told", [False, True])
+@pytest.mark.parametrize("known", [False, True])
 @pytest.mark.parametrize("d", [2, 3])
 @pytest.mark.parametrize("angle", [20.0, 45.0, 90.0, 180.0])
-def test_ordinary_caps_are_left_alone(rng, on_cap, angle, d, told):
+def test_ordinary_caps_lose_no_direction(rng, on_cap, angle, d, known):
     """Where κ = (v/σ²)√(N/2) ≥ 30 and N ≥ 100 none of 2000 caps loses a direction: the answer is that of `als`.
 
     None of 20 000 did at κ = 30; at κ = 20 and 180° 5 did, there σ is .3 r.
@@ -112,8 +112,8 @@ def test_ordinary_caps_are_left_alone(rng, on_cap, angle, d, told):
     for n, kappa in [(100, 30.0), (100, 1e6), (500, 30.0)]:
         noise = np.sqrt(along * np.sqrt(n / 2) / kappa)
         points = on_cap(rng, n, angle, d, noise, sets=2000)[0]
-        fit = study.fit(points, "hinge", noise if told else None)
-        same = study.fit(points, "ugdk" if told else "als", noise)
+        fit = study.fit(points, "hinge", noise if known else None)
+        same = study.fit(points, "ugdk" if known else "als", noise)
         np.testing.assert_array_equal(fit.center, same.center)
         np.testing.assert_array_equal(fit.radius, same.radius)
         assert np.isin(fit.status, [Status.OK, Status.INSIGNIFICANT]).all()
@@ -121,8 +121,8 @@ def test_ordinary_caps_are_left_alone(rng, on_cap, angle, d, told):
 
 @pytest.mark.parametrize("d", [2, 3])
 @pytest.mark.parametrize("angle", [45.0, 90.0, 180.0])
-def test_few_points_are_left_alone(rng, on_cap, angle, d):
-    """Down to d + 2 points, noise 10⁻⁶ r, whose curvature is plain to see: no direction is dropped in 1000 sets."""
+def test_few_points_lose_no_direction(rng, on_cap, angle, d):
+    """Down to d + 2 points, noise 10⁻⁶ r, whose curvature is clear: no direction is dropped in 1000 sets."""
     for n in (d + 2, 6, 8, 12):
         points = on_cap(rng, n, angle, d, 1e-6, sets=1000)[0]
         fit, same = study.fit(points, "hinge"), study.fit(points, "als")
@@ -131,17 +131,17 @@ def test_few_points_are_left_alone(rng, on_cap, angle, d):
         np.testing.assert_array_equal(fit.center, same.center)
 
 
-@pytest.mark.parametrize("told", [False, True])
+@pytest.mark.parametrize("known", [False, True])
 @pytest.mark.parametrize("d", [2, 3, 4])
-def test_line(rng, d, told):
-    """Points of any line are SINGULAR, and no centre is claimed."""
+def test_line(rng, d, known):
+    """Points of any line are SINGULAR and have no centre."""
     along = rng.standard_normal((200, 30, 1)) * rng.standard_normal((200, 1, d)) + rng.standard_normal((200, 1, d))
-    fit = study.fit(along, "hinge", 1e-3 if told else None)
+    fit = study.fit(along, "hinge", 1e-3 if known else None)
     assert np.all(fit.status == Status.SINGULAR)
     assert np.isnan(fit.center).all()
 
 
-def test_covariance_noise_is_refused(rng):
-    """One noise level decides which extents are significant: a covariance is no such level, and the message says so."""
+def test_covariance_noise_is_an_error(rng):
+    """One noise level decides which extents are significant, so a covariance raises an error that asks for σ."""
     with pytest.raises(ValueError, match="noise=σ"):
         study.fit(on_arcs(rng, 1, 20, 60.0, 0.01)[0], "hinge", noise=np.eye(3))

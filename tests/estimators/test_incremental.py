@@ -1,4 +1,4 @@
-"""Samples as they come: the paper's recurrences, and moments that merge, against the batch."""
+"""Samples that arrive one by one or in parts: the paper's recurrences, and moments that merge, against the batch."""
 
 import pickle
 
@@ -15,7 +15,7 @@ FIELDS = ["center", "radius", "noise_variance", "condition"]
 
 
 def fed(points, cuts=()):
-    """An incremental fit that has seen the points in lumps between these cuts."""
+    """An incremental fit that received the points in lumps between these cuts."""
     growing = Incremental(points.shape[1])
     for lump in np.split(points, cuts):
         growing.update(lump)
@@ -23,11 +23,11 @@ def fed(points, cuts=()):
 
 
 def assert_moments(got, points, relative=1e-12):
-    """Moments agree with the batch's, relative to the sums of their terms' sizes."""
+    """Assert that moments agree with the batch's, relative to the sums of their terms' sizes."""
     y = points - points.mean(axis=0)
     size = np.linalg.norm(y, axis=1)
     batch = Moments.of(points.T[None])
-    np.testing.assert_array_equal(got.count, len(points))
+    np.testing.assert_array_equal(got.n, len(points))
     np.testing.assert_allclose(got.mean, batch.mean, rtol=0, atol=relative * np.abs(points).max())
     for name, power in [("second", 2), ("third", 3), ("fourth", 4)]:
         scale = np.sum(size**power)
@@ -37,7 +37,7 @@ def assert_moments(got, points, relative=1e-12):
 @pytest.mark.parametrize("offset", [0.0, 10.0])
 @pytest.mark.parametrize("angle", [180.0, 60.0, 20.0])
 def test_a_million_samples(rng, on_cap, angle, offset):
-    """After 10⁶ updates the recurrences stand where batch GDKE does, to 1e-9 r, also ten radii from the origin."""
+    """After 10⁶ updates the recurrences agree with batch GDKE, to 1e-9 r, also ten radii from the origin."""
     points = on_cap(rng, 1_000_000, angle, noise=0.05, center=offset)[0]
     stream, batch = study.fit(points, "igdk"), study.fit(points, "gdke")
     np.testing.assert_allclose(stream.center, batch.center, rtol=0, atol=1e-9)
@@ -50,7 +50,7 @@ def test_a_million_samples(rng, on_cap, angle, offset):
 def test_recurrences_at_any_moment(rng, on_cap, d):
     """The recurrences are GDKE after every sample, from the first that determine a sphere on."""
     points = on_cap(rng, 60, 100.0, d, 0.05, radius=2.0, center=1.0)[0]
-    points[: d + 1] = np.vstack([np.eye(d), -np.ones(d)])  # a start that is no chance affair
+    points[: d + 1] = np.vstack([np.eye(d), -np.ones(d)])  # a start that is far from a plane
     for n in range(d + 1, 61):
         one, two = study.fit(points[:n], "igdk"), study.fit(points[:n], "gdke")
         np.testing.assert_allclose(one.center, two.center, rtol=0, atol=1e-10)
@@ -59,7 +59,7 @@ def test_recurrences_at_any_moment(rng, on_cap, d):
 
 @pytest.mark.parametrize("still", [8, 30, 200])
 def test_recurrences_after_a_singular_start(rng, on_cap, still):
-    """A marker that stands still at first, or moves in a plane, is no worse off: the answer is the batch's."""
+    """A marker that stands still at first, or moves in a plane, ends with the batch's answer too."""
     points = on_cap(rng, 400, 100.0, noise=0.02, center=1.0)[0]
     points[:still] = points[0]
     other = points.copy()
@@ -92,11 +92,11 @@ def test_one_by_one_in_lumps_and_in_parts(rng, on_cap, d):
 
 @pytest.mark.parametrize("name", CLOSED)
 def test_every_closed_form(rng, on_cap, name):
-    """Fed in lumps, each closed form - those that remove the bias too - has the batch's answer; σ or Σ may be told."""
+    """From lumps each closed form - those that remove the bias too - has the batch's answer, with σ or Σ given."""
     points = on_cap(rng, 5000, 60.0, noise=0.05, radius=2.0, center=3.0)[0]
     growing = fed(points, np.sort(rng.integers(0, 5000, 30)))
-    told = [0.05] if name == "hinge" else [0.05, 0.05**2 * np.diag([1.0, 2.0, 1.5])]
-    for noise in told:
+    noises = [0.05] if name == "hinge" else [0.05, 0.05**2 * np.diag([1.0, 2.0, 1.5])]
+    for noise in noises:
         one, two = growing.fit(ESTIMATORS[name], noise), study.fit(points, name, noise)
         for field in FIELDS:
             np.testing.assert_allclose(getattr(one, field), getattr(two, field), rtol=1e-9, atol=1e-9)
@@ -122,7 +122,7 @@ def test_an_answer_at_any_moment(rng, on_cap):
 
 
 def test_constant_memory(rng):
-    """The state is some 14 numbers, after five samples and after a hundred thousand."""
+    """The state has the same size after five samples and after a hundred thousand: some 14 numbers."""
     growing, sizes = fed(rng.standard_normal((5, 3))), []
     for n in (1, 1000, 100_000):
         growing.update(rng.standard_normal((n, 3)))
@@ -150,7 +150,7 @@ def test_missing_samples(rng, on_cap):
 
 
 def test_infinite_samples_are_not_missing(rng):
-    """An infinite coordinate makes all that follows NOT_FINITE, in silence."""
+    """After an infinite coordinate every answer is NOT_FINITE, without a warning."""
     growing = fed(rng.standard_normal((9, 3)))
     growing.update([np.inf, 0.0, 0.0])
     growing.update(rng.standard_normal((9, 3)))
@@ -159,31 +159,31 @@ def test_infinite_samples_are_not_missing(rng):
 
 @pytest.mark.parametrize("points", [np.ones(2), np.ones((4, 2)), np.ones((1, 2, 3)), 1.0, [], np.ones((2, 4))])
 def test_wrong_shapes(points):
-    """Points that are no (d,) and no (n, d) are refused with their shape, and the state is as before."""
+    """Points of another shape than (d,) and (n, d) raise an error with the shape, and the state does not change."""
     growing = fed(np.eye(3))
     with pytest.raises(ValueError, match="points have shape") as caught:
         growing.update(points)
     assert str(np.shape(points)) in str(caught.value)
-    np.testing.assert_array_equal(growing.moments.count, 3.0)
+    np.testing.assert_array_equal(growing.moments.n, 3.0)
 
 
 @pytest.mark.parametrize("dimension", [-1, 0, 1])
 def test_wrong_dimension(dimension):
-    """A sphere has at least two dimensions."""
+    """Fewer than two dimensions raise an error."""
     with pytest.raises(ValueError, match="dimension"):
         Incremental(dimension)
 
 
 @pytest.mark.parametrize("name", [name for name in ESTIMATORS if name not in CLOSED])
 def test_estimators_that_need_the_points(rng, on_cap, name):
-    """An estimator that looks at the points themselves is refused, instead of given none."""
+    """An estimator that reads the points themselves raises an error, for they are not stored."""
     growing = fed(on_cap(rng, 50, 120.0, noise=0.02)[0])
     with pytest.raises(ValueError, match="points"):
         growing.fit(ESTIMATORS[name])
 
 
 def test_standard_errors_need_the_points(rng, on_cap):
-    """What a fit would have to look at the points for is refused, and the message says what to do."""
+    """Properties that are computed from the points raise an error that names `study.fit`."""
     fit = fed(on_cap(rng, 50, 120.0, noise=0.02)[0]).fit(ESTIMATORS["als"])
     for name in ("covariance", "standard_errors", "residual_rms", "count"):
         with pytest.raises(ValueError, match=r"study\.fit"):

@@ -1,4 +1,4 @@
-"""The Delogne-Kåsa family against the paper's equations written out in NumPy, and against an older iteration."""
+"""The Delogne-Kåsa family against the paper's equations in plain NumPy, and against an older iteration."""
 
 import numpy as np
 import pytest
@@ -35,7 +35,7 @@ def test_gdke_is_equations_2_to_6(rng, on_cap, n, d):
 
 @pytest.mark.parametrize("noise", [0.03, COVARIANCE])
 def test_ugdk_is_equations_15_to_21(rng, on_cap, noise):
-    """UGDK subtracts σ² or the whole Σ, and reports back the noise it was given."""
+    """UGDK subtracts σ² or the whole Σ, and returns the given noise as its noise variance."""
     sigma = noise**2 * np.eye(3) if np.ndim(noise) == 0 else noise
     points = on_cap(rng, 60, 90.0, noise=noise, radius=2.0, center=-1.0, sets=8)[0]
     fit = study.fit(points, "ugdk", noise)
@@ -55,7 +55,7 @@ def test_scalar_noise_is_an_isotropic_covariance(rng, on_cap):
 
 
 def test_ugdk_is_the_limit_of_bias_compensation(rng, on_cap):
-    """Iterating c ← x̄ + C⁻¹(½S + Σ(c - x̄)) (Halvorsen 2003) converges to UGDK (theory §2.2)."""
+    """Iterating c ← x̄ + C⁻¹(½S + Σ(c - x̄)) (Halvorsen 2003) converges to UGDK."""
     for points in on_cap(rng, 50, 80.0, noise=COVARIANCE, sets=10)[0]:
         y = points - points.mean(axis=0)
         c, s = np.cov(points.T), (y * np.sum(y**2, axis=1)[:, None]).sum(axis=0) / 49
@@ -66,27 +66,27 @@ def test_ugdk_is_the_limit_of_bias_compensation(rng, on_cap):
         np.testing.assert_allclose(fit.center, points.mean(axis=0) + offset, rtol=0, atol=1e-12)
 
 
-def test_covariance_turns_with_the_points(rng, on_cap, random_rotation):
-    """Turning points and Σ together turns the answer."""
+def test_covariance_rotates_with_the_points(rng, on_cap, random_rotation):
+    """Points and Σ that are rotated together have the rotated answer."""
     points = on_cap(rng, 40, 90.0, noise=COVARIANCE)[0]
     q = random_rotation(rng, 3)
     fit = study.fit(points, "ugdk", COVARIANCE)
-    turned = q @ COVARIANCE @ q.T
-    other = study.fit(points @ q.T, "ugdk", 0.5 * (turned + turned.T))
+    rotated = q @ COVARIANCE @ q.T
+    other = study.fit(points @ q.T, "ugdk", 0.5 * (rotated + rotated.T))
     np.testing.assert_allclose(other.center, q @ fit.center, rtol=0, atol=1e-12)
     assert other.condition == pytest.approx(float(fit.condition), rel=1e-10)
 
 
 @pytest.mark.parametrize("noise", [0.15, 60 * COVARIANCE])
 def test_status_is_the_leontief_condition(rng, on_cap, noise):
-    """ρ is the spectral radius of Σ̂C⁻¹; not positive definite exactly where it reaches 1, raw numbers kept."""
+    """ρ is the spectral radius of Σ̂C⁻¹: NOT_POSITIVE_DEFINITE exactly where it reaches 1, with finite numbers."""
     sigma = noise**2 * np.eye(3) if np.ndim(noise) == 0 else noise
     points = on_cap(rng, 12, 60.0, noise=noise, sets=400)[0]
     fit = study.fit(points, "ugdk", noise)
     rho = np.array([np.abs(np.linalg.eigvals(sigma @ np.linalg.inv(np.cov(p.T)))).max() for p in points])
     np.testing.assert_allclose(fit.condition, rho, rtol=1e-9)
     np.testing.assert_array_equal(fit.status == Status.NOT_POSITIVE_DEFINITE, rho >= 1)
-    assert set(np.unique(fit.status)) == {Status.OK, Status.NOT_POSITIVE_DEFINITE}  # both cases did occur
+    assert set(np.unique(fit.status)) == {Status.OK, Status.NOT_POSITIVE_DEFINITE}  # both cases occur
     assert np.isfinite(fit.center).all()
     assert np.isfinite(fit.radius[fit.status == Status.OK]).all()
 
@@ -107,11 +107,11 @@ def test_noise_from_residuals(rng, on_cap, estimator):
 
 
 def test_no_residual_no_noise(rng, on_cap, estimator):
-    """A sphere interpolates d + 1 points: an estimator that was not told the noise has none to report."""
+    """A sphere interpolates d + 1 points: an estimator that does not use the given noise has no estimate of it."""
     points = on_cap(rng, 4, 90.0, sets=5)[0]
     fit = study.fit(points, estimator, noise=1e-9)
     if estimator not in ("ugdk", "hinge"):
         assert np.isnan(fit.noise_variance).all()
-    if estimator != "mle_mirror":  # which from its start may find a plane
+    if estimator != "mle_mirror":  # which may find a plane from its start
         atol = 1e-4 if estimator == "lls_single" else 1e-9
         np.testing.assert_allclose(np.linalg.norm(points - fit.center[:, None], axis=2), 1.0, atol=atol)

@@ -23,7 +23,7 @@ def test_against_lapack(rng, on_cap, n, d):
 @pytest.mark.parametrize("n", [5, 60, 1500])
 @pytest.mark.parametrize("angle", [40.0, 90.0, 180.0])
 def test_same_fit_as_gdke(rng, on_cap, angle, n):
-    """LLS and GDKE are one fit (theory 0.1): centre, radius and noise agree to 1e-12 r where the set is sound.
+    """LLS and GDKE are one fit (theory 0.1): centre, radius and noise agree to 1e-12 r on sound sets.
 
     Sound: the bound at σ = 1 is below 30/√n, so that rounding is amplified some hundred times at most.
     """

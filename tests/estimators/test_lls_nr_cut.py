@@ -1,6 +1,6 @@
-"""Where the textbook's least squares cuts: at its tolerance, against LAPACK with the same one; and how far off it is.
+"""The cut of the textbook's least squares: at its tolerance, against LAPACK with the same one; and the error it makes.
 
-`test_lls_nr.py` has the two answers on tiny caps without noise; here are the edge between cut and not, and noise.
+`test_lls_historical.py` has the two answers on tiny caps without noise; here are the edge of the cut, and noise.
 """
 
 import numpy as np
@@ -12,7 +12,7 @@ TOLERANCE = {"lls_nr": 1e-5, "lls_nr_raw": 1e-6}
 
 
 def designs(points, name):
-    """The columns (x, 1), centred for `lls_nr`, of each set, and the origin they are taken from."""
+    """The columns (x, 1) of each set, centred for `lls_nr`, and their origin."""
     origin = points.mean(axis=1, keepdims=True) if name == "lls_nr" else np.zeros_like(points[:, :1])
     x = points - origin
     return np.concatenate([x, np.ones((*points.shape[:2], 1))], axis=2), origin[:, 0]
@@ -40,7 +40,7 @@ def caps(on_cap):
 def test_cut_at_the_tolerance(caps, name):
     """On both sides of the edge the answer is LAPACK's least-norm one with that tolerance, and not the other's.
 
-    LAPACK (gelsd) cuts by the same rule, rcond times the largest; sets within 1e-3 of the edge are not asked.
+    LAPACK (gelsd) cuts by the same rule, rcond times the largest; sets within 1e-3 of the edge are left out.
     """
     points, _, radii = caps
     share = smallest_shares(points, name) / TOLERANCE[name]
@@ -62,7 +62,7 @@ def test_cut_at_the_tolerance(caps, name):
 
 @pytest.mark.parametrize("name", TOLERANCE)
 def test_not_cut_is_lls(caps, name):
-    """Where nothing is cut the centre is that of `lls`: to 1e-9 r, and on the smallest caps to 1e-12 r/share².
+    """Without a cut the centre is that of `lls`: to 1e-9 r, and on the smallest caps to 1e-12 r/share².
 
     Forming Uᵀ|x|² loses a few ε, which the division by the smallest singular value magnifies, in raw coordinates twice.
     """
@@ -80,7 +80,7 @@ def test_not_cut_is_lls(caps, name):
 @pytest.mark.parametrize("noise", [0.0, 1e-12, 1e-9])
 @pytest.mark.parametrize("d", [2, 3])
 def test_centred_answer_lies_on_the_sphere(rng, on_cap, d, noise):
-    """On caps of 0.05° the centred version is off by 1.0 r within 1 %, wherever the sphere lies (theory §4, row 5)."""
+    """On caps of 0.05° the centred version is off by 1.0 r within 1 %, wherever the sphere lies (theory §4)."""
     for radius in (0.5, 3.0, 37.0):
         center = 2 * rng.standard_normal(d)
         points = on_cap(rng, 30, 0.05, d, noise * radius, radius, center, sets=100)[0]
@@ -91,7 +91,7 @@ def test_centred_answer_lies_on_the_sphere(rng, on_cap, d, noise):
 @pytest.mark.parametrize("noise", [0.0, 1e-12, 1e-9])
 @pytest.mark.parametrize("d", [2, 3])
 def test_uncentred_answer_lies_half_way(rng, on_cap, d, noise):
-    """There the uncentred version is off by 0.5 r within 1 %, for a large sphere about the origin (theory §4, 5).
+    """On caps of 0.01° the uncentred version is off by 0.5 r within 1 %, for a large sphere at the origin (theory §4).
 
     In general ĉ = ½p|p|²/(|p|² + 1): the column of ones has unit size, so half way needs |p| ≫ 1 (20² here).
     """

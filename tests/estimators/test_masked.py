@@ -1,4 +1,4 @@
-"""Masked arrays: what is masked is missing."""
+"""Masked arrays: a masked sample is missing."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from study.sphere.cap import sample_cap
 
 @pytest.mark.parametrize("estimator", ["als", "mle"])
 def test_masked_samples_are_missing(estimator):
-    """A masked row is left out, as a row with a NaN is."""
+    """A masked row is left out like a row with a NaN."""
     rng = np.random.default_rng(8)
     points = sample_cap(rng, 40, 2.0) + 0.01 * rng.standard_normal((40, 3))
     mask = np.zeros((40, 3), dtype=bool)

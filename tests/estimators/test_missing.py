@@ -1,4 +1,4 @@
-"""Missing samples: rows with a NaN, in any number and place, are as if they had not been given."""
+"""Missing samples: the answer is the same as without the rows with a NaN, whatever their number and place."""
 
 import numpy as np
 import pytest
@@ -6,10 +6,10 @@ import pytest
 import study
 from study import Status
 
-FIELDS = ["center", "radius", "noise_variance", "status", "condition", "iterations"]
+FIELDS = study.Fit._fields
 REPORTS = ["count", "residual_rms", "covariance", "standard_errors"]
 HOLES = [0, 1, 0, 7, 7, 30, 33, 36, 37, 40, 12, 0]
-"""How many of 40 samples each of the sets below misses; a sphere needs 4."""
+"""Number of missing samples, of 40, in each of the sets below; a sphere needs 4."""
 
 
 @pytest.fixture(scope="module")
@@ -20,7 +20,7 @@ def full(on_cap):
 
 @pytest.fixture(scope="module")
 def holed(full):
-    """The sets with so many rows missing, each row by one, two or three of its coordinates."""
+    """The sets with these numbers of rows missing, each row by one, two or three of its coordinates."""
     rng, points = np.random.default_rng(32), full.copy()
     for t, holes in enumerate(HOLES):
         for row in rng.choice(40, holes, replace=False):
@@ -57,8 +57,8 @@ def test_a_mixed_batch(holed, estimator, noise):
             np.testing.assert_allclose(got, expected, rtol=1e-9, atol=1e-12, err_msg=name)
 
 
-def test_whole_sets_do_not_notice(full, holed, estimator):
-    """Sets without holes have, to the last bit, the answer that they have without the others."""
+def test_whole_sets_are_not_affected(full, holed, estimator):
+    """Sets without holes have, to the last bit, the answer that they have in a batch without holes."""
     fit = study.fit(holed, estimator, 0.02)
     whole = np.flatnonzero(np.array(HOLES) == 0)
     clean = study.fit(full[whole], estimator, 0.02)
@@ -67,7 +67,7 @@ def test_whole_sets_do_not_notice(full, holed, estimator):
 
 
 def test_values_beside_a_hole_do_not_matter(holed, estimator):
-    """The other coordinates of a missing row may be anything, infinite too."""
+    """The other coordinates of a missing row have no effect, infinite ones included."""
     changed = holed.copy()
     for value, t in [(1e6, 3), (np.inf, 4), (-np.inf, 5)]:
         rows = np.isnan(changed[t]).any(axis=1)
@@ -80,7 +80,7 @@ def test_values_beside_a_hole_do_not_matter(holed, estimator):
 
 
 def test_leading_axes(holed, estimator):
-    """A batch of more axes, and a single set, treat missing samples alike."""
+    """A batch with more axes, and a single set, treat missing samples in the same way."""
     flat, deep = study.fit(holed, estimator, 0.02), study.fit(holed.reshape(3, 2, 2, 40, 3), estimator, 0.02)
     for name in FIELDS:
         field = getattr(flat, name)
@@ -94,7 +94,7 @@ def test_leading_axes(holed, estimator):
 @pytest.mark.parametrize("left", [0, 1, 3])
 @pytest.mark.parametrize("d", [2, 3, 5])
 def test_too_few_left(rng, on_cap, estimator, d, left):
-    """All missing, or d left where d + 1 are needed: TOO_FEW_POINTS and NaN, alone as in a batch."""
+    """With no sample left, or d where d + 1 are needed, the answer is TOO_FEW_POINTS and NaN, alone and in a batch."""
     points = on_cap(rng, 9, 120.0, d, 0.02)[0]
     points[min(left, d) :, 0] = np.nan
     for sets in (points, points[None], np.stack([points] * 3)):
@@ -107,7 +107,7 @@ def test_too_few_left(rng, on_cap, estimator, d, left):
 
 
 def test_infinite_is_not_missing(full, estimator):
-    """A row with an infinite coordinate and no NaN counts, and its set is NOT_FINITE, with holes or without."""
+    """A row with an infinite coordinate and no NaN is not missing: its set is NOT_FINITE, with holes or without."""
     points = full[:4].copy()
     points[0, 5, 1], points[1, 5, 1], points[1, 9, 0] = np.inf, -np.inf, np.nan
     fit = study.fit(points, estimator, 0.02)
@@ -119,7 +119,7 @@ def test_infinite_is_not_missing(full, estimator):
 
 
 def test_masked_arrays(holed, estimator):
-    """Masked values are missing ones, whatever lies below the mask."""
+    """Masked values are missing, whatever value lies below the mask."""
     mask = np.isnan(holed)
     masked = np.ma.MaskedArray(np.where(mask, 1e3, holed), mask)
     one, two = study.fit(holed, estimator, 0.02), study.fit(masked, estimator, 0.02)

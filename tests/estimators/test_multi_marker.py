@@ -1,4 +1,4 @@
-"""Several markers, one centre: the corrected equation 22, its weights, its noise, and what it does with bad input."""
+"""Several markers about one centre: the corrected equation 22, its weights, its noise, and bad input."""
 
 import numpy as np
 import pytest
@@ -46,7 +46,7 @@ def misread(markers, sigma):
 
 
 def test_equation_22_and_its_misreadings(rng):
-    """The corrected eq. 22 finds the centre; what can be read in print errs over ten times as much (theory §2)."""
+    """The corrected eq. 22 finds the centre; both readings of the print err over ten times as much (theory §2)."""
     errors = {"mgdk": [], "last": [], "outside": []}
     for _ in range(40):
         markers, _ = drawn(rng, [2000] * 3, [0.5, 0.8, 1.0], 0.02, center=0.3)
@@ -90,7 +90,7 @@ def test_unequal_counts_and_weights(rng, noise):
 
 
 def test_weights_reach_the_bound(rng):
-    """Weighted it errs as N(0, CRLB), by eq. 22 twice as much, and a marker alone more (theory §4, 14).
+    """Weighted it errs as N(0, CRLB), by eq. 22 twice as much, and a marker alone more (weights: theory §5.5).
 
     At r = (.1, .5, 2), σ = .01, 45°, n = 100, 200 trials. Medians over √tr CRLB are .84 (N(0, CRLB): .84), 1.7 and 2.4
     to 4.9. From ten seeds the ratios are 1.04 ± .03, 1.89 ± .09 and 1.44 ± .07; the margins are 4.7 of those.
@@ -123,7 +123,7 @@ def test_covariance_covers(rng, noise, trials, expected):
     """The 95 % ellipsoid of three markers of 8 samples covers the centre in 95 %, to 4.5 binomial standard errors.
 
     χ² where the noise was given, else F with N - M - d degrees of freedom. The anisotropic bound is not attained by a
-    fit whose samples all weigh the same (its errors are 7 % larger, theory §3): 92.5 % are covered, of 4000 trials.
+    fit whose samples all weigh the same (its errors are 7 % larger): 92.5 % are covered, of 4000 trials.
     """
     limit = 3 * stats.f.ppf(0.95, 3, 3 * 8 - 3 - 3) if noise is None else stats.chi2.ppf(0.95, 3)
     hits = 0
@@ -148,7 +148,7 @@ def test_one_marker(rng, weighted, n):
 
 
 def test_missing_samples(rng):
-    """Rows with a NaN are left out and counted; a marker without samples is as if it were not there."""
+    """Rows with a NaN are left out and not counted; a marker without samples has no effect."""
     markers, _ = drawn(rng, [20, 30, 25], [0.5, 2.0, 1.0])
     holes = [x.copy() for x in markers]
     holes[0][[2, 5], 1], holes[2][0] = np.nan, np.nan
@@ -166,7 +166,7 @@ def test_missing_samples(rng):
 
 @pytest.mark.parametrize("noise", [None, 0.01])
 def test_equivariance(rng, random_rotation, noise):
-    """Shifted, turned or measured in another unit, the markers have the shifted, turned or rescaled centre."""
+    """Markers that are shifted, rotated or in another unit have the shifted, rotated or rescaled centre."""
     markers, _ = drawn(rng, [20, 30, 25], [0.5, 2.0, 1.0], angle=90.0)
     fit, q, shift = mgdk(markers, noise), random_rotation(rng, 3), np.array([5.0, -3.0, 20.0])
     moved = mgdk([x @ q.T + shift for x in markers], noise)
@@ -182,7 +182,7 @@ def test_equivariance(rng, random_rotation, noise):
 
 @pytest.mark.parametrize("weighted", [True, False])
 def test_exact_points(rng, weighted):
-    """Free of noise the centre and the radii are exact, and the noise is found to be none, without a warning."""
+    """Without noise the centre and the radii are exact and the noise estimate zero, and nothing warns."""
     markers, _ = drawn(rng, [5, 30, 12], [0.5, 2.0, 1.0], 0.0, 90.0, center=1.0)
     fit = mgdk(markers, weighted=weighted)
     assert fit.status == Status.OK
@@ -194,9 +194,9 @@ def test_exact_points(rng, weighted):
 @pytest.mark.parametrize("noise", [0.0, 1e-13, 1e-10, 1e-6])
 @pytest.mark.parametrize("count", [4, 5, 30])
 def test_hardly_any_noise_on_a_small_cap(rng, count, noise):
-    """Where residuals are rounding there may be no root between none and all of the least extent: nothing raises.
+    """Residuals of rounding alone may leave no root between zero and the least extent: nothing raises.
 
-    Without noise the centre is GDKE's, to what 5° leave of rounding; with a little, as `als` has it.
+    Without noise the centre is GDKE's, to the rounding of a 5° cap; with a little noise it is that of `als`.
     """
     for _ in range(40):
         (points,), _ = drawn(rng, [count], [0.5], noise, 5.0, 1.0)
@@ -207,7 +207,7 @@ def test_hardly_any_noise_on_a_small_cap(rng, count, noise):
 
 
 def test_a_matrix_that_is_singular_to_the_last_bit():
-    """Noise as large as the extent itself is a status."""
+    """Noise as large as the extent itself has a status, and nothing raises."""
     square = np.array([[0.0, 0.0], [2.0, 0.0], [0.0, 2.0], [2.0, 2.0]])
     for noise in (np.eye(2) * 4.0 / 3.0, np.diag([4.0 / 3.0, 1.0])):
         fit = mgdk([square], noise)
@@ -216,7 +216,7 @@ def test_a_matrix_that_is_singular_to_the_last_bit():
 
 
 def test_noise_that_hides_everything():
-    """Two cubes about one middle, all taken for one marker: no noise below all of the extent explains the residuals."""
+    """Of two cubes about one middle as one marker no noise below the extent explains the residuals."""
     cube = np.array([[i, j, k] for i in (-1.0, 1.0) for j in (-1.0, 1.0) for k in (-1.0, 1.0)])
     fit = mgdk([np.concatenate([cube, 0.01 * cube])])
     assert fit.status is Status.NOT_POSITIVE_DEFINITE
@@ -224,7 +224,7 @@ def test_noise_that_hides_everything():
 
 
 def test_statuses(rng):
-    """What leaves the centre undetermined has a status and NaN: nothing raises, nothing warns."""
+    """Markers that leave the centre undetermined have a status and NaN: nothing raises, nothing warns."""
     flat, line = rng.standard_normal((9, 3)) * [1, 1, 0], np.outer(np.arange(9.0), [1, 2, 3])
     good = drawn(rng, [9], [1.0])[0][0]
     infinite = np.where(np.arange(9)[:, None] == 4, np.inf, good)
@@ -264,6 +264,6 @@ def test_statuses(rng):
     ],
 )
 def test_bad_input(markers, noise, says):
-    """No marker, unequal dimensions, wrong shapes and noise that is none are refused, saying what was wrong."""
+    """No marker, unequal dimensions, wrong shapes and impossible noise raise an error that says what is wrong."""
     with pytest.raises(ValueError, match=says):
         mgdk(markers, noise)

@@ -1,4 +1,4 @@
-"""An estimator of one's own: a function, a line in the registry, and it is like any other."""
+"""A user's own estimator: with a function and a line in the registry it works like any other."""
 
 import numpy as np
 import pandas as pd
@@ -6,7 +6,8 @@ import pytest
 
 import study
 from study import Status
-from study.analysis.fitting import PointFileError, choose, described
+from study.analysis import estimator_list
+from study.analysis.fitting import PointFileError, choose
 from study.estimators import Estimator, Fit, Samples, fit
 from study.estimators.fit import blank
 from study.experiment.config import ConfigError, parse
@@ -37,14 +38,14 @@ def coope(samples: Samples) -> Fit:
 
 @pytest.fixture
 def registered(monkeypatch):
-    """The five lines of `coope`, in the registry for one test."""
+    """Register `coope` for one test."""
     monkeypatch.setitem(study.ESTIMATORS, "coope", Estimator(coope, "Coope 1993"))
 
 
 @pytest.mark.usefixtures("registered")
 @pytest.mark.parametrize("d", [2, 3, 4])
 def test_through_the_library(rng, on_cap, d):
-    """`study.fit` takes it by name, with batches and missing samples and errors, all of which it knows nothing of."""
+    """`study.fit` calls it by name, and adds batches, missing samples and errors, which it does not handle itself."""
     points = on_cap(rng, 30, 100.0, d, 0.02, radius=2.0, center=1.0, sets=6)[0].reshape(2, 3, 30, d)
     points[1, 2, :4, 0] = np.nan
     mine, theirs = fit(points, "coope", noise=0.02), fit(points, "gdke", noise=0.02)
@@ -58,7 +59,7 @@ def test_through_the_library(rng, on_cap, d):
 
 @pytest.mark.usefixtures("registered")
 def test_in_a_study(tmp_path):
-    """A config that names it is valid, and its rows stand in the run's table beside the others', on the same points."""
+    """A config that names it is valid, and the run's table has its rows beside the others', on the same points."""
     runner.run(parse(CONFIG), CONFIG, tmp_path / "run", 2)
     table = pd.read_parquet(tmp_path / "run" / "errors.parquet")
     mine, theirs = (table[table["estimator"] == name].reset_index(drop=True) for name in ("coope", "gdke"))
@@ -71,17 +72,17 @@ def test_in_a_study(tmp_path):
 
 
 def test_not_registered():
-    """Without its line in the registry neither the library nor a config knows it."""
+    """Without its line in the registry the library and a config raise an error that names it."""
     with pytest.raises(ValueError, match="coope"):
         fit(np.eye(4, 3), "coope")
     with pytest.raises(ConfigError, match="coope"):
         parse(CONFIG)
 
 
-def test_what_it_needs_is_asked_for(monkeypatch):
-    """Declared to need the noise, it is listed so, left out of `all` where none is given, and refused by name."""
+def test_need_of_the_noise(monkeypatch):
+    """If it needs the noise, it is listed so, left out of `all` where none is given, and an error if named then."""
     monkeypatch.setitem(study.ESTIMATORS, "coope", Estimator(coope, needs="noise"))
-    assert any("coope" in line and "noise" in line for line in described())
+    assert any("coope" in line and "noise" in line for line in estimator_list.printed())
     assert "coope" not in choose("all", None)
     assert "coope" in choose("all", 0.02)
     with pytest.raises(PointFileError, match="coope"):

@@ -1,4 +1,4 @@
-"""Properties that every registered estimator must have, a user's own included, on sound data sets.
+"""Properties that every registered estimator must have, on sound data sets.
 
 Sound: caps of 60 to 180 degrees, noise 0.01 r, and directions whose scatter is at least 0.1 r in every direction,
 which is ten times the noise. There a relative rounding error ε of the points moves a centre by some ε/0.1² = 100 ε;
@@ -17,12 +17,12 @@ RELATIVE = 1e4 * np.finfo(float).eps
 COARSE = {"lls_single": 1e4 * np.finfo(np.float32).eps}
 """The same for an estimator that computes in single precision."""
 DECADES = {"lls_nr": 0.5, "lls_nr_raw": 0.5}
-"""By how much the unit may change, up and down; 6 decades, but for reproductions of a flaw that hangs on the unit."""
+"""Decades by which the unit may change; 6, but for reproductions of a flaw that depends on the unit."""
 MORE = {"ugdk_cov": 60}
-"""Samples added for an estimator that finds more than d + 2 numbers in its points."""
+"""Samples added for an estimator that estimates more than d + 2 numbers."""
 
 EVEN = {"mle_mirror": 0.3}
-"""Largest distance of the centroid from the centre, over the radius, for a start that else is out of the sphere."""
+"""Largest distance of the centroid from the centre, over the radius, with which the start is inside the sphere."""
 
 CASES = st.tuples(st.integers(2, 4), st.integers(0, 56), st.floats(60.0, 180.0), st.integers(0, 2**32 - 1))
 
@@ -34,7 +34,7 @@ def properties(test):
 
 @pytest.fixture(scope="session")
 def sound(on_cap, estimator):
-    """Turn a case into a sound data set on a sphere of radius 1 and a generator for more of the kind."""
+    """Make of a case a sound data set on a sphere of radius 1, and a generator for further numbers."""
 
     def make(case, noise=0.01):
         d, more, angle, seed = case
@@ -51,7 +51,7 @@ def sound(on_cap, estimator):
 
 
 def fit(points, estimator, noise=0.01):
-    """A fit, which must be ok."""
+    """Fit, and assert that the status is OK."""
     answer = study.fit(points, estimator, noise)
     assert np.all(answer.status == Status.OK)
     return answer
@@ -81,7 +81,7 @@ def test_shift(sound, assert_same, estimator, case):
 
 @properties
 def test_rotation_and_reflection(sound, assert_same, random_rotation, estimator, case):
-    """Turned or mirrored points have a turned or mirrored sphere."""
+    """Rotated or mirrored points have a rotated or mirrored sphere."""
     points, rng = sound(case)
     q = random_rotation(rng, points.shape[1])
     one, two = fit(points, estimator), fit(points @ q.T, estimator)
@@ -136,8 +136,8 @@ def test_batched_equals_looped(sound, estimator, case):
     together = study.fit(batch, estimator, 0.01)
     for t in range(3):
         alone = study.fit(batch[t], estimator, 0.01)
-        for name in ("center", "radius", "noise_variance", "status", "condition", "iterations"):
-            np.testing.assert_array_equal(getattr(alone, name), getattr(together, name)[t], err_msg=name)
+        for name, one, whole in zip(study.Fit._fields, alone, together, strict=True):
+            np.testing.assert_array_equal(one, whole[t], err_msg=name)
 
 
 @properties

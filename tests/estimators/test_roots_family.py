@@ -1,7 +1,7 @@
-"""The family that finds its own noise: one equation, one constant ϰ each, against others' code and the sums themselves.
+"""The family that finds its own noise: the root η against other software and 40-digit sums, and theory's errors (§5.3).
 
-`test_roots.py` compares centres with the publications' eigenproblems; here are circle-fit's code, the root η, the
-radius, `als`'s own quadratic pencil, and what theory §5.3 promises of its errors.
+`test_algebraic.py` compares centres with the publications' eigenproblems; here are the package circle-fit, the root η,
+the radius, the quadratic pencil of `als`, and the variances of theory §5.3.
 """
 
 import circle_fit
@@ -24,9 +24,8 @@ NAMES = list(KAPPA)
 def eta_of(points, name):
     """The root η in weights of 1/n, for one set or a batch (…, n, d)."""
     *lead, n, d = points.shape
-    return (root(Samples(points.reshape(-1, n, d).swapaxes(1, 2)).regression, KAPPA[name](d)) * (n - 1) / n).reshape(
-        lead
-    )
+    samples = Samples(points.reshape(-1, n, d).swapaxes(1, 2))
+    return (root(samples, KAPPA[name](d)) * (n - 1) / n).reshape(lead)
 
 
 def pencil(points, name):
@@ -106,8 +105,8 @@ def test_generalised_eigenproblem(rng, on_cap, noise, d, name):
 def test_root_of_the_equation(rng, on_cap, d, name):
     """Equation (5.1), from the raw data in 40 digits, changes sign within 1e-9 of η, below λ_min.
 
-    Centre and radius follow from that root. Near a small root g(0) is left of terms m₄ that cancel, so η carries an
-    absolute error of some ε m₂ on top.
+    Centre and radius follow from that root. For a small root g(0) is the difference of terms of size m₄, so η has
+    an absolute error of some ε m₂ besides.
     """
     with mpmath.workdps(40):
         for noise, angle, n in [(1e-3, 60, 20), (0.05, 20, 100), (0.1, 180, d + 2), (0.5, 60, 30), (30.0, 180, 12)]:
@@ -140,10 +139,10 @@ def test_root_of_the_equation(rng, on_cap, d, name):
 @pytest.mark.parametrize("name", [*NAMES, "als_guarded"])
 @pytest.mark.parametrize("d", [2, 3, 4])
 def test_interpolation_is_gdke(rng, on_cap, d, name):
-    """Through d + 1 points there is one sphere: nothing is left to be noise, every member is `gdke` (theory §2.2)."""
+    """Through d + 1 points there is one sphere without residuals: g(0) = 0, so every member is `gdke` (theory 5.1)."""
     points, directions = on_cap(rng, d + 1, d=d, noise=0.1, radius=3.0, center=1.0, sets=300)
     apart = np.linalg.svd(directions - directions.mean(axis=1, keepdims=True), compute_uv=False)[:, d - 1]
-    points = points[apart > 0.3]  # 1e-15 / 0.3² is lost of the centre, squared that of the root
+    points = points[apart > 0.3]  # the centre loses 1e-15 / 0.3², the root the square of that
     assert len(points) > 50
     fit, plain = study.fit(points, name), study.fit(points, "gdke")
     np.testing.assert_allclose(fit.center, plain.center, rtol=0, atol=1e-9)

@@ -1,4 +1,4 @@
-"""What theory says of the estimators' errors, held by Monte-Carlo runs of fixed seed.
+"""The estimators' errors in Monte-Carlo runs of fixed seed, against theory.
 
 Means are compared to 4.5 of their standard errors, which a component passes by chance in 7 of 10⁶ seeds.
 """
@@ -76,8 +76,8 @@ def test_noise_variance_is_unbiased(rng, on_cap, assert_mean, estimator, d):
 def test_pure_noise_is_not_positive_definite(rng, d, limit):
     """On pure noise UGDK fails with the probability of the GOE limit, 0.854 in two and 0.975 in three dimensions.
 
-    4000 trials of 4000 samples: a binomial standard error below 0.6 %, of which 4.5 are allowed; the finite sample
-    adds some 0.1 % (theory §2.2: 0.7 % at N = 100, falling as 1/√N).
+    The limits are in theory 0.5. 4000 trials of 4000 samples: a binomial standard error below 0.6 %, of which 4.5 are
+    allowed; the finite sample adds some 0.1 % (0.7 % at N = 100, falling as 1/√N).
     """
     failures = sum(
         np.sum(study.fit(rng.standard_normal((200, 4000, d)), "ugdk", 1.0).status == Status.NOT_POSITIVE_DEFINITE)

@@ -1,4 +1,4 @@
-"""Errors that a fit reports of itself: what they are made of, and that they cover the truth as often as they say."""
+"""Standard errors and ellipsoids of a fit: their definition, and their coverage of the truth."""
 
 import numpy as np
 import pytest
@@ -21,14 +21,14 @@ def half_spheres(seed, n, noise=0.01, d=3):
 
 
 def covered(fit, level):
-    """Share of fits whose ellipsoid holds the true centre, 0: its semi-axes are columns, so |axes⁻¹ĉ| < 1."""
+    """Share of fits whose ellipsoid covers the true centre, 0: its semi-axes are columns, so |axes⁻¹ĉ| < 1."""
     axes = fit.ellipsoid(level)
     inside = np.linalg.norm(np.linalg.solve(axes, fit.center[:, :, None])[:, :, 0], axis=1) < 1.0
     return inside.mean()
 
 
 def slack(level):
-    """4 binomial standard errors of a share of 4000: passed by chance in 6 of 10⁵ cases."""
+    """4 binomial standard errors of a share of 4000: exceeded by chance in 6 of 10⁵ cases."""
     return 4 * np.sqrt(level * (1 - level) / TRIALS)
 
 
@@ -41,16 +41,16 @@ def by_hand(points, center, noise):
 
 
 @pytest.mark.parametrize("level", [0.68, 0.95])
-@pytest.mark.parametrize("told", [False, True])
+@pytest.mark.parametrize("known", [False, True])
 @pytest.mark.parametrize(("d", "n"), [(3, 100), (3, 10), (2, 10)])
-def test_nominal_coverage(d, n, told, level):
-    """At σ = .01 r on half spheres the 68 % and 95 % ellipsoids hold the centre so often, N = 10 included.
+def test_nominal_coverage(d, n, known, level):
+    """At σ = .01 r on half spheres the 68 % and 95 % ellipsoids cover the centre that often, at N = 10 too.
 
     4000 trials, to 4 binomial standard errors. With the noise not given the F distribution allows for its estimate.
     """
     points = half_spheres(1000 * d + n, n, d=d)
-    for name in ("als", "mle", "ugdk") if told else ("als", "mle"):
-        fit = study.fit(points, name, 0.01 if told else None)
+    for name in ("als", "mle", "ugdk") if known else ("als", "mle"):
+        fit = study.fit(points, name, 0.01 if known else None)
         assert covered(fit, level) == pytest.approx(level, abs=slack(level))
 
 
@@ -58,7 +58,7 @@ def test_nominal_coverage(d, n, told, level):
 def test_chi_squared_would_not_do(n, rounded):
     """With σ estimated an ellipsoid by χ² would cover 85 % instead of 95 % at N = 10, and 71 % at N = 6.
 
-    So says the distribution of d F(d, N - d - 1) at the quantile of χ², and so it is found.
+    These are values of the distribution of d F(d, N - d - 1) at the quantile of χ², and the fits agree.
     """
     quantile = stats.chi2.ppf(0.95, 3)
     expected = stats.f.cdf(quantile / 3, 3, n - 4)
@@ -70,17 +70,17 @@ def test_chi_squared_would_not_do(n, rounded):
     assert covered(fit, 0.95) == pytest.approx(0.95, abs=slack(0.95))
 
 
-@pytest.mark.parametrize("told", [False, True])
-def test_standard_errors_are_the_scatter(told):
+@pytest.mark.parametrize("known", [False, True])
+def test_standard_errors_are_the_scatter(known):
     """Errors over standard errors have unit variance, for each coordinate and the radius, as χ² and Student's t have.
 
     The variance of t with ν = 96 degrees of freedom is ν/(ν - 2); a variance of 4000 has a standard error of 2.2 %.
     """
     points = half_spheres(5, 100)
-    for name in ("als", "mle", "ugdk") if told else ("als", "mle"):
-        fit = study.fit(points, name, 0.01 if told else None)
+    for name in ("als", "mle", "ugdk") if known else ("als", "mle"):
+        fit = study.fit(points, name, 0.01 if known else None)
         pulls = np.column_stack([fit.center, fit.radius - 1.0]) / fit.standard_errors
-        expected = 1.0 if told else 96 / 94
+        expected = 1.0 if known else 96 / 94
         np.testing.assert_allclose(np.mean(pulls**2, axis=0), expected, rtol=4.5 * np.sqrt(2 / TRIALS))
 
 
@@ -108,7 +108,7 @@ def test_covariance_is_the_bound_with_estimates(rng, on_cap, name, noise):
 
 
 @pytest.mark.parametrize("lead", [(), (6,), (2, 3)])
-def test_shapes_and_what_they_hold(rng, on_cap, lead):
+def test_shapes_and_values(rng, on_cap, lead):
     """Residuals, counts, errors and ellipsoids have the leading axes of the points, and values by definition."""
     points = on_cap(rng, 25, 100.0, noise=0.05, sets=max(int(np.prod(lead)), 1))[0].reshape(*lead, 25, 3)
     fit = study.fit(points, "mle")
@@ -128,8 +128,8 @@ def test_shapes_and_what_they_hold(rng, on_cap, lead):
 
 
 @pytest.mark.parametrize("noise", [None, 0.05, SIGMA])
-def test_nothing_known_nothing_claimed(rng, on_cap, noise):
-    """Where there is no answer errors are NaN or infinite, and nothing warns; so where no sample tells the noise."""
+def test_errors_of_lost_fits(rng, on_cap, noise):
+    """Without an answer, or without a noise estimate, errors are NaN or infinite, and nothing warns."""
     sound = on_cap(rng, 12, 120.0, noise=0.05)[0]
     row = np.arange(12)[:, None]
     four, infinite = np.where(row > 3, np.nan, sound), np.where(row == 3, np.inf, sound)

@@ -11,7 +11,7 @@ from study.sphere.cap import sample_cap
 
 
 def covariance(rng=None):
-    """A noise covariance of eigenvalues 1, .32, .1; its main axis 20° off the cap's, or turned at random."""
+    """A noise covariance of eigenvalues 1, .32, .1; its main axis 20° off the cap's, or rotated at random."""
     if rng is None:
         cos, sin = np.cos(np.radians(20)), np.sin(np.radians(20))
         basis = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
@@ -76,9 +76,9 @@ def test_finds_the_covariance(half_spheres):
     assert np.linalg.norm(error.mean(axis=0)) < 0.015 * size
     assert np.median(np.linalg.norm(error, axis=1)) < 0.05 * size
     assert fit.noise_variance.mean() == pytest.approx(np.trace(sigma) / 3, rel=0.006)
-    # the same reading of the estimator that was told Σ returns Σ exactly: it is an identity
-    told, axis = found_along(points[:5], study.fit(points[:5], "ugdk", sigma))
-    np.testing.assert_allclose(told, axis @ sigma, rtol=0, atol=1e-9 * size)
+    # computed from the estimator with the true Σ, the column is exactly Σ's: it is an identity
+    exact, axis = found_along(points[:5], study.fit(points[:5], "ugdk", sigma))
+    np.testing.assert_allclose(exact, axis @ sigma, rtol=0, atol=1e-9 * size)
 
 
 @pytest.mark.parametrize("angle", [90.0, 180.0])
@@ -99,7 +99,7 @@ def test_moment_equations(rng, angle):
 
 @pytest.mark.parametrize(("angle", "scale", "n"), [(90.0, 0.1, 20_000), (60.0, 0.05, 20_000), (180.0, 0.1, 5000)])
 def test_any_orientation(rng, angle, scale, n):
-    """However Σ is turned the median error is within 1.5 of that of `ugdk` told Σ, and not above that of `als`.
+    """In any orientation of Σ the median error is within 1.5 of `ugdk` with the true Σ, and not above that of `als`.
 
     The ratios are 1.0 ± .1 (ten seeds) and .13; on the whole sphere, where isotropic estimators are right, 1.01 ± .02.
     """
@@ -108,10 +108,10 @@ def test_any_orientation(rng, angle, scale, n):
         sigma = scale**2 * covariance(rng)
         directions, points = drawn(rng, 6, n, angle, sigma)
         bound = root_bound(directions, sigma)
-        for name, kept in errors.items():
+        for name, ratios in errors.items():
             fit = study.fit(points, name, sigma if name == "ugdk" else None)
-            kept.append(np.linalg.norm(fit.center, axis=1) / bound)
-    median = {name: np.median(np.concatenate(kept)) for name, kept in errors.items()}
+            ratios.append(np.linalg.norm(fit.center, axis=1) / bound)
+    median = {name: np.median(np.concatenate(ratios)) for name, ratios in errors.items()}
     assert median["ugdk_cov"] < 1.5 * median["ugdk"]
     assert median["ugdk_cov"] < 1.1 * median["als"]
 
@@ -130,7 +130,7 @@ def test_scale(rng, scale):
 
 @pytest.mark.parametrize("d", [2, 3, 4])
 def test_degenerate_input(rng, on_cap, d):
-    """Sets with nothing to find beside a sound one: no warning, no exception, and the sound one is as alone."""
+    """Degenerate sets raise nothing and warn of nothing, and a sound set beside them has the answer it has alone."""
     sound = on_cap(rng, 60, 120.0, d, 0.05)[0]
     flat = rng.standard_normal((60, d))
     flat[:, 0] = 1.0

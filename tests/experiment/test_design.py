@@ -10,9 +10,11 @@ from pathlib import Path
 import pytest
 
 import study
-from study.experiment import design
 from study.experiment.config import load
-from study.experiment.design import Cell, block_trials, diagonal_center, units
+from study.experiment.designs import grid
+from study.experiment.designs.cells import Cell
+from study.experiment.designs.grid import block_trials, diagonal_center
+from study.experiment.units import units
 
 AXES = {"samples": [4, 50], "noise": [0.1, 0.2, 0.3], "angle": [20, 90], "radius": [1, 2], "center": [0, 1, 5]}
 STUDIES = {
@@ -39,7 +41,7 @@ def some_study(request, make_study):
 @pytest.fixture
 def small_units(monkeypatch):
     """Units of a few batches, so that a small study has many."""
-    monkeypatch.setattr(design, "_SAMPLES_PER_UNIT", 60_000)
+    monkeypatch.setattr(grid, "_SAMPLES_PER_UNIT", 60_000)
 
 
 def served(work):
@@ -150,7 +152,7 @@ def test_names_and_order_are_the_same_in_every_process():
     """Neither names nor the order of work depend on Python's hash seed."""
     path = Path(study.__file__).parents[1] / "configs" / "sweep.toml"
     code = (
-        "import sys, pathlib; from study.experiment.config import load; from study.experiment.design import units\n"
+        "import sys, pathlib; from study.experiment.config import load; from study.experiment.units import units\n"
         "for u in units(load(pathlib.Path(sys.argv[1]))): print(u, [c.name for b in u.batches for c in b.cells])"
     )
     own = "".join(f"{u} {[c.name for b in u.batches for c in b.cells]}\n" for u in units(load(path)))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from study.experiment.design import random_cell, units
+from study.experiment.units import groups, units
 
 TRIALS = 3000
 ALARM = 1e-5
@@ -119,7 +119,8 @@ def test_the_number_of_trials_moves_nothing(cells, drawn, trials):
 def test_one_trial_alone(make_study, drawn):
     """A trial's condition is found from its number, without those before it."""
     study = make_study(kind="random", trials=TRIALS, **LAWS)
-    assert [random_cell(study, study.design, i) for i in (2999, 7, 1024)] == [drawn[i] for i in (2999, 7, 1024)]
+    (group,) = groups(study)
+    assert [group.cell(i) for i in (2999, 7, 1024)] == [drawn[i] for i in (2999, 7, 1024)]
 
 
 def test_relative_noise_is_times_the_radius(cells):
@@ -131,7 +132,7 @@ def test_relative_noise_is_times_the_radius(cells):
 
 
 def test_constants_are_taken_to_the_last_bit(cells):
-    """What is written as a number is used as written, as in a grid."""
+    """A number is used as it is written, as in a grid."""
     value = 0.12345678901234567
     found = cells(trials=3, samples=10, noise=value, radius=value, angle=value)
     assert {(c.noise, c.radius, c.angle) for c in found} == {(value, value, value)}

@@ -1,4 +1,4 @@
-"""A trial drawn again is the one that was run: its points, its bound and every estimator's answer, to the last bit."""
+"""A trial that is drawn again has the points, the bound and the fits of the run, to the last bit."""
 
 import numpy as np
 import pytest
@@ -7,8 +7,8 @@ import study
 from study.analysis import trial_report
 from study.estimators import Status
 from study.experiment.compute_unit import compute, stack
-from study.experiment.design import units
 from study.experiment.replay import ReplayError, addresses, find, replay
+from study.experiment.units import units
 
 KEPT = 3
 GRID = {"trials": 5, "samples": [6, 40], "noise": [0.05, 0.5], "angle": [60, 180], "radius": 2.0, "center": 3.0}
@@ -39,7 +39,7 @@ def made(request, design, make_study):
     names = [n for n in study.ESTIMATORS if kind == "plain" or n != "hinge"]  # which takes no covariance
     top = {"dimension": d, "keep_points": KEPT, "estimators": names}
     with pytest.MonkeyPatch.context() as patch:  # several batches per cell
-        patch.setattr("study.experiment.design.BLOCK_TRIALS", 2)
+        patch.setattr("study.experiment.designs.grid.BLOCK_TRIALS", 2)
         made = make_study(top | ({"noise_shape": SHAPES[d]} if kind == "shaped" else {}), **design)
         results = [compute(made, unit) for unit in units(made)]
         yield made, stack([r.errors for r in results]), stack([r.points for r in results if r.points])
@@ -54,7 +54,7 @@ def chosen(table, **values):
 
 
 def test_the_points_are_the_stored_ones(made):
-    """Each kept trial of each cell has its stored points and true sphere, to the last bit, in the stored order."""
+    """Each stored trial of each cell has its stored points and true sphere, to the last bit, in the stored order."""
     made, _, points = made
     cells = dict.fromkeys(points["cell"])
     seen = 0
@@ -81,7 +81,7 @@ def test_the_answers_are_the_error_tables_rows(made):
     for cell in list(dict.fromkeys(errors["cell"]))[::7]:
         for trial in np.unique(chosen(errors, cell=cell)["trial"])[-2:].tolist():
             again = replay(made, find(made, cell, trial))
-            found, told = trial_report.answers(made, again), chosen(errors, cell=cell, trial=trial)
+            found, told = trial_report.fit_table(made, again), chosen(errors, cell=cell, trial=trial)
             assert list(found["estimator"]) == list(told["estimator"]) == list(made.estimators)
             same = {"error": "error", "axis": "error_1", "radius_error": "radius_error", "condition": "condition"}
             for mine, theirs in (same | {"iterations": "iterations"}).items():
@@ -129,7 +129,7 @@ def test_the_beginning_of_a_name_will_do(grid):
 
 
 def test_a_beginning_of_several_cells(grid):
-    """It is told how many there are, and some of them."""
+    """The message has their number, and some of them."""
     names = sorted({address.cell.name for address in addresses(grid)})
     first = next(n[0] for n in names if sum(m[0] == n[0] for m in names) > 1)
     among = [n for n in names if n[0] == first]
@@ -163,7 +163,7 @@ def test_the_trials_of_a_random_designs_cell(make_study):
 
 
 def test_the_trials_of_a_cell_that_a_random_design_drew_several_times(make_study):
-    """Where choices repeat, a cell's trials have gaps; the message does not claim those of other cells."""
+    """If choices repeat, a cell's trials have gaps; the message lists them without those of other cells."""
     made = make_study(kind="random", trials=30, noise={"law": "choice", "values": [0.1, 0.2]})
     trials = {}
     for address in addresses(made):
@@ -203,7 +203,7 @@ def test_what_is_printed(make_study, d):
     assert lines[3] == told
     assert lines[4].split()[:4] == ["estimator", "error", "over", "bound"]
     assert len(lines) == 8
-    for line, row in zip(lines[5:], trial_report.answers(made, trial).to_dict("records"), strict=True):
+    for line, row in zip(lines[5:], trial_report.fit_table(made, trial).to_dict("records"), strict=True):
         cells = line.split()
         numbers = [row[name] for name in ("error", "over_bound", "axis", "radius_error", "noise", "condition")]
         assert cells[0] == row["estimator"]

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from study.experiment.compute_unit import compute
-from study.experiment.design import units
 from study.experiment.sampling import draw
+from study.experiment.units import units
 
 EPS = np.finfo(float).eps
 LEVELS = {"noise": [0.5, 2.0, 8.0], "radius": [1, 3], "center": [0, 4]}
@@ -35,8 +35,8 @@ def test_points_are_centre_plus_direction_plus_noise(make_study, d):
     assert len(batch.cells) == 12
     for cell in batch.cells:
         center = np.array(cell.center)[:, None]
-        size = np.abs(center) + cell.radius + cell.noise * np.abs(draws.noise)
-        error = draws.place(cell.level).x - (center + cell.radius * u + cell.noise * draws.noise)
+        size = np.abs(center) + cell.radius + cell.noise * np.abs(draws.unit_noise)
+        error = draws.place(cell.level).x - (center + cell.radius * u + cell.noise * draws.unit_noise)
         assert np.all(np.abs(error) <= 4 * EPS * size)
 
 
@@ -85,7 +85,7 @@ def test_cells_with_independent_draws_share_nothing(make_study):
     assert len(batches) == 12
     drawn = [draw(study, [batch]) for batch in batches]
     for left, right in combinations(drawn, 2):
-        assert not np.intersect1d(left.noise, right.noise).size
+        assert not np.intersect1d(left.unit_noise, right.unit_noise).size
         assert not np.intersect1d(left.directions[:, 0], right.directions[:, 0]).size
 
 
@@ -96,7 +96,7 @@ def test_groups_share_nothing(make_study, change):
     """Another seed, angle, number of samples or dimension is another draw."""
     one, other = make_study(), make_study(**change)
     left, right = draw(one, [first_batch(one)]), draw(other, [first_batch(other)])
-    assert not np.intersect1d(left.noise, right.noise).size
+    assert not np.intersect1d(left.unit_noise, right.unit_noise).size
 
 
 def test_first_trials_do_not_depend_on_how_many_follow(make_study):
@@ -104,7 +104,7 @@ def test_first_trials_do_not_depend_on_how_many_follow(make_study):
     shape = [[4.0, 1.0, 0.0], [1.0, 2.0, 0.5], [0.0, 0.5, 1.0]]
     short, long = (make_study({"noise_shape": shape}, trials=trials) for trials in (1, 500))
     left, right = draw(short, [first_batch(short)]), draw(long, [first_batch(long)])
-    np.testing.assert_array_equal(left.noise, right.noise[:1])
+    np.testing.assert_array_equal(left.unit_noise, right.unit_noise[:1])
     np.testing.assert_array_equal(left.directions, right.directions[:1])
 
 
@@ -124,8 +124,8 @@ def test_noise_has_its_covariance(make_study, shape):
     study = make_study({"noise_shape": SHAPES[shape]}, samples=100_000, trials=1)
     draws = draw(study, [first_batch(study)])
     expected = np.eye(3) if SHAPES[shape] is None else np.array(SHAPES[shape])
-    np.testing.assert_array_equal(draws.shape, expected)
-    z = draws.noise[0]
+    np.testing.assert_array_equal(draws.law.covariance(1.0), expected)
+    z = draws.unit_noise[0]
     variance = np.diag(expected)
     assert np.all(np.abs(z.mean(axis=1)) < 5 * np.sqrt(variance / z.shape[1]))
     error = np.sqrt((np.outer(variance, variance) + expected**2) / z.shape[1])
@@ -136,5 +136,5 @@ def test_noise_does_not_follow_the_direction(make_study):
     """Noise and direction of a sample are uncorrelated in every pair of components (9 pairs, 5 errors: 5e-6)."""
     study = make_study(samples=100_000, trials=1, angle=180)
     draws = draw(study, [first_batch(study)])
-    correlation = np.corrcoef(np.vstack([unit_vectors(draws)[0], draws.noise[0]]))[:3, 3:]
+    correlation = np.corrcoef(np.vstack([unit_vectors(draws)[0], draws.unit_noise[0]]))[:3, 3:]
     assert np.abs(correlation).max() < 5 / np.sqrt(100_000)

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 import study
-from study.experiment.design import units
 from study.experiment.sampling import draw
+from study.experiment.units import units
 
 
 def shape_of(d):
@@ -33,7 +33,7 @@ def test_bound_is_crlb_of_the_realised_directions(draws_at, d, angle):
     draws = draws_at(d, angle)
     u = draws.directions.swapaxes(1, 2).copy()
     u[:, :, 0] = 1.0 - u[:, :, 0]
-    expected = study.crlb(u, draws.shape)
+    expected = study.crlb(u, draws.law.covariance(1.0))
     size = np.sqrt(np.einsum("bii,bjj->bij", expected, expected))
     assert np.all(np.abs(draws.unit_bound() - expected) < 1e-10 * size)
 
@@ -60,7 +60,7 @@ def test_bound_is_exact_at_tiny_angles(draws_at, d, angle):
     draws = draws_at(d, angle)
     bound = draws.unit_bound()
     for trial in range(3):
-        expected = exact_variances(draws.directions[trial], draws.shape)
+        expected = exact_variances(draws.directions[trial], draws.law.covariance(1.0))
         np.testing.assert_allclose(np.diag(bound[trial]), expected, rtol=1e-8)
 
 

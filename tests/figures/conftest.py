@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 from study.analysis.summary import summary
+from study.experiment.noise import IsotropicGaussian
 from study.figures.inputs import Tables
 
 ESTIMATORS = ["mle", "lls", "gdke", "ugdk"]
@@ -48,7 +49,8 @@ def make_tables() -> Callable[..., Tables]:
 
     def make(errors: pd.DataFrame, design: str, points: pd.DataFrame | None = None) -> Tables:
         d = 3 if "error_3" in errors else 2
-        return Tables("test-0123456789", d, design, np.eye(d), errors, summary(errors, design == "random"), points)
+        law, short = IsotropicGaussian(d), summary(errors, design == "random")
+        return Tables("test-0123456789", d, design, law, errors, short, points)
 
     return make
 

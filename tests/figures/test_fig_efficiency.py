@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 from scipy import stats
 
+from study.experiment.noise import AnisotropicGaussian
 from study.figures import fig_efficiency, style
 from study.figures.inputs import NotApplicable
 
@@ -118,7 +119,7 @@ def test_marks(small, samples):
             assert row["gdke"] == math.inf  # without bias it does not leave
         assert row["ugdk"] ** 2 == pytest.approx(along / 2.0, rel=1e-9)
         assert along / row["fails"] ** 2 * math.sqrt(samples / 2.0) == pytest.approx(3.0, rel=1e-9)
-    if samples == 100:  # theory §4, claim 7
+    if samples == 100:  # s* of theory §3, rounded
         np.testing.assert_allclose(marks["gdke"][:3], [1.8e-3, 1.9e-2, 5.8e-2], rtol=0.03)
 
 
@@ -139,7 +140,11 @@ def test_reasons(small):
     with pytest.raises(NotApplicable, match='kind = "grid"'):
         fig_efficiency.prepare(dataclasses.replace(tables, design="random"))
     with pytest.raises(NotApplicable, match="without noise_shape"):
-        fig_efficiency.prepare(dataclasses.replace(tables, noise_shape=np.diag([1.0, 1.0, 2.0])))
+        fig_efficiency.prepare(
+            dataclasses.replace(
+                tables, noise_law=AnisotropicGaussian(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 2.0)))
+            )
+        )
     with pytest.raises(NotApplicable, match="at least 4 levels of noise in the grid, not 3"):
         fig_efficiency.prepare(small(levels=LEVELS[:3]))
 

@@ -6,6 +6,7 @@ import pandas as pd
 import pytest
 from scipy import stats
 
+from study.experiment.noise import AnisotropicGaussian
 from study.figures import fig2_error, fig_efficiency, fig_map
 from study.figures.inputs import NotApplicable
 
@@ -84,7 +85,7 @@ def test_a_panel_per_estimator_and_count(grid):
     ("change", "words"),
     [
         ({"design": "random"}, 'kind = "grid"'),
-        ({"noise_shape": np.diag([1.0, 1.0, 2.0])}, "isotropic"),
+        ({"noise_law": AnisotropicGaussian(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 2.0)))}, "isotropic"),
     ],
 )
 def test_reasons(grid, change, words):

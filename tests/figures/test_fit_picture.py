@@ -1,4 +1,3 @@
-import dataclasses
 import hashlib
 
 import numpy as np
@@ -25,7 +24,7 @@ def frame_of(points, *estimators, **changes):
     """The frame of some estimators' answers, the first one's changed."""
     fits = {name: study.fit(points, name) for name in estimators}
     if changes:
-        fits[estimators[0]] = dataclasses.replace(fits[estimators[0]], **changes)
+        fits[estimators[0]] = fits[estimators[0]]._replace(**changes)
     return prepare(points, fits, NAMES[: points.shape[1]]), fits
 
 

@@ -1,4 +1,4 @@
-"""What the tests of recordings share: small recordings, C3D files written by another library, the shared recordings."""
+"""Fixtures of the tests on recordings: small recordings, C3D files written by another library, real recordings."""
 
 import warnings
 from pathlib import Path
@@ -12,13 +12,14 @@ from study.mocap.io.recording import Recording
 from study.mocap.joints.fit_joints import find_joints
 from study.mocap.markersets.match import choose
 from study.mocap.markersets.set_file import load_markerset
-from study.mocap.skeleton.make_scene import Shown, stage
-from study.mocap.skeleton.phases import calibrate, calibrated
-from study.mocap.synthetic.generate import Recipe, synthesize
+from study.mocap.skeleton.calibrate import calibrate, calibration_from
+from study.mocap.skeleton.make_scene import SceneJoint, make_scene
+from study.mocap.synthetic.recipe import Recipe
+from study.mocap.synthetic.synthesize import synthesize
 
 
 def shared(name):
-    """A recording of the folder of shared data; the test is skipped where that is absent."""
+    """Path of a recording in the folder of shared data; the test is skipped if it is missing."""
     for folder in Path(__file__).resolve().parents:
         if (folder / "shared" / "data" / name).is_file():
             return folder / "shared" / "data" / name
@@ -27,7 +28,7 @@ def shared(name):
 
 @pytest.fixture(scope="session")
 def shared_file():
-    """Path of a recording of the shared data by its name, or a skip."""
+    """A function for the path of a recording of the shared data, by its name."""
     return shared
 
 
@@ -46,7 +47,7 @@ def kata_joints(kata):
 @pytest.fixture(scope="session")
 def kata_calibration(kata, kata_joints):
     """The calibration that they make."""
-    return calibrated(kata_joints, kata.recording)
+    return calibration_from(kata_joints, kata.recording)
 
 
 @pytest.fixture(scope="session")
@@ -59,14 +60,14 @@ def kata_halves(kata):
 
 @pytest.fixture(scope="session")
 def exact():
-    """A synthetic figure without noise, what is true of it, and its joints."""
+    """A synthetic body without noise, the truth about it, and its fitted joints."""
     recording, truth = synthesize(Recipe(frames=800, noise=1e-9))
     return recording, truth, find_joints(load_markerset("cmu41"), recording)
 
 
 @pytest.fixture(scope="session")
 def figure():
-    """A synthetic figure with 1 mm of noise, what is true of it, and its joints."""
+    """A synthetic body with 1 mm of noise, the truth about it, and its fitted joints."""
     recording, truth = synthesize(Recipe(frames=600, noise=0.001))
     return recording, truth, find_joints(load_markerset("cmu41"), recording)
 
@@ -74,12 +75,12 @@ def figure():
 @pytest.fixture(scope="session")
 def figure_calibration(figure):
     """The calibration that they make."""
-    return calibrated(figure[2], figure[0])
+    return calibration_from(figure[2], figure[0])
 
 
 @pytest.fixture(scope="session")
 def small():
-    """A recording of some markers with gaps, in metres; numbers that millimetres to three decimals hold exactly."""
+    """A function for small recordings with gaps; millimetres to three decimals hold their numbers exactly."""
 
     def make(markers=("LFHD", "RFHD", "C7", "LFIN"), frames=12, rate=100.0, seed=3):
         rng = np.random.default_rng(seed)
@@ -117,7 +118,7 @@ def write_c3d():
 
 @pytest.fixture(scope="session")
 def scene():
-    """A scene of a synthetic figure with its true joints: some bridged, one doubtful, one never known."""
+    """A scene of a synthetic body with its true joints: some bridged, one doubtful, one never known."""
     recording, truth = synthesize(Recipe(frames=90, rate=90.0, gaps=0.05))
     joints = []
     for number, name in enumerate(truth.joints):
@@ -126,7 +127,7 @@ def scene():
         flags = np.zeros(recording.frames, dtype=np.uint8)
         flags[40:50] = number == 3
         joints.append(
-            Shown(
+            SceneJoint(
                 name=name,
                 parent=truth.parents[number],
                 child=truth.children[number],
@@ -138,4 +139,4 @@ def scene():
                 doubt="moved too little" if name == "neck" else "",
             )
         )
-    return stage(recording, load_markerset("cmu41"), joints, "true joints")
+    return make_scene(recording, load_markerset("cmu41"), joints, "true joints")

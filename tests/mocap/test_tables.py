@@ -1,16 +1,13 @@
-"""What is printed and stored of joints and skeletons, and where a recording's results go."""
+"""What is printed and stored of joints and skeletons."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from study.mocap.io.recording import RecordingError
-from study.mocap.joints.joint_report import agreed
-from study.mocap.open_recording import folder_for
-from study.mocap.skeleton.skeleton_table import bone_table, printed, skeleton_table
+from study.mocap.joints.joint_report import agreement_lines
+from study.mocap.skeleton.skeleton_table import bone_table, skeleton_lines, skeleton_table
 
 
 def test_a_row_per_frame_and_joint(scene):
@@ -42,7 +39,7 @@ def test_uneven_bones_are_said(scene):
     centers = scene.centers.copy()
     knee, ankle = scene.joints.index("left_knee"), scene.joints.index("left_ankle")
     centers[ankle] = centers[knee] + 1.1 * (centers[ankle] - centers[knee])
-    lines = list(printed(replace(scene, centers=centers)))
+    lines = list(skeleton_lines(replace(scene, centers=centers)))
     marked = [line for line in lines if line.endswith("uneven")]
     assert [line.split("  ")[0] for line in marked] == ["left_knee - left_ankle", "right_knee - right_ankle"]
     assert "+9.5 %" in marked[0]
@@ -54,33 +51,12 @@ def test_uneven_bones_are_said(scene):
 def test_one_joint_has_no_bones(scene):
     """Without bones between joints there is an empty table, and its head."""
     assert list(bone_table(replace(scene, bones=())).columns) == ["start", "end", "length", "spread", "error", "uneven"]
-    assert next(printed(replace(scene, bones=()))).startswith("bone")
+    assert next(skeleton_lines(replace(scene, bones=()))).startswith("bone")
 
 
 def test_agreed():
     """Distances are in millimetres, and what is not known is a dash."""
     table = pd.DataFrame({"joint": ["neck"], "cap": [3.0], "from_gdke": [0.0123], "from_two_sided": [np.nan]})
-    head, line = agreed(table)
+    head, line = agreement_lines(table)
     assert head.split() == ["distance", "to", "/", "mm", "gdke", "two-sided"]
     assert line.split() == ["neck", "12.3", "-"]
-
-
-@pytest.mark.parametrize(
-    ("name", "folder"),
-    [
-        ("walk 1", "walk-1"), ("..", "recording"), ("../../etc/passwd", "etc-passwd"), ("/", "recording"),
-        (".hidden", "hidden"), ("größe", "größe"), ("a\x00b\n", "a-b"), ("x" * 300, "x" * 100), ("C:\\run", "C-run"),
-        ("", "recording"),
-    ],
-)  # fmt: skip
-def test_folders(name, folder):
-    """Whatever a recording is called, its folder is one below that of results."""
-    assert folder_for(name) == Path("results/recordings") / folder
-    assert folder_for(name, Path("mine")) == Path("mine")
-
-
-def test_a_file_is_no_folder(tmp_path):
-    """A file in the folder's place is refused."""
-    (tmp_path / "file").write_text("")
-    with pytest.raises(RecordingError, match="is a file, not a folder; choose another with --out"):
-        folder_for("a", tmp_path / "file")

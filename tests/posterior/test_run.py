@@ -14,8 +14,10 @@ from study.estimators import Status
 from study.experiment.config import Study, parse
 from study.experiment.posterior_config import ChainStatus
 from study.experiment.replay import find, replay
-from study.posterior import run
-from study.posterior.run import compute, printed, prior_of, tasks
+from study.posterior import chain_task
+from study.posterior.chain_task import chain_tasks, prior_of
+from study.posterior.posterior_text import printed
+from study.posterior.run import compute
 from study.posterior.sampler import sample
 from study.runs.storage import schemas
 from study.runs.storage.parts import Parts
@@ -70,7 +72,7 @@ def shortened(samples, prior, name, random, walkers, max_steps):
 @pytest.fixture
 def short(monkeypatch):
     """Shorter chains, where what is kept of them matters and what they find does not."""
-    monkeypatch.setattr(run, "sample", shortened)
+    monkeypatch.setattr(chain_task, "sample", shortened)
 
 
 @pytest.fixture(scope="module", params=[2, 3])
@@ -144,7 +146,7 @@ def test_statuses_are_explained(small):
 def test_tables_are_whole(small):
     """A row per chain, in the order of cells, trials and kinds, and a row per estimator beside each."""
     found, beside = rows(small, "posterior"), rows(small, "answers")
-    order = [tuple(map(str, task.key.values())) for task in tasks(small.study, small.study.posterior)]
+    order = [tuple(map(str, task.key.values())) for task in chain_tasks(small.study, small.study.posterior)]
     assert [tuple(map(str, key)) for key in found.index] == order
     assert list(beside.index) == [(*key, name) for key in found.index for name in small.study.estimators]
     assert len(rows(small, "draws")) == 16 * 80 * 16
@@ -324,12 +326,10 @@ def test_kept_draws_are_of_the_whole_chain(tmp_path):
         run = computed(tmp_path / str(steps), text)
         frame, row = run.table("draws"), run.table("posterior").iloc[0]
         assert 1000 <= len(frame) <= 2000
-        task = tasks(run.study, run.study.posterior)[0]
+        task = chain_tasks(run.study, run.study.posterior)[0]
         trial = replay(run.study, task.address)
-        random = run.old_stream(1, "posterior", *task.key.values())
-        chain = run.sample(
-            trial.samples, prior_of(trial.cell, run.study.posterior, True), "geometric", random, 16, steps
-        )
+        random = chain_task.old_stream(1, "posterior", *task.key.values())
+        chain = sample(trial.samples, prior_of(trial.cell, run.study.posterior, True), "geometric", random, 16, steps)
         place = {value: index for index, value in enumerate(chain.draws[..., 0].ravel() - trial.cell.center[0])}
         found = np.array([place[value] for value in frame["error_1"]])  # steps that stand still count as their last
         step, walker = np.divmod(found, 16)
@@ -344,7 +344,7 @@ def test_prior():
     """The box has its half-width in true radii, about the true centre; any radius that a centre in it can have fits."""
     text = config(3, {"box": 3.0}, radius=2.0, center=6.0)
     made = parse(text)
-    for task in tasks(made, made.posterior):
+    for task in chain_tasks(made, made.posterior):
         prior = prior_of(task.address.cell, made.posterior, task.noise_is == "known")
         np.testing.assert_allclose(prior.center, [6.0 / math.sqrt(3.0)] * 3)
         assert (prior.width, prior.noise, prior.known) == (6.0, 0.1, task.noise_is == "known")
@@ -358,7 +358,7 @@ def test_where_chooses_cells():
 
     def cells(where):
         made = parse(config(2, {"where": where} if where else {}, **axes))
-        return [task.address.cell for task in tasks(made, made.posterior)][::2]
+        return [task.address.cell for task in chain_tasks(made, made.posterior)][::2]
 
     everything = cells("")
     assert len(everything) == 32
@@ -395,7 +395,7 @@ def alone(tmp_path_factory):
 def quick(tmp_path_factory):
     """The same of shorter chains."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(run, "sample", shortened)
+        patch.setattr(chain_task, "sample", shortened)
         return computed(tmp_path_factory.mktemp("quick") / "run", SAME)
 
 
@@ -422,7 +422,7 @@ def held(folder):
     parts.load()
     assert not parts.damaged
     study = Run.open(folder).study
-    return sum(bool(parts.outputs(task.part(study, study.posterior))) for task in tasks(study, study.posterior))
+    return sum(bool(parts.outputs(task.part(study, study.posterior))) for task in chain_tasks(study, study.posterior))
 
 
 def test_two_workers(alone, tmp_path):
@@ -529,7 +529,7 @@ def test_more_kinds_of_chains(tmp_path, before, after, new):
     assert len(count.shares) == new
     pd.testing.assert_frame_equal(rows(run, "answers").loc[old.index], old, check_exact=True)
     assert list(rows(run, "posterior").index) == [
-        tuple(task.key.values()) for task in tasks(run.study, run.study.posterior)
+        tuple(task.key.values()) for task in chain_tasks(run.study, run.study.posterior)
     ]
 
 
@@ -565,7 +565,7 @@ def test_a_part_is_named_by_all_that_determines_it():
 
     def names(text):
         made = parse(text)
-        return [task.part(made, made.posterior) for task in tasks(made, made.posterior)]
+        return [task.part(made, made.posterior) for task in chain_tasks(made, made.posterior)]
 
     old = names(text)
     assert len(set(old)) == len(old) == 4
@@ -629,7 +629,7 @@ def test_a_random_design(tmp_path):
     run = computed(tmp_path, text)
     found = rows(run, "posterior")
     assert set(found["samples"]) == {8}
-    told = [a.trial for a in run.addresses(run.study) if a.cell.samples == 8]
+    told = [a.trial for a in chain_task.addresses(run.study) if a.cell.samples == 8]
     assert sorted(found.index.get_level_values("trial")) == sorted(2 * told)
     assert 0 < len(told) < 9
 

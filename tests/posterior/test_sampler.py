@@ -21,7 +21,8 @@ import study
 from study.estimators import Samples
 from study.experiment.posterior_config import ChainStatus
 from study.posterior import sampler
-from study.posterior.sampler import LIKELIHOODS, Prior, sample
+from study.posterior.density import LIKELIHOODS, Prior
+from study.posterior.sampler import sample
 
 LEVELS = np.array([0.025, 0.16, 0.5, 0.84, 0.975])
 LIMIT = 5.0

@@ -1,4 +1,4 @@
-"""What the tests of runs share: small configs, and a function that runs them into fresh folders."""
+"""Fixtures for tests of runs: small configs, and a function that runs them into fresh folders."""
 
 import contextlib
 import functools
@@ -6,11 +6,15 @@ import itertools
 import os
 import shutil
 import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
 from study.experiment.config import parse
 from study.runs import jobs, provenance, runner
+
+sys.path.append(str(Path(__file__).parent))  # worker processes, too, import `deadly` by its name
 
 
 def _toml(value):
@@ -50,7 +54,7 @@ def start(make_text, tmp_path):
 
 @pytest.fixture(scope="session")
 def software():
-    """Versions and commit, asked for once."""
+    """Versions and commit, found once."""
     return functools.cache(provenance.software)
 
 
@@ -63,28 +67,28 @@ def same_software(monkeypatch, software):
 @pytest.fixture
 def small_units(monkeypatch):
     """Units of a few batches, so that a small study has many."""
-    monkeypatch.setattr("study.experiment.design.BLOCK_TRIALS", 4)
-    monkeypatch.setattr("study.experiment.design._SAMPLES_PER_UNIT", 500)
+    monkeypatch.setattr("study.experiment.designs.grid.BLOCK_TRIALS", 4)
+    monkeypatch.setattr("study.experiment.designs.grid._SAMPLES_PER_UNIT", 500)
 
 
 @pytest.fixture
 def small_parts(monkeypatch):
     """A part for every unit, so that a small study has many."""
-    monkeypatch.setattr("study.runs.workers.dispatch.Pool.enough", 0.0)
+    monkeypatch.setattr("study.runs.workers.backend.Backend.enough", 0.0)
     monkeypatch.setattr("study.runs.storage.parts._SECONDS", 0.0)
     monkeypatch.setattr("study.runs.storage.parts._SHARE", 0.0)
 
 
 @pytest.fixture
 def computed(monkeypatch):
-    """A list that grows by what is computed: a cell's name, a trial and an estimator for each fit."""
+    """A list of the computed fits: the cell's name, the trial and the estimator of each."""
     done, real = [], jobs.compute
 
-    def watched(made, unit, reduce=None):
+    def watched(made, unit):
         for batch in unit.batches:
             numbers = range(batch.first, batch.first + batch.trials)
             done.extend((c.name, t, e) for c in batch.cells for t in numbers for e in made.estimators)
-        return real(made, unit, reduce)
+        return real(made, unit)
 
     monkeypatch.setattr(jobs, "compute", watched)
     return done

@@ -19,16 +19,16 @@ from pathlib import Path
 
 import psutil
 
-from study.experiment import design
 from study.experiment.config import parse
+from study.experiment.designs import grid
 from study.runs import jobs, runner
 from study.runs.storage import parts
 from study.runs.storage.atomic_write import RunError
-from study.runs.workers import dispatch
-from study.statistics.performance import measured
+from study.runs.workers.backend import Backend
+from study.runs.workers.choose import Workers
 
-design._SAMPLES_PER_UNIT = 500  # one block in a unit, and one unit in a part
-dispatch.Pool.enough = 0.0
+grid._SAMPLES_PER_UNIT = 500  # one block in a unit, and one unit in a part
+Backend.enough = 0.0
 parts._SECONDS = parts._SHARE = 0.0
 FULL = 3
 
@@ -59,7 +59,7 @@ class Trap:
 
 
 def is_worker(process):
-    """Whether a child process is a worker that is alive."""
+    """True if a child process is a worker that is alive."""
     with contextlib.suppress(psutil.NoSuchProcess):  # it may end while it is looked at
         return "popen_loky" in " ".join(process.cmdline())
     return False
@@ -81,13 +81,13 @@ def killer(numbers, log):
 
 
 def serve(request, log):
-    """Make a run; what is computed is noted, and so are the steps."""
+    """Make a run, and log the computed keys and the steps."""
     trap = Trap(request.get("kill_at"))
     real = jobs.execute
 
-    def execute(order, some):
+    def execute(made, some):
         os.write(log, "".join(f"{job.key}\n" for job in some).encode())
-        return real(order, some)
+        return real(made, some)
 
     os.fsync, os.replace = trap.around(os.fsync), trap.around(os.replace)
     os.unlink, os.rename = trap.around(os.unlink), trap.around(os.rename)
@@ -102,11 +102,11 @@ def serve(request, log):
             sync(handle)
 
         os.fsync = full
-    crew = dispatch.Workers(request.get("backend", "threads"), 2)
+    crew = Workers(request.get("backend", "threads"), 2)
     progress = killer(request["kill_workers"], log) if "kill_workers" in request else None
     try:
         study, folder = parse(request["config"]), Path(request["folder"])
-        runner.run(study, request["config"], folder, crew, progress, lambda line: 0, judge=measured)
+        runner.run(study, request["config"], folder, crew, progress, lambda line: 0)
     except RunError as error:
         return FULL if "No space left" in str(error) else 1
     finally:

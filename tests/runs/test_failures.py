@@ -1,14 +1,17 @@
-"""Failures are rows: of a trial that raises, and of a unit that no worker survives; everything else goes on."""
+"""Failures are rows: of a trial that raises, and of a unit that ends its workers. Everything else is computed."""
 
+import functools
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
 import study
 from study.estimators import Status
 from study.runs import jobs as module
-from study.runs.finish import complaint
-from study.runs.workers import dispatch
+from study.runs import runner
+from study.runs.finish import failure_message
+from study.runs.workers.choose import Workers
 
 pytestmark = pytest.mark.usefixtures("same_software", "small_units")
 
@@ -46,98 +49,85 @@ def test_an_exception_is_rows(start, jobs):
 
 @pytest.mark.usefixtures("raises")
 def test_what_is_tolerated(start):
-    """A complete run is complained of where a larger share failed than its config tolerates."""
+    """There is a message if a larger share of fits failed than the config tolerates."""
     top = {"estimators": ["raises", "lls"]}
-    assert "12 of 48 fits raised" in complaint(start(top))
-    assert "tolerate_failures = 0.24" in complaint(start(top | {"tolerate_failures": 0.24}))
-    assert complaint(start(top | {"tolerate_failures": 0.25})) is None
-    assert complaint(start(LLS)) is None
+    assert "12 of 48 fits raised" in failure_message(start(top))
+    assert "tolerate_failures = 0.24" in failure_message(start(top | {"tolerate_failures": 0.24}))
+    assert failure_message(start(top | {"tolerate_failures": 0.25})) is None
+    assert failure_message(start(LLS)) is None
 
 
 def test_tolerance_does_not_name_the_run(start):
-    """It says what to think of a run, not what is in it: the run is the same."""
+    """Another tolerance is the same run: it changes the message, not the tables."""
     run = start(LLS)
     assert start(LLS | {"tolerate_failures": 0.5}, folder=run.folder).study.run_name() == run.study.run_name()
 
 
 def test_no_failures_no_table(start):
-    """A run without failures has no table of them, nor keeps that of an earlier version."""
+    """A run without failures has no table of failures."""
     run = start(LLS)
     assert not run.has("failures")
 
 
-class Broken(dispatch.Threads):
-    """Workers that die of some cells."""
+@pytest.fixture(params=["killed", "killed, one process", "out of memory"])
+def deadly(request, monkeypatch, start, tmp_path):
+    """Let workers end at one cell of a study; the cell's name, its workers, and a folder with a file for each end."""
+    import deadly as module
 
-    deadly: frozenset[str] = frozenset()
-    deaths = 0
-    once = False
+    cell = start({"estimators": ["lls"]}, draws="independent").table("errors")["cell"].astype(str).iloc[10]
+    function = module.starve if request.param == "out of memory" else module.kill
+    workers = {"killed": Workers("loky", 2), "killed, one process": Workers("loky", 1)}.get(request.param, 2)
+    (tmp_path / "ends").mkdir()
 
-    def submit(self, function, shared, items):
-        """Die of a task with a deadly cell in it."""
-        kind = type(self)
+    def limit(most):
+        replaced = functools.partial(function, tmp_path / "ends", frozenset([cell]), most)
+        monkeypatch.setattr(runner, "execute", replaced)
 
-        def call():
-            names = {cell.name for job in items for cell in job.span.group.cells}
-            if names & kind.deadly and not (kind.once and kind.deaths):
-                kind.deaths += 1
-                raise dispatch.BrokenExecutor("gone")
-            return function(shared, items)
-
-        return self._pool.submit(call)
+    limit(1000)
+    return SimpleNamespace(cell=cell, workers=workers, ends=tmp_path / "ends", limit=limit)
 
 
-@pytest.fixture
-def deadly(monkeypatch, start):
-    """Let workers die of one cell of a study with independent draws; its name."""
-    name = start({"estimators": ["lls"]}, draws="independent").table("errors")["cell"].astype(str).iloc[10]
-    monkeypatch.setattr(dispatch, "Threads", Broken)
-    monkeypatch.setattr(Broken, "deadly", frozenset([name]))
-    monkeypatch.setattr(Broken, "deaths", 0)
-    return name
-
-
-def test_a_deadly_unit_is_tried_twice_and_recorded(start, deadly, computed):
-    """It costs itself alone; its rows are failures, and all others are there."""
-    run = start(LLS, draws="independent")
-    assert Broken.deaths == 2
+def test_a_deadly_unit_is_tried_twice_and_recorded(start, deadly):
+    """Its rows are failures; the rows of all other units are there."""
+    run = start(LLS, jobs=deadly.workers, draws="independent")
+    assert len(list(deadly.ends.iterdir())) == 2
     errors, failures = run.table("errors"), run.table("failures")
-    assert set(errors["cell"][errors["status"] == Status.FAILED]) == {deadly}
-    assert set(failures["cell"]) == {deadly}
+    assert set(errors["cell"][errors["status"] == Status.FAILED]) == {deadly.cell}
+    assert set(failures["cell"]) == {deadly.cell}
     assert set(failures["cause"]) == {"worker"}
-    assert set(failures["message"]) == {"the worker died, twice: gone"}
+    assert all(message.startswith("the worker died, twice: ") for message in failures["message"])
     assert len(failures) == run.manifest()["lost"] == 3 * 2
     assert len(errors) == 8 * 3 * 2
 
 
-def test_a_worker_that_dies_once(start, deadly, monkeypatch):
-    """The unit is tried again, and nothing shows."""
-    monkeypatch.setattr(Broken, "once", True)
-    run = start(LLS, draws="independent")
-    assert Broken.deaths == 1
+def test_a_worker_that_dies_once(start, deadly):
+    """The unit is tried again, and its rows are there."""
+    deadly.limit(1)
+    run = start(LLS, jobs=deadly.workers, draws="independent")
+    assert len(list(deadly.ends.iterdir())) == 1
     assert not run.has("failures")
     assert run.manifest()["failures"] == 0
 
 
-def test_lost_units_are_tried_again_by_the_next_run(start, deadly, computed, monkeypatch):
-    """A finished run with lost units is finished again where there is more memory, say: only they are computed."""
-    run = start(LLS, draws="independent")
+def test_lost_units_are_tried_again_by_the_next_run(start, deadly, computed):
+    """Running a finished run again, where there is more memory, say, computes the lost units, and no others."""
+    run = start(LLS, jobs=deadly.workers, draws="independent")
     computed.clear()
-    monkeypatch.setattr(Broken, "deadly", frozenset())
+    deadly.limit(0)
     start(LLS, folder=run.folder, warn=str, draws="independent")
-    assert {cell for cell, *_ in computed} == {deadly}
+    assert {cell for cell, *_ in computed} == {deadly.cell}
     assert not run.has("failures")
     assert run.path("errors").read_bytes() == start(LLS, draws="independent").path("errors").read_bytes()
 
 
 def test_out_of_memory_is_a_death(start, monkeypatch, computed):
-    """A unit that takes more memory than there is, is tried alone and then recorded."""
+    """A unit that needs more memory than there is is tried alone, and then recorded as lost."""
     real = module.compute
 
-    def greedy(made, unit, reduce=None):
+    def greedy(made, unit):
         if unit.batches[0].samples == 40:
             raise MemoryError("cannot allocate")
-        return real(made, unit, reduce)
+        return real(made, unit)
 
     monkeypatch.setattr(module, "compute", greedy)
     run = start(LLS)

@@ -1,10 +1,10 @@
-"""The run folder: what is in it when a run is done, and what it refuses."""
+"""The run folder: its files when a run is done, and the folders that are refused."""
 
 import pytest
 
 from study.experiment.config import parse
-from study.experiment.design import spans
-from study.runs.jobs import Asked, Order, execute
+from study.experiment.units import spans
+from study.runs.jobs import Jobs, execute
 from study.runs.storage.parts import Parts
 from study.runs.storage.run_folder import Run, RunError
 
@@ -79,13 +79,13 @@ def test_a_folder_whose_config_is_broken(start, files):
 
 
 def test_names_too_long_for_the_disk(start, tmp_path):
-    """A folder name that the disk refuses is a message like any other."""
+    """A folder name that the disk refuses gives one clear line."""
     with pytest.raises(RunError, match="too long"):
         start(folder=tmp_path / ("a" * 300))
 
 
 def test_no_run_where_none_is(tmp_path):
-    """Opening what is no run says how to make one."""
+    """The message for a folder that is no run says how to make one."""
     for path in (tmp_path, tmp_path / "none"):
         with pytest.raises(RunError, match=r"no config\.toml in it"):
             Run.open(path)
@@ -103,12 +103,12 @@ def test_a_table_that_is_missing_or_broken(start):
 
 
 def test_an_interrupted_run_is_finished_by_running_again(start, make_text, tmp_path, files):
-    """Parts, and tables, of a run that stopped half-way do not show in the finished one."""
+    """Parts and tables of a run that stopped half-way do not change the tables of the finished one."""
     study = parse(make_text())
     folder = tmp_path / "stopped"
     store = Run.create(folder, study).begin(make_text())
     parts = Parts(store.folder, "units")
-    parts.add(execute(Order(study), (Asked(study).job(next(spans(study))),)))
+    parts.add(execute(study, (Jobs(study).job(next(spans(study))),)))
     parts.commit()
     assert len(list((folder / "parts").iterdir())) == 1
     start(folder=folder, warn=str)
@@ -118,11 +118,11 @@ def test_an_interrupted_run_is_finished_by_running_again(start, make_text, tmp_p
 
 
 def test_a_unit_is_named_by_its_content(make_text):
-    """A unit's key depends on all that its rows depend on, not on its position, the grid or other estimators."""
+    """A unit's key depends on all that determines its rows, not on its position, the grid or other estimators."""
 
     def keys(top=None, **design):
         study = parse(make_text(top, **design))
-        return {Asked(study).job(span).key for span in spans(study)}
+        return {Jobs(study).job(span).key for span in spans(study)}
 
     alone = keys(samples=[40])
     assert alone < keys(samples=[6, 40])

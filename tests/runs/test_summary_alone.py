@@ -1,21 +1,18 @@
-"""A study that keeps summaries alone: no errors are stored, and the summary is that of the errors, to the bit."""
+"""Studies that keep only the summary: it is that of the errors, to the bit, and no errors are stored."""
 
 import functools
 
 import pytest
 
 import study
-from study.analysis.summary import of_errors, summarise
+from study.analysis.summary import summarise
 from study.estimators import Status
-from study.estimators.fit import Estimator
-from study.experiment.compute_unit import compute
+from study.estimators.estimator import Estimator
 from study.experiment.config import parse
-from study.experiment.design import units
-from study.experiment.errors import Errors
 from study.runs import runner
 from study.runs.storage.atomic_write import RunError
 from study.runs.storage.run_folder import Run
-from study.runs.workers.dispatch import Workers
+from study.runs.workers.choose import Workers
 
 pytestmark = pytest.mark.usefixtures("same_software")
 
@@ -24,18 +21,18 @@ GRID = {"trials": 70, "samples": [6, 700], "noise": [0.05, 0.5], "radius": [1.0,
 
 @pytest.fixture
 def keep(make_text, tmp_path):
-    """Run a study that keeps summaries alone."""
+    """Run a study that keeps only the summary."""
 
     def run(name, top=None, jobs=2, **design):
         text = make_text({"keep": "summary"} | (top or {}), **(GRID | design))
-        return runner.run(parse(text), text, tmp_path / name, jobs, warn=str, reduce=of_errors)
+        return runner.run(parse(text), text, tmp_path / name, jobs, warn=str)
 
     return run
 
 
 @pytest.mark.parametrize("route", ["points", "moments"])
 def test_the_summary_is_that_of_the_errors(start, keep, files, route):
-    """The same table as from stored errors, whose rows are not stored; for both routes."""
+    """The summary is that of stored errors, by both routes."""
     top = {"route": route, "estimators": ["gdke", "ugdk"]} if route == "moments" else {}
     short, whole = keep("short", top), start(top, **GRID)
     summarise(whole)
@@ -52,32 +49,9 @@ def test_bytes_do_not_depend_on_workers(keep, draws):
     assert len({run.path("summary").read_bytes() for run in found}) == 1
 
 
-def test_rows_from_arrays_are_rows_from_tables(make_text):
-    """Of errors in arrays, with fits that are not ok, `of_errors` makes what `summary` makes of their rows."""
-    import pandas as pd
-
-    from study.analysis.summary import summary
-
-    made = parse(make_text({"estimators": ["ugdk", "mle"]}, **(GRID | {"noise": [0.05, 3.0], "samples": 5})))
-    found = []
-
-    def both(errors):
-        expected = summary(pd.DataFrame(errors.columns()), by_decade=False)
-        rows = pd.DataFrame(of_errors(errors))
-        assert (rows["ok"] < rows["planned"]).any()
-        pd.testing.assert_frame_equal(rows, expected[list(rows)], check_exact=True)
-        found.append(errors)
-        return {}
-
-    for unit in units(made.model_copy(update={"keep": "summary"})):
-        compute(made.model_copy(update={"keep": "summary"}), unit, both)
-    assert all(isinstance(errors, Errors) for errors in found)
-    assert found
-
-
 def test_a_run_that_stops_goes_on(keep, computed, monkeypatch):
-    """What was finished is not computed again; a finished run computes nothing; a damaged summary is made again."""
-    monkeypatch.setattr("study.runs.workers.dispatch.Pool.enough", 0.0)
+    """Finished units are not computed again, a finished run computes nothing, and a damaged summary is made again."""
+    monkeypatch.setattr("study.runs.workers.backend.Backend.enough", 0.0)
     monkeypatch.setattr("study.runs.storage.parts._SECONDS", 0.0)
     whole = keep("whole")
     everything = list(computed)
@@ -107,7 +81,7 @@ def test_a_run_that_stops_goes_on(keep, computed, monkeypatch):
 
 
 def test_failures_are_rows(keep, monkeypatch):
-    """What an estimator raises is in the table of failures, and counted in the summary."""
+    """Exceptions of an estimator are in the table of failures, and counted in the summary."""
 
     def raises(samples):
         raise ZeroDivisionError("my own mistake")
@@ -120,22 +94,14 @@ def test_failures_are_rows(keep, monkeypatch):
     assert len(run.table("failures")) == run.manifest()["failures"] == 70 * 16
 
 
-def test_nothing_makes_the_summary(make_text, tmp_path):
-    """Without a function that makes it, nothing is begun."""
-    text = make_text({"keep": "summary"}, **GRID)
-    with pytest.raises(ValueError, match="needs a function that makes a summary"):
-        runner.run(parse(text), text, tmp_path / "run")
-    assert not (tmp_path / "run").exists()
-
-
 def test_it_is_opened_like_any_other(keep):
-    """Its summary is read back; its errors are missing, and said to be."""
+    """Its summary is read back, and its errors are missing."""
     run = Run.open(keep("run").folder)
     assert len(run.table("summary")) == 16 * 4
     assert not run.has("errors")
 
 
 def test_errors_that_were_not_kept(keep):
-    """Who asks for them is told why they are not there, and not to finish a run that is finished."""
+    """The message says why the errors are missing, and does not say to finish the run."""
     with pytest.raises(RunError, match="keeps its summary alone"):
         keep("alone").table("errors")

@@ -78,7 +78,7 @@ def test_tiny_caps(rng, phi):
 
 @pytest.mark.parametrize("n", [2, 3, 5, 100, 3000])
 def test_circles_leave_the_centre_open(rng, random_rotation, n):
-    """Directions on a circle, great or small, or too few of them give an infinite bound, however they are turned."""
+    """Directions on a circle, great or small, or too few of them give an infinite bound, in any orientation."""
     for height in (0.0, 0.8):
         for _ in range(20):
             a = rng.uniform(-np.pi, np.pi, n)
@@ -101,17 +101,20 @@ def test_batches(rng):
 
 @pytest.mark.parametrize("shape", [(3,), (5, 1), ()])
 def test_bad_shape(shape):
-    """Directions that are no (…, n, d) are refused with their shape."""
+    """Directions of another shape than (…, n, d) raise an error that names the shape."""
     with pytest.raises(ValueError, match="shape"):
         study.crlb(np.ones(shape), 0.1)
 
 
 @pytest.mark.parametrize(
     "noise",
-    [0.0, -1.0, np.nan, np.inf, [0.1, 0.1, 0.1], np.eye(2), np.diag([1.0, 1.0, -1.0]), np.diag([1.0, 1.0, 0.0]),
-     np.diag([1.0, 1.0, np.nan]), [[1.0, 0.5, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]],
-)  # fmt: skip
+    [
+        *(0.0, -1.0, np.nan, np.inf),
+        *([0.1, 0.1, 0.1], np.eye(2), [[1.0, 0.5, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]),
+        *(np.diag([1.0, 1.0, last]) for last in (-1.0, 0.0, np.nan)),
+    ],
+)
 def test_bad_noise(rng, noise):
-    """A noise that is no standard deviation and no covariance is refused by name."""
+    """A noise that is neither a standard deviation nor a covariance raises an error that names it."""
     with pytest.raises(ValueError, match="noise"):
         study.crlb(sample_cap(rng, 8, 2.0, 3), noise)

@@ -59,7 +59,7 @@ def test_azimuth_is_uniform(rng, angle):
 
 @pytest.mark.parametrize("d", DIMENSIONS)
 def test_isotropic_across_the_axis(rng, assert_mean, d):
-    """Across the axis the mean is zero, the covariance a multiple of 1, and neither hangs together with the height.
+    """Across the axis the mean is zero and the covariance a multiple of 1, whatever the height.
 
     4.5 standard errors in at most 34 components: false alarms below 3e-4.
     """
@@ -87,7 +87,7 @@ def test_heights_against_mpmath(rng, d, relative, phi):
                 exact = 1 - mpmath.cos(angle * share)
             elif d == 3:
                 exact = 2 * top * share
-            else:  # I_x(2, 2) = x² (3 - 2x); x by bisection, which knows nothing of the code's method
+            else:  # I_x(2, 2) = x² (3 - 2x); x by bisection, a method that the code does not use
                 level = share * top**2 * (3 - 2 * top)
                 low, high = mpmath.mpf(0), top
                 for _ in range(190):
@@ -108,30 +108,30 @@ def test_heights_at_the_ends(d):
 
 @pytest.mark.parametrize("axis", [[1, 0, 0], [-1, 0, 0], [0, 0, 1], [1e-9, 1, 0], [-3e5, 2e5, 1e5], [1e-5, -1e-6, 0]])
 def test_axis(axis):
-    """An axis of any direction and length turns the cap as a whole: heights and mutual angles stay."""
+    """An axis of any direction and length rotates the cap as a whole: heights and mutual angles stay."""
     plain = sample_cap(np.random.default_rng(7), 200, 0.7, 3)
-    turned = sample_cap(np.random.default_rng(7), 200, 0.7, 3, axis)
+    rotated = sample_cap(np.random.default_rng(7), 200, 0.7, 3, axis)
     pole = np.array(axis, dtype=float) / np.linalg.norm(axis)
-    np.testing.assert_allclose(turned @ pole, plain[:, 0], rtol=0, atol=8 * EPS)
-    np.testing.assert_allclose(turned @ turned.T, plain @ plain.T, rtol=0, atol=16 * EPS)
+    np.testing.assert_allclose(rotated @ pole, plain[:, 0], rtol=0, atol=8 * EPS)
+    np.testing.assert_allclose(rotated @ rotated.T, plain @ plain.T, rtol=0, atol=16 * EPS)
 
 
 @pytest.mark.parametrize("angle", [0.0, -1.0, np.nan, np.inf, 3.2])
 def test_bad_angle(rng, angle):
-    """An angle outside (0, π] is refused by name."""
+    """An angle outside (0, π] raises an error that names it."""
     with pytest.raises(ValueError, match="half_angle"):
         sample_cap(rng, 5, angle)
 
 
 def test_bad_dimension(rng):
-    """One dimension is too few."""
+    """One dimension raises an error."""
     with pytest.raises(ValueError, match="dimension"):
         sample_cap(rng, 5, 1.0, 1)
 
 
 @pytest.mark.parametrize("axis", [[1.0, 0.0], [0.0, 0.0, 0.0], [np.nan, 0.0, 1.0], [np.inf, 0.0, 1.0], 1.0])
 def test_bad_axis(rng, axis):
-    """An axis of the wrong length, zero or not finite is refused by name."""
+    """An axis of the wrong shape, zero or not finite raises an error that names it."""
     with pytest.raises(ValueError, match="axis"):
         sample_cap(rng, 5, 1.0, 3, axis)
 

@@ -37,15 +37,15 @@ def test_relative_accuracy(d):
 
 
 @pytest.mark.parametrize("d", [4, 11])
-def test_no_share_no_height(d):
-    """Zero stays zero, and the smallest shares keep their law t ∝ w^(2/(d-1))."""
+def test_smallest_shares(d):
+    """A share of zero has height zero, and the smallest shares follow t ∝ w^(2/(d-1))."""
     t = heights(np.array([0.0, 1e-300, 1e-290]), 2.0, d)
     assert t[0] == 0.0
     np.testing.assert_allclose(t[2] / t[1], 10.0 ** (20 / (d - 1)), rtol=16 * EPS)
 
 
 def test_in_place_in_any_layout(rng):
-    """Strided numbers become the heights that they become in a row."""
+    """Strided numbers become the same heights as contiguous ones."""
     uniform = rng.random((3, 4, 700))
     flat, strided = uniform[:, 1].flatten(), uniform[:, 1]
     assert heights(strided, 2.0, 4) is strided
@@ -54,7 +54,7 @@ def test_in_place_in_any_layout(rng):
 
 @pytest.mark.parametrize("d", [4, 7])
 @pytest.mark.parametrize("angle", [1e-6, 1.0, 3.0])
-def test_drawn_heights_are_those_of_their_uniform_numbers(angle, d):
+def test_draws_have_the_heights_of_their_uniform_numbers(angle, d):
     """In three dimensions, on the whole sphere, the first row of a draw is twice its uniform numbers."""
     (plain, z), (directions, y) = np.empty((2, 1, 3, 200)), np.empty((2, 1, d, 200))
     draw(lanes(1, "heights"), math.pi, plain, z)

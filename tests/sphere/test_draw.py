@@ -63,7 +63,7 @@ def test_directions_across_the_axis_are_uniform(d):
 
 
 def test_points_of_the_circle_are_sines_and_cosines():
-    """In three dimensions: whichever point it is, its coordinates belong together to the last bits."""
+    """In three dimensions the coordinates of each point are a sine and a cosine of one angle, to the last bits."""
     u, _ = drawn("circle", 1, 400, 3, math.pi)
     for t, x, y in u[0].T:
         with mpmath.workdps(40):
@@ -86,8 +86,8 @@ def test_normals_are_normal_and_do_not_follow_one_another():
         assert abs(np.mean((one**2 - 1) * (other**2 - 1))) < 5 * 2 / math.sqrt(one.size)
 
 
-def test_directions_and_normals_are_of_different_words():
-    """No normal number follows from a direction: rank correlations of all pairs of rows. False alarm 1e-5."""
+def test_directions_and_normals_are_independent():
+    """No normal number depends on a direction: rank correlations of all pairs of rows. False alarm 1e-5."""
     u, z = drawn("apart", 1, 50_000, 3)
     ranks = stats.spearmanr(np.vstack([u[0], z[0], np.abs(z[0])]), axis=1).statistic
     assert np.abs(ranks[:3, 3:]).max() < 5 / math.sqrt(50_000)

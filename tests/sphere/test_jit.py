@@ -1,4 +1,4 @@
-"""Code cached on disk never outlives a change in what it calls, and computes the bits of that just compiled."""
+"""Compiled code in the cache never outlives a change in its sources, and computes the bits of code just compiled."""
 
 import os
 import shutil
@@ -50,18 +50,34 @@ def package(tmp_path):
 
 
 def test_change_in_a_called_function_reaches_its_caller(package):
-    """`_scatter` inlines `total`: served from the cache while nothing changes, and made anew when `total` does."""
+    """`_scatter` inlines `total`: it comes from the cache until `total` changes, and then is compiled anew."""
     copy, run = package
     assert run() == ["4.0", "0"]
     assert run() == ["4.0", "1"]
-    source = copy / "sphere" / "compiled.py"
+    source = copy / "sphere" / "jit.py"
     text = source.read_text()
     assert text.count("result += row[k]") == 1
     source.write_text(text.replace("result += row[k]", "result += 3.0 * row[k]"))
     assert run() == ["12.0", "0"]
 
 
+@pytest.mark.parametrize(("changed", "discarded"), [("mocap/geometry/rigid.py", True), ("report/page.py", False)])
+def test_changes_that_discard_the_cache(package, changed, discarded):
+    """A change in any folder with compiled code discards that of all such folders; a change elsewhere does not."""
+    copy, run = package
+    run("import study.sphere.jit")
+    stale = copy / "mocap" / "geometry" / "__pycache__" / "rigid.some_kernel.nbi"
+    stale.parent.mkdir(exist_ok=True)
+    stale.touch()
+    run("import study.sphere.jit")
+    assert stale.exists()
+    with (copy / changed).open("a") as source:
+        source.write("# changed\n")
+    run("import study.sphere.jit")
+    assert stale.exists() != discarded
+
+
 def test_code_just_compiled_and_code_from_the_cache_have_the_same_bits(package):
-    """LLS of the process that compiled it differed in the last bit from that of all others."""
+    """LLS in the process that compiled it once differed in the last bit from LLS in all others."""
     _, run = package
     assert run(FITS) == run(FITS)

@@ -37,7 +37,7 @@ def errors(name, directions, noise, sigma, radius):
 @pytest.mark.parametrize("d", [2, 3, 5])
 @pytest.mark.parametrize("angle", [20.0, 90.0, 180.0])
 def test_both_routes_agree(name, d, angle):
-    """From σ/r = 1e-6 to 0.1: to 1e-9 of the error, and what rounding leaves of points, some ε r / φ²."""
+    """Fits of joint moments and of points agree from σ/r = 1e-6 to 0.1, to 1e-9 of the error and rounding, ε r / φ²."""
     directions, noise = drawn(stream(7), 50, 60, angle, d)
     u = directions.copy()
     u[:, 0] = 1.0 - u[:, 0]
@@ -51,7 +51,7 @@ def test_both_routes_agree(name, d, angle):
         apart = np.linalg.norm(direct - joint, axis=1)
         regular = np.isfinite(size) & np.isfinite(apart)
         assert regular.mean() > 0.9
-        # an error far beyond the radius is that of a nearly singular matrix, which is as uncertain in either way
+        # an error far beyond the radius comes from a nearly singular matrix, and is as uncertain either way
         tame = regular & (size < radius)
         assert np.all(apart[tame] < 1e-9 * size[tame] + floor), (apart[tame] / (1e-9 * size[tame] + floor)).max()
 
@@ -83,7 +83,7 @@ def exact(directions, noise, sigma, radius, eta):
 
 @pytest.mark.parametrize("angle", [1.0, 5.0, 90.0])
 def test_sixty_digits_at_the_smallest_noise(angle):
-    """σ/r = 1e-13, where points show rounding alone: GDKE's and UGDK's errors to ten digits."""
+    """At σ/r = 1e-13, where points show rounding alone, GDKE's and UGDK's errors have ten digits."""
     directions, noise = drawn(stream(11), 4, 200, angle)
     for name, eta in (("gdke", 0.0), ("ugdk", 1e-26)):
         found = errors(name, directions, noise, 1e-13, 1.0)

@@ -1,15 +1,13 @@
-"""Points that kernels form where they read them: the same points, and the same sums to the bit, as stored ones."""
+"""Points that kernels form when they read them: the same points, and the same sums to the bit, as stored ones."""
 
 from fractions import Fraction
 
 import numpy as np
 import pytest
 
-from study.estimators import ESTIMATORS, Samples
+from study.estimators import ESTIMATORS, Fit, Samples
 from study.sphere.layouts import BLOCK, Placed, abreast, extent, form
 from study.sphere.moments import Moments
-
-FIELDS = ("center", "radius", "noise_variance", "status", "condition", "iterations")
 
 
 @pytest.fixture
@@ -55,16 +53,16 @@ def test_sums_do_not_depend_on_where_points_are(place, d, n):
     noise = np.tile(placed.sigma, 2)
     for other in (points, np.ascontiguousarray(points.swapaxes(1, 2)).swapaxes(1, 2), np.asfortranarray(points)):
         stored, formed = Moments.of(other), Moments.of(placed)
-        for name in ("count", "mean", "second", "third", "fourth"):
-            np.testing.assert_array_equal(getattr(formed, name), getattr(stored, name))
+        for one, two in zip(formed, stored, strict=True):
+            np.testing.assert_array_equal(one, two)
         for estimator in ("mle", "mle_mirror", "lls", "ugdk"):
             fits = [ESTIMATORS[estimator](Samples(x, noise)) for x in (placed, other)]
-            for name in FIELDS:
-                np.testing.assert_array_equal(getattr(fits[0], name), getattr(fits[1], name))
+            for name, one, two in zip(Fit._fields, *fits, strict=True):
+                np.testing.assert_array_equal(one, two, err_msg=name)
 
 
 def test_one_set_of_formed_points(place):
-    """A set taken out of a batch has its own points and noise; those of the batch are formed when asked for."""
+    """One set of a batch has its own points and noise; the points of a batch are formed when they are needed."""
     placed = place(3, 40)
     batch = Samples(placed, np.tile(placed.sigma, 2))
     points = form(placed, np.empty((6, 3, 40)))

@@ -14,7 +14,7 @@ DIMENSIONS = [2, 3, 5]
 
 @pytest.fixture(params=DIMENSIONS)
 def d(request):
-    """Two, three and five dimensions; from three on, the code takes another way in the middle one."""
+    """Two, three and five dimensions; in three the code has a formula of its own."""
     return request.param
 
 
@@ -51,25 +51,25 @@ def test_geometric(rng, d):
 
 
 def test_whole_sphere(rng, d):
-    """It is the sum over points of the density's logarithm, but for (d/2) log 2π each; k is between .1 and 200."""
+    """It is the sum of the points' log-densities, but for (d/2) log 2π each; k is between .1 and 200."""
     points, center, radius, offsets, log_noise = scene(rng, d)
     found = whole_sphere(Reference.of(points, center, radius), offsets, log_noise)
     for value, offset, log_sigma in zip(found, offsets, log_noise, strict=True):
         distance = np.linalg.norm(points - (center + offset[:d])[:, None], axis=0)
-        told = [log_density(x, radius + offset[d], math.exp(log_sigma), d) for x in distance]
+        logs = [log_density(x, radius + offset[d], math.exp(log_sigma), d) for x in distance]
         constant = 0.5 * d * points.shape[1] * math.log(2.0 * math.pi)
-        assert value == pytest.approx(sum(told) + constant, rel=1e-9)
+        assert value == pytest.approx(sum(logs) + constant, rel=1e-9)
 
 
 @pytest.mark.parametrize("noise", [0.05, 0.5, 2.0])
 def test_whole_sphere_integrates_to_one(d, noise):
-    """∫ p(R) |Sᵈ⁻¹| Rᵈ⁻¹ dR = 1, by Gauss-Legendre in pieces; theory §6 b has it to eight digits in d = 2 and 3."""
+    """∫ p(R) |Sᵈ⁻¹| Rᵈ⁻¹ dR = 1, by Gauss-Legendre in pieces (density: theory §6)."""
     radius, top = 1.0, 1.0 + 14.0 * noise
     node, weight = np.polynomial.legendre.leggauss(40)
     edge = np.linspace(0.0, top, 31)
     half, middle = 0.5 * np.diff(edge)[:, None], 0.5 * (edge[1:] + edge[:-1])[:, None]
     distance, weights = (middle + half * node).ravel(), (half * weight).ravel()
-    # one point, and spheres whose centres lie so far from it
+    # one point, and spheres with centres at these distances from it
     reference = Reference.of(np.eye(d)[:, :1], np.zeros(d), radius)
     offsets = np.zeros((len(distance), d + 1))
     offsets[:, 0] = 1.0 - distance
@@ -117,13 +117,13 @@ def test_whole_sphere_of_little_noise(rng, d, noise):
     order = 0.5 * d - 1.0
     constant = 20 * (math.lgamma(order + 1.0) + order * math.log(2.0) - 0.5 * math.log(2.0 * math.pi))
     distance = np.linalg.norm(points - 2.0, axis=0)
-    told = geometric(reference, offsets, logs) - 0.5 * (d - 1) * np.sum(np.log(1.5 * distance)) + constant
+    expected = geometric(reference, offsets, logs) - 0.5 * (d - 1) * np.sum(np.log(1.5 * distance)) + constant
     change = 20 * d * (np.abs(offsets).max() + noise**2)  # of log R and log r between the spheres, and the order 1/k
-    np.testing.assert_allclose(whole_sphere(reference, offsets, logs), told, atol=change + 1e-9, rtol=1e-12)
+    np.testing.assert_allclose(whole_sphere(reference, offsets, logs), expected, atol=change + 1e-9, rtol=1e-12)
 
 
 def exact(points, excess, offsets, log_noise, name):
-    """The same in 60 digits, from residuals excess + |y - δ| - |y| - ρ; the reference lies at the origin."""
+    """The log-likelihood in 60 digits, from residuals excess + |y - δ| - |y| - ρ; the reference is at the origin."""
     d, n = points.shape
     with mpmath.workdps(60):
         log_noise, order = mpmath.mpf(log_noise), mpmath.mpf(d) / 2 - 1
@@ -151,10 +151,11 @@ def exact(points, excess, offsets, log_noise, name):
 @pytest.mark.parametrize("name", ["geometric", "whole_sphere"])
 @pytest.mark.parametrize("size", [1.0, 1e-3])
 def test_nothing_cancels_at_a_trillionth_of_the_radius(rng, d, name, size):
-    """σ = 10⁻¹² r, spheres a thousandth to one σ apart: as in 60 digits, to 10⁻¹², given the stored residuals.
+    """At σ = 10⁻¹² r, with spheres a thousandth to one σ apart, it is that of 60 digits, to 10⁻¹².
 
-    Against the points themselves the differences between spheres are right to the 10⁻³ that rounding the distances
-    to 10⁻¹⁶ costs; distances of each sphere apart would lose all of them at a thousandth of σ.
+    That is from the stored residuals. From the points themselves the differences between spheres are right to the 10⁻³
+    that rounding the distances to 10⁻¹⁶ costs. Distances computed anew for each sphere would lose all of their digits
+    at a thousandth of σ.
     """
     noise, n = 1e-12, 12
     direction = rng.standard_normal((d, n))
@@ -163,15 +164,15 @@ def test_nothing_cancels_at_a_trillionth_of_the_radius(rng, d, name, size):
     offsets = size * noise * rng.standard_normal((2, d + 1))
     log_noise = np.full(2, math.log(noise))
     found = (geometric if name == "geometric" else whole_sphere)(reference, offsets, log_noise)
-    held = [exact(points, reference.excess, offset, log_noise[0], name) for offset in offsets]
-    np.testing.assert_allclose(found, [float(value) for value in held], rtol=1e-12)
-    told = [exact(points, None, offset, log_noise[0], name) for offset in offsets]
-    assert found[0] - found[1] == pytest.approx(float(told[0] - told[1]), rel=1e-3)
+    stored = [exact(points, reference.excess, offset, log_noise[0], name) for offset in offsets]
+    np.testing.assert_allclose(found, [float(value) for value in stored], rtol=1e-12)
+    from_points = [exact(points, None, offset, log_noise[0], name) for offset in offsets]
+    assert found[0] - found[1] == pytest.approx(float(from_points[0] - from_points[1]), rel=1e-3)
 
 
 @pytest.mark.parametrize("likelihood", [geometric, whole_sphere])
 def test_many_spheres_at_once(rng, d, likelihood):
-    """As one at a time, to the last bit; so a chain does not depend on how its walkers are grouped."""
+    """Many spheres have the bits of each alone, so a chain does not depend on how its walkers are grouped."""
     points, center, radius, offsets, log_noise = scene(rng, d, n=33, spheres=40)
     reference = Reference.of(points, center, radius)
     found = likelihood(reference, offsets, log_noise)
@@ -181,7 +182,7 @@ def test_many_spheres_at_once(rng, d, likelihood):
 
 
 def test_reference(rng, d):
-    """Points less the centre, their lengths, and those less the radius."""
+    """A reference holds the points less the centre, their lengths, and the lengths less the radius."""
     points, center, radius, _, _ = scene(rng, d)
     reference = Reference.of(points, center, radius)
     np.testing.assert_array_equal(reference.away, points - center[:, None])

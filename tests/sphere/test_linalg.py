@@ -57,7 +57,7 @@ def test_repeated_eigenvalues(rng, random_rotation, values):
 
 
 def test_diagonal_matrix_is_sorted_exactly():
-    """A diagonal matrix costs no rounding: its entries in ascending order, unit vectors as columns."""
+    """A diagonal matrix is decomposed without rounding: its entries in ascending order, unit vectors as columns."""
     values, vectors = eigenbasis(np.diag([3.0, -1.0, 1e-30, 2.0])[None])
     np.testing.assert_array_equal(values[0], [-1.0, 1e-30, 2.0, 3.0])
     np.testing.assert_array_equal(vectors[0], np.eye(4)[:, [1, 2, 3, 0]])
@@ -86,5 +86,5 @@ def test_cholesky_solves(rng, d):
     ],
 )
 def test_cholesky_refuses(matrix):
-    """A matrix that is indefinite, singular or not a number is reported as not positive definite."""
+    """A matrix that is indefinite, singular or NaN is reported as not positive definite."""
     assert not cholesky_solve(np.array(matrix), np.ones(2))

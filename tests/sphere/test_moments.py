@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from study.sphere.layouts import BLOCK
-from study.sphere.moments import Moments, merge_into
+from study.sphere.moments import Moments
 
 EPS = np.finfo(float).eps
 SIZES = [1, 2, 5, 511, 512, 513, 1024, 1025]
@@ -32,9 +32,9 @@ def assert_exact(got, points, relative):
         np.testing.assert_allclose(value, true, rtol=0, atol=relative * scale)
 
 
-def parts(moments):
-    """The moments of the first set, without its count."""
-    return moments.mean[0], moments.second[0], moments.third[0], moments.fourth[0]
+def parts(moments, t=0):
+    """The moments of one set, without its number of samples."""
+    return moments.mean[t], moments.second[t], moments.third[t], moments.fourth[t]
 
 
 def of(points):
@@ -53,7 +53,7 @@ def test_against_exact_arithmetic(rng, n, d):
 @pytest.mark.parametrize("offset", [1e6, 1e9])
 @pytest.mark.parametrize("n", [7, 512, 600, 2000, BLOCK + 100])
 def test_far_origin(rng, offset, n):
-    """An origin 10⁶ or 10⁹ spreads away costs nothing, whatever the number of samples."""
+    """An origin 10⁶ or 10⁹ spreads away costs no digits, whatever the number of samples."""
     points = rng.standard_normal((n, 3)) + offset * np.array([1.0, -0.7, 0.3])
     assert_exact(parts(of(points)), points, 1e-14)
 
@@ -62,7 +62,7 @@ def test_far_origin(rng, offset, n):
 def test_order_of_samples(rng, order):
     """Whatever the order, the variance along the axis of a flat cap, 2.5e-9 of that across it, keeps 13 digits.
 
-    Of blocks that were merged by their means, which are rounded, it was wrong by 1e-9 to 5e-7.
+    If blocks were merged by their means, which are rounded, it would be wrong by 1e-9 to 5e-7.
     """
     n, height = BLOCK + 5000, 1.0 - np.cos(np.radians(0.01))
     heights, turns = height * rng.random(n), 2.0 * np.pi * rng.random(n)
@@ -93,14 +93,17 @@ def test_rounding_does_not_add_up(value):
 @pytest.mark.parametrize("n", [5, 513, 1025])
 @pytest.mark.parametrize("apart", [0.0, 1.0, 100.0])
 def test_merge_equals_the_whole(rng, n, apart):
-    """Two parts of any sizes, near or far from each other, merge into the moments of the whole."""
+    """Two parts of any sizes, near or far from each other, merge into the moments of the whole, and stay unchanged."""
     for cut in {1, n - 1, *rng.integers(1, n, 3).tolist()}:
         points = rng.standard_normal((n, 3)) + 3.0
         points[cut:] += apart
         one, two = of(points[:cut]), of(points[cut:])
-        mean, second, third, fourth = parts(one)
-        fourth = merge_into(float(cut), mean, second, third, fourth, float(n - cut), *parts(two), np.empty((2, 3)))
-        assert_exact((mean, second, third, fourth), points, 1e-14)
+        before = [part.copy() for part in (*one, *two)]
+        merged = one.merge(two)
+        assert merged.n[0] == n
+        assert_exact(parts(merged), points, 1e-14)
+        for part, copy in zip((*one, *two), before, strict=True):
+            np.testing.assert_array_equal(part, copy)
 
 
 @pytest.mark.parametrize("n", [6, 700])
@@ -119,8 +122,8 @@ def test_any_memory_layout(rng, n):
     expected = Moments.of(x)
     for view in views:
         got = Moments.of(view)
-        for name in ("count", "mean", "second", "third", "fourth"):
-            np.testing.assert_allclose(getattr(got, name), getattr(expected, name), rtol=0, atol=1e-14 * 9 * n)
+        for part, whole in zip(got, expected, strict=True):
+            np.testing.assert_allclose(part, whole, rtol=0, atol=1e-14 * 9 * n)
 
 
 def test_sets_of_a_batch_do_not_mix(rng):
@@ -129,8 +132,8 @@ def test_sets_of_a_batch_do_not_mix(rng):
     together = Moments.of(x)
     for t in range(5):
         alone = Moments.of(x[t : t + 1])
-        for name in ("mean", "second", "third", "fourth"):
-            np.testing.assert_array_equal(getattr(alone, name)[0], getattr(together, name)[t])
+        for part, whole in zip(parts(alone), parts(together, t), strict=True):
+            np.testing.assert_array_equal(part, whole)
 
 
 def test_normalised_as_in_the_paper(rng):

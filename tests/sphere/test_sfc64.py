@@ -1,4 +1,4 @@
-"""Generators side by side, and the normal numbers made of their words: NumPy's own, each for itself."""
+"""Generators side by side, and the normal numbers made of their words: both are NumPy's own, bit for bit."""
 
 import numpy as np
 import pytest
@@ -9,16 +9,15 @@ from study.sphere.ziggurat import to_normals
 
 
 def numpys(begin):
-    """NumPy's SFC64 where a column of a state begins."""
+    """NumPy's SFC64 in the state that a column holds."""
     generator = np.random.SFC64(0)
-    generator.state = {
-        "bit_generator": "SFC64", "state": {"state": begin.copy()}, "has_uint32": 0, "uinteger": 0,
-    }  # fmt: skip
+    state = {"state": begin.copy()}
+    generator.state = {"bit_generator": "SFC64", "state": state, "has_uint32": 0, "uinteger": 0}
     return generator
 
 
 class Words(np.random.bit_generator.ISeedSequence):
-    """Gives NumPy's SFC64 the words that it is to begin with."""
+    """Seed sequence that gives NumPy's SFC64 these words."""
 
     def __init__(self, words):
         self.words = words
@@ -32,12 +31,12 @@ class Words(np.random.bit_generator.ISeedSequence):
 
 @pytest.fixture
 def words(rng):
-    """What a state begins with."""
+    """Random words that seed a state."""
     return rng.integers(0, 2**64, WORDS, dtype=np.uint64)
 
 
 def test_each_lane_is_seeded_as_numpy_seeds_its_own(words):
-    """The state of NumPy's SFC64 that is seeded with a lane's three words."""
+    """A lane has the state of NumPy's SFC64 that is seeded with the same three words."""
     state = seeded(words)
     for lane in range(LANES + 1):
         own = np.random.SFC64(Words(words.reshape(3, LANES + 1)[:, lane])).state["state"]["state"]
@@ -45,7 +44,7 @@ def test_each_lane_is_seeded_as_numpy_seeds_its_own(words):
 
 
 def test_words_are_those_of_numpys_generators_in_turn(words):
-    """Word k is the next of lane k modulo their number; the spare's state stays."""
+    """Word k is the next word of lane k modulo their number; the spare's state does not change."""
     state = seeded(words)
     before = state.copy()
     found = np.empty(7 * LANES, dtype=np.uint64)
@@ -72,10 +71,8 @@ def one_by_one(state, row):
     for k in range(row.size):
         a, b, c, count = lane
         word[0] = a + b + count
-        lane = (
-            b ^ (b >> np.uint64(11)), c + (c << np.uint64(3)),
-            ((c << np.uint64(24)) | (c >> np.uint64(40))) + word[0], count + np.uint64(1),
-        )  # fmt: skip
+        mixed = ((c << np.uint64(24)) | (c >> np.uint64(40))) + word[0]
+        lane = b ^ (b >> np.uint64(11)), c + (c << np.uint64(3)), mixed, count + np.uint64(1)
         lane = to_normals(word, row[k : k + 1], lane)
     put_back(state, lane)
 
@@ -83,7 +80,7 @@ def one_by_one(state, row):
 def test_normals_are_numpys(words):
     """`standard_normal`, bit for bit, and its generator's state afterwards.
 
-    120 000 numbers hold some 30 from beyond the lowest layer, the rarest branch.
+    Of 120 000 numbers some 30 are from beyond the lowest layer, the rarest branch.
     """
     state, found = seeded(words), np.empty(120_000)
     own = np.random.Generator(numpys(state[:, LANES]))

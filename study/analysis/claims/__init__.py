@@ -1,6 +1,6 @@
 """The claims of the paper, in its order, each judged by stored tables.
 
-To add one, write a `Claim` in the file of its subject, with what it reads, measures and judges by.
+To add a claim, write a `Claim` in the file of its subject: the tables it reads, its measure, and its rule.
 """
 
 from collections.abc import Iterable, Iterator
@@ -8,20 +8,33 @@ from pathlib import Path
 
 import pandas as pd
 
-from study.analysis.claims import bias, bound, costs, errors, markers, outliers, power, recordings, ugdk
-from study.analysis.claims.claim import Claim, Evidence, Verdict, evaluate, frame
+from study.analysis.claims import (
+    bias,
+    bound,
+    costs,
+    error_by_noise,
+    outliers,
+    power_law,
+    recordings,
+    several_markers,
+    ugdk,
+)
+from study.analysis.claims.claim import Claim, Verdict
+from study.analysis.claims.evaluate import evaluate, frame
+from study.analysis.claims.evidence import Evidence
 from study.runs.storage import schemas
 from study.runs.storage.run_folder import Run
+from study.text.columns import columns
 
 CLAIMS: tuple[Claim, ...] = (
-    *errors.CLAIMS,
+    *error_by_noise.CLAIMS,
     *outliers.CLAIMS,
     *bias.CLAIMS,
     *bound.CLAIMS,
     *ugdk.CLAIMS,
-    *markers.CLAIMS,
+    *several_markers.CLAIMS,
     *costs.CLAIMS,
-    *power.CLAIMS,
+    *power_law.CLAIMS,
     *recordings.CLAIMS,
 )
 
@@ -34,7 +47,7 @@ def judge_all(runs: Iterable[Run], cost: Path | None = None, spreads: pd.DataFra
     Args:
         runs: finished runs, of different configs.
         cost: the file of a cost table, as `study cost` writes it.
-        spreads: of the joints of recordings, as `study.mocap.case_study.stored_tables` reads them.
+        spreads: spreads of the joints of recordings, as `study.mocap.case_study.stored_case_studies` reads them.
 
     Returns:
         The claims table: a row per claim; columns as `study.runs.storage.schemas.CLAIMS` declares them.
@@ -53,9 +66,13 @@ def save(run: Run, claims: pd.DataFrame) -> None:
 
 
 def printed(claims: pd.DataFrame) -> Iterator[str]:
-    """The claims for a terminal: a line for each and for each number, and how many there are of each verdict."""
-    for row in claims.itertuples():
-        yield f"{row.number:>2}  §{row.section:<6} {str(row.verdict).upper():<18} {row.statement}"
-        yield from (f"    {line}" for line in str(row.finding).splitlines())
+    """The claims for a terminal: a line per claim, one per number below it, and the count of each verdict."""
+    heads = [
+        [str(row.number), f"§{row.section}", str(row.verdict).upper(), str(row.statement)]
+        for row in claims.itertuples()
+    ]
+    for head, finding in zip(columns(heads, align="><"), claims["finding"], strict=True):
+        yield head
+        yield from (f"    {line}" for line in str(finding).splitlines())
     counts = claims["verdict"].value_counts()
     yield "; ".join(f"{counts[verdict]} {verdict}" for verdict in map(str, Verdict) if verdict in counts)

@@ -1,4 +1,4 @@
-"""Claims of section 4.4 on GDKE's bias: of which order in the noise it is, and that no number of samples removes it."""
+"""Claims of section 4.4 on GDKE's bias: its order in the noise, and its limit for many samples."""
 
 import math
 
@@ -6,50 +6,50 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from study.analysis.claims.claim import Claim, Evidence, Number, Verdict
-from study.analysis.claims.shared_measures import (
+from study.analysis.claims.claim import Claim, Number, Verdict
+from study.analysis.claims.error_rows import (
     LEAST,
     WHOLE,
-    beside,
-    law,
-    level,
-    median,
-    of,
-    ratio,
-    vectors,
-    with_all,
-    with_trials,
+    by_estimator,
+    center_errors,
+    has_estimators,
+    in_large_groups,
+    relative_noise,
+    rows_of,
 )
+from study.analysis.claims.evidence import Evidence
+from study.analysis.claims.medians import exponent, median, ratio
 from study.sphere.cap import cap_moments
 from study.sphere.types import Floats
 from study.statistics.measures import UNKNOWN, Measure, mean, moments_exist, share, tail_index
 
 _BEFORE_SATURATION = 0.15
-"""Bias is σ²/v to 2 % where σ is below this share of √v, v being the points' variance along the axis."""
+"""GDKE's bias is proportional to σ²/v to 2 % for σ below this share of √v, v being the variance along the axis."""
 _LEVEL = 0.95
 
 
 def _order(errors: pd.DataFrame, angle: float) -> Number:
     """Exponent of σ in GDKE's bias on a cap, before it saturates.
 
-    The bias is the median over data sets of the axis error of GDKE less that of MLE, which has no bias of this order:
-    what both have in common, most of the scatter, is gone. The levels share their draws; their deviations from the
-    law are alike, and its exponent's error is below the one given.
+    The bias is the median over data sets of the axis error of GDKE minus that of MLE, which has no bias of this order;
+    the difference cancels most of the scatter. The noise levels share their draws, so the deviations of the medians
+    from the law are alike, and the exponent's true error is below the one given.
     """
     words = f"exponent of σ in GDKE's bias, cap of {angle:g}°"
     along = cap_moments(math.radians(angle), 3).along
-    part = errors[(errors["angle"] == angle) & (level(errors) <= _BEFORE_SATURATION * math.sqrt(along))]
+    part = errors[(errors["angle"] == angle) & (relative_noise(errors) <= _BEFORE_SATURATION * math.sqrt(along))]
     if part.empty:
         return Number.unknown(words)
-    axis, at = beside(part, part["error_1"] / part["radius"]), beside(part, level(part))["gdke"].to_numpy()
-    enough = with_trials(at)
-    return law(words, at[enough], (axis["gdke"] - axis["mle"]).to_numpy()[enough], at[enough])
+    axis = by_estimator(part, part["error_1"] / part["radius"])
+    at = by_estimator(part, relative_noise(part))["gdke"].to_numpy()
+    enough = in_large_groups(at)
+    return exponent(words, at[enough], (axis["gdke"] - axis["mle"]).to_numpy()[enough], at[enough])
 
 
 def _measure_order(evidence: Evidence) -> list[Number]:
     errors = evidence.table("efficiency", "errors")
     angles = sorted({float(angle) for angle in errors["angle"]} - {WHOLE})
-    if not (angles and with_all(errors, "gdke", "mle")):
+    if not (angles and has_estimators(errors, "gdke", "mle")):
         return [Number.unknown("exponent of σ in GDKE's bias")]
     return [_order(errors, angle) for angle in angles]
 
@@ -63,7 +63,7 @@ def _judge_order(numbers: list[Number]) -> Verdict:
 
 
 def _covered(vectors: Floats) -> Measure:
-    """Share of estimates whose 95 % ellipse, of the size of the estimates' scatter, has the truth inside."""
+    """Share of estimates whose 95 % ellipse contains the truth; the ellipse has the scatter's covariance."""
     if len(vectors) < LEAST:
         return UNKNOWN
     inverse = np.linalg.inv(np.cov(vectors.T))
@@ -72,24 +72,24 @@ def _covered(vectors: Floats) -> Measure:
 
 
 def _axis_bias(rows: pd.DataFrame) -> Measure:
-    """Mean error along the axis; unknown where the scatter of the trials does not allow a mean."""
+    """Mean error along the axis; unknown if the errors' tail is too heavy for a mean."""
     return mean(rows["error_1"].to_numpy()) if moments_exist(tail_index(rows["error"].dropna().to_numpy())) else UNKNOWN
 
 
 def _measure_lasting(evidence: Evidence) -> list[Number]:
-    ellipse, grid = evidence.table("ellipse", "errors"), of(evidence.table("power-law", "errors"), "gdke")
-    cell = of(ellipse, "gdke")
-    bias, away, of_mle = _axis_bias(cell), vectors(cell), vectors(of(ellipse, "mle"))
+    ellipse, grid = evidence.table("ellipse", "errors"), rows_of(evidence.table("power-law", "errors"), "gdke")
+    cell = rows_of(ellipse, "gdke")
+    bias, of_gdke, of_mle = _axis_bias(cell), center_errors(cell), center_errors(rows_of(ellipse, "mle"))
     spread = float(np.std(cell["error_1"], ddof=1)) if len(cell) >= LEAST else math.nan
-    of_spread = spread / math.sqrt(2.0 * max(len(cell) - 1, 1))  # that of Gaussian errors
+    of_spread = spread / math.sqrt(2.0 * max(len(cell) - 1, 1))  # the standard error for Gaussian errors
     few, many = (grid[grid["samples"] == n] for n in (grid["samples"].min(), grid["samples"].max()))
     growth = f"from N = {few['samples'].min():g} to {many['samples'].max():g}"
     left = ratio(*(median(part["error_1"] / part["radius"]) for part in (many, few)))
     return [
-        Number.of("GDKE's bias over its own standard deviation", ratio(bias, Measure(spread, of_spread)), len(cell)),
-        Number.of("share of 95 % ellipses that hold the true centre", _covered(away), len(away)),
-        Number.of(f"share of the bias that is left {growth}, medians", left, min(len(few), len(many))),
-        Number.of("share of MLE's 95 % ellipses that hold it", _covered(of_mle), len(of_mle)),  # as a check
+        Number.of("GDKE's bias over its standard deviation", ratio(bias, Measure(spread, of_spread)), len(cell)),
+        Number.of("share of GDKE's 95 % ellipses that contain the true centre", _covered(of_gdke), len(of_gdke)),
+        Number.of(f"share of GDKE's bias that remains {growth}, by medians", left, min(len(few), len(many))),
+        Number.of("for comparison, share of MLE's 95 % ellipses that contain it", _covered(of_mle), len(of_mle)),
     ]
 
 
@@ -108,29 +108,30 @@ CLAIMS: tuple[Claim, ...] = (
         section="4.4, 10",
         statement="GDKE's bias is of the order of the standard deviation of the measurements, O(σ).",
         quantity="exponent of σ in GDKE's bias along the cap's axis, before it saturates",
-        criterion="Reproduced if the exponent is 1 within .1 on every cap, two standard errors allowed; not reproduced "
-        "if it is further than .5 from 1 on every cap; partly otherwise. All fits, as computed.",
+        criterion="Reproduced if the exponent is within .1 of 1 on every cap, two standard errors allowed; not "
+        "reproduced if it is further than .5 from 1 on every cap; partly otherwise. All fits count as computed.",
         reads=("efficiency/errors",),
         measure=_measure_order,
         judge=_judge_order,
         figure="fig_efficiency",
-        remark="The bias is (C₀ + Σ)⁻¹Σ(c₀ - μ̄), of order σ² until it saturates at the distance of the centroid: "
-        "section 5 of the paper has it right, where it calls the bias proportional to the variance.",
+        remark="The bias is (C₀ + Σ)⁻¹Σ(c₀ - μ̄). It is of order σ² until it saturates at the distance of the "
+        "centroid. Section 5 of the paper agrees: it calls the bias proportional to the variance.",
     ),
     Claim(
         name="gdke-bias-stays",
         section="4.4",
         statement="GDKE's bias can be significant and does not vanish with more samples; in figure 3 the true centre "
-        "is not within the estimate's error ellipse, due solely to the bias.",
-        quantity="GDKE's bias over its scatter and coverage of its ellipses at figure 3's setting; its bias against N",
-        criterion="Reproduced if, by two standard errors, the bias is more than 2 standard deviations and less than "
-        "5 % of the ellipses hold the truth, and more than half of the bias is left at the largest N; partly if only "
-        "one of the two; not reproduced with neither. All fits.",
+        "is outside the estimate's error ellipse, because of the bias alone.",
+        quantity="GDKE's bias over its scatter and the coverage of its ellipses in the setting of figure 3; its bias "
+        "against N",
+        criterion="Two conditions, each by two standard errors. First: the bias exceeds 2 standard deviations, and "
+        "less than 5 % of the ellipses contain the truth. Second: more than half of the bias remains at the largest N. "
+        "Reproduced with both, partly with one, not reproduced with neither. All fits count.",
         reads=("ellipse/errors", "power-law/errors"),
         measure=_measure_lasting,
         judge=_judge_lasting,
         figure="fig3_gdke_ellipse",
-        remark="The ellipse is that of the scatter over all trials, about each estimate, so that without the bias 95 % "
-        "would hold the truth.",
+        remark="Each ellipse is centred on an estimate and has the size of the scatter over all trials. Without the "
+        "bias 95 % of the ellipses would contain the truth.",
     ),
 )

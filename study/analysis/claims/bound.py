@@ -1,7 +1,7 @@
-"""Claims on the Cramér-Rao bound: whether UGDK attains it, whether none is below it, and GDKE on the whole sphere.
+"""Claims on the Cramér-Rao bound: UGDK's efficiency, errors below the bound, and GDKE on the whole sphere.
 
-Cells of the efficiency grid that differ by the noise alone share their draws: at small noise they tell one thing, not
-many. Where the extreme of many cells is a claim's number, its criterion leaves room for that choice.
+Cells of the efficiency grid that differ only in the noise share their draws, so their results at small noise are
+nearly equal. If a claim's number is the extreme over many cells, its criterion allows for that selection.
 """
 
 import math
@@ -11,36 +11,26 @@ import pandas as pd
 from scipy import stats
 
 from study.analysis.asymptotics import bound_shares, kappa, ugdk_variance
-from study.analysis.claims.claim import Claim, Evidence, Number, Verdict
-from study.analysis.claims.shared_measures import (
-    LEAST,
-    WHOLE,
-    At,
-    cells,
-    greatest,
-    level,
-    median,
-    odd_in_quiet,
-    of,
-    on_par,
-    over,
-)
+from study.analysis.claims.claim import Claim, Number, Verdict
+from study.analysis.claims.criteria import on_par
+from study.analysis.claims.error_rows import LEAST, WHOLE, cells, error_over, relative_noise, rows_of
+from study.analysis.claims.evidence import Evidence
+from study.analysis.claims.medians import At, furthest_from_one, greatest, median
 from study.sphere.cap import CapMoments, cap_moments
 from study.statistics.measures import Measure, mean, moments_exist, quantile, root_mean_square, tail_index
 
-_GRID = ("mle", "gdke", "ugdk")
 _NORMAL_MEDIAN = float(stats.norm.ppf(0.75))
 """Median of the absolute value of a standard normal deviate."""
 
 
-# claim 19 ------------------------------------------------------------------------------------------------------------
+# UGDK attains the bound ----------------------------------------------------------------------------------------------
 
 _SAFE = 20.0
-"""Least κ = (v/σ²) √(N/2) at which the large-sample formula of theory (5.3) may be asked."""
+"""Least κ = (v/σ²) √(N/2) for which the large-sample formula of theory (5.3) is compared."""
 
 
 def _variance_ratio(part: pd.DataFrame, moments: CapMoments) -> Measure:
-    """Variance of the axis error over its bound, from the median of its absolute value, for no mean need exist."""
+    """Variance of the axis error over its bound, from the median of the absolute error: no mean need exist."""
     axis, _ = bound_shares(moments, 3)
     scaled = (part["error_1"].abs() / (part["bound"] * math.sqrt(axis))).fillna(math.inf)
     root = median(scaled)
@@ -58,13 +48,14 @@ def _measure_efficiency(evidence: Evidence) -> list[Number]:
             found.append(At(_variance_ratio(part, moments), angle, noise, len(part)))
     if not found:
         return [Number.unknown("UGDK's variance over the bound")]
-    most, quiet = greatest(found), odd_in_quiet(found)
-    words = f"UGDK's variance along the axis over the bound's, greatest where κ ≥ 20 ({most})"
-    theory = ugdk_variance(most.noise, cap_moments(math.radians(most.angle), 3), 3)
+    most, quiet = greatest(found), furthest_from_one(found)
+    theory = ugdk_variance(most.relative_noise, cap_moments(math.radians(most.angle), 3), 3)
+    words = "UGDK's variance along the axis over the bound's"
+    least = f"{words}, σ = {quiet.relative_noise:.2g} r, at the angle where it is furthest from 1"
     return [
-        Number.of(words, most.measure, most.trials),
-        Number(f"the same by theory (5.3), {most}", theory, 0.0, 0),
-        Number.of(f"measured at σ = {quiet.noise:.2g} r, furthest from 1 of the angles", quiet.measure, quiet.trials),
+        Number.of(f"{words}, greatest with κ ≥ 20 ({most})", most.measure, most.trials),
+        Number(f"{words} by theory (5.3), {most}", theory, 0.0, 0),
+        Number.of(least, quiet.measure, quiet.trials),
     ]
 
 
@@ -73,16 +64,17 @@ def _judge_efficiency(numbers: list[Number]) -> Verdict:
     return on_par(most, quiet)
 
 
-# claim 21 ------------------------------------------------------------------------------------------------------------
+# no error is below the bound -----------------------------------------------------------------------------------------
 
-_SEEN = 3.0
-"""Standard errors up to which a mean error is no bias that shows."""
+_COMPARED = ("mle", "gdke", "ugdk")
+_SIGNIFICANT = 3.0
+"""Standard errors above which a mean error is a significant bias."""
 
 
 def _measure_bound(evidence: Evidence) -> list[Number]:
     errors = evidence.table("efficiency", "errors")
     found: list[tuple[Measure, str, int, float]] = []
-    for name in _GRID:
+    for name in _COMPARED:
         for angle, noise, part in cells(errors, name):
             if moments_exist(tail_index(part["error"].dropna().to_numpy())):
                 root = root_mean_square((part["error"] / part["bound"]).dropna().to_numpy())
@@ -90,7 +82,7 @@ def _measure_bound(evidence: Evidence) -> list[Number]:
                 where = f"{name.upper()}, φ = {angle:g}°, σ = {noise:.2g} r"
                 found.append((root, where, len(part), abs(bias.value) / bias.error))
     words = "least root mean square error over √tr CRLB"
-    unbiased = [entry for entry in found if entry[3] <= _SEEN]
+    unbiased = [entry for entry in found if entry[3] <= _SIGNIFICANT]
     if not unbiased:
         return [Number.unknown(words)]
     least, where, trials, pull = min(found)
@@ -98,7 +90,7 @@ def _measure_bound(evidence: Evidence) -> list[Number]:
     return [
         Number.of(f"{words} ({where})", least, trials),
         Number("mean error along the axis there over its standard error", pull, 1.0, trials),
-        Number.of(f"{words} where no bias shows ({elsewhere})", of_unbiased, few),
+        Number.of(f"{words} without significant bias ({elsewhere})", of_unbiased, few),
     ]
 
 
@@ -110,16 +102,16 @@ def _judge_bound(numbers: list[Number]) -> Verdict:
     return Verdict.PARTLY if holds[1] else Verdict.NOT_REPRODUCED
 
 
-# claim 22 ------------------------------------------------------------------------------------------------------------
+# GDKE on evenly distributed data -------------------------------------------------------------------------------------
 
 
 def _measure_even(evidence: Evidence) -> list[Number]:
     errors = evidence.table("efficiency", "errors")
     efficient = math.sqrt(stats.chi2.ppf(0.5, 3) / 3.0)  # three equal variances, as on the whole sphere
-    rows = of(errors, "gdke")
-    rows = rows[level(rows) <= 0.32]
-    words = "GDKE's median error over that of an efficient estimator, σ ≤ .3 r, greatest"
-    sphere = [(median(over(part, "bound")), part) for angle, _, part in cells(rows, "gdke") if angle == WHOLE]
+    rows = rows_of(errors, "gdke")
+    rows = rows[relative_noise(rows) <= 0.32]
+    words = "GDKE's median error over that of an efficient estimator, greatest for σ ≤ .3 r"
+    sphere = [(median(error_over(part, "bound")), part) for angle, _, part in cells(rows, "gdke") if angle == WHOLE]
     if not sphere:
         return [Number.unknown(f"{words}, whole sphere")]
     most, _ = max(sphere, key=lambda entry: entry[0].value)
@@ -130,14 +122,14 @@ def _measure_even(evidence: Evidence) -> list[Number]:
         Number("GDKE's bias there over its Monte-Carlo error, furthest from 0", pull, 1.0, trials),
     ]
     for clumped in sorted({float(angle) for angle in rows["angle"]} - {WHOLE}, reverse=True):
-        levels = [(median(over(part, "bound")), len(part)) for a, _, part in cells(rows, "gdke") if a == clumped]
+        levels = [(median(error_over(part, "bound")), len(part)) for a, _, part in cells(rows, "gdke") if a == clumped]
         found, few = max(levels, key=lambda entry: entry[0].value)
-        numbers.append(Number.of(f"GDKE's median error over bound, greatest, φ = {clumped:g}°", found, few))
+        numbers.append(Number.of(f"GDKE's median error over bound, greatest for φ = {clumped:g}°", found, few))
     return numbers
 
 
 def _pull(part: pd.DataFrame) -> float:
-    """Median axis error in its own Monte-Carlo errors."""
+    """Median axis error over its Monte-Carlo error."""
     found = quantile(part["error_1"].dropna().to_numpy(), 0.5)
     return found.value / found.error
 
@@ -160,39 +152,42 @@ CLAIMS: tuple[Claim, ...] = (
         section="10.1",
         statement="UGDK has the same efficiency with respect to the Cramér-Rao bound as slower methods: it attains it.",
         quantity="UGDK's variance along the cap's axis over the bound's, by medians, N = 1000",
-        criterion="Reproduced if the greatest, where κ = (v/σ²)√(N/2) ≥ 20, is at most 1.1, three standard errors "
-        "allowed; partly if at the smallest noise it is 1 within .1 or three standard errors; not reproduced else.",
+        criterion="Reproduced if the greatest ratio with κ = (v/σ²)√(N/2) ≥ 20 is at most 1.1, three standard errors "
+        "allowed; partly if the ratio is 1 at the smallest noise, within .1 or three standard errors; not reproduced "
+        "otherwise.",
         reads=("efficiency/errors",),
         measure=_measure_efficiency,
         judge=_judge_efficiency,
         figure="fig_efficiency",
-        remark="Efficient for σ² ≪ v/2 only: the realised noise is not the σ² that is subtracted, and that costs "
-        "1 + 96 σ²/(r²φ⁴) on small caps. Measuring the noise in the same points does not have this cost.",
+        remark="UGDK is efficient only for σ² ≪ v/2. It subtracts σ² and not the variance that the noise has in the "
+        "sample; on small caps this raises its variance by the factor 1 + 96 σ²/(r²φ⁴). Estimators that measure the "
+        "noise in the same points avoid this.",
     ),
     Claim(
         name="bound-for-all",
         section="4.2",
-        statement="All estimators have at best an error of the Cramér-Rao bound.",
-        quantity="least root mean square error over √tr CRLB, MLE, GDKE and UGDK where it exists",
-        criterion="Reproduced if the least is at least 1, five standard errors allowed; partly if it is below, but not "
-        "where no bias shows (a mean error of up to three of its standard errors); not reproduced otherwise.",
+        statement="The error of every estimator is at least the Cramér-Rao bound.",
+        quantity="least root mean square error over √tr CRLB among MLE, GDKE and UGDK, in cells where it exists",
+        criterion="Reproduced if the least value is at least 1, five standard errors allowed; partly if that holds "
+        "only in cells without significant bias (a mean error of up to three standard errors); not reproduced "
+        "otherwise.",
         reads=("efficiency/errors",),
         measure=_measure_bound,
         judge=_judge_bound,
         figure="fig_efficiency",
-        remark="The bound holds for estimators without bias. At σ ≥ r GDKE and MLE stay near the points, an error of "
-        "about r, while the bound goes on growing with σ.",
+        remark="The bound holds for unbiased estimators. For σ ≥ r, GDKE and MLE stay near the points with an error of "
+        "about r, while the bound grows in proportion to σ.",
     ),
     Claim(
         name="gdke-even-data",
         section="5",
-        statement="GDKE estimates well if the data are evenly distributed over the whole sphere, and the farther off "
-        "the more they are clumped to one side.",
-        quantity="GDKE's median error over bound up to σ = .3 r, by cap",
-        criterion="Good: on the whole sphere the greatest is at most 1.2 times that of an efficient estimator, three "
-        "standard errors allowed, and the bias within four standard errors of 0. Worse: it grows from each cap to the "
-        "next smaller one by two standard errors. Reproduced with both, partly with one, else "
-        "not reproduced. All fits.",
+        statement="GDKE estimates well if the data are evenly distributed over the whole sphere, and the worse the "
+        "more they are clumped to one side.",
+        quantity="GDKE's median error over bound for σ ≤ .3 r, by cap",
+        criterion="Two conditions. Good: on the whole sphere the greatest error is at most 1.2 times that of an "
+        "efficient estimator, three standard errors allowed, and the bias is within four standard errors of 0. Worse: "
+        "the error grows from each cap to the next smaller one by two standard errors. Reproduced with both, partly "
+        "with one, not reproduced with neither. All fits count.",
         reads=("efficiency/errors",),
         measure=_measure_even,
         judge=_judge_even,

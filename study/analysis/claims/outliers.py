@@ -1,7 +1,8 @@
-"""Claims of sections 4.1 and 4.4 on outliers: those of MLE and those of LLS, where they are and where they come from.
+"""Claims of sections 4.1 and 4.4 on outliers of MLE and of LLS: their places and their causes.
 
-An outlier is a fit whose error is beyond ten times √tr CRLB, as in figure 2; for LLS also one without a number, and
-only where GDKE, which is the same fit in exact arithmetic, errs by less from the same points: what is left is numerics.
+An outlier is a fit whose error exceeds ten times √tr CRLB, as in figure 2. For LLS a fit without a number counts as
+well, and only data sets count on which GDKE has no outlier: GDKE is the same fit in exact arithmetic, so these outliers
+are numerical.
 """
 
 import math
@@ -9,34 +10,40 @@ import math
 import numpy as np
 import pandas as pd
 
-from study.analysis.claims.claim import Claim, Evidence, Number, Verdict
-from study.analysis.claims.shared_measures import LEAST, beside, level, median, over, with_all
+from study.analysis.claims.claim import Claim, Number, Verdict
+from study.analysis.claims.error_rows import LEAST, by_estimator, error_over, has_estimators, relative_noise
+from study.analysis.claims.evidence import Evidence
+from study.analysis.claims.medians import median
 from study.estimators import Status
 from study.statistics.measures import UNKNOWN, share
 from study.statistics.performance import FAR
 
 _ABOUT_RADIUS = (0.3, 3.0)
+"""Errors over r that count as equal to the radius."""
 _NOISE_ABOUT_RADIUS = (0.1, 10.0)
-_MUCH_BETTER = 1.0 / 3.0
-_ELSEWHERE = 1e-3
-"""Two minima are two if their errors differ by more than this share."""
-_SMALL, _ROUNDING, _LARGE = 1e-6, 1e-12, 1e10
-"""Relative noise: the paper's two limits, and where the rounding of the points themselves begins to show."""
+"""Relative noise in the claim's range."""
+_CURED = 1.0 / 3.0
+"""Share of the error that is left, at most, where another minimum cures an outlier."""
+_TWO_MINIMA = 1e-3
+"""Relative difference of errors above which two fits are at different minima."""
+_ROUNDING, _SMALL, _LARGE = 1e-12, 1e-6, 1e10
+"""Relative noise: below the first, rounding of the points themselves matters; the others are the paper's limits."""
 _ON_SPHERE = 0.1
+"""Distance to the sphere over r up to which a centre lies on it."""
 _CLEAR = 3
-"""Outliers that are no accident."""
+"""Least number of outliers that is no accident."""
 _FEW = 5
-"""Outliers from which their median may be shown; outliers are few by nature."""
+"""Least number of outliers behind a median; there are fewer of them than of other fits."""
 
 
 def _count(words: str, flags: "pd.Series[bool]") -> Number:
-    """Share of data sets for which something holds; unknown if they are too few."""
+    """Share of data sets whose flag is true; unknown if there are too few."""
     total = len(flags)
     return Number.of(words, share(int(flags.sum()), total) if total >= LEAST else UNKNOWN, total)
 
 
 def _clear(number: Number) -> bool:
-    """Whether a share is that of so many data sets that it is no accident."""
+    """True if a share stands for three data sets or more."""
     return round(number.value * number.trials) >= _CLEAR
 
 
@@ -44,9 +51,10 @@ def _clear(number: Number) -> bool:
 
 
 def _mle_outliers(errors: pd.DataFrame) -> tuple["pd.Series[bool]", pd.DataFrame, "pd.Series[float]"]:
-    """Which data sets with noise about the radius have an MLE outlier about the radius, all their errors, and σ/r."""
-    relative, ratio = beside(errors, over(errors, "radius")), beside(errors, over(errors, "bound"))
-    noise = beside(errors, level(errors))["mle"]
+    """MLE's outliers whose error is about the radius, errors over r by estimator, and σ/r; a row per data set."""
+    relative = by_estimator(errors, error_over(errors, "radius"))
+    ratio = by_estimator(errors, error_over(errors, "bound"))
+    noise = by_estimator(errors, relative_noise(errors))["mle"]
     low, high = _ABOUT_RADIUS
     outliers = (ratio["mle"] > FAR) & (relative["mle"] >= low) & (relative["mle"] <= high)
     return outliers, relative, noise
@@ -54,40 +62,40 @@ def _mle_outliers(errors: pd.DataFrame) -> tuple["pd.Series[bool]", pd.DataFrame
 
 def _measure_mle(evidence: Evidence) -> list[Number]:
     errors = evidence.table("starts", "errors")
-    words = "share of trials, .1 r ≤ σ ≤ 10 r, in which MLE errs by .3 to 3 r and by more than 10 bounds"
+    words = "share of trials, .1 r ≤ σ ≤ 10 r, in which MLE's error is .3 r to 3 r and above 10 bounds"
     starts = ("mle", "mle_centroid", "mle_mirror")
-    if not with_all(errors, *starts, "gdke"):
+    if not has_estimators(errors, *starts, "gdke"):
         return [Number.unknown(words)]
     outliers, relative, noise = _mle_outliers(errors)
     low, high = _NOISE_ABOUT_RADIUS
     found = _count(words, outliers[(noise >= low) & (noise <= high)])
     if math.isnan(found.value) or found.value == 0.0:
         return [found]
-    residual = beside(errors, errors["noise_variance"])[list(starts)][outliers].fillna(math.inf)
+    residual = by_estimator(errors, errors["noise_variance"])[list(starts)][outliers].fillna(math.inf)
     least = residual.to_numpy().argmin(axis=1)
     best = np.take_along_axis(relative[list(starts)][outliers].to_numpy(), least[:, None], axis=1)[:, 0]
     of_mle, of_gdke = relative["mle"][outliers], relative["gdke"][outliers]
-    cured = best < _MUCH_BETTER * of_mle
+    cured = best < _CURED * of_mle
     quiet = relative[noise < 0.01]
-    other = (quiet["mle_mirror"] - quiet["mle"]).abs() > _ELSEWHERE * quiet["mle"]
+    other = (quiet["mle_mirror"] - quiet["mle"]).abs() > _TWO_MINIMA * quiet["mle"]
     return [
         found,
         Number.of(
-            "share of these that the best minimum from three starts cures, to a third of the error or less",
+            "share of these outliers whose error the best minimum from three starts reduces to a third or less",
             share(int(cured.sum()), len(cured)) if len(cured) >= _FEW else UNKNOWN,
             len(cured),
         ),
-        Number.of("GDKE's error over MLE's in these, median", median(of_gdke / of_mle, _FEW), len(cured)),
-        Number.of("σ/r of these, median", median(noise[outliers], _FEW), len(cured)),
-        _count("share of trials, σ < .01 r, in which a start on the wrong side ends elsewhere than MLE", other),
-        _runaways(relative, beside(errors, errors["status"])),
+        Number.of("GDKE's error over MLE's in these outliers, median", median(of_gdke / of_mle, _FEW), len(cured)),
+        Number.of("σ/r of these outliers, median", median(noise[outliers], _FEW), len(cured)),
+        _count("share of trials, σ < .01 r, in which a start beyond the points ends at another minimum", other),
+        _runaways(relative, by_estimator(errors, errors["status"])),
     ]
 
 
 def _runaways(relative: pd.DataFrame, status: pd.DataFrame) -> Number:
-    """MLE fits that are so far off that their sphere is a plane."""
+    """Share of MLE fits that are ok and yet so far off that their sphere is a plane."""
     return _count(
-        "share of all trials in which MLE errs by more than 10⁴ r with status ok",
+        "share of all trials in which MLE's error exceeds 10⁴ r and its status is ok",
         (relative["mle"] > 1e4) & (status["mle"] == Status.OK),
     )
 
@@ -102,33 +110,38 @@ def _judge_mle(numbers: list[Number]) -> Verdict:
 # LLS -----------------------------------------------------------------------------------------------------------------
 
 _VERSIONS = {
-    "lls": "no singular value cut",
-    "lls_nr_raw": "cut at 1e-6",
-    "lls_nr": "centred, cut at 1e-5",
+    "lls": "no singular values cut",
+    "lls_nr_raw": "singular values cut at 1e-6",
+    "lls_nr": "centred, singular values cut at 1e-5",
     "lls_single": "single precision",
 }
 
 
 def _numerical(errors: pd.DataFrame, estimator: str) -> "pd.Series[bool]":
-    """Which data sets have an outlier of this estimator that GDKE does not have."""
-    ratio = beside(errors, over(errors, "bound"))
+    """True for data sets with an outlier of this estimator and none of GDKE."""
+    ratio = by_estimator(errors, error_over(errors, "bound"))
     return (ratio[estimator] > FAR) & (ratio["gdke"] <= FAR)
 
 
 def _measure_small(evidence: Evidence) -> list[Number]:
     errors, paper = evidence.table("outliers", "errors"), evidence.table("paper", "errors")
-    if not (with_all(errors, *_VERSIONS, "gdke") and with_all(paper, "lls", "gdke")):
+    if not (has_estimators(errors, *_VERSIONS, "gdke") and has_estimators(paper, "lls", "gdke")):
         return [Number.unknown("outliers of LLS")]
-    noise = beside(errors, level(errors))["gdke"]
+    noise = by_estimator(errors, relative_noise(errors))["gdke"]
     small, middle = (noise > _ROUNDING) & (noise < _SMALL), (noise >= 10.0 * _SMALL) & (noise < _LARGE)
     numbers = [
-        _count(f"share of LLS outliers, 1e-12 r < σ < 1e-6 r, {words}", _numerical(errors, name)[small])
+        _count(f"share of outliers of LLS, 1e-12 r < σ < 1e-6 r, {words}", _numerical(errors, name)[small])
         for name, words in _VERSIONS.items()
     ]
     above = pd.concat([_numerical(errors, name)[middle] for name in ("lls_nr_raw", "lls_nr")])
-    numbers.append(_count("share of LLS outliers, 1e-5 r ≤ σ < 1e10 r, either cut", above))
-    below = beside(paper, level(paper))["gdke"] < _SMALL
-    numbers.append(_count("in the paper's own design, σ < 1e-6 r, no cut", _numerical(paper, "lls")[below]))
+    numbers.append(_count("share of outliers of LLS, 1e-5 r ≤ σ < 1e10 r, both cuts", above))
+    below = by_estimator(paper, relative_noise(paper))["gdke"] < _SMALL
+    numbers.append(
+        _count(
+            "share of outliers of LLS, paper's design, σ < 1e-6 r, no singular values cut",
+            _numerical(paper, "lls")[below],
+        )
+    )
     return numbers
 
 
@@ -142,16 +155,17 @@ def _judge_small(numbers: list[Number]) -> Verdict:
 
 def _measure_place(evidence: Evidence) -> list[Number]:
     errors = evidence.table("outliers", "errors")
-    if not with_all(errors, "lls_nr", "lls_nr_raw", "gdke"):
+    if not has_estimators(errors, "lls_nr", "lls_nr_raw", "gdke"):
         return [Number.unknown("error of LLS outliers over the radius")]
-    relative, noise = beside(errors, over(errors, "radius")), beside(errors, level(errors))["gdke"]
+    relative = by_estimator(errors, error_over(errors, "radius"))
+    noise = by_estimator(errors, relative_noise(errors))["gdke"]
     numbers = []
     for name in ("lls_nr", "lls_nr_raw"):
         found = relative[name][_numerical(errors, name) & (noise > _ROUNDING) & (noise < _SMALL)].to_numpy()
         near = share(int(np.sum(np.abs(found - 1.0) <= _ON_SPHERE)), len(found)) if len(found) >= _FEW else UNKNOWN
         words = _VERSIONS[name]
-        numbers.append(Number.of(f"error over r of the outliers, {words}, median", median(found, _FEW), len(found)))
-        numbers.append(Number.of(f"share of these within a tenth of r of the sphere, {words}", near, len(found)))
+        numbers.append(Number.of(f"median error over r of LLS's outliers, {words}", median(found, _FEW), len(found)))
+        numbers.append(Number.of(f"share of these outliers within r/10 of the sphere, {words}", near, len(found)))
     return numbers
 
 
@@ -164,24 +178,27 @@ def _judge_place(numbers: list[Number]) -> Verdict:
 
 def _measure_large(evidence: Evidence) -> list[Number]:
     errors, paper = evidence.table("outliers", "errors"), evidence.table("paper", "errors")
-    if not (with_all(errors, "lls", "lls_single", "gdke") and with_all(paper, "lls", "gdke")):
+    if not (has_estimators(errors, "lls", "lls_single", "gdke") and has_estimators(paper, "lls", "gdke")):
         return [Number.unknown("outliers of LLS")]
-    noise = beside(errors, level(errors))["gdke"]
+    noise = by_estimator(errors, relative_noise(errors))["gdke"]
     large = noise > _LARGE
     single = _numerical(errors, "lls_single")
-    overflown = beside(errors, errors["status"])["lls_single"] == Status.NOT_FINITE
+    overflown = by_estimator(errors, errors["status"])["lls_single"] == Status.NOT_FINITE
     first = noise[overflown & (noise > 1.0)].to_numpy()
-    beyond = beside(paper, level(paper))["gdke"] > _LARGE
+    beyond = by_estimator(paper, relative_noise(paper))["gdke"] > _LARGE
     edge = float(np.min(first)) if len(first) else math.inf
     return [
-        _count("share of LLS outliers or failures, σ > 1e10 r, double precision", _numerical(errors, "lls")[large]),
-        _count("share of LLS outliers or failures, σ > 1e10 r, single precision", single[large]),
+        _count("share of outliers or failures of LLS, σ > 1e10 r, double precision", _numerical(errors, "lls")[large]),
+        _count("share of outliers or failures of LLS, σ > 1e10 r, single precision", single[large]),
         _count(
-            "share of LLS outliers or failures, r ≤ σ ≤ 1e9 r, single precision",
+            "share of outliers or failures of LLS, r ≤ σ ≤ 1e9 r, single precision",
             single[(noise >= 1.0) & (noise <= 1e9)],
         ),
-        Number("least σ/r at which sums in single precision overflow", edge, 0.0, len(noise)),
-        _count("in the paper's own design, σ > 1e10 r, double precision", _numerical(paper, "lls")[beyond]),
+        Number("smallest σ/r at which sums in single precision overflow", edge, 0.0, len(noise)),
+        _count(
+            "share of outliers or failures of LLS, paper's design, σ > 1e10 r, double precision",
+            _numerical(paper, "lls")[beyond],
+        ),
     ]
 
 
@@ -196,61 +213,65 @@ CLAIMS: tuple[Claim, ...] = (
     Claim(
         name="mle-outliers",
         section="4.1",
-        statement="MLE has outliers where the error equals the radius, because there it has multiple solutions.",
-        quantity="MLE's outliers about the radius, and what the best minimum from three starts makes of them",
-        criterion="Reproduced if there are such outliers (three or more) and, by two standard errors, another of three "
-        "starts cures more than half of them; partly if it does not; not reproduced if there are none. All fits count.",
+        statement="MLE has outliers whose error equals the radius, because it has multiple solutions there.",
+        quantity="MLE's outliers with an error of about the radius, and the error at the best minimum from three "
+        "starts",
+        criterion="Reproduced if there are such outliers (three or more) and the best minimum from three starts "
+        "reduces the error of more than half of them to a third or less, by two standard errors; partly if there are "
+        "outliers and it does not; not reproduced if there are none. All fits count.",
         reads=("starts/errors",),
         measure=_measure_mle,
         judge=_judge_mle,
         figure="fig2_error",
-        remark="Outliers need many samples, for only then is an error of a radius ten bounds. All three starts end at "
-        "the same centre, and GDKE's is as far off: the one minimum is itself pulled to the points by the noise. Other "
-        "solutions are met at small noise, from a start beyond the points, where the sphere runs off to a plane.",
+        remark="Such outliers need many samples: only then is an error of one radius ten times the bound. All three "
+        "starts end at the same centre, and GDKE's centre is as far off: the noise pulls the only minimum towards the "
+        "points. Multiple solutions exist at small noise: from a start beyond the points the sphere tends to a plane.",
     ),
     Claim(
         name="lls-outliers-small",
         section="4.1",
-        statement="LLS has outliers where the noise is below about 1e-6 of the radius, by the finite representation of "
-        "numbers.",
+        statement="LLS has outliers where the noise is below about 1e-6 of the radius, because of the finite "
+        "representation of numbers.",
         quantity="outliers of LLS that GDKE does not have on the same points, caps of up to 5°",
-        criterion="Reproduced if LLS without a cut has them below 1e-6 r (three or more); partly if only with small "
-        "singular values cut, and less than a tenth as often from 1e-5 r on; not reproduced otherwise. Failures count.",
+        criterion="Reproduced if LLS without a cut of singular values has such outliers for σ < 1e-6 r (three or "
+        "more); partly if only LLS with a cut has them, and less than a tenth as often for σ ≥ 1e-5 r; not reproduced "
+        "otherwise. Failures count.",
         reads=("outliers/errors", "paper/errors"),
         measure=_measure_small,
         judge=_judge_small,
         figure="fig2_error",
-        remark="A cut of small singular values, as in the paper's source of programs, makes outliers of tiny caps up "
-        "to just this noise; beyond, the bound itself reaches the radius. A 36th of the paper's angles is so "
-        "small. Single precision makes them, too, the more the smaller the noise is, and so at both of the paper's "
-        "limits.",
+        remark="A cut of small singular values, as in the book that the paper takes its programs from, makes outliers "
+        "on tiny caps up to just this noise; above it, the bound itself reaches the radius. One in 36 of the paper's "
+        "angles is so small. Single precision makes outliers too, the more the smaller the noise is, and it fails at "
+        "both of the paper's limits.",
     ),
     Claim(
         name="lls-outliers-place",
         section="4.4",
         statement="In LLS's outliers the estimated centre erroneously lies on the sphere.",
         quantity="error over radius of the outliers that a cut of small singular values makes",
-        criterion="Reproduced if with either cut more than half of the outliers, by two standard errors, have an error "
-        "within a tenth of r; partly with one of them; not reproduced with none.",
+        criterion="Reproduced if with both cuts more than half of the outliers, by two standard errors, have their "
+        "centre within r/10 of the sphere; partly if with one of the cuts; not reproduced if with none.",
         reads=("outliers/errors",),
         measure=_measure_place,
         judge=_judge_place,
-        remark="Cut, a centred design leaves the centre at the points' centroid, on the sphere; one that is not "
-        "centred at ½p|p|²/(|p|² + 1), p being where the points are: half way for a large sphere near the origin.",
+        remark="With the cut, a centred design matrix leaves the centre at the points' centroid, on the sphere. A "
+        "design matrix that is not centred leaves it at ½p|p|²/(|p|² + 1) with the points at p: half way to the points "
+        "for a large sphere near the origin.",
     ),
     Claim(
         name="lls-outliers-large",
         section="4.1",
-        statement="LLS has outliers where the noise is above 1e10 times the radius, by the finite representation of "
-        "numbers.",
+        statement="LLS has outliers where the noise is above 1e10 times the radius, because of the finite "
+        "representation of numbers.",
         quantity="outliers of LLS that GDKE in double precision does not have on the same points, and failures",
-        criterion="Reproduced if LLS in double precision has them above 1e10 r (three or more); partly if only in "
-        "single precision, and less than a tenth as often between r and 1e9 r; not reproduced otherwise.",
+        criterion="Reproduced if LLS in double precision has them for σ > 1e10 r (three or more); partly if only LLS "
+        "in single precision has them, and less than a tenth as often for r ≤ σ ≤ 1e9 r; not reproduced otherwise.",
         reads=("outliers/errors", "paper/errors"),
         measure=_measure_large,
         judge=_judge_large,
         figure="fig2_error",
-        remark="Sums of third powers overflow single precision (3.4e38) where the points are some 1e12 units apart: at "
-        "1e10 to 1e11 r for the paper's radii. GDKE in single precision would overflow with them.",
+        remark="Sums of third powers overflow in single precision (above 3.4e38) if the points are about 1e12 units "
+        "apart, which is σ of 1e10 r to 1e11 r for the paper's radii. GDKE in single precision would overflow as well.",
     ),
 )

@@ -1,15 +1,13 @@
-"""How much a series that is correlated in time is worth: the long-run covariance of its sum, and its memory.
+"""Long-run covariance of a sum over correlated video frames, and the autocorrelation time of a series.
 
-Frames of a recording follow each other within milliseconds, and skin that has slipped in one is still off in the next.
-A fit's covariance must count what the frames are worth, not how many they are. The score of each frame - its part of
-the estimating equations - holds all of that: frames' and markers' common errors, uneven noise, and correlation in
-time. The variance of a sum is the spectrum at frequency zero, taken as the mean over the lowest frequencies, over so
-many that they lie well below the one at which the series forgets: τ = 1 + 2 Σ ρ(k), summed up to the first lag of 5τ.
+Frames of a recording follow each other within milliseconds, and soft tissue that is displaced in one still is in the
+next. So the covariance of a fit must count effectively independent frames. The score of a frame, which is its part of
+the estimating equations, carries what is needed: errors common to markers, unequal noise, correlation in time. The
+variance of the sum of scores is their spectrum at frequency zero. It is estimated by the mean over the lowest
+frequencies, up to a fraction of 1/τ, with τ = 1 + 2 Σ ρ(k) summed up to the first lag of at least 5τ.
 
 Source: Sokal 1997 (τ); Lazarus, Lewis, Stock & Watson 2018 (equal weights on the lowest frequencies).
 """
-
-from typing import Any
 
 import numpy as np
 from scipy import fft
@@ -18,6 +16,7 @@ from study.sphere.jit import compiled
 from study.sphere.types import Floats
 
 _WINDOW = 5.0
+"""Autocorrelations are summed up to a lag of this many τ."""
 _WIDTH = 10.0
 """The spectrum is averaged up to the frequency 1/(10 τ)..."""
 _FEWEST = 8
@@ -25,9 +24,13 @@ _FEWEST = 8
 
 
 def autocorrelation_time(series: Floats) -> Floats:
-    """Integrated autocorrelation times (k,), in frames, of series (k, frames) of mean 0; at least 1.
+    """Integrated autocorrelation times of series of mean 0.
 
-    A series of zeros has 1. A frame without a value is 0 in the series: it adds nothing to the sum.
+    Args:
+        series: (k, frames). A frame without a value is 0 in it and adds nothing to the sum.
+
+    Returns:
+        Times (k,), in frames; at least 1, and 1 for a series of zeros.
     """
     n = series.shape[1]
     if n < 2:
@@ -36,13 +39,13 @@ def autocorrelation_time(series: Floats) -> Floats:
     spectrum = fft.rfft(series, size, axis=1)
     covariance = fft.irfft(spectrum.real**2 + spectrum.imag**2, size, axis=1)
     tau = np.empty(len(series))
-    _summed(covariance, n, tau)
+    _sum_autocorrelations(covariance, n, tau)
     return tau
 
 
 @compiled
-def _summed(covariance: Any, n: int, tau: Any) -> None:
-    """Autocorrelation times (k,) from autocovariances (k, n or more) of lags from 0."""
+def _sum_autocorrelations(covariance: Floats, n: int, tau: Floats) -> None:
+    """Put autocorrelation times into ``tau`` (k,), from autocovariances (k, n or more) of lags from 0."""
     for row in range(len(tau)):
         tau[row] = 1.0
         if not covariance[row, 0] > 0.0:
@@ -54,30 +57,30 @@ def _summed(covariance: Any, n: int, tau: Any) -> None:
         tau[row] = max(tau[row], 1.0)
 
 
-def long_run(scores: Floats) -> tuple[Floats, Floats]:
-    """Covariance of a sum over correlated frames.
+def long_run_covariance(scores: Floats) -> tuple[Floats, Floats]:
+    """Estimate the covariance of a sum over correlated frames.
 
     Args:
-        scores: what each frame adds (k, frames), of mean 0.
+        scores: contribution of each frame to the sums (k, frames), of mean 0.
 
     Returns:
-        Covariance of the sum (k, k), in no direction less than without correlation in time; and what it would be
-        without (k, k).
+        Covariance of the sums (k, k), in no direction less than for independent frames; and the covariance for
+        independent frames (k, k).
     """
     n = scores.shape[1]
-    instant = scores @ scores.T
-    scale = np.sqrt(np.maximum(np.diag(instant), 1e-300))
+    independent = scores @ scores.T
+    scale = np.sqrt(np.maximum(np.diag(independent), 1e-300))
     scaled = scores / scale[:, None]
     tau = float(autocorrelation_time(scaled).max())
     count = int(min(max(n / (_WIDTH * tau), _FEWEST), (n - 1) // 2))
     if count < 1:
-        return instant, instant
+        return independent, independent
     lowest = fft.rfft(scaled, axis=1)[:, 1 : count + 1]
     spectrum = (lowest @ lowest.conj().T).real / count
-    # relative to what it would be without correlation, direction by direction
-    values, vectors = np.linalg.eigh(instant / np.outer(scale, scale))
+    # ratio to the covariance for independent frames, direction by direction
+    values, vectors = np.linalg.eigh(independent / np.outer(scale, scale))
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     inverse = np.linalg.pinv(root)
     ratios, axes = np.linalg.eigh(inverse @ spectrum @ inverse.T)
     inflated = root @ (axes * np.maximum(ratios, 1.0)) @ axes.T @ root.T
-    return inflated * np.outer(scale, scale), instant
+    return inflated * np.outer(scale, scale), independent

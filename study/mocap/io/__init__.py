@@ -1,1 +1,1 @@
-"""Recordings from and to files."""
+"""Recordings: read from files and from a public library, described, and written to files."""

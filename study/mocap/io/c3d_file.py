@@ -1,19 +1,18 @@
-"""C3D files: read through ezc3d, and through c3d where ezc3d refuses or would leave frames out.
+"""Read C3D files with ezc3d, or with c3d if ezc3d refuses a file or would leave out frames.
 
-The format is described at c3d.org. Its header counts frames in 16 bits; longer recordings say their length in a
-parameter (``TRIAL:ACTUAL_END_FIELD``, ``POINT:LONG_FRAMES``), which c3d heeds and ezc3d does not always.
+The format is described at c3d.org. Its header counts frames in 16 bits; longer recordings give their length in a
+parameter (``TRIAL:ACTUAL_END_FIELD``, ``POINT:LONG_FRAMES``), which c3d reads and ezc3d does not always.
 """
 
 import warnings
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
 
 import c3d
 import ezc3d
 import numpy as np
 
-from study.mocap.io.assembly import Contents
+from study.mocap.io.assembly import FileContents
 from study.mocap.io.c3d_header import LONG, read_header
 from study.mocap.io.recording import RecordingError
 from study.sphere.types import Floats
@@ -21,18 +20,18 @@ from study.sphere.types import Floats
 _NOT_MARKERS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")
 
 
-def read_c3d(path: Path) -> Contents:
+def read_c3d(path: Path) -> FileContents:
     """Read the points of a C3D file.
 
-    Samples with a negative residual are NaN. Points that the file lists as angles, forces, moments, powers or scalars,
-    as processed gait files do, are no markers and are left out.
+    Samples with a negative residual are NaN. Points that the file lists as angles, forces, moments, powers or scalars
+    are not markers and are left out; processed gait files have them.
 
     Raises:
         RecordingError: one line, without the file's name: not a C3D file, damaged, cut short.
         OSError: if the file cannot be opened.
     """
     header = read_header(path)
-    # ezc3d leaves out what comes after 65535 frames, and ends the whole program on some damaged files
+    # ezc3d leaves out the frames after the 65535th, and ends the whole program on some damaged files
     use_ezc3d = header.sound and header.frames < LONG
     refusals = []
     for reader in (_by_ezc3d, _by_c3d) if use_ezc3d else (_by_c3d,):
@@ -40,7 +39,7 @@ def read_c3d(path: Path) -> Contents:
             contents = reader(path)
         except (OSError, RecordingError):
             raise
-        except Exception as error:  # the libraries raise what comes to hand: IndexError, AssertionError, ...
+        except Exception as error:  # the libraries raise many types: IndexError, AssertionError, ...
             refusals.append(f"{reader.__name__.removeprefix('_by_')}: {_first_line(error)}")
             continue
         count, _, frames = contents.points.shape
@@ -54,10 +53,10 @@ def _cut_short(found: int, promised: int) -> RecordingError:
     return RecordingError(f"the file is cut short: {found} of {promised} frames are there; get a whole copy of it")
 
 
-def _by_ezc3d(path: Path) -> Contents:
+def _by_ezc3d(path: Path) -> FileContents:
     try:
         file = ezc3d.c3d(str(path))
-    except OSError as error:  # what it says of the contents, too; that the file can be opened is known by now
+    except OSError as error:  # it raises this for wrong contents, too; the file itself could be opened
         raise ValueError(str(error).removesuffix(": iostream error")) from None
     group = file["parameters"]["POINT"]
     parameters = {key: entry["value"] for key, entry in group.items() if key != "__METADATA__"}
@@ -68,9 +67,9 @@ def _by_ezc3d(path: Path) -> Contents:
     return _contents(points, residuals, parameters, float(file["header"]["points"]["frame_rate"]), prefixes)
 
 
-def _by_c3d(path: Path) -> Contents:
+def _by_c3d(path: Path) -> FileContents:
     with warnings.catch_warnings(), open(path, "rb") as file:
-        warnings.simplefilter("ignore")  # of parameters that are missing; frames that are missing are counted
+        warnings.simplefilter("ignore")  # about missing parameters; missing frames are counted below
         reader = c3d.Reader(file)
         data = np.array([points for _, points, _ in reader.read_frames()], dtype=np.float64)
         if len(data) < reader.frame_count:
@@ -84,8 +83,8 @@ def _by_c3d(path: Path) -> Contents:
     return _contents(points, data[:, :, 3].T, parameters, rate, prefixes)
 
 
-def _strings(reader: Any, name: str) -> list[str]:
-    """A parameter's texts through c3d; none if it is not there or holds numbers."""
+def _strings(reader: c3d.Reader, name: str) -> list[str]:
+    """The texts of a parameter, read with c3d; none if it is missing or holds numbers."""
     parameter = reader.get(name)
     if parameter is None or parameter.bytes_per_element != -1:
         return []
@@ -97,17 +96,17 @@ def _strings(reader: Any, name: str) -> list[str]:
 def _contents(
     points: Floats,
     residuals: Floats,
-    parameters: Mapping[str, Iterable[Any]],
+    parameters: Mapping[str, Iterable[object]],
     rate: float,
-    prefixes: Iterable[Any],
-) -> Contents:
-    """What both libraries give, in one form.
+    prefixes: Iterable[object],
+) -> FileContents:
+    """The contents in one form, whichever library read them.
 
     Args:
         points: (points, 3, frames).
         residuals: (points, frames).
         parameters: those of the group POINT.
-        rate: frames per second; 0 where the file does not say.
+        rate: frames per second; 0 if the file does not give it.
         prefixes: of labels.
     """
     labels = _numbered(parameters, "LABELS")[: len(points)]
@@ -117,7 +116,7 @@ def _contents(
     rows = [row for row, label in enumerate(labels) if label not in derived]
     notes = (f"{len(labels) - len(rows)} points hold angles, forces and the like, not markers: left out",)
     units = [str(unit).strip() for unit in parameters.get("UNITS", ())]
-    return Contents(
+    return FileContents(
         labels=[labels[row] for row in rows],
         points=points[rows],
         rate=rate if rate > 0 else None,
@@ -127,8 +126,8 @@ def _contents(
     )
 
 
-def _numbered(parameters: Mapping[str, Iterable[Any]], name: str) -> list[str]:
-    """Texts of a parameter and of those that go on where 255 are full: LABELS, LABELS2, LABELS3, ..."""
+def _numbered(parameters: Mapping[str, Iterable[object]], name: str) -> list[str]:
+    """Texts of a parameter and of its continuations, 255 texts in each: LABELS, LABELS2, LABELS3, ..."""
     texts: list[str] = []
     keys = [name, *(f"{name}{number}" for number in range(2, 260))]
     for key in keys:

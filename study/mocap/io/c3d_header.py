@@ -1,7 +1,7 @@
-"""A look at a C3D file before a library reads it: is it one, how many frames it promises, does its header hold.
+"""Check the header of a C3D file before a library reads it: its number of frames, and its chain of parameters.
 
-A file begins with a block of 512 bytes that says where the parameters are; these are a chain of records, each with the
-distance to the next one (c3d.org, The C3D File Format: User Guide).
+A file begins with a block of 512 bytes that gives the place of the parameters. These are a chain of records, each with
+the distance to the next one (c3d.org, The C3D File Format: User Guide).
 """
 
 import math
@@ -12,28 +12,28 @@ from pathlib import Path
 from study.mocap.io.recording import RecordingError
 
 LONG = 65535
-"""The most frames that the header can say; longer recordings say this."""
+"""The largest number of frames in a header; longer recordings have this number there."""
 _BLOCK = 512
 _MAGIC = 0x50
-_MIPS = 86  # the processor whose words begin with the high byte; Intel is 84, DEC 85
-_MOST = 255 * _BLOCK  # bytes of parameters
+_MIPS = 86  # a processor with the high byte first; Intel is 84, DEC 85
+_MOST = 255 * _BLOCK  # bytes of parameters, at most
 
 
 @dataclass(frozen=True)
-class Header:
-    """What is needed of it."""
+class C3DHeader:
+    """The header of a C3D file, as far as it is checked."""
 
     frames: int
-    """That it promises; `LONG` for that or more."""
+    """Number of frames; `LONG` for that many or more."""
     sound: bool
-    """Whether the chain of parameters holds together."""
+    """True if each parameter ends where the next one begins."""
 
 
-def read_header(path: Path) -> Header:
+def read_header(path: Path) -> C3DHeader:
     """Read the header of a C3D file.
 
     Raises:
-        RecordingError: if it is no C3D file, or not even its header is complete.
+        RecordingError: if it is not a C3D file, or its header is not complete.
         OSError: if the file cannot be opened.
     """
     with open(path, "rb") as file:
@@ -46,21 +46,21 @@ def read_header(path: Path) -> Header:
         raise RecordingError("the file is cut short: its header is not complete; get a whole copy of it")
     order = ">" if parameters[3] == _MIPS else "<"
     first, last = struct.unpack_from(f"{order}HH", header, 6)
-    return Header(max(last - first + 1, 0) if last < LONG else LONG, _sound(parameters, order))
+    return C3DHeader(max(last - first + 1, 0) if last < LONG else LONG, _sound(parameters, order))
 
 
 def _sound(parameters: bytes, order: str) -> bool:
-    """Whether each record ends where the next one begins, up to the last."""
+    """True if each record ends where the next one begins, up to the last."""
     place = 4
     try:
         while True:
             length, group = struct.unpack_from("bb", parameters, place)
             if length == 0 or group == 0:
                 return True
-            start = place + 2 + abs(length)  # a negative length is that of a locked one
+            start = place + 2 + abs(length)  # the length is negative if the parameter is locked
             (distance,) = struct.unpack_from(f"{order}H", parameters, start)
             end = start + 2
-            if group > 0:  # a parameter; groups have negative numbers, and nothing but a description
+            if group > 0:  # a parameter; a group has a negative number, and only a description
                 size, dimensions = struct.unpack_from("bB", parameters, end)
                 if size not in (-1, 1, 2, 4) or dimensions > 7:
                     return False

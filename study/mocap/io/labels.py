@@ -1,4 +1,4 @@
-"""Labels of points, as files have them, to names of markers: subjects' prefixes, doubles, points without a label."""
+"""Name markers by the labels of points: without subjects' prefixes, and each name once."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -8,31 +8,31 @@ from study.mocap.io.recording import RecordingError
 
 
 @dataclass(frozen=True)
-class Naming:
-    """Which points of a file are markers, and what they are called."""
+class MarkerNames:
+    """The points of a file that are markers, and their names."""
 
     rows: tuple[int, ...]
-    """Places in the file of the points that are kept."""
+    """Numbers of these points in the file, from 0."""
     markers: tuple[str, ...]
-    """Their names, each once."""
+    """Their names, each different."""
     notes: tuple[str, ...]
-    """What was left out or renamed."""
+    """Messages about points that were left out or renamed."""
 
 
-def name_points(labels: Sequence[str], subject: str | None = None, prefixes: Sequence[str] = ()) -> Naming:
+def name_points(labels: Sequence[str], subject: str | None = None, prefixes: Sequence[str] = ()) -> MarkerNames:
     """Name the points of a file.
 
-    A label is a marker's, perhaps after a subject's name and a colon (``male:LFHD``). Two points with one label are
-    both renamed (``LFHD#1``, ``LFHD#2``): which of them is meant cannot be told, and a marker that is sometimes the
-    wrong one is worse than one that is missing.
+    A label is a marker's name, perhaps after a subject's name and a colon (``male:LFHD``). Two points with one label
+    are both renamed (``LFHD#1``, ``LFHD#2``): nothing tells which of them is the marker, and a marker that is sometimes
+    another one does more harm than a missing one.
 
     Args:
-        labels: one per point, as in the file; an empty one for a point without.
-        subject: whose markers to take, where the file has several subjects.
-        prefixes: what the file itself says labels begin with, such as ``male:``.
+        labels: one per point, as in the file; empty for a point without a label.
+        subject: the subject whose markers to take, if the file has several.
+        prefixes: of the labels, if the file gives them, such as ``male:``.
 
     Raises:
-        RecordingError: if there are several subjects and none is chosen, or the chosen one is not there.
+        RecordingError: if there are several subjects and none is chosen, or the chosen one is missing.
     """
     parts = [_split(_printable(label), [_printable(prefix) for prefix in prefixes]) for label in labels]
     rows = _of_subject([owner for owner, _ in parts], subject)
@@ -44,17 +44,19 @@ def name_points(labels: Sequence[str], subject: str | None = None, prefixes: Seq
     for name in doubles:
         places = [i for i, other in enumerate(names) if other == name]
         points = ", ".join(str(rows[i] + 1) for i in places)
-        notes.append(f"the label {name} is on points {points}: which is meant cannot be told, so none of them is used")
+        notes.append(
+            f"the label {name} is on points {points}: nothing tells which is the marker, so none of them is used"
+        )
         for number, i in enumerate(places, start=1):
             names[i] = f"{name}#{number}"
-    return Naming(tuple(rows), tuple(names), tuple(notes))
+    return MarkerNames(tuple(rows), tuple(names), tuple(notes))
 
 
 def _printable(label: str) -> str:
-    """A label without blanks about it and without characters that cannot be shown."""
+    """A label without surrounding spaces and unprintable characters."""
     try:
         label.encode()
-    except UnicodeEncodeError:  # bytes that are not UTF-8, carried along as surrogates: an old file's é or ü
+    except UnicodeEncodeError:  # surrogates stand for bytes that are not UTF-8, such as é or ü in an old file
         label = label.encode("utf-8", "surrogateescape").decode("latin-1")
     return "".join(c if c.isprintable() else "�" for c in label.strip())
 
@@ -69,15 +71,15 @@ def _split(label: str, prefixes: Sequence[str]) -> tuple[str, str]:
 
 
 def _of_subject(owners: Sequence[str], subject: str | None) -> list[int]:
-    """Rows of the points that belong to the subject, or to the only one there is.
+    """Rows of the points of the subject, or of all points if there is only one subject.
 
-    Where there is one subject, points without a prefix (a prop, an unlabelled reflection) are kept as extras.
+    These include points without a prefix, such as a prop or an unlabelled reflection.
     """
     counts = Counter(owner for owner in owners if owner)
     listed = ", ".join(f"{owner} ({count} markers)" for owner, count in counts.items())
     if subject is None:
         if len(counts) > 1:
-            raise RecordingError(f"it holds {len(counts)} subjects: {listed}; say whose markers to take (subject)")
+            raise RecordingError(f"it holds {len(counts)} subjects: {listed}; choose one with --subject")
         return list(range(len(owners)))
     if subject not in counts:
         raise RecordingError(f"no subject {subject!r} in it; there are {listed or 'none, the labels have no prefix'}")

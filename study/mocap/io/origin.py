@@ -1,6 +1,6 @@
-"""Which recording a stored table comes from: the name of its file, and a digest of the file's bytes.
+"""The origin of a stored table: the name of the recording's file, and a digest of its bytes.
 
-The digest is what counts: a file that was renamed or copied is the same recording, another file of its name is not.
+The digest decides: a renamed or copied file is the same recording, another file of the same name is not.
 """
 
 import hashlib
@@ -11,7 +11,7 @@ import pandas as pd
 from study.mocap.io.recording import RecordingError
 
 ORIGIN = ("recording", "digest")
-"""Columns that say it: the file's stem, and the first `DIGITS` hexadecimal digits of its SHA-256."""
+"""The columns: the file's stem, and the first `DIGITS` hexadecimal digits of its SHA-256."""
 DIGITS = 12
 
 
@@ -29,5 +29,5 @@ def digest_of(file: Path) -> str:
 
 
 def with_origin(table: pd.DataFrame, recording: str, digest: str) -> pd.DataFrame:
-    """A table with the columns `ORIGIN` before its own, alike in every row."""
+    """The table with the columns `ORIGIN` before its own, the same in every row."""
     return pd.DataFrame(dict(zip(ORIGIN, (recording, digest), strict=True)), index=table.index).join(table)

@@ -16,15 +16,15 @@ def read_recording(
     Args:
         path: ``.c3d``; ``.trc``; ``.csv``, ``.tsv`` or ``.txt`` with columns ``LFHD_X``, ``LFHD_Y``, ``LFHD_Z`` or as
             exported by Vicon.
-        unit: of the file's numbers, m, cm, mm, ...; where the file does not say it, or is wrong.
-        rate: frames per second; where the file does not say it, or is wrong.
-        subject: whose markers to take, where the file has several subjects.
+        unit: of the file's numbers, m, cm, mm, ...; overrides the file.
+        rate: frames per second; overrides the file.
+        subject: the subject whose markers to take, if the file has several.
 
     Returns:
         The recording, in metres.
 
     Raises:
-        RecordingError: one line that says what is wrong with the file, and what to do.
+        RecordingError: one line with the file, the fault and the remedy.
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -32,9 +32,9 @@ def read_recording(
         raise RecordingError(f"{path}: a recording is a file whose name ends in {', '.join(FORMATS)}")
     try:
         if suffix == ".c3d":
-            from study.mocap.io.c3d_file import read_c3d  # its libraries come with the extra `mocap`
+            from study.mocap.io.c3d_file import read_c3d  # its libraries come with the extra mocap
 
-            # millimetres are what C3D files are in where they do not say
+            # C3D files without a unit are usually in millimetres
             return assemble(read_c3d(path), path.stem, unit=unit, rate=rate, subject=subject, usual_unit="mm")
         from study.mocap.io.text_file import read_text
 

@@ -1,4 +1,4 @@
-"""A recording: where each marker was in each frame, in metres. What every other file of the room is given."""
+"""A recording: the position of each marker in each frame, in metres."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -9,26 +9,26 @@ from study.sphere.types import Bools, Floats, Ints
 
 
 class RecordingError(Exception):
-    """A recording that cannot be used; the message, one line, says which, where and why."""
+    """A recording cannot be used; the message, one line, gives its name, the place and the reason."""
 
 
 @dataclass(frozen=True, eq=False)
 class Recording:
     """Marker positions over time.
 
-    A sample in which a marker was not seen is NaN in all three coordinates.
+    A missing sample is NaN in all three coordinates.
     """
 
     name: str
-    """What to call it: the file's stem."""
+    """The stem of the file's name."""
     markers: tuple[str, ...]
-    """Labels without the subject's prefix, each once."""
+    """Labels without the subject's prefix, each different."""
     positions: Floats
-    """(markers, 3, frames), metres; contiguous over frames, so that a marker's coordinate is one run of memory."""
+    """(markers, 3, frames), metres; contiguous over frames."""
     rate: float
     """Frames per second."""
     notes: tuple[str, ...] = ()
-    """What a user should know of how it was read: markers left out, labels changed, a unit assumed."""
+    """Messages to the user about the reading: markers left out, labels changed, a unit assumed."""
 
     def __post_init__(self) -> None:
         positions = np.ascontiguousarray(self.positions, dtype=np.float64).view()
@@ -37,9 +37,9 @@ class Recording:
             raise RecordingError(f"{self.name}: positions have shape {positions.shape}; they must be {wanted}")
         if len(set(self.markers)) < len(self.markers):
             twice = next(marker for marker in self.markers if self.markers.count(marker) > 1)
-            raise RecordingError(f"{self.name}: two markers are called {twice!r}; give one another label")
+            raise RecordingError(f"{self.name}: two markers have the label {twice!r}; change one of them")
         if not (np.isfinite(self.rate) and self.rate > 0):
-            raise RecordingError(f"{self.name}: its rate is {self.rate:g} frames per second; it must be above 0")
+            raise RecordingError(f"{self.name}: its rate is {self.rate:g} frames per second, but must be above 0")
         positions.flags.writeable = False
         object.__setattr__(self, "positions", positions)
 
@@ -55,11 +55,11 @@ class Recording:
 
     def of(self, marker: str) -> Floats:
         """Positions of one marker (3, frames), metres; a view."""
-        positions: Floats = self.positions[self.place(marker)]
+        positions: Floats = self.positions[self.row(marker)]
         return positions
 
-    def place(self, marker: str) -> int:
-        """The marker's row in `positions`.
+    def row(self, marker: str) -> int:
+        """Row of a marker in `positions`.
 
         Raises:
             RecordingError: if there is no such marker.
@@ -71,21 +71,21 @@ class Recording:
             raise RecordingError(f"{self.name}: no marker {marker!r}; there are {known}") from None
 
     def seen(self) -> Bools:
-        """Whether each marker was seen in each frame (markers, frames)."""
+        """True where a marker has a sample (markers, frames)."""
         seen: Bools = ~np.isnan(self.positions[:, 0])
         return seen
 
     def missing(self) -> Floats:
-        """Share of the frames in which each marker was not seen (markers,)."""
+        """Share of the frames in which each marker is missing (markers,)."""
         share: Floats = 1.0 - self.seen().mean(axis=1)
         return share
 
     def select(self, markers: Sequence[str] | None = None, frames: slice | Ints | None = None) -> "Recording":
-        """The same recording with these markers, in this order, and these frames; all if None.
+        """The recording with these markers, in this order, and these frames; all if None.
 
         Raises:
             RecordingError: if there is no such marker.
         """
         names = self.markers if markers is None else tuple(markers)
-        positions = self.positions[[self.place(marker) for marker in names]]
+        positions = self.positions[[self.row(marker) for marker in names]]
         return replace(self, markers=names, positions=positions if frames is None else positions[:, :, frames])

@@ -1,4 +1,4 @@
-"""Markers as text: TRC files, tables with columns ``LFHD_X, LFHD_Y, LFHD_Z``, and what Vicon exports as CSV."""
+"""Read markers from text: TRC files, tables with columns ``LFHD_X, LFHD_Y, LFHD_Z``, and Vicon's CSV export."""
 
 import csv
 import io
@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from study.mocap.io.assembly import Contents
+from study.mocap.io.assembly import FileContents
 from study.mocap.io.recording import RecordingError
 from study.sphere.types import Floats
 
@@ -18,11 +18,11 @@ _COUNTERS = {"frame", "frame#", "frames", "sub frame", "index", "field", ""}
 _MISSING = ["nan", "NaN", "NAN", "na", "NA", "N/A", "null", "none", "None", "-"]
 
 
-def read_text(path: Path) -> Contents:
+def read_text(path: Path) -> FileContents:
     """Read markers from a text file.
 
-    Rate and unit are taken from the header of a TRC or Vicon file; from lines ``# rate: 120`` and ``# unit: mm`` or a
-    column ``time`` in seconds in other tables. Empty cells are missing.
+    Rate and unit come from the header of a TRC or Vicon file; in other tables from lines ``# rate: 120`` and ``# unit:
+    mm``, or from a column ``time`` in seconds. Empty cells are missing samples.
 
     Raises:
         RecordingError: one line, without the file's name.
@@ -47,7 +47,7 @@ def read_text(path: Path) -> Contents:
 
 
 @dataclass(frozen=True)
-class _Block:
+class _Rows:
     """The rows of numbers in a file."""
 
     lines: list[str]
@@ -56,7 +56,7 @@ class _Block:
     delimiter: str
 
     def numbers(self, columns: int) -> Floats:
-        """The cells of these rows (rows, columns); empty ones are NaN."""
+        """The cells of the rows (rows, columns); empty ones are NaN."""
         if not self.lines:
             return np.empty((0, columns))
         text = "\n".join(self.lines).replace('"', "")
@@ -64,7 +64,7 @@ class _Block:
         if (cells < columns).any():
             row = int((cells < columns).argmax())
             raise RecordingError(
-                f"line {self.first + row} has {cells[row]} cells; {columns} are needed: is it cut short?"
+                f"line {self.first + row} has {cells[row]} cells; {columns} are needed; the line may be cut short"
             )
         decimal = "," if self.delimiter != "," and "," in text and "." not in text else "."
         table = pd.read_csv(
@@ -85,22 +85,24 @@ class _Block:
             values = table[column]
             numbers[:, column] = parsed = pd.to_numeric(values, errors="coerce").to_numpy(dtype=np.float64)
             wrong = np.isnan(parsed) & values.notna().to_numpy()
-            if column >= columns:  # lines may end in delimiters, but not in further numbers
+            if column >= columns:  # a line may end in delimiters, but not in further numbers
                 wrong = values.notna().to_numpy()
             if wrong.any():
                 row = int(wrong.argmax())
-                words = "is not a number" if column < columns else "is under no header"
+                words = "is not a number" if column < columns else "has no header"
                 place = f"line {self.first + row}, column {column + 1}"
                 raise RecordingError(f"{place}: {str(values.iloc[row])[:40]!r} {words}")
         return numbers[:, :columns]
 
 
-def _trc(lines: list[str]) -> Contents:
-    """A TRC file: three lines about the file, one with labels, one with axes, then frame, time and coordinates."""
+def _trc(lines: list[str]) -> FileContents:
+    """Read a TRC file: three lines about the file, one with labels, one with axes, then frame, time and coordinates."""
     if len(lines) < 6 or not lines[0].startswith("PathFileType"):
-        raise RecordingError("not a TRC file: it should begin with PathFileType, five lines of header and rows")
+        raise RecordingError(
+            "not a TRC file: it must begin with PathFileType and have five lines of header before the rows"
+        )
     header = dict(zip(lines[1].split(), lines[2].split(), strict=False))
-    if "\t" not in lines[3]:  # some programs write blanks
+    if "\t" not in lines[3]:  # some programs write spaces
         lines = [*lines[:3], *("\t".join(line.split()) for line in lines[3:])]
     cells = [cell.strip() for cell in lines[3].strip().split("\t")]
     labels = [cell for cell in cells[2:] if cell]
@@ -111,16 +113,16 @@ def _trc(lines: list[str]) -> Contents:
     except (KeyError, ValueError):
         raise RecordingError("line 2 and 3 must give DataRate, NumFrames and NumMarkers") from None
     if len(labels) != markers:
-        raise RecordingError(f"line 4 has {len(labels)} labels, but line 3 says that there are {markers} markers")
+        raise RecordingError(f"line 4 has {len(labels)} labels, but line 3 gives {markers} markers")
     if len(rows) < frames:
         raise RecordingError(f"the file is cut short: {len(rows)} of {frames} frames are there; get a whole copy of it")
-    numbers = _Block(rows, start + 1, "\t").numbers(2 + 3 * markers)
+    numbers = _Rows(rows, start + 1, "\t").numbers(2 + 3 * markers)
     _consecutive(numbers[:, 0], start + 1)
-    return Contents(labels, _points(numbers[:, 2:]), rate, header.get("Units"))
+    return FileContents(labels, _points(numbers[:, 2:]), rate, header.get("Units"))
 
 
-def _vicon(lines: list[str], start: int) -> Contents:
-    """What Vicon Nexus exports: Trajectories, rate, labels, axes, units, rows until an empty line."""
+def _vicon(lines: list[str], start: int) -> FileContents:
+    """Read an export of Vicon Nexus: Trajectories, rate, labels, axes, units, then rows up to an empty line."""
     if len(lines) < start + 6:
         raise RecordingError(f"the file is cut short: no rows after the line Trajectories (line {start + 1})")
     delimiter = _delimiter(lines[start + 3])
@@ -135,24 +137,24 @@ def _vicon(lines: list[str], start: int) -> Contents:
     places = [i for i in range(len(axes) - 2) if axes[i : i + 3] == ["x", "y", "z"]]
     units = [cell.strip() for cell in lines[start + 4].split(delimiter)]
     rows = _until_blank(lines, start + 5)
-    numbers = _Block(rows, start + 6, delimiter).numbers(len(axes))
+    numbers = _Rows(rows, start + 6, delimiter).numbers(len(axes))
     _consecutive(numbers[:, 0], start + 6)
     unit = next((units[i] for i in places if i < len(units) and units[i]), None)
     columns = [column for i in places for column in (i, i + 1, i + 2)]
-    return Contents([heads[i] for i in places], _points(numbers[:, columns]), rate, unit)
+    return FileContents([heads[i] for i in places], _points(numbers[:, columns]), rate, unit)
 
 
-def _table(lines: list[str]) -> Contents:
-    """A table whose header names each column after its marker and axis, in any order."""
-    said: dict[str, str] = {}
+def _table(lines: list[str]) -> FileContents:
+    """Read a table whose header gives the marker and axis of each column, in any order."""
+    given: dict[str, str] = {}
     start = 0
     while start < len(lines) and (lines[start].startswith("#") or not lines[start].strip()):
         key, colon, value = lines[start].lstrip("# ").partition(":")
         if colon:
-            said[key.strip().lower()] = value.strip()
+            given[key.strip().lower()] = value.strip()
         start += 1
     if start == len(lines):
-        raise RecordingError("there is nothing but comments in it")
+        raise RecordingError("it holds only comments")
     delimiter = _delimiter(lines[start])
     names = [name.strip().strip("\"'").strip() for name in lines[start].split(delimiter)]
     places: dict[str, dict[str, int]] = {}
@@ -167,24 +169,24 @@ def _table(lines: list[str]) -> Contents:
         found_names = ", ".join(names[:4])[:80]
         raise RecordingError(f"line {start + 1}: no columns such as LFHD_X, LFHD_Y, LFHD_Z; found {found_names}")
     if doubles:
-        raise RecordingError(f"line {start + 1}: two columns are called {doubles[0]!r}")
+        raise RecordingError(f"line {start + 1}: two columns have the name {doubles[0]!r}")
     for marker, axes in places.items():
         if len(axes) < 3:
             lacking = ", ".join(sorted({"x", "y", "z"} - set(axes)))
             raise RecordingError(f"line {start + 1}: marker {marker} has no column for {lacking}")
     end = max(i for i, line in enumerate(lines, start=1) if line.strip())
-    numbers = _Block(lines[start + 1 : end], start + 2, delimiter).numbers(len(names))
+    numbers = _Rows(lines[start + 1 : end], start + 2, delimiter).numbers(len(names))
     columns = [axes[axis] for axes in places.values() for axis in "xyz"]
     low = [name.lower() for name in names]
     if low[0] in _COUNTERS - {""}:
         _consecutive(numbers[:, 0], start + 2)
-    rate = _number(said["rate"], "rate") if "rate" in said else _rate(low, numbers, start + 2)
-    unit = said.get("unit") or (units.pop() if len(units) == 1 else "") or None
-    return Contents(list(places), _points(numbers[:, columns]), rate, unit)
+    rate = _number(given["rate"], "rate") if "rate" in given else _rate(low, numbers, start + 2)
+    unit = given.get("unit") or (units.pop() if len(units) == 1 else "") or None
+    return FileContents(list(places), _points(numbers[:, columns]), rate, unit)
 
 
 def _rate(names: list[str], numbers: Floats, first: int) -> float | None:
-    """Frames per second by a column of seconds; None if there is none."""
+    """Frames per second from a column of seconds; None if there is none."""
     place = next(
         (i for i, name in enumerate(names) if re.fullmatch(r"time(\s*[\[(]\s*s\w*\s*[\])])?|t|time_s", name)), None
     )
@@ -200,7 +202,7 @@ def _rate(names: list[str], numbers: Floats, first: int) -> float | None:
 
 
 def _consecutive(counter: Floats, first: int) -> None:
-    """Frames that a table leaves out would change the time of all later ones."""
+    """Refuse a table that leaves out frames: the times of all later ones would be wrong."""
     wrong = np.diff(counter) != 1
     if wrong.any():
         row = int(wrong.argmax())
@@ -214,6 +216,7 @@ def _points(numbers: Floats) -> Floats:
 
 
 def _until_blank(lines: list[str], start: int) -> list[str]:
+    """Lines from a place up to the first empty one."""
     end = next((i for i in range(start, len(lines)) if not lines[i].strip(" ,;\t")), len(lines))
     return lines[start:end]
 

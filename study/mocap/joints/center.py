@@ -1,12 +1,12 @@
-"""One centre from several markers seen from a moving frame: MGDK with the noise that the frame really has.
+"""One centre from several markers in a segment's axes: MGDK with the noise that the segment's pose really has.
 
-With noise of covariance I it is `study.mgdk` (paper eq. 22, corrected), size of the noise found as `als` does, weights
-1/r̂²; here the covariance is that of `carried.py`, another for each sample (`pool.py`). Where markers move in planes, as
-about a hinge, the direction across them is dropped.
+With noise of covariance I it is `study.mgdk` (paper eq. 22, corrected), the size of the noise found as `als` does and
+weights 1/r̂². Here each sample has a covariance of its own (`pose_noise`). Where markers move in planes, as about a
+hinge, the direction across the planes is dropped.
 
 The covariance is the sandwich of the estimating functions of (c, η), frame by frame, in its long-run form
-(`timeseries.py`): it holds whatever the residuals are - correlated in time and between markers, larger here than there
-- as long as there are many times more frames than their autocorrelation time.
+(`long_run_covariance`). It holds for any residuals, be they correlated in time and between markers or of unequal
+variance, as long as there are many times more frames than their autocorrelation time.
 """
 
 from collections.abc import Sequence
@@ -14,49 +14,62 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from study.mocap.geometry.long_run_covariance import long_run
-from study.mocap.joints.frame_noise import CarriedNoise
-from study.mocap.joints.marker_moments import scores, seen
-from study.mocap.joints.pooled_moments import TINY, Pool
+from study.mocap.geometry.long_run_covariance import long_run_covariance
+from study.mocap.geometry.pose_noise import PoseNoise
+from study.mocap.joints.marker_moments import marker_moments
+from study.mocap.joints.marker_scores import add_scores
+from study.mocap.joints.pooled_moments import PooledMoments
+from study.mocap.joints.solve_center import TINY
 from study.sphere.types import Bools, Floats
 
-_PART = 600
-"""Frames that suffice for a first idea of the noise."""
-_CHANCE = 3.0
-"""Standard errors within which a direction's extent, or what it explains, is no more than noise."""
-_ROUND = 5.0
-"""Least radius, in standard deviations of the noise, of markers that say where a centre is."""
+_FRAMES = 600
+"""Frames from which a first value of the noise's size is found."""
+_SIGNIFICANT = 3.0
+"""Standard errors within which a direction's extent, or what it explains, is noise."""
+_RADIUS = 5.0
+"""Least radius, in standard deviations of the noise, that shows a sphere and not a cloud of noise."""
 _WORSE = 1.5
-"""Growth of the noise's size, from what it was or should be, above which a direction cannot be done without."""
-LIMIT = 0.999
-"""A condition ρ above this is one at its limit of 1."""
+"""Growth of the noise's size, from what it was or should be, above which no direction may be dropped."""
+CONDITION_LIMIT = 0.999
+"""A condition ρ above this counts as 1: at the limit of `solve_center`."""
 
 
 @dataclass(frozen=True)
-class Marker:
-    """A marker as seen from a frame: y (3, frames), which samples count (frames,), variance of its own noise, m²."""
+class LocalMarker:
+    """A marker in a segment's axes.
+
+    Attributes:
+        y: its place (3, frames), metres.
+        used: samples to use (frames,).
+        own: variance of its own noise, m².
+    """
 
     y: Floats
     used: Bools
     own: float
 
+    def in_frames(self, frames: slice) -> "LocalMarker":
+        """The marker in some of the frames."""
+        return LocalMarker(np.ascontiguousarray(self.y[:, frames]), self.used[frames], self.own)
+
 
 @dataclass(frozen=True)
-class Center:
-    """A centre in a frame's axes.
+class CenterFit:
+    """A centre in a segment's axes.
 
     Attributes:
-        center: ĉ (3,), metres. Along a dropped axis it is the mean of the markers' centroids.
+        center: ĉ (3,), metres. Along a dropped axis it is at the mean of the markers' centroids.
         radii: r̂ of each marker (M,), metres, across the axis if one is dropped; NaN where none is real.
-        noise: standard deviation of the residuals' noise along the radius, metres, noise of the frame included.
-        size: η, the noise variance in units of what was expected.
-        condition: ρ, the share of the least extent that is noise; below 1 for a centre to exist.
-        covariance: of ĉ (3, 3), m², without the dropped axis.
-        frames: how many took part; ``worth``: as many independent ones as these are worth.
-        axis: direction that was dropped (3,), or None.
-        least: direction in which the markers moved least (3,), dropped or not.
-        flat: standard errors by which the extent along the least direction, dropped or not, exceeds noise.
-        swing: root mean square angle by which the markers moved about the centre, along their principal directions
+        noise: standard deviation of the noise along the radius, metres, the pose's noise included.
+        size: η, the variance of the noise in units of what was expected.
+        condition: ρ, the share of the smallest extent that is noise; below 1 for a centre to exist.
+        covariance: of ĉ (3, 3), m²; 0 along a dropped axis.
+        frames: number of frames used.
+        effective_frames: effective number of independent frames.
+        axis: dropped direction (3,), or None.
+        least: direction of least extent (3,), dropped or not.
+        significance: standard errors by which the extent along that direction exceeds the noise.
+        rms_angles: root mean square angles of the markers' motion about the centre, along their principal directions
             (3,), ascending, radians; noise taken off.
     """
 
@@ -67,126 +80,135 @@ class Center:
     condition: float
     covariance: Floats
     frames: int
-    worth: float
+    effective_frames: float
     axis: Floats | None
     least: Floats
-    flat: float
-    swing: Floats
+    significance: float
+    rms_angles: Floats
 
     @property
-    def round(self) -> bool:
-        """Whether any radius is several times the noise: a cloud of noise is not the sphere that it looks like."""
-        return bool(np.nanmax(self.radii, initial=0.0) > _ROUND * self.noise)
+    def exceeds_noise(self) -> bool:
+        """True if any radius is several times the noise, so that the sphere is not just a cloud of noise."""
+        return bool(np.nanmax(self.radii, initial=0.0) > _RADIUS * self.noise)
 
 
-def center(
-    markers: Sequence[Marker], carried: CarriedNoise, hinge: bool | None = None, size: float | None = None
-) -> Center | None:
-    """Fit one centre.
+def fit_center(
+    markers: Sequence[LocalMarker], pose: PoseNoise, hinge: bool | None = None, size: float | None = None
+) -> CenterFit | None:
+    """Fit one centre with its covariance.
 
-    The direction of least extent is dropped, as for a hinge, if its extent is within noise, if it explains nothing of
-    the residuals of the fit without it (`roots.hinge` asks the same two), and if that fit is no worse.
+    The direction of least extent is dropped, as for a hinge, if its extent is within the noise, if it explains nothing
+    of the residuals of the fit without it (`hinge` of `study.estimators` asks the same two), and if that fit is no
+    worse.
 
     Args:
         markers: at least one.
-        carried: noise of the frame that they are seen from.
-        hinge: whether a direction is dropped, if that is known already.
-        size: of the noise, if that is known already; 0 gives GDKE's centre, which is drawn to the markers.
+        pose: noise of the pose of the segment in whose axes they are.
+        hinge: True to drop a direction, False to keep all, None to decide by the data.
+        size: η, if it is known; 0 gives GDKE's centre, which is biased towards the markers.
 
     Returns:
-        None if the samples are too few, or lie on a line.
+        The fit; None if the samples are too few, or lie on a line.
     """
-    given, basis = size, np.eye(3)
-    pool = _begun(markers, carried, given)
-    if pool is None:
+    given, everything = size, np.eye(3)
+    pooled = _pooled_moments(markers, pose, given)
+    if pooled is None:
         return None
-    size, middle = pool.solve(basis, given)
-    present = [markers[k] for k in pool.present]
-    score = _scores(present, carried, pool, size, middle, basis)
-    covariance, worth = _covariance(score, pool, size, middle, basis)
-    frames = int((score != 0.0).any(axis=0).sum())
-    flat, axis = pool.flat(size, worth * frames, basis), None
-    if hinge is None and pool.rounded():
+    size, center = pooled.solve(everything, given)
+    scores, basis, axis = _scores(pooled, size, center, everything), everything, None
+    covariance, share = _covariance(scores, pooled, size, center, everything)
+    frames = int((scores != 0.0).any(axis=0).sum())
+    effective = share * frames
+    significance = pooled.significance(size, effective, everything)
+    if hinge is None and pooled.exactly_planar():
         hinge = True
-    least, across = pool.least(size)
-    if hinge or (flat < _CHANCE and hinge is None):
-        reduced = pool.solve(across, given)
-        other = _scores(present, carried, pool, *reduced, across)
-        # sizes, not residuals: moving the centre to where the frame itself turns least makes any residual smaller
-        before = size if size < LIMIT * pool.top(np.eye(3)) else 0.0
-        no_worse = reduced[0] < _WORSE * max(before, 1.0)
+    least, across = pooled.least_direction(size)
+    if hinge or (significance < _SIGNIFICANT and hinge is None):
+        planar_size, planar_center = pooled.solve(across, given)
+        planar_scores = _scores(pooled, planar_size, planar_center, across)
+        # sizes, not residuals: moving the centre to where the pose itself rotates least makes any residual smaller
+        before = size if size < CONDITION_LIMIT * pooled.largest_size(everything) else 0.0
         if hinge or (
-            no_worse and pool.flat(reduced[0], worth * frames, across) > _CHANCE and _by_chance(least @ other[:3])
+            planar_size < _WORSE * max(before, 1.0)
+            and pooled.significance(planar_size, effective, across) > _SIGNIFICANT
+            and _sum_is_noise(least @ planar_scores[:3])
         ):
-            (size, middle), basis, axis = reduced, across, least
-            covariance, worth = _covariance(other, pool, size, middle, basis)
+            size, center, basis, axis = planar_size, planar_center, across, least
+            covariance, share = _covariance(planar_scores, pooled, size, center, basis)
         else:
-            pool.weigh(middle, basis)
+            pooled.reweight(center, everything)
     radii = np.full(len(markers), np.nan)
-    squares = pool.square_radii(middle, size, basis)
-    radii[pool.present] = np.sqrt(np.where(squares > 0.0, squares, np.nan))
-    return Center(
-        center=middle, radii=radii, noise=pool.noise(size, middle, basis), size=size,
-        condition=size / max(pool.top(basis), 1e-300), covariance=covariance, frames=frames, worth=worth * frames,
-        axis=axis, least=least, flat=flat, swing=pool.swing(size),
-    )  # fmt: skip
+    squares = pooled.square_radii(center, size, basis)
+    radii[pooled.present] = np.sqrt(np.where(squares > 0.0, squares, np.nan))
+    return CenterFit(
+        center=center,
+        radii=radii,
+        noise=pooled.radial_noise(size, center, basis),
+        size=size,
+        condition=size / max(pooled.largest_size(basis), 1e-300),
+        covariance=covariance,
+        frames=frames,
+        effective_frames=share * frames,
+        axis=axis,
+        least=least,
+        significance=significance,
+        rms_angles=pooled.rms_angles(size),
+    )
 
 
-def middle_of(
-    markers: Sequence[Marker], carried: CarriedNoise, hinge: bool = False, size: float | None = None
+def center_only(
+    markers: Sequence[LocalMarker], pose: PoseNoise, hinge: bool = False, size: float | None = None
 ) -> Floats | None:
-    """The centre alone (3,), as `center` finds it where it is known whether a direction is dropped."""
-    pool = _begun(markers, carried, size)
-    if pool is None:
+    """The centre (3,) of `fit_center` without its covariance, for a joint that is known to be a hinge or not."""
+    pooled = _pooled_moments(markers, pose, size)
+    if pooled is None:
         return None
-    found, middle = pool.solve(np.eye(3), size)
-    return pool.solve(pool.least(found)[1], size)[1] if hinge else middle
+    found, center = pooled.solve(np.eye(3), size)
+    return pooled.solve(pooled.least_direction(found)[1], size)[1] if hinge else center
 
 
-def _begun(markers: Sequence[Marker], carried: CarriedNoise, given: float | None) -> Pool | None:
-    """Moments freed from what noise of the given size does to them; of one found in a part of the frames, if None."""
+def _pooled_moments(markers: Sequence[LocalMarker], pose: PoseNoise, given: float | None) -> PooledMoments | None:
+    """Moments corrected for the mean effects of noise of the given size, or of a size found in some of the frames."""
     size = 1.0 if given is None else given
-    if given is None:  # what the noise draws in depends on its size, of which a first idea will do
-        step = max(len(carried.pattern) // _PART, 1)
-        some = [Marker(np.ascontiguousarray(m.y[:, ::step]), m.used[::step], m.own) for m in markers]
-        pool = _pooled(some, carried.every(step), size)
-        size = pool.solve(np.eye(3))[0] if pool is not None else size
-    return _pooled(markers, carried, size)
+    if given is None:  # the mean effects depend on the size; a first value of it will do
+        some = slice(None, None, max(len(pose.pattern) // _FRAMES, 1))
+        pooled = _moments_of_size([marker.in_frames(some) for marker in markers], pose.in_frames(some), size)
+        size = pooled.solve(np.eye(3))[0] if pooled is not None else size
+    return _moments_of_size(markers, pose, size)
 
 
-def _pooled(markers: Sequence[Marker], carried: CarriedNoise, size: float) -> Pool | None:
-    """Moments of the markers with two samples or more; None if they are too few, or lie on a line."""
-    moments = [seen(m.y, m.used & (carried.pattern >= 0), carried, m.own, size) for m in markers]
+def _moments_of_size(markers: Sequence[LocalMarker], pose: PoseNoise, size: float) -> PooledMoments | None:
+    """Moments of the markers with two samples or more; None if these are too few, or lie on a line."""
+    moments = [marker_moments(m.y, m.used & (pose.pattern >= 0), pose, m.own, size) for m in markers]
     present = [k for k, each in enumerate(moments) if each.count >= 2]
     if sum(moments[k].count for k in present) < 3 + len(present):
         return None
-    pool = Pool([moments[k] for k in present], present)
-    return pool if pool.spread()[1] > TINY * pool.spread()[2] else None
+    pooled = PooledMoments([moments[k] for k in present], present)
+    return pooled if pooled.extents()[1] > TINY * pooled.extents()[2] else None
 
 
-def _by_chance(score: Floats) -> bool:
-    """Whether scores (frames,) add up to no more than chance would have them."""
-    return bool(score.sum() ** 2 < _CHANCE**2 * long_run(score[None])[0][0, 0])
+def _sum_is_noise(score: Floats) -> bool:
+    """True if scores (frames,) add up to no more than their standard errors explain."""
+    return bool(score.sum() ** 2 < _SIGNIFICANT**2 * long_run_covariance(score[None])[0][0, 0])
 
 
-def _scores(
-    markers: Sequence[Marker], carried: CarriedNoise, pool: Pool, size: float, middle: Floats, basis: Floats
-) -> Floats:
-    """Estimating functions of (c, η) frame by frame (4, frames)."""
-    result = np.zeros((4, len(carried.pattern)))
+def _scores(pooled: PooledMoments, size: float, center: Floats, basis: Floats) -> Floats:
+    """Estimating functions of (c, η), frame by frame (4, frames)."""
+    scores = np.zeros((4, pooled.markers[0].z.shape[1]))
     within = basis @ basis.T
-    for marker, moments, weight in zip(markers, pool.moments, pool.w / pool.n, strict=True):
-        used = marker.used & (carried.pattern >= 0)
-        scores(moments, used, carried, marker.own, size, middle, within, weight, result)
-    return result
+    for moments, weight in zip(pooled.markers, pooled.w / pooled.stacked.n, strict=True):
+        add_scores(moments, size, center, within, weight, scores)
+    return scores
 
 
-def _covariance(score: Floats, pool: Pool, size: float, middle: Floats, basis: Floats) -> tuple[Floats, float]:
-    """Covariance of ĉ (3, 3), and what a frame is worth in independent ones."""
+def _covariance(
+    scores: Floats, pooled: PooledMoments, size: float, center: Floats, basis: Floats
+) -> tuple[Floats, float]:
+    """Covariance of ĉ (3, 3), and the effective number of independent frames as a share of the frames."""
     d = basis.shape[1]
-    inflated, instant = long_run(np.concatenate([basis.T @ score[:3], score[3:]]))
-    inverse = np.linalg.pinv(pool.slopes(size, middle, basis))[:d]
+    inflated, independent = long_run_covariance(np.concatenate([basis.T @ scores[:3], scores[3:]]))
+    inverse = np.linalg.pinv(pooled.jacobian(size, center, basis))[:d]
     covariance = basis @ inverse @ inflated @ inverse.T @ basis.T
-    plain = basis @ inverse @ instant @ inverse.T @ basis.T
+    plain = basis @ inverse @ independent @ inverse.T @ basis.T
     total = float(np.trace(covariance))
     return covariance, min(float(np.trace(plain)) / total, 1.0) if total > 0.0 else 1.0

@@ -1,48 +1,56 @@
-"""Estimates of one joint, each with what it rests on: spheres seen from one side, or both frames at once.
+"""Estimates of one joint, from markers on spheres in one segment's axes, or from the poses of both segments.
 
-A sphere fit takes the noise as its frame has it (`carried.py`) as far as the markers' motion bears that. Where the
-frame's own noise would explain the motion along some direction, noise is taken as isotropic, which a skin that slips
-slowly may be; where even that hides it, as none: GDKE's answer, which is drawn to the markers but never far away.
+A sphere fit uses the noise of the segment's pose (`pose_noise`) as long as the markers' motion exceeds it. Where that
+noise would explain the motion along some direction, the noise is taken for isotropic, as slowly sliding soft tissue
+may be. Where even that hides the motion, no noise is taken off: that is GDKE's answer, which is biased towards the
+markers but never far away.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
-from study.estimators.fit import Worded
-from study.mocap.joints.center import LIMIT, Center, Marker, center
-from study.mocap.joints.outlier_samples import near_sphere, sifted
-from study.mocap.joints.segments import Frames
-from study.mocap.joints.symmetric_fit import TwoSided
+from study.estimators.status import Worded
+from study.mocap.geometry.pose_noise import PoseNoise
+from study.mocap.joints.center import CONDITION_LIMIT, CenterFit, LocalMarker, fit_center
+from study.mocap.joints.outlier_samples import reject_off_sphere, reject_outliers
+from study.mocap.joints.segment_poses import SegmentPoses
+from study.mocap.joints.symmetric_fit import SymmetricFit
 from study.sphere.types import Bools, Floats
 
-UNSURE = 0.01
-"""Metres: a centre whose standard error exceeds this in some direction is not known to the paper's centimetre."""
-BRIEF = 10
-"""Frames of which fewer say nothing about how they scatter, and so give no standard error."""
-_EXTENT = 2.0
-"""Standard errors by which the least extent must exceed the noise, as for `als`."""
-_MOVED = 0.005
-"""Standard deviation of a marker's place, over its distance from the frame's middle, below which it did not move."""
+CENTIMETRE = 0.01
+"""Metres: the accuracy that the paper asks for. A larger standard error in some direction makes a centre unsure."""
+FEWEST_FRAMES = 10
+"""Fewest frames that show how they scatter, and so give a standard error."""
+_SIGNIFICANT = 2.0
+"""Standard errors by which the smallest extent must exceed the noise, as for `als`."""
+_STILL = 0.005
+"""Standard deviation of a marker's place, over its distance from the template's middle, below which it did not move."""
+
+Side = Literal["parent", "child", "both"]
+"""Segment in whose axes the markers were, or both."""
+NoiseModel = Literal["pose", "isotropic", "none"]
+"""Noise that a fit took off: that of the pose and the markers, the same in all directions, or none."""
 
 
 class JointStatus(Worded):
-    """What to think of a joint."""
+    """Reliability of a joint, with the text that a user reads."""
 
     OK = 0, "ok"
-    HINGE = 1, "hinge: known across the axis; along it, where the joint is put shows in nothing or in skin alone"
-    DISAGREE = 2, "its sides contradict each other by more than 1 cm or 20°, beyond what their errors explain"
+    HINGE = 1, "hinge: known across its axis; its place along the axis shows in nothing, or in soft tissue alone"
+    DISAGREE = 2, "its two segments contradict each other by more than 1 cm or 20°, beyond what their errors explain"
     UNSURE = 3, "moved too little for its noise, or was seen too briefly: a standard error may exceed 1 cm"
-    INSIGNIFICANT = 4, "along some direction the frame's own noise would explain how far the markers moved"
-    NOT_POSITIVE_DEFINITE = 5, "the noise hides how far the markers moved: the centre is drawn to them"
-    STILL = 6, "did not move: the markers stay where they are in the frame"
-    NO_FRAME = 7, "neither of its segments has a frame"
-    UNSEEN = 8, "its markers were not seen, or never together with a frame"
+    INSIGNIFICANT = 4, "along some direction the noise of the segment's pose would explain how far the markers moved"
+    NOT_POSITIVE_DEFINITE = 5, "the noise hides how far the markers moved: the centre is biased towards them"
+    STILL = 6, "did not move: the markers stay in place in the segment's axes"
+    NO_FRAME = 7, "neither of its segments has a pose"
+    UNSEEN = 8, "its markers were not seen, or never together with a pose"
 
 
 USABLE = (JointStatus.OK, JointStatus.HINGE)
-"""A joint that a skeleton can be built on without a word."""
+"""A joint that a skeleton can be built on without reservation."""
 
 
 @dataclass(frozen=True)
@@ -50,111 +58,143 @@ class Estimate:
     """A joint's place in one of its segments.
 
     Attributes:
-        side: "parent": the child's markers seen from the parent's frame; "child" the other way round; "both": the point
-            in which the two frames agree, in the parent's axes.
-        frames: the frame in whose axes it is; ``markers``: names of what was seen from it.
+        side: "parent" for the child's markers in the parent's axes; "child" for the reverse; "both" for the point in
+            which the two poses agree, in the parent's axes.
+        poses: of the segment in whose axes it is.
+        markers: names of the markers that it is fitted to.
         center: (3,), metres.
-        covariance: of it (3, 3), m², what is unknown of the joints that the frame hangs on included.
-        axis: direction along which it is not known (3,), or None.
-        noise: as what the noise was taken: "carried", "isotropic" or "none"; "frames" for both sides.
-        count: frames that took part; ``worth``: as many independent ones as these are worth.
-        used: samples that count (M, frames).
-        sphere: the fit, or None for both sides; ``pair``: the other way round.
-        status: what to think of it.
+        covariance: of the centre (3, 3), m², errors of the joints that the poses rest on included.
+        axis: direction along which the centre is not known (3,), or None.
+        noise: the noise that was taken off.
+        frames: number of frames used.
+        effective_frames: effective number of independent frames.
+        used: samples used (M, frames).
+        sphere: the fit of one side, or None.
+        pair: the fit of both sides, or None.
+        status: reliability.
     """
 
-    side: str
-    frames: Frames
+    side: Side
+    poses: SegmentPoses
     markers: tuple[str, ...]
     center: Floats
     covariance: Floats
     axis: Floats | None
-    noise: str
-    count: int
-    worth: float
+    noise: NoiseModel
+    frames: int
+    effective_frames: float
     used: Bools
-    sphere: Center | None
-    pair: TwoSided | None
+    sphere: CenterFit | None
+    pair: SymmetricFit | None
     status: JointStatus = JointStatus.OK
 
     @property
-    def worst(self) -> float:
+    def standard_error(self) -> float:
         """Largest standard error across the axis, metres."""
         across = np.eye(3) if self.axis is None else np.eye(3) - np.outer(self.axis, self.axis)
         return float(np.sqrt(max(np.linalg.eigvalsh(across @ self.covariance @ across)[-1], 0.0)))
 
-    def judged(self) -> "Estimate":
-        """The same with its status."""
+    def with_status(self) -> "Estimate":
+        """The same estimate with the status that follows from its noise, error and frames."""
         if self.noise == "none":
             status = JointStatus.NOT_POSITIVE_DEFINITE
-        elif self.noise == "isotropic" or (self.sphere is not None and not self.sphere.round):
+        elif self.noise == "isotropic" or (self.sphere is not None and not self.sphere.exceeds_noise):
             status = JointStatus.INSIGNIFICANT
-        elif not (self.worst < UNSURE and self.count >= BRIEF):
+        elif not (self.standard_error < CENTIMETRE and self.frames >= FEWEST_FRAMES):
             status = JointStatus.UNSURE
         else:
             status = JointStatus.OK if self.axis is None else JointStatus.HINGE
         return replace(self, status=status)
 
 
-def from_spheres(
-    side: str, frames: Frames, names: Sequence[str], markers: Sequence[Marker], hinge: bool
+def estimate_from_spheres(
+    side: Side, poses: SegmentPoses, names: Sequence[str], markers: Sequence[LocalMarker], hinge: bool
 ) -> Estimate | None:
-    """A joint from the spheres on which markers move in a frame; None if they do not.
+    """Estimate a joint from the spheres on which markers move in a segment's axes.
 
     Args:
-        side: "parent" or "child", the one that the frame belongs to.
-        frames: the frame.
+        side: "parent" or "child": the segment that the poses belong to.
+        poses: of that segment.
         names: of the markers.
-        markers: as seen from it.
-        hinge: whether the joint is known to be a hinge.
+        markers: in the segment's axes.
+        hinge: True if the joint is known to be a hinge.
+
+    Returns:
+        The estimate, without its status; None if the markers do not move.
     """
-    found = _guarded(markers, frames)
+    found = _fit_with_noise(markers, poses)
     if found is None:
         return None
-    noise, fit, near = found
+    noise, fit, kept = found
     return Estimate(
-        side=side, frames=frames, markers=tuple(names), center=fit.center, covariance=fit.covariance,
-        axis=fit.least if hinge and fit.axis is None else fit.axis, noise=noise, count=fit.frames, worth=fit.worth,
-        used=np.stack([marker.used for marker in near]), sphere=fit, pair=None,
-    )  # fmt: skip
+        side=side,
+        poses=poses,
+        markers=tuple(names),
+        center=fit.center,
+        covariance=fit.covariance,
+        axis=fit.least if hinge and fit.axis is None else fit.axis,
+        noise=noise,
+        frames=fit.frames,
+        effective_frames=fit.effective_frames,
+        used=np.stack([marker.used for marker in kept]),
+        sphere=fit,
+        pair=None,
+    )
 
 
-def from_frames(parent: Frames, child: Frames, pair: TwoSided, hinge: bool) -> Estimate:
-    """A joint from where its two frames agree."""
+def estimate_from_poses(parent: SegmentPoses, child: SegmentPoses, pair: SymmetricFit, hinge: bool) -> Estimate:
+    """Estimate a joint from the point in which its two segments agree; the status is not set yet."""
     return Estimate(
-        side="both", frames=parent, markers=child.points, center=pair.in_parent, covariance=pair.covariance,
-        axis=pair.axes[0] if hinge or pair.hinge else None, noise="frames", count=pair.frames, worth=pair.worth,
-        used=child.good & parent.known, sphere=None, pair=pair,
-    )  # fmt: skip
+        side="both",
+        poses=parent,
+        markers=child.points,
+        center=pair.in_parent,
+        covariance=pair.covariance,
+        axis=pair.axes[0] if hinge or pair.hinge else None,
+        noise="pose",
+        frames=pair.frames,
+        effective_frames=pair.effective_frames,
+        used=child.good & parent.known,
+        sphere=None,
+        pair=pair,
+    )
 
 
-def marker_from(frames: Frames, x: Floats, sane: Bools) -> Marker:
-    """A marker (3, frames) as seen from a frame, with the noise of that frame's own markers."""
-    y = frames.see(x)
-    return Marker(y, frames.known & sane & ~np.isnan(y[0]), frames.spread**2)
+def local_marker(poses: SegmentPoses, x: Floats, accepted: Bools) -> LocalMarker:
+    """Express a marker (3, frames) in a segment's axes; its noise is taken to be that of the segment's own markers.
+
+    ``accepted`` (frames,) are the samples that may be used.
+    """
+    y = poses.to_local(x)
+    return LocalMarker(y, poses.known & accepted & ~np.isnan(y[0]), poses.sigma**2)
 
 
-def _guarded(markers: Sequence[Marker], frames: Frames) -> tuple[str, Center, list[Marker]] | None:
-    """A centre, with stray samples left out, and with the noise taken as far as the markers' motion bears it."""
-    used, plain = sifted(markers), frames.carried.level
-    if all(_still(marker, frames) for marker in used):
+def _fit_with_noise(
+    markers: Sequence[LocalMarker], poses: SegmentPoses
+) -> tuple[NoiseModel, CenterFit, list[LocalMarker]] | None:
+    """Fit a centre without outliers, with the first noise model that leaves the markers' motion significant."""
+    clean, exact = reject_outliers(markers), poses.noise.removed
+    if all(_is_still(marker, poses) for marker in clean):
         return None
-    for noise, carried, size in (("carried", frames.carried, None), ("isotropic", plain, None), ("none", plain, 0.0)):
-        fit = center(used, carried, size=size)
+    models: tuple[tuple[NoiseModel, PoseNoise, float | None], ...]
+    models = (("pose", poses.noise, None), ("isotropic", exact, None), ("none", exact, 0.0))
+    for name, pose_noise, size in models:
+        fit = fit_center(clean, pose_noise, size=size)
         if fit is None:
             return None
-        near = [near_sphere(marker, fit.center, fit.axis) for marker in used]
-        if any(a.used.sum() < b.used.sum() for a, b in zip(near, used, strict=True)):
-            fit = center(near, carried, size=size) or fit
-        if noise == "none" or fit.axis is not None or (fit.condition < LIMIT and fit.flat > _EXTENT):
-            return noise, fit, near
+        kept = [reject_off_sphere(marker, fit.center, fit.axis) for marker in clean]
+        if any(a.used.sum() < b.used.sum() for a, b in zip(kept, clean, strict=True)):
+            fit = fit_center(kept, pose_noise, size=size) or fit
+        significant = fit.condition < CONDITION_LIMIT and fit.significance > _SIGNIFICANT
+        if name == "none" or fit.axis is not None or significant:
+            return name, fit, kept
     return None
 
 
-def _still(marker: Marker, frames: Frames) -> bool:
-    """Whether a marker stayed where it was in a frame."""
+def _is_still(marker: LocalMarker, poses: SegmentPoses) -> bool:
+    """True if a marker stays in place in a segment's axes."""
     y = marker.y[:, marker.used]
     if y.shape[1] < 2:
         return True
-    away = y.mean(axis=1) - frames.template.mean(axis=0)
-    return bool(np.linalg.eigvalsh(np.cov(y))[-1] < _MOVED**2 * (away @ away))
+    away = y.mean(axis=1) - poses.template.mean(axis=0)
+    return bool(np.linalg.eigvalsh(np.cov(y))[-1] < _STILL**2 * (away @ away))

@@ -1,4 +1,4 @@
-"""Phase 1's answer in lines for people: where each joint is, how well that is known, and from what."""
+"""The answer of phase 1 as lines for a reader: each joint's place, its accuracy, and the reasons to doubt it."""
 
 from collections.abc import Iterator
 
@@ -6,50 +6,53 @@ import numpy as np
 import pandas as pd
 
 from study.mocap.joints.estimates import USABLE
-from study.mocap.joints.fit_joints import Joints
-from study.mocap.joints.joint_table import WORDS, numbers
+from study.mocap.joints.found_joints import FoundJoint, FoundJoints
+from study.mocap.joints.joint_table import SHORT_TEXTS, accuracy_columns
+from study.text.columns import columns
+from study.text.numbers import number
 
 
-def agreed(table: pd.DataFrame) -> Iterator[str]:
-    """How far other estimators' answers are from the one that is taken, a line per joint, in millimetres.
+def agreement_lines(table: pd.DataFrame) -> Iterator[str]:
+    """Lay out the agreement of methods, a line per joint, in millimetres.
 
     Args:
-        table: a row per joint; its columns ``from_…`` are distances, metres (see `agreement.agreement_table`).
+        table: a row per joint; its columns ``from_…`` are distances, metres (see `agreement_table`).
     """
     others = [name for name in table.columns if str(name).startswith("from_")]
-    wide = max([len(str(name)) for name in table["joint"]] + [16])
-    heads = (str(name).removeprefix("from_").replace("_", "-") for name in others)
-    yield f"{'distance to / mm':{wide}}" + "".join(f"  {head:>9}" for head in heads)
-    for name, row in zip(table["joint"], table[others].to_numpy(dtype=float), strict=True):
-        yield f"{name:{wide}}" + "".join(f"  {_mm(float(x), 9)}" for x in row)
+    titles = ["distance to / mm", *(str(name).removeprefix("from_").replace("_", "-") for name in others)]
+    distances = zip(table["joint"], table[others].to_numpy(dtype=float), strict=True)
+    yield from columns([[name, *map(_millimetres, row)] for name, row in distances], titles, "<>")
 
 
-def printed(joints: Joints) -> Iterator[str]:
-    """The table, a line per joint in millimetres and degrees, and then what is to be said of some of them."""
-    wide = max([len(found.joint.name) for found in joints.joints] + [5])
-    yield (
-        f"{'joint':{wide}}  {'status':15}  {'from':6}  {'centre in its parent / mm':>25}  {'error':>6}  {'noise':>6}  "
-        f"{'moved':>9}  {'ρ':>5}  {'frames':>6}  {'worth':>6}  {'apart':>6}"
-    )
-    for found in joints.joints:
-        n = numbers(found)
-        place = " ".join(_mm(float(x), 8) for x in found.in_parent)
-        moved = "-" if np.isnan(n["moved_least"]) else f"{n['moved_least']:.0f}°-{n['moved_most']:.0f}°"
-        counts = "  ".join(f"{'-' if np.isnan(n[key]) else f'{n[key]:.0f}':>6}" for key in ("frames", "worth"))
-        rho = "-" if np.isnan(n["rho"]) else f"{n['rho']:.3f}"
-        side = found.estimate.side if found.estimate else "-"
-        yield (
-            f"{found.joint.name:{wide}}  {WORDS[found.status]:15}  {side:6}  {place}  {_mm(n['error'], 6)}  "
-            f"{_mm(n['sigma'], 6)}  {moved:>9}  {rho:>5}  {counts}  {_mm(n['apart'], 6)}"
-        )
-    yield "error: largest standard error; noise: of a coordinate; apart: the farthest other side with an error; in mm"
-    yield "moved: least and greatest root mean square angle; worth: independent frames that the frames are worth"
+def joint_lines(joints: FoundJoints) -> Iterator[str]:
+    """Lay out the joints, a line each in millimetres and degrees, then the reasons to doubt some of them."""
+    titles = ["joint", "status", "from", *(f"{axis} / mm" for axis in "xyz"), "error", "noise", "moved"]
+    titles += ["ρ", "frames", "worth", "apart"]
+    yield from columns(map(_joint_row, joints.joints), titles, "<<<>")
+    yield "x, y, z: centre in its parent; error: largest standard error; noise: of a coordinate; all in mm"
+    yield "apart: distance to the farthest other side with an error, mm; worth: effective number of independent frames"
+    yield "moved: least and greatest root mean square angle of motion"
     for found in joints.joints:
         if found.status not in USABLE:
             yield f"{found.joint.name}: {found.reason}"
-    for segment, why in joints.frameless.items():
-        yield f"no frame of its own: {segment}: {why}"
+    for segment, reason in joints.without_pose.items():
+        yield f"no pose of its own: {segment}: {reason}"
 
 
-def _mm(metres: float, width: int) -> str:
-    return f"{'-':>{width}}" if np.isnan(metres) else f"{1000 * metres:{width}.1f}"
+def _joint_row(found: FoundJoint) -> list[str]:
+    """A joint's texts, in the order of the titles."""
+    n = accuracy_columns(found)
+    moved = "-" if np.isnan(n["moved_least"]) else f"{n['moved_least']:.0f}°-{n['moved_most']:.0f}°"
+    side = found.estimate.side if found.estimate else "-"
+    return [
+        *(found.joint.name, SHORT_TEXTS[found.status], side),
+        *(_millimetres(float(x)) for x in found.in_parent),
+        *(_millimetres(n[key]) for key in ("error", "sigma")),
+        *(moved, number(n["rho"], ".3f")),
+        *(number(n[key], ".0f") for key in ("frames", "worth")),
+        _millimetres(n["apart"]),
+    ]
+
+
+def _millimetres(metres: float) -> str:
+    return number(1000 * metres, ".1f")

@@ -1,13 +1,13 @@
-"""Phase 1's answer as a table: where each joint is, how well that is known, and from what."""
+"""The answer of phase 1 as a table: each joint's place, its accuracy, and the data behind it."""
 
 import numpy as np
 import pandas as pd
 
 from study.mocap.joints.estimates import JointStatus
-from study.mocap.joints.fit_joints import FoundJoint, Joints
-from study.mocap.joints.side_agreement import differences
+from study.mocap.joints.found_joints import FoundJoint, FoundJoints
+from study.mocap.joints.side_agreement import side_differences
 
-WORDS = {
+SHORT_TEXTS = {
     JointStatus.OK: "ok",
     JointStatus.HINGE: "hinge",
     JointStatus.DISAGREE: "sides disagree",
@@ -18,57 +18,63 @@ WORDS = {
     JointStatus.NO_FRAME: "no frame",
     JointStatus.UNSEEN: "unseen",
 }
-"""A status in the table, where its whole text has no room."""
+"""A status in the table, which has no room for its whole text."""
 
 
-def joint_table(joints: Joints) -> pd.DataFrame:
-    """A row per joint of the marker set.
+def joint_table(joints: FoundJoints) -> pd.DataFrame:
+    """Tabulate joints, a row per joint of the marker set.
 
     Returns:
-        Columns: joint, kind, parent, child, status and reason in words; side, the segment from which the markers were
-        seen, or both; markers; center_parent_* and center_child_* (metres, in the segments' axes); error, the largest
-        standard error across a dropped axis (metres), what parts the sides included if they disagree; cov_xx ...
-        cov_zz (m², in the parent's axes); axis_parent_* and axis_child_* of a hinge; radius_mean (metres) of the
-        markers' spheres; sigma (metres), noise of one coordinate; rho, share of the least extent that is noise;
-        moved_least, moved_most (degrees), root mean square angles about the joint; frames; worth, as many independent
-        ones as these are worth; apart (metres), the farthest of the other sides' answers that can be compared with it
-        (see `disagreement`). NaN where there is none.
+        Columns: joint, kind, parent, child; status and reason in words; side, the segment whose axes the markers were
+        in, or both; markers; center_parent_* and center_child_* (metres, in the segments' axes); error, the largest
+        standard error across a dropped axis (metres), which includes the difference between sides that disagree;
+        cov_xx ... cov_zz (m², in the parent's axes); axis_parent_* and axis_child_* of a hinge; radius_mean (metres) of
+        the markers' spheres; sigma (metres), noise of one coordinate; rho, share of the smallest extent that is noise;
+        moved_least, moved_most (degrees), root mean square angles of motion about the joint; frames; worth, the
+        effective number of independent frames; apart (metres), distance of the farthest other side's estimate that can
+        be compared (see `side_differences`). NaN where there is none.
     """
     rows: list[dict[str, object]] = []
     for found in joints.joints:
+        estimate = found.estimate
         row: dict[str, object] = {
-            "joint": found.joint.name, "kind": found.joint.kind, "parent": found.joint.parent,
-            "child": found.joint.child, "status": WORDS[found.status], "reason": found.reason,
-            "side": found.estimate.side if found.estimate else "",
-            "markers": ", ".join(found.estimate.markers) if found.estimate else "",
-        }  # fmt: skip
+            "joint": found.joint.name,
+            "kind": found.joint.kind,
+            "parent": found.joint.parent,
+            "child": found.joint.child,
+            "status": SHORT_TEXTS[found.status],
+            "reason": found.reason,
+            "side": estimate.side if estimate else "",
+            "markers": ", ".join(estimate.markers) if estimate else "",
+        }
         vectors = {"center_parent": found.in_parent, "center_child": found.in_child}
         vectors |= {"axis_parent": found.axis_in_parent, "axis_child": found.axis_in_child}
         for name, vector in vectors.items():
             row |= {f"{name}_{axis}": float(x) for axis, x in zip("xyz", vector, strict=True)}
         pairs = [(i, j) for i in range(3) for j in range(i, 3)]
         row |= {f"cov_{'xyz'[i]}{'xyz'[j]}": float(found.covariance[i, j]) for i, j in pairs}
-        rows.append(row | numbers(found))
+        rows.append(row | accuracy_columns(found))
     return pd.DataFrame(rows)
 
 
-def numbers(found: FoundJoint) -> dict[str, float]:
-    """What a joint's estimate rests on, by the names of the columns of `joint_table`; NaN where there is nothing."""
+def accuracy_columns(found: FoundJoint) -> dict[str, float]:
+    """Accuracy of a joint and the data behind it, under the column names of `joint_table`; NaN where there is none."""
     names = ("error", "radius_mean", "sigma", "rho", "moved_least", "moved_most", "frames", "worth", "apart")
-    known = dict.fromkeys(names, float("nan"))
+    values = dict.fromkeys(names, float("nan"))
     estimate = found.estimate
     if estimate is None:
-        return known
-    known |= {"error": estimate.worst, "frames": float(estimate.count), "worth": float(estimate.worth)}
-    apart = (each.distance for each in differences(estimate, found.others))
-    known["apart"] = max(apart, default=float("nan"))
-    swing = np.zeros(0)
+        return values
+    values |= {"error": estimate.standard_error, "frames": float(estimate.frames)}
+    values["worth"] = float(estimate.effective_frames)
+    apart = (each.distance for each in side_differences(estimate, found.others))
+    values["apart"] = max(apart, default=float("nan"))
+    angles = np.zeros(0)
     if estimate.sphere is not None:
         radii = estimate.sphere.radii[np.isfinite(estimate.sphere.radii)]
-        known |= {"sigma": float(estimate.sphere.noise), "rho": float(estimate.sphere.condition)}
-        known |= {"radius_mean": float(radii.mean())} if len(radii) else {}
-        swing = np.degrees(estimate.sphere.swing)
+        values |= {"sigma": float(estimate.sphere.noise), "rho": float(estimate.sphere.condition)}
+        values |= {"radius_mean": float(radii.mean())} if len(radii) else {}
+        angles = np.degrees(estimate.sphere.rms_angles)
     elif estimate.pair is not None:
-        known["sigma"] = float(estimate.pair.gap) / np.sqrt(3.0)
-        swing = np.degrees(estimate.pair.turns)
-    return known | ({"moved_least": float(swing.min()), "moved_most": float(swing.max())} if len(swing) else {})
+        values["sigma"] = float(estimate.pair.gap) / np.sqrt(3.0)
+        angles = np.degrees(estimate.pair.rms_angles)
+    return values | ({"moved_least": float(angles.min()), "moved_most": float(angles.max())} if len(angles) else {})

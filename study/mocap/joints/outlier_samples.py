@@ -1,9 +1,9 @@
-"""Samples that are far off their marker's sphere: another marker's, taken for this one for a moment, and the like.
+"""Outliers among a marker's samples about a joint: samples far off the marker's sphere, such as swapped markers.
 
-Least squares has no defence: one marker in fifty frames half a metre away, and the sphere goes there. So small random
-sets of samples, many of which are clean, give centres, too; one about which the median sample is several times nearer
-to its sphere than about that of all samples shows that there are stray ones. Samples far from its spheres go, then
-those far from GDKE's, until none does.
+Least squares is not robust: one marker that is half a metre away in one frame of fifty moves the sphere there. So
+small random sets of samples, many of which hold no outlier, propose centres. If the median sample is several times
+nearer to its sphere about one of these than about the centre of all samples, there are outliers. Samples far from the
+spheres about that centre are rejected, then those far from GDKE's, until none is.
 
 Source: Rousseeuw 1984 (least median of squares).
 """
@@ -15,48 +15,53 @@ import numpy as np
 
 from study.estimators import fit
 from study.experiment.streams import stream
-from study.mocap.joints.center import Marker, middle_of
-from study.mocap.joints.frame_noise import CarriedNoise
+from study.mocap.geometry.pose_noise import PoseNoise
+from study.mocap.joints.center import LocalMarker, center_only
 from study.sphere.types import Floats
 
 _FAR = 6.0
-"""Robust standard deviations from its sphere beyond which a sample is left out."""
+"""Robust standard deviations from its sphere beyond which a sample is rejected."""
 _ROUNDING = 1e-9
-"""Metres."""
-_SETS, _OF = 20, 10
+"""Metres: deviations below this are rounding."""
+_SETS, _SAMPLES = 20, 10
 """Random sets per marker, and samples of each: with a tenth of all samples wrong, a third of the sets are clean."""
-_PART = 600
-"""Frames, spread over the recording, from which the usual centre comes..."""
-_TRIED = 200
-"""...and those on which it is compared with the others."""
+_FRAMES = 600
+"""Frames, spread over the recording, from which the centre of all samples comes."""
+_COMPARED = 200
+"""Samples of each marker on which centres are compared."""
 _BETTER = 3.0
-"""So many times nearer to their spheres: a centre that fits a cluster of like poses is nearer, but not by so much."""
+"""Factor by which a proposed centre must be better; one that fits a cluster of like poses is better by less."""
 _COARSE = 0.3
-"""Share of the radius that a sample may be off a centre as rough as that of a random set."""
+"""Share of the radius by which a sample may miss a sphere about a centre as rough as that of a random set."""
 _ROUNDS = 3
 
 
-def sifted(markers: Sequence[Marker]) -> list[Marker]:
-    """Markers about one joint without samples that are far off their spheres."""
-    used = list(markers)
-    start = _center_of_all(used)
-    clean = _clean_center(markers, start)
+def reject_outliers(markers: Sequence[LocalMarker]) -> list[LocalMarker]:
+    """Reject the samples of markers about one joint that are far off their spheres."""
+    kept = list(markers)
+    clean = _robust_center(markers, _center_of_all(kept))
     if clean is not None:
-        used = [near_sphere(marker, clean, coarse=_COARSE) for marker in markers]
+        kept = [reject_off_sphere(marker, clean, tolerance=_COARSE) for marker in markers]
     for _ in range(_ROUNDS):
-        start = _center_of_all(used)
-        if start is None:
+        center = _center_of_all(kept)
+        if center is None:
             break
-        before, used = used, [near_sphere(marker, start) for marker in used]
-        if all(a.used.sum() == b.used.sum() for a, b in zip(used, before, strict=True)):
+        before, kept = kept, [reject_off_sphere(marker, center) for marker in kept]
+        if all(a.used.sum() == b.used.sum() for a, b in zip(kept, before, strict=True)):
             break
-    return used
+    return kept
 
 
-def near_sphere(marker: Marker, center: Floats, axis: Floats | None = None, coarse: float = 0.0) -> Marker:
-    """A marker without samples far off its sphere about a centre (3,); off its circle, with an axis (3,).
+def reject_off_sphere(
+    marker: LocalMarker, center: Floats, axis: Floats | None = None, tolerance: float = 0.0
+) -> LocalMarker:
+    """Reject the samples of a marker that are far off its sphere.
 
-    ``coarse`` is a share of the radius that is not far in any case.
+    Args:
+        marker: in a segment's axes.
+        center: of the sphere (3,), metres.
+        axis: of a hinge (3,), to reject samples off the marker's circle about it instead.
+        tolerance: share of the radius that is never far.
     """
     away = marker.y - center[:, None]
     if axis is not None:
@@ -66,33 +71,33 @@ def near_sphere(marker: Marker, center: Floats, axis: Floats | None = None, coar
     if not len(inside):
         return marker
     middle = np.median(inside)
-    limit = max(_FAR * 1.4826 * float(np.median(np.abs(inside - middle))), coarse * middle, _ROUNDING)
+    limit = max(_FAR * 1.4826 * float(np.median(np.abs(inside - middle))), tolerance * middle, _ROUNDING)
     return replace(marker, used=marker.used & (np.abs(distance - middle) <= limit))
 
 
-def _center_of_all(markers: Sequence[Marker]) -> Floats | None:
+def _center_of_all(markers: Sequence[LocalMarker]) -> Floats | None:
     """GDKE's centre (3,), on frames spread over the recording."""
-    step = max(markers[0].y.shape[1] // _PART, 1)
-    some = [Marker(np.ascontiguousarray(m.y[:, ::step]), m.used[::step], m.own) for m in markers]
+    some = slice(None, None, max(markers[0].y.shape[1] // _FRAMES, 1))
+    part = [marker.in_frames(some) for marker in markers]
     none = np.zeros((1, 3, 3))
-    plain = CarriedNoise(np.zeros(some[0].y.shape[1], dtype=np.int64), np.zeros((1, 3)), none, none, none)
-    return middle_of(some, plain, size=0.0)
+    exact = PoseNoise(np.zeros(part[0].y.shape[1], dtype=np.int64), np.zeros((1, 3)), none, none, none)
+    return center_only(part, exact, size=0.0)
 
 
-def _clean_center(markers: Sequence[Marker], usual: Floats | None) -> Floats | None:
-    """A centre (3,) from a few samples that fits most samples much better than the usual one; None if there is none."""
-    samples = [m.y[:, m.used].T for m in markers if m.used.sum() >= _OF]
+def _robust_center(markers: Sequence[LocalMarker], usual: Floats | None) -> Floats | None:
+    """A centre (3,) from few samples that fits most samples much better than the usual one; None if there is none."""
+    samples = [m.y[:, m.used].T for m in markers if m.used.sum() >= _SAMPLES]
     if not samples or usual is None:
         return None
     candidates = [usual[None]]
-    for place, points in enumerate(samples):
-        chosen = stream(0, "sift", place, len(points)).integers(0, len(points), (_SETS, _OF))
+    for number, points in enumerate(samples):
+        chosen = stream(0, "sift", number, len(points)).integers(0, len(points), (_SETS, _SAMPLES))
         candidates.append(fit(points[chosen], "gdke").center)
     centers = np.concatenate(candidates)
     centers = centers[np.isfinite(centers).all(axis=1)]
     misfit = np.zeros(len(centers))
     for points in samples:
-        part = points[:: max(len(points) // _TRIED, 1)]
+        part = points[:: max(len(points) // _COMPARED, 1)]
         distance = np.sqrt(((part - centers[:, None]) ** 2).sum(axis=2))
         middle = np.median(distance, axis=1, keepdims=True)
         misfit += np.median(np.abs(distance - middle), axis=1)

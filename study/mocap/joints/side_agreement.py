@@ -1,17 +1,18 @@
-"""Whether the sides of a joint agree: how far apart their answers are, against what their errors explain.
+"""Agreement of the estimates of one joint from its two segments, against their errors.
 
-A joint that both of its segments show is estimated up to three times. Skin that moves alike in every frame shows in no
-standard error, but it draws the sides apart: an answer that another credible one contradicts is not known to its error.
+A joint whose segments both have poses is estimated up to three times. Soft tissue that moves alike in every frame
+shows in no standard error, but it makes the estimates differ. A joint whose estimate another reliable one contradicts
+is not known to its standard error.
 
-Two answers contradict each other if they are more than a centimetre apart, across a hinge's axis, and that is beyond
-the 80 % quantile of χ² for their covariances together; or if their axes are more than 20° apart, which a limb's
-thickness (3 cm) along them makes a centimetre. The covariances are added as if the errors were independent. They are
-not: the sides share their markers, and what they share does not part them. So the rule is a careful one. Where noise
-alone is at work, of 1-5 mm, it is met by one in a hundred of the joints that have two sides; of those that skin sliding
-by 2-3 cm draws off by more than 2 cm it finds two in three. A joint with one side alone cannot be checked at all.
+Two estimates contradict each other if they are more than a centimetre apart, across a hinge's axis, and that is beyond
+the 80 % quantile of χ² for the sum of their covariances; or if their axes differ by more than 20°, which over a limb's
+thickness (3 cm) is a centimetre. The covariances are added as for independent errors. In truth the estimates share
+their markers, and errors in common do not make them differ, so the rule is conservative. With noise of 1-5 mm alone it
+flags one in a hundred of the joints with two sides; of those that soft tissue sliding by 2-3 cm moves by more than 2 cm
+it finds two in three. A joint with one estimate cannot be checked.
 
-Only answers with an honest error can contradict: not those that noise hides or could explain, and no hinge's whose
-place is so far along its axis from the other's (5 cm) that the axis itself decides how far it is across.
+Only estimates with a valid standard error can contradict: not those that noise hides or could explain. Nor can one of
+a hinge that is so far along the axis from the other (5 cm) that the error of the axis decides the distance across it.
 """
 
 from collections.abc import Sequence
@@ -20,124 +21,123 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
-from study.mocap.joints.estimates import BRIEF, UNSURE, USABLE, Estimate, JointStatus
+from study.mocap.geometry.moving_axes import mean_rotated_covariance, relative_rotation
+from study.mocap.joints.estimates import CENTIMETRE, FEWEST_FRAMES, USABLE, Estimate, JointStatus, Side
 from study.sphere.types import Floats
 
-_HEARD = (*USABLE, JointStatus.UNSURE)
-"""Answers whose covariance is what it says, be it wide."""
-_FAR = UNSURE
-"""Metres: the paper's centimetre."""
+_COMPARABLE = (*USABLE, JointStatus.UNSURE)
+"""Estimates whose covariance is valid, be it large."""
 _QUANTILE = 0.8
-_TURNED = np.radians(20.0)
-"""Angle between two axes of one hinge, above which they are not of one hinge."""
+_AXES = np.radians(20.0)
+"""Angle between two axes above which they are not axes of one hinge."""
 _ALONG = 0.05
 """Metres along a hinge's axis beyond which two places on it are not compared."""
-_TILT = np.radians(10.0)
-"""Standard error of a hinge's axis: what it turns is as far away as the two places are along it."""
+_AXIS_ERROR = np.radians(10.0)
+"""Standard error of a hinge's axis: it moves a place by that times the distance along the axis."""
 
 
 @dataclass(frozen=True)
-class Difference:
-    """Another side's answer beside the one that was taken.
+class SideDifference:
+    """Difference of another side's estimate from the chosen one.
 
     Attributes:
-        side: whose it is, as `Estimate.side`.
-        away: from what was taken to it, in the taken one's axes (3,), metres; across the axis, if either has one.
-        squares: of ``away`` in standard errors, summed over directions.
-        directions: in which both are known.
-        turned: angle between their axes, radians; 0 if not both have one.
+        side: of the other estimate.
+        vector: from the chosen place to the other, in the chosen one's axes (3,), metres; across the axis, if either
+            has one.
+        chi_square: squared distance in units of the standard errors.
+        directions: number of directions in which both are known.
+        angle: between their axes, radians; 0 if not both have one.
     """
 
-    side: str
-    away: Floats
-    squares: float
+    side: Side
+    vector: Floats
+    chi_square: float
     directions: int
-    turned: float
+    angle: float
 
     @property
     def distance(self) -> float:
-        """Length of ``away``, metres."""
-        return float(np.linalg.norm(self.away))
+        """Length of the difference, metres."""
+        return float(np.linalg.norm(self.vector))
 
     @property
     def contradicts(self) -> bool:
-        """Whether both answers cannot be as right as they say."""
-        beyond = self.squares > stats.chi2.ppf(_QUANTILE, self.directions)
-        return bool((self.distance > _FAR and beyond) or self.turned > _TURNED)
+        """True if not both estimates can be as accurate as their errors say."""
+        beyond = self.chi_square > stats.chi2.ppf(_QUANTILE, self.directions)
+        return bool((self.distance > CENTIMETRE and beyond) or self.angle > _AXES)
 
     @property
-    def words(self) -> str:
-        """What is wrong, for a user."""
+    def text(self) -> str:
+        """Description of the contradiction, for a user."""
         place = f"puts it {1000 * self.distance:.0f} mm away"
-        axis = f"turns its axis by {np.degrees(self.turned):.0f}°"
-        said = f"{axis} and {place}" if self.turned > _TURNED else place
-        seen = {"parent": "seen from its parent", "child": "seen from its child", "both": "from both frames"}
-        return f"its answer {seen[self.side]} {said}, beyond what their errors explain"
+        axis = f"turns its axis by {np.degrees(self.angle):.0f}°"
+        both = f"{axis} and {place}" if self.angle > _AXES else place
+        source = {"parent": "in its parent's axes", "child": "in its child's axes", "both": "from both segments"}
+        return f"its estimate {source[self.side]} {both}, beyond what the errors explain"
 
 
-def differences(taken: Estimate, others: Sequence[Estimate]) -> list[Difference]:
-    """How the answers of other sides differ from the one that was taken, those left out that cannot be compared."""
-    heard = [other for other in others if other.status in _HEARD and other.count >= BRIEF]
-    found = [_difference(taken, other) for other in heard]
+def side_differences(chosen: Estimate, others: Sequence[Estimate]) -> list[SideDifference]:
+    """Differences of the other estimates from the chosen one; those that cannot be compared are left out."""
+    comparable = [e for e in others if e.status in _COMPARABLE and e.frames >= FEWEST_FRAMES]
+    found = [_difference(chosen, other) for other in comparable]
     return [each for each in found if each is not None]
 
 
-def weighed(taken: Estimate, others: Sequence[Estimate]) -> tuple[Estimate, str]:
-    """An answer against those of other sides.
+def check_against_sides(chosen: Estimate, others: Sequence[Estimate]) -> tuple[Estimate, str]:
+    """Flag an estimate that another side's contradicts, and widen its covariance.
 
-    Which of two that contradict each other is right, no fit can tell. The one that was taken stays where it is and its
-    covariance is widened by what parts them, as it would be about the truth if the other were right: what is printed
-    beside the joint, drawn about it, and handed on to what is built on it then holds both.
+    No fit can tell which of two contradictory estimates is right. The chosen one stays where it is, and its covariance
+    grows by the square of the difference, which is its error if the other is right. So all that is printed, drawn and
+    built on it covers both.
 
     Returns:
-        The answer, and why to doubt it, or "". One that is not to be relied on anyway is returned as it is.
+        The estimate, and the reason to doubt it, or "". An estimate that is not usable anyway is returned unchanged.
     """
-    if taken.status not in USABLE:
-        return taken, ""
-    against = [each for each in differences(taken, others) if each.contradicts]
+    if chosen.status not in USABLE:
+        return chosen, ""
+    against = [each for each in side_differences(chosen, others) if each.contradicts]
     if not against:
-        return taken, ""
+        return chosen, ""
     worst = max(against, key=lambda each: each.distance)
-    covariance = taken.covariance + np.outer(worst.away, worst.away)
-    return replace(taken, covariance=covariance, status=JointStatus.DISAGREE), worst.words
+    covariance = chosen.covariance + np.outer(worst.vector, worst.vector)
+    return replace(chosen, covariance=covariance, status=JointStatus.DISAGREE), worst.text
 
 
-def away(taken: Estimate, there: Floats) -> Floats:
-    """From what was taken to a point of the world (3, frames), in its axes (3,), metres; across its axis, if any.
+def mean_difference(chosen: Estimate, x: Floats) -> Floats:
+    """Mean difference of a point of the world (3, frames) from an estimate, in its axes (3,), metres.
 
-    On average over the frames that have both; NaN if none has.
+    It is taken across the axis, if the estimate has one; NaN if no frame has both.
     """
-    y = taken.frames.see(there)
+    y = chosen.poses.to_local(x)
     y = y[:, ~np.isnan(y[0])]
     if not y.shape[1]:
         return np.full(3, np.nan)
-    off: Floats = y.mean(axis=1) - taken.center
-    return off if taken.axis is None else np.asarray(off - (off @ taken.axis) * taken.axis)
+    off: Floats = y.mean(axis=1) - chosen.center
+    return off if chosen.axis is None else np.asarray(off - (off @ chosen.axis) * chosen.axis)
 
 
-def _difference(taken: Estimate, other: Estimate) -> Difference | None:
-    """None if no frame has both, or they are too far apart along an axis."""
-    one, two = taken.frames, other.frames
+def _difference(chosen: Estimate, other: Estimate) -> SideDifference | None:
+    """Difference of two estimates; None if no frame has both, or they are too far apart along an axis."""
+    one, two = chosen.poses, other.poses
     both = one.known & two.known
     if not both.any():
         return None
-    turns = np.einsum("jit,jkt->ikt", one.rotation[:, :, both], two.rotation[:, :, both])
-    mean = turns.mean(axis=2)
-    covariance = np.einsum("ijt,jk,lkt->il", turns, other.covariance, turns, optimize=True) / both.sum()
-    off = other.center if one is two else one.see(two.show(other.center))[:, both].mean(axis=1)
-    off = off - taken.center
-    basis, turned = np.eye(3), 0.0
-    errors = taken.covariance + covariance
-    theirs = None if other.axis is None else mean @ other.axis / np.linalg.norm(mean @ other.axis)
-    if taken.axis is not None and theirs is not None:
-        turned = float(np.arccos(min(abs(taken.axis @ theirs), 1.0)))
-    axis = theirs if taken.axis is None else taken.axis
+    rotation = relative_rotation(one.rotation[:, :, both], two.rotation[:, :, both])
+    mean = rotation.mean(axis=2)
+    off = other.center if one is two else one.to_local(two.to_world(other.center))[:, both].mean(axis=1)
+    off = off - chosen.center
+    basis, angle = np.eye(3), 0.0
+    errors = chosen.covariance + mean_rotated_covariance(rotation, other.covariance)
+    other_axis = None if other.axis is None else mean @ other.axis / np.linalg.norm(mean @ other.axis)
+    if chosen.axis is not None and other_axis is not None:
+        angle = float(np.arccos(min(abs(chosen.axis @ other_axis), 1.0)))
+    axis = other_axis if chosen.axis is None else chosen.axis
     if axis is not None:
         along = float(off @ axis)
         if abs(along) > _ALONG:
             return None
         basis = np.linalg.svd(axis[None])[2][1:].T
-        errors = errors + (_TILT * along) ** 2 * np.eye(3)
+        errors = errors + (_AXIS_ERROR * along) ** 2 * np.eye(3)
     across = basis.T @ off
-    squares = float(across @ np.linalg.pinv(basis.T @ errors @ basis, hermitian=True) @ across)
-    return Difference(other.side, basis @ across, squares, len(across), turned)
+    chi_square = float(across @ np.linalg.pinv(basis.T @ errors @ basis, hermitian=True) @ across)
+    return SideDifference(other.side, basis @ across, chi_square, len(across), angle)

@@ -1,6 +1,5 @@
-"""A marker set: which markers sit on which segment of the body, and between which segments the joints are."""
+"""A marker set: the markers on each segment of the body, and the joints between the segments."""
 
-import difflib
 from collections.abc import Iterator
 from typing import Annotated, Literal, Self
 
@@ -8,12 +7,13 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from study.experiment.config_faults import Fault
 from study.experiment.distributions import Frozen
+from study.text.nearest import did_you_mean
 
 Name = Annotated[str, Field(pattern=r"^\S(.*\S)?$")]
 
 
 def _tuples(value: object) -> object:
-    """Lists as TOML has them, to tuples, which a frozen config holds."""
+    """TOML's lists as tuples, which a frozen model needs."""
     return tuple(value) if isinstance(value, list) else value
 
 
@@ -21,43 +21,43 @@ Names = Annotated[tuple[Name, ...], BeforeValidator(_tuples)]
 
 
 class Segment(Frozen):
-    """A part of the body taken to be rigid."""
+    """A part of the body that is taken to be rigid, and its markers."""
 
     name: Name
     markers: Names
-    """The markers fixed to it; none where a recording lacks them all."""
+    """The markers on it; none if a recording lacks them all."""
     parent: Name | None = None
-    """The segment it hangs on; None for the root."""
+    """The segment to which its joint connects it; None for the root."""
 
 
 class Joint(Frozen):
-    """Where two segments meet."""
+    """A joint between two segments."""
 
     name: Name
     parent: Name
-    """Name of the segment in whose frame the joint is fixed."""
+    """Name of the segment in which the joint is fixed."""
     child: Name
-    """Name of the segment that turns about it."""
+    """Name of the segment that rotates about it."""
     markers: Names = ()
-    """The child's markers that see the joint; all of the child's if none are named."""
+    """The child's markers that the joint is fitted to; all of them if none are named."""
     kind: Literal["ball", "hinge"] = "ball"
 
 
-class Schema(Frozen):
-    """A marker set as far as each of its parts can be checked alone."""
+class MarkerSetParts(Frozen):
+    """The parts of a marker set, each checked alone; `MarkerSet` also checks that they fit together."""
 
     name: Name
     about: str = ""
-    """What it is and where it is used."""
+    """A description: who uses the set."""
     segments: Annotated[tuple[Segment, ...], BeforeValidator(_tuples), Field(min_length=1)]
     joints: Annotated[tuple[Joint, ...], BeforeValidator(_tuples)] = ()
     optional: Names = ()
-    """Markers that a recording may lack without a word."""
+    """Markers that a recording may lack without a message."""
     aliases: dict[str, Names] = Field(default_factory=dict)
-    """Other labels under which recordings have a marker."""
+    """Other labels of a marker in recordings."""
 
 
-class MarkerSet(Schema):
+class MarkerSet(MarkerSetParts):
     """Segments, parents before children, and the joints between them.
 
     Raises:
@@ -78,13 +78,13 @@ class MarkerSet(Schema):
         """All markers, segment by segment."""
         return tuple(marker for segment in self.segments for marker in segment.markers)
 
-    def seeing(self, joint: Joint) -> tuple[str, ...]:
-        """The child's markers that are used for a joint."""
+    def markers_for(self, joint: Joint) -> tuple[str, ...]:
+        """The child's markers that a joint is fitted to."""
         return joint.markers or self.segment(joint.child).markers
 
 
-def misfits(parts: Schema) -> Iterator[Fault]:
-    """What is wrong between the parts of a marker set."""
+def misfits(parts: MarkerSetParts) -> Iterator[Fault]:
+    """Faults between the parts of a marker set."""
     yield from _segments(parts)
     yield from _joints(parts)
     owner = {marker: segment.name for segment in parts.segments for marker in segment.markers}
@@ -102,7 +102,8 @@ def misfits(parts: Schema) -> Iterator[Fault]:
             meaning[label] = marker
 
 
-def _segments(parts: Schema) -> Iterator[Fault]:
+def _segments(parts: MarkerSetParts) -> Iterator[Fault]:
+    """Faults of the segments: doubled names and markers, and parents that do not come before their children."""
     owner: dict[str, str] = {}
     before: list[str] = []
     for number, segment in enumerate(parts.segments):
@@ -115,17 +116,18 @@ def _segments(parts: Schema) -> Iterator[Fault]:
             words = f"required, but missing: only the first segment, {parts.segments[0].name}, has no parent"
             yield Fault((*here, "parent"), words)
         elif number and segment.parent not in before:
-            words = f"must be a segment further up: {', '.join(before)}"
+            words = f"must be an earlier segment: {', '.join(before)}"
             yield Fault((*here, "parent"), words, segment.parent)
         for marker in segment.markers:
             if marker in owner:
-                words = f"marker {marker!r} is twice on it" if owner[marker] == segment.name else ""
+                words = f"marker {marker!r} is on it twice" if owner[marker] == segment.name else ""
                 yield Fault((*here, "markers"), words or f"marker {marker!r} is on {owner[marker]} already")
             owner[marker] = segment.name
         before.append(segment.name)
 
 
-def _joints(parts: Schema) -> Iterator[Fault]:
+def _joints(parts: MarkerSetParts) -> Iterator[Fault]:
+    """Faults of the joints: unknown segments, a child that is not its parent's, markers that are not the child's."""
     known = {segment.name: segment for segment in parts.segments}
     names: set[str] = set()
     children: dict[str, str] = {}
@@ -136,14 +138,12 @@ def _joints(parts: Schema) -> Iterator[Fault]:
         names.add(joint.name)
         for key, value in (("parent", joint.parent), ("child", joint.child)):
             if value not in known:
-                near = difflib.get_close_matches(value, known, n=1)
-                hint = f"; did you mean {near[0]!r}?" if near else f"; there are {', '.join(known)}"
-                yield Fault((*here, key), f"no such segment{hint}", value)
+                yield Fault((*here, key), f"no such segment; {did_you_mean(value, known)}", value)
         if joint.child not in known or joint.parent not in known:
             continue
         child = known[joint.child]
         if child.parent != joint.parent:
-            words = f"segment {child.name} hangs on {child.parent or 'nothing'}; a joint is between it and that"
+            words = f"the parent of segment {child.name} is {child.parent or 'none'}; a joint has both as its segments"
             yield Fault((*here, "parent"), words, joint.parent)
         if child.name in children:
             yield Fault((*here, "child"), f"joint {children[child.name]} has this child already", child.name)

@@ -1,4 +1,4 @@
-"""A marker set laid on a recording: which label is which marker, what is lacking, which joints can still be found."""
+"""Match a marker set to a recording: the label of each marker, what is missing, and the joints that can be found."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,26 +11,27 @@ from study.mocap.markersets.set_file import MarkerSetError, load_markerset, ship
 
 @dataclass(frozen=True, eq=False)
 class Match:
-    """What a recording has of a marker set."""
+    """A recording and a marker set on it."""
 
     whole: MarkerSet
-    """The marker set as it was given."""
+    """The whole marker set."""
     source: Recording
+    """The whole recording."""
     labels: dict[str, str]
-    """For each marker of the set that the recording has: the recording's label."""
+    """The recording's label of each marker that it has."""
     lacking: dict[str, tuple[str, ...]]
-    """For each segment that lacks any: the markers that it lacks, optional ones left out."""
+    """The missing markers of each segment that lacks any; optional ones do not count."""
     lost: dict[str, str]
-    """For each joint that cannot be found: why."""
+    """The reason for each joint that cannot be found."""
 
     @cached_property
     def markerset(self) -> MarkerSet:
-        """The set with the markers that are there and the joints that can be found; its segments all remain."""
+        """The set with the markers that the recording has and the joints that can be found; all segments remain."""
         return _reduced(self.whole, self.labels, self.lost)
 
     @cached_property
     def recording(self) -> Recording:
-        """The recording with the set's markers alone, under the set's names, in the set's order."""
+        """The recording with the markers of the set alone, under their names and in the order of the set."""
         chosen = self.source.select(list(self.labels.values()))
         return Recording(chosen.name, tuple(self.labels), chosen.positions, chosen.rate, chosen.notes)
 
@@ -41,15 +42,15 @@ class Match:
 
     @property
     def extra(self) -> tuple[str, ...]:
-        """Labels of the recording that are no markers of the set."""
+        """Labels of the recording that are not markers of the set."""
         used = set(self.labels.values())
         return tuple(marker for marker in self.source.markers if marker not in used)
 
     def lines(self) -> list[str]:
-        """What a user should know of it."""
+        """The match in lines of text."""
         lines = [
             f"marker set {self.whole.name}: {len(self.labels)} of the recording's {len(self.source.markers)} markers "
-            f"placed, {len(self.joints)} of {len(self.whole.joints)} joints can be found"
+            f"belong to it, {len(self.joints)} of {len(self.whole.joints)} joints can be found"
         ]
         renamed = [f"{label} is {marker}" for marker, label in self.labels.items() if label != marker]
         lines += [f"labels: {', '.join(renamed)}"] * bool(renamed)
@@ -59,27 +60,27 @@ class Match:
 
 
 def match(markerset: MarkerSet, recording: Recording) -> Match:
-    """Lay a marker set on a recording.
+    """Match a marker set to a recording.
 
-    A marker that is never seen counts as lacking. The segment in whose frame a joint is fixed needs three markers, or
-    two if its own joint to its parent is found, which then serves as the third point; the child needs one.
+    A marker without any sample counts as missing. The parent of a joint needs three markers for its pose, or two if its
+    own joint to its parent is found, which is then the third point. The child needs one marker.
     """
     visible = [label for label, share in zip(recording.markers, recording.missing(), strict=True) if share < 1]
     upper = {label.upper(): label for label in reversed(visible)}
-    seen = {m: label for m in markerset.markers() if (label := _label(markerset, m, upper)) is not None}
+    labels = {m: label for m in markerset.markers() if (label := _label(markerset, m, upper)) is not None}
     lacking = {
         segment.name: lacks
         for segment in markerset.segments
-        if (lacks := tuple(m for m in segment.markers if m not in seen and m not in markerset.optional))
+        if (lacks := tuple(m for m in segment.markers if m not in labels and m not in markerset.optional))
     }
-    return Match(markerset, recording, seen, lacking, _lost(markerset, set(seen)))
+    return Match(markerset, recording, labels, lacking, _lost(markerset, set(labels)))
 
 
 def choose(recording: Recording, candidates: Sequence[str] | None = None) -> Match:
-    """Find the marker set that fits a recording best: the most joints, then markers placed, then fewest aliases.
+    """Choose the marker set that fits a recording best: the most joints, then the most markers, then fewest aliases.
 
     Args:
-        recording: whose labels count.
+        recording: a recording.
         candidates: names or paths of marker sets; the shipped ones if None.
 
     Raises:
@@ -92,7 +93,8 @@ def choose(recording: Recording, candidates: Sequence[str] | None = None) -> Mat
         tried = ", ".join(found.whole.name for found in matches) or "none"
         labels = ", ".join(recording.markers[:8]) + (", ..." if len(recording.markers) > 8 else "")
         words = f"no marker set fits: with none of {tried} can a joint be found among the labels {labels}"
-        raise MarkerSetError(f"{recording.name}: {words}; write one (copy study/mocap/markersets/cmu41.toml)")
+        remedy = "write your own: `study markersets cmu41 > mine.toml` gives a start, --markerset mine.toml uses it"
+        raise MarkerSetError(f"{recording.name}: {words}; {remedy}")
     return best
 
 
@@ -102,32 +104,32 @@ def _quality(found: Match) -> tuple[int, int, int, int]:
 
 
 def _label(markerset: MarkerSet, marker: str, labels: dict[str, str]) -> str | None:
-    """The label of a marker: its own name or an alias; None if it is not there.
+    """The recording's label of a marker, its name or an alias; None if the recording lacks it.
 
     Args:
-        markerset: whose aliases count.
+        markerset: with the aliases.
         marker: of the set.
-        labels: those of markers that are ever seen, by what they are in capitals.
+        labels: those of markers with samples, by their capitals.
     """
     names = (marker, *markerset.aliases.get(marker, ()))
     return next((labels[name.upper()] for name in names if name.upper() in labels), None)
 
 
 def _lost(markerset: MarkerSet, seen: set[str]) -> dict[str, str]:
-    """Joints that cannot be found, with the reason, parents first."""
-    hangs = {joint.child: joint for joint in markerset.joints}
-    order = {segment.name: place for place, segment in enumerate(markerset.segments)}
+    """Joints that cannot be found, each with the reason."""
+    joint_above = {joint.child: joint for joint in markerset.joints}
+    order = {segment.name: number for number, segment in enumerate(markerset.segments)}
     lost: dict[str, str] = {}
     for joint in sorted(markerset.joints, key=lambda joint: order[joint.child]):
         parent = markerset.segment(joint.parent)
         has = [marker for marker in parent.markers if marker in seen]
-        above = hangs.get(parent.name)
+        above = joint_above.get(parent.name)
         helped = above is not None and above.name not in lost
-        if not any(marker in seen for marker in markerset.seeing(joint)):
-            lost[joint.name] = f"{joint.child} has none of {', '.join(markerset.seeing(joint))}"
+        if not any(marker in seen for marker in markerset.markers_for(joint)):
+            lost[joint.name] = f"{joint.child} has none of {', '.join(markerset.markers_for(joint))}"
         elif len(has) + helped < 3:
             words = f"{parent.name} has {len(has)} markers ({', '.join(has) or 'none'})"
-            lost[joint.name] = f"{words}; its frame needs 3" + (f", or 2 and {above.name}" if above else "")
+            lost[joint.name] = f"{words}; its pose needs 3" + (f", or 2 and {above.name}" if above else "")
     return {joint.name: lost[joint.name] for joint in markerset.joints if joint.name in lost}
 
 

@@ -1,26 +1,43 @@
-"""Marker sets as files: TOML in, a `MarkerSet` out, or one message with every fault; the shipped ones by name."""
+"""Read marker sets from TOML files: a `MarkerSet`, or one message with every fault; shipped ones go by their name."""
 
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from pydantic import ValidationError
 
 from study.experiment.config_faults import ConfigError, Fault, report
-from study.mocap.markersets.marker_set import Joint, MarkerSet, Schema, Segment, misfits
+from study.mocap.markersets.marker_set import Joint, MarkerSet, MarkerSetParts, Segment, misfits
+from study.text.columns import columns
+from study.text.nearest import did_you_mean
 
 FOLDER = Path(__file__).parent
-"""Where the shipped ones are, beside the package in a checkout."""
+"""The folder of the shipped files: this room of the package."""
 _TABLES: dict[str, type[Segment | Joint]] = {"segments": Segment, "joints": Joint}
 
 
 class MarkerSetError(ConfigError):
-    """A marker set that cannot be used; the message says why, all of it."""
+    """A marker set cannot be used; the message gives every reason."""
 
 
 def shipped() -> list[str]:
     """Names of the shipped marker sets."""
     return sorted(path.stem for path in FOLDER.glob("*.toml"))
+
+
+def shipped_text(name: str) -> str:
+    """The file of a shipped marker set, as a start for a user's own.
+
+    Raises:
+        MarkerSetError: if no shipped marker set has this name.
+    """
+    return _read(_shipped_path(name, "`study markersets` describes them"))
+
+
+def described() -> list[str]:
+    """A line for each shipped marker set: name, numbers of markers and joints, and what it is."""
+    sets = [load_markerset(name) for name in shipped()]
+    return list(columns([s.name, f"{len(s.markers())} markers", f"{len(s.joints)} joints", s.about] for s in sets))
 
 
 def load_markerset(name: str | Path) -> MarkerSet:
@@ -34,16 +51,22 @@ def load_markerset(name: str | Path) -> MarkerSet:
     """
     path = Path(name)
     if path.suffix != ".toml" and len(path.parts) == 1:
-        path = FOLDER / f"{name}.toml"
-        if not path.is_file():
-            known = ", ".join(shipped()) or f"none (they belong in {FOLDER})"
-            raise MarkerSetError(f"no marker set {str(name)!r}; there are {known}; or give the path of a .toml file")
+        path = _shipped_path(str(name), "or give the path of a .toml file")
+    return parse_markerset(_read(path), str(path))
+
+
+def _shipped_path(name: str, remedy: str) -> Path:
+    if name not in shipped():
+        raise MarkerSetError(f"no marker set {name!r}: {did_you_mean(name, shipped())}; {remedy}")
+    return FOLDER / f"{name}.toml"
+
+
+def _read(path: Path) -> str:
     try:
-        text = path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
         raise MarkerSetError(f"{path}: cannot be read: {reason}") from None
-    return parse_markerset(text, str(path))
 
 
 def parse_markerset(text: str, source: str = "marker set") -> MarkerSet:
@@ -61,14 +84,12 @@ def parse_markerset(text: str, source: str = "marker set") -> MarkerSet:
     except (ValueError, RecursionError) as error:
         raise MarkerSetError(f"{source}: not TOML: {error}") from None
     faults: list[Fault] = []
-    document: dict[str, Any] = dict(raw)
-    for key in _TABLES:
-        if key in raw:
-            document[key] = _named(key, raw[key], faults)
+    sections = {key: _with_names(key, raw[key], faults) for key in _TABLES if key in raw}
+    document = raw | sections
     try:
-        parts = Schema.model_validate(document)
+        parts = MarkerSetParts.model_validate(document)
     except ValidationError as error:
-        faults += [_renamed(fault, document) for fault in report(error, _known(document))]
+        faults += [_by_name(fault, sections) for fault in report(error, _known_keys(sections))]
     else:
         faults += misfits(parts)
         faults += [
@@ -81,27 +102,27 @@ def parse_markerset(text: str, source: str = "marker set") -> MarkerSet:
     return MarkerSet.model_validate(document)
 
 
-def _named(key: str, tables: object, faults: list[Fault]) -> list[object]:
-    """The tables of a section, each with its name in it, in the file's order."""
+def _with_names(key: str, tables: object, faults: list[Fault]) -> list[object]:
+    """The tables of a section in the file's order, each with its name as an entry."""
     if not isinstance(tables, dict):
         faults.append(Fault((key,), f"must be tables such as [{key}.NAME]", tables))
         return []
     return [{"name": name, **table} if isinstance(table, dict) else table for name, table in tables.items()]
 
 
-def _known(document: dict[str, Any]) -> dict[tuple[str, ...], list[str]]:
-    """The keys that each part of a document can have."""
-    keys: dict[tuple[str, ...], list[str]] = {(): list(Schema.model_fields)}
-    for section, part in _TABLES.items():
-        allowed = [key for key in part.model_fields if key != "name"]
-        keys |= {(section, str(i)): allowed for i in range(len(document.get(section, ())))}
+def _known_keys(sections: Mapping[str, list[object]]) -> dict[tuple[str, ...], list[str]]:
+    """The keys that each table of a document may have."""
+    keys: dict[tuple[str, ...], list[str]] = {(): list(MarkerSetParts.model_fields)}
+    for section, tables in sections.items():
+        allowed = [key for key in _TABLES[section].model_fields if key != "name"]
+        keys |= {(section, str(i)): allowed for i in range(len(tables))}
     return keys
 
 
-def _renamed(fault: Fault, document: dict[str, Any]) -> Fault:
-    """The same fault with the name of a segment or joint for its number."""
+def _by_name(fault: Fault, sections: Mapping[str, list[object]]) -> Fault:
+    """The same fault, with the name of a segment or joint in place of its number."""
     path = list(fault.path)
     if len(path) > 1 and path[0] in _TABLES and isinstance(path[1], int):
-        entry = document[str(path[0])][path[1]]
-        path[1] = entry["name"] if isinstance(entry, dict) else path[1]
+        table = sections[str(path[0])][path[1]]
+        path[1] = table["name"] if isinstance(table, dict) else path[1]
     return Fault(tuple(path), fault.words, fault.value)

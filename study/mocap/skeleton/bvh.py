@@ -1,8 +1,8 @@
-"""Skeletons out: BVH (Biovision hierarchy), which Blender and every other animation program opens.
+"""Skeletons as BVH files (Biovision hierarchy), which Blender and other animation programs open.
 
-A node is a joint, turned as the segment that hangs on it; its offset is the bone to it. BVH's y points up and so does
-Blender's importer expect it: (x, y, z) here is (x, z, -y) there. Metres, degrees, rotations in the order Z, X, Y.
-The pose without rotations is that of the frame in which the most markers were seen when the skeleton was calibrated.
+A node is a joint, rotated as the segment that moves about it; its offset is the bone to it. In BVH y points up, as
+Blender's importer expects: (x, y, z) here is (x, z, -y) there. Units are metres and degrees, and rotations are in the
+order Z, X, Y. The pose without rotations is that of the frame with the most markers of the calibrated recording.
 
 Source: Meredith & Maddock 2001, Motion capture file formats explained.
 """
@@ -12,24 +12,33 @@ from pathlib import Path
 
 import numpy as np
 
+from study.mocap.geometry.moving_axes import relative_rotation
 from study.mocap.io.recording import RecordingError
-from study.mocap.skeleton.frames import Skeleton, hung
+from study.mocap.skeleton.draw_skeleton import Skeleton, pivot_joint
 from study.runs.storage.atomic_write import write
 from study.sphere.types import Floats, Ints
 
 _UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
-_TURNS = "Zrotation Xrotation Yrotation"
-_PLACES = "Xposition Yposition Zposition"
+_ROTATIONS = "Zrotation Xrotation Yrotation"
+_POSITIONS = "Xposition Yposition Zposition"
 
 
 @dataclass(eq=False)
 class _Node:
-    """A joint: where it is in its parent (3,), over time (3, frames) if it is free; its turn; its children."""
+    """A joint and all below it.
+
+    Attributes:
+        name: of the joint.
+        offset: its place relative to the parent's node (3,), metres.
+        rotation: relative to the parent's (3, 3, frames).
+        course: its place over time (3, frames), metres, if it is free; None if it is fixed in the parent.
+        end: end of the segment (3,), metres, which is drawn if there is nothing below.
+        children: nodes below.
+    """
 
     name: str
-    segment: str
     offset: Floats
-    turns: Floats
+    rotation: Floats
     course: Floats | None
     end: Floats
     children: list["_Node"] = field(default_factory=list)
@@ -38,8 +47,8 @@ class _Node:
 def write_bvh(skeleton: Skeleton, path: str | Path) -> Path:
     """Write a skeleton as BVH.
 
-    A segment that is known in no frame is left out, with all that hangs on it. In frames in which one is unknown it
-    stays as it was: BVH cannot say that; the skeleton's flags do.
+    A segment that is known in no frame is left out, with all below it. BVH has no unknown: in frames in which a segment
+    is unknown it stays as it was; the skeleton's flags show these frames.
 
     Args:
         skeleton: of phase 2.
@@ -65,46 +74,47 @@ def write_bvh(skeleton: Skeleton, path: str | Path) -> Path:
 
 
 def _tree(skeleton: Skeleton) -> _Node:
-    kept = skeleton.calibration
-    above = {place.joint.child: place for place in kept.joints}
+    """Build the nodes; returns the root's."""
+    calibration = skeleton.calibration
+    above = {place.joint.child: place for place in calibration.joints}
     nodes: dict[str, _Node] = {}
     pivots: dict[str, Floats] = {}
     poses: dict[str, tuple[Floats, Floats]] = {}
-    first = None
-    for number, segment in enumerate(kept.markerset.segments):
+    root = calibration.markerset.segments[0].name
+    for number, segment in enumerate(calibration.markerset.segments):
         rotation, origin = skeleton.rotations[number], skeleton.origins[number]
         if np.isnan(rotation[0, 0]).all() or (segment.parent is not None and segment.parent not in nodes):
             continue
-        shape = kept.shape(segment.name)
-        held = _held(rotation[0, 0])
-        rotation, origin = rotation[:, :, held], origin[:, held]
-        place = hung(above.get(segment.name), shape)
+        shape = calibration.shape(segment.name)
+        frames = _last_known(rotation[0, 0])
+        rotation, origin = rotation[:, :, frames], origin[:, frames]
+        place = pivot_joint(above.get(segment.name), shape)
         pivot = np.zeros(3) if place is None else place.in_child
-        name = above[segment.name].joint.name if segment.name in above else segment.name
-        turns, course = rotation, np.einsum("ijt,j->it", rotation, pivot) + origin
+        local, course = rotation, np.einsum("ijt,j->it", rotation, pivot) + origin
+        offset = np.zeros(3)
         if segment.parent is not None:
             base, base_origin = poses[segment.parent]
-            turns = np.einsum("jit,jkt->ikt", base, rotation)
+            local = relative_rotation(base, rotation)
             start = np.einsum("ijt,j->it", base, pivots[segment.parent]) + base_origin
             course = np.einsum("jit,jt->it", base, course - start)
-        offset = course[:, 0] if place is None else place.in_parent - pivots.get(str(segment.parent), 0.0)
-        if segment.parent is None:
-            offset = np.zeros(3)
-        end = shape.places.mean(axis=0) - pivot if len(shape.markers) else np.zeros(3)
-        node = _Node(name, segment.name, offset, turns, course if place is None else None, end)
-        if segment.parent is None:
-            first = node
-        else:
-            nodes[segment.parent].children.append(node)
-        nodes[segment.name], pivots[segment.name], poses[segment.name] = node, pivot, (rotation, origin)
-    if first is None:
-        root = kept.markerset.segments[0].name
-        raise RecordingError(f"{skeleton.name}: its {root} is known in no frame; a BVH file hangs on that")
-    return first
+            offset = course[:, 0] if place is None else place.in_parent - pivots[segment.parent]
+        nodes[segment.name] = _Node(
+            name=above[segment.name].joint.name if segment.name in above else segment.name,
+            offset=offset,
+            rotation=local,
+            course=course if place is None else None,
+            end=shape.places.mean(axis=0) - pivot if len(shape.markers) else np.zeros(3),
+        )
+        if segment.parent is not None:
+            nodes[segment.parent].children.append(nodes[segment.name])
+        pivots[segment.name], poses[segment.name] = pivot, (rotation, origin)
+    if root not in nodes:
+        raise RecordingError(f"{skeleton.name}: its {root} is known in no frame, and a BVH file starts from it")
+    return nodes[root]
 
 
-def _held(row: Floats) -> Ints:
-    """For each frame the nearest known one before it, or the first."""
+def _last_known(row: Floats) -> Ints:
+    """For each frame the number of the last known one up to it, or of the first known one."""
     known = ~np.isnan(row)
     last = np.maximum.accumulate(np.where(known, np.arange(len(row)), -1))
     return np.where(last < 0, known.argmax(), last)
@@ -113,12 +123,12 @@ def _held(row: Floats) -> Ints:
 def _describe(node: _Node, indent: str, lines: list[str], columns: list[Floats]) -> None:
     """Add a node and all below it to the hierarchy, and its channels to the columns."""
     kind = "ROOT" if not indent else "JOINT"
-    channels = f"CHANNELS 3 {_TURNS}" if node.course is None else f"CHANNELS 6 {_PLACES} {_TURNS}"
+    channels = f"CHANNELS 3 {_ROTATIONS}" if node.course is None else f"CHANNELS 6 {_POSITIONS} {_ROTATIONS}"
     inner = indent + "  "
     lines += [f"{indent}{kind} {node.name}", indent + "{", f"{inner}OFFSET {_words(node.offset)}", inner + channels]
     if node.course is not None:
         columns.append(_UP @ node.course)
-    columns.append(_angles(np.einsum("ij,jkt,lk->ilt", _UP, node.turns, _UP)))
+    columns.append(_angles(np.einsum("ij,jkt,lk->ilt", _UP, node.rotation, _UP)))
     for child in node.children:
         _describe(child, inner, lines, columns)
     if not node.children:

@@ -8,29 +8,30 @@ from scipy.spatial.transform import Rotation
 
 from study.mocap.io.recording import Recording, RecordingError
 from study.mocap.markersets.marker_set import MarkerSet
-from study.mocap.skeleton.links import links, side
+from study.mocap.skeleton.bones import bones, side
 from study.mocap.skeleton.scene import Flag, Scene
 from study.sphere.types import Bytes, Floats
 
 _TIP = 0.7
-"""A limb ends in the middle of those of its markers that are at least so far out, in parts of the farthest one."""
-_LYING = 1.3
-"""The recording's y points up if markers lie, on average, farther apart along it than along z, by this factor."""
+"""A limb ends in the middle of its markers that are at least this share of the farthest one's distance away."""
+_Y_UP = 1.3
+"""The recording's y points up if its markers' mean places extend along it by this factor more than along z."""
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
-    """A joint, as far as it is shown.
+class SceneJoint:
+    """A joint as a scene shows it.
 
     Attributes:
         name: of the joint.
-        parent: the segment in which it is fixed; ``child``: the one that hangs on it.
+        parent: name of the segment in which it is fixed.
+        child: name of the segment that rotates about it.
         center: (3, frames), metres; NaN where unknown.
         rotation: of the parent (3, 3, frames), NaN where unknown.
         covariance: of the centre in the parent's axes (3, 3), m²; NaN if it is not known.
         axis: direction in the parent's axes (3,) along which the centre is not known; None if there is none.
-        flags: `Flag` in each frame (frames,); those where the centre is NaN become unknown by themselves.
-        doubt: why not to rely on it, or "".
+        flags: `Flag` in each frame (frames,); frames without a centre become unknown by themselves.
+        doubt: reason to doubt it, or "".
     """
 
     name: str
@@ -44,13 +45,8 @@ class Shown:
     doubt: str = ""
 
 
-def stage(
-    recording: Recording,
-    markerset: MarkerSet,
-    joints: Sequence[Shown],
-    source: str,
-    notes: Sequence[str] = (),
-    tips: dict[str, Floats] | None = None,
+def make_scene(
+    recording: Recording, markerset: MarkerSet, joints: Sequence[SceneJoint], source: str, notes: Sequence[str] = ()
 ) -> Scene:
     """Make a scene.
 
@@ -58,18 +54,17 @@ def stage(
         recording: markers over time.
         markerset: whose segments the joints are between; its markers are looked up in the recording.
         joints: those that were found; a joint that is known in no frame is left out, with a note.
-        source: what the joints were made from, in words.
-        notes: what a viewer should know.
-        tips: ends of limbs (3, frames) by segment, if they are known better than from markers.
+        source: origin of the joints, in words.
+        notes: remarks for the viewer.
 
     Raises:
-        RecordingError: if there is nothing to be seen.
+        RecordingError: if no joint is known in any frame.
     """
     known = [joint for joint in joints if not np.isnan(joint.center).all()]
     notes = [*notes, *(f"{j.name} is not shown: {j.doubt or 'known in no frame'}" for j in joints if j not in known)]
     if not known:
         raise RecordingError(f"{recording.name}: none of its joints is known in any frame; there is nothing to show")
-    ends = _ends(recording, markerset, known) | (tips or {})
+    ends = _ends(recording, markerset, known)
     centers = np.stack([joint.center for joint in known])
     points = np.concatenate([centers, *(end[None] for end in ends.values())])
     fixed = [
@@ -80,20 +75,31 @@ def stage(
     flags = np.stack([np.zeros(recording.frames) if j.flags is None else j.flags for j in known]).astype(np.uint8)
     flags[np.isnan(centers[:, 0])] = Flag.UNKNOWN
     sides = [*(side(joint.name) for joint in known), *map(side, ends)]
-    shapes = [_principal(joint) for joint in known]
-    upright, words = _upright(recording)
+    principal = [_principal_directions(joint) for joint in known]
+    upright, remarks = _upright(recording)
+    directions = zip(known, principal, strict=True)
+    orientations = [_orientations(upright, joint.rotation, axes) for joint, (_, axes) in directions]
     return Scene(
-        name=recording.name, source=source, rate=recording.rate, markers=recording.markers,
-        places=upright @ recording.positions, joints=tuple(j.name for j in known), centers=upright @ centers,
-        tips=tuple(ends), ends=upright @ points[len(known) :], bones=links(fixed, points, sides), flags=flags,
-        doubts=tuple(joint.doubt for joint in known), errors=np.stack([errors for errors, _ in shapes]),
-        turns=np.stack([_turns(upright, j.rotation, axes) for j, (_, axes) in zip(known, shapes, strict=True)]),
-        notes=(*notes, *words),
-    )  # fmt: skip
+        name=recording.name,
+        source=source,
+        rate=recording.rate,
+        markers=recording.markers,
+        places=upright @ recording.positions,
+        joints=tuple(joint.name for joint in known),
+        centers=upright @ centers,
+        tips=tuple(ends),
+        ends=upright @ points[len(known) :],
+        bones=bones(fixed, points, sides),
+        flags=flags,
+        doubts=tuple(joint.doubt for joint in known),
+        errors=np.stack([errors for errors, _ in principal]),
+        orientations=np.stack(orientations),
+        notes=(*notes, *remarks),
+    )
 
 
-def _ends(recording: Recording, markerset: MarkerSet, joints: Sequence[Shown]) -> dict[str, Floats]:
-    """Where limbs end (3, frames), by segment: those that hang on a joint, and on which none hangs."""
+def _ends(recording: Recording, markerset: MarkerSet, joints: Sequence[SceneJoint]) -> dict[str, Floats]:
+    """Ends of limbs (3, frames), by segment: of segments that rotate about a joint and carry none."""
     inner = {joint.parent for joint in joints}
     found = {}
     for joint in joints:
@@ -107,8 +113,8 @@ def _ends(recording: Recording, markerset: MarkerSet, joints: Sequence[Shown]) -
     return found
 
 
-def _principal(joint: Shown) -> tuple[Floats, Floats]:
-    """Standard errors along principal directions (3,), and these as columns (3, 3), right-handed; the axis last."""
+def _principal_directions(joint: SceneJoint) -> tuple[Floats, Floats]:
+    """Standard errors (3,) along principal directions, and these as columns (3, 3), right-handed; the axis last."""
     if np.isnan(joint.covariance).any():
         return np.full(3, np.nan), np.eye(3)
     axis = np.empty((0, 3)) if joint.axis is None else joint.axis[None] / np.linalg.norm(joint.axis)
@@ -120,35 +126,35 @@ def _principal(joint: Shown) -> tuple[Floats, Floats]:
     return errors, directions
 
 
-def _turns(upright: Floats, rotation: Floats, axes: Floats) -> Floats:
-    """Quaternions of principal directions in the world (frames, 4), x, y, z, w, without jumps of sign."""
+def _orientations(upright: Floats, rotation: Floats, axes: Floats) -> Floats:
+    """Quaternions x, y, z, w (frames, 4) of axes fixed in a segment, in the upright world, without jumps of sign."""
     frames = rotation.shape[2]
-    turns = np.full((frames, 4), np.nan)
+    result = np.full((frames, 4), np.nan)
     known = ~np.isnan(rotation[0, 0])
     if known.any():
         matrices = np.einsum("ij,jkt,kl->til", upright, rotation[:, :, known], axes)
         found = Rotation.from_matrix(matrices).as_quat()
         flips = np.cumprod(np.concatenate([[1.0], np.sign((found[1:] * found[:-1]).sum(axis=1) + 1e-300)]))
-        turns[known] = found * flips[:, None]
-    return turns
+        result[known] = found * flips[:, None]
+    return result
 
 
 def _upright(recording: Recording) -> tuple[Floats, list[str]]:
-    """What turns the recording so that z points up (3, 3), and what is to be said of it.
+    """Rotation (3, 3) after which z points up, and a remark if it is not the identity.
 
-    Files do not say which way is up; a body's parts are above one another most of the time.
+    Files do not say which way is up, but a body's parts are above one another most of the time.
     """
     middle = _mean(recording.positions, axis=0)
-    # turning about the vertical takes out the mean extent to the sides, and leaves that from foot to head
+    # a body that rotates about the vertical has little mean extent to the sides; that from foot to head stays
     mean = _mean(recording.positions - middle, axis=2)
     _, y, z = np.nanstd(mean[~np.isnan(mean[:, 0])], axis=0)
-    if y > _LYING * z:
+    if y > _Y_UP * z:
         return np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), ["the recording's y is shown as up"]
     return np.eye(3), []
 
 
 def _mean(x: Floats, axis: int) -> Floats:
-    """Mean of what is known; NaN where nothing is."""
+    """Mean of the values that are not NaN; NaN where there are none."""
     known = ~np.isnan(x)
     with np.errstate(invalid="ignore"):
         return np.asarray(np.where(known, x, 0.0).sum(axis=axis) / known.sum(axis=axis))

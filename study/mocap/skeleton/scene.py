@@ -1,20 +1,20 @@
-"""What is shown of a moving skeleton: the record between the fits and every picture - figure, video and viewer.
+"""The scene: a moving skeleton as every picture shows it - figure, video and viewer.
 
-It holds plain arrays in metres, z up, and nothing of how they were found. `staging.py` makes it.
+It holds plain arrays in metres, z up, and nothing of the fits. `make_scene` makes it.
 """
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from study.estimators.fit import Worded
+from study.estimators.status import Worded
 from study.mocap.io.recording import RecordingError
-from study.mocap.skeleton.links import side
+from study.mocap.skeleton.bones import side
 from study.sphere.types import Bytes, Floats
 
 
 class Flag(Worded):
-    """How a joint's place in one frame is known."""
+    """Source of a joint's place in one frame."""
 
     SEEN = 0, "from markers"
     BRIDGED = 1, "bridged: too few markers seen"
@@ -23,22 +23,25 @@ class Flag(Worded):
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A motion as it is shown.
+    """A skeleton with its markers over time.
 
     Attributes:
-        name: what to call it.
-        source: what it was made from, in words.
+        name: of the recording.
+        source: origin of the joints, in words.
         rate: frames per second.
-        markers: labels; ``places`` of them (markers, 3, frames), NaN where not seen.
-        joints: names; ``centers`` of them (joints, 3, frames), NaN where unknown.
-        tips: names of the ends of limbs, which are no joints; ``ends``: where they are (tips, 3, frames).
+        markers: their labels.
+        places: of the markers (markers, 3, frames), NaN where missing.
+        joints: their names.
+        centers: of the joints (joints, 3, frames), NaN where unknown.
+        tips: names of the ends of limbs, which are no joints.
+        ends: places of the tips (tips, 3, frames).
         bones: pairs of numbers of points: joints first, then tips.
-        flags: how each joint is known (joints, frames); see `Flag`.
-        doubts: for each joint why not to rely on it, or "".
+        flags: `Flag` of each joint in each frame (joints, frames).
+        doubts: reason to doubt each joint, or "".
         errors: standard errors of the joints along their principal directions (joints, 3), metres; NaN for a direction
             in which a joint is not known, such as the axis of a hinge.
-        turns: where these directions point, as quaternions x, y, z, w (joints, frames, 4); NaN where unknown.
-        notes: what a viewer should know.
+        orientations: of the principal directions, as quaternions x, y, z, w (joints, frames, 4); NaN where unknown.
+        notes: remarks for the viewer.
     """
 
     name: str
@@ -54,7 +57,7 @@ class Scene:
     flags: Bytes
     doubts: tuple[str, ...]
     errors: Floats
-    turns: Floats
+    orientations: Floats
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -66,7 +69,7 @@ class Scene:
             "ends": (len(self.tips), 3, frames),
             "flags": (count, frames),
             "errors": (count, 3),
-            "turns": (count, frames, 4),
+            "orientations": (count, frames, 4),
         }
         for name, shape in wanted.items():
             if getattr(self, name).shape != shape:
@@ -76,7 +79,8 @@ class Scene:
         points = count + len(self.tips)
         lost = [bone for bone in self.bones if not (len(bone) == 2 and min(bone) >= 0 and max(bone) < points)]
         if lost or len(self.doubts) != count:
-            words = f"bone {lost[0]} is not between two of {points} points" if lost else "each joint needs its doubt"
+            doubts = f"{len(self.doubts)} doubts for {count} joints"
+            words = f"bone {lost[0]} is not between two of {points} points" if lost else doubts
             raise RecordingError(f"{self.name}: {words}")
 
     @property
@@ -91,22 +95,27 @@ class Scene:
 
     @property
     def floor(self) -> float:
-        """Height of the floor, metres: just below the lowest markers, or points if there are no markers."""
+        """Height of the floor, metres: just below the lowest markers, or the lowest points if there are no markers."""
         heights = self.places[:, 2] if len(self.markers) else self.points[:, 2]
         return float(np.nanquantile(np.fmin.reduce(heights, axis=0), 0.02)) - 0.02
 
     def at_most(self, rate: float) -> "Scene":
-        """The same with every second, third, ... frame, so that there are no more per second than said."""
+        """The scene with every second, third, ... frame, for at most this many frames per second."""
         step = max(int(np.ceil(self.rate / rate - 1e-9)), 1)
         return self if step == 1 else self.part(slice(None, None, step), self.rate / step)
 
     def part(self, frames: slice, rate: float | None = None) -> "Scene":
-        """Some of the frames."""
+        """The scene in some of the frames; at ``rate`` frames per second, if that changes."""
         return replace(
-            self, rate=rate or self.rate, places=self.places[:, :, frames], centers=self.centers[:, :, frames],
-            ends=self.ends[:, :, frames], flags=self.flags[:, frames], turns=self.turns[:, frames],
-        )  # fmt: skip
+            self,
+            rate=rate or self.rate,
+            places=self.places[:, :, frames],
+            centers=self.centers[:, :, frames],
+            ends=self.ends[:, :, frames],
+            flags=self.flags[:, frames],
+            orientations=self.orientations[:, frames],
+        )
 
     def sides(self) -> tuple[str, ...]:
-        """For each point "left", "right" or ""."""
+        """Side of each point: "left", "right" or ""."""
         return tuple(map(side, (*self.joints, *self.tips)))

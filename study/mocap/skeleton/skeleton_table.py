@@ -1,19 +1,21 @@
-"""A skeleton over time as tables: joints in every frame, and how long its bones are."""
+"""A skeleton over time as tables: joints in every frame, and the lengths of bones."""
 
 from collections.abc import Iterator
 
 import numpy as np
 import pandas as pd
 
-from study.mocap.geometry.hull import outside
+from study.mocap.geometry.convex_hull import hull_distances
 from study.mocap.skeleton.scene import Flag, Scene
+from study.text.columns import columns
+from study.text.numbers import number
 
 UNEVEN = 0.08
-"""Difference of a bone's length from the other side's, in parts of their mean, above which it is said."""
+"""Difference of a bone's length from the other side's, relative to their mean, above which it is marked."""
 
 
 def skeleton_table(scene: Scene) -> pd.DataFrame:
-    """A row per frame and joint.
+    """Tabulate joints, a row per frame and joint.
 
     Returns:
         Columns: frame, from 1; time, seconds; joint; x, y, z, metres, z up; known: "seen", "bridged" or "unknown".
@@ -32,12 +34,12 @@ def skeleton_table(scene: Scene) -> pd.DataFrame:
 
 
 def bone_table(scene: Scene) -> pd.DataFrame:
-    """A row per bone between two joints.
+    """Tabulate bones, a row per bone between two joints.
 
     Returns:
-        Columns: start, end; length, its median over time, and spread, its standard deviation (metres); error, that of
-        the length from those of its joints, at most (metres); uneven, how much longer it is than the other side's, in
-        parts of their mean; NaN where there is no other side.
+        Columns: start, end; length, its median over time, and spread, its standard deviation (metres); error, upper
+        bound of the length's standard error from those of its joints (metres); uneven, difference from the other
+        side's length, relative to their mean; NaN where there is no other side.
     """
     worst = np.array([np.nanmax(row) if not np.isnan(row).all() else np.nan for row in scene.errors])
     rows = []
@@ -59,33 +61,39 @@ def bone_table(scene: Scene) -> pd.DataFrame:
     return table
 
 
-def printed(scene: Scene) -> Iterator[str]:
-    """Bones, joints against the markers' hull, how much was bridged, and what is not to be relied on."""
-    yield f"{'bone':32}  {'length':>8}  {'error':>8}  {'varies':>8}  left to right"
-    table = bone_table(scene)
-    numbers = table[["length", "error", "spread", "uneven"]].to_numpy(dtype=float)
-    for start, end, (length, worst, spread, uneven) in zip(table["start"], table["end"], numbers, strict=True):
-        compared = "" if np.isnan(uneven) else f"{round(100 * uneven, 1) + 0.0:+.1f} %"  # no minus before zero
-        flagged = "  uneven" if abs(uneven) > UNEVEN else ""
-        error = "-" if np.isnan(worst) else f"{1000 * worst:.1f} mm"
-        bone = f"{start} - {end}"
-        yield f"{bone:32}  {length:6.3f} m  {error:>8}  {1000 * spread:5.1f} mm  {compared:>7}{flagged}".rstrip()
-    yield f"{'joint':32}  {'outside':>8}  {'by':>9}  the markers' hull: share of the frames; 95 % of them at most"
-    for name, out in zip(scene.joints, outside(scene.places, scene.centers), strict=True):
-        share = "-" if np.isnan(out.share) else f"{out.share:.0%}"
-        far = "-" if not out.far > 0.0 else f"{1000 * out.far:.1f} mm"
-        yield f"{name:32}  {share:>8}  {far:>9}"
-    for name, flags in zip(scene.joints, scene.flags, strict=True):
-        shares = [
-            f"{flag.name.lower()} in {(flags == flag).mean():.1%} of the frames" for flag in Flag if flag != Flag.SEEN
+def skeleton_lines(scene: Scene) -> Iterator[str]:
+    """Lay out bones, distances of joints from the markers' hull, shares of bridged frames, and reasons to doubt."""
+    bones = [
+        [
+            f"{row['start']} - {row['end']}",
+            f"{row['length']:.3f} m",
+            _millimetres(row["error"]),
+            _millimetres(row["spread"]),
+            "" if np.isnan(row["uneven"]) else f"{round(100 * row['uneven'], 1) + 0.0:+.1f} %",  # no minus before zero
+            "uneven" if abs(row["uneven"]) > UNEVEN else "",
         ]
-        lacking = [words for words, flag in zip(shares, list(Flag)[1:], strict=True) if (flags == flag).any()]
+        for row in bone_table(scene).to_dict("records")
+    ]
+    yield from columns(bones, ["bone", "length", "error", "varies", "left to right"], "<>>>><")
+    hulls = [
+        [name, number(hull.share_outside, ".0%"), _millimetres(hull.distance) if hull.distance > 0.0 else "-"]
+        for name, hull in zip(scene.joints, hull_distances(scene.places, scene.centers), strict=True)
+    ]
+    yield from columns(hulls, ["joint", "outside", "by"], "<>")
+    yield "outside: share of frames outside the markers' hull; by: 95 % quantile of the distance outside it"
+    for name, flags in zip(scene.joints, scene.flags, strict=True):
+        shares = [(flag, (flags == flag).mean()) for flag in Flag if flag != Flag.SEEN]
+        lacking = [f"{flag.name.lower()} in {share:.1%} of the frames" for flag, share in shares if share]
         if lacking:
             yield f"{name}: {', '.join(lacking)}"
     for name, doubt in zip(scene.joints, scene.doubts, strict=True):
         if doubt:
             yield f"{name}: not to be relied on: {doubt}"
     yield from (f"note: {note}" for note in scene.notes)
+
+
+def _millimetres(metres: float) -> str:
+    return "-" if np.isnan(metres) else f"{1000 * metres:.1f} mm"
 
 
 def _mirrored(name: str) -> str:

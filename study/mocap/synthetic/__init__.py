@@ -1,1 +1,1 @@
-"""Recordings of an articulated figure whose joints are known."""
+"""Synthetic recordings of an articulated body whose joints are known."""

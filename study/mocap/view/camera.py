@@ -1,4 +1,4 @@
-"""Looking at a scene from a side: parallel projection, in which lengths across the view stay as they are."""
+"""View a scene from a direction, in parallel projection: lengths across the view keep their scale."""
 
 from dataclasses import dataclass
 
@@ -9,14 +9,14 @@ from study.sphere.types import Floats
 
 @dataclass(frozen=True)
 class Camera:
-    """From where one looks, z up. ``azimuth`` counts from x to y, ``elevation`` from the horizon; degrees."""
+    """The direction of view, z up: ``azimuth`` from x to y and ``elevation`` above the horizon, degrees."""
 
     azimuth: float = 30.0
     elevation: float = 10.0
 
     @property
     def axes(self) -> Floats:
-        """Right, up, and towards the viewer, as rows (3, 3)."""
+        """Directions to the right, up, and towards the viewer, as rows (3, 3)."""
         a, e = np.radians([self.azimuth, self.elevation])
         return np.array(
             [
@@ -26,21 +26,21 @@ class Camera:
             ]
         )
 
-    def see(self, x: Floats) -> Floats:
-        """Points (…, 3) as right, up, nearness (…, 3), metres."""
-        seen: Floats = x @ self.axes.T
-        return seen
+    def project(self, x: Floats) -> Floats:
+        """Coordinates of points (…, 3) to the right, up and towards the viewer (…, 3), metres."""
+        projected: Floats = x @ self.axes.T
+        return projected
 
 
 def outlines(half: Floats, directions: Floats, camera: Camera, corners: int = 48) -> Floats:
     """Outlines of ellipsoids about zero (ellipsoids, corners, 2), metres right and up.
 
-    An ellipsoid {M u : |u| ≤ 1} is seen in parallel projection P as {P M u}, the ellipse of the matrix P M Mᵀ Pᵀ.
+    The parallel projection P of an ellipsoid {M u : |u| ≤ 1} is {P M u}, the ellipse of the matrix P M Mᵀ Pᵀ.
 
     Args:
         half: lengths of the half axes (ellipsoids, 3); one of zero gives a disc.
         directions: of these axes, as columns (ellipsoids, 3, 3).
-        camera: from where.
+        camera: the direction of view.
         corners: of the polygons.
     """
     matrix = camera.axes[:2] @ (directions * half[:, None])

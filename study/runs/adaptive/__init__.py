@@ -1,1 +1,1 @@
-"""Runs that add trials to a cell until a measure is precise enough."""
+"""Adaptive runs: trials are added to a cell until a measure is precise enough."""

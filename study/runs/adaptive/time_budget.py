@@ -1,16 +1,16 @@
-"""How long a run may go on handing out work."""
+"""A time budget: seconds after which a run starts no new work."""
 
 import math
 import time
 from collections.abc import Callable
 
 
-class Budget:
-    """Seconds from now; what is spent stays spent.
+class TimeBudget:
+    """Seconds from now; once spent, it stays spent.
 
     Args:
-        seconds: how many; None for no end.
-        clock: tells the time.
+        seconds: how many; None for no limit.
+        clock: gives the time in seconds.
     """
 
     def __init__(self, seconds: float | None = None, clock: Callable[[], float] = time.monotonic) -> None:
@@ -20,6 +20,6 @@ class Budget:
         self._spent = False
 
     def spent(self) -> bool:
-        """Whether they are over."""
+        """Tell whether the time is over."""
         self._spent = self._spent or self._clock() >= self._end
         return self._spent

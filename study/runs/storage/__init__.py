@@ -1,1 +1,1 @@
-"""Files of a run: the folder, its tables and their schemas, parts, the lock."""
+"""Files of a run: the folder, its tables and their schemas, the parts, the lock."""

@@ -1,4 +1,4 @@
-"""Writing: every file under a temporary name, synced, then renamed, so that it is there whole or not at all."""
+"""Atomic writing: a file gets a temporary name, is synced, and is renamed, so that it is there whole or not at all."""
 
 import contextlib
 import os
@@ -20,7 +20,7 @@ class RunError(Exception):
 
 @contextlib.contextmanager
 def explained(place: Path) -> Iterator[None]:
-    """Turn a failure to write into one clear line."""
+    """Turn a failure to write into a `RunError` of one clear line."""
     try:
         yield
     except OSError as error:
@@ -29,7 +29,7 @@ def explained(place: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A temporary name in the same folder; synced and renamed at the end, removed on failure."""
+    """Give a temporary name in the same folder; the file is synced and renamed at the end, or removed on failure."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         yield temporary
@@ -43,7 +43,7 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Make a renaming last through a loss of power, where the system lets folders be synced."""
+    """Make a renaming survive a loss of power, on systems that let folders be synced."""
     if os.name != "nt":
         handle = os.open(folder, os.O_RDONLY)
         try:
@@ -67,12 +67,12 @@ def write_table(path: Path, table: pa.Table) -> None:
 def join(path: Path, schema: pa.Schema, tables: Iterable[pa.Table]) -> None:
     """Stream tables into one parquet file, in row groups of equal size whatever the tables' sizes.
 
-    The words that a row group knows are those of the tables that reach into it, in the order of their rows.
+    The dictionary of a row group has the words of the tables that reach into it, in the order of their rows.
     """
     plain = schema.remove_metadata()
     with replacing(path) as temporary, pq.ParquetWriter(temporary, schema, compression="zstd") as writer:
         waiting: deque[pa.Table] = deque()
-        rows = written = 0  # of those that wait; of the first that waits
+        rows = written = 0  # rows of the waiting tables, and those of the first one that are written
 
         def write_group(size: int) -> int:
             group = _encoded(pa.concat_tables(waiting), plain).slice(written, size)
@@ -93,7 +93,7 @@ def join(path: Path, schema: pa.Schema, tables: Iterable[pa.Table]) -> None:
 
 
 def _encoded(table: pa.Table, schema: pa.Schema) -> pa.Table:
-    """A table whose dictionaries have the words of its rows in order, and no others."""
+    """Encode a table's words, so that its dictionaries have the words of its rows in order, and no others."""
     for index, field in enumerate(schema):
         if pa.types.is_dictionary(field.type):
             words = table[field.name].cast(pa.string()).combine_chunks()
@@ -102,7 +102,7 @@ def _encoded(table: pa.Table, schema: pa.Schema) -> pa.Table:
 
 
 def save_frame(frame: pd.DataFrame, path: Path) -> None:
-    """Write a data frame to a file of a user's choice, as CSV or parquet by its suffix, whole or not at all.
+    """Write a data frame to a file of the user's choice, whole or not at all, as CSV or parquet by its suffix.
 
     Raises:
         RunError: if the suffix is another, or the file cannot be written.

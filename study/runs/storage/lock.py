@@ -1,4 +1,4 @@
-"""One writer at a time: a lock that the system lets go of when its holder dies, and that names who holds it."""
+"""The lock of a run's folder: one writer at a time, named in the file. The system releases it when the writer dies."""
 
 import contextlib
 import json
@@ -13,7 +13,7 @@ from study.runs.storage.atomic_write import RunError, explained
 
 _NAME = ".lock"
 _PATIENCE = 0.5
-"""Seconds: who only asks whether it is held, holds it for a moment."""
+"""Seconds to wait, because `holder` holds the lock for a moment."""
 
 
 @contextlib.contextmanager
@@ -28,7 +28,7 @@ def writing(folder: Path) -> Iterator[None]:
     try:
         lock.acquire(timeout=_PATIENCE)
     except Timeout:  # which is an OSError, too
-        raise RunError(f"{folder}: {_said(path)} is writing to it; wait for it to end, or stop it") from None
+        raise RunError(f"{folder}: {_writer(path)} is writing to it; wait for it to end, or stop it") from None
     except OSError as error:
         with explained(folder):
             raise error
@@ -37,14 +37,14 @@ def writing(folder: Path) -> Iterator[None]:
             path.write_text(json.dumps({"process": os.getpid(), "host": socket.gethostname()}), encoding="utf-8")
         yield
     finally:
-        # removed while it is held: who opened it meanwhile finds that it is not the file of this name any more
+        # removed while it is held: another process that opened it meanwhile finds another file under the name, or none
         with contextlib.suppress(OSError):
             path.unlink()
         lock.release()
 
 
 def holder(folder: Path) -> str | None:
-    """Who writes to a run at this moment, in words; None if nobody does, or it cannot be told without writing."""
+    """Name the process that writes to a run at this moment; None if there is none, or the disk is read-only."""
     path = folder / _NAME
     if not path.is_file():
         return None
@@ -52,12 +52,12 @@ def holder(folder: Path) -> str | None:
         with FileLock(path, blocking=False):
             return None
     except Timeout:
-        return _said(path)
+        return _writer(path)
     except OSError:  # a read-only disk has no writers
         return None
 
 
-def _said(path: Path) -> str:
+def _writer(path: Path) -> str:
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
         return f"process {found['process']} on {found['host']}"

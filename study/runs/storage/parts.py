@@ -1,15 +1,15 @@
-"""What is finished of a run that is not: part files, which say what is in them and are named by their own digest.
+"""Part files: the finished rows of a run that is not finished. A part has a header, and is named by its own digest.
 
     parts/units-<SHA-256 of the file's bytes>.part
         one line of JSON: the format, the software, seconds since the part before, and the packets with their keys
         the packets, one after the other: each a stream of Arrow's IPC format for each of its tables
 
-A *key* stands for all that determines some rows, their place in the grid excepted, so that a part means the same to
-every config that asks for its rows. What was computed under a key is its *outputs*: an estimator with its version, for
-example, so that a new estimator, or a new version of one, is computed beside the others. A *packet* is what a worker
-sends back: the tables of a few keys, encoded, which the parent writes as they are. Many packets share a file: one is
-written when enough bytes have come together, or time has passed - a second, or a hundredth of the time that the run has
-taken, so that the number of files grows with the logarithm of time. That is all that a kill can cost.
+A *key* is a digest of all that determines some rows, except their place in the grid, so that a part means the same to
+every config that needs its rows. The *outputs* of a key are what was computed under it, such as an estimator with its
+version. So a new estimator, or a new version of one, is computed beside the others. A *packet* holds the tables of a
+few keys, encoded by a worker; the parent writes it as it is. Many packets share a file. One is written when enough
+bytes have come together, or when time has passed: a second, or a hundredth of the time that the run has taken. So the
+number of files grows with the logarithm of time, and a kill costs no more than that time.
 """
 
 import hashlib
@@ -27,7 +27,7 @@ import pyarrow as pa
 from study.runs.storage.atomic_write import RunError, explained, write
 
 FORMAT = 5
-"""To be raised when rows of the same key would be others, or files would be read wrongly."""
+"""Format of parts and tables. Raise it when rows of the same key would change, or files would be read wrongly."""
 DAMAGED = "damaged"
 _SUFFIX = ".part"
 _BYTES = 32 << 20
@@ -38,12 +38,12 @@ _SMALL = 1 << 16
 
 @dataclass(frozen=True)
 class Packet:
-    """Tables of some keys, as a worker sends them.
+    """Encoded tables of some keys.
 
     Attributes:
-        keys: what was computed, each with its outputs.
-        rows: for each table its rows by key, in order.
-        tables: for each table its rows, encoded.
+        keys: the keys, each with its outputs.
+        rows: for each table, the number of rows of each key, in order.
+        tables: each table, encoded.
     """
 
     keys: Sequence[tuple[str, Sequence[str]]]
@@ -52,7 +52,7 @@ class Packet:
 
     @classmethod
     def of(cls, keys: Sequence[tuple[str, Sequence[str]]], found: Sequence[Mapping[str, pa.Table]]) -> "Packet":
-        """Encode the tables found for each key; a table without rows may be left out."""
+        """Encode the tables of each key; a table without rows may be left out."""
         names = dict.fromkeys(name for tables in found for name in tables)
         rows = {name: [tables[name].num_rows if name in tables else 0 for tables in found] for name in names}
         whole = {name: pa.concat_tables([t[name] for t in found if name in t]) for name in names}
@@ -60,7 +60,7 @@ class Packet:
 
 
 def encode(table: pa.Table) -> bytes:
-    """A table as one stream."""
+    """Encode a table as one stream of Arrow's IPC format."""
     table = table.replace_schema_metadata(None).unify_dictionaries().combine_chunks()
     options = pa.ipc.IpcWriteOptions(compression="zstd" if table.nbytes > _SMALL else None)
     sink = pa.BufferOutputStream()
@@ -72,7 +72,7 @@ def encode(table: pa.Table) -> bytes:
 
 @dataclass(frozen=True, eq=False)
 class _Stored:
-    """A packet on disk: where each table begins, how long it is, and the first row of each key."""
+    """A packet on disk: the place and size of each table, and the first row of each key."""
 
     path: str
     tables: Mapping[str, tuple[int, int]]
@@ -93,13 +93,13 @@ class Parts:
     Args:
         folder: the run's.
         kind: the beginning of their names.
-        software: what computes, kept beside the rows.
+        software: the software that computes, stored beside the rows.
 
     Attributes:
         damaged: names of files that were torn or changed.
-        seconds: time that went into what is there.
-        made_by: other software that computed some of it.
-        note: what else the files are to say, a text; that of a file that is there, if it has one.
+        seconds: time in which the stored rows were computed.
+        made_by: other software that computed some of them.
+        note: a text stored in each file; read from the files if one has it.
         count: number of files.
     """
 
@@ -114,10 +114,10 @@ class Parts:
         self._since = self._began = time.monotonic()
 
     def load(self, set_aside: bool = True) -> None:
-        """Read what is there.
+        """Read the headers of all files.
 
         Args:
-            set_aside: move damaged files to ``parts/damaged``, so that what was in them is computed again.
+            set_aside: move damaged files to ``parts/damaged``, so that their rows are computed again.
 
         Raises:
             RunError: if a part is of a newer version, or cannot be read at all.
@@ -140,12 +140,12 @@ class Parts:
                     os.rename(path, self.folder / DAMAGED / name)
 
     def _files(self) -> list[str]:
-        """Names of the files; plain words, because a path takes as long to make as a small file to read."""
+        """Names of the files; as strings, since making a `Path` takes as long as reading a small file."""
         there = os.listdir(self.folder) if self.folder.is_dir() else []
         return sorted(name for name in there if name.startswith(f"{self.kind}-") and name.endswith(_SUFFIX))
 
     def whole(self) -> bool:
-        """Whether all files still are as they were written; those that are not are set aside."""
+        """Read all files again, and set aside those that changed; false if some did."""
         before = len(self.damaged)
         self.load()
         return len(self.damaged) == before
@@ -159,14 +159,14 @@ class Parts:
         self._names: set[str] = set()
 
     def outputs(self, key: str) -> set[str]:
-        """What is there of a key."""
+        """The stored outputs of a key."""
         return {output for _, _, outputs in self._where.get(key, ()) for output in outputs}
 
     def tables(self, key: str, name: str) -> Iterator[tuple[tuple[str, ...], tuple[str, ...], pa.Table]]:
-        """A table's rows of a key, in the order of their writing.
+        """Read a table's rows of a key, in the order in which they were written.
 
         Yields:
-            Rows, after the outputs that they are of, and those of these that no rows before were of.
+            The outputs of a packet, those of them that no packet before had, and its rows.
         """
         seen: set[str] = set()
         for packet, place, outputs in self._where.get(key, ()):
@@ -178,24 +178,24 @@ class Parts:
                 yield outputs, fresh, whole.slice(starts[place], starts[place + 1] - starts[place])
 
     def holds(self, name: str) -> bool:
-        """Whether there are rows of a table."""
+        """True if there are rows of a table."""
         return name in self._names
 
     def add(self, packet: Packet) -> None:
-        """Take what a worker sent; write it, and what waits, when it is time."""
+        """Take a packet; write it with the waiting ones when it is time."""
         self._waiting.append(packet)
         if self.patience() == 0.0 or sum(len(t) for p in self._waiting for t in p.tables.values()) >= _BYTES:
             self.commit()
 
     def patience(self) -> float | None:
-        """Seconds until what waits should be written; None if nothing waits."""
+        """Seconds until the waiting packets should be written; None if none waits."""
         if not self._waiting:
             return None
         now = time.monotonic()
         return max(0.0, self._since + max(_SECONDS, _SHARE * (now - self._began)) - now)
 
     def commit(self) -> None:
-        """Write what waits."""
+        """Write the waiting packets."""
         if not self._waiting:
             return
         packets, self._waiting = self._waiting, []
@@ -224,7 +224,7 @@ class Parts:
         self._index(str(path), data)
 
     def remove(self) -> None:
-        """Remove the files: what was in them is in tables now."""
+        """Remove the files, since their rows are in tables now."""
         with explained(self.folder.parent):
             for name in self._files():
                 os.unlink(self.folder / name)
@@ -233,7 +233,7 @@ class Parts:
         self._forget()
 
     def _index(self, path: str, data: bytes) -> None:
-        """Note where the rows of each key are."""
+        """Note the place of each key's rows."""
         length = data.index(b"\n") + 1
         header = json.loads(data[:length])
         if header["format"] > FORMAT:
@@ -262,7 +262,7 @@ class Parts:
 
 
 def _sums(rows: Sequence[int]) -> list[int]:
-    """Sums of the first 0, 1, … of some numbers."""
+    """Cumulative sums, from 0."""
     sums = [0]
     for count in rows:
         sums.append(sums[-1] + count)

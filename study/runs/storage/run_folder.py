@@ -2,15 +2,15 @@
 
     results/<name>-<digest>/
         config.toml        the config, as it was given
-        manifest.json      what was run, on what, how long it took; written last: with it, a run is finished
-        parts/             what is computed of a run that is not finished; see `study.runs.storage.parts`
+        manifest.json      config, software, machine, seconds, digests of the tables; written last: it ends a run
+        parts/             finished rows of a run that is not finished; see `study.runs.storage.parts`
         errors.parquet     a row per cell, trial and estimator
-        failures.parquet   fits that raised, or whose worker died, if there are any
-        timings.parquet    apart, so that error tables can be compared byte by byte
+        failures.parquet   fits that raised an exception or whose worker died, if there are any
+        timings.parquet    seconds; a table of its own, so that error tables can be compared byte by byte
         points.parquet     points of the trials that the config keeps
-        precision.parquet  trials of each cell, and why it has no more, where the config asks for a precision
+        precision.parquet  number of trials of each cell, and why it has no more, where the config has a [precision]
         summary.parquet    performance measures with their Monte-Carlo error
-        posterior.parquet, answers.parquet, draws.parquet   ensemble posteriors, where the config asks for them
+        posterior.parquet, answers.parquet, draws.parquet   ensemble posteriors, where the config has a [posterior]
 
 Workers compute and write nothing; the parent alone writes, and only while it holds the folder's lock.
 """
@@ -19,8 +19,9 @@ import hashlib
 import json
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
+import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -32,6 +33,10 @@ from study.runs.storage.atomic_write import RunError, explained, join, write, wr
 from study.runs.storage.parts import DAMAGED, FORMAT
 
 __all__ = ["Run", "RunError"]
+
+T = TypeVar("T")
+Manifest = dict[str, Any]
+"""A manifest as JSON has it."""
 
 
 class Run:
@@ -48,7 +53,7 @@ class Run:
 
     @classmethod
     def create(cls, folder: Path, study: Study) -> "Run":
-        """Make a folder for a study, or take the one that is there, if it is of the same config.
+        """Make a folder for a study, or use the one that is there if it belongs to the same config.
 
         Raises:
             RunError: if it belongs to another config or a newer version, is a file, or cannot be written.
@@ -87,7 +92,7 @@ class Run:
             raise RunError(f"{folder}: its config cannot be read any more: {error}") from None
 
     def begin(self, config: str) -> "Run":
-        """Store the config's text, remove what a killed writer left half written, and return the run."""
+        """Store the config's text, remove the temporary files of a killed writer, and return the run."""
         with explained(self.folder):
             for place in (self.folder, self.folder / "parts"):
                 for path in place.glob(".*.tmp"):
@@ -102,19 +107,19 @@ class Run:
         return self.folder / f"{name}.parquet"
 
     def has(self, name: str) -> bool:
-        """Whether a table is stored."""
+        """True if a table is stored."""
         return self.path(name).is_file()
 
-    def table(self, name: str, columns: list[str] | None = None) -> Any:
-        """A stored table as a data frame.
+    def table(self, name: str, columns: list[str] | None = None) -> pd.DataFrame:
+        """Read a stored table into a data frame.
 
         Raises:
             RunError: if it is not there, because the run did not finish.
         """
         return self.read(name, lambda path: schemas.read(path, columns))
 
-    def cell(self, name: str) -> Any:
-        """The error table's rows of one cell as a data frame, read without the others.
+    def cell(self, name: str) -> pd.DataFrame:
+        """Read the error table's rows of one cell into a data frame, without the others.
 
         Args:
             name: the cell's name, or its beginning, as far as no other begins so.
@@ -124,22 +129,23 @@ class Run:
             RunError: if the run did not finish.
         """
         cell, where = locate(self.study, name)
-        values = {"samples": cell.samples, "noise": cell.noise, "angle": cell.angle, "radius": cell.radius}
-        # row groups know the least and largest value of each column: those that cannot hold the cell are not read
+        # a row group has the range of each column, so that groups without the cell are not read
         rows = [("cell", "==", cell.name), ("trial", ">=", where[0].first), ("trial", "<", where[-1].last)]
-        rows += [(column, "==", value) for column, value in values.items()]
-        return self.read("errors", lambda path: pq.read_table(path, filters=rows).to_pandas())
+        rows += [(c.name, "==", cell.values[c.name]) for c in self.study.conditions()]
+        frame: pd.DataFrame = self.read("errors", lambda path: pq.read_table(path, filters=rows)).to_pandas()
+        return frame
 
     def arrow(self, name: str) -> pa.Table:
-        """A stored table as it is on disk; see `table`."""
-        return self.read(name, pq.read_table)
+        """Read a stored table into Arrow's memory; see `table`."""
+        table: pa.Table = self.read(name, pq.read_table)
+        return table
 
-    def read(self, name: str, read: Callable[[Path], Any]) -> Any:
-        """What a function reads from a table's file; see `table`."""
+    def read(self, name: str, read: Callable[[Path], T]) -> T:
+        """Read a table's file with a function; see `table`."""
         path = self.path(name)
         if name == "errors" and self.study.keep == "summary":
             raise RunError(
-                f'{path}: not kept: the study keeps its summary alone; keep = "errors" in the config keeps it'
+                f'{path}: not stored: the study keeps its summary alone; keep = "errors" in the config stores it'
             )
         if not path.is_file():
             raise RunError(f"{path}: missing; finish the run with `study run {self.folder / 'config.toml'}`")
@@ -149,7 +155,7 @@ class Run:
             raise RunError(f"{path}: cannot be read: {error}") from None
 
     def metadata(self, name: str) -> dict[str, str]:
-        """What a stored table says of itself; empty if it is not there or cannot be read."""
+        """Metadata of a stored table; empty if it is not there or cannot be read."""
         try:
             found = pq.read_schema(self.path(name)).metadata
         except (OSError, pa.ArrowInvalid):
@@ -157,7 +163,7 @@ class Run:
         return {key.decode(): value.decode() for key, value in (found or {}).items()}
 
     def fingerprint(self, name: str) -> str | None:
-        """SHA-256 of a table's file, which equal runs have in common; None if it is not there."""
+        """SHA-256 of a table's file; None if it is not there."""
         try:
             with open(self.path(name), "rb") as file:
                 return hashlib.file_digest(file, "sha256").hexdigest()
@@ -174,7 +180,7 @@ class Run:
     def join(
         self, name: str, columns: list[schemas.Column], parts: Iterable[pa.Table], metadata: Mapping[str, str]
     ) -> None:
-        """Write a table from parts, none of which stays in memory."""
+        """Write a table from parts, without holding all of them in memory."""
         with explained(self.folder):
             join(self.path(name), schemas.schema(columns, metadata), parts)
 
@@ -184,18 +190,18 @@ class Run:
             self.path(name).unlink(missing_ok=True)
 
     def set_aside(self, name: str) -> None:
-        """Move a table that is damaged out of the way."""
+        """Move a damaged table to ``parts/damaged``."""
         with explained(self.folder):
             if self.has(name):
                 (self.folder / "parts" / DAMAGED).mkdir(parents=True, exist_ok=True)
                 self.path(name).rename(self.folder / "parts" / DAMAGED / self.path(name).name)
 
-    def save_manifest(self, manifest: dict[str, Any]) -> None:
+    def save_manifest(self, manifest: Manifest) -> None:
         """Write the manifest."""
         with explained(self.folder):
             write(self.folder / "manifest.json", (json.dumps(manifest, indent=2, ensure_ascii=False) + "\n").encode())
 
-    def manifest(self) -> dict[str, Any]:
+    def manifest(self) -> Manifest:
         """The manifest.
 
         Raises:
@@ -210,13 +216,13 @@ class Run:
             raise RunError(f"{self.folder / 'manifest.json'}: missing or not readable; {hint}") from None
         return found
 
-    def amend_manifest(self, entries: dict[str, Any]) -> None:
-        """Add entries to the manifest, of a run that has one."""
+    def amend_manifest(self, entries: Manifest) -> None:
+        """Add entries to the manifest of a run that has one."""
         if (self.folder / "manifest.json").is_file():
             self.save_manifest(self.manifest() | entries)
 
     def stopped(self) -> float | None:
-        """Seconds of the budget that stopped the run before it was finished; None if none did."""
+        """Seconds of the budget that stopped the run before its end; None if none did."""
         try:
             found = self.manifest().get("stopped_after")
         except RunError:
@@ -224,14 +230,14 @@ class Run:
         return float(found) if isinstance(found, int | float) else None
 
     def trials(self) -> dict[str, int]:
-        """Trials of each cell by its name, where a precision decided; empty where it did not, or not yet."""
+        """Number of trials of each cell of an adaptive run, by name; empty while there is no precision table."""
         if not self.has("precision"):
             return {}
         found = self.table("precision", ["cell", "trials"])
         return dict(zip(found["cell"].astype(str), found["trials"].astype(int), strict=True))
 
     def maker(self) -> dict[str, Any]:
-        """The software that finished the run, as `study.runs.provenance` tells it; empty if it is not known."""
+        """The software that finished the run, as `study.runs.provenance.software` has it; empty if it is not known."""
         try:
             found = self.manifest().get("software", {})
         except RunError:
@@ -239,7 +245,7 @@ class Run:
         return found if isinstance(found, dict) else {}
 
     def refuse_newer(self) -> None:
-        """RunError if the run was finished by a newer program, whose files this one might read wrongly."""
+        """Raise a RunError if a newer program finished the run, whose files this one might read wrongly."""
         try:
             found = self.manifest().get("format", 1)
         except RunError:

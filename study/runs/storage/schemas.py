@@ -1,14 +1,17 @@
-"""Schemas of the stored tables: every column with its type, unit and meaning, which also go into the files."""
+"""Schemas of the stored tables: each column with its type, unit and meaning, which are stored in the file too."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from study.estimators import Status
+from study.experiment.conditions import COLUMNS, Condition
 from study.experiment.posterior_config import ChainStatus
+from study.statistics.performance import MEASURES
 
 
 class Column(NamedTuple):
@@ -29,16 +32,23 @@ def _per_axis(name: str, dimension: int, unit: str, meaning: str) -> list[Column
     return [Column(f"{name}_{i + 1}", pa.float64(), unit, meaning.format(i + 1)) for i in range(dimension)]
 
 
-def errors(dimension: int) -> list[Column]:
-    """The error table: a row per cell, trial and estimator."""
+def _conditions(conditions: Iterable[Condition], in_full: bool = False) -> list[Column]:
+    """A column for each condition of a cell."""
+    kinds = {int: pa.int64(), float: pa.float64(), str: _WORD}
+    return [Column(c.name, kinds[c.kind], c.unit, (in_full and c.in_full) or c.meaning) for c in conditions]
+
+
+def errors(dimension: int, conditions: Sequence[Condition] = COLUMNS) -> list[Column]:
+    """The error table: a row per cell, trial and estimator.
+
+    Args:
+        dimension: d.
+        conditions: those that have a column in the study's tables.
+    """
     return [
         Column("cell", _WORD, "", "name of the condition, a digest of its values"),
         Column("trial", pa.int64(), "", "number of the data set"),
-        Column("samples", pa.int64(), "", "number of samples N of the data set"),
-        Column("noise", pa.float64(), "length", "standard deviation σ of each coordinate"),
-        Column("angle", pa.float64(), "degree", "confinement half-angle φ about the first axis"),
-        Column("radius", pa.float64(), "length", "true radius r"),
-        Column("center", pa.float64(), "length", "distance |c| of the true centre from the origin"),
+        *_conditions(conditions, in_full=True),
         Column("estimator", _WORD, "", "name of the estimator"),
         *_per_axis("error", dimension, "length", "estimated minus true centre, component {}; 1 is the cap's axis"),
         Column("error", pa.float64(), "length", "distance from the estimated to the true centre"),
@@ -49,7 +59,7 @@ def errors(dimension: int) -> list[Column]:
         Column("status", pa.int8(), "", _STATUSES),
         Column("condition", pa.float64(), "", "ρ(Σ̂C⁻¹), the Leontief condition; NaN if nothing is subtracted"),
         Column("iterations", pa.int32(), "", "steps of an iteration; 0 for a closed form"),
-    ]  # fmt: skip
+    ]
 
 
 FAILURES = [
@@ -57,9 +67,9 @@ FAILURES = [
     Column("trial", pa.int64(), "", "number of the data set"),
     Column("estimator", _WORD, "", "name of the estimator"),
     Column("name", pa.string(), "", "the data set, as `study replay RUN NAME` draws it again"),
-    Column("cause", _WORD, "", "exception, raised by the estimator; or worker, which died of the whole unit, twice"),
-    Column("message", pa.string(), "", "what was raised, or how the worker ended"),
-]  # fmt: skip
+    Column("cause", _WORD, "", "exception, raised by the estimator; or worker, which died twice of the whole unit"),
+    Column("message", pa.string(), "", "message of the exception, or how the worker ended"),
+]
 
 
 TIMINGS = [
@@ -67,11 +77,11 @@ TIMINGS = [
     Column("samples", pa.int64(), "", "number of samples N"),
     Column("fits", pa.int64(), "", "data sets handled"),
     Column("seconds", pa.float64(), "s", "time spent in them"),
-]  # fmt: skip
+]
 
 
 def points(dimension: int) -> list[Column]:
-    """Points of the trials that a config asks to keep: a row per sample."""
+    """The points table: a row per sample of the trials whose points are kept."""
     return [
         Column("cell", _WORD, "", "name of the condition"),
         Column("trial", pa.int64(), "", "number of the data set"),
@@ -82,40 +92,32 @@ def points(dimension: int) -> list[Column]:
     ]
 
 
-def summary() -> list[Column]:
-    """The summary table: a row per group - a cell, or a decade of σ/r - and estimator."""
+def _varying(condition: Condition) -> Column:
+    """The column of a condition in the summary, where it may vary within a group."""
+    if condition.kind is str:
+        return Column(condition.name, pa.string(), "", f"{condition.meaning}; empty where it varies")
+    return Column(condition.name, pa.float64(), condition.unit, f"{condition.meaning}; not a number where it varies")
+
+
+def summary(conditions: Sequence[Condition] = COLUMNS) -> list[Column]:
+    """The summary table: a row per group, a cell or a decade of σ/r, and estimator; for the argument see `errors`."""
     columns = [
         Column("group", pa.string(), "", "name of the cell, or the decade of σ/r by its lower end"),
         Column("estimator", _WORD, "", "name of the estimator"),
         Column("decade", pa.float64(), "", "floor of log10 σ/r; not a number for a cell"),
-        Column("samples", pa.float64(), "", "number of samples N; not a number where it varies"),
-        Column("noise", pa.float64(), "length", "standard deviation σ; not a number where it varies"),
-        Column("angle", pa.float64(), "degree", "confinement half-angle φ; not a number where it varies"),
-        Column("radius", pa.float64(), "length", "true radius r; not a number where it varies"),
-        Column("center", pa.float64(), "length", "distance |c| from the origin; not a number where it varies"),
+        *map(_varying, conditions),
         Column("planned", pa.int64(), "", "fits planned; none is ever drawn again or left out"),
         *(Column(s.name.lower(), pa.int64(), "", f"fits with the status: {s.text}") for s in Status),
     ]
 
-    def measured(name: str, meaning: str) -> None:
-        columns.append(Column(name, pa.float64(), "", meaning))
+    for name, measure in MEASURES.items():
+        columns.append(Column(name, pa.float64(), "", measure.meaning))
         columns.append(Column(f"{name}_error", pa.float64(), "", f"Monte-Carlo standard error of {name}"))
-
-    for name, meaning in (("relative", "error over radius"), ("ratio", "error over √tr CRLB")):
-        for label, words in (("median", "median"), ("q05", "5 % quantile"), ("q95", "95 % quantile")):
-            measured(f"{name}_{label}_ok", f"{words} of {meaning}, of the fits that are ok")
-            measured(f"{name}_{label}_all", f"{words} of {meaning}, all others counted as infinite")
-    measured("far_ok", "share of the ok fits with an error beyond 10 times the bound")
-    measured("far_all", "share of all fits that are beyond 10 times the bound or not ok")
-    measured("axis_median_ok", "median of the error along the cap's axis, over the bound: the bias that always exists")
-    measured("tail_index", "Hill's index of the error's tail; moments of that order and above do not exist")
-    measured("bias", "mean error along the axis over the bound; only where the tail index exceeds 2 by two errors")
-    measured("rmse", "root mean square of error over bound; only where the tail index exceeds 2 by two errors")
     return columns
 
 
 def _per_parameter(name: str, dimension: int, unit: str, meaning: str, noise: bool = True) -> list[Column]:
-    """A column per parameter of a posterior: the centre's components, the radius and perhaps σ."""
+    """A column for each parameter of a posterior: the centre's components, the radius and perhaps σ."""
     columns = _per_axis(name, dimension, unit, meaning + " of the centre's component {}")
     columns.append(Column(f"{name}_radius", pa.float64(), unit, meaning + " of the radius"))
     if noise:
@@ -133,11 +135,11 @@ _CHAIN = [
 POSTERIOR_QUANTILES = {"q025": 0.025, "q16": 0.16, "q50": 0.5, "q84": 0.84, "q975": 0.975}
 
 
-def posterior(dimension: int) -> list[Column]:
+def posterior(dimension: int, conditions: Sequence[Condition] = COLUMNS) -> list[Column]:
     """The posterior table: a row per chain. Means and quantiles are less the truth."""
     return [
         *_CHAIN,
-        *(c for c in errors(dimension) if c.name in ("samples", "noise", "angle", "radius", "center")),
+        *_conditions(conditions, in_full=True),
         Column("flatness", pa.float64(), "", "σ²/v, noise over the points' variance along the cap's axis, by theory"),
         Column("status", pa.int8(), "", _CHAIN_STATUSES),
         *_per_parameter("mean", dimension, "length", "posterior mean less the truth,"),
@@ -154,29 +156,29 @@ def posterior(dimension: int) -> list[Column]:
         *_per_parameter("rank", dimension, "", "share of the draws below the truth,"),
         Column("level", pa.float64(), "", "share of the draws that are nearer to the mean than the true centre"),
         Column("tau", pa.float64(), "step", "largest integrated autocorrelation time"),
-        Column("draws", pa.float64(), "", "independent draws that the chain is worth: draws kept over tau"),
+        Column("draws", pa.float64(), "", "effective sample size: draws kept over tau"),
         Column("acceptance", pa.float64(), "", "share of proposals accepted"),
         Column("steps", pa.int64(), "", "length of the chain, the first fifth of which is not used"),
         Column("walkers", pa.int64(), "", "walkers of the ensemble"),
-    ]  # fmt: skip
+    ]
 
 
 def answers(dimension: int) -> list[Column]:
-    """Each estimator's answer beside the posterior: a row per chain and estimator."""
+    """The table of fits beside the posterior: a row per chain and estimator."""
     return [
         *_CHAIN,
-        Column("estimator", _WORD, "", "name of the estimator; told σ where it is known or cannot be done without"),
+        Column("estimator", _WORD, "", "name of the estimator; it is given σ where σ is known or needed"),
         Column("status", pa.int8(), "", _STATUSES),
         *_per_parameter("away", dimension, "", "answer less posterior mean, in posterior sd,", noise=False),
         Column("distance", pa.float64(), "", "Mahalanobis distance of the centre from the posterior mean"),
         *_per_parameter("spread", dimension, "", "own standard error over posterior sd,", noise=False),
         *_per_parameter("rank", dimension, "", "own distribution function at the truth,", noise=False),
         Column("level", pa.float64(), "", "level of its confidence ellipsoid on whose surface the true centre lies"),
-    ]  # fmt: skip
+    ]
 
 
 def draws(dimension: int) -> list[Column]:
-    """Draws of the chains that a config asks to keep, thinned: a row per draw, less the truth."""
+    """The draws table: a row per draw of the chains whose draws are kept, thinned, less the truth."""
     return [
         *_CHAIN,
         *_per_axis("error", dimension, "length", "component {} of the centre, less the truth"),
@@ -201,39 +203,38 @@ CLAIMS = [
     Column("reads", pa.string(), "", "tables that the claim reads, as config/table"),
     Column("runs", pa.string(), "", "names of the runs that were read"),
     Column("figure", pa.string(), "", "the figure that shows it"),
-]  # fmt: skip
+]
 
 
-PRECISION = [
-    Column("cell", _WORD, "", "name of the condition"),
-    Column("samples", pa.int64(), "", "number of samples N"),
-    Column("noise", pa.float64(), "length", "standard deviation σ"),
-    Column("angle", pa.float64(), "degree", "confinement half-angle φ"),
-    Column("radius", pa.float64(), "length", "true radius r"),
-    Column("center", pa.float64(), "length", "distance |c| from the origin"),
+_PRECISION = [
     Column("trials", pa.int64(), "", "data sets that the cell has; 0 if the budget ended before its first checkpoint"),
-    Column("checkpoints", pa.int64(), "", "how often it was judged"),
+    Column("checkpoints", pa.int64(), "", "number of checkpoints that the cell reached"),
     Column("estimator", _WORD, "", "of those that the target is for, the one that is farthest from it"),
     Column("value", pa.float64(), "", "the measure of that estimator, at the last checkpoint"),
     Column("error", pa.float64(), "", "its Monte-Carlo standard error, which decided"),
     Column("goal", pa.float64(), "", "what that had to reach: target, or relative_target times |value|"),
     Column("reason", _WORD, "", "why it has no more trials: target, cap (of design.trials), or budget (of time)"),
-]  # fmt: skip
+]
 
 
-def of_units(dimension: int) -> dict[str, list[Column]]:
-    """The tables that the study's units fill: the summary instead of the errors where the study keeps that alone."""
+def precision(conditions: Sequence[Condition] = COLUMNS) -> list[Column]:
+    """The precision table of an adaptive run: a row per cell; for the argument see `errors`."""
+    return [Column("cell", _WORD, "", "name of the condition"), *_conditions(conditions), *_PRECISION]
+
+
+def of_units(dimension: int, conditions: Sequence[Condition] = COLUMNS) -> dict[str, list[Column]]:
+    """Columns of the tables that units fill, by table: errors or, in a study that keeps nothing else, the summary."""
     return {
-        "errors": errors(dimension),
+        "errors": errors(dimension, conditions),
         "timings": TIMINGS,
         "points": points(dimension),
         "failures": FAILURES,
-        "summary": summary(),
+        "summary": summary(conditions),
     }
 
 
 def schema(columns: list[Column], metadata: Mapping[str, str] | None = None) -> pa.Schema:
-    """Arrow schema of a table, with units and meanings as metadata of its columns."""
+    """Make the Arrow schema of a table, with units and meanings as metadata of its columns."""
     fields = [
         pa.field(name, kind, metadata={"unit": unit, "meaning": meaning}) for name, kind, unit, meaning in columns
     ]
@@ -241,13 +242,14 @@ def schema(columns: list[Column], metadata: Mapping[str, str] | None = None) -> 
 
 
 def table(columns: list[Column], data: Mapping[str, Any]) -> pa.Table:
-    """Arrow table from arrays; ValueError if they are not the columns declared."""
+    """Make an Arrow table of arrays; ValueError if they are not the columns declared."""
     names = [column.name for column in columns]
     if set(names) != set(data):
         raise ValueError(f"columns {sorted(set(names) ^ set(data))} are declared but not computed, or the reverse")
     return pa.table([pa.array(data[c.name], type=c.type) for c in columns], schema=schema(columns))
 
 
-def read(path: Path, columns: list[str] | None = None) -> Any:
+def read(path: Path, columns: list[str] | None = None) -> pd.DataFrame:
     """Read a stored table into a data frame."""
-    return pq.read_table(path, columns=columns).to_pandas()
+    frame: pd.DataFrame = pq.read_table(path, columns=columns).to_pandas()
+    return frame

@@ -1,4 +1,4 @@
-"""Which machine instructions code is generated for. Nothing heavy is imported: it must be known before numba is."""
+"""Machine instructions that code is generated for. They must be set before numba is loaded, so little is imported."""
 
 import os
 import platform
@@ -10,8 +10,8 @@ _NAMES = ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES", "OPENBLAS_CORETYPE")
 def fix() -> None:
     """Generate the same machine code on every x86-64 processor since 2013, so that equal runs are equal to the byte.
 
-    The default is code for the processor at hand, whose wider registers add in another order; a name alone would
-    leave its features in. It must be set before numba is imported; a user's own choice stands.
+    By default, code is generated for the processor at hand, whose wider registers add in another order; a name alone
+    would leave its features in. Call this before numba is imported. A setting that the user made stands.
     """
     if platform.machine() not in ("x86_64", "AMD64") or "NUMBA_CPU_NAME" in os.environ:
         return
@@ -26,5 +26,5 @@ def fix() -> None:
 
 
 def environment() -> dict[str, str]:
-    """What the environment says of it, for another process."""
+    """Environment variables that another process needs for the same instructions."""
     return {name: os.environ[name] for name in _NAMES if name in os.environ}

@@ -1,8 +1,11 @@
-"""The door to a worker process: it makes the worker compute as its parent does, or refuses. It imports nothing heavy.
+"""Worker entry point; it rejects a mismatched environment. It imports nothing heavy.
 
-Equal runs are equal to the byte only if the same code runs on the same machine instructions. So the parent sends what
-it is with every task, and a worker looks at itself before its first one. What the environment says of instructions must
-be set before numba and NumPy are imported, which unpickling a task does; hence the sealed envelope.
+Equal runs are equal to the byte only if the same code runs on the same machine instructions. So the parent sends its
+own description with every task, and a worker compares itself with it before its first one. Variables that choose the
+instructions must be set before numba and NumPy are imported, which unpickling a task does; so the task comes pickled
+by itself, as bytes.
+
+An exception comes back as a value: joblib would give up all tasks for one that raises, and forget what was finished.
 """
 
 import os
@@ -11,52 +14,103 @@ import signal
 import sys
 import threading
 import time
-from typing import Any
+import traceback
+from collections.abc import Callable
+from typing import NamedTuple, TypeVar
+
+R = TypeVar("R")
 
 
 class DisagreementError(Exception):
     """A worker would compute other bytes than its parent; the message says where they differ."""
 
 
-_agreed: dict[str, Any] = {}
+class Parent(NamedTuple):
+    """Description of the process that gives out tasks.
+
+    Attributes:
+        environment: variables that choose the machine instructions.
+        fingerprint: what determines the bytes of a run; see `study.runs.provenance.fingerprint`.
+        process: its number, if it is on the worker's machine, and the worker is to end when it does.
+    """
+
+    environment: dict[str, str]
+    fingerprint: dict[str, str | None]
+    process: int | None
 
 
-def seal(function: Any, *arguments: Any) -> bytes:
-    """A call for `enter`."""
+class Death(NamedTuple):
+    """Result of a task whose worker died, or had too little memory."""
+
+    message: str
+
+
+_agreed: list[Parent] = []
+
+
+def seal(function: Callable[..., object], *arguments: object) -> bytes:
+    """Pickle a call for `enter`."""
     return pickle.dumps((function, arguments))
 
 
-def enter(parent: dict[str, Any], call: bytes) -> Any:
+def enter(number: int, parent: Parent, call: bytes) -> tuple[int, object]:
     """Make a call in a worker process.
 
     Args:
-        parent: what it is; see `study.runs.workers.dispatch.introduction`.
-        call: what to call; see `seal`.
+        number: of the task; it comes back with the result.
+        parent: the process that gives out tasks.
+        call: the call; see `seal`.
 
-    Raises:
-        DisagreementError: if this process would compute other bytes.
+    Returns:
+        The number, and the result as `attempt` has it, or a `DisagreementError` if this process would compute other
+        bytes than its parent.
     """
-    if _agreed != parent:
-        _agree(parent)
-        _agreed.clear()
-        _agreed.update(parent)
+    if parent not in _agreed:
+        try:
+            _agree(parent)
+        except DisagreementError as error:
+            return number, error
+        _agreed.append(parent)
     function, arguments = pickle.loads(call)
-    return function(*arguments)
+    found = attempt(number, function, *arguments)
+    if isinstance(found[1], Exception):
+        found[1].add_note("".join(traceback.format_exception(found[1])))  # pickling leaves the traceback out
+    return found
 
 
-def _agree(parent: dict[str, Any]) -> None:
+def attempt(number: int, function: Callable[..., R], *arguments: object) -> tuple[int, R | Death | Exception]:
+    """Call a function.
+
+    Args:
+        number: of the task.
+        function: what to call.
+        arguments: of the function.
+
+    Returns:
+        The number, and what the function returned, or the exception that it raised; a `Death` for want of memory.
+    """
+    try:
+        return number, function(*arguments)
+    except MemoryError as error:
+        return number, Death(str(error) or "out of memory")
+    except Exception as error:
+        return number, error
+
+
+def _agree(parent: Parent) -> None:
+    """Set up this process as its parent is, and end with it; DisagreementError if that cannot be."""
     if "numba" not in sys.modules:
-        os.environ.update(parent["environment"])
-    if parent["process"] is not None:
+        os.environ.update(parent.environment)
+    if parent.process is not None:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends Ctrl-C to the workers too; the parent ends them
-        threading.Thread(target=_end_with, args=(parent["process"],), daemon=True).start()
+        threading.Thread(target=_end_with, args=(parent.process,), daemon=True).start()
     from threadpoolctl import threadpool_limits
 
     from study.runs.provenance import fingerprint
 
-    mine, asked = fingerprint(), parent["fingerprint"]
+    mine, wanted = fingerprint(), parent.fingerprint
     differ = [
-        f"{name} {mine.get(name)} instead of {asked.get(name)}" for name in asked if mine.get(name) != asked[name]
+        f"{name} {mine.get(name)} instead of {wanted.get(name)}" for name in wanted if mine.get(name) != wanted[name]
     ]
     if differ:
         import socket
@@ -66,7 +120,7 @@ def _agree(parent: dict[str, Any]) -> None:
 
 
 def _end_with(parent: int) -> None:
-    """End this process when its parent was killed; what it computes has nowhere to go."""
+    """End this process when its parent was killed, since nobody would take its results."""
     while os.getppid() == parent:
         time.sleep(0.5)
     os._exit(1)

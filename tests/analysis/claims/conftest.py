@@ -5,7 +5,8 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from study.analysis.claims.claim import Evidence, evaluate
+from study.analysis.claims.evaluate import evaluate
+from study.analysis.claims.evidence import Evidence
 from study.runs.storage.run_folder import RunError
 
 

@@ -123,7 +123,7 @@ def test_too_few_trials(find, all_tables, name, trials):
     """With a handful of trials there is no number to judge by, and so no verdict."""
     found = find(CLAIMS, name, all_tables(trials))
     assert found.verdict == Verdict.NOT_EVALUATED
-    assert found.reason.startswith("too little in the tables for: ")
+    assert found.reason.startswith("too few trials or conditions in the tables for: ")
 
 
 @pytest.mark.parametrize("name", NAMES)

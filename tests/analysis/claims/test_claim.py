@@ -9,7 +9,9 @@ import pytest
 
 import study
 from study.analysis.claims import CLAIMS
-from study.analysis.claims.claim import Claim, Evidence, Number, Verdict, evaluate, frame
+from study.analysis.claims.claim import Claim, Number, Verdict, only_known
+from study.analysis.claims.evaluate import evaluate, frame
+from study.analysis.claims.evidence import Evidence
 from study.experiment.config import load, parse
 from study.runs import runner
 from study.runs.storage import schemas
@@ -148,6 +150,12 @@ def test_number():
     assert str(Number.of("bias", Measure(0.12345, 0.0123), 5)) == "bias: 0.1235 ± 0.012"
     assert str(Number("count", 35.0, 0.0, 0)) == "count: 35"
     assert str(Number("time", 1.5, math.nan, 0)) == "time: 1.5"
+
+
+def test_only_known():
+    """Numbers that are NaN are left out; an infinite one stays."""
+    numbers = [Number(name, value, 0.0, 1) for name, value in (("a", 1.0), ("b", math.nan), ("c", math.inf))]
+    assert [n.words for n in only_known(numbers)] == ["a", "c"]
 
 
 def test_frame(small):

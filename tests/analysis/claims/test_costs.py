@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from study.analysis import cost
+from study.analysis import cost_table
 from study.analysis.claims.claim import Verdict
 from study.analysis.claims.costs import CLAIMS
 
@@ -19,10 +19,10 @@ def table(monkeypatch):
     """The cost table as `study cost` makes it, with counts and seconds that are given instead of measured."""
 
     def make(operations=(), seconds=()):
-        monkeypatch.setattr(cost, "counted", lambda dimension: OPERATIONS | dict(operations))
+        monkeypatch.setattr(cost_table, "counted", lambda dimension: OPERATIONS | dict(operations))
         for name in ("timed", "timed_scalar"):
-            monkeypatch.setattr(cost, name, lambda dimension, samples: SECONDS | dict(seconds))
-        return cost.cost_table()
+            monkeypatch.setattr(cost_table, name, lambda dimension, samples: SECONDS | dict(seconds))
+        return cost_table.cost_table()
 
     return make
 

@@ -175,7 +175,7 @@ def test_too_few_trials(find, starts, linear, name):
     }
     found = find(CLAIMS, name, tables)
     assert found.verdict == Verdict.NOT_EVALUATED
-    assert found.reason.startswith("too little in the tables for: ")
+    assert found.reason.startswith("too few trials or conditions in the tables for: ")
 
 
 @pytest.mark.parametrize("name", NAMES)

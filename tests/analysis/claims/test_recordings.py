@@ -120,9 +120,9 @@ def test_what_is_shown_besides(judged):
         (spreads([FAR] * 4, [NEAR] * 4), "share of 4 joints of 1 recording"),
         (
             spreads([FAR] * 14, []),
-            "share of 0 joints of 0 recordings with a spread below 1 cm, above 200 samples (takes 5",
+            "share of 0 joints of 0 recordings with a spread below 1 cm, above 200 samples (needs 5",
         ),
-        (spreads([], [NEAR] * 14), "up to 200 samples, joint by joint (takes 5 joints)"),
+        (spreads([], [NEAR] * 14), "up to 200 samples, joint by joint (needs 5 joints)"),
     ],
 )
 def test_too_few(judged, table, words):

@@ -3,14 +3,14 @@ import pytest
 from scipy.spatial.distance import pdist
 from scipy.spatial.transform import Rotation
 
-from study.mocap.geometry.rigid_template import template
+from study.mocap.geometry.rigid_template import fit_template
 
 SHAPE = np.array([[0.1, 0.12, 0.02], [0.1, -0.11, 0.0], [-0.12, 0.06, 0.01], [-0.1, -0.05, 0.06]])
 
 
 @pytest.fixture
 def seen(rng):
-    """A shape in random places: (m, 3, frames)."""
+    """Make a shape in random poses (m, 3, frames), with noise and gaps."""
 
     def make(shape=SHAPE, frames=300, noise=0.0, gaps=0.0):
         turns = Rotation.random(frames, rng=rng).as_matrix()
@@ -23,7 +23,7 @@ def seen(rng):
 
 
 def proper(found, shape):
-    """Distance of a shape from another after the best proper rotation."""
+    """Largest coordinate difference of two shapes after the best proper rotation."""
     a, b = found - found.mean(axis=0), shape - shape.mean(axis=0)
     turn, _ = Rotation.align_vectors(a, b)
     return np.abs(a - turn.apply(b)).max()
@@ -31,26 +31,26 @@ def proper(found, shape):
 
 @pytest.mark.parametrize("gaps", [0.0, 0.3])
 def test_the_shape_comes_back(seen, gaps):
-    """Without noise to rounding, not its mirror image, gaps or none."""
-    found = template(seen(gaps=gaps))
+    """Without noise the shape, and not its mirror image, comes back to rounding, with gaps or without."""
+    found = fit_template(seen(gaps=gaps))
     assert proper(found.points, SHAPE) < 1e-6
     assert not found.outliers.any()
 
 
 def test_noise_averages_out(seen):
-    """With noise of 2 mm over 2000 frames the shape is known to 2/√2000 mm per coordinate, and its small bias.
+    """With noise of 2 mm and 2000 frames the shape's error is 2/√2000 mm per coordinate and a small bias.
 
-    The largest of 12 deviates beyond 5 standard deviations: 7 in 10⁶; the shape's own pull by noise is of second
-    order, (σ/size)² of its size, 0.04 mm.
+    The largest of 12 deviates beyond 5 standard deviations: 7 in 10⁶; the bias is of second
+    order, (σ/size)² of the size, 0.04 mm.
     """
-    assert proper(template(seen(frames=2000, noise=0.002)).points, SHAPE) < 5 * 0.002 / np.sqrt(2000) + 5e-5
+    assert proper(fit_template(seen(frames=2000, noise=0.002)).points, SHAPE) < 5 * 0.002 / np.sqrt(2000) + 5e-5
 
 
 def test_swapped_markers_are_found(seen):
-    """Two markers exchanged for some frames are flagged in these frames alone, and the shape does not mind."""
+    """Two markers exchanged in some frames are outliers in these frames alone, and the shape is as before."""
     x = seen(frames=500, noise=0.001)
     x[[0, 2], :, 100:130] = x[[2, 0], :, 100:130]
-    found = template(x)
+    found = fit_template(x)
     wrong = np.zeros((4, 500), dtype=bool)
     wrong[[0, 2], 100:130] = True
     assert (found.outliers[:, 100:130].sum(axis=0) >= 2).all()
@@ -58,37 +58,37 @@ def test_swapped_markers_are_found(seen):
     assert proper(found.points, SHAPE) < 1e-3
 
 
-def test_one_marker_astray_is_the_one_that_goes(seen):
-    """Of four markers, the one that moved is flagged and no other."""
+def test_one_stray_marker(seen):
+    """Of four markers, the displaced one is an outlier and no other."""
     x = seen(frames=400, noise=0.001)
     x[3, :, 50:60] += 0.2
-    found = template(x)
+    found = fit_template(x)
     assert found.outliers[3, 50:60].all()
     assert found.outliers.sum() == 10
     np.testing.assert_array_equal(found.good, ~found.outliers)
 
 
-def test_of_two_markers_both_go(seen):
-    """Two markers keep their distance; where it is wrong, either may be."""
+def test_two_markers(seen):
+    """Of two markers both are outliers where their distance is wrong, for either may be."""
     x = seen(SHAPE[:2], frames=200, noise=0.001)
     x[1, :, 20:25] += 0.3
-    found = template(x)
+    found = fit_template(x)
     assert found.outliers[:, 20:25].all()
     assert found.outliers.sum() == 10
     np.testing.assert_allclose(pdist(found.points), pdist(SHAPE[:2]), atol=1e-3)
 
 
-def test_a_marker_never_seen_with_the_others_has_no_place(seen):
-    """Its point is not a number, and the others' are."""
+def test_marker_apart_from_the_others(seen):
+    """A marker that no frame shows with the others has no place; the others have."""
     x = seen()
     x[3] = np.nan
-    found = template(x)
+    found = fit_template(x)
     assert np.isnan(found.points[3]).all()
     assert proper(found.points[:3], SHAPE[:3]) < 1e-6
 
 
 def test_nothing_seen():
-    """No frame, no shape, no warning."""
-    found = template(np.full((3, 3, 10), np.nan))
+    """Without samples there is no shape, and no warning."""
+    found = fit_template(np.full((3, 3, 10), np.nan))
     assert np.isnan(found.points).all()
     assert not found.good.any()

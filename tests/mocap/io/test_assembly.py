@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
 
-from study.mocap.io.assembly import Contents, assemble
+from study.mocap.io.assembly import FileContents, assemble
 from study.mocap.io.recording import RecordingError
 
 
 def contents(points=None, labels=("A", "B"), rate=100.0, unit="mm"):
     points = np.arange(1.0, 31.0).reshape(2, 3, 5) * 100 if points is None else points
-    return Contents(labels, points, rate, unit)
+    return FileContents(labels, points, rate, unit)
 
 
 @pytest.mark.parametrize(
@@ -23,7 +23,7 @@ def contents(points=None, labels=("A", "B"), rate=100.0, unit="mm"):
     ],
 )
 def test_units(unit, factor):
-    """However they are spelt."""
+    """Units have several spellings."""
     points = contents().points / 1000 / factor
     recording = assemble(contents(points, unit=unit), "walk")
     np.testing.assert_allclose(recording.positions, contents().points / 1000, rtol=1e-14)
@@ -37,15 +37,15 @@ def test_the_callers_unit_and_rate_go_first():
 
 def test_an_unsaid_unit_is_noted_or_asked_for():
     recording = assemble(contents(unit=None), "walk", usual_unit="mm")
-    assert recording.notes == ("the file does not say its unit: mm assumed",)
-    with pytest.raises(RecordingError, match="its unit is not said; give one of m, dm, cm, mm"):
+    assert recording.notes == ("the file does not give its unit: mm assumed",)
+    with pytest.raises(RecordingError, match="its unit is not given; give one of m, dm, cm, mm"):
         assemble(contents(unit=None), "walk")
     with pytest.raises(RecordingError, match="its unit 'parsec' is not known"):
         assemble(contents(unit="parsec"), "walk")
 
 
 def test_a_unit_that_cannot_be_right_is_doubted():
-    """A body is not a kilometre tall, nor a millimetre."""
+    """A body of a kilometre or a millimetre is doubted."""
     assert "is its unit m right" in assemble(contents(unit="m"), "walk").notes[0]
     assert "is its unit um right" in assemble(contents(unit="um"), "walk").notes[0]
     assert assemble(contents(), "walk").notes == ()
@@ -69,9 +69,9 @@ def test_missing_samples():
         (contents(np.empty((0, 3, 5)), ()), "no markers in it"),
         (contents(np.ones((2, 3, 1))), "1 frame in it; motion needs at least 2"),
         (contents(np.ones((2, 3, 0))), "no frames in it"),
-        (contents(np.full((2, 3, 5), np.nan)), "none of its 2 markers is seen in any of its 5 frames"),
-        (contents(np.zeros((2, 3, 5))), "none of its 2 markers is seen"),
-        (contents(rate=None), "rate in frames per second is not said; give one"),
+        (contents(np.full((2, 3, 5), np.nan)), "none of its 2 markers has a sample in any of its 5 frames"),
+        (contents(np.zeros((2, 3, 5))), "none of its 2 markers has a sample"),
+        (contents(rate=None), "rate in frames per second is not given; give one"),
         (contents(rate=0.0), "rate in frames per second is 0; give one"),
     ],
 )
@@ -82,7 +82,7 @@ def test_what_cannot_be_used(given, words):
 
 
 def test_a_marker_never_seen_is_kept():
-    """The joints that need it are flagged later; the recording as such is good."""
+    """A marker without samples stays in the recording; joints that need it are flagged later."""
     points = contents().points.copy()
     points[1] = np.nan
     assert assemble(contents(points), "walk").missing().tolist() == [0.0, 1.0]

@@ -11,7 +11,7 @@ from study.mocap.io.c3d_file import read_c3d
 from study.mocap.io.c3d_header import LONG, read_header
 from study.mocap.io.reading import read_recording
 from study.mocap.io.recording import Recording, RecordingError
-from study.mocap.synthetic.export import write_recording
+from study.mocap.io.writing import write_recording
 
 
 def refuse(path):
@@ -25,7 +25,7 @@ def without_ezc3d(monkeypatch):
 
 @pytest.fixture(params=["ezc3d", "c3d"])
 def either(request, monkeypatch):
-    """Both ways of reading: through ezc3d, and through c3d where ezc3d refuses."""
+    """Both ways of reading: with ezc3d, and with c3d if ezc3d refuses."""
     if request.param == "c3d":
         without_ezc3d(monkeypatch)
 
@@ -40,7 +40,7 @@ def points():
 
 @pytest.mark.usefixtures("either")
 class TestEitherLibrary:
-    """What holds whichever library reads the file."""
+    """Tests that pass with either library."""
 
     def test_contents(self, tmp_path, write_c3d, points):
         """Labels, unit, rate and numbers as another library wrote them; a negative residual is a missing sample."""
@@ -57,11 +57,11 @@ class TestEitherLibrary:
 
     def test_a_negative_residual_hides_what_is_there(self, tmp_path, write_c3d, points):
         path = write_c3d(tmp_path / "a.c3d", "ABC", np.nan_to_num(points, nan=1.0), residual=-1.0)
-        with pytest.raises(RecordingError, match="none of its 3 markers is seen"):
+        with pytest.raises(RecordingError, match="none of its 3 markers has a sample"):
             read_recording(path)
 
     def test_angles_and_forces_are_no_markers(self, tmp_path, write_c3d, points):
-        """As in files that a gait model has worked on."""
+        """Files that a gait model has processed hold angles and forces as points."""
         groups = [("ANGLES", ["B"]), ("FORCES", ["LForce", "C"])]
         found = read_c3d(write_c3d(tmp_path / "a.c3d", "ABC", points, groups=groups))
         assert list(found.labels) == ["A"]
@@ -76,9 +76,9 @@ class TestEitherLibrary:
         assert found.markers == labels
         np.testing.assert_allclose(found.positions, positions, rtol=1e-6)
 
-    def test_a_unit_that_is_not_said(self, tmp_path, write_c3d, points):
+    def test_a_unit_that_is_not_given(self, tmp_path, write_c3d, points):
         recording = read_recording(write_c3d(tmp_path / "a.c3d", "ABC", points, unit="  "))
-        assert recording.notes == ("the file does not say its unit: mm assumed",)
+        assert recording.notes == ("the file does not give its unit: mm assumed",)
 
     def test_no_points(self, tmp_path, write_c3d):
         """A file of analog channels alone has none: its header and POINT:USED say zero."""
@@ -95,7 +95,7 @@ class TestEitherLibrary:
         ("points", "words"),
         [
             (np.ones((2, 3, 1)), "1 frame in it; motion needs at least 2"),
-            (np.full((2, 3, 9), np.nan), "none of its 2 markers is seen in any of its 9 frames"),
+            (np.full((2, 3, 9), np.nan), "none of its 2 markers has a sample in any of its 9 frames"),
         ],
     )
     def test_nothing_to_work_with(self, tmp_path, write_c3d, points, words):
@@ -104,7 +104,7 @@ class TestEitherLibrary:
 
     @pytest.mark.parametrize("share", [0.55, 0.9, 0.999])
     def test_a_file_that_is_cut_short(self, tmp_path, write_c3d, share):
-        """Never fewer frames without a word."""
+        """A file with too few frames is refused."""
         path = write_c3d(tmp_path / "a.c3d", "AB", np.ones((2, 3, 200)))
         whole = 1024 + 200 * 32
         assert len(path.read_bytes()) >= whole
@@ -114,14 +114,14 @@ class TestEitherLibrary:
 
 
 def test_more_frames_than_the_header_can_count(tmp_path):
-    """65535 is the most that 16 bits hold."""
+    """A recording may have more frames than the 65535 that 16 bits hold."""
     positions = np.random.default_rng(3).normal(size=(1, 3, LONG + 10))
     path = write_recording(Recording("long", ("A",), positions, 1000.0), tmp_path / "long.c3d")
     assert read_header(path).frames == LONG
     found = read_recording(path)
     assert found.frames == LONG + 10
     np.testing.assert_allclose(found.positions, positions, rtol=1e-6)
-    path.write_bytes(path.read_bytes()[:100_000])  # which takes no time to find out
+    path.write_bytes(path.read_bytes()[:100_000])  # the missing frames are found without reading the others
     with pytest.raises(RecordingError, match=f"of {LONG + 10} frames are there"):
         read_recording(path)
 
@@ -139,7 +139,7 @@ def test_more_frames_than_the_header_can_count(tmp_path):
     ],
 )
 def test_what_is_not_a_c3d_file(tmp_path, data, words):
-    """One line that says so, with the file's name."""
+    """The message is one line with the file's name."""
     path = tmp_path / "a.c3d"
     path.write_bytes(data)
     with pytest.raises(RecordingError, match=words) as caught:
@@ -149,13 +149,13 @@ def test_what_is_not_a_c3d_file(tmp_path, data, words):
 
 
 def test_a_chain_of_parameters_that_does_not_hold_is_kept_from_ezc3d(tmp_path, monkeypatch, write_c3d, points):
-    """It ends the whole program on some of them; c3d reads what can be read."""
+    """ezc3d ends the whole program on some such files; c3d reads the rest of them."""
     path = write_c3d(tmp_path / "a.c3d", "ABC", points)
     assert read_header(path).sound
     data = bytearray(path.read_bytes())
     place = data.index(b"UNITS") + len("UNITS")
     distance = int.from_bytes(data[place : place + 2], "little")
-    data[place + distance - 1] += 3  # a description that is longer than its place
+    data[place + distance - 1] += 3  # the description is longer than its record
     path.write_bytes(data)
     assert not read_header(path).sound
     monkeypatch.setattr(c3d_file, "ezc3d", SimpleNamespace(c3d=lambda path: pytest.fail("ezc3d was asked")))
@@ -185,14 +185,14 @@ assert told > 20, told
 
 
 def test_damaged_files_end_no_program(tmp_path, small):
-    """Some hundred files with wrong bytes in the header are read, or refused in one line; nothing else."""
+    """Six hundred files with wrong bytes in the header are read, or refused in one line."""
     path = write_recording(small(), tmp_path / "a.c3d")
     done = subprocess.run([sys.executable, "-c", CORRUPT, str(path)], capture_output=True, encoding="utf-8")
     assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_shared_recordings(shared_file):
-    """What SOURCES.md says of them."""
+    """The recordings have the markers, frames and heights that SOURCES.md gives."""
     for name, frames in (("cmu_135_02.c3d", 5202), ("cmu_85_02.c3d", 810)):
         recording = read_recording(shared_file(name))
         assert (len(recording.markers), recording.frames, recording.rate) == (41, frames, 120.0)

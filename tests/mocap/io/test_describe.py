@@ -1,6 +1,6 @@
 import numpy as np
 
-from study.mocap.io.describe import Gaps, describe, gaps, reach
+from study.mocap.io.describe import Gaps, describe, extents, gaps
 from study.mocap.io.recording import Recording
 
 
@@ -20,27 +20,27 @@ def recording():
     return Recording("walk", ("A", "LONGNAME", "C"), positions, 100.0, ("something was odd",))
 
 
-def test_reach_is_the_diagonal_of_the_path():
-    found = reach(recording())
+def test_extent_is_the_diagonal_of_the_path():
+    found = extents(recording())
     np.testing.assert_allclose(found[[0, 2]], [5.0, 0.0], atol=1e-12)
     assert np.isnan(found[1])
 
 
 def test_lines():
-    """Headline, notes, what is wrong, then a line per marker."""
+    """The lines are a headline, notes, problems, then one per marker."""
     assert describe(recording()) == [
         "walk: 3 markers, 100 frames at 100 Hz, 0.99 s, 40.0% of the samples missing",
         "note: something was odd",
-        "never seen: LONGNAME",
-        "still, within 1 mm: C",
-        "marker    missing   gaps  longest  moves",
-        "A          20.0%      1   0.20 s  5.00 m",
-        "LONGNAME  100.0%      1   1.00 s       -",
-        "C           0.0%      0        -  0.00 m",
+        "without any sample: LONGNAME",
+        "move by less than 1 mm: C",
+        "marker    missing  gaps  longest  extent",
+        "A           20.0%     1   0.20 s  5.00 m",
+        "LONGNAME   100.0%     1   1.00 s       -",
+        "C            0.0%     0        -  0.00 m",
     ]
 
 
 def test_nothing_moves():
-    """A recording in which all stands still is told at the top."""
+    """If no marker moves, a line at the top says so."""
     still = Recording("chair", ("A", "B"), np.ones((2, 3, 9)), 100.0)
-    assert describe(still)[1] == "nothing moves: no marker by more than 0 mm; joints cannot be found"
+    assert describe(still)[1] == "no marker moves by more than 0 mm; joints cannot be found"

@@ -8,11 +8,11 @@ import pytest
 from study.mocap.io.fetch import LIBRARIES, DownloadError, fetch
 from study.mocap.io.reading import read_recording
 from study.mocap.io.recording import RecordingError
-from study.mocap.synthetic.export import write_recording
+from study.mocap.io.writing import write_recording
 
 
 class Server(ThreadingHTTPServer):
-    """A library on this machine: what it answers, and what it was asked for."""
+    """A library on this machine: its responses, and the requests that it got."""
 
     def __init__(self):
         super().__init__(("127.0.0.1", 0), Handler)
@@ -25,7 +25,7 @@ class Server(ThreadingHTTPServer):
 
 
 class Handler(BaseHTTPRequestHandler):
-    """Answers as its server says."""
+    """Respond as the server is set to."""
 
     def do_GET(self):
         server = self.server
@@ -43,7 +43,7 @@ class Handler(BaseHTTPRequestHandler):
 @pytest.fixture
 def server(monkeypatch):
     monkeypatch.setenv("NO_PROXY", "127.0.0.1")
-    monkeypatch.setattr("study.mocap.io.fetch._SECONDS", 600.0)  # a busy machine may answer late
+    monkeypatch.setattr("study.mocap.io.fetch._TIMEOUT", 600.0)  # a busy machine may answer late
     server = Server()
     thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
     thread.start()
@@ -64,7 +64,7 @@ def get(server, folder, name="60_08", base=None):
 
 
 def test_a_recording_is_fetched_once(server, tmp_path, small, body):
-    """Under its subject's folder; the second time it comes from the cache."""
+    """A recording is in the folder of its subject; the second time it comes from the cache."""
     server.body = body
     path = get(server, tmp_path / "cache")
     assert path == tmp_path / "cache" / "60_08.c3d"
@@ -107,13 +107,13 @@ def test_the_users_cache_folder(server, tmp_path, body, monkeypatch):
     "name", ["salsa", "60", "60_08_01", "../60_08", "60_08/..", "", "6000_08", "60_08.bvh", "٦٠_٠٨"]
 )
 def test_a_name_that_no_recording_has(server, tmp_path, name):
-    with pytest.raises(RecordingError, match="is no recording of cmu; they are called as 60_08 is"):
+    with pytest.raises(RecordingError, match="cannot be a recording of cmu; give a name such as 60_08"):
         get(server, tmp_path, name)
     assert server.asked == []
 
 
 def test_a_library_that_is_not_known(tmp_path):
-    with pytest.raises(RecordingError, match="no library 'accad'; there are cmu"):
+    with pytest.raises(RecordingError, match="no library 'accad': known are cmu"):
         fetch("accad", "60_08", folder=tmp_path)
 
 
@@ -122,34 +122,36 @@ def test_a_library_that_is_not_known(tmp_path):
     [(404, "there is no recording 60_08"), (500, "the server answered 500; try again later"), (403, "answered 403")],
 )
 def test_the_server_refuses(server, tmp_path, status, words):
-    """That a recording is not there is a mistake in its name; anything else may be otherwise another time."""
+    """A missing recording is a mistake in its name; other failures may pass."""
     server.status = status
     refused(server, tmp_path, words, kind=RecordingError if status == 404 else DownloadError)
 
 
 def test_the_download_is_cut_short(server, tmp_path, body):
-    """With a promised length, and without: then the recording itself says that frames are missing."""
+    """A download is cut short, with its length in the header and without; then frames of the recording are missing."""
     server.body, server.promised = body[:5000], len(body)
     refused(server, tmp_path, "the server cannot be reached, or broke off")
     server.promised = None
-    refused(server, tmp_path, r"what the server sent is no recording: the file is cut short: \d+ of 200 frames")
+    refused(
+        server, tmp_path, r"the server sent something else than a recording: the file is cut short: \d+ of 200 frames"
+    )
 
 
 def test_a_page_instead_of_a_recording(server, tmp_path):
-    """As a hotel's network sends."""
+    """The server sends a web page, as a hotel's network does."""
     server.body = b"<html>Please log in</html>"
-    refused(server, tmp_path, "what the server sent is no recording: not a C3D file")
+    refused(server, tmp_path, "the server sent something else than a recording: not a C3D file")
 
 
 def test_there_is_no_server(server, tmp_path):
     with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))  # bound, but nobody listens
+        free.bind(("127.0.0.1", 0))  # bound, but nothing listens
         base = f"http://127.0.0.1:{free.getsockname()[1]}"
-        refused(server, tmp_path, r"cannot be reached, or broke off \(.*refused.*\); is there a network", base)
+        refused(server, tmp_path, r"cannot be reached, or broke off \(.*refused.*\); check the network", base)
 
 
 def refused(server, folder, words, base=None, kind=DownloadError):
-    """One line that begins with the address; nothing is left in the cache."""
+    """The message is one line that begins with the address; the cache stays empty."""
     with pytest.raises(RecordingError, match=words) as caught:
         get(server, folder / "cache", base=base)
     assert type(caught.value) is kind
@@ -161,5 +163,5 @@ def refused(server, folder, words, base=None, kind=DownloadError):
 def test_a_cache_that_cannot_be_written(server, tmp_path, body):
     server.body = body
     (tmp_path / "file").write_text("")
-    with pytest.raises(DownloadError, match="cannot be kept in"):
+    with pytest.raises(DownloadError, match="cannot be written to"):
         get(server, tmp_path / "file" / "cache")

@@ -43,7 +43,7 @@ def as_csv(path, labels, points, unit, write_c3d):
     form=st.sampled_from([as_c3d, as_trc, as_csv]),
 )
 def test_order_prefix_unit_and_format_do_not_matter(tmp_path, write_c3d, order, prefix, unit, form):
-    """The same motion is the same recording, however it was written."""
+    """The same motion in two formats is the same recording."""
     rng = np.random.default_rng(11)
     positions = np.round(rng.normal(size=(len(MARKERS), 3, 6)), 4)
     positions[2, :, 1:3] = np.nan
@@ -71,7 +71,7 @@ def test_a_file_that_is_not_there(tmp_path, name):
 
 
 def test_options_reach_every_format(tmp_path, write_c3d):
-    """Unit, rate and subject given by the caller."""
+    """Unit, rate and subject of the caller override the file."""
     points = np.ones((3, 3, 4))
     labels = ["a:A", "a:B", "b:A"]
     for form in (as_c3d, as_trc, as_csv):
@@ -83,7 +83,7 @@ def test_options_reach_every_format(tmp_path, write_c3d):
 
 
 def test_the_extra_that_is_not_installed(tmp_path, monkeypatch):
-    """Said with the command that installs it."""
+    """The message has the command that installs the missing library."""
     monkeypatch.delitem(sys.modules, "study.mocap.io.c3d_file", raising=False)
     monkeypatch.setitem(sys.modules, "ezc3d", None)
     (tmp_path / "walk.c3d").write_bytes(b"\x02\x50")

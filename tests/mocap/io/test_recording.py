@@ -5,19 +5,19 @@ from study.mocap.io.recording import Recording, RecordingError
 
 
 def test_what_it_says_of_itself(small):
-    """Frames, duration, shares and places, counted by hand."""
+    """Frames, duration, shares and rows equal those counted by hand."""
     positions = np.zeros((2, 3, 5))
     positions[1, :, 1:3] = np.nan
     recording = Recording("walk", ("A", "B"), positions, 100.0)
     assert (recording.frames, recording.duration) == (5, 0.04)
     assert recording.missing().tolist() == pytest.approx([0.0, 0.4])
     assert recording.seen()[1].tolist() == [True, False, False, True, True]
-    assert recording.place("B") == 1
+    assert recording.row("B") == 1
     np.testing.assert_array_equal(recording.of("B"), positions[1])
 
 
 def test_positions_are_contiguous_over_frames_and_kept_from_changes():
-    """One memory layout, read only; the caller's own array stays as it was."""
+    """Positions have one memory layout and are read-only; the caller's own array stays writable."""
     positions = np.arange(24.0).reshape(4, 3, 2).transpose(2, 1, 0)
     recording = Recording("walk", ("A", "B"), positions, 100.0)
     assert recording.positions.flags.c_contiguous
@@ -29,7 +29,7 @@ def test_positions_are_contiguous_over_frames_and_kept_from_changes():
 
 
 def test_select(small):
-    """Markers in the order asked for, some frames, all else as it was."""
+    """Markers come in the given order, with some frames; all else is the same."""
     recording = small()
     some = recording.select(["C7", "LFHD"], slice(2, 5))
     assert some.markers == ("C7", "LFHD")
@@ -44,7 +44,7 @@ def test_select(small):
     [
         (("A", "B"), (3, 3, 5), 100.0, r"shape \(3, 3, 5\); they must be \(2, 3, frames\)"),
         (("A", "B"), (2, 5, 3), 100.0, r"must be \(2, 3, frames\)"),
-        (("A", "A"), (2, 3, 5), 100.0, "two markers are called 'A'"),
+        (("A", "A"), (2, 3, 5), 100.0, "two markers have the label 'A'"),
         (("A", "B"), (2, 3, 5), 0.0, "rate is 0 frames per second"),
         (("A", "B"), (2, 3, 5), np.nan, "rate is nan"),
     ],

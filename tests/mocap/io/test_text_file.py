@@ -94,15 +94,15 @@ def test_unit_in_the_header_of_columns(tmp_path):
 
 def test_what_the_file_does_not_say_is_asked_for(tmp_path):
     text = "A_x,A_y,A_z\n1,2,3\n1,2,4\n"
-    with pytest.raises(RecordingError, match="its unit is not said"):
+    with pytest.raises(RecordingError, match="its unit is not given"):
         read(tmp_path, text)
-    with pytest.raises(RecordingError, match="its rate in frames per second is not said"):
+    with pytest.raises(RecordingError, match="its rate in frames per second is not given"):
         read(tmp_path, text, unit="m")
     assert read(tmp_path, text, unit="m", rate=25.0).rate == 25.0
 
 
 def test_an_empty_row_is_a_frame_without_markers(tmp_path):
-    """A frame in which nothing was seen is not the end of the table."""
+    """A frame without any sample does not end the table."""
     found = read(tmp_path, "# rate: 5\n# unit: m\nA_x,A_y,A_z\n1,2,3\n,,\n\n1,2,4\n".replace("\n\n", "\n"))
     assert found.seen()[0].tolist() == [True, False, True]
 
@@ -113,28 +113,28 @@ def test_an_empty_row_is_a_frame_without_markers(tmp_path):
         ("walk.csv", "", "the file is empty"),
         ("walk.csv", "\n \n", "the file is empty"),
         ("walk.csv", b"\x00\x01\x02" * 50, "not a text file"),
-        ("walk.csv", "# rate: 5\n", "nothing but comments"),
+        ("walk.csv", "# rate: 5\n", "it holds only comments"),
         ("walk.csv", "x,y,z\n1,2,3\n", "line 1: no columns such as LFHD_X, LFHD_Y, LFHD_Z; found x, y, z"),
         ("walk.csv", "A_x,A_y\n1,2\n", "line 1: marker A has no column for z"),
-        ("walk.csv", "A_x,A_y,A_z,A_X\n1,2,3,4\n", "line 1: two columns are called 'A_X'"),
+        ("walk.csv", "A_x,A_y,A_z,A_X\n1,2,3,4\n", "line 1: two columns have the name 'A_X'"),
         ("walk.csv", TABLE.replace("101", "1o1"), "line 5, column 3: '1o1' is not a number"),
         ("walk.csv", TABLE.replace("2,,101", "4,,101"), "line 5: frame 4 follows frame 1"),
-        ("walk.csv", TABLE[:-10], "line 6 has 6 cells; 8 are needed: is it cut short"),
-        ("walk.csv", TABLE.replace("500\n", "500,7\n"), "line 4, column 9: '7.0' is under no header"),
+        ("walk.csv", TABLE[:-10], "line 6 has 6 cells; 8 are needed; the line may be cut short"),
+        ("walk.csv", TABLE.replace("500\n", "500,7\n"), "line 4, column 9: '7.0' has no header"),
         ("walk.csv", TABLE.replace("rate: 50", "rate: fast"), "its rate 'fast' is not a number"),
         ("walk.csv", "# rate: 5\n# unit: m\nA_x,A_y,A_z\n", "no frames in it"),
         ("walk.csv", "# rate: 5\n# unit: m\nA_x,A_y,A_z\n1,2,3\n", "1 frame in it"),
         ("walk.trc", "hello", "not a TRC file"),
         ("walk.trc", TRC[: TRC.index("3\t0.020")], "cut short: 2 of 3 frames are there"),
         ("walk.trc", TRC[:-14], "line 9 has 5 cells; 8 are needed"),
-        ("walk.trc", TRC.replace("\t3\t2\tmm", "\t3\t5\tmm"), "line 4 has 2 labels, but line 3 says that there are 5"),
+        ("walk.trc", TRC.replace("\t3\t2\tmm", "\t3\t5\tmm"), "line 4 has 2 labels, but line 3 gives 5 markers"),
         ("walk.trc", TRC.replace("NumFrames", "Frames"), "must give DataRate, NumFrames and NumMarkers"),
         ("walk.csv", "Trajectories\n120\n", "cut short: no rows after the line Trajectories"),
         ("walk.csv", VICON.replace("120", "fast"), "line 2: 'fast' should be the rate"),
     ],
 )
 def test_what_is_wrong_is_told_with_its_place(tmp_path, name, text, words):
-    """One line, with the file's name."""
+    """The message is one line with the file's name."""
     with pytest.raises(RecordingError, match=words) as caught:
         read(tmp_path, text, name)
     assert str(caught.value).startswith(str(tmp_path / name))

@@ -2,18 +2,19 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from study.mocap.geometry.range_of_motion import turn_angle
+from study.mocap.geometry.range_of_motion import rotation_range
 from study.mocap.io.recording import Recording
-from study.mocap.joints.estimates import UNSURE, JointStatus
+from study.mocap.joints.estimates import CENTIMETRE, JointStatus
 from study.mocap.joints.fit_joints import find_joints
 from study.mocap.markersets.set_file import load_markerset
-from study.mocap.synthetic.generate import Recipe, synthesize
+from study.mocap.synthetic.recipe import Recipe
+from study.mocap.synthetic.synthesize import synthesize
 
 CMU41 = load_markerset("cmu41")
 
 
 def compared(found, truth):
-    """Of each joint: distance to the truth, its largest pull along an axis of the covariance, and level of the set.
+    """For each joint: distance to the truth, largest standardised error along a principal axis, and level of the set.
 
     A hinge is compared with the line that its true axis is; distances are then across that.
     """
@@ -21,11 +22,11 @@ def compared(found, truth):
     for each in found.joints:
         k = truth.joints.index(each.joint.name)
         estimate = each.estimate
-        error = estimate.center - estimate.frames.place(truth.centers[k])
+        error = estimate.center - estimate.poses.mean_place(truth.centers[k])
         basis = np.eye(3)
         if estimate.axis is not None:
             parent = truth.rotations[truth.segments.index(truth.parents[k])]
-            axis = np.nanmean(estimate.frames.see((parent @ truth.axes[k]).T + estimate.frames.origin), axis=1)
+            axis = np.nanmean(estimate.poses.to_local((parent @ truth.axes[k]).T + estimate.poses.origin), axis=1)
             basis = np.linalg.svd(axis[None])[2][1:].T
         error, covariance = basis.T @ error, basis.T @ estimate.covariance @ basis
         values, vectors = np.linalg.eigh(covariance)
@@ -35,18 +36,18 @@ def compared(found, truth):
 
 
 def moved(truth, name):
-    """Angle within which 95 % of a joint's true turns are of their mean, degrees."""
+    """Angle about the mean within which 95 % of a joint's true rotations are, degrees."""
     k = truth.joints.index(name)
     parent, child = (truth.rotations[truth.segments.index(each[k])] for each in (truth.parents, truth.children))
-    return np.degrees(turn_angle(np.einsum("tji,tjk->ikt", parent, child)))
+    return np.degrees(rotation_range(np.einsum("tji,tjk->ikt", parent, child)))
 
 
 def axis_off(found, truth, name):
     """Angle between a hinge's axis and the true one, degrees."""
     k = truth.joints.index(name)
-    frames = found.frames[found[name].joint.parent]
+    poses = found.poses[found[name].joint.parent]
     parent = truth.rotations[truth.segments.index(truth.parents[k])]
-    axis = np.nanmean(frames.see((parent @ truth.axes[k]).T + frames.origin), axis=1)
+    axis = np.nanmean(poses.to_local((parent @ truth.axes[k]).T + poses.origin), axis=1)
     return np.degrees(np.arccos(min(abs(axis @ found[name].axis_in_parent) / np.linalg.norm(axis), 1.0)))
 
 
@@ -54,7 +55,7 @@ HINGES = ("left_elbow", "right_elbow", "left_knee", "right_knee")
 
 
 def test_without_noise_every_joint_is_exact(exact):
-    """To a micrometre, hinges across their axes, which are found to 0.01°."""
+    """Without noise joints are exact to a micrometre, hinges across their axes, and axes to 0.01°."""
     _, truth, found = exact
     for name, (error, _, _) in compared(found, truth).items():
         assert error < 1e-6, name
@@ -64,7 +65,7 @@ def test_without_noise_every_joint_is_exact(exact):
 
 
 def test_noise_is_covered():
-    """With 1 and 3 mm of noise: every joint within three standard errors, 95 % sets cover as often as they say.
+    """With 1 and 3 mm of noise errors are within three standard errors, and 95 % sets cover as often as they should.
 
     12 recordings of 14 joints: 3 standard errors along any of three axes are exceeded by chance by 0.8 % of joints, so
     by 1.4 of 168; 6 and more in 4 of 1000. (Fixed seeds; a single recording passes in 9 of 10.) Sets of 95 %:
@@ -84,7 +85,7 @@ def test_noise_is_covered():
 
 @pytest.mark.parametrize("noise", [0.001, 0.003, 0.005])
 def test_gaps_of_a_fifth(noise):
-    """Joints that moved by more than 30°: within 3 mm, with 1-5 mm of noise and a fifth of all samples missing.
+    """Joints that moved by more than 30° are right to 3 mm, with 1-5 mm of noise and a fifth of the samples missing.
 
     43 seconds of motion. (With 5 mm standard errors are 1-3 mm: over seeds 6 to 13, 98 of 99 joints keep to it.)
     """
@@ -99,7 +100,7 @@ def test_gaps_of_a_fifth(noise):
 
 
 def test_swaps_do_no_harm():
-    """One frame in twenty with two neighbouring markers exchanged: errors as without."""
+    """Errors stay small where one frame in twenty has two neighbouring markers exchanged."""
     recording, truth = synthesize(Recipe(frames=2000, noise=0.001, swaps=0.05))
     assert truth.swaps
     for name, (error, _, _) in compared(find_joints(CMU41, recording), truth).items():
@@ -107,24 +108,27 @@ def test_swaps_do_no_harm():
 
 
 def test_places_and_axes_in_both_segments(figure):
-    """The same point of the world in either frame, within what the frames' noise moves it; so for a hinge's axis."""
+    """Both segments' places are the same point of the world, within the poses' noise; so are a hinge's axes."""
     found = figure[2]
     for name in ("neck", "left_elbow", "left_knee", "right_hip"):
         joint = found[name]
-        parent, child = found.frames[joint.joint.parent], found.frames[joint.joint.child]
-        apart = parent.show(joint.in_parent) - child.show(joint.in_child)
+        parent, child = found.poses[joint.joint.parent], found.poses[joint.joint.child]
+        apart = parent.to_world(joint.in_parent) - child.to_world(joint.in_child)
         assert np.sqrt((apart**2).sum(axis=0)).max() < 0.03
-        assert np.linalg.norm(np.nanmean(parent.see(child.show(joint.in_child)), axis=1) - joint.in_parent) < 0.001
+        assert (
+            np.linalg.norm(np.nanmean(parent.to_local(child.to_world(joint.in_child)), axis=1) - joint.in_parent)
+            < 0.001
+        )
     knee = found["left_knee"]
-    turned = np.einsum("ijt,j->it", found.frames["left_thigh"].rotation, knee.axis_in_parent)
-    other = np.einsum("ijt,j->it", found.frames["left_shank"].rotation, knee.axis_in_child)
+    turned = np.einsum("ijt,j->it", found.poses["left_thigh"].rotation, knee.axis_in_parent)
+    other = np.einsum("ijt,j->it", found.poses["left_shank"].rotation, knee.axis_in_child)
     assert np.median((turned * other).sum(axis=0)) > np.cos(np.radians(3))
     assert np.isnan(found["left_hip"].axis_in_parent).all()
-    assert np.isnan(found["left_wrist"].in_child).all()  # a hand with one marker has no frame of its own
+    assert np.isnan(found["left_wrist"].in_child).all()  # a hand with one marker has no pose of its own
 
 
-def test_a_marker_that_is_not_there(figure):
-    """Without one thigh marker its knee has no frame, and says why; what does not need it is as it was."""
+def test_missing_marker(figure):
+    """Without one thigh marker the knee has no pose, and says why; joints that do not need it are found."""
     recording = figure[0]
     names = [name for name in recording.markers if name not in ("LTHI", "LHEE")]
     found = find_joints(CMU41, recording.select(names))
@@ -136,7 +140,7 @@ def test_a_marker_that_is_not_there(figure):
 
 
 def test_a_figure_that_does_not_move():
-    """All markers still, with noise or without: no joint is called found."""
+    """Where no marker moves, with noise or without, no joint is called found."""
     for noise in (0.0, 0.001):
         recording, _ = synthesize(Recipe(frames=300, noise=noise, reach=0.0))
         found = find_joints(CMU41, recording)
@@ -145,7 +149,7 @@ def test_a_figure_that_does_not_move():
 
 @pytest.mark.parametrize("frames", [1, 2, 5])
 def test_hardly_any_frames(small, frames):
-    """One frame, or two, or five: every joint says that it was not found; nothing fails, nothing warns."""
+    """In one, two or five frames no joint is found, and each has its reason; nothing fails or warns."""
     recording = small(CMU41.markers(), frames=frames)
     found = find_joints(CMU41, recording)
     assert not any(each.status in (JointStatus.OK, JointStatus.HINGE) for each in found.joints)
@@ -153,7 +157,7 @@ def test_hardly_any_frames(small, frames):
 
 
 def test_nothing_but_missing_samples():
-    """NaN everywhere."""
+    """In a recording without samples every joint says so."""
     recording = Recording("empty", CMU41.markers(), np.full((41, 3, 20), np.nan), 100.0)
     found = find_joints(CMU41, recording)
     assert {each.status for each in found.joints} <= {JointStatus.NO_FRAME, JointStatus.UNSEEN}
@@ -162,7 +166,7 @@ def test_nothing_but_missing_samples():
 def test_a_real_recording(kata_joints):
     """Every joint of a karate kata is found or flagged with a reason; femora and tibiae of the sides agree to 8 %.
 
-    Elbows turn their forearms, too, and an ankle's sides are 12 mm apart: no hinge, and no 3 mm.
+    Forearms also rotate about their own axes, and an ankle's two sides are 12 mm apart: these joints are flagged.
     """
     found = kata_joints
     assert len(found.joints) == 14
@@ -172,9 +176,9 @@ def test_a_real_recording(kata_joints):
     parted = {each.joint.name for each in found.joints if each.status == JointStatus.DISAGREE}
     assert sure | parted >= set(sides)
     assert parted == {"waist", "left_elbow", "right_elbow", "right_ankle"}
-    assert all(found[name].estimate.worst < UNSURE for name in sure)
-    assert all(found[name].estimate.worst > UNSURE for name in parted)
-    places = {each.joint.name: each.estimate.frames.show(each.estimate.center) for each in found.joints}
+    assert all(found[name].estimate.standard_error < CENTIMETRE for name in sure)
+    assert all(found[name].estimate.standard_error > CENTIMETRE for name in parted)
+    places = {each.joint.name: each.estimate.poses.to_world(each.estimate.center) for each in found.joints}
     for above, below in (("hip", "knee"), ("knee", "ankle")):
         lengths = []
         for side in ("left", "right"):

@@ -2,15 +2,16 @@ import numpy as np
 
 from study.mocap.io.recording import Recording
 from study.mocap.joints.fit_joints import find_joints
-from study.mocap.joints.method_agreement import ANSWERS, agreement_table
+from study.mocap.joints.method_agreement import METHODS, agreement_table
 from study.mocap.markersets.set_file import load_markerset
-from study.mocap.synthetic.generate import Recipe, synthesize
+from study.mocap.synthetic.recipe import Recipe
+from study.mocap.synthetic.synthesize import synthesize
 
 CMU41 = load_markerset("cmu41")
 
 
 def test_without_noise_all_methods_agree():
-    """With 0.1 mm of noise: to 2 mm; the two images of a joint coincide; turns are those of the ranges of motion."""
+    """With 0.1 mm of noise methods agree to 2 mm, images of a joint coincide, and ranges of motion are the body's."""
     recording, _ = synthesize(Recipe(frames=600, noise=1e-4))
     table = agreement_table(find_joints(CMU41, recording), recording).set_index("joint")
     balls = table.drop([name for name in table.index if "elbow" in name or "knee" in name])
@@ -25,14 +26,14 @@ def test_without_noise_all_methods_agree():
 
 
 def test_without_noise_there_is_an_answer():
-    """Rounding alone: distances are numbers or NaN, and nothing fails."""
+    """Where all that is left is rounding, distances are numbers or NaN, and nothing fails."""
     recording, _ = synthesize(Recipe(frames=200, noise=0.0))
     assert len(agreement_table(find_joints(CMU41, recording), recording)) == 14
 
 
 def test_nothing_found():
-    """NaN throughout, without a word."""
+    """Without samples every distance is NaN, and nothing warns."""
     empty = Recording("empty", CMU41.markers(), np.full((41, 3, 20), np.nan), 100.0)
     table = agreement_table(find_joints(CMU41, empty), empty)
     assert len(table) == 14
-    assert table[[f"from_{name}" for name in ANSWERS]].isna().all(axis=None)
+    assert table[[f"from_{name}" for name in METHODS]].isna().all(axis=None)

@@ -1,4 +1,4 @@
-"""Sides that contradict each other: what is compared, what is said, and how often it is said rightly."""
+"""Sides that contradict each other: the rule, its words, and the rates of false and missed alarms."""
 
 from dataclasses import replace
 
@@ -7,9 +7,10 @@ import pytest
 
 from study.mocap.joints.estimates import USABLE, JointStatus
 from study.mocap.joints.fit_joints import find_joints
-from study.mocap.joints.side_agreement import differences, weighed
+from study.mocap.joints.side_agreement import check_against_sides, side_differences
 from study.mocap.markersets.set_file import load_markerset
-from study.mocap.synthetic.generate import Recipe, synthesize
+from study.mocap.synthetic.recipe import Recipe
+from study.mocap.synthetic.synthesize import synthesize
 
 CMU41 = load_markerset("cmu41")
 X, Y = np.eye(3)[:2]
@@ -17,15 +18,15 @@ MILLIMETRE = 1e-6 * np.eye(3)
 
 
 @pytest.fixture(scope="module")
-def answer(figure):
-    """An answer in the chest's axes: at the origin, known to a millimetre, on no axis."""
+def estimate(figure):
+    """An estimate in the chest's axes: at the origin, known to a millimetre, without an axis."""
     found = figure[2]["neck"].estimate
     return replace(found, side="both", center=np.zeros(3), covariance=MILLIMETRE, axis=None, status=JointStatus.OK)
 
 
-def other(answer, center, **changes):
-    """Another answer in the same frame."""
-    return replace(answer, side="parent", center=np.array(center, dtype=float), **changes)
+def other(estimate, center, **changes):
+    """Another estimate in the same axes."""
+    return replace(estimate, side="parent", center=np.array(center, dtype=float), **changes)
 
 
 @pytest.mark.parametrize(
@@ -37,51 +38,51 @@ def other(answer, center, **changes):
         ((0.03, 0, 0), {"covariance": 1e-4 * np.eye(3), "status": JointStatus.UNSURE}, "DISAGREE"),  # 3 of them
         ((0.1, 0, 0), {"status": JointStatus.NOT_POSITIVE_DEFINITE}, "OK"),
         ((0.1, 0, 0), {"status": JointStatus.INSIGNIFICANT}, "OK"),
-        ((0.1, 0, 0), {"count": 9}, "OK"),  # seen too briefly to have an error
+        ((0.1, 0, 0), {"frames": 9}, "OK"),  # seen too briefly to have an error
         ((0.03, 0, 0), {"axis": X}, "OK"),  # along the other's axis
         ((0.03, 0.02, 0), {"axis": X}, "DISAGREE"),  # 20 mm across; 30 mm along an axis tilted by 10° are 5 mm
         ((0.06, 0.02, 0), {"axis": X}, "OK"),  # too far along to be compared
     ],
 )
-def test_what_contradicts(answer, center, changes, status):
-    """A centimetre and the errors, across a hinge's axis; only an answer that has an error is heard."""
-    assert weighed(answer, [other(answer, center, **changes)])[0].status.name == status
+def test_what_contradicts(estimate, center, changes, status):
+    """A difference must exceed a centimetre and the errors, across a hinge's axis; only valid errors count."""
+    assert check_against_sides(estimate, [other(estimate, center, **changes)])[0].status.name == status
 
 
 @pytest.mark.parametrize(("angle", "status"), [(15, "HINGE"), (25, "DISAGREE"), (155, "DISAGREE"), (170, "HINGE")])
-def test_axes_that_differ(answer, angle, status):
-    """Two axes of one hinge differ by no more than 20°; a sign is no difference."""
-    taken = replace(answer, axis=X, status=JointStatus.HINGE)
+def test_axes_that_differ(estimate, angle, status):
+    """Axes contradict each other beyond 20°, whatever their signs."""
+    chosen = replace(estimate, axis=X, status=JointStatus.HINGE)
     axis = np.cos(np.radians(angle)) * X + np.sin(np.radians(angle)) * Y
-    judged, words = weighed(taken, [other(taken, (0, 0.002, 0), axis=axis)])
+    judged, words = check_against_sides(chosen, [other(chosen, (0, 0.002, 0), axis=axis)])
     assert judged.status.name == status
     assert words == "" or f"turns its axis by {min(angle, 180 - angle)}° and puts it 2 mm away" in words
 
 
-def test_errors_hold_both_answers(answer):
-    """The place stays; its error along the line to the other answer is the distance, across it what it was."""
-    judged, words = weighed(answer, [other(answer, (0.03, 0, 0)), other(answer, (0, 0.05, 0))])
-    assert np.array_equal(judged.center, answer.center)
+def test_errors_cover_both_estimates(estimate):
+    """The place stays; its error along the line to the other estimate is the distance, and across it unchanged."""
+    judged, words = check_against_sides(estimate, [other(estimate, (0.03, 0, 0)), other(estimate, (0, 0.05, 0))])
+    assert np.array_equal(judged.center, estimate.center)
     np.testing.assert_allclose(judged.covariance, np.diag([1e-6, 1e-6 + 0.05**2, 1e-6]))
-    assert judged.worst == pytest.approx(0.05, rel=1e-3)
-    assert words == "its answer seen from its parent puts it 50 mm away, beyond what their errors explain"
+    assert judged.standard_error == pytest.approx(0.05, rel=1e-3)
+    assert words == "its estimate in its parent's axes puts it 50 mm away, beyond what the errors explain"
 
 
-def test_what_is_doubted_anyway(answer):
-    """A joint with another flag keeps that."""
-    taken = replace(answer, status=JointStatus.UNSURE)
-    assert weighed(taken, [other(taken, (0.5, 0, 0))]) == (taken, "")
+def test_unusable_estimate_stays(estimate):
+    """An estimate with another flag is returned unchanged."""
+    chosen = replace(estimate, status=JointStatus.UNSURE)
+    assert check_against_sides(chosen, [other(chosen, (0.5, 0, 0))]) == (chosen, "")
 
 
-def test_across_frames(exact):
-    """Without noise both sides of a neck are one point; 30 mm in the head's axes are nearly so in the chest's."""
+def test_estimates_in_different_axes(exact):
+    """Without noise both sides of a neck agree; 30 mm in the head's axes are nearly 30 mm in the chest's."""
     neck = exact[2]["neck"]
     every = {each.side: each for each in (neck.estimate, *neck.others)}
     parent, child = every["parent"], every["child"]
-    assert differences(parent, [child])[0].distance < 1e-5
+    assert side_differences(parent, [child])[0].distance < 1e-5
     off = replace(child, center=child.center + 0.03 * X)
-    distance = differences(parent, [off])[0].distance
-    apart = parent.frames.show(parent.center) - off.frames.show(off.center)
+    distance = side_differences(parent, [off])[0].distance
+    apart = parent.poses.to_world(parent.center) - off.poses.to_world(off.center)
     assert 0.02 < distance <= 0.03 + 1e-5
     np.testing.assert_allclose(np.linalg.norm(apart, axis=0), 0.03, atol=1e-5)
 
@@ -89,25 +90,25 @@ def test_across_frames(exact):
 def off(found, truth):
     """Distance of a joint from the truth across its axis, metres."""
     estimate = found.estimate
-    error = estimate.center - estimate.frames.place(truth.centers[truth.joints.index(found.joint.name)])
+    error = estimate.center - estimate.poses.mean_place(truth.centers[truth.joints.index(found.joint.name)])
     return np.linalg.norm(error if estimate.axis is None else error - (error @ estimate.axis) * estimate.axis)
 
 
 def checked(recipes):
-    """Joints that have other sides and no flag but for those: whether flagged, and how far off, metres."""
+    """For usable joints that can be compared: which are flagged, and their errors, metres."""
     rows = []
     for recipe in recipes:
         recording, truth = synthesize(recipe)
         for found in find_joints(CMU41, recording).joints:
             usable = found.status in (*USABLE, JointStatus.DISAGREE)
-            if usable and differences(found.estimate, found.others):
+            if usable and side_differences(found.estimate, found.others):
                 rows.append((found.status == JointStatus.DISAGREE, off(found, truth)))
     flagged, error = zip(*rows, strict=True)
     return np.array(flagged), np.array(error)
 
 
 def test_false_alarms():
-    """Noise of 1-5 mm, a fifth of the samples missing or none: of some 60 joints with two sides at most three.
+    """With noise of 1-5 mm, and a fifth of the samples missing or none, at most three of 60 joints are flagged.
 
     Of 697 such joints of 120 other recordings 7 were flagged, 1 %: binomial(60, .01) is above 3 in 3 of 1000.
     """
@@ -117,8 +118,8 @@ def test_false_alarms():
     assert flagged.sum() <= 3
 
 
-def test_joints_that_skin_draws_off():
-    """Skin that slides by 2-3 cm: most of the joints that are more than 2 cm off, and have two sides, are flagged.
+def test_soft_tissue_artefact():
+    """With skin sliding by 2-3 cm, most joints with two sides that are more than 2 cm off are flagged.
 
     Of 48 such joints of 60 other recordings 33 were, 69 %: of 19 fewer than half are in 3 of 100 sets of seeds.
     """
@@ -129,24 +130,26 @@ def test_joints_that_skin_draws_off():
     assert flagged[far].mean() > 1.3 * flagged[error < 0.01].mean()
 
 
-def test_the_axis_drawn_is_the_one_that_errors_are_across(kata_joints, kata_calibration):
-    """Of an elbow whose sides turn its axis by 80°: its own answer's axis, so that nothing of its error is left out."""
+def test_axis_of_contradictory_sides(kata_joints, kata_calibration):
+    """An elbow whose sides' axes differ by 80° has its own estimate's axis, so that its whole error is reported."""
     elbow = kata_joints["right_elbow"]
     assert elbow.status == JointStatus.DISAGREE
     np.testing.assert_array_equal(elbow.axis_in_child, elbow.estimate.axis)
     across = np.eye(3) - np.outer(elbow.axis_in_parent, elbow.axis_in_parent)
     worst = np.sqrt(np.linalg.eigvalsh(across @ kata_calibration["right_elbow"].covariance @ across)[-1])
-    assert worst > 0.7 * elbow.estimate.worst  # the forearm turned, which spreads what parts them over directions
+    assert (
+        worst > 0.7 * elbow.estimate.standard_error
+    )  # the forearm turned, which spreads what parts them over directions
     assert np.linalg.norm(elbow.axis_in_parent) == pytest.approx(1.0)
 
 
 def test_a_real_ankle(kata_joints):
-    """Its shank's answer is more than a centimetre from the frames' in the room, which 3 mm and 5 mm do not explain."""
+    """An ankle's two estimates are more than a centimetre apart, which their errors of 3 and 5 mm do not explain."""
     ankle = kata_joints["right_ankle"]
     shank = next(each for each in ankle.others if each.side == "child")
-    apart = ankle.estimate.frames.show(ankle.estimate.center) - shank.frames.show(shank.center)
+    apart = ankle.estimate.poses.to_world(ankle.estimate.center) - shank.poses.to_world(shank.center)
     assert np.sqrt(np.nanmean((apart**2).sum(axis=0))) > 0.01
     assert shank.status == JointStatus.OK
     assert ankle.status == JointStatus.DISAGREE
-    assert ankle.estimate.worst > 0.01
-    assert ankle.reason == "its answer seen from its child puts it 12 mm away, beyond what their errors explain"
+    assert ankle.estimate.standard_error > 0.01
+    assert ankle.reason == "its estimate in its child's axes puts it 12 mm away, beyond what the errors explain"

@@ -3,8 +3,8 @@ import pytest
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
-from study.mocap.joints.segments import Point, fixed_by
-from study.mocap.joints.symmetric_fit import two_sided
+from study.mocap.joints.segment_poses import PosePoint, fit_poses
+from study.mocap.joints.symmetric_fit import symmetric_fit
 
 PARENT = np.array([[0.1, 0.0, 0.0], [-0.1, 0.05, 0.0], [0.0, -0.1, 0.05], [0.0, 0.05, 0.1]])
 CHILD = np.array([[0.0, 0.06, -0.1], [0.04, -0.02, -0.2], [-0.04, 0.0, -0.25]])
@@ -14,7 +14,7 @@ AXIS = np.array([0.2, 0.9, 0.3]) / np.linalg.norm([0.2, 0.9, 0.3])
 
 @pytest.fixture
 def limbs(rng):
-    """Two segments about a joint, three or four noisy markers each, turned by angles about three axes, or one."""
+    """Make two segments about a joint, with three or four noisy markers each, rotating about three axes, or one."""
 
     def make(frames, sigma, degrees):
         world = Rotation.random(frames, rng=rng)
@@ -27,33 +27,33 @@ def limbs(rng):
         sets = []
         for turn, shape, shift in ((world, PARENT, np.zeros(3)), (world * bend, CHILD, joint)):
             x = np.einsum("tij,mj->mit", turn.as_matrix(), shape) + np.broadcast_to(shift, (frames, 3)).T
-            sets.append([Point(str(k), row + sigma * rng.standard_normal(row.shape)) for k, row in enumerate(x)])
-        parent, child = (fixed_by(name, points) for name, points in zip(("parent", "child"), sets, strict=True))
+            sets.append([PosePoint(str(k), row + sigma * rng.standard_normal(row.shape)) for k, row in enumerate(x)])
+        parent, child = (fit_poses(name, points) for name, points in zip(("parent", "child"), sets, strict=True))
         return parent, child, joint.T, world.apply(AXIS).T
 
     return make
 
 
 def test_without_noise_it_is_exact(limbs):
-    """Both places and no gap, to rounding."""
+    """Without noise both places are exact and the gap is 0, to rounding."""
     parent, child, joint, _ = limbs(100, 0.0, (40, 20, 20))
-    found = two_sided(parent, child)
-    np.testing.assert_allclose(parent.show(found.in_parent), joint, atol=1e-7)
-    np.testing.assert_allclose(child.show(found.in_child), joint, atol=1e-7)
+    found = symmetric_fit(parent, child)
+    np.testing.assert_allclose(parent.to_world(found.in_parent), joint, atol=1e-7)
+    np.testing.assert_allclose(child.to_world(found.in_child), joint, atol=1e-7)
     assert found.gap < 1e-7
     assert not found.hinge
 
 
 def test_unbiased_and_its_covariance_right(limbs):
-    """Over 60 recordings of 500 noisy frames: mean within 4.5 errors of 0 (3 in 10⁵), 95 % sets hold the truth.
+    """Over 60 recordings of 500 frames the mean error is within 4.5 errors of 0 (3 in 10⁵), and 95 % sets cover.
 
-    Binomial(60, .95) is below 50 in 3 of 10⁴. The noise is no small matter here: the child's frame turns by 4°.
+    Binomial(60, .95) is below 50 in 3 of 10⁴. The noise is large here: it rotates the child's pose by 4°.
     """
     errors, level = [], 0
     for _ in range(60):
         parent, child, joint, _ = limbs(500, 0.004, (40, 20, 20))
-        found = two_sided(parent, child)
-        error = found.in_parent - parent.place(joint)
+        found = symmetric_fit(parent, child)
+        error = found.in_parent - parent.mean_place(joint)
         errors.append(error)
         level += error @ np.linalg.solve(found.covariance, error) < stats.chi2.ppf(0.95, 3)
     errors = np.array(errors)
@@ -62,22 +62,22 @@ def test_unbiased_and_its_covariance_right(limbs):
 
 
 def test_a_hinge_shows_its_axis(limbs):
-    """The axis to 1° in both frames, the centre somewhere on it, to 2 mm."""
+    """A hinge's axis is right to 1° in both segments, and the centre is on it to 2 mm."""
     parent, child, joint, axis = limbs(1000, 0.002, (60, 0, 0))
-    found = two_sided(parent, child)
+    found = symmetric_fit(parent, child)
     assert found.hinge
-    for frames, direction in zip((parent, child), found.axes, strict=True):
-        true = frames.see(axis + frames.origin).mean(axis=1)
+    for poses, direction in zip((parent, child), found.axes, strict=True):
+        true = poses.to_local(axis + poses.origin).mean(axis=1)
         assert np.degrees(np.arccos(abs(direction @ true) / np.linalg.norm(true))) < 1.0
-    off = found.in_parent - parent.place(joint)
-    true = parent.see(axis + parent.origin).mean(axis=1)
+    off = found.in_parent - parent.mean_place(joint)
+    true = parent.to_local(axis + parent.origin).mean(axis=1)
     assert np.linalg.norm(np.cross(off, true / np.linalg.norm(true))) < 0.002
-    assert np.degrees(found.turns[0]) == pytest.approx(60 / np.sqrt(3), abs=3)
-    assert np.degrees(found.turns[1:]).max() < 3
+    assert np.degrees(found.rms_angles[0]) == pytest.approx(60 / np.sqrt(3), abs=3)
+    assert np.degrees(found.rms_angles[1:]).max() < 3
 
 
-def test_what_does_not_turn_has_no_joint(limbs):
-    """Nor do two frames that are never known at once."""
+def test_no_joint_without_rotation(limbs):
+    """Segments that do not rotate have no joint, and neither have segments that share too few frames."""
     parent, child, _, _ = limbs(50, 0.0, (0.5, 0.3, 0.3))
-    assert two_sided(parent, child) is None
-    assert two_sided(parent.at(np.arange(3)), child.at(np.arange(3))) is None
+    assert symmetric_fit(parent, child) is None
+    assert symmetric_fit(parent.in_frames(np.arange(3)), child.in_frames(np.arange(3))) is None

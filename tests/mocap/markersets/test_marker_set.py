@@ -12,8 +12,8 @@ def test_what_it_holds():
     leg = MarkerSet(name="leg", segments=(PELVIS, THIGH), joints=(HIP,))
     assert leg.segment("thigh") is THIGH
     assert leg.markers() == ("A", "B", "C", "D", "E")
-    assert leg.seeing(HIP) == ("D", "E")
-    assert leg.seeing(HIP.model_copy(update={"markers": ("E",)})) == ("E",)
+    assert leg.markers_for(HIP) == ("D", "E")
+    assert leg.markers_for(HIP.model_copy(update={"markers": ("E",)})) == ("E",)
     with pytest.raises(KeyError):
         leg.segment("foot")
 
@@ -27,15 +27,18 @@ def test_what_it_holds():
             {"segments": (PELVIS, THIGH.model_copy(update={"parent": None}))},
             "thigh.parent: required, but missing: only",
         ),
-        ({"segments": (PELVIS, THIGH.model_copy(update={"parent": "foot"}))}, "must be a segment further up: pelvis"),
+        (
+            {"segments": (PELVIS, THIGH.model_copy(update={"parent": "foot"}))},
+            "must be an earlier segment: pelvis",
+        ),
         ({"segments": (PELVIS, THIGH.model_copy(update={"name": "pelvis"}))}, "two segments have this name"),
         ({"segments": (PELVIS, THIGH.model_copy(update={"markers": ("A",)}))}, "marker 'A' is on pelvis already"),
-        ({"segments": (PELVIS, THIGH.model_copy(update={"markers": ("D", "D")}))}, "marker 'D' is twice on it"),
+        ({"segments": (PELVIS, THIGH.model_copy(update={"markers": ("D", "D")}))}, "marker 'D' is on it twice"),
         ({"joints": (HIP, HIP)}, "two joints have this name"),
         ({"joints": (HIP, HIP.model_copy(update={"name": "hop"}))}, "joint hip has this child already"),
         ({"joints": (HIP.model_copy(update={"child": "thig"}),)}, "no such segment; did you mean 'thigh'"),
-        ({"joints": (HIP.model_copy(update={"parent": "thigh"}),)}, "segment thigh hangs on pelvis"),
-        ({"joints": (HIP.model_copy(update={"child": "pelvis"}),)}, "segment pelvis hangs on nothing"),
+        ({"joints": (HIP.model_copy(update={"parent": "thigh"}),)}, "the parent of segment thigh is pelvis"),
+        ({"joints": (HIP.model_copy(update={"child": "pelvis"}),)}, "the parent of segment pelvis is none"),
         ({"joints": (HIP.model_copy(update={"markers": ("A",)}),)}, "'A' is not on thigh, which has D, E"),
         ({"optional": ("Z",)}, "marker 'Z' is on no segment"),
         ({"aliases": {"Z": ("Y",)}}, "marker 'Z' is on no segment"),

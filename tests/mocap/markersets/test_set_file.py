@@ -1,5 +1,6 @@
 import pytest
 
+from study.mocap.markersets.marker_set import MarkerSet
 from study.mocap.markersets.set_file import MarkerSetError, load_markerset, parse_markerset, shipped
 
 LEG = """name = "leg"
@@ -39,7 +40,7 @@ def test_all_faults_at_once_with_their_lines():
     assert str(caught.value).splitlines() == [
         "leg.toml: 5 faults",
         "  line 1: name: required, but missing",
-        "  line 1: nam = 'leg': unknown key; did you mean 'name'?",
+        "  line 1: nam = 'leg': unknown key; did you mean 'name'? Known are " + ", ".join(MarkerSet.model_fields),
         "  line 8: segments.thigh.markers = 'D': input should be a valid tuple",
         "  line 10: joints.hip.child: required, but missing",
         "  line 12: joints.hip.kind = 'bal': input should be 'ball' or 'hinge'",
@@ -99,5 +100,8 @@ def test_a_path(tmp_path):
 
 
 def test_an_unknown_name_is_told_with_the_known():
-    with pytest.raises(MarkerSetError, match="no marker set 'cmu42'; there are cmu41, plug-in-gait; or give the path"):
+    with pytest.raises(
+        MarkerSetError,
+        match=r"no marker set 'cmu42': did you mean 'cmu41'\? Known are cmu41, plug-in-gait; or give the path",
+    ):
         load_markerset("cmu42")

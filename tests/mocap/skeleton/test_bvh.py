@@ -5,14 +5,16 @@ from scipy.spatial.transform import Rotation
 from study.mocap.io.recording import RecordingError
 from study.mocap.markersets.set_file import load_markerset
 from study.mocap.skeleton.bvh import write_bvh
-from study.mocap.skeleton.phases import calibrate, draw_skeleton
-from study.mocap.synthetic.generate import Recipe, synthesize
+from study.mocap.skeleton.calibrate import calibrate
+from study.mocap.skeleton.draw_skeleton import draw_skeleton
+from study.mocap.synthetic.recipe import Recipe
+from study.mocap.synthetic.synthesize import synthesize
 
 CMU41 = load_markerset("cmu41")
 
 
 def read_bvh(path):
-    """Parse a BVH file by its grammar alone, and compute where each node is: {name: (3, frames)}, parents, frame time.
+    """Parse a BVH file by its grammar alone, and return nodes' places {name: (3, frames)}, parents and frame time.
 
     As Blender does it: a node's position channels, where it has them, stand in place of its offset; rotations apply in
     the order in which the channels are listed.
@@ -64,7 +66,7 @@ def read_bvh(path):
 
 
 def test_another_reader_finds_the_joints_where_they_are(figure, figure_calibration, tmp_path):
-    """Every joint of the skeleton, to a hundredth of a millimetre: y up, metres; and the frame time."""
+    """An independent reader finds every joint to a hundredth of a millimetre, y up, and the frame time."""
     skeleton = draw_skeleton(figure_calibration, figure[0].select(frames=slice(0, 300)))
     places, time = read_bvh(write_bvh(skeleton, tmp_path / "walk.bvh"))
     assert time == pytest.approx(1 / 120, abs=1e-8)
@@ -76,8 +78,8 @@ def test_another_reader_finds_the_joints_where_they_are(figure, figure_calibrati
     }
 
 
-def test_a_segment_that_hangs_on_no_known_joint_moves_freely(tmp_path):
-    """A head that does not move on the chest has no neck: its node has positions of its own, and they are right."""
+def test_segment_without_a_known_joint_moves_freely(tmp_path):
+    """A head that does not move on the chest has no neck; its node has its own positions, and they are right."""
     recording, _ = synthesize(Recipe(frames=300, noise=0.001))
     calibration = calibrate(
         recording.select([m for m in recording.markers if m not in ("C7", "T10", "CLAV", "STRN")]), CMU41
@@ -92,7 +94,7 @@ def test_a_segment_that_hangs_on_no_known_joint_moves_freely(tmp_path):
 
 
 def test_unknown_frames_hold_the_pose(figure, figure_calibration, tmp_path):
-    """Numbers everywhere, the last known ones where nothing is known."""
+    """A frame that is unknown repeats the last known pose, so that there are numbers everywhere."""
     recording = figure[0].select(frames=slice(0, 400))
     positions = recording.positions.copy()
     positions[:, :, 100:] = np.nan
@@ -104,7 +106,7 @@ def test_unknown_frames_hold_the_pose(figure, figure_calibration, tmp_path):
 
 
 def test_no_root(figure, figure_calibration, tmp_path):
-    """A recording without a pelvis: one line."""
+    """A recording without a pelvis is refused in one line."""
     recording = figure[0]
     rest = recording.select([m for m in recording.markers if m[1:] not in ("FWT", "BWT")])
     with pytest.raises(RecordingError, match="its pelvis is known in no frame"):

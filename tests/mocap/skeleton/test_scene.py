@@ -1,4 +1,4 @@
-"""The record between fits and pictures: its shapes, thinning, the floor."""
+"""The scene: checks of its shapes, fewer frames, the floor."""
 
 from dataclasses import replace
 
@@ -9,19 +9,19 @@ from study.mocap.io.recording import RecordingError
 from study.mocap.skeleton.scene import Flag
 
 
-@pytest.mark.parametrize("name", ["places", "centers", "ends", "flags", "errors", "turns"])
+@pytest.mark.parametrize("name", ["places", "centers", "ends", "flags", "errors", "orientations"])
 def test_shapes_are_checked(scene, name):
-    """An array of another shape is refused, with its name."""
+    """An array of a wrong shape is refused by name."""
     wrong = getattr(scene, name)[:-1]
     with pytest.raises(RecordingError, match=f"{name} of the scene have shape"):
         replace(scene, **{name: wrong})
 
 
 def test_bones_are_checked(scene):
-    """A bone to a point that is not there is refused."""
+    """A bone to a point that does not exist is refused, and so are missing doubts."""
     with pytest.raises(RecordingError, match=r"bone \(0, 99\)"):
         replace(scene, bones=((0, 99),))
-    with pytest.raises(RecordingError, match="its doubt"):
+    with pytest.raises(RecordingError, match="0 doubts for"):
         replace(scene, doubts=())
 
 
@@ -29,7 +29,7 @@ def test_bones_are_checked(scene):
     ("rate", "frames", "result"), [(90.0, 90, 90.0), (60.0, 45, 45.0), (30.0, 30, 30.0), (500, 90, 90)]
 )
 def test_at_most(scene, rate, frames, result):
-    """A slower scene has every second, third, ... frame and the same speed."""
+    """A scene with a lower rate has every second, third, ... frame and the same duration."""
     thinned = scene.at_most(rate)
     assert (thinned.frames, thinned.rate) == (frames, result)
     step = 90 // frames
@@ -38,14 +38,14 @@ def test_at_most(scene, rate, frames, result):
 
 
 def test_floor(scene):
-    """The floor is just below what is lowest in nearly all frames."""
+    """The floor is just below the lowest marker of nearly all frames."""
     lowest = np.nanmin(scene.places[:, 2])
     assert lowest - 0.03 < scene.floor < np.nanquantile(np.nanmin(scene.places[:, 2], axis=0), 0.1)
     assert np.isfinite(replace(scene, markers=(), places=np.empty((0, 3, 90))).floor)
 
 
 def test_sides(scene):
-    """Sides are read from names."""
+    """Sides follow from names."""
     sides = dict(zip((*scene.joints, *scene.tips), scene.sides(), strict=True))
     assert sides["left_knee"] == "left"
     assert sides["right_foot"] == "right"

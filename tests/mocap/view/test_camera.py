@@ -1,4 +1,4 @@
-"""Looking at a scene: axes of the view, outlines of ellipsoids, which points are joined, how long half axes are."""
+"""Looking at a scene: axes of the view, outlines of ellipsoids, how long half axes are."""
 
 from dataclasses import replace
 
@@ -7,14 +7,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from study.mocap.skeleton.links import links, side
 from study.mocap.view.camera import Camera, outlines
-from study.mocap.view.ellipsoids import exaggeration, half_axes, hinges, reach
+from study.mocap.view.ellipsoids import exaggeration, half_axes, hinges, surface
 
 
 @pytest.mark.parametrize(("azimuth", "elevation"), [(0, 0), (30, 10), (200, -40), (-75, 89)])
 def test_axes(azimuth, elevation):
-    """The view's axes are a rotation, right lies level, and the third points to the viewer."""
+    """The axes of the view are a rotation; the first is horizontal, the third points to the viewer."""
     axes = Camera(azimuth, elevation).axes
     assert np.allclose(axes @ axes.T, np.eye(3))
     assert np.linalg.det(axes) == pytest.approx(1.0)
@@ -25,11 +24,11 @@ def test_axes(azimuth, elevation):
 
 @pytest.mark.parametrize("half", [(0.03, 0.02, 0.01), (0.03, 0.02, 0.0), (0.02, 0.02, 0.02), (0.0, 0.0, 0.0)])
 def test_outlines(half):
-    """An outline holds what is seen of the ellipsoid's surface, and touches it: in each direction it is as wide."""
+    """An outline is as wide as the projected surface of the ellipsoid, in each direction."""
     camera, turn = Camera(40, 25), Rotation.random(rng=3).as_matrix()
     points = np.random.default_rng(1).normal(size=(20000, 3))
     points /= np.linalg.norm(points, axis=1, keepdims=True)
-    seen = camera.see((points * half) @ turn.T)[:, :2]
+    seen = camera.project((points * half) @ turn.T)[:, :2]
     outline = outlines(np.array([half]), turn[None], camera, corners=400)[0]
     directions = np.array([[np.cos(t), np.sin(t)] for t in np.linspace(0, np.pi, 30)])
     widths = (seen @ directions.T).max(axis=0)
@@ -40,10 +39,10 @@ def test_half_axes_hold_as_often_as_they_say():
     """A normal error lies within the ellipsoid 95 % of the time, in three directions and in two."""
     draws = np.random.default_rng(2).normal(size=(40000, 3))
     for known in (1, 2, 3):
-        inside = ((draws[:, :known] / reach(known)) ** 2).sum(axis=1) < 1.0
+        inside = ((draws[:, :known] / surface(known)) ** 2).sum(axis=1) < 1.0
         assert inside.mean() == pytest.approx(0.95, abs=0.005)  # four standard errors
-    assert reach(3) == pytest.approx(np.sqrt(chi2.ppf(0.95, 3)))
-    assert reach(0) == 0.0
+    assert surface(3) == pytest.approx(np.sqrt(chi2.ppf(0.95, 3)))
+    assert surface(0) == 0.0
 
 
 def test_half_axes_of_a_scene(scene):
@@ -51,37 +50,15 @@ def test_half_axes_of_a_scene(scene):
     half, flat = half_axes(scene), hinges(scene)
     assert [scene.joints[i] for i in np.flatnonzero(flat)] == ["left_elbow", "left_knee", "right_elbow", "right_knee"]
     assert (half[flat, 2] == 0.0).all()
-    assert np.allclose(half[flat, :2], reach(2) * scene.errors[flat, :2])
-    assert np.allclose(half[~flat], reach(3) * scene.errors[~flat])
+    assert np.allclose(half[flat, :2], surface(2) * scene.errors[flat, :2])
+    assert np.allclose(half[~flat], surface(3) * scene.errors[~flat])
 
 
 @pytest.mark.parametrize(("scale", "factor"), [(1.0, 5), (0.001, 100), (100.0, 1)])
 def test_exaggeration(scene, scale, factor):
-    """Ellipsoids are drawn larger until a typical one is seen, and never smaller than they are."""
+    """Ellipsoids are enlarged until the median one is visible, and never reduced."""
     assert exaggeration(replace(scene, errors=scale * scene.errors)) == factor
     long = scene.errors.copy()
     long[0] *= 0.06 / np.nanmax(long[0])  # one joint known to 6 cm, 17 cm with 95 %: no more than twice as large
     assert exaggeration(replace(scene, errors=long)) <= 2
     assert exaggeration(replace(scene, errors=np.full_like(scene.errors, np.nan))) == 1
-
-
-def test_links():
-    """Two joints are a bone, three a triangle; of four one in the middle has the others; no bone is there twice."""
-    rng = np.random.default_rng(5)
-    points = rng.normal(size=(5, 3, 7))
-    points[4] = np.nan
-    assert links([[0, 1]], points, [""] * 5) == ((0, 1),)
-    assert links([[0, 1], [0, 1]], points, [""] * 5) == ((0, 1),)
-    assert set(links([[0, 1, 2]], points, [""] * 5)) == {(0, 1), (0, 2), (1, 2)}
-    assert set(links([[0, 1, 2, 3]], points, ["left", "right", "", "left"])) == {(2, 0), (2, 1), (2, 3)}
-    assert links([[], [3]], points, [""] * 5) == ()
-    assert len(links([[0, 1, 2, 4]], points, [""] * 5)) == 3
-
-
-@pytest.mark.parametrize(
-    ("name", "found"),
-    [("left_knee", "left"), ("knee right", "right"), ("Left-Hip", "left"), ("cleft_chin", ""), ("waist", "")],
-)
-def test_side(name, found):
-    """A side is a word of the name, not a part of another."""
-    assert side(name) == found

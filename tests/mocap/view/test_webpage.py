@@ -1,4 +1,4 @@
-"""The viewer's page as a file: complete in itself, the same each time, and safe from what a user named."""
+"""The viewer's page as a file: it needs no other file, has equal bytes each time, and escapes names."""
 
 import base64
 import json
@@ -10,15 +10,15 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from study.mocap.view.ellipsoids import half_axes
-from study.mocap.view.scene_json import FORMAT, MISSING, motion, write_motion
-from study.mocap.view.webpage import THREE, viewer, write_viewer
+from study.mocap.view.motion_json import FORMAT, MISSING, motion_document, write_motion
+from study.mocap.view.webpage import THREE, viewer_page, write_viewer
 from study.runs.storage.run_folder import RunError
 
 
 @pytest.fixture(scope="module")
 def page(scene):
     """The page of the synthetic scene."""
-    return viewer(scene)
+    return viewer_page(scene)
 
 
 def embedded(page):
@@ -50,13 +50,13 @@ def test_the_library_is_said(page):
 
 def test_same_bytes(scene, page):
     """The same scene gives the same page."""
-    assert viewer(scene) == page
+    assert viewer_page(scene) == page
 
 
 def test_names_are_text(scene):
     """Names that look like markup stay names, in the title and in the motion."""
     name = "</script><img src=x onerror=alert(1)> & <!-- {{ 7 * 7 }}"
-    page = viewer(replace(scene, name=name))
+    page = viewer_page(replace(scene, name=name))
     assert "<img" not in page
     assert page.count("</script>") == 3
     assert "<title>&lt;/script&gt;&lt;img" in page
@@ -64,7 +64,7 @@ def test_names_are_text(scene):
 
 
 def test_the_motion(scene, page):
-    """What is in the page is the scene, to a step of a tenth of a millimetre, at sixty frames per second at most."""
+    """The page holds the scene, to a step of a tenth of a millimetre, at sixty frames per second at most."""
     document, shown = embedded(page), scene.at_most(60.0)
     assert (document["format"], document["frames"], document["rate"]) == (FORMAT, 45, 45.0)
     assert document["step"] < 1e-4
@@ -76,7 +76,7 @@ def test_the_motion(scene, page):
     flags = numbers(document, "flags", "u1").reshape(45, -1)
     assert np.array_equal(flags.T, shown.flags)
     turns = numbers(document, "turns").reshape(45, -1, 4)[7, 2] / 32767
-    between = Rotation.from_quat(turns) * Rotation.from_quat(shown.turns[2, 7]).inv()
+    between = Rotation.from_quat(turns) * Rotation.from_quat(shown.orientations[2, 7]).inv()
     assert between.magnitude() < 1e-4
     half = np.array([joint["half_axes"] for joint in document["joints"]], dtype=float)
     assert np.allclose(np.nan_to_num(half), half_axes(shown), atol=1e-6)
@@ -85,18 +85,20 @@ def test_the_motion(scene, page):
 
 def test_slower(scene):
     """A page of fewer frames per second is the same motion at the same speed."""
-    assert embedded(viewer(scene, rate=30.0))["frames"] == 30
+    assert embedded(viewer_page(scene, rate=30.0))["frames"] == 30
 
 
 def test_no_number_that_json_has_not(scene):
-    """A scene with nothing seen in some frames is still JSON that any reader takes."""
+    """A scene with frames without samples is still strict JSON."""
     places = scene.places.copy()
     places[:, :, 5:9] = np.nan
-    json.dumps(motion(replace(scene, places=places, errors=np.full_like(scene.errors, np.nan))), allow_nan=False)
+    json.dumps(
+        motion_document(replace(scene, places=places, errors=np.full_like(scene.errors, np.nan))), allow_nan=False
+    )
 
 
 def test_writing(scene, tmp_path):
-    """Page and motion are written whole, into a folder that is made; where that cannot be, one line says so."""
+    """Page and motion are written whole, into a folder that is made; a failure gives one line."""
     path = write_viewer(scene, tmp_path / "new" / "viewer.html")
     assert embedded(path.read_text(encoding="utf-8")) == json.loads(
         write_motion(scene, tmp_path / "new" / "motion.json").read_text(encoding="utf-8")

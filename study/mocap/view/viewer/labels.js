@@ -1,6 +1,6 @@
-// Names beside joints: away from the body's middle, and pushed apart where they would cover one another.
+// Names beside the joints, on the side away from the body's middle, and moved apart so that none covers another.
 
-const GAP = 17; // pixels from one label to the next
+const GAP = 17; // least vertical distance between two labels, pixels
 
 class Labels {
     constructor(box, leaders) {
@@ -20,7 +20,7 @@ class Labels {
         this.widths = [...this.box.children].map((span) => span.offsetWidth);
     }
 
-    // Places the names for what the stage shows now.
+    // Places the names for the current frame and view.
     place(stage, width, height) {
         const spans = [...this.box.children];
         const lines = [...this.leaders.children];
@@ -33,7 +33,7 @@ class Labels {
             span.hidden = !known;
             lines[i].style.display = known ? "" : "none";
             span.classList.toggle("flagged", stage.isFlagged(i));
-            const room = this.widths[i] + 24; // the other side is better than the joint itself
+            const room = this.widths[i] + 24; // without room here, the name goes to the other side of the joint
             const right = at.x >= middle ? at.x + room < width || at.x < room : at.x < room;
             const left = right ? at.x + 22 : at.x - 22 - this.widths[i];
             return { i, at, right, y: at.y, left: Math.min(Math.max(left, 2), width - this.widths[i] - 2), known };
@@ -47,10 +47,10 @@ class Labels {
         }
     }
 
-    // Moves labels apart, those that overlap from left to right only, a little each turn.
+    // Moves labels apart vertically if they overlap horizontally, in several small steps.
     spread(labels, height) {
         const beside = (a, b) => a.left < b.left + this.widths[b.i] + 4 && b.left < a.left + this.widths[a.i] + 4;
-        for (let turn = 0; turn < 12; turn++) {
+        for (let step = 0; step < 12; step++) {
             labels.sort((a, b) => a.y - b.y);
             for (let k = 0; k < labels.length; k++) {
                 for (let j = 0; j < k; j++) {

@@ -1,4 +1,4 @@
-// A motion from its JSON, checked part by part, so that another file is refused in words; then plain arrays.
+// Reads a motion from JSON into plain arrays. Each part is checked, and a message says which is wrong.
 
 const FORMAT = "sphere-fit-study motion";
 const VERSION = 1;
@@ -19,7 +19,7 @@ function isTexts(value) {
     return Array.isArray(value) && value.every((text) => typeof text === "string");
 }
 
-// Numbers of a base64 text: `bytes` per number, as many as the shape says.
+// Numbers in a base64 text: `count` of them, of `bytes` bytes each.
 function unpacked(arrays, name, bytes, count) {
     const text = arrays && arrays[name];
     demand(typeof text === "string", `its array "${name}" is missing`);
@@ -34,12 +34,12 @@ function unpacked(arrays, name, bytes, count) {
     return bytes === 1 ? new Uint8Array(view.buffer) : Int16Array.from({ length: count }, (_, i) => view.getInt16(2 * i, true));
 }
 
-// Whole numbers of a step to metres, NaN where unknown.
+// Counts of a step as metres; NaN if unknown.
 function metres(counts, step, origin) {
     return Float32Array.from(counts, (n, i) => (n === MISSING ? NaN : origin[i % 3] + step * n));
 }
 
-// Reads a motion. Throws MotionError with what is wrong, to be put after the file's name.
+// Reads a motion. Throws a MotionError, whose message follows the name of the file.
 function readMotion(text) {
     let d;
     try {
@@ -47,8 +47,8 @@ function readMotion(text) {
     } catch {
         throw new MotionError("it is not JSON; open a motion.json that `study skeleton` wrote");
     }
-    demand(d !== null && typeof d === "object" && d.format === FORMAT, `it is JSON, but no motion (its "format" is not "${FORMAT}"); open a motion.json that \`study skeleton\` wrote`);
-    demand(d.version === VERSION, `it is of version ${d.version}, and this page reads version ${VERSION}; make the page or the file anew`);
+    demand(d !== null && typeof d === "object" && d.format === FORMAT, `it is JSON, but not a motion (its "format" is not "${FORMAT}"); open a motion.json that \`study skeleton\` wrote`);
+    demand(d.version === VERSION, `its version is ${d.version}, but this page reads version ${VERSION}; write the older of page and file again with \`study skeleton\``);
     demand(isCount(d.frames) && d.frames > 0, `its number of frames is ${d.frames}`);
     demand(Number.isFinite(d.rate) && d.rate > 0, `its rate is ${d.rate} frames per second`);
     demand(isTexts(d.markers) && isTexts(d.tips) && Array.isArray(d.joints) && d.joints.length > 0, "its markers, joints or tips are missing");
@@ -82,12 +82,12 @@ function readMotion(text) {
         flags: unpacked(d.arrays, "flags", 1, d.frames * joints),
     };
     motion.count = points;
-    motion.middle = calmMiddle(motion);
+    motion.middle = smoothMiddle(motion);
     return motion;
 }
 
-// Course of the skeleton's middle, averaged over a second and a half (frames × 3): what the view follows.
-function calmMiddle(motion) {
+// The middle of the skeleton, averaged over a second and a half (frames × 3); the view follows it.
+function smoothMiddle(motion) {
     const { frames, count, points } = motion;
     const sums = new Float64Array(3 * (frames + 1));
     let last = [0, 0, 0.9];

@@ -1,4 +1,4 @@
-// The page: its controls, its clock, and the file menu.
+// The page: its controls, its clock, and the opening of files.
 
 const FACTORS = [1, 2, 3, 5, 10, 20, 30, 50, 100];
 const UNKNOWN = 2;
@@ -15,10 +15,10 @@ class Player {
         this.stage = stage;
         this.labels = labels;
         this.playing = false;
-        this.time = 0; // of the motion, seconds
+        this.time = 0; // seconds from the start of the motion
         this.waiting = false;
         stage.orbit.addEventListener("change", () => this.redraw());
-        // a view that was chosen is free again once it is turned by hand
+        // a rotation by hand ends the chosen view
         stage.orbit.addEventListener("start", () => { $("view").value = ""; });
         new ResizeObserver(() => this.resize()).observe($("stage"));
     }
@@ -54,7 +54,7 @@ class Player {
         this.update();
     }
 
-    // Draws once before the screen is next refreshed; while playing, each time.
+    // Draws once at the next refresh of the screen; while playing, at each.
     redraw() {
         if (this.waiting) return;
         this.waiting = true;
@@ -79,7 +79,7 @@ class Player {
         this.update();
     }
 
-    // Brings everything up to date with the time and the controls.
+    // Shows the current frame, and the state of the controls.
     update() {
         const { motion, stage } = this;
         const frame = this.frame;
@@ -90,8 +90,7 @@ class Player {
         $("play").textContent = this.playing ? "Pause" : "Play";
         $("play").setAttribute("aria-pressed", String(this.playing));
         const flags = motion.joints.map((joint, i) => [joint.name.replaceAll("_", " "), motion.flags[frame * motion.joints.length + i]]);
-        const words = flags.filter(([, flag]) => flag).map(([name, flag]) => `${name} ${flag === UNKNOWN ? "unknown" : "bridged"}`);
-        const state = words.join(", ");
+        const state = flags.filter(([, flag]) => flag).map(([name, flag]) => `${name} ${flag === UNKNOWN ? "unknown" : "bridged"}`).join(", ");
         if ($("state").textContent !== state) $("state").textContent = state;
         this.redraw();
     }
@@ -104,15 +103,15 @@ class Player {
     }
 }
 
-// Words about a motion, in the panel.
+// Shows the name, source, legend and notes of a motion in the panel.
 function describe(motion) {
     $("name").textContent = motion.name;
     $("source").textContent = motion.source;
     const percent = Math.round(100 * motion.level);
     const legend = [
-        [LOOKS.sides.left, "left"], [LOOKS.sides.right, "right"],
-        [LOOKS.ellipsoid, `${percent} % error ellipsoid of a joint; of a hinge a disc, with its axis`],
-        [LOOKS.marker, "marker"], [LOOKS.flagged, "joint not to be relied on, or bridged in this frame"],
+        [COLORS.sides.left, "left"], [COLORS.sides.right, "right"],
+        [COLORS.ellipsoid, `${percent} % error ellipsoid of a joint; for a hinge a disc, and its axis`],
+        [COLORS.marker, "marker"], [COLORS.flagged, "joint that is not reliable, or bridged in this frame"],
     ];
     $("legend").replaceChildren(...legend.map(([color, words]) => {
         const item = document.createElement("li");
@@ -157,7 +156,7 @@ function wire(player) {
             set(event.target.checked);
             player.update();
         });
-        set($(id).checked); // a page that is loaded again keeps its controls
+        set($(id).checked); // a browser may keep the state of the controls when it reloads the page
     }
     $("play").addEventListener("click", () => player.toggle());
     $("frame").addEventListener("input", (event) => {
@@ -176,7 +175,7 @@ function wire(player) {
     $("file").addEventListener("change", async (event) => {
         const [file] = event.target.files;
         if (file) await openFile(player, file);
-        event.target.value = ""; // so that the same file can be opened again
+        event.target.value = ""; // else the same file could not be opened again
     });
     document.addEventListener("dragover", (event) => event.preventDefault());
     document.addEventListener("drop", (event) => {
@@ -205,7 +204,7 @@ function start() {
     try {
         stage = new Stage($("canvas"));
     } catch {
-        say("This browser cannot draw in three dimensions (WebGL is off or missing): switch on hardware acceleration, or use another browser.");
+        say("This browser cannot draw in three dimensions, as WebGL is off or missing. Switch on hardware acceleration, or use another browser.");
         return;
     }
     const player = new Player(stage, new Labels($("labels"), $("leaders")));
@@ -216,7 +215,7 @@ function start() {
         if (!(error instanceof MotionError)) throw error;
         say(`The motion in this page cannot be shown: ${error.message}.`);
     }
-    window.viewer = player; // for whoever looks behind the page, as its tests do
+    window.viewer = player; // for the tests of this page, and for the console
 }
 
 start();

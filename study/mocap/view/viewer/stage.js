@@ -1,7 +1,7 @@
-// What is drawn with three.js: bones, joints, markers, ellipsoids and the floor of one motion, moved frame by frame.
+// The scene in three.js: bones, joints, markers, ellipsoids and floor of one motion, moved frame by frame.
 
-const ROD = 0.06; // metres from a hinge to either end of the line along its axis
-const SQUARE = 0.5; // metres between the lines on the floor
+const ROD = 0.06; // distance from a hinge to either end of the line along its axis, metres
+const SQUARE = 0.5; // distance between the lines on the floor, metres
 
 class Stage {
     constructor(canvas) {
@@ -21,13 +21,13 @@ class Stage {
         this.rod = new THREE.CylinderGeometry(1, 1, 1, 14).rotateX(Math.PI / 2); // along z
         const solid = (color, opacity = 1) => new THREE.MeshLambertMaterial({ color, transparent: opacity < 1, opacity, depthWrite: opacity === 1 });
         this.materials = {
-            bones: Object.fromEntries(Object.entries(LOOKS.sides).map(([side, color]) => [side, solid(color)])),
-            bridged: Object.fromEntries(Object.entries(LOOKS.sides).map(([side, color]) => [side, solid(color, 0.35)])),
-            joint: solid(LOOKS.sides[""]),
-            flagged: solid(LOOKS.flagged),
-            marker: solid(LOOKS.marker),
-            ellipsoid: solid(LOOKS.ellipsoid, 0.42),
-            axis: solid(LOOKS.ellipsoid),
+            bones: Object.fromEntries(Object.entries(COLORS.sides).map(([side, color]) => [side, solid(color)])),
+            bridged: Object.fromEntries(Object.entries(COLORS.sides).map(([side, color]) => [side, solid(color, 0.35)])),
+            joint: solid(COLORS.sides[""]),
+            flagged: solid(COLORS.flagged),
+            marker: solid(COLORS.marker),
+            ellipsoid: solid(COLORS.ellipsoid, 0.42),
+            axis: solid(COLORS.ellipsoid),
         };
         this.body = null;
         this.factor = 1;
@@ -35,7 +35,7 @@ class Stage {
         this.frame = 0;
     }
 
-    // Takes another motion in place of the one that is shown.
+    // Replaces the motion.
     load(motion) {
         if (this.body) {
             this.scene.remove(this.body);
@@ -73,7 +73,7 @@ class Stage {
         return Number.isNaN(joint.half[2]) && joint.half[0] > 0;
     }
 
-    // Point of a frame by its number: joints, then tips.
+    // A point in a frame, by its number: joints first, then tips.
     point(i, frame = this.frame) {
         const at = 3 * (frame * this.motion.count + i);
         return new THREE.Vector3(...this.motion.points.subarray(at, at + 3));
@@ -87,7 +87,7 @@ class Stage {
         return this.motion.joints[i].doubt !== "" || this.motion.flags[frame * this.motion.joints.length + i] !== 0;
     }
 
-    // Puts everything where it is in a frame.
+    // Shows a frame.
     show(frame) {
         const { motion } = this;
         const before = this.middle();
@@ -97,7 +97,7 @@ class Stage {
         points.forEach((x, i) => {
             const isJoint = i < motion.joints.length;
             const drawn = isJoint ? this.joints[i] : this.tips[i - motion.joints.length];
-            // the end of a limb whose joint is not known hangs on nothing, and says nothing
+            // without a known joint, the end of a limb is hidden
             drawn.visible = !Number.isNaN(x.x) && (isJoint || motion.bones.some((pair, n) => pair.includes(i) && this.bones[n].visible));
             drawn.position.copy(x);
             drawn.scale.setScalar(isJoint ? 0.017 : 0.012);
@@ -119,7 +119,7 @@ class Stage {
         drawn.visible = length > 0;
         if (!drawn.visible) return;
         const sides = [...new Set([this.motion.sides[i], this.motion.sides[j]].filter(Boolean))];
-        const side = sides.length === 1 && sides[0] in LOOKS.sides ? sides[0] : "";
+        const side = sides.length === 1 && sides[0] in COLORS.sides ? sides[0] : "";
         const count = this.motion.joints.length;
         const bridged = [i, j].some((k) => k < count && this.motion.flags[this.frame * count + k] !== 0);
         drawn.material = (bridged ? this.materials.bridged : this.materials.bones)[side];
@@ -157,7 +157,7 @@ class Stage {
         this.markers.instanceMatrix.needsUpdate = true;
     }
 
-    // Half the height of what the view must hold about the middle, metres: of the skeleton in nearly all frames.
+    // Radius of the sphere about the middle that contains the skeleton in nearly all frames, metres.
     reach() {
         const far = [];
         const step = Math.max(Math.floor(this.motion.frames / 200), 1);
@@ -170,12 +170,12 @@ class Stage {
         return (far.length ? far[Math.floor(0.9 * (far.length - 1))] : 1) + 0.15;
     }
 
-    // Looks from a side ("front", "side", "back", "top"; "" for the usual one) at the whole skeleton.
+    // Shows the whole skeleton from a side: "front", "side", "back" or "top"; "" for the default direction.
     look(view) {
         const angles = { front: [0, 6], side: [-90, 6], back: [180, 6], top: [0, 89] }[view] ?? [35, 14];
         const facing = view ? this.facing() : this.facing(0);
         const [azimuth, elevation] = [facing + (angles[0] * Math.PI) / 180, (angles[1] * Math.PI) / 180];
-        // a body is taller than wide most of the time, and names beside it want some room
+        // a body is usually taller than wide, and the names beside it need room
         const narrow = Math.min(1.3 * this.camera.aspect, 1);
         const distance = (0.84 * this.size) / Math.sin((this.camera.fov / 2) * (Math.PI / 180)) / narrow;
         this.orbit.target.copy(this.middle());
@@ -185,7 +185,7 @@ class Stage {
         this.orbit.update();
     }
 
-    // Where the body faces, radians from x to y: across the mean direction from its left points to its right ones.
+    // Heading of the body, radians from x to y: at right angles to the mean direction from right points to left ones.
     facing(frame = this.frame) {
         const across = new THREE.Vector3();
         this.motion.sides.forEach((side, i) => {
@@ -213,7 +213,7 @@ class Stage {
         for (let y = low[1]; y <= high[1] + 1e-6; y += cell) ends.push(low[0], y, motion.floor, high[0], y, motion.floor);
         const geometry = new THREE.BufferGeometry();
         geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(ends), 3));
-        this.gridMaterial ??= new THREE.LineBasicMaterial({ color: LOOKS.floor });
+        this.gridMaterial ??= new THREE.LineBasicMaterial({ color: COLORS.floor });
         return new THREE.LineSegments(geometry, this.gridMaterial);
     }
 
@@ -224,7 +224,7 @@ class Stage {
         this.camera.updateProjectionMatrix();
     }
 
-    // Where a point is on the screen: pixels from the left and from the top.
+    // Place of a point on the screen: pixels from the left and from the top.
     seen(x, width, height) {
         const v = x.clone().project(this.camera);
         return { x: 0.5 * (v.x + 1) * width, y: 0.5 * (1 - v.y) * height, front: v.z < 1 };

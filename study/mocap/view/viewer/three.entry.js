@@ -1,4 +1,4 @@
-// What the viewer uses of three.js. Made into three.min.js, where another version or another part is wanted, by
+// The parts of three.js that the viewer uses. For another version or more parts, make three.min.js again with
 //     npm install three@0.187.0 esbuild@0.28.2
 //     npx esbuild three.entry.js --bundle --minify --format=iife --global-name=THREE --target=es2020 --outfile=three.min.js
 export {

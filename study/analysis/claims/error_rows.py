@@ -1,0 +1,70 @@
+"""Rows of error tables: selections, errors in a unit, and tables with a column per estimator.
+
+Fits that are not ok are counted in one of two ways. As computed (`error_over`): every fit counts with its error,
+whatever its status, as in figure 2; a fit without a number counts as infinite. Failures last (`failures_last`): a fit
+that is not ok counts as worse than any other.
+"""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+import pandas as pd
+
+from study.estimators import Status
+from study.sphere.types import Bools, Floats
+
+LEAST = 20
+"""Least number of data sets behind a median that is shown."""
+WHOLE = 180.0
+"""Half-angle of a cap that is the whole sphere."""
+
+
+def rows_of(errors: pd.DataFrame, estimator: str) -> pd.DataFrame:
+    """The rows of one estimator."""
+    return errors[errors["estimator"] == estimator]
+
+
+def has_estimators(errors: pd.DataFrame, *estimators: str) -> bool:
+    """True if the table has rows of each of these estimators."""
+    return set(estimators) <= {str(name) for name in errors["estimator"].unique()}
+
+
+def cells(errors: pd.DataFrame, estimator: str) -> Iterator[tuple[float, float, pd.DataFrame]]:
+    """Angle, σ/r and rows of an estimator in each condition of a grid."""
+    rows = rows_of(errors, estimator)
+    for _, part in rows.groupby([rows["angle"], relative_noise(rows)]):
+        yield float(part["angle"].iloc[0]), float(relative_noise(part).iloc[0]), part
+
+
+def relative_noise(errors: pd.DataFrame) -> "pd.Series[float]":
+    """Relative noise σ/r of each row."""
+    return errors["noise"] / errors["radius"]
+
+
+def error_over(errors: pd.DataFrame, unit: str) -> "pd.Series[float]":
+    """Error of each row over a column, ``radius`` or ``bound``; infinite if there is no number, or no finite bound."""
+    return (errors["error"] / errors[unit]).where(np.isfinite(errors[unit]), math.inf).fillna(math.inf)
+
+
+def failures_last(part: pd.DataFrame, values: "pd.Series[float]") -> Floats:
+    """Values of all fits; infinite for a fit that is not ok."""
+    return np.where(part["status"] == Status.OK, values.fillna(math.inf), math.inf)
+
+
+def by_estimator(errors: pd.DataFrame, values: "pd.Series[float]") -> pd.DataFrame:
+    """Values as a table: a row per data set, in the order of the errors, and a column per estimator."""
+    table = errors.assign(value=values).pivot(index=["cell", "trial"], columns="estimator", values="value")
+    table.columns = [str(name) for name in table.columns]
+    return table.sort_index(level="trial")
+
+
+def in_large_groups(labels: Floats, least: int = LEAST) -> Bools:
+    """True for each value whose group, named by its label, has at least this many values."""
+    _, place, count = np.unique(labels, return_inverse=True, return_counts=True)
+    return np.asarray(count[place] >= least)
+
+
+def center_errors(rows: pd.DataFrame) -> Floats:
+    """Error vectors of the centre (trials, d); rows with NaN are left out."""
+    return rows[[name for name in rows.columns if name.startswith("error_")]].dropna().to_numpy()

@@ -1,0 +1,55 @@
+"""Stored points of a run as markers of joints: the cells of a grid of radii that share one centre."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from study.experiment.conditions import RADIUS, STORED
+from study.sphere.types import Floats
+
+
+class JointMarkers(NamedTuple):
+    """Markers about one centre, in many trials.
+
+    Attributes:
+        sigma: standard deviation of a coordinate, the same for all markers.
+        radii: radius of each marker's sphere (M,), ascending.
+        markers: points of each marker (trials, n, d), measured from the true centre.
+    """
+
+    sigma: float
+    radii: Floats
+    markers: list[Floats]
+
+
+def point_sets(points: pd.DataFrame, cell: str) -> Floats:
+    """Point sets (trials, n, d) of one cell, measured from the true centre."""
+    mine = points[points["cell"] == cell].sort_values(["trial", "sample"])
+    dimension = sum(name.startswith("center_") for name in points.columns)
+    axes = range(1, dimension + 1)
+    flat = np.stack([(mine[f"x_{i}"] - mine[f"center_{i}"]).to_numpy() for i in axes], axis=1)
+    return flat.reshape(max(mine["trial"].nunique(), 1), -1, dimension)
+
+
+def joint_markers(errors: pd.DataFrame, points: pd.DataFrame) -> Iterator[JointMarkers]:
+    """The joints of a grid run with several radii, drawn independently, whose points were stored.
+
+    Args:
+        errors: the run's error table, for the conditions of its cells.
+        points: its table of points.
+
+    Yields:
+        A joint per noise (ascending), number of samples, angle and centre, with a marker for each radius. Conditions
+        with a single radius yield nothing.
+    """
+    cells = errors.drop_duplicates("cell").astype({"cell": str}).sort_values("radius")
+    by_name = points.assign(cell=points["cell"].astype(str))
+    others = [condition.name for condition in STORED if condition is not RADIUS and condition.name in cells]
+    for _, mine in cells.groupby(others):
+        if len(mine) > 1:
+            sets = [point_sets(by_name, cell) for cell in mine["cell"]]
+            count = min(map(len, sets))
+            markers = [each[:count] for each in sets]
+            yield JointMarkers(float(mine["noise"].iloc[0]), mine["radius"].to_numpy(), markers)

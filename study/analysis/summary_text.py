@@ -1,0 +1,45 @@
+"""The summary of a run for a terminal: median errors in units of the bound."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from study.experiment.conditions import NOISE_OVER_RADIUS, Condition, RowValues, distinguishing
+from study.runs.storage.run_folder import Run
+from study.text.columns import columns
+
+
+def printed(run: Run) -> Iterator[str]:
+    """The medians of error over bound of a run.
+
+    Yields:
+        A title, a header, and a line per group: for each estimator the median error of the ok fits over the bound
+        with its Monte-Carlo error, and in brackets the share of fits that are not ok, if there are any.
+    """
+    frame = run.table("summary")
+    yield f"{run.study.run_name()}: median error of the centre over the Cramér-Rao bound ± its Monte-Carlo error"
+    yield "Fits that are not ok are left out; brackets give their share."
+    if frame.empty:
+        yield "no cell has a trial yet"
+        return
+    named = distinguishing(frame)
+    rows = []
+    for _, part in frame.groupby("group", sort=False):
+        fits = part.to_dict("records")
+        rows.append([_conditions(fits[0], named), *map(_median, fits)])
+    yield from columns(rows, ["", *dict.fromkeys(frame["estimator"])])
+
+
+def _conditions(row: RowValues, named: list[Condition]) -> str:
+    """The conditions of a group."""
+    if np.isfinite(row["decade"]):
+        return f"{NOISE_OVER_RADIUS.symbol} = 1e{int(row['decade']):+03d} …"
+    return ", ".join(condition.label(row) for condition in named)
+
+
+def _median(row: RowValues) -> str:
+    if row["ok"] == 0:
+        return "none ok"
+    failed = 1.0 - row["ok"] / row["planned"]
+    text = f"{row['ratio_median_ok']:.3g} ± {row['ratio_median_ok_error']:.2g}"
+    return text + (f" ({failed:.1%})" if failed > 0 else "")

@@ -1,0 +1,82 @@
+"""Input of every estimator: a batch of point sets, with moments that estimators share computed once."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from study.sphere.layouts import Placed, extent, form
+from study.sphere.moments import Moments
+from study.sphere.regression import Regression, Spectrum
+from study.sphere.types import Floats
+
+
+@dataclass(frozen=True)
+class Samples:
+    """A batch of point sets.
+
+    Attributes:
+        source: the points, coordinates first (b, d, n), float64, any memory layout; or the draws they are formed from.
+        noise: σ, one for all sets or one for each (b,), a covariance Σ (d, d), or None if it is not known.
+    """
+
+    source: Floats | Placed
+    noise: float | Floats | None = None
+
+    @classmethod
+    def of_moments(cls, moments: Moments, noise: float | Floats | None = None) -> "Samples":
+        """Samples of which only the moments are known: enough for every closed form."""
+        return cls.of_regression(Regression.of(moments), noise)
+
+    @classmethod
+    def of_regression(cls, regression: Regression, noise: float | Floats | None = None) -> "Samples":
+        """Samples of which only the closed forms' regression is known."""
+        samples = cls(np.empty((*regression.mean.shape, 0)), noise)
+        samples.__dict__["regression"] = regression  # in place of the cached property
+        return samples
+
+    def only(self, index: int) -> "Samples":
+        """One set of the batch."""
+        one = slice(index, index + 1)
+        noise = self.noise[one] if isinstance(self.noise, np.ndarray) and self.noise.ndim == 1 else self.noise
+        _, d, n = self.shape
+        if isinstance(self.source, Placed):
+            return Samples(form(self.source, np.empty((1, d, n)), index), noise)
+        if n or "regression" not in self.__dict__:
+            return Samples(self.source[one], noise)
+        return Samples.of_regression(self.regression.only(index), noise)
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Number of sets b, dimension d, samples n."""
+        return extent(self.source)
+
+    @cached_property
+    def x(self) -> Floats:
+        """The points, coordinates first (b, d, n)."""
+        return form(self.source, np.empty(self.shape)) if isinstance(self.source, Placed) else self.source
+
+    @cached_property
+    def rows(self) -> Floats | Placed:
+        """The points with each coordinate in a row of memory, for kernels that read them many times; or the draws."""
+        return self.source if isinstance(self.source, Placed) else np.ascontiguousarray(self.source)
+
+    @property
+    def points(self) -> Floats:
+        """The points as (b, n, d), for an estimator that prefers them so."""
+        return self.x.swapaxes(1, 2)
+
+    @cached_property
+    def moments(self) -> Moments:
+        """Centred moments of each set."""
+        return Moments.of(self.source)
+
+    @cached_property
+    def regression(self) -> Regression:
+        """Covariances from which the closed forms are computed."""
+        return Regression.of(self.moments)
+
+    @cached_property
+    def spectrum(self) -> Spectrum:
+        """The regression in the eigenbasis of C."""
+        return Spectrum.of(self.regression)

@@ -1,0 +1,1 @@
+"""The two designs, a grid and a random one: their entries in a config, their cells, and the draws of these."""

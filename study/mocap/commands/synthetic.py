@@ -1,0 +1,30 @@
+"""The command `study synthetic`: a recording of a body whose joints are known."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from study.mocap.commands.options import grouped
+from study.mocap.synthetic.recipe import Recipe
+
+Out = Annotated[
+    Path | None,
+    typer.Option("--out", help=".c3d or .csv [default: results/recordings/synthetic-<seed>/synthetic-<seed>.c3d]"),
+]
+
+
+@grouped
+def synthetic(*, out: Out = None, recipe: Recipe) -> None:
+    """Make a recording of a synthetic body.
+
+    Writes the recording, and tables of the true joints beside it.
+    """
+    from study.mocap.commands.open_recording import print_lines, results_folder
+    from study.mocap.io.writing import write_recording
+    from study.mocap.synthetic.body_truth import write_truth
+    from study.mocap.synthetic.synthesize import synthesize
+
+    made, truth = synthesize(recipe)
+    path = write_recording(made, out or results_folder(made.name) / f"{made.name}.c3d")
+    print_lines([path, *write_truth(truth, path)])

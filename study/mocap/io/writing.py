@@ -1,0 +1,65 @@
+"""Write a recording to a file: C3D, or a table with a column per coordinate."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from study.mocap.io.c3d_header import LONG
+from study.mocap.io.recording import Recording, RecordingError
+
+
+def write_recording(recording: Recording, path: str | Path) -> Path:
+    """Write a recording as C3D or CSV; the suffix of the path decides.
+
+    The folder is made if there is none.
+
+    Returns:
+        The path.
+
+    Raises:
+        RecordingError: if the suffix is another, or the file cannot be written.
+    """
+    path = Path(path)
+    writers = {".c3d": _write_c3d, ".csv": _write_csv}
+    if path.suffix.lower() not in writers:
+        raise RecordingError(f"{path}: a recording is written to a file whose name ends in {', '.join(writers)}")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with open(path, "wb"):  # ezc3d does not say why it cannot write
+            pass
+        writers[path.suffix.lower()](recording, path)
+    except ModuleNotFoundError as error:
+        path.unlink()
+        raise RecordingError(f"{path}: writing it needs {error.name}: pip install '.[mocap]'") from None
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be written: {error.strerror or error}") from None
+    return path
+
+
+def _write_c3d(recording: Recording, path: Path) -> None:
+    """Write millimetres in single precision, as is usual in C3D files; a missing sample has the residual -1."""
+    import ezc3d
+
+    file = ezc3d.c3d()
+    point = file["parameters"]["POINT"]
+    point["LABELS"]["value"] = list(recording.markers)
+    point["UNITS"]["value"] = ["mm"]
+    point["RATE"]["value"] = [recording.rate]
+    if recording.frames >= LONG:  # more than the header can hold
+        file.add_parameter("POINT", "LONG_FRAMES", [float(recording.frames)])
+    points = np.ones((4, *recording.positions.shape[::2]))
+    points[:3] = 1000 * recording.positions.transpose(1, 0, 2)
+    file["data"]["points"] = points
+    file.write(str(path))
+
+
+def _write_csv(recording: Recording, path: Path) -> None:
+    """Write millimetres to three decimals; the cells of missing samples are empty."""
+    columns = [f"{marker}_{axis}" for marker in recording.markers for axis in "XYZ"]
+    rows = recording.positions.reshape(-1, recording.frames).T
+    table = pd.DataFrame(1000 * rows, columns=columns)
+    table.insert(0, "frame", np.arange(1, recording.frames + 1))
+    with open(path, "w", encoding="utf-8", newline="\n") as file:
+        file.write(f"# rate: {recording.rate!r}\n# unit: mm\n")
+        table.to_csv(file, index=False, float_format="%.3f", lineterminator="\n")

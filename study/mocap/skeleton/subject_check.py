@@ -1,0 +1,71 @@
+"""Check that a calibration is of the subject in a recording, by the misfit of its segments' markers.
+
+The markers of one subject stay at their places to a few millimetres of soft-tissue artefact. Those of another subject,
+or of the same one with its markers put on again, are off by centimetres. The misfit of each segment is compared with
+its misfit in the recording that was calibrated.
+"""
+
+from dataclasses import dataclass
+
+from study.mocap.io.recording import RecordingError
+from study.mocap.skeleton.draw_skeleton import Skeleton
+
+_WORSE = 2.0
+"""Growth of a segment's misfit above which it does not fit; between halves of one recording it is at most 1.4."""
+_SMALL = 0.001
+"""Metres of misfit that are always accepted."""
+_LEFT_OUT = 0.5
+"""Share of a segment's samples left out above which it does not fit."""
+_SEGMENTS = 1 / 3
+"""Share of the segments above which misfits show another subject."""
+
+
+@dataclass(frozen=True)
+class SubjectCheck:
+    """Comparison of a calibration with the subject in a recording.
+
+    Attributes:
+        same: True if the calibration is of this subject.
+        misfits: segments whose markers are far from their places, and by how much, in words.
+        text: one line for a user.
+    """
+
+    same: bool
+    misfits: dict[str, str]
+    text: str
+
+
+def check_subject(skeleton: Skeleton) -> SubjectCheck:
+    """Compare a skeleton's misfits with those of its calibration."""
+    misfits: dict[str, str] = {}
+    compared = 0
+    for shape, misfit, left_out in zip(skeleton.calibration.shapes, skeleton.misfits, skeleton.left_out, strict=True):
+        if not len(shape.markers):
+            continue
+        compared += 1
+        if left_out > _LEFT_OUT:
+            misfits[shape.segment] = f"{left_out:.0%} of its samples are far from their places"
+        elif misfit > max(_WORSE * shape.misfit, _SMALL):
+            misfits[shape.segment] = f"{1000 * misfit:.0f} mm off, {1000 * shape.misfit:.0f} mm when calibrated"
+    source, name = skeleton.calibration.source, skeleton.name
+    if len(misfits) > _SEGMENTS * compared:
+        listed = "; ".join(f"{segment}: {words}" for segment, words in misfits.items())
+        text = (
+            f"{name} does not show the subject calibrated in {source}: {len(misfits)} of {compared} segments do not "
+            f"fit ({listed}); calibrate on a recording of the same session"
+        )
+        return SubjectCheck(False, misfits, text)
+    text = f"{name} fits the calibration from {source}: {compared - len(misfits)} of {compared} segments"
+    return SubjectCheck(True, misfits, text + (f", not {', '.join(misfits)}" if misfits else ""))
+
+
+def require_same_subject(skeleton: Skeleton) -> Skeleton:
+    """Return the skeleton, if its calibration is of the subject that it shows.
+
+    Raises:
+        RecordingError: if not; the message names the segments that do not fit and their misfits.
+    """
+    check = check_subject(skeleton)
+    if not check.same:
+        raise RecordingError(check.text)
+    return skeleton

@@ -1,0 +1,118 @@
+"""Write a scene as JSON, for the viewer and for other programs.
+
+Positions are 16-bit integer counts of a step, about a tenth of a millimetre, in base64; see docs/recordings.md.
+"""
+
+import base64
+import json
+from pathlib import Path
+
+import numpy as np
+
+from study.mocap.io.recording import RecordingError
+from study.mocap.skeleton.scene import Scene
+from study.mocap.view.ellipsoids import LEVEL, exaggeration, half_axes
+from study.runs.storage.atomic_write import write
+from study.sphere.types import Floats
+
+FORMAT = "sphere-fit-study motion"
+VERSION = 1
+MISSING = -32768
+"""The count of an unknown coordinate."""
+_LARGEST = 32767
+_RATE = 60.0
+"""Largest number of frames per second; screens show no more."""
+
+
+def motion_document(scene: Scene, rate: float = _RATE) -> dict[str, object]:
+    """The document that JSON stores for a scene.
+
+    Args:
+        scene: the motion.
+        rate: largest number of frames per second; a faster motion keeps every second, third, ... frame.
+
+    Returns:
+        Names, numbers and lists. The arrays are in base64, 16-bit integers with the low byte first: ``markers``
+        (frames, markers, 3) and ``points`` (frames, joints and tips, 3) in steps from ``origin``, -32768 if unknown;
+        ``turns`` (frames, joints, 4), quaternions x, y, z, w times 32767 that rotate an ellipsoid's axes to the
+        world's; and ``flags`` (frames, joints) in bytes, as `Flag`.
+    """
+    shown = scene.at_most(rate)
+    places = np.concatenate([shown.places, shown.points])
+    low, high = _range(places)
+    origin = 0.5 * (low + high)
+    step = max(float((high - low).max()) / (2 * _LARGEST), 1e-6)
+    counts = _rounded((places - origin[:, None]) / step).transpose(2, 0, 1)
+    half = np.where(np.isnan(shown.errors), np.nan, half_axes(shown))
+    joints = [
+        {"name": name, "doubt": doubt, "errors": _numbers(errors), "half_axes": _numbers(axes)}
+        for name, doubt, errors, axes in zip(shown.joints, shown.doubts, shown.errors, half, strict=True)
+    ]
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "name": shown.name,
+        "source": shown.source,
+        "notes": list(shown.notes),
+        "rate": shown.rate,
+        "frames": shown.frames,
+        "unit": "m",
+        "up": "z",
+        "floor": round(shown.floor, 4),
+        "markers": list(shown.markers),
+        "joints": joints,
+        "tips": list(shown.tips),
+        "sides": list(shown.sides()),
+        "bones": [list(bone) for bone in shown.bones],
+        "level": LEVEL,
+        "exaggeration": exaggeration(shown),
+        "step": step,
+        "origin": [round(float(x), 6) for x in origin],
+        "arrays": {
+            "markers": _base64(counts[:, : len(shown.markers)]),
+            "points": _base64(counts[:, len(shown.markers) :]),
+            "turns": _base64(_rounded(_LARGEST * shown.orientations).transpose(1, 0, 2)),
+            "flags": base64.b64encode(np.ascontiguousarray(shown.flags.T).tobytes()).decode(),
+        },
+    }
+
+
+def motion_text(scene: Scene, rate: float = _RATE) -> str:
+    """A scene as JSON text; see `motion_document`."""
+    return json.dumps(motion_document(scene, rate), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+
+
+def write_motion(scene: Scene, path: str | Path) -> Path:
+    """Write a scene as JSON, for the viewer to open.
+
+    Raises:
+        RecordingError: if it cannot be written.
+    """
+    path = Path(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write(path, motion_text(scene).encode())
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be written: {error.strerror or error}") from None
+    return path
+
+
+def _range(places: Floats) -> tuple[Floats, Floats]:
+    """Least and greatest coordinates (3,)."""
+    along = places.transpose(1, 0, 2).reshape(3, -1)
+    return np.nanmin(along, axis=1), np.nanmax(along, axis=1)
+
+
+def _rounded(numbers: Floats) -> "np.typing.NDArray[np.int16]":
+    """Numbers rounded to 16-bit integers; `MISSING` for NaN."""
+    rounded = np.clip(np.rint(numbers), -_LARGEST, _LARGEST)
+    return np.where(np.isnan(rounded), MISSING, rounded).astype("<i2")
+
+
+def _base64(counts: "np.typing.NDArray[np.int16]") -> str:
+    return base64.b64encode(np.ascontiguousarray(counts).tobytes()).decode()
+
+
+def _numbers(row: Floats) -> list[float | None]:
+    """Lengths rounded to a micrometre, metres; None for NaN."""
+    return [None if np.isnan(x) else round(float(x), 6) for x in row]

@@ -1,0 +1,82 @@
+"""The base of the backends: workers of one kind, and the joblib dispatcher that feeds them."""
+
+import contextlib
+import threading
+from collections.abc import Callable
+from typing import Any
+
+from joblib import Parallel, delayed
+
+from study.runs import provenance
+from study.runs.workers import instruction_set
+from study.runs.workers.worker_entry import Parent, attempt
+
+Call = tuple[Callable[..., object], tuple[object, ...], dict[str, object]]
+"""A call as `joblib.delayed` has it."""
+
+
+class Backend:
+    """Workers of one kind.
+
+    Args:
+        slots: number of tasks that are computed or wait for a worker at a time.
+        options: arguments of `joblib.Parallel` that choose the workers.
+
+    Attributes:
+        alone: true if tasks share a fate: the death of one worker ends the others, or all share their memory. Then a
+            task that may be fatal is tried while nothing else runs.
+        enough: weight below which items are put together to a task.
+        parallel: the dispatcher. It returns results as they come, and sends each task by itself.
+        stopped: set when no task is to be begun any more.
+    """
+
+    alone = True
+    enough = 6e6  # some 80 ms, beside which sending a task costs little
+
+    def __init__(self, slots: int | str, **options: object) -> None:
+        self._options: dict[str, Any] = {
+            "pre_dispatch": slots,
+            "return_as": "generator_unordered",
+            "batch_size": 1,
+            **options,
+        }
+        self.stopped = threading.Event()
+        self._open = contextlib.ExitStack()
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin with a new dispatcher, and new workers where some have died."""
+        self._open.close()
+        self.parallel = self._open.enter_context(Parallel(**self._options))
+
+    def call(self, number: int, function: Callable[..., object], *arguments: object) -> Call:
+        """Describe a call of a worker for the dispatcher; its result is that of `worker_entry.attempt`."""
+        described: Call = delayed(attempt)(number, function, *arguments)
+        return described
+
+    @property
+    def slots(self) -> int:
+        """Number of tasks that are computed or wait for a worker at a time."""
+        return int(self._options["pre_dispatch"])
+
+    def outgrown(self) -> bool:
+        """Tell whether there are many more workers than the dispatcher counted when its call began."""
+        return False
+
+    def stop(self) -> None:
+        """Begin no task any more, and end those that run, if they can be ended."""
+        self.close()
+
+    def close(self) -> None:
+        """End the dispatcher, and with it what runs."""
+        self.stopped.set()
+        self._open.close()
+
+
+def introduction(process: int | None) -> Parent:
+    """Describe this process to worker processes.
+
+    Args:
+        process: its number, if the workers are on the same machine and are to end with it.
+    """
+    return Parent(instruction_set.environment(), provenance.fingerprint(), process)

@@ -1,0 +1,66 @@
+import warnings
+
+import c3d
+import numpy as np
+import pytest
+
+from study.mocap.io.reading import read_recording
+from study.mocap.io.recording import Recording, RecordingError
+from study.mocap.io.writing import write_recording
+from study.mocap.synthetic.recipe import Recipe
+from study.mocap.synthetic.synthesize import synthesize
+
+
+@pytest.mark.parametrize(
+    ("ending", "tolerance"),
+    [("c3d", 3e-7), ("CSV", 0.5000001e-6)],  # single precision of metres up to 4; half a thousandth of a millimetre
+)
+def test_there_and_back(tmp_path, ending, tolerance):
+    """Positions, gaps, labels, their order and the rate are the same after writing and reading."""
+    recording, _ = synthesize(Recipe(frames=400, rate=59.94, gaps=0.15, seed=4))
+    path = write_recording(recording, tmp_path / "new" / f"walk.{ending}")
+    found = read_recording(path)
+    assert (found.name, found.markers, found.notes) == ("walk", recording.markers, ())
+    assert found.rate == pytest.approx(59.94, rel=1e-7)
+    np.testing.assert_array_equal(np.isnan(found.positions), np.isnan(recording.positions))
+    np.testing.assert_allclose(found.positions, recording.positions, rtol=0, atol=tolerance)
+
+
+def test_another_library_reads_what_was_written(tmp_path, small):
+    """Units are millimetres; a missing sample has a negative residual."""
+    recording = small()
+    path = write_recording(recording, tmp_path / "a.c3d")
+    with open(path, "rb") as file, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # c3d warns that there are no analog data
+        reader = c3d.Reader(file)
+        frames = np.array([points for _, points, _ in reader.read_frames()])
+    assert [label.strip() for label in reader.point_labels] == list(recording.markers)
+    assert (reader.point_rate, reader.get_string("POINT:UNITS").strip()) == (100.0, "mm")
+    np.testing.assert_array_equal((frames[:, :, 3] < 0).T, ~recording.seen())
+    seen = recording.seen().T
+    wanted = 1000 * recording.positions.transpose(2, 0, 1)
+    np.testing.assert_allclose(frames[:, :, :3][seen], wanted[seen], rtol=1e-6)
+
+
+def test_a_table_for_people(tmp_path):
+    recording = Recording("walk", ("A",), np.array([[[1.0, np.nan], [2.0, np.nan], [-0.5, np.nan]]]), 100.0)
+    text = write_recording(recording, tmp_path / "walk.csv").read_text()
+    assert text == "# rate: 100.0\n# unit: mm\nframe,A_X,A_Y,A_Z\n1,1000.000,2000.000,-500.000\n2,,,\n"
+
+
+def test_the_same_bytes_twice(tmp_path):
+    recording, _ = synthesize(Recipe(frames=30))
+    for ending in ("c3d", "csv"):
+        once, twice = (write_recording(recording, tmp_path / f"{i}.{ending}").read_bytes() for i in "ab")
+        assert once == twice
+
+
+def test_where_nothing_can_be_written(tmp_path, small):
+    with pytest.raises(RecordingError, match=r"a recording is written to a file whose name ends in .c3d, .csv"):
+        write_recording(small(), tmp_path / "walk.bvh")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(RecordingError, match="cannot be written: "):
+        write_recording(small(), tmp_path / "file" / "walk.c3d")
+    (tmp_path / "folder.csv").mkdir()
+    with pytest.raises(RecordingError, match="cannot be written: Is a directory"):
+        write_recording(small(), tmp_path / "folder.csv")

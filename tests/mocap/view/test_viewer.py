@@ -1,0 +1,250 @@
+"""The viewer in a real browser: playing, scrubbing, rotating, switches, files and refusals, without any error."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from study.mocap.view.motion_json import motion_document, write_motion
+from study.mocap.view.webpage import write_viewer
+
+JOINT = """name => viewer.stage.joints[viewer.motion.joints.findIndex(j => j.name === name)].position.toArray()"""
+OVERFLOW = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
+# labels that cover one another, by their boxes; one pixel is none
+COVERED = """[...document.querySelectorAll('#labels span')].filter(e => !e.hidden).map(e => [e.textContent,
+    e.getBoundingClientRect()]).filter(([, a], i, all) => all.some(([, b], j) => j > i && a.left < b.right - 1
+    && b.left < a.right - 1 && a.top < b.bottom - 4 && b.top < a.bottom - 4)).map(([name]) => name)"""
+# keeps what waits for the screen's next refresh, which then comes when a test says so
+HOLD_SCREEN = """() => { let [now, waiting] = [0, []]; window.browser_refreshes = window.requestAnimationFrame;
+    window.requestAnimationFrame = f => waiting.push(f);
+    window.screen_refreshes = milliseconds => { const due = waiting; waiting = []; now += milliseconds;
+    for (const f of due) f(now); }; }"""
+COLORS = """() => { viewer.stage.draw(); const gl = viewer.stage.renderer.getContext();
+    const [w, h] = [gl.drawingBufferWidth, gl.drawingBufferHeight]; const p = new Uint8Array(4 * w * h);
+    gl.readPixels(0, 0, w, h, gl.RGBA, gl.UNSIGNED_BYTE, p); let blue = 0, green = 0;
+    for (let i = 0; i < p.length; i += 4) { if (p[i + 2] > p[i] + 60) blue++; if (p[i + 1] > p[i] + 25
+    && p[i + 1] > p[i + 2] + 8) green++; } return [blue, green]; }"""
+
+
+@pytest.fixture(scope="module")
+def opened(new_tab, scene, tmp_path_factory):
+    """A tab with the page, and the messages of the browser."""
+    file = write_viewer(scene, tmp_path_factory.mktemp("viewer") / "viewer.html")
+    said = []
+    tab = new_tab(viewport={"width": 1000, "height": 700})
+    tab.on("console", lambda message: said.append(f"{message.type}: {message.text}"))
+    tab.on("pageerror", lambda error: said.append(f"error: {error}"))
+    tab.on("request", lambda request: said.append(request.url) if not request.url.startswith(("file:", "data:")) else 0)
+    tab.goto(file.as_uri())
+    if not tab.evaluate("!!window.viewer"):
+        words = tab.locator("#words").text_content()
+        assert "WebGL" in words, (words, said)
+        pytest.skip("the browser of this machine cannot draw in three dimensions")
+    return tab, said
+
+
+@pytest.fixture
+def tab(opened):
+    """The tab at its start; it must have stayed silent."""
+    page, said = opened
+    said.clear()
+    page.evaluate("viewer.playing = false; viewer.frame = 0; say('')")
+    yield page
+    assert said == []
+
+
+@pytest.fixture
+def refresh(tab, until):
+    """Refresh the screen, in place of the browser: a function of the milliseconds since the last time."""
+    until(tab, "!viewer.waiting")
+    tab.evaluate(HOLD_SCREEN)
+    yield lambda milliseconds: tab.evaluate("milliseconds => screen_refreshes(milliseconds)", milliseconds)
+    tab.evaluate("window.requestAnimationFrame = browser_refreshes; viewer.waiting = false; viewer.redraw()")
+
+
+def test_what_is_drawn_is_the_scene(tab, scene):
+    """Joints are where the scene has them, in colours of left and right, with their ellipsoids."""
+    shown = scene.at_most(60.0)
+    for frame in (0, 22):
+        tab.evaluate(f"viewer.frame = {frame}")
+        for name in ("left_knee", "right_ankle", "neck"):
+            x = tab.evaluate(JOINT, name)
+            assert np.allclose(x, shown.centers[shown.joints.index(name), :, frame], atol=2e-4)
+    blue, green = tab.evaluate(COLORS)
+    assert blue > 300
+    assert green > 100
+
+
+def test_play_and_pause(tab, refresh):
+    """Play moves the joints and the slider; pause stops them; at the end it stops by itself."""
+    before = tab.evaluate(JOINT, "left_wrist")
+    tab.locator("#play").click()
+    assert tab.locator("#play").text_content() == "Pause"
+    refresh(0)  # from which it counts
+    refresh(100)
+    assert tab.evaluate("viewer.frame") == 4  # of 45 in a second
+    assert tab.locator("#frame").input_value() == "4"
+    assert tab.evaluate(JOINT, "left_wrist") != before
+    tab.locator("#play").click()
+    assert tab.locator("#play").text_content() == "Play"
+    refresh(100)
+    assert tab.evaluate("viewer.frame") == 4
+    tab.select_option("#speed", "4")
+    tab.locator("#play").click()
+    refresh(0)
+    refresh(200)
+    assert tab.evaluate("viewer.frame") == 40
+    refresh(100)
+    assert not tab.evaluate("viewer.playing")
+    assert tab.evaluate("viewer.frame") == 44
+    assert tab.locator("#play").text_content() == "Play"
+    tab.select_option("#speed", "1")
+
+
+def test_speed(tab):
+    """A tick of the clock advances the motion in proportion to the speed."""
+    for speed in ("0.1", "1", "4"):
+        tab.select_option("#speed", speed)
+        time = tab.evaluate("(() => { viewer.time = 0; viewer.last = 0; viewer.advance(100); return viewer.time; })()")
+        assert time == pytest.approx(float(speed) * 0.1)
+    tab.select_option("#speed", "1")
+
+
+def test_scrub(tab, refresh):
+    """The slider shows its frame, with the time; so do the arrow keys."""
+    tab.locator("#frame").fill("30")
+    assert tab.evaluate("viewer.frame") == 30
+    assert tab.locator("#clock").text_content() == "0.67 of 0.98 s"
+    tab.locator("#canvas").focus()
+    tab.keyboard.press("ArrowLeft")
+    assert tab.evaluate("viewer.frame") == 29
+    tab.keyboard.press(" ")
+    assert tab.evaluate("viewer.playing")
+    refresh(100)
+    tab.keyboard.press(" ")
+    assert not tab.evaluate("viewer.playing")
+
+
+def test_orbit(tab, until):
+    """Dragging rotates the view about the skeleton; the wheel zooms; a side can be chosen."""
+    where = "viewer.stage.camera.position.toArray()"
+    distance = "viewer.stage.camera.position.distanceTo(viewer.stage.orbit.target)"
+    before, far = tab.evaluate(where), tab.evaluate(distance)
+    tab.mouse.move(500, 300)
+    tab.mouse.down()
+    tab.mouse.move(620, 300, steps=3)
+    tab.mouse.up()
+    assert np.linalg.norm(np.subtract(tab.evaluate(where), before)) > 0.5
+    assert tab.evaluate(distance) == pytest.approx(far)
+    tab.mouse.wheel(0, -300)
+    until(tab, f"{distance} < {0.95 * far}")
+    tab.select_option("#view", "top")
+    x, y, z = np.subtract(tab.evaluate(where), tab.evaluate("viewer.stage.orbit.target.toArray()"))
+    assert z > 20 * np.hypot(x, y)
+    tab.select_option("#view", "front")
+    left, right = (tab.evaluate(f"viewer.stage.seen(viewer.stage.point({i}), 100, 100).x") for i in range(2))
+    assert left != right
+
+
+def test_front_is_the_front(tab, scene):
+    """In the front view, the left of the body is on the right of the picture."""
+    tab.select_option("#view", "front")
+    left, right = (scene.joints.index(name) for name in ("left_hip", "right_hip"))
+    x = [tab.evaluate(f"viewer.stage.seen(viewer.stage.point({i}), 100, 100).x") for i in (left, right)]
+    assert x[0] > x[1]
+
+
+def test_switches(tab, until):
+    """Markers, ellipsoids and names go and come back, by mouse and by key; ellipsoids grow by their factor."""
+    tab.evaluate("viewer.frame = 1")
+    tab.uncheck("#markers")
+    assert not tab.evaluate("viewer.stage.markers.visible")
+    tab.uncheck("#ellipsoids")
+    blue, green = tab.evaluate(COLORS)
+    assert blue > 300
+    assert green < 30
+    tab.uncheck("#labelled")
+    until(tab, "[...document.querySelectorAll('#labels span')].every(e => e.hidden)")
+    tab.locator("#canvas").focus()
+    for key in "men":
+        tab.keyboard.press(key)
+    assert tab.evaluate("viewer.stage.markers.visible")
+    until(tab, "[...document.querySelectorAll('#labels span')].some(e => !e.hidden)")
+    before = tab.evaluate("viewer.stage.ellipsoids[0].scale.x / viewer.stage.factor")
+    tab.select_option("#factor", "10")
+    assert tab.evaluate("viewer.stage.ellipsoids[0].scale.x") == pytest.approx(10 * before)
+
+
+def test_what_is_bridged_or_doubtful(tab, scene):
+    """Frames that are bridged say so, bones to such a joint are faint, and doubts are in the panel."""
+    name = scene.joints[3]
+    assert tab.locator("#state").text_content() == ""
+    tab.evaluate("viewer.frame = 22")
+    assert tab.locator("#state").text_content() == f"{name.replace('_', ' ')} bridged"
+    pairs = [n for n, bone in enumerate(scene.bones) if 3 in bone]
+    assert tab.evaluate(f"viewer.stage.bones[{pairs[0]}].material.opacity") < 1
+    assert "neck: moved too little" in tab.locator("#notes").text_content()
+    assert "true joints" in tab.locator("#source").text_content()
+
+
+def test_another_motion(tab, until, scene, tmp_path):
+    """The file menu opens another motion, which replaces the first; markup in its name stays text."""
+    other = replace(scene.part(slice(0, 20)), name="<b>another</b>")
+    path = write_motion(other, tmp_path / "other.json")
+    tab.set_input_files("#file", path)
+    until(tab, "viewer.motion.frames === 10")
+    assert tab.locator("#name").text_content() == "<b>another</b>"
+    assert tab.locator("#frame").get_attribute("max") == "9"
+    assert not tab.locator("#message").is_visible()
+    tab.set_input_files("#file", write_motion(scene, tmp_path / "back.json"))
+    until(tab, "viewer.motion.frames === 45")
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda d: "not { json", "it is not JSON; open a motion.json"),
+        (lambda d: "[1, 2]", "it is JSON, but not a motion"),
+        (lambda d: "null", "it is JSON, but not a motion"),
+        (lambda d: d | {"version": 99}, "its version is 99, but this page reads version 1"),
+        (lambda d: d | {"frames": 46}, 'its array "markers" has'),
+        (lambda d: d | {"frames": -1}, "its number of frames is -1"),
+        (lambda d: d | {"rate": 0}, "its rate is 0"),
+        (lambda d: d | {"bones": [[0, 99]]}, "a bone is not between two of its"),
+        (lambda d: d | {"joints": []}, "its markers, joints or tips are missing"),
+        (lambda d: d | {"arrays": d["arrays"] | {"turns": "!"}}, 'its array "turns" is not base64'),
+        (
+            lambda d: d | {"arrays": d["arrays"] | {"flags": d["arrays"]["flags"][:40]}},
+            'its array "flags" has 30 bytes',
+        ),
+        (lambda d: {k: v for k, v in d.items() if k != "arrays"}, 'its array "markers" is missing'),
+    ],
+)
+def test_a_file_that_is_no_motion(tab, until, scene, change, words):
+    """A message gives the file and the fault; the shown motion stays."""
+    changed = change(motion_document(scene))
+    text = changed if isinstance(changed, str) else json.dumps(changed)
+    tab.set_input_files("#file", {"name": "bad.json", "mimeType": "application/json", "buffer": text.encode()})
+    until(tab, "!document.getElementById('message').hidden")
+    said = tab.locator("#words").text_content()
+    assert said.startswith(f"bad.json cannot be opened: {words}"), said
+    assert tab.evaluate("viewer.motion.frames") == 45
+    tab.locator("#dismiss").click()
+    assert not tab.locator("#message").is_visible()
+
+
+@pytest.mark.parametrize(("width", "height"), [(1280, 800), (768, 900), (360, 640)])
+def test_on_screens(tab, until, width, height):
+    """On a desk, a tablet and a phone the page fits, its controls are reached, and no name covers another."""
+    tab.set_viewport_size({"width": width, "height": height})
+    tab.evaluate("viewer.resize(); viewer.stage.look(''); viewer.redraw()")
+    until(tab, "!viewer.waiting")
+    assert tab.evaluate(OVERFLOW) <= 0
+    for control in ("play", "frame", "speed", "markers", "ellipsoids", "labelled", "open"):
+        box = tab.locator(f"#{control}").bounding_box()
+        assert box["x"] >= 0
+        assert box["x"] + box["width"] <= width
+        assert box["y"] + box["height"] <= height
+    assert tab.locator("#stage").bounding_box()["height"] > 0.5 * height
+    assert tab.evaluate(COVERED) == []

@@ -1,0 +1,32 @@
+"""Work that ends its worker. Not a test: worker processes import it by its name.
+
+`kill` and `starve` stand in for `study.runs.jobs.execute`. They leave a file in a folder each time that a worker ends.
+"""
+
+import os
+import signal
+import uuid
+
+from study.runs import jobs
+
+
+def kill(folder, cells, most, study, some):
+    """Compute jobs, but kill this process if one of the cells is among them, at most so many times."""
+    if _deadly(folder, cells, most, some):
+        os.kill(os.getpid(), signal.SIGKILL)
+    return jobs.execute(study, some)
+
+
+def starve(folder, cells, most, study, some):
+    """Compute jobs, but raise MemoryError if one of the cells is among them, at most so many times."""
+    if _deadly(folder, cells, most, some):
+        raise MemoryError("cannot allocate")
+    return jobs.execute(study, some)
+
+
+def _deadly(folder, cells, most, some):
+    found = cells & {cell.name for job in some for cell in job.span.group.cells}
+    if not found or len(list(folder.iterdir())) >= most:
+        return False
+    (folder / uuid.uuid4().hex).touch()
+    return True

@@ -1,0 +1,97 @@
+"""Coverage of adaptive runs: trials are added until the measure's own error is small enough; is it as small?
+
+The stopping rule is run many times on what it judges: error over bound of one centre coordinate, |z| with z standard
+normal, as of an efficient estimator in one dimension, whose median is Φ⁻¹(3/4); and |c| with c of Cauchy's law, which
+has no mean, as UGDK's error has none, and whose median is 1. Neither truth comes from a simulation.
+
+Each law is tried at 8 targets, so that the first checkpoint is at different distances from them, 500 times each. Shares
+of 4000 are known to .004 or better, and the limits are 4 such errors or more from what was found with other seeds; the
+chance of a false alarm is below 10⁻³.
+"""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from study.estimators import Status
+from study.experiment.precision_config import Precision
+from study.statistics.performance import measured
+
+CAP = 16_000
+REPEATS = 500
+LAWS = {"normal": (stats.halfnorm, stats.norm.ppf(0.75)), "cauchy": (stats.halfcauchy, 1.0)}
+
+
+def columns(values):
+    """Rows of the error table with these errors over bound."""
+    one = np.ones(len(values))
+    return {"error": values, "error_1": values, "bound": one, "radius": one, "status": np.full(len(values), Status.OK)}
+
+
+def stop(precision, values):
+    """The measure where the rule stops, its error, and the number of trials."""
+    for count in precision.checkpoints(len(values)):
+        found = measured(precision.measure, columns(values[:count]))
+        if precision.reached(*found):
+            break
+    return *found, count
+
+
+@pytest.fixture(scope="module", params=LAWS)
+def stopped(request):
+    """Deviations from the truth, errors and targets (n,) of studies that reached their target."""
+    law, truth = LAWS[request.param]
+    rng = np.random.default_rng(20)
+    at_first = 0.5 / law.pdf(truth) / np.sqrt(250)  # the median's standard error, asymptotically
+    rows = []
+    for factor in np.geomspace(1.0, 4.0, 8):
+        target = at_first / factor
+        for values in law.rvs(size=(REPEATS, CAP), random_state=rng):
+            value, error, count = stop(Precision(target=target), values)
+            assert count < CAP
+            rows.append((value - truth, error, target, factor, count))
+    return np.array(rows).T
+
+
+def test_the_target_is_met(stopped):
+    """The real standard error of what is found is within the target, at every one of them.
+
+    A root mean square of 500 is known to 3 %; it was found to be 0.82 to 1.00 of the target, 0.90 over all of them.
+    """
+    away, _, target, factor, _ = stopped
+    assert np.sqrt(np.mean((away / target) ** 2)) < 1.0
+    for each in np.unique(factor):
+        use = factor == each
+        assert np.sqrt(np.mean((away[use] / target[use]) ** 2)) < 1.0 + 4 * 0.03
+
+
+def test_two_targets_hold_the_truth(stopped):
+    """On either side of what is found: in 95 % of studies or more, as two standard errors should."""
+    away, _, target, _, _ = stopped
+    assert np.mean(np.abs(away) <= 2.0 * target) > 0.95
+
+
+def test_two_errors_hold_the_truth_less_often(stopped):
+    """The errors that are stored are small because it is they that stopped the study: they hold it in 93 %, not 95.
+
+    After 250, 1000 and 4000 trials fixed beforehand, 93, 94.3 and 95.4 %.
+    """
+    away, error, target, _, _ = stopped
+    assert np.all(error <= target)
+    assert 0.905 < np.mean(np.abs(away) <= 2.0 * error) < 0.95
+
+
+def test_no_more_trials_than_it_takes(stopped):
+    """The trials are at most twice and a half what the asymptotic error asks for, and not less than half of it."""
+    _, _, _, factor, count = stopped
+    for each in np.unique(factor):
+        assert 0.5 < np.mean(count[factor == each]) / (250 * each**2) < 2.5
+
+
+def test_no_bias(stopped):
+    """To stop by the error does not shift the median by more than a tenth of the target.
+
+    The mean of 4000 deviations is known to .016 targets.
+    """
+    away, _, target, _, _ = stopped
+    assert abs(np.mean(away / target)) < 0.1
