@@ -90,6 +90,17 @@ def _counting_numpy() -> Iterator[None]:
         arrays.empty, math.sqrt = empty, root
 
 
+def _uncounted(function: Callable[..., None]) -> Callable[..., None]:
+    """The function, without its operations in the count."""
+
+    def run(*arguments: Objects) -> None:
+        before = Counted.operations
+        function(*arguments)
+        Counted.operations = before
+
+    return run
+
+
 def _objects(*shape: int) -> Objects:
     array: Objects = np.zeros(shape, dtype=object)
     array[...] = Counted(0.0)
@@ -123,6 +134,8 @@ def count(dimension: int) -> dict[str, float]:
     def closed(x: Objects) -> None:
         result = moments.Moments(_objects(2, 1), _objects(2, 1, d), _objects(1, d, d))
         moments.accumulate(x, 1, result, zeros(d), zeros(d, d))
+
+    lls.diagonalise_all = _uncounted(lls.diagonalise_all)  # once per fit, in sweeps whose number depends on the data
 
     def linear(x: Objects) -> None:
         lls._fit_all(x, 1, _objects(1, d), _objects(1), _objects(1), np.zeros(1, dtype=int), zeros(d))
