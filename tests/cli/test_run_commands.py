@@ -90,7 +90,7 @@ def test_status_of_a_damaged_run(call_here, run):
 def test_a_run_that_is_written_to(call_here, run):
     """`status` names the writer; a second writer is refused with code 1."""
     with writing(run / "out"):
-        assert "written by   process" in call_here(run, "status", "out")[1]
+        assert "written by  process" in call_here(run, "status", "out")[1]
         refused(call_here(run, "run", "tiny.toml", "--out", "out"), 1, "is writing to it")
 
 
