@@ -1,11 +1,13 @@
 """Monte-Carlo study of closed-form sphere fits (Knight & Semwal 2009), and the fits themselves as a library.
 
     import study
-    result = study.fit(points, "ugdk", noise=0.05)   # points (…, n, d)
-    bound = study.crlb(directions, noise=0.05)       # (…, d+1, d+1)
-    best = study.attainable_bound(45, noise=0.3)     # (d+1, d+1), for one sample on the unit sphere
+    fit = study.fit(points, "ugdk", noise=0.05)     # points (…, n, d): fit.center, fit.radius, fit.status
+    joint = study.mgdk([marker_a, marker_b])        # points (n, d) of each marker: one common centre
+    bound = study.crlb(directions, noise=0.05)      # (…, d+1, d+1)
+    best = study.attainable_bound(45, noise=0.3)    # (d+1, d+1), for one sample on the unit sphere
 
-The command line is `study --help`.
+`study.ESTIMATORS` lists the estimators, and `study.Incremental` fits points as they arrive. The command line is
+`study --help`.
 """
 
 from importlib import import_module
@@ -34,7 +36,7 @@ __all__ = [
 
 
 _PLACES = {"attainable_bound": "study.sphere.attainable", "crlb": "study.sphere.bounds"}
-"""Modules of the names that are not estimators'."""
+"""Modules of the names that `study.estimators` does not define."""
 
 
 def __getattr__(name: str) -> Any:
@@ -42,5 +44,5 @@ def __getattr__(name: str) -> Any:
     if name not in __all__:
         raise AttributeError(f"module 'study' has no attribute {name!r}")
     found = getattr(import_module(_PLACES.get(name, "study.estimators")), name)
-    globals()[name] = found  # not asked for again: it would cost as much as a sum over a thousand samples
+    globals()[name] = found  # or each use would come here, which costs as much as a sum over a thousand samples
     return found

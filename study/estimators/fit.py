@@ -34,7 +34,7 @@ class Fit(_Arrays):
     """Spheres that an estimator fitted, to one point set or to a batch of them with leading axes `…`.
 
     Look at ``status`` first: an estimator never raises on data, and a number beside a status other than ok may be of
-    no use. The arrays are a named tuple; errors and residuals are computed from the points when asked for.
+    no use. The arrays are a named tuple; standard errors and residuals are computed from the points on first use.
 
     Attributes:
         center: ĉ (…, d), in the unit of the points.

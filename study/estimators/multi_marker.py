@@ -110,7 +110,7 @@ def mgdk(markers: Sequence[ArrayLike], noise: ArrayLike | None = None, weighted:
 
 @compiled_as_written
 def add_marker(weight: float, left: Floats, mean: Floats, third: Floats, matrix: Floats, right: Floats) -> None:
-    """Add a marker to the normal equations of eq. 22, corrected: matrix · ĉ = right.
+    """Add a marker to the normal equations of the corrected eq. 22, matrix · ĉ = right.
 
     Args:
         weight: w_p.

@@ -114,15 +114,19 @@ def bound_from_scatter(sums: Floats, mean: Floats, scatter: Floats) -> Floats:
 def crlb(directions: ArrayLike, noise: ArrayLike) -> Floats:
     """Cramér-Rao lower bound to the covariance of an unbiased estimate of (centre, radius).
 
+    It treats the directions as known, and does not depend on the radius. `study.attainable_bound` does not treat them
+    as known.
+
     Args:
-        directions: unit vectors (…, n, d) from the centre to the true positions.
-        noise: standard deviation σ of each coordinate, or the covariance Σ (d, d) of a sample.
+        directions: unit vectors (…, n, d) from the centre to the true positions, d ≥ 2; leading axes are a batch.
+        noise: standard deviation σ of each coordinate, in the unit in which the bound is wanted, or the covariance Σ
+            (d, d) of a sample, unit squared.
 
     Returns:
-        Bound (…, d+1, d+1), unit squared of the noise; infinite where the directions do not determine the centre.
+        Bound (…, d+1, d+1), unit squared; infinite where the directions do not determine the centre.
 
     Raises:
-        ValueError: on shapes that do not fit or a noise that is not positive.
+        ValueError: if the shape or the noise cannot be used. The message says which and why.
 
     Source: paper §4.2; the elimination of the directions is theory (3.1).
     """
@@ -142,7 +146,11 @@ def normal_weights(directions: Floats, covariance: Floats) -> Floats:
 
 
 def noise_covariance(noise: ArrayLike, dimension: int) -> Floats:
-    """The noise as a covariance (d, d), given σ or Σ; ValueError says what is wrong with it."""
+    """Covariance (d, d) of a noise that is given as σ or Σ.
+
+    Raises:
+        ValueError: if it is neither a standard deviation nor a covariance. The message says why.
+    """
     value = np.asarray(noise, dtype=float)
     if value.ndim == 0:
         sigma = float(value)

@@ -2,8 +2,8 @@
 
 A direction is u = (1 - t, √(t(2 - t)) w): its height t = 1 - cos θ below the pole, and a unit vector w across the
 axis. The height comes from one uniform number through the inverse of its distribution; w is a sign in two dimensions,
-a point of the circle by its angle in three, and a normalised vector of d - 1 normals in more. Heights are kept instead
-of cosines, so nothing is lost at tiny angles: 1 - cos φ is formed as 2 sin²(φ/2), never by subtraction.
+a point of the circle by its angle in three, and a normalised vector of d - 1 normals in more. Heights stand in
+for cosines, so no digit is lost at tiny angles: 1 - cos φ is formed as 2 sin²(φ/2), never by subtraction.
 """
 
 import math
@@ -165,13 +165,13 @@ def draw(state: Words, half_angle: float, directions: Floats, normals: Floats) -
     Trial after trial, so that a block's first trials do not depend on how many follow.
 
     Args:
-        state: of the generators, see `study.sphere.sfc64`; it is moved on.
+        state: state of the generators, see `study.sphere.sfc64`; it is advanced.
         half_angle: φ in radians, 0 < φ ≤ π.
         directions: receives directions (b, d, n) about the first axis, with the height t = 1 - u₁ in place of u₁.
         normals: receives numbers (b, d, n).
     """
     d = directions.shape[1]
-    # where heights are uniform, they are formed at once
+    # where heights are uniform, they are formed directly
     _draw(state, float(heights(np.ones(1), half_angle, d)[0]) if d == 3 else 1.0, directions, normals)
     if d == 2:
         heights(directions[:, 0], half_angle, d)

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from study.estimators.multi_marker import add_marker
 from study.mocap.geometry.range_of_motion import cap_angle
 from study.mocap.joints.estimates import Estimate
 from study.sphere.jit import compiled
@@ -157,14 +158,12 @@ def _pool(y: Floats, used: Bools, weights: Floats, variance: float, index: Ints,
                     s[1] += square * d1
                     s[2] += square * d2
             c[1, 0], c[2, 0], c[2, 1] = c[0, 1], c[0, 2], c[1, 2]
-            weight = weights[p] * n
-            total += weight
             for i in range(3):
+                s[i] /= n - 1.0
                 for j in range(3):
-                    entry = c[i, j] / (n - 1.0) - (variance if i == j else 0.0)
-                    left[b, i, j] += weight * entry
-                    right[b, i] += weight * entry * mean[j]
-                right[b, i] += weight * 0.5 * s[i] / (n - 1.0)
+                    c[i, j] = c[i, j] / (n - 1.0) - (variance if i == j else 0.0)
+            total += weights[p] * n
+            add_marker(weights[p] * n, c, mean, s, left[b], right[b])
         total = max(total, 1e-300)
         for i in range(3):
             right[b, i] /= total

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from study.estimators.multi_marker import add_marker
 from study.mocap.geometry.generalised_eigen import diagonalise_pair
 from study.mocap.joints.marker_moments import squared_noise
 from study.sphere.jit import compiled, dot
@@ -92,7 +93,7 @@ def _add_up(moments: StackedMoments, w: Floats, within: Floats, totals: _Totals)
     mean, c, s, f, fz, trace_z = moments.mean, moments.c, moments.s, moments.f, moments.fz, moments.trace_z
     zfz, variance = moments.zfz, moments.variance
     origin, total, noise, right = totals
-    m, cm, fm = np.empty(3), np.empty(3), np.empty(3)
+    m, rest = np.empty(3), np.empty(3)
     weight, spread, vfv = 0.0, 0.0, 0.0
     for i in range(3):
         origin[i] = 0.0
@@ -112,16 +113,14 @@ def _add_up(moments: StackedMoments, w: Floats, within: Floats, totals: _Totals)
         spread += w[p] * variance[p]
         vfv += w[p] * zfz[p]
         for i in range(3):
-            cm[i] = c[p, i, 0] * m[0] + c[p, i, 1] * m[1] + c[p, i, 2] * m[2]
-            fm[i] = f[p, i, 0] * m[0] + f[p, i, 1] * m[1] + f[p, i, 2] * m[2]
-            spread += w[p] * m[i] * (4.0 * s[p, i] + 4.0 * cm[i])
-            vfv += w[p] * m[i] * (2.0 * fz[p, i] + fm[i])
-            right[0, i] += w[p] * (cm[i] + 0.5 * s[p, i])
-            right[1, i] += w[p] * (fm[i] + fz[p, i] + 0.5 * trace_z[p, i])
-            right[2, i] += w[p] * (fm[i] + fz[p, i])
-            for j in range(3):
-                total[i, j] += w[p] * c[p, i, j]
-                noise[i, j] += w[p] * f[p, i, j]
+            cm = c[p, i, 0] * m[0] + c[p, i, 1] * m[1] + c[p, i, 2] * m[2]
+            fm = f[p, i, 0] * m[0] + f[p, i, 1] * m[1] + f[p, i, 2] * m[2]
+            spread += w[p] * m[i] * (4.0 * s[p, i] + 4.0 * cm)
+            vfv += w[p] * m[i] * (2.0 * fz[p, i] + fm)
+            right[2, i] += w[p] * (fm + fz[p, i])
+            rest[i] = 2.0 * fz[p, i] + trace_z[p, i]
+        add_marker(w[p], c[p], m, s[p], total, right[0])
+        add_marker(w[p], f[p], m, rest, noise, right[1])
     return spread, vfv
 
 
