@@ -6,6 +6,7 @@ that backend waits for it for ever; where the cluster has one thread, or one yet
 it gives up after ten seconds without a worker. A batch system starts its workers when it pleases.
 """
 
+import math
 import os
 import sys
 import time
@@ -57,8 +58,7 @@ class DaskCluster(Backend):
         return 2 * self._scheduler.counted
 
     def outgrown(self) -> bool:
-        before = self._scheduler.counted
-        return self._scheduler.threads() > 1.5 * before
+        return self._scheduler.threads() > 1.5 * self._scheduler.counted
 
     def close(self) -> None:
         super().close()
@@ -82,7 +82,7 @@ class _SchedulerBackend(ParallelBackendBase):  # type: ignore[misc]  # joblib ha
         super().__init__(nesting_level=0)
         self._client, self._killed = client, killed
         self._numbers: dict[Any, int] = {}
-        self._asked = 0.0
+        self._asked = -math.inf
         self._threads = 0
         self.counted = 2
 
@@ -111,10 +111,6 @@ class _SchedulerBackend(ParallelBackendBase):  # type: ignore[misc]  # joblib ha
             return [future.result()]
         except self._killed as error:
             return [(number, Death(str(error)))]
-
-    def abort_everything(self, ensure_ready: bool = True) -> None:
-        self._client.cancel(list(self._numbers))
-        self._numbers.clear()
 
 
 def serve(address: str, options: list[str]) -> None:

@@ -111,18 +111,21 @@ class Dispatch(Generic[S, T]):
 
     def _next_tasks(self, over: Callable[[], bool]) -> Iterator[Call]:
         """Tasks for one call of joblib, which asks for them from threads of its own, one at a time."""
-        alone = bool(self._suspects) and self._backend.alone
-        while not (over() or self._backend.stopped.is_set() or self._crowded() or self._backend.outgrown()):
-            if self._suspects and self._backend.alone and not alone:
-                return  # to be tried when nothing else runs
+        alone, before = bool(self._suspects) and self._backend.alone, self._count
+        while not (over() or self._backend.stopped.is_set()):
+            if self._count > before and (alone or self._should_pause()):
+                return
             task = self._suspects.popleft() if self._suspects else next(self._tasks, None)
             if task is None:
                 return
             self._count += 1
             self._sent[self._count] = task
             yield self._backend.call(self._count, self._function, self._shared, task.items)
-            if alone:
-                return
+
+    def _should_pause(self) -> bool:
+        """Tell whether the tasks that were sent should end before others are sent."""
+        suspicion = bool(self._suspects) and self._backend.alone  # to be tried when nothing else runs
+        return suspicion or self._crowded() or self._backend.outgrown()
 
     def _crowded(self) -> bool:
         """Tell whether results come faster than they are stored, so that memory would fill up with them.
