@@ -11,23 +11,19 @@ RUNS = Path("results")
 
 
 def run_folder(argument: str) -> Path:
-    """The folder of a run, given itself or as the config of a run in `RUNS`."""
+    """The folder of a run, given itself, as the config of a run in `RUNS`, or as the name of a shipped config."""
     path = Path(argument)
-    if path.suffix != ".toml" or path.is_dir():
+    if path.is_dir() or path.suffix not in ("", ".toml"):
         return path
     from study.experiment.config import load
+    from study.experiment.shipped_configs import shipped_configs
 
-    return RUNS / load(path).run_name()
+    config = path if path.suffix else shipped_configs().get(argument)
+    return path if config is None else RUNS / load(config).run_name()
 
 
-Folder = Annotated[
-    Path,
-    typer.Argument(
-        metavar="RUN",
-        parser=run_folder,
-        help=f"a run's folder, such as results/paper-0123456789, or the config of a run in {RUNS}/",
-    ),
-]
+_FOLDER = "folder of a run, or the config of a run in results/, such as configs/paper.toml, or paper if it is shipped"
+Folder = Annotated[Path, typer.Argument(metavar="RUN", parser=run_folder, help=_FOLDER)]
 
 
 class ExitCode(IntEnum):

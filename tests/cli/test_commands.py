@@ -123,3 +123,11 @@ def test_a_config_names_its_run(finished, call_here, config, tmp_path):
     code, said, complained = call_here(tmp_path, "summary", "none.toml")
     assert (code, said) == (2, "")
     assert "none.toml: cannot be read" in complained
+
+
+def test_a_shipped_config_names_its_run(call_here, tmp_path):
+    """The name of a shipped config stands for its run, too."""
+    name = load(shipped_config("smoke")).run_name()
+    code, said, complained = call_here(tmp_path, "summary", "smoke")
+    assert (code, said) == (1, "")
+    assert f"results/{name}: not a run folder" in complained

@@ -72,8 +72,8 @@ def test_wrong_usage(call_here, folder, arguments):
 
 def test_what_is_no_run(call_here, folder):
     """A folder that is no run, or none at all, is code 1 and one line that says how to make one."""
-    for path in (".", "none", "tiny.toml"):
-        said = refused(call_here(folder, "summary", path), 1, path, "not a run folder", "study run CONFIG")
+    for path, named in ((".", "."), ("none", "none"), ("tiny.toml", "results/tiny-")):
+        said = refused(call_here(folder, "summary", path), 1, named, "not a run folder", "study run CONFIG")
         assert len(said.splitlines()) == 1
 
 
