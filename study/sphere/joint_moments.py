@@ -118,11 +118,11 @@ class JointMoments:
         variance = 4.0 * (r * s) ** 2 * c[:, n, n] + 4.0 * r * s**3 * c[:, n, e] + s**4 * c[:, e, e]
         excess = 2.0 * r * s * mean[:, n] + s**2 * mean[:, e]
         middle = r[..., None] * mean[:, u] + s[..., None] * mean[:, z]
-        n = np.tile(self.count, len(sigma))
-        weight = n / (n - 1.0)
+        count = np.tile(self.count, len(sigma))
+        weight = count / (count - 1.0)
         cross = third.reshape(-1, d) * weight[:, None]
         return Regression(
-            numbers=np.stack([n, variance.reshape(-1), excess.reshape(-1), np.repeat(radius**2, b)]),
+            numbers=np.stack([count, variance.reshape(-1), excess.reshape(-1), np.repeat(radius**2, b)]),
             vectors=np.stack([np.zeros_like(cross), middle.reshape(-1, d), cross]),
             covariance=second.reshape(-1, d, d) * weight[:, None, None],
         )

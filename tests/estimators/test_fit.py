@@ -1,13 +1,16 @@
 """The public call `study.fit`: shapes, batches, wrong input, and the fields of its answer."""
 
 import pickle
+from typing import get_type_hints
 
 import numpy as np
 import pandas as pd
 import pytest
+from numpy.typing import NDArray
 
 import study
-from study import Status
+from study import Fit, Status
+from study.estimators.fit import blank
 
 
 @pytest.mark.parametrize("d", [2, 3, 5])
@@ -123,6 +126,15 @@ def test_fit_is_frozen(rng, on_cap, name):
     fit = study.fit(on_cap(rng, 10)[0])
     with pytest.raises(AttributeError):
         setattr(fit, name, None)
+
+
+def test_blank_fit_has_the_declared_types():
+    """The arrays that an estimator fills in have the types that the fields of `Fit` declare, all NaN or zero."""
+    declared = get_type_hints(Fit.__base__)
+    assert list(declared) == list(Fit._fields)
+    for name, array in zip(Fit._fields, blank(4, 3), strict=True):
+        assert declared[name] == NDArray[array.dtype.type], name
+        assert np.isnan(array).all() if array.dtype == float else not array.any()
 
 
 def test_fit_survives_pickling(rng, on_cap):
