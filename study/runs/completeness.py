@@ -1,7 +1,5 @@
 """Completeness of a run: its tables are as its manifest says, and nothing is left to compute."""
 
-from typing import Any
-
 from study.runs.jobs import output
 from study.runs.storage.atomic_write import RunError
 from study.runs.storage.parts import FORMAT
@@ -21,7 +19,7 @@ def damaged(run: Run) -> list[str]:
 def digests(run: Run) -> dict[str, str]:
     """Digests of the tables in a run's manifest, by name; none of a run that is not finished."""
     try:
-        manifest: dict[str, Any] = run.manifest()
+        manifest = run.manifest()
         known = manifest["format"] == FORMAT and set(manifest["estimators"]) == set(run.study.estimators)
         return dict(manifest["tables"]) if known else {}
     except (RunError, KeyError, TypeError, ValueError):

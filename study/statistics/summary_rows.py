@@ -4,8 +4,6 @@ A group is a cell, or, in a random design, a decade of σ/r. Failures count: no 
 all fits counts those that are not ok as infinite.
 """
 
-from typing import Any
-
 import numpy as np
 import pandas as pd
 
@@ -14,11 +12,13 @@ from study.experiment.conditions import STORED
 from study.experiment.errors import Columns, Errors
 from study.statistics.performance import MEASURES, Fits
 
+Row = dict[str, str | float]
+"""A row of the summary table: a value for each column."""
 NEEDED = ["error", "error_1", "bound", "status"]
 """Columns of the error table that a row of the summary is made of, besides the conditions."""
 
 
-def row(group: str, estimator: str, fits: Columns) -> dict[str, Any]:
+def row(group: str, estimator: str, fits: Columns) -> Row:
     """Summarise the fits of one estimator in one group.
 
     Args:
@@ -30,7 +30,7 @@ def row(group: str, estimator: str, fits: Columns) -> dict[str, Any]:
         A value for each column of the summary table.
     """
     status = fits["status"]
-    found: dict[str, Any] = {
+    found: Row = {
         "group": group,
         "estimator": estimator,
         "decade": fits["decade"][0],
@@ -72,7 +72,7 @@ def of_errors(errors: Errors) -> Columns:
     return as_columns(rows)
 
 
-def as_columns(rows: list[dict[str, Any]]) -> Columns:
+def as_columns(rows: list[Row]) -> Columns:
     """Turn rows of the summary table into columns."""
     frame = pd.DataFrame(rows)
     return {str(name): frame[name].to_numpy() for name in frame}

@@ -1,8 +1,9 @@
-"""A run that is interrupted: code 130, one line, and the finished parts are kept."""
+"""Interrupted runs end with code 130 and one line, and keep the finished parts; killed ones leave no workers."""
 
 import os
 import signal
 
+import psutil
 import pytest
 
 from study.runs.storage.parts import Parts
@@ -40,3 +41,23 @@ def test_interrupt(hold, tmp_path, backend, jobs, number):
     assert kept.count == len(list(parts.iterdir())) > 0
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["config.toml", "parts"]
     assert complained.splitlines() == ["interrupted; run the same command again to resume"]
+
+
+def is_gone(process):
+    """True when a process has ended, whether or not its new parent has taken note of it."""
+    try:
+        return process.status() == psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return True
+
+
+def test_workers_end_with_a_killed_parent(hold, wait_for, tmp_path):
+    """Worker processes at work notice that their parent is gone, and end."""
+    (tmp_path / "long.toml").write_text(LONG)
+    options = ["--out", "out", "--jobs", 2, "--backend", "loky"]
+    process = hold(tmp_path, tmp_path / "out" / "parts", 2, "run", "long.toml", *options)
+    children = psutil.Process(process.pid).children()
+    workers = [child for child in children if "popen_loky" in " ".join(child.cmdline())]
+    assert len(workers) == 2
+    process.kill()
+    wait_for(lambda: all(map(is_gone, workers)))

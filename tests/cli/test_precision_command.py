@@ -1,4 +1,4 @@
-"""Trials by need on the command line: `run --budget`, its code 4, and what the other commands make of such a run."""
+"""Adaptive runs on the command line: `run --budget`, its code 4, and the other commands on such a run."""
 
 import pytest
 
@@ -21,14 +21,14 @@ first = 100
 
 @pytest.fixture
 def folder(tmp_path):
-    """A folder with a config that asks for a precision, and one that does not."""
+    """A folder with a config that has a [precision], and one that has not."""
     (tmp_path / "need.toml").write_text(CONFIG)
     (tmp_path / "fixed.toml").write_text(CONFIG[: CONFIG.index("[precision]")])
     return tmp_path
 
 
 def test_a_budget_that_ends_at_once(call_here, folder):
-    """Code 4 and one line, again and again; every command says what there is; the command that it names ends it."""
+    """Code 4 and one line, again and again; every command works on the run; the command in the line finishes it."""
     for _ in range(2):
         code, said, complained = call_here(folder, "run", "need.toml", "--out", "out", "--budget", "0")
         assert (code, said) == (4, "out\n")
@@ -48,7 +48,7 @@ def test_a_budget_that_ends_at_once(call_here, folder):
 
 
 def test_a_finished_run(call_here, folder):
-    """It tells which cells reached the target, so does a report; a trial that a cell has not is drawn, and says so."""
+    """Status and report count the cells that reached the target; `replay` draws a trial beyond them, and says so."""
     assert call_here(folder, "run", "need.toml", "--out", "out")[0] == 0
     run = Run.open(folder / "out")
     trials = run.trials()
@@ -73,7 +73,7 @@ def test_a_finished_run(call_here, folder):
 
 
 def test_beside_a_fixed_run(call_here, folder):
-    """The trials that both have are the same data sets: `diff` finds no difference."""
+    """The trials that both runs have are the same data sets: `diff` finds no difference."""
     assert call_here(folder, "run", "need.toml", "--out", "need")[0] == 0
     assert call_here(folder, "run", "fixed.toml", "--out", "fixed")[0] == 0
     code, said, _ = call_here(folder, "diff", "need", "fixed")
@@ -83,7 +83,7 @@ def test_beside_a_fixed_run(call_here, folder):
 
 
 def test_plan(call_here, folder):
-    """What is known is told: the least, up to the first checkpoint, and the most, up to the cap."""
+    """The plan has the least work, up to the first checkpoint, and the most, up to the cap."""
     code, said, complained = call_here(folder, "plan", "need.toml")
     assert (code, complained) == (0, "")
     least, most = said.split("at most")
@@ -94,13 +94,13 @@ def test_plan(call_here, folder):
 
 @pytest.mark.parametrize("value", ["-1", "soon"])
 def test_budgets_that_are_none(call_here, folder, value):
-    """Wrong usage, and nothing is written."""
+    """A budget that is no time is wrong usage, and nothing is written."""
     assert call_here(folder, "run", "need.toml", "--out", "out", "--budget", value)[0] == 2
     assert not (folder / "out").exists()
 
 
 def test_a_budget_for_a_fixed_study(call_here, folder):
-    """Its trials are what its config says: a budget is refused before anything is run."""
+    """A budget for a fixed number of trials is refused before anything is run."""
     code, said, complained = call_here(folder, "run", "need.toml", "fixed.toml", "--budget", "1")
     assert (code, said) == (2, "")
     assert "fixed.toml has no [precision]" in complained

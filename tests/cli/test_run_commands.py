@@ -88,7 +88,7 @@ def test_status_of_a_damaged_run(call_here, run):
 
 
 def test_a_run_that_is_written_to(call_here, run):
-    """Who writes is told by `status`; who would write, too, is refused with code 1."""
+    """`status` names the writer; a second writer is refused with code 1."""
     with writing(run / "out"):
         assert "written by  process" in call_here(run, "status", "out")[1]
         refused(call_here(run, "run", "tiny.toml", "--out", "out"), 1, "is writing to it")
@@ -136,7 +136,7 @@ def test_diff(call_here, run, config):
 
 
 def test_diff_of_a_changed_estimator(call_here, run, config, monkeypatch):
-    """What got worse is code 1."""
+    """A difference is code 1."""
     (run / "many.toml").write_text(config.replace("trials = 5", "trials = 100"))
     good = study.ESTIMATORS["lls"]
     assert call_here(run, "run", "many.toml", "--out", "one")[0] == 0
@@ -193,7 +193,7 @@ def test_failures_above_the_tolerance(call_here, config, tmp_path):
     ids=str,
 )
 def test_wrong_backends(call_here, config, tmp_path, words):
-    """A backend that is none, or without its scheduler, is wrong usage; nothing is written."""
+    """An unknown backend, or one without its scheduler, is wrong usage; nothing is written."""
     (tmp_path / "tiny.toml").write_text(config)
     assert call_here(tmp_path, "run", "tiny.toml", *words)[0] == 2
     assert [path.name for path in tmp_path.iterdir()] == ["tiny.toml"]

@@ -1,4 +1,4 @@
-"""What the tests of configs, designs and draws share: a writer of small configs."""
+"""Fixtures for tests of configs, designs and draws: they write small configs."""
 
 import pytest
 

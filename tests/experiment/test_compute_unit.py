@@ -61,7 +61,7 @@ def test_error_is_estimate_minus_truth(make_study, d):
 def test_cells_a_power_of_ten_apart_are_one_level(make_study):
     """Radii of 1 and 10 with noise of .1 and 1: the errors of the larger are ten times those of the smaller, exactly.
 
-    That those are right is seen from a study of the larger alone, which gives the same bytes.
+    A study of the larger sphere alone gives the same bytes, so both are right.
     """
     both = rows(make_study(noise=[0.1, 1.0], radius=[1.0, 10.0]))
     small = (both["radius"] == 1.0) & (both["noise"] == 0.1)
@@ -142,7 +142,7 @@ def test_order_and_number_of_rows(make_study):
 
 @pytest.mark.parametrize("keep", [0, 1, 3, 99])
 def test_first_trials_points_are_kept(make_study, keep, monkeypatch):
-    """The points of as many first trials of each cell are kept as asked for, across blocks."""
+    """The points of the first trials of each cell are stored, as many as the config says, across blocks."""
     monkeypatch.setattr("study.experiment.designs.grid.BLOCK_TRIALS", 2)
     made = make_study({"keep_points": keep}, trials=5, noise=[0.1, 0.2])
     result = compute(made, next(units(made)))
@@ -170,7 +170,7 @@ def test_timings_account_for_every_fit(make_study):
 def test_levels_do_not_depend_on_what_is_fitted_beside_them(make_study, d, samples):
     """Levels fitted side by side, from points formed in a cache, have the bytes of levels fitted one at a time.
 
-    They are that where an estimator wants its points in memory, where points are kept, and where there is one alone.
+    Levels are fitted one at a time if an estimator needs points in memory, or if points are stored.
     """
     names, design = ["mle", "lls", "gdke", "ugdk"], {"samples": samples, "noise": [1e-6, 0.02, 0.3, 5.0], "trials": 3}
     together = rows(make_study({"estimators": names, "dimension": d}, **design))
@@ -193,7 +193,7 @@ def test_levels_do_not_depend_on_what_is_fitted_beside_them(make_study, d, sampl
 
 @pytest.mark.parametrize("route", ["points", "moments"])
 def test_no_estimators_leave_no_rows(make_study, route):
-    """Timings, and points, can be asked for alone, as a run does whose tables of them are lost: no fits are told of."""
+    """A unit without estimators gives timings and points alone, as for a run that has lost those tables."""
     made = make_study({"estimators": ["gdke"], "route": route}, noise=[0.1, 0.2])
     alone = made.model_copy(update={"estimators": ()})
     result = compute(alone, next(units(made)))
@@ -215,7 +215,7 @@ def hesitant(monkeypatch):
 
 @pytest.mark.usefixtures("hesitant")
 def test_an_exception_among_levels_is_a_status_of_its_trial(make_study):
-    """Where levels are fitted side by side, too, the level and the trial on which an estimator raises are told."""
+    """An exception is noted with its level and trial, also if levels are fitted side by side."""
     made = make_study({"estimators": ["gdke", "hesitant"]}, trials=40, noise=[0.1, 0.4], angle=60)
     unit = next(units(made))
     result = compute(made, unit)
@@ -248,7 +248,7 @@ def sometimes(monkeypatch):
 
 @pytest.mark.usefixtures("sometimes")
 def test_an_exception_is_a_status_of_its_trial(make_study):
-    """The trials on which an estimator raises are told by name; the others, and other estimators, are as ever."""
+    """The trials on which an estimator raises are named; other trials and other estimators are not affected."""
     made = make_study({"estimators": ["lls", "sometimes"], "keep_points": 40}, trials=40, noise=[0.1, 0.2])
     result = compute(made, next(units(made)))
     found, failures, points = result.errors, result.failures, result.points
@@ -298,7 +298,7 @@ def test_answers_of_another_shape_are_failures(make_study, monkeypatch, wrong):
 
 
 def test_a_long_message_is_cut(make_study, monkeypatch):
-    """A message is not longer than a line or some."""
+    """A message has at most 500 characters."""
 
     def talkative(samples):
         raise RuntimeError("x" * 10_000)

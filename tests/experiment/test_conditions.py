@@ -61,7 +61,7 @@ def table(folder, name="errors"):
 
 
 def described(folder, name):
-    """Columns of a stored table with their types and all that is said of them."""
+    """Columns of a stored table with their types, units and meanings."""
     return [(field.name, str(field.type), field.metadata) for field in pq.read_schema(folder / f"{name}.parquet")]
 
 
@@ -77,7 +77,7 @@ def test_an_entry_that_nobody_asks_for_leaves_no_trace(wider, make_run):
 
 
 def metadata(folder):
-    """What a run's summary table says of itself."""
+    """Metadata of a run's summary table."""
     return {k.decode(): v.decode() for k, v in pq.read_schema(folder / "summary.parquet").metadata.items()}
 
 

@@ -25,7 +25,7 @@ def test_there_are_configs():
 
 
 def test_defaults(make_study):
-    """What is left out is three-dimensional, isotropic, of radius 1 about the origin, and shares draws."""
+    """By default a study is three-dimensional, isotropic, of radius 1 about the origin, and shares draws."""
     study = make_study({"dimension": None})
     design = study.design
     assert (study.dimension, study.noise_shape, study.keep_points) == (3, None, 0)
@@ -123,7 +123,7 @@ def test_constant_law_in_words_or_as_a_number():
     ids=lambda change: change[1].strip().replace("\n", " "),
 )
 def test_other_meaning_other_digest(change):
-    """Whatever changes a number of the run, down to the last bit, changes the digest."""
+    """A change of any number of the run, down to the last bit, changes the digest."""
     assert parse(BASE.replace(*change)).digest() != parse(BASE).digest()
 
 

@@ -1,4 +1,4 @@
-"""Configs that are wrong: one message, every fault, each with its line, place, value and what is allowed."""
+"""Configs with faults: one message has every fault, with its line, place, value and the values allowed."""
 
 import re
 
@@ -24,7 +24,7 @@ RANDOM = [*GRID[:6], 'kind = "random"', "trials = 2", "samples = 10", *GRID[9:]]
 
 
 def message(lines, changes):
-    """What is said about a config with some lines, counted from 1, replaced."""
+    """The message about a config in which some lines, counted from 1, are replaced."""
     lines = [changes.get(number, line) for number, line in enumerate(lines, start=1)]
     with pytest.raises(ConfigError) as caught:
         parse("\n".join(lines), "study.toml")
@@ -32,7 +32,7 @@ def message(lines, changes):
 
 
 def test_templates_are_right():
-    """The configs that the tests below spoil are good ones."""
+    """The configs that the tests below modify are good ones."""
     assert parse("\n".join(GRID)).name == parse("\n".join(RANDOM)).name == "test"
 
 
@@ -82,8 +82,8 @@ COMMON = [
 
 @pytest.mark.parametrize("fault", COMMON, ids=lambda fault: fault[1].replace("\n", " "))
 @pytest.mark.parametrize("template", [GRID, RANDOM], ids=["grid", "random"])
-def test_each_fault_is_told(template, fault):
-    """A fault has its line, its place, its value and what is allowed."""
+def test_each_fault_is_listed(template, fault):
+    """A fault has its line, its place, its value and the values allowed."""
     number, line, *parts = fault
     said = message(template, {number: line})
     head, *lines = said.splitlines()
@@ -133,7 +133,7 @@ IN_RANDOM = [
 
 
 @pytest.mark.parametrize("fault", IN_GRID, ids=lambda fault: fault[1])
-def test_each_fault_of_a_grid_is_told(fault):
+def test_each_fault_of_a_grid_is_listed(fault):
     """Lists, linspace and logspace are checked value by value."""
     number, line, *parts = fault
     said = message(GRID, {number: line})
@@ -143,7 +143,7 @@ def test_each_fault_of_a_grid_is_told(fault):
 
 
 @pytest.mark.parametrize("fault", IN_RANDOM, ids=lambda fault: fault[1])
-def test_each_fault_of_a_law_is_told(fault):
+def test_each_fault_of_a_law_is_listed(fault):
     """Laws are checked key by key, and at their extremes."""
     number, line, *parts = fault
     said = message(RANDOM, {number: line})
@@ -193,7 +193,7 @@ def test_what_is_missing_is_named(key):
 
 @pytest.mark.parametrize("value", ["[0.1, 0.2]", "{ linspace = [1, 2, 3] }", "{ low = 1, high = 2 }"])
 def test_a_grid_axis_in_a_random_design(value):
-    """What a random design takes instead of a list or a range is said by name: a law."""
+    """A list or a range in a random design is refused, and the message names a law."""
     said = message(RANDOM, {10: f"noise = {value}"})
     assert "line 10: design.noise" in said
     assert "uniform" in said.split("design.noise", 1)[1].replace(value, "")

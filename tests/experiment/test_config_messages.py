@@ -81,7 +81,7 @@ def test_faults_within_a_law(key):
 
 
 def test_a_fault_is_one_line():
-    """Whatever is in a key or a value, a fault takes one line."""
+    """A fault takes one line, for any key and any value."""
     assert all(line.startswith("  line ") for line in faults(MANY + '"new\\nline" = "new\\nline"\n'))
 
 
@@ -127,7 +127,7 @@ def test_a_range_beyond_floating_point(key):
 
 @pytest.mark.parametrize("text", ["name = ", "name = 'a'\nname = 'b'", "just words", "[design", "a = [1,"])
 def test_what_is_not_toml(text):
-    """A file that is no TOML is said to be none, with the line from the TOML reader."""
+    """The message about a file that is no TOML has the line from the TOML reader."""
     with pytest.raises(ConfigError, match=r"^x\.toml: not TOML: .*(line|end of document)"):
         parse(text, "x.toml")
 

@@ -1,4 +1,4 @@
-"""How fits are computed and what is kept of them, as a config says it."""
+"""The entries `route`, `keep` and `most_samples` of a config."""
 
 import json
 
@@ -48,14 +48,14 @@ def test_moments_serve_closed_forms_alone():
 
 @pytest.mark.parametrize("top", ['route = "moments"', 'keep = "summary"'])
 def test_a_random_design_has_one_trial_a_cell(top):
-    """So there is nothing that levels could share, and nothing to sum up."""
+    """A random design has neither levels that share draws nor cells to summarise, and says so."""
     text = GRID.format(top, "").replace('"grid"', '"random"').replace("[10, 100, 1000]", "10")
     with pytest.raises(ConfigError, match="random design"):
         parse(text)
 
 
 def test_configs_from_before_are_what_they_were():
-    """Keys at their defaults leave no trace in what a run's folder is named after; others do."""
+    """Entries at their defaults have no effect on the name of a run's folder; others have."""
     plain = parse(GRID.format("", ""))
     said = parse(GRID.format('route = "points"\nkeep = "errors"', ""))
     written = json.loads(plain.canonical())
@@ -67,7 +67,7 @@ def test_configs_from_before_are_what_they_were():
 
 
 def test_cells_of_many_samples_have_fewer_trials():
-    """No more than 5000 samples a cell: 500 trials of 10, 50 of 100, 5 of 1000; at least one."""
+    """At most 5000 samples a cell: 500 trials of 10, 50 of 100, 5 of 1000; at least one."""
     for limit, expected in ((5000, {10: 500, 100: 50, 1000: 5}), (500, {10: 50, 100: 5, 1000: 1})):
         found = dict.fromkeys(expected, 0)
         for unit in units(parse(GRID.format("", f"most_samples = {limit}"))):

@@ -84,7 +84,7 @@ def test_log_uniform_stays_within_its_ends(ends, u):
     ids=lambda v: type(v).__name__,
 )
 def test_possible(law, expected):
-    """What a law can give: its values, or the ends of its range."""
+    """A law's possible values are its list, or the ends of its range."""
     assert law.possible() == expected
 
 

@@ -1,4 +1,4 @@
-"""A config's ``[posterior]``: what it means, every way in which it can be wrong, and that it names no run."""
+"""The section ``[posterior]``: its meaning, its faults, and that it does not change a run's name."""
 
 import dataclasses
 import re
@@ -42,7 +42,7 @@ FIRST = GRID.count("\n") + 2
 """The line after [posterior]'s own."""
 
 
-def asked(text, *lines):
+def with_section(text, *lines):
     """A config with these lines in its [posterior]."""
     return text + "\n".join(["[posterior]", *lines]) + "\n"
 
@@ -58,7 +58,7 @@ def faults(text):
 
 def test_defaults_are_those_of_the_documentation():
     """An empty [posterior] asks for four trials of every cell, σ known and not, in the geometric likelihood."""
-    made = parse(asked(GRID)).posterior
+    made = parse(with_section(GRID)).posterior
     assert (made.trials, made.where, made.noise, made.likelihood) == (4, (), ("known", "unknown"), ("geometric",))
     assert made.box == 10.0
     assert (made.walkers, made.max_steps, made.keep_draws) == (64, 20_000, 1)
@@ -67,8 +67,10 @@ def test_defaults_are_those_of_the_documentation():
 
 def test_one_value_stands_for_a_list_of_one():
     """Noise, likelihood and the values of a condition may be written without brackets."""
-    bare = asked(GRID, 'noise = "known"', 'likelihood = "geometric"', "where = { angle = 180, samples = 20 }")
-    listed = asked(GRID, 'noise = ["known"]', 'likelihood = ["geometric"]', "where = { angle = [180], samples = [20] }")
+    bare = with_section(GRID, 'noise = "known"', 'likelihood = "geometric"', "where = { angle = 180, samples = 20 }")
+    listed = with_section(
+        GRID, 'noise = ["known"]', 'likelihood = ["geometric"]', "where = { angle = [180], samples = [20] }"
+    )
     assert parse(bare) == parse(listed)
     table = GRID + '[posterior]\nnoise = "known"\n[posterior.where]\nangle = 180\nsamples = 20\n'
     assert parse(table).posterior == parse(bare).posterior
@@ -112,10 +114,10 @@ FAULTS = [
 
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault[0])
 @pytest.mark.parametrize("text", [GRID, RANDOM], ids=["grid", "random"])
-def test_each_fault_is_told(text, fault):
-    """One fault, with its line, its place, its value and what is allowed."""
+def test_each_fault_is_listed(text, fault):
+    """One fault, with its line, its place, its value and the values allowed."""
     line, *words = fault
-    (said,) = faults(asked(text, line))
+    (said,) = faults(with_section(text, line))
     assert said.startswith(f"  line {FIRST}: {words[0]}")
     assert words[1] in said
 
@@ -139,8 +141,8 @@ ACROSS = [
 
 @pytest.mark.parametrize(("line", "words"), ACROSS)
 def test_a_value_that_no_cell_has(line, words):
-    """A value that the grid does not have is told, at the line of where, and nothing else."""
-    assert f"  line {FIRST}: posterior.{words}" in faults(asked(GRID, line))[0]
+    """A value that the grid does not have is the only fault, at the line of where."""
+    assert f"  line {FIRST}: posterior.{words}" in faults(with_section(GRID, line))[0]
 
 
 @pytest.mark.parametrize(
@@ -148,15 +150,15 @@ def test_a_value_that_no_cell_has(line, words):
     [("where = { radius = 3 }", "radius = 3"), ("where = { noise_over_radius = 0.2 }", "noise_over_radius = 0.2")],
 )
 def test_a_value_that_no_law_gives(line, words):
-    """Laws that are constants and choices have values that can be listed; those of intervals are not looked at."""
-    assert faults(asked(RANDOM, line)) == [f"  line {FIRST}: posterior.where: no cell has {words}"]
-    assert parse(asked(RANDOM, "where = { radius = 2, noise_over_radius = [0.1, 0.3], noise = 7, angle = 30 }"))
+    """Constants and choices have values that can be listed; those of intervals are not checked."""
+    assert faults(with_section(RANDOM, line)) == [f"  line {FIRST}: posterior.where: no cell has {words}"]
+    assert parse(with_section(RANDOM, "where = { radius = 2, noise_over_radius = [0.1, 0.3], noise = 7, angle = 30 }"))
 
 
 def test_all_values_that_no_cell_has():
     """Each has a line of its own."""
     line = "where = { angle = [45, 60, 90], noise = 0.3, samples = 20 }"
-    assert [said.split(": ", 2)[2] for said in faults(asked(GRID, line))] == [
+    assert [said.split(": ", 2)[2] for said in faults(with_section(GRID, line))] == [
         "no cell has angle = 45",
         "no cell has angle = 90",
         "no cell has noise = 0.3",
@@ -165,17 +167,17 @@ def test_all_values_that_no_cell_has():
 
 def test_where_of_conditions_that_cells_have():
     """σ and σ/r are both known in a grid that gives one of them, and values need agree to nine digits only."""
-    assert parse(asked(GRID, "where = { noise_over_radius = [0.05, 0.2], samples = 20 }"))  # .1/2, .2/1
+    assert parse(with_section(GRID, "where = { noise_over_radius = [0.05, 0.2], samples = 20 }"))  # .1/2, .2/1
     relative = GRID.replace("noise =", "noise_over_radius =")
-    assert parse(asked(relative, "where = { noise = [0.1, 0.4], samples = 20 }"))  # .1·1, .2·2
-    assert "no cell has noise = 0.3" in faults(asked(relative, "where = { noise = 0.3 }"))[0]
-    assert parse(asked(GRID, "where = { noise = 0.10000000000001, center = 3, samples = 20.0 }"))
+    assert parse(with_section(relative, "where = { noise = [0.1, 0.4], samples = 20 }"))  # .1·1, .2·2
+    assert "no cell has noise = 0.3" in faults(with_section(relative, "where = { noise = 0.3 }"))[0]
+    assert parse(with_section(GRID, "where = { noise = 0.10000000000001, center = 3, samples = 20.0 }"))
 
 
 def test_where_is_empty():
     """A condition without values chooses nothing, which is a fault and no crash."""
     for name in ("samples", "angle"):
-        (said,) = faults(asked(GRID, f"where = {{ {name} = [] }}"))
+        (said,) = faults(with_section(GRID, f"where = {{ {name} = [] }}"))
         assert said.startswith(f"  line {FIRST}: posterior.where")
 
 
@@ -188,13 +190,13 @@ def test_whole_sphere_on_caps(text, likelihood):
     """It needs cells of 180° alone; the message says how to choose them, at the line of the likelihood."""
     line = f"likelihood = {likelihood}"
     told = f"  line {FIRST + 1}: posterior.likelihood: {WHOLE}"
-    assert faults(asked(text, "trials = 3", line)) == [told]
+    assert faults(with_section(text, "trials = 3", line)) == [told]
     if text == GRID:
-        assert faults(asked(text, "where = { angle = [60, 180] }", line)) == [told]
-        assert faults(asked(text, "where = { angle = 60 }", line)) == [told]
-    assert parse(asked(text, "where = { angle = 180 }", line))
+        assert faults(with_section(text, "where = { angle = [60, 180] }", line)) == [told]
+        assert faults(with_section(text, "where = { angle = 60 }", line)) == [told]
+    assert parse(with_section(text, "where = { angle = 180 }", line))
     assert parse(
-        asked(text.replace("[60, 180]", "180").replace('{ law = "uniform", low = 0, high = 180 }', "180"), line)
+        with_section(text.replace("[60, 180]", "180").replace('{ law = "uniform", low = 0, high = 180 }', "180"), line)
     )
 
 
@@ -203,45 +205,48 @@ def test_whole_sphere_on_caps(text, likelihood):
 def test_unknown_noise_needs_two_more_samples_than_dimensions(text, noise):
     """As many as d + 1 samples lie on a sphere exactly and say nothing of σ; where may choose cells of more."""
     few = text.replace("[5, 20]", "[4, 20]").replace("low = 5", "low = 4")
-    (said,) = faults(asked(few, noise or "trials = 3"))
+    (said,) = faults(with_section(few, noise or "trials = 3"))
     line = FIRST if noise else FIRST - 1
     assert (
         said == f"  line {line}: posterior.noise: an unknown noise needs at least 5 samples, not 4; choose with where"
     )
-    assert parse(asked(text, noise))
-    assert parse(asked(few, noise, "where = { samples = 20 }"))
-    assert parse(asked(few, 'noise = "known"'))
+    assert parse(with_section(text, noise))
+    assert parse(with_section(few, noise, "where = { samples = 20 }"))
+    assert parse(with_section(few, 'noise = "known"'))
     if text == GRID:
-        assert "not 4;" in faults(asked(few, noise, "where = { samples = [20, 4] }"))[0]
+        assert "not 4;" in faults(with_section(few, noise, "where = { samples = [20, 4] }"))[0]
 
 
 @pytest.mark.parametrize("d", [2, 5])
 def test_unknown_noise_in_other_dimensions(d):
     """As many as d + 2 samples are enough."""
     text = GRID.replace("dimension = 3", f"dimension = {d}").replace("[5, 20]", f"[{d + 2}, 20]")
-    assert parse(asked(text))
-    assert f"needs at least {d + 2} samples, not {d + 1};" in faults(asked(text.replace(f"[{d + 2},", f"[{d + 1},")))[0]
+    assert parse(with_section(text))
+    assert (
+        f"needs at least {d + 2} samples, not {d + 1};"
+        in faults(with_section(text.replace(f"[{d + 2},", f"[{d + 1},")))[0]
+    )
 
 
 def test_noise_with_a_shape():
     """The likelihoods are of isotropic noise, and the message says what to take out."""
     shaped = "noise_shape = [[1, 0, 0], [0, 1, 0], [0, 0, 4]]\n" + GRID
-    (said,) = faults(asked(shaped))
+    (said,) = faults(with_section(shaped))
     assert said == f"  line {FIRST}: posterior: its likelihoods are of isotropic noise: take noise_shape out"
     assert parse(shaped)
 
 
 @pytest.mark.parametrize(("d", "least"), [(2, 10), (3, 12), (5, 16)])
 def test_walkers_for_the_dimension(d, least):
-    """Half of an ensemble must span its parameters, d + 2 at most: that takes d + 3 walkers; fewer are told."""
+    """Half of an ensemble must span its parameters, d + 2 at most, which takes d + 3 walkers; fewer are a fault."""
     text = GRID.replace("dimension = 3", f"dimension = {d}").replace("[5, 20]", "[20]")
-    assert parse(asked(text, f"walkers = {least}"))
-    (said,) = faults(asked(text, "trials = 2", f"walkers = {least - 1}"))
+    assert parse(with_section(text, f"walkers = {least}"))
+    (said,) = faults(with_section(text, "trials = 2", f"walkers = {least - 1}"))
     assert said == f"  line {FIRST + 1}: posterior.walkers = {least - 1}: at least {least} are needed in dimension {d}"
 
 
 def test_independence():
-    """Conditions share no draws where each has its own, or where there is but one; a shared grid's cells do."""
+    """Cells are independent if each has its own draws or there is only one; those of a shared grid are not."""
     text = GRID.replace("[5, 20]", "20").replace("[0.1, 0.2]", "0.1").replace("[60, 180]", "60")
     alone = text.replace("[1.0, 2.0]", "1.0").replace("[0.0, 3.0]", "0.0")
     assert parse(RANDOM).independent()
@@ -252,9 +257,9 @@ def test_independence():
 
 
 def test_faults_of_the_posterior_stand_with_the_others_in_the_order_of_the_file():
-    """All faults across keys are told at once."""
+    """All faults between entries are in one message."""
     lines = ["noise = 'unknown'", "likelihood = 'whole_sphere'", "where = { samples = [4, 9], angle = 61 }"]
-    said = faults(asked(GRID.replace("[5, 20]", "[4, 20]"), *lines))
+    said = faults(with_section(GRID.replace("[5, 20]", "[4, 20]"), *lines))
     assert [int(re.match(r"  line (\d+)", line)[1]) for line in said] == [FIRST, FIRST + 1, FIRST + 2, FIRST + 2]
 
 
@@ -283,7 +288,7 @@ OLD = {
 
 @pytest.mark.parametrize("name", OLD)
 def test_old_runs_keep_their_names(name):
-    """Folders named by configs from before there were posteriors are found again."""
+    """Configs from before posteriors existed keep the names of their folders."""
     assert load(CONFIGS / f"{name}.toml").run_name() == OLD[name]
 
 
@@ -292,7 +297,7 @@ def test_the_posterior_is_not_in_the_name(text):
     """The error table does not depend on it, so a run can be given posteriors later."""
     plain = parse(text)
     for lines in ([], ["trials = 2", 'noise = "known"'], ["box = 3.0", "walkers = 128", "keep_draws = 7"]):
-        other = parse(asked(text, *lines))
+        other = parse(with_section(text, *lines))
         assert other.posterior is not None
         assert other != plain
         assert (other.digest(), other.run_name()) == (plain.digest(), plain.run_name())

@@ -1,4 +1,4 @@
-"""A config's ``[precision]``: what it means, every way in which it can be wrong, and what of it names a run."""
+"""The section ``[precision]``: its meaning, its faults, and its effect on a run's name."""
 
 import math
 
@@ -32,7 +32,7 @@ FIRST = GRID.count("\n") + 2
 """The line after [precision]'s own."""
 
 
-def asked(*lines, text=GRID):
+def with_section(*lines, text=GRID):
     """A config with these lines in its [precision]."""
     return text + "\n".join(["[precision]", *lines]) + "\n"
 
@@ -46,7 +46,7 @@ def faults(text):
 
 def test_defaults_are_those_of_the_documentation():
     """Half the config is the target; the rest is the summary's headline, all estimators, 250 trials, no budget."""
-    made = parse(asked("target = 0.01")).precision
+    made = parse(with_section("target = 0.01")).precision
     assert (made.measure, made.estimators, made.first, made.seconds) == ("ratio_median_ok", None, 250, None)
     assert (made.target, made.relative_target) == (0.01, None)
     assert parse(GRID).precision is None
@@ -57,7 +57,7 @@ def test_measures_are_those_of_the_summary():
     names = [column.name for column in schemas.summary()]
     assert set(MEASURES) == {name.removesuffix("_error") for name in names if name.endswith("_error")}
     for name in MEASURES:
-        assert parse(asked("target = 0.01", f'measure = "{name}"')).precision.measure == name
+        assert parse(with_section("target = 0.01", f'measure = "{name}"')).precision.measure == name
 
 
 FAULTS = [
@@ -90,10 +90,10 @@ FAULTS = [
 
 
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault[0])
-def test_each_fault_is_told(fault):
-    """One fault, with its place, its value and what is allowed."""
+def test_each_fault_is_listed(fault):
+    """One fault, with its place, its value and the values allowed."""
     lines, *words = fault
-    (said,) = faults(asked(*lines.split("\n")))
+    (said,) = faults(with_section(*lines.split("\n")))
     assert f": {words[0]}" in said
     assert words[1] in said
     assert int(said.split()[1].rstrip(":")) >= FIRST - 1
@@ -101,23 +101,23 @@ def test_each_fault_is_told(fault):
 
 def test_a_random_design():
     """Each of its trials is a cell, to which none can be added."""
-    (said,) = faults(asked("target = 0.1", text=RANDOM))
+    (said,) = faults(with_section("target = 0.1", text=RANDOM))
     assert 'precision: a random design has one trial in a cell: design.kind = "grid"' in said
 
 
 def test_a_summary_alone():
     """Decisions need the errors."""
-    (said,) = faults(asked("target = 0.1", text=GRID.replace("seed = 1", 'seed = 1\nkeep = "summary"')))
+    (said,) = faults(with_section("target = 0.1", text=GRID.replace("seed = 1", 'seed = 1\nkeep = "summary"')))
     assert 'precision: needs the errors, which keep = "summary" does not store' in said
 
 
 def test_what_names_a_run():
-    """Every key does but the budget; a config without the section is called as ever."""
-    plain = parse(asked("target = 0.1"))
+    """Every entry but the budget changes a run's name; a config without the section keeps its name."""
+    plain = parse(with_section("target = 0.1"))
     for line in ("measure = 'far_all'", "estimators = ['mle']", "first = 500", "target = 0.2"):
         lines = [line] if line.startswith("target") else ["target = 0.1", line]
-        assert parse(asked(*lines)).digest() != plain.digest(), line
-    assert parse(asked("target = 0.1", "seconds = 3.5")).digest() == plain.digest()
+        assert parse(with_section(*lines)).digest() != plain.digest(), line
+    assert parse(with_section("target = 0.1", "seconds = 3.5")).digest() == plain.digest()
     assert "precision" not in parse(GRID).canonical()
     assert plain.stem() == parse(GRID).stem()
     assert Study.model_validate_json(plain.canonical()) == plain

@@ -132,7 +132,7 @@ def test_relative_noise_is_times_the_radius(cells):
 
 
 def test_constants_are_taken_to_the_last_bit(cells):
-    """What is written as a number is used as written, as in a grid."""
+    """A number is used as it is written, as in a grid."""
     value = 0.12345678901234567
     found = cells(trials=3, samples=10, noise=value, radius=value, angle=value)
     assert {(c.noise, c.radius, c.angle) for c in found} == {(value, value, value)}

@@ -1,4 +1,4 @@
-"""A trial drawn again is the one that was run: its points, its bound and every estimator's answer, to the last bit."""
+"""A trial that is drawn again has the points, the bound and the fits of the run, to the last bit."""
 
 import numpy as np
 import pytest
@@ -54,7 +54,7 @@ def chosen(table, **values):
 
 
 def test_the_points_are_the_stored_ones(made):
-    """Each kept trial of each cell has its stored points and true sphere, to the last bit, in the stored order."""
+    """Each stored trial of each cell has its stored points and true sphere, to the last bit, in the stored order."""
     made, _, points = made
     cells = dict.fromkeys(points["cell"])
     seen = 0
@@ -129,7 +129,7 @@ def test_the_beginning_of_a_name_will_do(grid):
 
 
 def test_a_beginning_of_several_cells(grid):
-    """It is told how many there are, and some of them."""
+    """The message has their number, and some of them."""
     names = sorted({address.cell.name for address in addresses(grid)})
     first = next(n[0] for n in names if sum(m[0] == n[0] for m in names) > 1)
     among = [n for n in names if n[0] == first]
@@ -163,7 +163,7 @@ def test_the_trials_of_a_random_designs_cell(make_study):
 
 
 def test_the_trials_of_a_cell_that_a_random_design_drew_several_times(make_study):
-    """Where choices repeat, a cell's trials have gaps; the message does not claim those of other cells."""
+    """If choices repeat, a cell's trials have gaps; the message lists them without those of other cells."""
     made = make_study(kind="random", trials=30, noise={"law": "choice", "values": [0.1, 0.2]})
     trials = {}
     for address in addresses(made):

@@ -62,7 +62,7 @@ MODULES = {"random", "secrets", "numpy.random"}
 
 
 def makers(tree):
-    """Where a syntax tree makes a generator, or reaches for a module that can."""
+    """Lines of a syntax tree that make a generator, or import a module that can."""
     for node in ast.walk(tree):
         match node:
             case ast.Call() if ast.unparse(node.func).split(".")[-1] == "Generator":

@@ -1,4 +1,4 @@
-"""What the tests of runs share: small configs, and a function that runs them into fresh folders."""
+"""Fixtures for tests of runs: small configs, and a function that runs them into fresh folders."""
 
 import contextlib
 import functools
@@ -54,7 +54,7 @@ def start(make_text, tmp_path):
 
 @pytest.fixture(scope="session")
 def software():
-    """Versions and commit, asked for once."""
+    """Versions and commit, found once."""
     return functools.cache(provenance.software)
 
 
@@ -81,7 +81,7 @@ def small_parts(monkeypatch):
 
 @pytest.fixture
 def computed(monkeypatch):
-    """A list that grows by what is computed: a cell's name, a trial and an estimator for each fit."""
+    """A list of the computed fits: the cell's name, the trial and the estimator of each."""
     done, real = [], jobs.compute
 
     def watched(made, unit):

@@ -59,7 +59,7 @@ class Trap:
 
 
 def is_worker(process):
-    """Whether a child process is a worker that is alive."""
+    """True if a child process is a worker that is alive."""
     with contextlib.suppress(psutil.NoSuchProcess):  # it may end while it is looked at
         return "popen_loky" in " ".join(process.cmdline())
     return False
@@ -81,7 +81,7 @@ def killer(numbers, log):
 
 
 def serve(request, log):
-    """Make a run; what is computed is noted, and so are the steps."""
+    """Make a run, and log the computed keys and the steps."""
     trap = Trap(request.get("kill_at"))
     real = jobs.execute
 

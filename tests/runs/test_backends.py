@@ -1,7 +1,9 @@
-"""The same run by threads, by processes and by a Dask cluster, one of whose workers is killed: the same bytes."""
+"""Threads, processes and a Dask cluster give the same bytes, even if Dask workers are killed."""
 
+import functools
 import json
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -37,7 +39,7 @@ def expected(start, one_unit_in_a_task):
 
 
 def read_scheduler(path):
-    """What a scheduler writes about itself; None until all of it is there."""
+    """Read the file in which a scheduler gives its address; None until all of it is there."""
     try:
         return json.loads(path.read_text())
     except (FileNotFoundError, json.JSONDecodeError):
@@ -57,7 +59,8 @@ def gate(held, tmp_path, monkeypatch):
 @pytest.fixture
 def cluster(gate, held, wait_for, tmp_path):
     """A scheduler and two workers, each a process, started as the manual says; its address and the workers."""
-    paths = [str(Path(study.__file__).parents[1]), str(held.parent), os.environ.get("PYTHONPATH", "")]
+    paths = [str(Path(study.__file__).parents[1]), str(held.parent), str(Path(__file__).parent)]
+    paths.append(os.environ.get("PYTHONPATH", ""))
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
     processes, place = [], tmp_path / "scheduler.json"
 
@@ -87,7 +90,7 @@ def test_loky(start, expected):
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning:distributed")
 def test_dask_with_a_worker_killed_midway(start, expected, cluster, gate, wait_for, monkeypatch):
-    """A real scheduler and two real workers, of which one is killed while it computes, when a few results are there."""
+    """One of two Dask workers is killed while it computes, after a few results: the other computes the rest."""
     import held
 
     address, workers = cluster
@@ -112,6 +115,30 @@ def test_dask_with_a_worker_killed_midway(start, expected, cluster, gate, wait_f
     assert run.manifest()["backend"] == "dask"
 
 
+@pytest.fixture
+def no_second_worker(monkeypatch):
+    """Let the scheduler fail a task as soon as one worker has died of it."""
+    monkeypatch.setenv("DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES", "0")
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning:distributed")
+def test_dask_with_a_task_that_kills_its_workers(start, no_second_worker, cluster, tmp_path, monkeypatch):
+    """The scheduler fails the task; it is tried once more, and given up; the run ends, without a worker left."""
+    import deadly
+
+    small = {"top": {"estimators": ["lls"]}, "samples": 6, "noise": 0.05, "angle": 60}
+    (cell,) = set(start(**small).table("errors")["cell"])
+    (tmp_path / "ends").mkdir()
+    kill = functools.partial(deadly.kill, tmp_path / "ends", frozenset([cell]), 1000)
+    monkeypatch.setattr("study.runs.workers.dask_cluster._PATIENCE", 600.0)
+    monkeypatch.setattr("study.runs.runner.execute", kill)
+    address, workers = cluster
+    run = start(jobs=Workers("dask", 2, address), **small)
+    assert [worker.wait() for worker in workers] == [-signal.SIGKILL] * 2
+    assert run.manifest()["lost"] == len(run.table("failures")) == 3
+    assert all(message.startswith("the worker died, twice: ") for message in run.table("failures")["message"])
+
+
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nonsense://x", "127.0.0.1:notaport"])
 def test_no_scheduler(start, tmp_path, monkeypatch, address):
     """An address where none answers: one line that names it, and nothing is written."""
@@ -125,7 +152,7 @@ def test_no_scheduler(start, tmp_path, monkeypatch, address):
 
 @pytest.mark.parametrize("wrong", [Workers("dask"), Workers("threads", 2, "tcp://x:1"), Workers("slurm")], ids=str)
 def test_no_such_backend(start, tmp_path, wrong):
-    """A backend that is not known, or lacks its scheduler, is told in one line."""
+    """A backend that is unknown, or lacks its scheduler, is refused in one line."""
     with pytest.raises(RunError, match="--"):
         start(jobs=wrong, folder=tmp_path / "run")
     assert not (tmp_path / "run").exists()

@@ -1,4 +1,4 @@
-"""Equal runs are equal to the byte, whoever computed what, when."""
+"""Equal runs are equal to the byte, whatever the workers and their order."""
 
 import random
 
@@ -29,7 +29,7 @@ pytestmark = pytest.mark.usefixtures("same_software", "small_units")
 
 
 def tables(run):
-    """Bytes of the tables that promise to be equal."""
+    """Bytes of the tables that are promised to be equal."""
     return {name: (run.folder / f"{name}.parquet").read_bytes() for name in TABLES}
 
 

@@ -15,7 +15,7 @@ pytestmark = pytest.mark.usefixtures("same_software", "small_units", "small_part
 
 
 def broken_after(monkeypatch, count, name="replace", code=errno.ENOSPC):
-    """Let renaming (or syncing) fail from its so many-th call on."""
+    """Let renaming, or syncing, fail from a given call on."""
     calls = iter(range(10**6))
     real = getattr(os, name)
 
@@ -55,7 +55,7 @@ def test_a_disk_that_fills_up_while_parts_are_written(start, monkeypatch, tmp_pa
 
 
 def test_a_disk_that_fills_up_while_parts_are_joined(start, monkeypatch, tmp_path):
-    """Where the last step fails, all parts stay."""
+    """If the last step fails, all parts stay."""
     full = RunError("cannot be written: No space left")
     monkeypatch.setattr(finish.Run, "join", lambda *_: (_ for _ in ()).throw(full))
     with pytest.raises(RunError, match="cannot be written"):
@@ -80,7 +80,7 @@ def test_old_tables_survive_a_failure(start, monkeypatch, files):
 
 @pytest.mark.parametrize("code", [errno.EROFS, errno.EACCES, errno.EDQUOT, errno.EIO])
 def test_other_reasons_are_told_too(start, monkeypatch, tmp_path, code):
-    """Whatever the disk says is passed on in its words."""
+    """The message of the system is in the message of the run."""
     broken_after(monkeypatch, 0, code=code)
     with pytest.raises(RunError, match=os.strerror(code)):
         start(folder=tmp_path / "run")

@@ -1,4 +1,4 @@
-"""Workers: where units are computed, what is told of their progress, and what an estimator that raises leaves."""
+"""Dispatch: units are computed outside the main thread, and progress adds up."""
 
 import threading
 
@@ -15,7 +15,7 @@ pytestmark = pytest.mark.usefixtures("same_software")
 
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_units_are_computed_outside_the_main_thread(start, monkeypatch, jobs):
-    """Whatever the number of workers, none is the main thread, which is the one that Ctrl-C interrupts.
+    """No worker is the main thread, which is the one that Ctrl-C interrupts, whatever the number of workers.
 
     Numba 0.68 ends the process with a segmentation fault if an exception rises while it unboxes a Generator.
     """
@@ -48,7 +48,7 @@ def test_a_plan_is_calibrated_outside_the_main_thread(make_text, monkeypatch):
 
 @pytest.mark.usefixtures("small_parts")
 def test_progress_is_told_to_the_end(start, make_text):
-    """Progress is told once per task, in shares that add up to 1."""
+    """The callback is called once per task, with shares that add up to 1."""
     shares = []
     start(progress=shares.append)
     assert len(shares) == len(list(units(parse(make_text()))))

@@ -49,7 +49,7 @@ def test_an_exception_is_rows(start, jobs):
 
 @pytest.mark.usefixtures("raises")
 def test_what_is_tolerated(start):
-    """A complete run is complained of where a larger share failed than its config tolerates."""
+    """There is a message if a larger share of fits failed than the config tolerates."""
     top = {"estimators": ["raises", "lls"]}
     assert "12 of 48 fits raised" in failure_message(start(top))
     assert "tolerate_failures = 0.24" in failure_message(start(top | {"tolerate_failures": 0.24}))
@@ -58,13 +58,13 @@ def test_what_is_tolerated(start):
 
 
 def test_tolerance_does_not_name_the_run(start):
-    """It says what to think of a run, not what is in it: the run is the same."""
+    """Another tolerance is the same run: it changes the message, not the tables."""
     run = start(LLS)
     assert start(LLS | {"tolerate_failures": 0.5}, folder=run.folder).study.run_name() == run.study.run_name()
 
 
 def test_no_failures_no_table(start):
-    """A run without failures has no table of them, nor keeps that of an earlier version."""
+    """A run without failures has no table of failures."""
     run = start(LLS)
     assert not run.has("failures")
 
@@ -88,7 +88,7 @@ def deadly(request, monkeypatch, start, tmp_path):
 
 
 def test_a_deadly_unit_is_tried_twice_and_recorded(start, deadly):
-    """It costs only itself; its rows are failures, and all others are there."""
+    """Its rows are failures; the rows of all other units are there."""
     run = start(LLS, jobs=deadly.workers, draws="independent")
     assert len(list(deadly.ends.iterdir())) == 2
     errors, failures = run.table("errors"), run.table("failures")
@@ -101,7 +101,7 @@ def test_a_deadly_unit_is_tried_twice_and_recorded(start, deadly):
 
 
 def test_a_worker_that_dies_once(start, deadly):
-    """The unit is tried again, and nothing shows."""
+    """The unit is tried again, and its rows are there."""
     deadly.limit(1)
     run = start(LLS, jobs=deadly.workers, draws="independent")
     assert len(list(deadly.ends.iterdir())) == 1
@@ -110,7 +110,7 @@ def test_a_worker_that_dies_once(start, deadly):
 
 
 def test_lost_units_are_tried_again_by_the_next_run(start, deadly, computed):
-    """A finished run with lost units is finished again, where there is more memory, say: only they are computed."""
+    """Running a finished run again, where there is more memory, say, computes the lost units, and no others."""
     run = start(LLS, jobs=deadly.workers, draws="independent")
     computed.clear()
     deadly.limit(0)
@@ -121,7 +121,7 @@ def test_lost_units_are_tried_again_by_the_next_run(start, deadly, computed):
 
 
 def test_out_of_memory_is_a_death(start, monkeypatch, computed):
-    """A unit that takes more memory than there is, is tried alone and then recorded."""
+    """A unit that needs more memory than there is is tried alone, and then recorded as lost."""
     real = module.compute
 
     def greedy(made, unit):

@@ -1,4 +1,4 @@
-"""A run that is killed again and again, whose parts are damaged, whose disk fills up: its tables do not show it."""
+"""Runs that are killed again and again, with damaged parts and full disks, end with the tables of an unbroken run."""
 
 import json
 import os
@@ -37,7 +37,7 @@ FULL = 3
 
 @pytest.fixture(scope="module")
 def serve():
-    """Make a run that something happens to: see `crashing.py`."""
+    """Make a run with faults; see `crashing.py`."""
     paths = [str(Path(study.__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
     process = subprocess.Popen(
         [sys.executable, str(Path(__file__).with_name("crashing.py"))],
@@ -60,7 +60,7 @@ def serve():
 
 @pytest.fixture(scope="module")
 def unbroken(serve, tmp_path_factory):
-    """A run that nothing happens to, and what it took."""
+    """A run without faults, and the answer to its request."""
     folder = tmp_path_factory.mktemp("faults") / "whole"
     return folder, serve(folder)
 
@@ -71,7 +71,7 @@ def tables(folder):
 
 
 def committed(folder):
-    """Keys of what is stored in whole files, of a run that is not finished."""
+    """Keys of the rows in undamaged files of a run that is not finished."""
     parts, study = Parts(folder, "units"), parse(CONFIG)
     parts.load(set_aside=False)
     keys = {Jobs(study).job(span).key for span in spans(study)}
@@ -79,7 +79,7 @@ def committed(folder):
 
 
 def damage(folder, chance):
-    """Truncate some parts and flip a bit in others; the keys that are lost by it."""
+    """Truncate some parts and flip a bit in others; return the keys that are lost, and the names of the files."""
     before = committed(folder)
     paths = chance.sample(sorted((folder / "parts").glob("*.part")), 5)
     for place, path in enumerate(paths):
@@ -94,13 +94,13 @@ def damage(folder, chance):
 
 @pytest.fixture
 def one_block_in_a_unit(monkeypatch):
-    """Units as the other process has them."""
+    """Cut units as the other process does."""
     monkeypatch.setattr("study.experiment.designs.grid._SAMPLES_PER_UNIT", 500)
 
 
 @pytest.mark.usefixtures("one_block_in_a_unit")
 def test_twenty_kills_damage_and_a_full_disk(serve, unbroken, small_disk):
-    """Killed 18 times itself and twice a worker, 5 parts damaged, a disk full: the bytes of an unbroken run.
+    """The bytes are those of an unbroken run after 18 kills of it, 2 of a worker, damage to 5 parts and a full disk.
 
     What was committed before a kill is never computed again, unless its part was damaged.
     """
@@ -140,7 +140,7 @@ def test_twenty_kills_damage_and_a_full_disk(serve, unbroken, small_disk):
 
 @pytest.mark.usefixtures("one_block_in_a_unit")
 def test_killed_while_it_finishes(serve, unbroken, tmp_path):
-    """Joining, the manifest, the removal of parts: killed at any of these steps, a run is finished by the next.
+    """A run that is killed while it joins tables, writes the manifest or removes parts is finished by the next.
 
     How many steps are left depends a little on results that come at once: a run may be whole before the last of them.
     """
@@ -158,7 +158,7 @@ def test_killed_while_it_finishes(serve, unbroken, tmp_path):
 
 
 def test_trials_by_need_killed(serve, tmp_path):
-    """Killed in any round, nine times, once with its workers: the decisions and the bytes of an unbroken run."""
+    """After nine kills in any round, once of processes too, decisions and bytes are those of an unbroken run."""
     took = serve(tmp_path / "whole", config=BY_NEED)
     whole = Run.open(tmp_path / "whole")
     assert len(set(whole.trials().values())) > 1

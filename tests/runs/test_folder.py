@@ -1,4 +1,4 @@
-"""The run folder: what is in it when a run is done, and what it refuses."""
+"""The run folder: its files when a run is done, and the folders that are refused."""
 
 import pytest
 
@@ -79,13 +79,13 @@ def test_a_folder_whose_config_is_broken(start, files):
 
 
 def test_names_too_long_for_the_disk(start, tmp_path):
-    """A folder name that the disk refuses is a message like any other."""
+    """A folder name that the disk refuses gives one clear line."""
     with pytest.raises(RunError, match="too long"):
         start(folder=tmp_path / ("a" * 300))
 
 
 def test_no_run_where_none_is(tmp_path):
-    """Opening what is no run says how to make one."""
+    """The message for a folder that is no run says how to make one."""
     for path in (tmp_path, tmp_path / "none"):
         with pytest.raises(RunError, match=r"no config\.toml in it"):
             Run.open(path)
@@ -103,7 +103,7 @@ def test_a_table_that_is_missing_or_broken(start):
 
 
 def test_an_interrupted_run_is_finished_by_running_again(start, make_text, tmp_path, files):
-    """Parts, and tables, of a run that stopped half-way do not show in the finished one."""
+    """Parts and tables of a run that stopped half-way do not change the tables of the finished one."""
     study = parse(make_text())
     folder = tmp_path / "stopped"
     store = Run.create(folder, study).begin(make_text())
@@ -118,7 +118,7 @@ def test_an_interrupted_run_is_finished_by_running_again(start, make_text, tmp_p
 
 
 def test_a_unit_is_named_by_its_content(make_text):
-    """A unit's key depends on all that its rows depend on, not on its position, the grid or other estimators."""
+    """A unit's key depends on all that determines its rows, not on its position, the grid or other estimators."""
 
     def keys(top=None, **design):
         study = parse(make_text(top, **design))

@@ -1,4 +1,4 @@
-"""One writer at a time: who comes second is told who is first; who died does not count."""
+"""One writer at a time: a second one is refused with the name of the first, unless that one has died."""
 
 import os
 import signal
@@ -45,7 +45,7 @@ def test_a_second_writer_is_told_who_is_first(other, tmp_path):
 
 
 def test_a_dead_writer_holds_nothing(other, tmp_path):
-    """After SIGKILL the lock's file is there, and does not matter."""
+    """The lock's file that a killed writer left does not matter."""
     os.kill(other.pid, signal.SIGKILL)
     other.wait()
     assert (tmp_path / ".lock").exists()
@@ -56,7 +56,7 @@ def test_a_dead_writer_holds_nothing(other, tmp_path):
 
 
 def test_nothing_is_left(tmp_path):
-    """Neither in the end nor after an exception is the lock held, and its file is gone."""
+    """The lock is released, and its file removed, in the end and after an exception."""
     with pytest.raises(ZeroDivisionError), writing(tmp_path):
         raise ZeroDivisionError
     assert holder(tmp_path) is None
@@ -73,7 +73,7 @@ def test_a_run_that_is_written_to_is_left_alone(start, tmp_path, files):
 
 
 def test_a_lock_without_words(tmp_path):
-    """What stands in the file is for a message alone: nonsense in it is no harm."""
+    """The file's content is only for a message, so that nonsense in it does no harm."""
     with writing(tmp_path):
         for text in ("", "{}", "[1]", "\x00"):
             (tmp_path / ".lock").write_text(text)

@@ -1,4 +1,4 @@
-"""The manifest: what was run, with which software, on what machine, for how long."""
+"""The manifest: the study, the software, the machine and the time of a run."""
 
 import json
 import os
@@ -65,7 +65,7 @@ def test_software(manifest):
 
 
 def test_machine(manifest):
-    """System, processor and cores are told."""
+    """System, processor and cores are in it."""
     machine = manifest[1]["machine"]
     assert machine["cores"] == os.cpu_count()
     assert platform.system() in machine["system"]
@@ -73,5 +73,5 @@ def test_machine(manifest):
 
 
 def test_threads_are_those_of_the_run(manifest):
-    """The threads told are the one of each library that the run was held to, not what the machine could have."""
+    """The threads of each library are the one that the run was limited to, not those of the machine."""
     assert set(manifest[1]["machine"]["threads"].values()) <= {1}

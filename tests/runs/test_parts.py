@@ -1,4 +1,4 @@
-"""Part files: what is written is read, what is torn or changed is found, and many packets share a file."""
+"""Part files: rows are read as they were written, damage is found, and many packets share a file."""
 
 import json
 from types import SimpleNamespace
@@ -47,7 +47,7 @@ def found(parts, key):
 
 
 def test_what_is_written_is_read(tmp_path):
-    """Keys, their outputs and rows come back from one file; a key that is not there has none."""
+    """Keys, their outputs and rows come back from one file; an unknown key has none."""
     stored(tmp_path, packet("k", value=1.0), packet("l", ("a@1", "b@2"), 2, 2.0))
     parts = opened(tmp_path)
     assert parts.count == len(list((tmp_path / "parts").iterdir())) == 1
@@ -60,7 +60,7 @@ def test_what_is_written_is_read(tmp_path):
 
 
 def test_outputs_come_one_by_one(tmp_path):
-    """What was computed later under the same key stands beside the first; a repetition counts once."""
+    """Outputs that were computed later under the same key stand beside the first ones; a repetition counts once."""
     stored(tmp_path, packet("k", value=1.0))
     stored(tmp_path, packet("k", ("b@1",), value=2.0), packet("k", value=3.0))
     parts = opened(tmp_path)
@@ -79,7 +79,7 @@ def test_packets_of_several_keys(tmp_path):
 
 @pytest.mark.parametrize("harm", ["torn", "flipped", "empty", "longer", "header"])
 def test_damage_is_found(tmp_path, harm):
-    """A file that is not as it was written is named and set aside; nothing of it is used, the others are."""
+    """A damaged file is named and set aside; the others are used."""
     stored(tmp_path, packet("k"))
     (path,) = (tmp_path / "parts").iterdir()
     stored(tmp_path, packet("l"))
@@ -102,7 +102,7 @@ def test_damage_is_found(tmp_path, harm):
 
 
 def test_damage_while_a_run_goes_on(tmp_path):
-    """Files are looked at again before they are joined."""
+    """Files are read again before they are joined."""
     parts = stored(tmp_path, packet("k"))
     assert parts.whole()
     (path,) = (tmp_path / "parts").iterdir()
@@ -113,7 +113,7 @@ def test_damage_while_a_run_goes_on(tmp_path):
 
 
 def test_a_newer_format(tmp_path, monkeypatch):
-    """Files of a newer program are not guessed at; those of an older one hold nothing that can be used."""
+    """Files of a newer program are refused; those of an older one are not used."""
     with monkeypatch.context() as patch:
         patch.setattr(module, "FORMAT", FORMAT + 1)
         stored(tmp_path, packet("k"))
@@ -125,7 +125,7 @@ def test_a_newer_format(tmp_path, monkeypatch):
 
 
 def test_header_is_one_line_that_can_be_read(tmp_path):
-    """The first line says in JSON what is in the file, and nothing in it needs a program to be run."""
+    """The first line describes the file in JSON, and reading the file runs no code of it."""
     stored(tmp_path, packet("k"))
     (path,) = (tmp_path / "parts").iterdir()
     header = json.loads(path.read_bytes().split(b"\n", 1)[0])
@@ -135,7 +135,7 @@ def test_header_is_one_line_that_can_be_read(tmp_path):
 
 
 def test_small_packets_wait_for_each_other(tmp_path, monkeypatch):
-    """A file is written when enough has come together; what waits is written in the end."""
+    """A file is written when enough bytes wait; the rest is written in the end."""
     size = len(packet("k").tables["errors"])
     monkeypatch.setattr(module, "_BYTES", 10 * size)
     parts = Parts(tmp_path, "units")
@@ -148,7 +148,7 @@ def test_small_packets_wait_for_each_other(tmp_path, monkeypatch):
 
 
 def test_time_between_files_grows_with_the_run(tmp_path, monkeypatch, clock):
-    """A hundredth of the time gone, and a second at least: files grow in number with the logarithm of time."""
+    """Packets wait a hundredth of the run's time, a second at least: the number of files grows with its logarithm."""
     monkeypatch.setattr(module, "write", lambda path, data: None)  # 800 files, each synced, would take a while
     parts = Parts(tmp_path, "units")
     assert parts.patience() is None

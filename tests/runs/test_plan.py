@@ -1,4 +1,4 @@
-"""A plan's counts are those of the run, told before it."""
+"""The counts of a plan are those of the run."""
 
 import math
 
@@ -27,7 +27,7 @@ PLANS = {
 
 @pytest.mark.parametrize("name", list(PLANS))
 def test_counts_are_those_of_the_run(start, make_text, name):
-    """Cells, trials, fits, samples, draws and units are what the run has."""
+    """Cells, trials, fits, samples, draws and units are those of the run."""
     entries = {**PLANS[name]}
     entries["top"] = {"estimators": ["lls", "ugdk"], "keep_points": 1} | entries.get("top", {})
     study = parse(make_text(**entries))

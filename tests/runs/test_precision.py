@@ -1,4 +1,4 @@
-"""Trials by need: which cells have how many, that workers and breaks do not show, and what a budget leaves."""
+"""Adaptive runs: the trials of each cell, the same for any workers and interruptions, and the effect of a budget."""
 
 import json
 import shutil
@@ -43,7 +43,7 @@ def small(monkeypatch, small_parts):
 
 @pytest.fixture
 def go(tmp_path):
-    """Run a config of trials by need into a folder of its own, or of a name."""
+    """Run a config into a folder of its own, by default an adaptive one."""
 
     def run(text=CONFIG, folder="run", jobs=2, **arguments):
         study = parse(text)
@@ -58,28 +58,28 @@ def told(run):
 
 
 class Clock:
-    """Time that goes on by one with each unit that is done."""
+    """A clock that advances by one second with each finished task."""
 
     def __init__(self):
         self.now = 0.0
 
     def __call__(self):
-        """Tell the time."""
+        """The time in seconds."""
         return self.now
 
     def tick(self, share):
-        """Let it go on; a progress callback."""
+        """Advance; this is a callback for progress."""
         self.now += 1.0
 
 
 def stopped_after(go, units, **arguments):
-    """A run that is stopped when so many tasks are done."""
+    """A run that its budget stops after so many tasks."""
     clock = Clock()
     return go(budget=TimeBudget(units, clock), progress=clock.tick, jobs=1, **arguments)
 
 
 def rule(rows, estimators, target):
-    """The trials that a cell should have, by the rule as it is documented, from a run that has all of them."""
+    """The trials that a cell should have by the documented rule, found from a run that has all of them."""
     for count in CHECKPOINTS:
         table = summary(rows[rows["trial"] < count], by_decade=False).set_index("estimator")
         chosen = table.loc[list(estimators)]
@@ -89,7 +89,7 @@ def rule(rows, estimators, target):
 
 
 def test_the_rule(go):
-    """Each cell has the trials that the summary's own errors of a larger, fixed run ask for, and its rows, bit for bit.
+    """Each cell has the trials that follow from the summary's errors of a larger, fixed run, and its rows, bit for bit.
 
     The order of the rows is that of the fixed run.
     """
@@ -128,7 +128,7 @@ def test_the_table_tells_what_decided(go):
 
 
 def test_the_manifest_counts_what_there_is(go):
-    """Fits are those of the table, cells are counted by the reason, and nothing is left to compute."""
+    """The manifest has the number of fits, and of cells by their reason, and nothing is left to compute."""
     run = go()
     said = run.manifest()
     assert said["fits"] == len(run.table("errors"))
@@ -147,7 +147,7 @@ def test_workers_do_not_show(go, jobs, small):
 
 
 def test_cells_do_not_depend_on_others(go):
-    """More cells, and estimators that the target is not for, leave a cell's trials as they are."""
+    """More cells, and estimators that do not count for the target, do not change a cell's trials."""
     named = CONFIG + 'estimators = ["lls", "ugdk", "als"]\n'
     alone = go(named.replace("[0.02, 0.1, 0.6]", "[0.1]"), "alone").trials()
     more = go(named.replace('"als"]\nkeep', '"als", "taubin", "mle"]\nkeep'), "more").trials()
@@ -158,7 +158,7 @@ def test_cells_do_not_depend_on_others(go):
 
 
 def test_draws_of_each_cell_and_the_route_of_moments(go):
-    """Independent draws and joint moments: the first trials of the fixed study, too."""
+    """With independent draws and with joint moments, too, the trials are the first ones of the fixed study."""
     for line in ("", 'route = "moments"\n'):
         text = CONFIG.replace("seed = 7\n", f"seed = 7\n{line}").replace("angle =", 'draws = "independent"\nangle =')
         text = text.replace("keep_points = 2\n", "").replace('"lls"', '"gdke"')
@@ -173,7 +173,7 @@ def test_draws_of_each_cell_and_the_route_of_moments(go):
 
 
 def test_most_samples_is_a_cap(go):
-    """A cell that may have fewer trials than the first checkpoint is judged once, at its own cap."""
+    """A cell that may have fewer trials than the first checkpoint is measured once, at its own cap."""
     run = go(CONFIG.replace("trials = 800", "trials = 800\nmost_samples = 3000"))
     table = run.table("precision")
     assert set(table.loc[table["samples"] == 60, "trials"]) == {50}
@@ -182,14 +182,14 @@ def test_most_samples_is_a_cap(go):
 
 
 def test_few_rows_at_a_time(go, monkeypatch):
-    """Judged in pieces of a group, the decisions are the same."""
+    """The decisions are the same if the cells of a group are measured a few at a time."""
     usual = told(go())
     monkeypatch.setattr(cell_measures, "_ROWS", 700)
     assert told(go(folder="pieces")) == usual
 
 
 def test_no_answers_at_all(go, monkeypatch):
-    """An estimator without an ok fit has no measure: its cells go to the cap, and the table says whose fault it is."""
+    """An estimator without an ok fit has no measure: its cells go to the cap, and the table names the estimator."""
     from dataclasses import replace
 
     import study
@@ -206,15 +206,15 @@ def test_no_answers_at_all(go, monkeypatch):
 
 
 class TestResume:
-    """A run that is broken off, and goes on."""
+    """A run that is interrupted and resumed."""
 
     class Stop(BaseException):
-        """What breaks it off."""
+        """The interruption."""
 
     @pytest.mark.usefixtures("small")
     @pytest.mark.parametrize("after", [1, 10, 30, 60])
     def test_broken_off(self, go, computed, after):
-        """In any round: what was stored is not computed again, and the tables do not show it."""
+        """Interrupted in any round, it computes no stored row again, and its tables are those of an unbroken run."""
         calls = []
 
         def stop(share):
@@ -230,7 +230,7 @@ class TestResume:
 
     @pytest.mark.usefixtures("small")
     def test_damaged_parts(self, go):
-        """They are computed again, and what was decided by them is decided again."""
+        """Damaged parts are computed again, and decisions that were taken from them are taken again."""
         clock = Clock()
         run = go(budget=TimeBudget(40, clock), progress=clock.tick)
         for path in sorted((run.folder / "parts").iterdir())[::9]:
@@ -239,7 +239,7 @@ class TestResume:
 
     @pytest.mark.usefixtures("small")
     def test_parts_damaged_while_it_runs(self, go):
-        """A part that changes after it was judged is found at the end; all is decided anew, from whole parts."""
+        """A part that changes after its cells were measured is found at the end, and all decisions are taken again."""
         calls = []
 
         def harm(share):
@@ -264,11 +264,11 @@ class TestResume:
 
 @pytest.mark.usefixtures("small")
 class TestBudget:
-    """A budget that ends a run before all cells have trials enough."""
+    """A budget that ends a run before all cells have enough trials."""
 
     @pytest.mark.parametrize("units", [0, 1, 20, 45, 70])
     def test_stopped_and_gone_on_with(self, go, units):
-        """Cells keep the last checkpoint that is complete; run again, the tables are those of an unbroken run."""
+        """Cells stay at their last complete checkpoint; a resumed run has the tables of an unbroken one."""
         whole = go(folder="whole")
         run = stopped_after(go, units)
         table = run.table("precision")
@@ -292,7 +292,7 @@ class TestBudget:
         assert not (run.folder / "parts").exists()
 
     def test_little_by_little(self, go, computed):
-        """Many budgets, one after the other: each goes on where the last ended, and nothing is computed twice."""
+        """Of many budgets, one after the other, each resumes where the last ended, and nothing is computed twice."""
         whole = told(go(folder="whole"))
         computed.clear()
         stops = 0
@@ -303,7 +303,7 @@ class TestBudget:
         assert told(go()) == whole
 
     def test_before_the_first_checkpoint(self, go):
-        """No rows, no crash: tables are empty, cells have 0 trials, and the summary says so."""
+        """Without any rows, the tables are empty, cells have 0 trials, and the summary says so."""
         run = stopped_after(go, 0)
         table = run.table("precision")
         assert (table["trials"] == 0).all()
@@ -313,7 +313,7 @@ class TestBudget:
         assert list(printed(run))[2:] == ["no cell has a trial yet"]
 
     def test_status(self, go):
-        """How many cells are open, and that the budget stopped it; of a finished run, why each cell stopped."""
+        """The status of a stopped run names the budget and counts open cells; that of a finished run has the reasons."""
         run = stopped_after(go, 40)
         counts = run.table("precision")["reason"].value_counts()
         lines = list(status(run.folder))
@@ -327,13 +327,13 @@ class TestBudget:
         assert "0 are open" in next(line for line in lines if line.startswith("  cells"))
 
     def test_it_names_no_run(self, go):
-        """Another budget in the config is the same run, which goes on."""
+        """A config with another budget is the same run, and resumes it."""
         stopped_after(go, 20)
         assert told(go(CONFIG + "seconds = 1e9\n")) == told(go(folder="whole"))
 
 
 def test_progress_stays_within_one(go):
-    """Shares of the work add up to no more than all of it, with every cell at its cap as the most."""
+    """The shares add up to no more than 1, and to 1 if every cell goes to its cap."""
     shares = []
     go(progress=shares.append)
     assert 0.0 < sum(shares) <= 1.0
@@ -350,7 +350,7 @@ def test_a_budget_needs_a_precision(go, tmp_path):
 
 
 def test_neither_takes_rows_nor_gives_any(go, computed):
-    """Beside a finished run of the same study, all is computed; and the other way round."""
+    """An adaptive run takes no rows of a finished fixed run beside it, nor the other way round."""
     go(FIXED, f"test-{parse(FIXED).digest()}")
     fixed = len(computed)
     computed.clear()
@@ -363,7 +363,7 @@ def test_neither_takes_rows_nor_gives_any(go, computed):
 
 
 def test_a_run_that_is_not_so_far(go, tmp_path):
-    """Trials are not known, and not asked for, before a run has its table; of a fixed one, never."""
+    """Numbers of trials are known from the precision table alone, and never for a fixed run."""
     assert go(FIXED, "fixed").trials() == {}
     run = go()
     assert json.loads((run.folder / "manifest.json").read_text())["tables"]["precision"] == run.fingerprint("precision")
@@ -385,7 +385,7 @@ def test_one_cell_is_read_alone(go):
 
 
 def test_units_are_known_from_the_rounds():
-    """Before any part is there, what is pending is the first checkpoint of every group."""
+    """Before any part is stored, the first checkpoint of every group is pending."""
     rounds = Rounds(parse(CONFIG))
     pending = list(rounds.pending())
     assert {span.group.stream for span in pending} == set(rounds.progress)

@@ -1,4 +1,4 @@
-"""A run that stopped goes on: what was finished is not computed again, and the tables do not show it."""
+"""Resumed runs: finished units are not computed again, and the tables are those of an unbroken run."""
 
 import itertools
 from dataclasses import replace
@@ -16,7 +16,7 @@ ENTRIES = {"top": {"keep_points": 2}, "trials": 40}
 
 
 class Stop(BaseException):
-    """What a progress callback raises to stop a run."""
+    """Raised by a callback for progress to stop a run."""
 
 
 def stop_after(count):
@@ -62,7 +62,7 @@ def test_a_finished_run_computes_nothing(start, computed, files):
 
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_only_what_is_missing_is_computed(start, stopped, computed, jobs):
-    """Each fit is computed once, before or after the break, and the tables are those of an unbroken run."""
+    """Each fit is computed once, before or after the interruption, and the tables are those of an unbroken run."""
     resumed = start(folder=stopped, jobs=jobs, **ENTRIES)
     second = list(computed)
     computed.clear()
@@ -74,7 +74,7 @@ def test_only_what_is_missing_is_computed(start, stopped, computed, jobs):
 
 
 def test_what_was_finished_when_another_unit_failed_is_kept(start, computed, tmp_path, monkeypatch):
-    """A fault of our own ends the run; units that were finished but not yet written are written."""
+    """If a failure of the program ends the run, units that were finished but not yet written are written."""
     from study.runs import jobs as module
 
     real = module.compute
@@ -119,7 +119,7 @@ def test_damaged_parts_are_computed_again(start, stopped, computed, harm):
 @pytest.mark.parametrize("name", ["errors", "points", "timings"])
 @pytest.mark.parametrize("harm", ["torn", "gone"])
 def test_damaged_tables_are_made_again(start, name, harm):
-    """A table that is not as the manifest tells is named, set aside and made again."""
+    """A table whose digest is not that of the manifest is named, set aside and made again."""
     run = start(**ENTRIES)
     before = tables(run)
     path = run.folder / f"{name}.parquet"
@@ -132,7 +132,7 @@ def test_damaged_tables_are_made_again(start, name, harm):
 
 
 def test_a_run_killed_between_tables_and_manifest(start, stopped, monkeypatch):
-    """The parts are there until the manifest is; so the last step is done again."""
+    """The parts stay until the manifest is written, so that the last step is done again."""
     from study.runs.storage.run_folder import Run
 
     with monkeypatch.context() as patch:
@@ -165,7 +165,7 @@ def test_half_written_files_are_removed(start, stopped):
 
 
 def test_timings_are_kept(clock, start, stopped):
-    """Timings of before the break are in the table, and the manifest's seconds are of both sessions."""
+    """Timings from before the interruption are in the table, and the manifest's seconds cover both parts."""
     before = Parts(stopped, "units")
     before.load()
     resumed, whole = start(folder=stopped, **ENTRIES), start(**ENTRIES)
@@ -178,7 +178,7 @@ def test_timings_are_kept(clock, start, stopped):
 
 
 def test_another_version_of_an_estimator_is_not_mixed_in(start, stopped, computed, monkeypatch):
-    """Its rows are computed anew, before and after the end of a run; those of the others are kept."""
+    """Its rows are computed again, before and after the end of a run; those of the other estimators are kept."""
     monkeypatch.setitem(study.ESTIMATORS, "lls", replace(study.ESTIMATORS["lls"], version=2))
     run = start(folder=stopped, **ENTRIES)
     fits = {(cell, trial) for cell, trial, _ in computed}
@@ -197,7 +197,7 @@ def test_another_version_of_an_estimator_is_not_mixed_in(start, stopped, compute
 
 
 def test_software_that_changed_is_told(start, stopped, monkeypatch):
-    """Who goes on with what another version computed is told so, and the manifest remembers."""
+    """There is a warning if another version computed some of the rows, and the manifest has it."""
     from study.runs import provenance
 
     real = provenance.software()

@@ -1,4 +1,4 @@
-"""A study that grew takes what an earlier run of it has: only the new is computed, and the tables do not show it."""
+"""Reuse of an earlier run: only new fits are computed, and the tables are those of a run from nothing."""
 
 from dataclasses import replace
 
@@ -34,7 +34,7 @@ def named(start, make_text, tmp_path):
 
 
 def rows(design, top=TWO):
-    """How many fits a study of GRID or RANDOM has."""
+    """Number of fits of a study of GRID or RANDOM."""
     cells = len(design["samples"]) * len(design["noise"]) * len(design["angle"]) if "kind" not in design else 1
     return cells * design["trials"] * len(top["estimators"])
 
@@ -98,7 +98,7 @@ def test_a_random_design_grows(named, start, computed):
     ids=str,
 )
 def test_what_is_not_the_same_is_not_taken(named, computed, top, design):
-    """Another seed, dimension or name, draws that are not shared, other estimators: all is computed."""
+    """With another seed, dimension or name, independent draws, or other estimators, everything is computed."""
     named(TWO, **GRID)
     computed.clear()
     named(top, **design)
@@ -107,7 +107,7 @@ def test_what_is_not_the_same_is_not_taken(named, computed, top, design):
 
 
 def test_the_same_config_elsewhere_is_computed_again(named, start, computed, tmp_path):
-    """A run is checked by running it again: a copy would prove nothing."""
+    """The same config in another folder is computed, because a run is checked by running it again."""
     run = named(TWO, **GRID)
     computed.clear()
     start(TWO, folder=tmp_path / "results" / f"{run.study.run_name()}-again", warn=named.told.append, **GRID)
@@ -116,7 +116,7 @@ def test_the_same_config_elsewhere_is_computed_again(named, start, computed, tmp
 
 
 def test_of_several_the_largest_is_taken(named, computed):
-    """Where several runs have some of it, the one with the most is taken."""
+    """Of several earlier runs, the one with the most rows is used."""
     for trials in (5, 20, 10):
         named(TWO, **GRID | {"trials": trials})
     computed.clear()
@@ -137,7 +137,7 @@ def test_another_version_is_not_taken(named, computed, monkeypatch):
 
 
 def test_a_damaged_run_is_not_taken(named, computed):
-    """An earlier run whose table is not as it was written is left alone."""
+    """An earlier run with a damaged table is not used."""
     run = named(TWO, **GRID)
     data = bytearray(run.path("errors").read_bytes())
     data[len(data) // 2] ^= 1
@@ -149,7 +149,7 @@ def test_a_damaged_run_is_not_taken(named, computed):
 
 @pytest.mark.usefixtures("small_parts")
 def test_a_grown_run_that_stops_goes_on(named, start, computed, make_text, tmp_path):
-    """What was taken and computed before a break is not computed again, even if the earlier run is gone."""
+    """Rows that were taken or computed before an interruption stay, even if the earlier run is gone."""
     design = GRID | {"trials": 23, "noise": [0.05, 0.1, 0.5]}
     earlier = named(TWO, **GRID)
     folder = tmp_path / "results" / parse(make_text(TWO, **design)).run_name()
@@ -175,7 +175,7 @@ def test_a_grown_run_that_stops_goes_on(named, start, computed, make_text, tmp_p
 
 
 def test_failures_are_taken_too(named, monkeypatch, computed):
-    """Rows that failed by an exception are taken with their messages: they would fail again."""
+    """Rows that failed with an exception are taken with their messages, since they would fail again."""
 
     def raises(samples):
         if samples.shape[2] == 40:

@@ -1,4 +1,4 @@
-"""Seconds between and beyond the sizes that were measured."""
+"""Calibration: seconds between and beyond the measured numbers of samples."""
 
 import math
 
@@ -27,7 +27,7 @@ def test_seconds(samples, trials, count, seconds):
 
 
 def test_sizes_are_the_studys(make_text):
-    """What is measured are the study's own sample counts, or seven of them, and every one takes time."""
+    """The study's own numbers of samples are measured, or seven of them, and every one takes time."""
     for samples, expected in (([10, 20, 300], [10, 20, 300]), (list(range(10, 210, 10)), 7)):
         study = parse(make_text({"estimators": ["gdke"]}, samples=samples))
         cells = [cell for unit in units(study) for batch in unit.batches for cell in batch.cells]

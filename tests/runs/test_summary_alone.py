@@ -1,4 +1,4 @@
-"""A study that keeps summaries alone: no errors are stored, and the summary is that of the errors, to the bit."""
+"""Studies that keep only the summary: it is that of the errors, to the bit, and no errors are stored."""
 
 import functools
 
@@ -21,7 +21,7 @@ GRID = {"trials": 70, "samples": [6, 700], "noise": [0.05, 0.5], "radius": [1.0,
 
 @pytest.fixture
 def keep(make_text, tmp_path):
-    """Run a study that keeps summaries alone."""
+    """Run a study that keeps only the summary."""
 
     def run(name, top=None, jobs=2, **design):
         text = make_text({"keep": "summary"} | (top or {}), **(GRID | design))
@@ -32,7 +32,7 @@ def keep(make_text, tmp_path):
 
 @pytest.mark.parametrize("route", ["points", "moments"])
 def test_the_summary_is_that_of_the_errors(start, keep, files, route):
-    """The same table as from stored errors, whose rows are not stored; for both routes."""
+    """The summary is that of stored errors, by both routes."""
     top = {"route": route, "estimators": ["gdke", "ugdk"]} if route == "moments" else {}
     short, whole = keep("short", top), start(top, **GRID)
     summarise(whole)
@@ -50,7 +50,7 @@ def test_bytes_do_not_depend_on_workers(keep, draws):
 
 
 def test_a_run_that_stops_goes_on(keep, computed, monkeypatch):
-    """What was finished is not computed again; a finished run computes nothing; a damaged summary is made again."""
+    """Finished units are not computed again, a finished run computes nothing, and a damaged summary is made again."""
     monkeypatch.setattr("study.runs.workers.backend.Backend.enough", 0.0)
     monkeypatch.setattr("study.runs.storage.parts._SECONDS", 0.0)
     whole = keep("whole")
@@ -81,7 +81,7 @@ def test_a_run_that_stops_goes_on(keep, computed, monkeypatch):
 
 
 def test_failures_are_rows(keep, monkeypatch):
-    """What an estimator raises is in the table of failures, and counted in the summary."""
+    """Exceptions of an estimator are in the table of failures, and counted in the summary."""
 
     def raises(samples):
         raise ZeroDivisionError("my own mistake")
@@ -95,13 +95,13 @@ def test_failures_are_rows(keep, monkeypatch):
 
 
 def test_it_is_opened_like_any_other(keep):
-    """Its summary is read back; its errors are missing, and said to be."""
+    """Its summary is read back, and its errors are missing."""
     run = Run.open(keep("run").folder)
     assert len(run.table("summary")) == 16 * 4
     assert not run.has("errors")
 
 
 def test_errors_that_were_not_kept(keep):
-    """Who asks for them is told why they are not there, and not to finish a run that is finished."""
+    """The message says why the errors are missing, and does not say to finish the run."""
     with pytest.raises(RunError, match="keeps its summary alone"):
         keep("alone").table("errors")

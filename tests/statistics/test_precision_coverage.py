@@ -1,4 +1,4 @@
-"""Is a measure known as well as `[precision]` asks, where trials were added until its own error said so?
+"""Coverage of adaptive runs: trials are added until the measure's own error is small enough; is it as small?
 
 The stopping rule is run many times on what it judges: error over bound of one centre coordinate, |z| with z standard
 normal, as of an efficient estimator in one dimension, whose median is Φ⁻¹(3/4); and |c| with c of Cauchy's law, which

@@ -19,8 +19,9 @@ import hashlib
 import json
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
+import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -32,6 +33,10 @@ from study.runs.storage.atomic_write import RunError, explained, join, write, wr
 from study.runs.storage.parts import DAMAGED, FORMAT
 
 __all__ = ["Run", "RunError"]
+
+T = TypeVar("T")
+Manifest = dict[str, Any]
+"""A manifest as JSON has it."""
 
 
 class Run:
@@ -105,7 +110,7 @@ class Run:
         """True if a table is stored."""
         return self.path(name).is_file()
 
-    def table(self, name: str, columns: list[str] | None = None) -> Any:
+    def table(self, name: str, columns: list[str] | None = None) -> pd.DataFrame:
         """Read a stored table into a data frame.
 
         Raises:
@@ -113,7 +118,7 @@ class Run:
         """
         return self.read(name, lambda path: schemas.read(path, columns))
 
-    def cell(self, name: str) -> Any:
+    def cell(self, name: str) -> pd.DataFrame:
         """Read the error table's rows of one cell into a data frame, without the others.
 
         Args:
@@ -127,13 +132,15 @@ class Run:
         # a row group has the range of each column, so that groups without the cell are not read
         rows = [("cell", "==", cell.name), ("trial", ">=", where[0].first), ("trial", "<", where[-1].last)]
         rows += [(c.name, "==", cell.values[c.name]) for c in self.study.conditions()]
-        return self.read("errors", lambda path: pq.read_table(path, filters=rows).to_pandas())
+        frame: pd.DataFrame = self.read("errors", lambda path: pq.read_table(path, filters=rows)).to_pandas()
+        return frame
 
     def arrow(self, name: str) -> pa.Table:
         """Read a stored table into Arrow's memory; see `table`."""
-        return self.read(name, pq.read_table)
+        table: pa.Table = self.read(name, pq.read_table)
+        return table
 
-    def read(self, name: str, read: Callable[[Path], Any]) -> Any:
+    def read(self, name: str, read: Callable[[Path], T]) -> T:
         """Read a table's file with a function; see `table`."""
         path = self.path(name)
         if name == "errors" and self.study.keep == "summary":
@@ -189,12 +196,12 @@ class Run:
                 (self.folder / "parts" / DAMAGED).mkdir(parents=True, exist_ok=True)
                 self.path(name).rename(self.folder / "parts" / DAMAGED / self.path(name).name)
 
-    def save_manifest(self, manifest: dict[str, Any]) -> None:
+    def save_manifest(self, manifest: Manifest) -> None:
         """Write the manifest."""
         with explained(self.folder):
             write(self.folder / "manifest.json", (json.dumps(manifest, indent=2, ensure_ascii=False) + "\n").encode())
 
-    def manifest(self) -> dict[str, Any]:
+    def manifest(self) -> Manifest:
         """The manifest.
 
         Raises:
@@ -209,7 +216,7 @@ class Run:
             raise RunError(f"{self.folder / 'manifest.json'}: missing or not readable; {hint}") from None
         return found
 
-    def amend_manifest(self, entries: dict[str, Any]) -> None:
+    def amend_manifest(self, entries: Manifest) -> None:
         """Add entries to the manifest of a run that has one."""
         if (self.folder / "manifest.json").is_file():
             self.save_manifest(self.manifest() | entries)

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -248,6 +249,7 @@ def table(columns: list[Column], data: Mapping[str, Any]) -> pa.Table:
     return pa.table([pa.array(data[c.name], type=c.type) for c in columns], schema=schema(columns))
 
 
-def read(path: Path, columns: list[str] | None = None) -> Any:
+def read(path: Path, columns: list[str] | None = None) -> pd.DataFrame:
     """Read a stored table into a data frame."""
-    return pq.read_table(path, columns=columns).to_pandas()
+    frame: pd.DataFrame = pq.read_table(path, columns=columns).to_pandas()
+    return frame

@@ -11,7 +11,7 @@ from study.runs import provenance
 from study.runs.workers import instruction_set
 from study.runs.workers.worker_entry import Parent, attempt
 
-Call = tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]]
+Call = tuple[Callable[..., object], tuple[object, ...], dict[str, object]]
 """A call as `joblib.delayed` has it."""
 
 
@@ -33,8 +33,13 @@ class Backend:
     alone = True
     enough = 6e6  # some 80 ms, beside which sending a task costs little
 
-    def __init__(self, slots: int | str, **options: Any) -> None:
-        self._options = {"pre_dispatch": slots, "return_as": "generator_unordered", "batch_size": 1, **options}
+    def __init__(self, slots: int | str, **options: object) -> None:
+        self._options: dict[str, Any] = {
+            "pre_dispatch": slots,
+            "return_as": "generator_unordered",
+            "batch_size": 1,
+            **options,
+        }
         self.stopped = threading.Event()
         self._open = contextlib.ExitStack()
         self.restart()
@@ -44,7 +49,7 @@ class Backend:
         self._open.close()
         self.parallel = self._open.enter_context(Parallel(**self._options))
 
-    def call(self, number: int, function: Callable[..., Any], *arguments: Any) -> Call:
+    def call(self, number: int, function: Callable[..., object], *arguments: object) -> Call:
         """Describe a call of a worker for the dispatcher; its result is that of `worker_entry.attempt`."""
         described: Call = delayed(attempt)(number, function, *arguments)
         return described

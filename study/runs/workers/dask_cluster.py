@@ -48,7 +48,7 @@ class DaskCluster(Backend):
         self._scheduler = _SchedulerBackend(self._client, distributed.KilledWorker)
         super().__init__("2 * n_jobs", backend=self._scheduler)
 
-    def call(self, number: int, function: Callable[..., Any], *arguments: Any) -> Call:
+    def call(self, number: int, function: Callable[..., object], *arguments: object) -> Call:
         described: Call = delayed(enter)(number, self._parent, seal(function, *arguments))
         return described
 
@@ -105,7 +105,7 @@ class _SchedulerBackend(ParallelBackendBase):  # type: ignore[misc]  # joblib ha
         future.add_done_callback(callback)
         return future
 
-    def retrieve_result_callback(self, future: Any) -> list[tuple[int, Any]]:
+    def retrieve_result_callback(self, future: Any) -> list[tuple[int, object]]:
         number = self._numbers.pop(future)
         try:
             return [future.result()]

@@ -15,7 +15,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
 from queue import Empty, SimpleQueue
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 from study.runs.storage.atomic_write import RunError
 from study.runs.storage.parts import Packet, Parts
@@ -48,7 +48,7 @@ class Dispatch(Generic[S, T]):
         self._suspects: deque[WorkerTask[T]] = deque()
         self._sent: dict[int, WorkerTask[T]] = {}
         self._count = 0
-        self._results: SimpleQueue[tuple[int, Any] | Future[None]] = SimpleQueue()
+        self._results: SimpleQueue[tuple[int, object] | Future[None]] = SimpleQueue()
 
     def compute(
         self,
@@ -131,7 +131,7 @@ class Dispatch(Generic[S, T]):
         """
         return len(self._sent) > 2 * max(2, self._backend.slots)
 
-    def _take(self, number: int, result: Any, ended: Ended[T]) -> None:
+    def _take(self, number: int, result: object, ended: Ended[T]) -> None:
         task = self._sent.pop(number)
         if isinstance(result, Packet):
             self._parts.add(result)
@@ -140,7 +140,7 @@ class Dispatch(Generic[S, T]):
             self._suspect(task, result.message, ended)
         elif isinstance(result, DisagreementError):
             raise RunError(f"{result}; start it as its parent was, with `study worker ADDRESS` for Dask")
-        else:
+        elif isinstance(result, Exception):
             raise result
 
     def _suspect(self, task: WorkerTask[T], message: str, ended: Ended[T]) -> None:

@@ -8,7 +8,6 @@ import contextlib
 import os
 import threading
 from collections.abc import Callable, Iterator
-from typing import Any
 
 from joblib import delayed
 
@@ -28,7 +27,7 @@ class Processes(Backend):
         super().__init__(2 * jobs if jobs > 1 else 1, backend="loky", n_jobs=max(2, jobs))
         self._parent = introduction(os.getpid())
 
-    def call(self, number: int, function: Callable[..., Any], *arguments: Any) -> Call:
+    def call(self, number: int, function: Callable[..., object], *arguments: object) -> Call:
         described: Call = delayed(enter)(number, self._parent, seal(function, *arguments))
         return described
 

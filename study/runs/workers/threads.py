@@ -7,7 +7,6 @@ thread of its own.)
 """
 
 from collections.abc import Callable
-from typing import Any
 
 from joblib import delayed
 
@@ -25,11 +24,11 @@ class Threads(Backend):
     def __init__(self, jobs: int) -> None:
         super().__init__(2 * jobs, backend="threading", n_jobs=jobs)
 
-    def call(self, number: int, function: Callable[..., Any], *arguments: Any) -> Call:
+    def call(self, number: int, function: Callable[..., object], *arguments: object) -> Call:
         described: Call = delayed(self._unless_stopped)(number, function, *arguments)
         return described
 
-    def _unless_stopped(self, number: int, function: Callable[..., Any], *arguments: Any) -> tuple[int, Any]:
+    def _unless_stopped(self, number: int, function: Callable[..., object], *arguments: object) -> tuple[int, object]:
         return (number, None) if self.stopped.is_set() else attempt(number, function, *arguments)
 
     def stop(self) -> None:

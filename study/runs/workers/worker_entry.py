@@ -16,7 +16,7 @@ import threading
 import time
 import traceback
 from collections.abc import Callable
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar
 
 R = TypeVar("R")
 
@@ -48,12 +48,12 @@ class Death(NamedTuple):
 _agreed: list[Parent] = []
 
 
-def seal(function: Callable[..., Any], *arguments: Any) -> bytes:
+def seal(function: Callable[..., object], *arguments: object) -> bytes:
     """Pickle a call for `enter`."""
     return pickle.dumps((function, arguments))
 
 
-def enter(number: int, parent: Parent, call: bytes) -> tuple[int, Any]:
+def enter(number: int, parent: Parent, call: bytes) -> tuple[int, object]:
     """Make a call in a worker process.
 
     Args:
@@ -78,7 +78,7 @@ def enter(number: int, parent: Parent, call: bytes) -> tuple[int, Any]:
     return found
 
 
-def attempt(number: int, function: Callable[..., R], *arguments: Any) -> tuple[int, R | Death | Exception]:
+def attempt(number: int, function: Callable[..., R], *arguments: object) -> tuple[int, R | Death | Exception]:
     """Call a function.
 
     Args:
