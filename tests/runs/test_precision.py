@@ -313,7 +313,7 @@ class TestBudget:
         assert list(printed(run))[2:] == ["no cell has a trial yet"]
 
     def test_status(self, go):
-        """The status of a stopped run names the budget and counts open cells; that of a finished run has the reasons."""
+        """A stopped run: its budget and the number of open cells. A finished run: the reasons of its cells."""
         run = stopped_after(go, 40)
         counts = run.table("precision")["reason"].value_counts()
         lines = list(status(run.folder))
