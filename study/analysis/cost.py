@@ -135,7 +135,9 @@ def count(dimension: int) -> dict[str, float]:
         result = moments.Moments(_objects(2, 1), _objects(2, 1, d), _objects(1, d, d))
         moments.accumulate(x, 1, result, zeros(d), zeros(d, d))
 
-    lls.diagonalise_all = _uncounted(lls.diagonalise_all)  # once per fit, in sweeps whose number depends on the data
+    vars(lls)["diagonalise_all"] = _uncounted(
+        lls.diagonalise_all
+    )  # once per fit, in sweeps whose number depends on the data
 
     def linear(x: Objects) -> None:
         lls._fit_all(x, 1, _objects(1, d), _objects(1), _objects(1), np.zeros(1, dtype=int), zeros(d))

@@ -1,7 +1,7 @@
 """The answer of every estimator: a `Fit`, its errors, and the distances of the points from it."""
 
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import stats
@@ -55,6 +55,12 @@ class Fit(_Arrays):
         center, *others = self
         result = Fit._make([center.reshape(*lead, center.shape[-1]), *(array.reshape(lead) for array in others)])
         result.samples = samples
+        return result
+
+    def _replace(self, /, **changes: Any) -> "Fit":
+        """Return the same fits with some arrays replaced, and with the points that they belong to."""
+        result = super()._replace(**changes)
+        result.samples = self.samples
         return result
 
     @cached_property

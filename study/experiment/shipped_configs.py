@@ -25,7 +25,7 @@ def shipped_config(name: str) -> Path:
     """
     known = shipped_configs()
     if name not in known:
-        raise ConfigError(f"{name}: neither a file nor a shipped config; {did_you_mean(name, known)}")
+        raise ConfigError(f"{name}: neither a file nor a shipped config; {did_you_mean(Path(name).name, known)}")
     return known[name]
 
 

@@ -1,4 +1,4 @@
-"""What theory expects of a cap, against closed forms, drawn Gaussians and each other."""
+"""Expectations from theory on a cap, against closed forms, drawn Gaussians and each other."""
 
 import math
 
@@ -52,7 +52,7 @@ def test_gdke_leaves_where_bias_meets_scatter(degrees):
 
 
 def test_gdke_never_leaves_on_the_whole_sphere():
-    """There it has no bias, and the rounded mean of the directions is none."""
+    """GDKE has no bias there; the mean of the directions is zero up to rounding."""
     for dimension in (2, 3, 4):
         assert gdke_leaves(10**6, cap_moments(math.pi, dimension)) == math.inf
 

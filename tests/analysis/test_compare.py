@@ -45,7 +45,7 @@ def verdict(found):
 
 
 def without_errors(made):
-    """A run of which only the summary is kept, as of a reference run."""
+    """A run with its summary alone, like a reference run."""
     made.remove("errors")
     return made
 
@@ -127,7 +127,7 @@ def test_more_failures_are_a_difference(make, monkeypatch):
 
 
 def test_cells_that_one_run_lacks(make):
-    """What only one has is counted; nothing in common is refused."""
+    """Cells of one run alone are counted; two runs with nothing in common are refused."""
     one, other = make("one"), make("other", ("[20, 60]", "[60, 80]"))
     found = compare(one, other)
     assert found.only == (4, 4)

@@ -48,7 +48,7 @@ def operations(expression):
     ],
 )
 def test_expressions_are_counted(expression, count, value):
-    """Each +, -, *, / and square is one operation, of arrays too; signs and comparisons are none; values are right."""
+    """Each +, -, *, / and square is one operation, in arrays too; signs and comparisons are not; values are right."""
     found, result = operations(expression)
     assert found == count
     assert result == pytest.approx(value, rel=1e-15)
@@ -104,7 +104,7 @@ def table(kernels, settings):
 @pytest.mark.parametrize("d", DIMENSIONS)
 @pytest.mark.parametrize("name", [name for name, entry in study.ESTIMATORS.items() if entry.flops])
 def test_declared_is_counted(kernels, name, d):
-    """What the registry declares per sample is what its kernel does per sample, to the operation."""
+    """The declared operations per sample are those of the kernel, to the operation."""
     assert study.ESTIMATORS[name].flops(d) == kernels[d][KERNEL.get(name, "moments")]
 
 

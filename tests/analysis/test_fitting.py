@@ -21,7 +21,7 @@ FREE = [name for name, entry in study.ESTIMATORS.items() if entry.needs != "nois
 
 
 def shown(points, estimators=FREE, noise=None, names="xyz"):
-    """What a user sees: the table's rows by estimator, and the lines below it."""
+    """The table's rows by estimator, and the lines below it, as a user gets them."""
     names = list(names[: points.shape[1]])
     fits = fit_all(points, list(estimators), noise)
     head, *lines = printed(fit_table(fits, names), names)

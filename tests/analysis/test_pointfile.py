@@ -48,7 +48,7 @@ def test_decimal_commas(tmp_path, mark, header):
 
 @pytest.mark.parametrize("place", [0, 1, 3])
 def test_a_single_decimal_comma(tmp_path, place):
-    """One decimal comma in a file of integers is seen wherever it is: its row is no header."""
+    """One decimal comma in a file of integers is found in any row: the first row is no header."""
     values = np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0], [7.0, 9.0]])
     values[place] += 0.5
     text = "\n".join(";".join(f"{v:g}".replace(".", ",") for v in row) for row in values)
@@ -100,7 +100,7 @@ def test_header_cells(tmp_path):
 
 @pytest.mark.parametrize("columns", [["x", "z"], ["2", "4"], [" x", "4 "]], ids=str)
 def test_columns(tmp_path, columns):
-    """Columns are chosen by name or number, in the order asked; the others may hold anything."""
+    """Columns are chosen by name or number, in the given order; the others may hold anything."""
     rows = lines(POINTS, ",")
     text = "\n".join(["label,x,y,z", *(f"m {i}_a,{row}" for i, row in enumerate(rows))])
     points, names = read_points(written(tmp_path, text), columns)

@@ -98,7 +98,7 @@ def test_decimal_points_among_decimal_commas(tmp_path):
 
 
 def test_a_quote_that_does_not_end(tmp_path):
-    """It swallows its own row at most, and is told."""
+    """An unclosed quote swallows its own row at most, and the message names the row."""
     refused(written(tmp_path, "\n".join([*ROWS[:2], '1,"2,3', *ROWS])), "row 3 has 2 columns")
 
 

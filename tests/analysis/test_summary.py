@@ -75,7 +75,7 @@ def test_quantiles_of_ok_and_of_all(by_hand):
 
 
 def test_without_failures_ok_is_all(by_hand):
-    """Where nothing failed, both kinds of quantile are equal."""
+    """Without failures both kinds of quantile are equal."""
     row = by_hand.loc["bb", "lls"]
     for name in ("relative", "ratio"):
         for label in ("median", "q05", "q95"):
@@ -83,7 +83,7 @@ def test_without_failures_ok_is_all(by_hand):
 
 
 def test_nothing_ok(by_hand):
-    """Where all failed, quantiles of the ok are unknown and those of all are infinite."""
+    """If all fits failed, quantiles of ok fits are unknown and those of all fits are infinite."""
     row = by_hand.loc["aa", "ugdk"]
     assert math.isnan(row["ratio_median_ok"])
     assert (row["ratio_median_all"], row["ratio_q05_all"], row["far_all"]) == (INF, INF, 1.0)
@@ -105,7 +105,7 @@ def test_conditions(by_hand):
 
 
 def test_an_infinite_bound_is_no_perfect_fit():
-    """Where the directions do not determine the centre, an error over the bound is unknown, not zero."""
+    """If the directions do not determine the centre, an error over the bound is unknown, not zero."""
     found = summary(HAND.assign(bound=INF), by_decade=False).set_index(["group", "estimator"])
     assert found.loc["bb", "lls"]["ratio_median_ok"] != 0.0
 

@@ -12,7 +12,7 @@ def table(*rows):
 
 
 def found(frame):
-    """What came back, in short."""
+    """The rows in short."""
     return [(row.cell, row.trial, row.estimator, row.ratio) for row in frame.itertuples()]
 
 
@@ -30,7 +30,7 @@ ERRORS = table(
 
 
 def test_largest_error_over_the_bound_of_each_trial():
-    """A trial counts once, by its worst fit that is ok; bounds that are infinite and errors that are none do not."""
+    """A trial counts once, by its worst ok fit; infinite bounds and missing errors do not count."""
     expected = [("a", 4, "mle", np.inf), ("b", 0, "gdke", 4.0), ("a", 0, "mle", 2.0), ("a", 1, "gdke", 0.1)]
     assert found(worst(ERRORS)) == expected
     assert found(worst(ERRORS, 2)) == expected[:2]
@@ -38,7 +38,7 @@ def test_largest_error_over_the_bound_of_each_trial():
 
 
 def test_one_estimator():
-    """Only its fits are looked at; one that is not in the table has none."""
+    """Only the estimator's fits are used; an estimator that is not in the table has none."""
     assert found(worst(ERRORS, estimator="gdke")) == [("b", 0, "gdke", 4.0), ("a", 1, "gdke", 0.1)]
     assert found(worst(ERRORS, estimator="mle"))[1] == ("b", 0, "mle", 3.0)
     assert worst(ERRORS, estimator="ugdk").empty

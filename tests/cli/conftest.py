@@ -1,4 +1,4 @@
-"""What the tests of the command line share: a small config, and a way to run a command as a user does."""
+"""Shared by the tests of the command line: a small config, and a way to run a command as a user does."""
 
 import os
 import signal

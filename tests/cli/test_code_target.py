@@ -6,8 +6,8 @@ import sys
 import pytest
 
 COMPILED_FOR = """
-from study.runs import target
-target.fix()
+from study.runs.workers import instruction_set
+instruction_set.fix()
 from numba.core.registry import cpu_target
 print(cpu_target.target_context.codegen().magic_tuple())
 """

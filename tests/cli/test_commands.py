@@ -91,7 +91,7 @@ def test_help_names_every_command(call, tmp_path):
 
 
 def test_entry_point():
-    """Where the package is installed, `study` is the main function."""
+    """In an installed package `study` is the main function."""
     found = [e for e in importlib.metadata.entry_points(group="console_scripts") if e.name == "study"]
     assert all(entry.value == "study.cli:main" for entry in found)
 
@@ -112,7 +112,7 @@ def test_a_shipped_config_by_name(call_here, tmp_path):
 
 
 def test_a_config_names_its_run(finished, call_here, config, tmp_path):
-    """Where a command takes a run's folder it also takes the config of a run in results/."""
+    """A command that takes a run's folder also takes the config of a run in results/."""
     (tmp_path / "tiny.toml").write_text(config)
     name = parse(config).run_name()
     (tmp_path / "results").mkdir()

@@ -123,7 +123,7 @@ def test_refusals(say, cap, tmp_path, arguments, words):
 
 
 def test_usage(say, cap):
-    """What is no number for the noise is told by its option; an unknown option too."""
+    """A noise that is no number is refused with the option's name, and so is an unknown option."""
     for arguments in (["cap.csv", "--noise", "low"], ["cap.csv", "--nois", "1"], []):
         code, said, complained = say("fit", *arguments)
         assert (code, said) == (2, "")
@@ -152,7 +152,7 @@ def test_coplanar_points_are_drawn(say, rng, tmp_path, estimator):
 
 @pytest.mark.parametrize("plot", ["cap.csv/out.png", "out.xyz", "."])
 def test_a_picture_that_cannot_be_written(say, cap, tmp_path, plot):
-    """A folder that is a file, a format that is none, a folder: one line that names the picture, no traceback."""
+    """A folder that is a file, an unknown format, a folder: one line that names the picture, no traceback."""
     try:
         code, _, complained = say("fit", "cap.csv", "--plot", plot)
     except (OSError, ValueError) as error:

@@ -38,7 +38,7 @@ def test_a_bad_config(call_here, folder, verb):
 
 
 def test_a_bad_config_in_a_process_of_its_own(call, folder):
-    """What a shell sees is the same: code 2, a line per fault, no traceback, nothing written."""
+    """In a process of its own the refusal is the same: code 2, a line per fault, no traceback, nothing written."""
     before = names(folder)
     said = refused(call(folder, "run", "bad.toml"), 2, "bad.toml: 2 faults")
     assert len(said.splitlines()) == 3

@@ -77,7 +77,7 @@ def test_the_tables_are_the_librarys(done, asked, tmp_path):
 
 
 def test_the_run_has_the_same_name_and_errors_as_without(done, finished):
-    """What is asked of posteriors does not touch the study."""
+    """A [posterior] in the config does not change the study."""
     plain, other = (Run.open(folder / "out") for folder in (finished[0], done[0]))
     assert plain.study.run_name() == other.study.run_name()
     assert plain.table("errors").equals(other.table("errors"))
@@ -85,7 +85,7 @@ def test_the_run_has_the_same_name_and_errors_as_without(done, finished):
 
 
 def test_posterior(call_here, asked, done):
-    """`study posterior` prints what the library yields; what is there is not computed again."""
+    """`study posterior` prints the lines of the library; finished chains are not computed again."""
     folder = done[0]
     before = {path.name: (path.stat().st_mtime_ns, path.read_bytes()) for path in (folder / "out").iterdir()}
     code, said, complained = call_here(folder, "posterior", "out")

@@ -48,7 +48,7 @@ def test_a_budget_that_ends_at_once(call_here, folder):
 
 
 def test_a_finished_run(call_here, folder):
-    """Status and report count the cells that reached the target; `replay` draws a trial beyond them, and says so."""
+    """Status and report count the cells that reached the target; `replay` draws a trial beyond them, with a warning."""
     assert call_here(folder, "run", "need.toml", "--out", "out")[0] == 0
     run = Run.open(folder / "out")
     trials = run.trials()

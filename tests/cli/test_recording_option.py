@@ -75,7 +75,7 @@ def test_report(call_here, folder):
 
 @pytest.mark.parametrize("verb", ["claims", "report"])
 def test_refusals(call_here, folder, verb):
-    """A folder that is none, a damaged table, one given twice: code 2 and one line."""
+    """A folder without a case study, a damaged table, one given twice: code 2 and one line."""
     (folder / "bad").mkdir(exist_ok=True)
     (folder / "bad" / BAD).write_bytes(b"not parquet")
     for given, words in (

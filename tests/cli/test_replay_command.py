@@ -47,7 +47,7 @@ def refused(result, code, *words):
 
 
 def test_replay(call, call_here, finished):
-    """What is printed is what the library yields, for a run that is there; a beginning of the cell's name will do."""
+    """The command prints the lines of the library, also for a beginning of the cell's name."""
     folder = finished[0]
     run = Run.open(folder / "out")
     row = run.table("errors").iloc[-1]
@@ -91,7 +91,7 @@ def test_the_file_can_be_fitted(call_here, folder, made, tmp_path):
 
 
 def test_another_kind_of_file(call_here, folder, points, tmp_path):
-    """A suffix that is neither is told, with those that can be had, and nothing is written."""
+    """A suffix of another kind is refused with the kinds that exist, and nothing is written."""
     cell = str(points["cell"].iloc[0])
     for name in ("points.txt", "points"):
         result = call_here(folder, "replay", "out", cell, "0", "--out", tmp_path / name)
@@ -119,14 +119,14 @@ def test_a_file_that_cannot_be_written(call_here, folder, points, tmp_path):
 
 @pytest.mark.skipif(os.name == "nt" or os.geteuid() == 0, reason="nothing is closed to the superuser")
 def test_a_folder_that_is_closed(call_here, folder, points, tmp_path):
-    """A folder without the right to write is told likewise."""
+    """A folder without the right to write is one line that names it."""
     tmp_path.chmod(0o500)
     refused(call_here(folder, "replay", "out", points["cell"].iloc[0], "0", "--out", tmp_path / "p.csv"), 1, "p.csv")
     tmp_path.chmod(0o700)
 
 
 def test_a_cell_that_is_not_there(call_here, folder, made):
-    """Code 2 and one line; likewise for a beginning of several names."""
+    """A wrong name, or a beginning of several names, is code 2 and one line."""
     refused(call_here(folder, "replay", "out", "xyz", "0"), 2, "cell 'xyz': no such cell in", made.run_name())
     refused(call_here(folder, "replay", "out", "", "0"), 2, "not one cell but 4: ")
 
@@ -139,7 +139,7 @@ def test_a_trial_that_is_not_there(call_here, folder, points):
 
 @pytest.mark.parametrize("arguments", [["c0", "-1"], ["c0", "one"], [], ["c0", "0", "1"]], ids=str)
 def test_wrong_usage(call_here, folder, arguments):
-    """What is no number of a trial, or not there, is code 2 and the usage."""
+    """A trial that is no number, or missing, is code 2 and the usage."""
     code, said, complained = call_here(folder, "replay", "out", *arguments)
     assert (code, said) == (2, "")
     assert "Usage: " in complained
@@ -147,7 +147,7 @@ def test_wrong_usage(call_here, folder, arguments):
 
 @pytest.mark.parametrize("arguments", [["c0"], ["c0/"], ["c0/x"], ["c0/-1"], ["c0/1", "1"], ["/1/2"]], ids=str)
 def test_a_name_that_is_none(call_here, folder, arguments):
-    """A name without a trial's number, or with two, is code 2 and one line that says how names look."""
+    """A name without a trial's number, or with two, is code 2 and one line that shows the form of names."""
     refused(call_here(folder, "replay", "out", *arguments), 2, arguments[0], "CELL/TRIAL")
 
 

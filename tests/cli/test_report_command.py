@@ -1,4 +1,4 @@
-"""The report command: a page beside the run or where it is asked for, and one line where there can be none."""
+"""The report command: a page beside the run or in the given file, and one line if it cannot be written."""
 
 import shutil
 
@@ -20,7 +20,7 @@ def folder(finished, config, tmp_path_factory):
 
 
 def page(path):
-    """A page's text; fails if it is none."""
+    """A page's text; fails if the file is no page."""
     text = path.read_text(encoding="utf-8")
     assert text.startswith("<!DOCTYPE html>\n")
     assert text.endswith("</html>\n")
@@ -45,7 +45,7 @@ def test_several_runs_into_a_file(call_here, folder):
 
 
 def test_in_a_process_of_its_own(call, call_here, folder):
-    """What a shell sees is the same, with warnings as errors, and so are the bytes."""
+    """In a process of its own the output and the bytes are the same, with warnings as errors."""
     assert call(folder, "report", "out", "--out", "again.html") == (0, "again.html\n", "")
     assert call_here(folder, "report", "out", "--out", "again2.html")[0] == 0
     assert (folder / "again.html").read_bytes() == (folder / "again2.html").read_bytes()
@@ -67,7 +67,7 @@ def test_in_a_process_of_its_own(call, call_here, folder):
     ids=str,
 )
 def test_refusals(call_here, folder, arguments, words):
-    """A run that is none or did not finish, one given twice, a target that cannot be: code 1 and one line."""
+    """A folder that is no finished run, one given twice, an impossible target: code 1 and one line."""
     code, said, complained = call_here(folder, "report", *arguments)
     assert (code, said) == (1, "")
     assert words in complained
@@ -82,7 +82,7 @@ def test_no_run(call_here, folder):
 
 
 def test_a_cost_table(call_here, folder, monkeypatch):
-    """The runs and the cost table's path are what claims are judged by."""
+    """Claims are judged by the given runs and the path of the cost table."""
     given = []
 
     def judge_all(runs, cost, spreads):

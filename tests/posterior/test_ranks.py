@@ -215,7 +215,7 @@ def test_cell_by_cell(rng):
 
 
 def test_cells_without_an_mle_or_a_chain_that_is_ok(rng):
-    """What cannot be told is not a number."""
+    """A value that the chains do not determine is NaN."""
     posterior, answers = cells(rng)
     without = by_cell(posterior, answers[answers["estimator"] != "mle"])
     assert without["shift"].isna().all()

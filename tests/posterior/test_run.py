@@ -38,7 +38,7 @@ def config(d=2, entries=(), **design):
 
 
 def made(folder, text):
-    """A run's folder with its config; posteriors look at nothing else."""
+    """A run's folder with its config; posteriors need nothing else."""
     return Run.create(folder, parse(text)).begin(text)
 
 
@@ -71,13 +71,13 @@ def shortened(samples, prior, name, random, walkers, max_steps):
 
 @pytest.fixture
 def short(monkeypatch):
-    """Shorter chains, where what is kept of them matters and what they find does not."""
+    """Shorter chains, for tests of the stored tables and not of the posteriors."""
     monkeypatch.setattr(chain_task, "sample", shortened)
 
 
 @pytest.fixture(scope="module", params=[2, 3])
 def small(request, tmp_path_factory):
-    """A run with posteriors of four cells, two trials each, both kinds of noise, all draws kept."""
+    """A run with posteriors of four cells, two trials each, both kinds of noise, all draws stored."""
     return computed(tmp_path_factory.mktemp("small") / "run", config(request.param, radius=2.0, center=3.0))
 
 
@@ -96,7 +96,7 @@ def chains(small):
 
 
 def endings(d, noise=True):
-    """What the columns of parameters end in."""
+    """The endings of the parameters' columns."""
     return [*(str(i + 1) for i in range(d)), "radius"] + ["noise"] * noise
 
 
@@ -115,7 +115,7 @@ def test_columns_say_what_they_are(small, name):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_lengths_have_a_unit(name):
-    """What is a length has one, an area its square, an angle degrees, τ steps; shares, ranks and ratios have none."""
+    """Lengths have the unit length, areas its square, angles degrees, τ steps; shares, ranks and ratios have none."""
     united = {c.name: c.unit for c in getattr(schemas, name)(2) if c.unit}
     expected = {"answers": {}, "draws": dict.fromkeys(["error_1", "error_2", "radius_error", "noise"], "length")}
     lengths = ["noise", "radius", "center", *(f"bound_{e}" for e in endings(2, False))]
@@ -221,7 +221,7 @@ def test_numbers_follow_from_the_draws(chains):
 
 
 def test_what_is_not_asked_is_not_a_number(chains):
-    """Where σ is known it has no posterior, and its draws are σ itself; all else is a number."""
+    """A known σ has no posterior, and its draws are σ itself; all else is a number."""
     for key, row, draws, _ in chains:
         missing = {name for name, value in row.items() if isinstance(value, float) and math.isnan(value)}
         if np.unique(draws[:, 0], return_counts=True)[1].max() >= 80:  # a walker stands still
@@ -242,7 +242,7 @@ def test_answers_beside_the_posterior(small, chains):
     """Distances from the posterior mean, standard errors, distribution functions and levels, by scipy.
 
     The covariance is the bound with the estimates plugged in; it is Student's and Snedecor's where σ was estimated.
-    UGDK is told σ always, as it cannot do without.
+    UGDK is always given σ, which it needs.
     """
     beside = rows(small, "answers")
     for key, _, draws, trial in chains:
@@ -417,7 +417,7 @@ class Counter:
 
 
 def held(folder):
-    """How many chains are stored of a run that is not finished."""
+    """The number of stored chains of an unfinished run."""
     parts = Parts(folder, "chains")
     parts.load()
     assert not parts.damaged
@@ -426,7 +426,7 @@ def held(folder):
 
 
 def test_two_workers(alone, tmp_path):
-    """Tables of two workers are those of one, to the byte; progress is told of each chain, in shares of one."""
+    """Tables of two workers are those of one, to the byte; progress gets each chain's share of one."""
     count = Counter()
     run = computed(tmp_path, SAME, 2, count)
     assert stored(run) == stored(alone)
@@ -461,7 +461,7 @@ def test_interrupted_and_resumed(alone, tmp_path, jobs):
 
 
 def test_again_computes_nothing(alone):
-    """What is there is left as it is."""
+    """Finished tables are left untouched."""
     before, count = stored(alone), Counter()
     compute(alone, 1, count)
     assert count.shares == []
@@ -545,7 +545,7 @@ def test_more_cells_of_the_design(quick, tmp_path):
 @pytest.mark.usefixtures("short")
 @pytest.mark.parametrize("entries", [{"box": 3.0}])
 def test_parts_of_other_settings_are_not_mixed_in(quick, tmp_path, entries):
-    """What an interrupted, or a finished, run with other settings left behind does not get into the tables."""
+    """Parts of an interrupted or finished run with other settings do not get into the tables."""
     other = config(2, entries, samples=8, angle=90, noise=[0.1, 0.2])
     with pytest.raises(Stop):
         computed(tmp_path, other, 1, Counter(3))
@@ -597,7 +597,7 @@ def test_a_part_is_named_by_all_that_determines_it():
 
 
 def test_a_run_without_posteriors(tmp_path):
-    """It is told in one line, with what to add."""
+    """The message is one line and gives the remedy."""
     text = SAME[: SAME.index("[posterior]")]
     with pytest.raises(
         RunError, match=r"its config has no \[posterior\]; add one, as in configs/posterior.toml"
@@ -607,7 +607,7 @@ def test_a_run_without_posteriors(tmp_path):
 
 
 def test_where_chooses_no_cell(tmp_path):
-    """Values that cells have, but none of them together: told in one line, and no table is written."""
+    """Values that cells have, but no cell has together: one line, and no table is written."""
     where = "{ noise = 0.1, noise_over_radius = 0.1, radius = 2 }"
     text = config(2, {"where": where}, noise=[0.1, 0.2], radius=[1.0, 2.0])
     with pytest.raises(RunError, match=r"chooses none of its cells") as told:
@@ -702,7 +702,7 @@ def test_the_whole_sphere_moves_the_radius(tmp_path, d):
 
 
 def test_what_is_printed_of_chains_that_are_not_ok(small):
-    """How many are ok, and no numbers."""
+    """The lines have the number of ok chains and no other numbers."""
     lines = list(printed(small))
     assert small.study.run_name() in lines[0]
     assert all(line.rstrip().endswith("  0/2") for line in lines[2:10])

@@ -141,7 +141,7 @@ def test_quantiles(case):
 
 
 def test_length(case):
-    """A chain that is ok has 50 τ behind its first fifth; all kept steps and walkers are there."""
+    """An ok chain has 50 τ after its first fifth; all steps and walkers after it are there."""
     _, _, _, found, _ = case
     assert 0.8 * found.steps >= 50.0 * found.tau - 1.0
     assert found.draws.shape[:2] == (found.steps - found.steps // 5, 64)
@@ -231,7 +231,7 @@ def test_a_likelihood_of_ones_own(on_cap, monkeypatch):
 
 
 def test_the_prior_itself(on_cap, monkeypatch):
-    """Where the likelihood says nothing, draws fill the box and all radii evenly, which is AT_PRIOR."""
+    """If the likelihood is flat, draws fill the box and all radii evenly, and the status is AT_PRIOR."""
     points, _ = on_cap(np.random.default_rng(16), 10, d=2, noise=0.3)
     monkeypatch.setitem(LIKELIHOODS, "flat", lambda reference, offsets, log_noise: 0.0 * log_noise)
     center, largest = np.array([0.2, -0.1]), 2.0 + math.sqrt(2.0) * 1.5
@@ -275,7 +275,7 @@ def test_noise_far_below_the_radius(on_cap, noise):
 
 
 class Looks:
-    """Stands for emcee's estimate of τ: gives told times one after another, and counts how often it was asked."""
+    """A stand-in for emcee's estimate of τ: it gives the times in turn and counts the calls."""
 
     def __init__(self, monkeypatch, times):
         self.times, self.steps = list(times), []
@@ -284,7 +284,7 @@ class Looks:
 
     @staticmethod
     def rest():
-        """What else is used of emcee."""
+        """The other parts of emcee that are used."""
         return ((name, getattr(emcee, name)) for name in ("EnsembleSampler", "State", "moves"))
 
     def __call__(self, kept, **options):
@@ -296,7 +296,7 @@ class Looks:
 
 @pytest.mark.parametrize("last", [False, True])
 def test_a_chain_goes_on_until_it_is_fifty_times_long(on_cap, monkeypatch, last):
-    """With τ = 30 it is looked at until 1500 steps are kept, and no further than that asks for; τ is the largest."""
+    """With τ = 30 the chain runs until 1500 steps remain, and not much longer; τ is the largest of the parameters'."""
     points, _ = on_cap(np.random.default_rng(10), 20, d=2, noise=0.05)
     looks = Looks(monkeypatch, [30.0])
     found = run(points, 0.05, walkers=16, max_steps=1800 if last else 20_000)
@@ -312,7 +312,7 @@ def test_a_chain_goes_on_until_it_is_fifty_times_long(on_cap, monkeypatch, last)
     ("times", "count"), [([1.0], 2), ([1.0, 1.0075], 2), ([1.0, 1.025], 3), ([1.0, 0.975, 1.0], 4)]
 )
 def test_a_chain_goes_on_until_its_time_is_stable(on_cap, monkeypatch, times, count):
-    """However long, a chain ends when two looks one after another differ by less than 1 %, and never at the first."""
+    """A chain of any length ends when two checks in a row differ by less than 1 %, and never at the first check."""
     points, _ = on_cap(np.random.default_rng(10), 20, d=2, noise=0.05)
     looks = Looks(monkeypatch, times)
     assert run(points, 0.05, walkers=16).status is ChainStatus.OK
@@ -323,7 +323,7 @@ def test_a_chain_goes_on_until_its_time_is_stable(on_cap, monkeypatch, times, co
 @pytest.mark.parametrize("max_steps", [31, 100, 120])
 @pytest.mark.parametrize("known", [True, False])
 def test_a_budget_that_is_too_small(on_cap, max_steps, known):
-    """It is kept, it is told, and the draws so far are numbers near the sphere."""
+    """The chain is returned with its status, and its draws are numbers near the sphere."""
     points, _ = on_cap(np.random.default_rng(11), 40, d=3, noise=0.05)
     found = run(points, 0.05, known, max_steps=max_steps)
     assert found.status is ChainStatus.NOT_CONVERGED
@@ -345,7 +345,7 @@ def at_rim(points, noise, width):
 def test_a_box_that_decides_the_answer(on_cap, noise, width):
     """On a cap of 20° the likelihood does not fall towards a plane: where the integral has mass at the rim, so it says.
 
-    The draws are still the posterior's; those with more than one hump are below.
+    The draws are still the posterior's; those with several modes are below.
     """
     points, _ = on_cap(np.random.default_rng(18), 50, angle=20.0, d=2, noise=noise)
     grid, share = at_rim(points, noise, width)
@@ -357,7 +357,7 @@ def test_a_box_that_decides_the_answer(on_cap, noise, width):
 
 
 def across(points, centers):
-    """Which centres (k, 2) are on one side of the points (n, 2)."""
+    """True for centres (k, 2) on one side of the points (n, 2)."""
     normal = np.linalg.eigh(np.cov(points.T))[1][:, 0]
     return (centers - points.mean(axis=0)) @ normal > 0.0
 
@@ -374,9 +374,9 @@ def assert_shares(found, points, grid):
     [(12, 0.1, 2.0), (12, 0.2, 1.5), (16, 0.1, 2.0), (21, 0.1, 2.0), (21, 0.2, 1.5)],
 )
 def test_both_sides_of_a_flat_cap(on_cap, seed, noise, width):
-    """A cap of 20°, .06 high: from the best sphere alone and without moves across, chains settled on one hump.
+    """A cap of 20°, .06 high: from the best sphere alone and without moves across, chains settled at one mode.
 
-    With 12 and .2 such a chain had 87 % of its draws on the side that holds 71 %, and looked long enough.
+    With 12 and .2 such a chain had 87 % of its draws on the side that has 71 %, and passed for long enough.
     """
     points, _ = on_cap(np.random.default_rng(seed), 50, angle=20.0, d=2, noise=noise)
     grid = Integrated(points, noise, [-width] * 2, [width] * 2, 500)
@@ -387,9 +387,9 @@ def test_both_sides_of_a_flat_cap(on_cap, seed, noise, width):
 
 
 def test_walkers_that_do_not_mix(on_cap, monkeypatch):
-    """Where no move leads across, walkers stay where they started: neither ok nor at the prior, and it says why."""
-    monkeypatch.setattr(sampler, "_AFRESH", 0.0)
-    monkeypatch.setattr(sampler, "_ACROSS", 0.0)
+    """Without a move across, walkers stay where they started, and the status is neither ok nor at the prior."""
+    monkeypatch.setattr(sampler, "_FITTED", 0.0)
+    monkeypatch.setattr(sampler, "_MIRRORED", 0.0)
     points, _ = on_cap(np.random.default_rng(12), 50, angle=40.0, d=2, noise=0.2)
     found = run(points, 0.2, width=3.0, max_steps=3000)
     assert found.status is ChainStatus.NOT_MIXED
@@ -469,7 +469,7 @@ def degenerate(d):
 @pytest.mark.parametrize("name", ["geometric", "whole_sphere"])
 @pytest.mark.parametrize("kind", list(degenerate(2)))
 def test_points_without_a_sphere(d, known, name, kind):
-    """Never an exception: a status, and draws that are none, or numbers within the prior."""
+    """Degenerate points never raise: a status, and either no draws or numbers within the prior."""
     found = run(degenerate(d)[kind], 0.1, known, name, walkers=16, max_steps=20)
     assert found.status is not ChainStatus.OK  # twenty steps are never enough
     assert found.draws.shape[1:] == (16, d + 2 - known)
@@ -501,7 +501,7 @@ def test_points_without_noise(on_cap, known):
 
 
 def test_a_start_outside_of_the_box(on_cap):
-    """Where the points' sphere is not in the box, there is no start, and no chain."""
+    """If the points' sphere is not in the box, there is no start and no chain."""
     points, _ = on_cap(np.random.default_rng(14), 30, noise=0.01, center=20.0)
     assert run(points, 0.01, max_steps=100).status is ChainStatus.NO_START
     assert run(points, 0.01, max_steps=100, center=[20.0] * 3).status is ChainStatus.NOT_CONVERGED
@@ -510,7 +510,7 @@ def test_a_start_outside_of_the_box(on_cap):
 @pytest.mark.parametrize(("d", "seed"), [(2, 29), (3, 3)])
 @pytest.mark.parametrize("known", [True, False])
 def test_a_start_where_the_best_sphere_is_none(on_cap, d, seed, known):
-    """Where maximum likelihood leaves the box, or runs away to a plane, walkers start from GDKE's sphere."""
+    """If maximum likelihood leaves the box or diverges to a plane, walkers start from GDKE's sphere."""
     points, _ = on_cap(np.random.default_rng(seed), 50, angle=20.0, d=d, noise=0.1)
     fit = study.fit(points, "mle")
     assert fit.status != study.Status.OK or np.abs(fit.center).max() > 10.0

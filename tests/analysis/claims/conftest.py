@@ -11,7 +11,7 @@ from study.runs.storage.run_folder import RunError
 
 
 class Stored:
-    """Stands for a run: gives tables, and writes down which were asked for."""
+    """A stand-in for a run: it gives tables and records their names."""
 
     def __init__(self, name, tables, asked):
         self.name, self.tables, self.asked = name, tables, asked

@@ -69,7 +69,7 @@ def test_efficient(find, grid):
 
 
 def test_without_numbers_is_not_efficient(find, grid):
-    """Where most of UGDK's fits have no number its variance is without limit."""
+    """If most of UGDK's fits have no number, its variance is infinite."""
     table = grid()
     table.loc[(table["angle"] == 90.0) & (table["noise"] > 0.05), ["error", "error_1"]] = np.nan
     found = find(CLAIMS, "ugdk-efficient", {"efficiency/errors": table})

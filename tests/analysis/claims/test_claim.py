@@ -86,14 +86,14 @@ def test_an_unfinished_run(tmp_path):
 
 
 def test_a_broken_table(small):
-    """A table that cannot be read is as good as none."""
+    """A table that cannot be read counts as missing."""
     (small.folder / "errors.parquet").write_bytes(b"not parquet")
     (finding,) = evaluate([claim(of_small)], Evidence.of([small]))
     assert_no_verdict(finding, "cannot be read")
 
 
 def test_two_runs_of_one_name(small, tmp_path):
-    """Which of two would be meant is not guessed; both are named."""
+    """Two runs of one name are refused, and the message names both."""
     other = Run.create(tmp_path / "other", parse(CONFIG)).begin(CONFIG)
     with pytest.raises(RunError) as caught:
         Evidence.of([small, other])
@@ -102,7 +102,7 @@ def test_two_runs_of_one_name(small, tmp_path):
 
 
 def test_the_cost_table(tmp_path):
-    """It is read from its file; without one, the reason says what makes it; a file that is none is an error."""
+    """The table is read from its file; a missing table has a reason; a file that is no cost table is an error."""
     measure = claim(lambda evidence: [Number("rows", float(len(evidence.costs())), 0.0, 0)], reads=("cost",))
     (finding,) = evaluate([measure], Evidence.of([]))
     assert_no_verdict(finding, "study cost")
@@ -122,7 +122,7 @@ def test_the_cost_table(tmp_path):
 
 
 def test_numbers_that_cannot_be_formed():
-    """A number that is none leaves no verdict: the judge is not asked, and the reason says which number it was."""
+    """An unknown number leaves no verdict: the judge is not called, and the reason names the number."""
 
     def never(numbers):
         raise AssertionError("judged")
@@ -146,7 +146,7 @@ def test_other_exceptions_are_faults():
 
 
 def test_number():
-    """A number prints with its error, and without one where there is none."""
+    """A number prints with its error if it has one."""
     assert str(Number.of("bias", Measure(0.12345, 0.0123), 5)) == "bias: 0.1235 ± 0.012"
     assert str(Number("count", 35.0, 0.0, 0)) == "count: 35"
     assert str(Number("time", 1.5, math.nan, 0)) == "time: 1.5"

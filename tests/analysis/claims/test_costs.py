@@ -112,7 +112,7 @@ def test_without_a_cost_table(find, paper, name):
 
 
 def test_a_table_without_the_estimator(find, table, paper):
-    """What the table does not have is no number."""
+    """A cost that the table lacks is unknown."""
     costs = table()
     found = find(CLAIMS, "speed", paper(), costs[costs["estimator"] != "lls"])
     assert math.isnan(found.numbers[0].value)

@@ -37,7 +37,7 @@ def paper(error_rows):
 
 @pytest.fixture(scope="module")
 def grid(error_rows):
-    """A grid of caps and noises of N = 1000: likewise, factor(name, angle, σ/r)."""
+    """A grid of caps and noises with N = 1000: errors are factor(name, angle, σ/r) · σ, up to a spread."""
 
     def make(factor=lambda name, angle, level: 1.0, trials=TRIALS):
         parts = []
@@ -137,7 +137,7 @@ def test_gdke_on_par(find, grid, quiet, middle, verdict):
 
 
 def test_gdke_without_numbers_is_not_on_par(find, grid):
-    """Where most of GDKE's fits have no number its error is without limit."""
+    """If most of GDKE's fits have no number, its error is infinite."""
     table = grid()
     table.loc[(table["estimator"] == "gdke") & (table["noise"] > 1.0), "error"] = np.nan
     found = find(CLAIMS, "gdke-on-par", {"efficiency/errors": table})

@@ -1,4 +1,4 @@
-"""Medians in claims: exponents of power laws, quotients, and conditions in which there are none."""
+"""Medians in claims: exponents of power laws, quotients, and conditions without an answer."""
 
 import math
 

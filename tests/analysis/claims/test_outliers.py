@@ -139,7 +139,7 @@ def test_lls_small(find, linear, outliers, verdict):
     ],
 )
 def test_lls_place(find, linear, centred, raw, verdict):
-    """Where the outliers of the two cuts lie decides."""
+    """The verdict follows from the places of the outliers of both cuts."""
     table = linear(of(lls_nr=(*SMALL[:3], centred), lls_nr_raw=(*SMALL[:3], raw)))
     found = find(CLAIMS, "lls-outliers-place", {"outliers/errors": table})
     assert found.verdict == verdict

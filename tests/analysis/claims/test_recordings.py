@@ -80,7 +80,7 @@ def test_errors_count_joints(judged):
 
 
 def test_case_studies_of_one_recording_are_pooled(judged):
-    """Another seed on a recording is another look at it: a mean over both, in either order, and one recording."""
+    """Case studies of one recording with other seeds are averaged, in any order, and count as one recording."""
     one, other = spreads([FAR] * 8, [NEAR] * 8), spreads([FAR] * 8, [NEAR] * 4 + [FAR] * 4)
     for tables in ([one, other], [other, one]):
         found = judged(pd.concat(tables, ignore_index=True))
@@ -98,7 +98,7 @@ def test_a_long_recording_counts_no_more(judged):
 
 
 def test_a_short_recording_says_nothing(judged):
-    """One without large subsets is not counted, and does not make the others' joints look better with few samples."""
+    """A recording without large subsets is not counted, and does not raise the share of other recordings' joints."""
     table = spreads([FAR] * 6, [NEAR] * 6, recordings=2)
     table.loc[table["recording"] == 1, "spread"] = NEAR
     found = judged(table[(table["recording"] == 0) | (table["samples"] <= 200)])

@@ -1,4 +1,4 @@
-"""Claims on several markers: the verdicts follow from the kept points, and change with them."""
+"""Claims on several markers: the verdicts follow from the stored points, and change with them."""
 
 import math
 
@@ -55,7 +55,7 @@ def test_the_outermost_marker_is_heard_alone(averaged):
 
 
 def test_drowned_inner_markers_do_no_harm(averaged):
-    """Where the inner markers drown, the joint fit is as good as the outermost: part of the claim, not all."""
+    """If noise hides the inner markers, the fit to all is as good as the outermost: part of the claim, not all."""
     assert averaged(APART, (0.01, 0.1, 0.3)).verdict is Verdict.PARTLY
 
 

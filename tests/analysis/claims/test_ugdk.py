@@ -100,7 +100,7 @@ def test_error(find, growth, changed, verdict):
 
 
 def test_error_counts_failures(find, growth):
-    """Where most fits of some N fail, the median is infinite and falls with nothing, whatever the others do."""
+    """If most fits of some N fail, the median is infinite and has no exponent, whatever the other N."""
     tables = growth()
     grid = tables["power-law/errors"]
     tables["power-law/errors"] = grid.assign(
@@ -146,7 +146,7 @@ def test_figure_4_verdict_follows(find, circles):
 
 @pytest.fixture
 def noises(error_rows, scores, on_cap, kept_points):
-    """Noise found by ALS over the truth, and errors of UGDK that finds Σ over UGDK that is told it."""
+    """Noise estimated by ALS over the truth, and errors of UGDK with estimated Σ over UGDK with known Σ."""
 
     def make(found=1.0, loss=1.1):
         spread = np.exp(0.3 * scores(300))
@@ -206,7 +206,7 @@ def test_noise_counts_failures(find, noises):
 
 
 def test_equation_19_returns_what_it_is_told(find, noises):
-    """With its own sphere UGDK's eq. 19 gives (N - 1)/N of what it was told, for any noise told (theory §2)."""
+    """Eq. 19 with UGDK's own sphere gives (N - 1)/N of the noise that UGDK was given (theory §2)."""
     found = find(CLAIMS, "noise-from-the-points", noises())
     assert [n.value for n in found.numbers[-2:]] == pytest.approx([49 / 50] * 2, rel=1e-9)
 
