@@ -61,12 +61,12 @@ def test_change_in_a_called_function_reaches_its_caller(package):
     assert run() == ["12.0", "0"]
 
 
-@pytest.mark.parametrize(("changed", "discarded"), [("mocap/geometry/rigid.py", True), ("report/page.py", False)])
+@pytest.mark.parametrize(("changed", "discarded"), [("mocap/geometry/kabsch.py", True), ("report/page.py", False)])
 def test_changes_that_discard_the_cache(package, changed, discarded):
     """A change in any folder with compiled code discards that of all such folders; a change elsewhere does not."""
     copy, run = package
     run("import study.sphere.jit")
-    stale = copy / "mocap" / "geometry" / "__pycache__" / "rigid.some_kernel.nbi"
+    stale = copy / "mocap" / "geometry" / "__pycache__" / "kabsch.some_kernel.nbi"
     stale.parent.mkdir(exist_ok=True)
     stale.touch()
     run("import study.sphere.jit")
