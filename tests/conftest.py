@@ -3,7 +3,11 @@
 Factories are session fixtures that return functions, so that hypothesis tests can use them too.
 """
 
+import contextlib
+import itertools
+import pkgutil
 import shutil
+import threading
 import time
 from pathlib import Path
 
@@ -95,6 +99,37 @@ def until(wait_for):
 def held():
     """Path of `held.py`: a command whose workers stop at a gate."""
     return Path(__file__).with_name("held.py")
+
+
+@pytest.fixture
+def let_pass(monkeypatch):
+    """Let the threads of a run that will be stopped make so many calls of a function; later calls wait for the stop.
+
+    Otherwise quick threads might have computed all tasks before the first result had stopped the run.
+    """
+
+    @contextlib.contextmanager
+    def let(count, place):
+        from study.runs.workers.threads import Threads
+
+        function, stop = pkgutil.resolve_name(place), Threads.stop
+        numbers, stopped = itertools.count(), threading.Event()
+
+        def gated(*arguments):
+            if next(numbers) >= count:
+                assert stopped.wait(PATIENCE)
+            return function(*arguments)
+
+        def stop_and_open(threads):
+            stop(threads)
+            stopped.set()
+
+        with monkeypatch.context() as patch:
+            patch.setattr(place, gated)
+            patch.setattr(Threads, "stop", stop_and_open)
+            yield
+
+    return let
 
 
 @pytest.fixture(scope="session")

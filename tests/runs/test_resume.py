@@ -43,9 +43,9 @@ def clock(monkeypatch):
 
 
 @pytest.fixture
-def stopped(start, tmp_path):
+def stopped(start, let_pass, tmp_path):
     """A run that was stopped after some units, in a folder."""
-    with pytest.raises(Stop):
+    with let_pass(4, "study.runs.runner.execute"), pytest.raises(Stop):
         start(folder=tmp_path / "run", progress=stop_after(4), **ENTRIES)
     return tmp_path / "run"
 
