@@ -50,6 +50,11 @@ def test_dimension(timed, dimension):
     timed(group, f"d = {dimension}", loop, items=200_000, unit=dimension == 3, rounds=8)
 
 
+def run(unit, _):
+    """Compute a unit, as workers call it."""
+    unit()
+
+
 @pytest.mark.parametrize("workers", ["1 thread", "2 threads", "2 processes"])
 def test_workers(timed, workers):
     """Eight equal units on one worker and on two: threads as in short studies, processes as in long ones."""
@@ -58,11 +63,10 @@ def test_workers(timed, workers):
         pytest.skip("one core")
     aim = "≤ 0.59" if workers[0] == "2" else ""
     crew = Workers("loky" if workers == "2 processes" else "threads", int(workers[0]))
-    with crew.open() as pool:
+    with crew.open() as backend:
 
         def eight():
-            for future in [pool.submit(unit) for _ in range(8)]:
-                future.result()
+            assert len(list(backend.parallel(backend.call(k, run, unit, ()) for k in range(8)))) == 8
 
         timed("growth with workers, eight units", workers, eight, unit=workers == "1 thread", aim=aim, rounds=8)
 
