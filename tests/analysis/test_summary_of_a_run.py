@@ -88,9 +88,11 @@ def test_printed(run):
     assert title.startswith(run.study.run_name())
     assert "brackets" in note
     if run.study.design.one_trial_a_cell:
-        assert header.split() == ["lls", "ugdk"] and not bounds
+        assert header.split() == ["lls", "ugdk"]
+        assert not bounds
     else:
-        assert header.split() == ["CRLB", "attainable", "lls", "ugdk"] and "attainable" in bounds[0]
+        assert header.split() == ["CRLB", "attainable", "lls", "ugdk"]
+        assert "attainable" in bounds[0]
     assert len(lines) == stored["group"].nunique()
     assert all(len(line) < 120 for line in lines)
     for line, (_, part) in zip(lines, stored.groupby("group", sort=False), strict=True):
