@@ -9,11 +9,11 @@ from numpy.typing import ArrayLike
 from study.estimators.algebraic import als, als_guarded, hinge, hyper, pratt, taubin
 from study.estimators.estimator import Estimator
 from study.estimators.fit import Fit, blank
+from study.estimators.geometric.mle import mle, mle_centroid, mle_mirror
 from study.estimators.incremental import igdk
 from study.estimators.kasa import gdke, ugdk
 from study.estimators.lls import lls
 from study.estimators.lls_historical import lls_nr, lls_nr_raw, lls_single
-from study.estimators.mle import mle, mle_centroid, mle_mirror
 from study.estimators.samples import Samples
 from study.estimators.status import Status
 from study.estimators.unknown_covariance import ugdk_cov
