@@ -29,6 +29,9 @@ from study.sphere.types import Floats
 _NEAR = 0.5
 """Largest distance of a root from the start, as a share of its radius: beyond, it belongs to other points."""
 
+_ROUNDING = 1e-16
+"""Noise variance to begin with where fourth moments show none, as a share of the mean square of the points."""
+
 
 class Start(NamedTuple):
     """Starting values of a batch.
@@ -37,7 +40,7 @@ class Start(NamedTuple):
         origin: point near each set (b, d).
         offset: centre relative to the origin (b, d).
         radius: r (b,).
-        variance: s = σ² (b,), 0 where the start is exact.
+        variance: s = σ² (b,), 0 where the start is the answer, because as few points leave no choice.
         pair: ν (b,).
     """
 
@@ -96,7 +99,7 @@ def _fit(samples: Samples, eta: Floats, pair: float | Floats) -> Fit:
     fit, regression = shrunk(samples, eta), samples.regression
     fit.condition.fill(np.nan)
     d, n = fit.center.shape[1], regression.n
-    variance = np.where(n > d + 1.0, eta * (n - 1.0) / n, 0.0)
+    variance = np.where(n > d + 1.0, np.maximum(eta, _ROUNDING * regression.square) * (n - 1.0) / n, 0.0)
     start = Start(
         regression.origin, fit.center - regression.origin, fit.radius.copy(), variance, pair + np.zeros_like(eta)
     )

@@ -30,7 +30,10 @@ _SHORT, _SURE = 1e-2, 1e-10
 _THIRD = 1e-8
 """... and its third-order term is this small relative to the noise variance."""
 _HIDDEN = 1e-10
-"""Noise below this share of r² is not read from fourth moments, which round it away, but from the distances."""
+"""Noise variance below this share of r² is taken from the distances of each pass: fourth moments round it away, and
+nothing but itself depends on it."""
+_LEAST = 2.0**-104
+"""Least noise variance, as a share of r², that is divided by."""
 ON = -1
 """In place of a status: the iteration goes on."""
 
@@ -57,7 +60,7 @@ STATE = np.dtype(list(State.__annotations__.items()))
 
 
 class Trial(NamedTuple):
-    """The iteration of one set: a record of `STATE` and the trial centre (d,), relative to an origin near the points."""
+    """The iteration of one set: a record of `STATE`, and the centre (d,) relative to an origin near the points."""
 
     state: State
     center: Floats
@@ -72,13 +75,13 @@ class Equations(NamedTuple):
 
 @compiled
 def _form(trial: Trial, n: int, sums: Floats, means: RadialMeans, equations: Equations) -> None:
-    """Write the equations and their derivatives by (c, r, s), in units of r, r and s."""
+    """Write the equations, in units of r², r and r√s, and their derivatives by (c, r, s), in units of r, r and s."""
     state, center = trial
     values, slopes = equations
     d, r, s, pair = center.size, state.radius, state.variance, state.pair
     pull, mean, second = sums[2 : 2 + d], sums[2 + d : 2 + 2 * d], sums[2 + 2 * d : 2 + 3 * d]
     curve, stretch = sums[2 + 3 * d : 2 + 3 * d + d * d], sums[2 + 3 * d + d * d :]
-    m, rest, weight = d + 2, 1.0 - pair, 1.0 / n
+    m, rest, weight, sigma = d + 2, 1.0 - pair, 1.0 / n, math.sqrt(s)
     bend = FULLER / n
     slope, offset = r - pair * means.excess12, rest * r * means.excess01 + pair * r * means.excess12 - bend * s
     even, inverse = rest * r * (r + means.excess01) - bend * s, 0.0
@@ -100,13 +103,13 @@ def _form(trial: Trial, n: int, sums: Floats, means: RadialMeans, equations: Equ
         slopes[i, d] = (by_r - pair * (1.0 + means.excess12_by_r) * distance) / r
         slopes[i, d + 1] = by_s * s / (r * r)
         slopes[d, i] = -along
-        slopes[d + 1, i] = -2.0 * (radial - means.lengthening * along) * r / s
+        slopes[d + 1, i] = -2.0 * (radial - means.lengthening * along) / sigma
     values[d] = excess / r
     slopes[d, d], slopes[d, d + 1] = -direction, -means.mean_by_s * s / r
     square = (sums[1] - sums[0] * sums[0] * weight) * weight + excess * excess
-    values[d + 1] = (square - means.variance) / s
-    slopes[d + 1, d] = -(2.0 * direction * excess + means.variance_by_r) * r / s
-    slopes[d + 1, d + 1] = -(2.0 * means.mean_by_s * excess + means.variance_by_s)
+    values[d + 1] = (square - means.variance) / (r * sigma)
+    slopes[d + 1, d] = -(2.0 * direction * excess + means.variance_by_r) / sigma
+    slopes[d + 1, d + 1] = -(2.0 * means.mean_by_s * excess + means.variance_by_s) * sigma / r
     for i in range(m):
         values[i] = -values[i]
 
@@ -147,10 +150,12 @@ def advance(trial: Trial, n: int, sums: Floats, equations: Equations) -> int:
     """
     state, center = trial
     step, d = equations.values, center.size
-    if state.passes == 0 and state.variance < _HIDDEN * state.radius * state.radius:
-        state.variance = max((sums[1] - sums[0] * sums[0] / n) / n, 1e-300)
+    r = state.radius
+    hidden = state.variance < _HIDDEN * r * r
+    if hidden:
+        state.variance = max((sums[1] - sums[0] * sums[0] / n) / n, _LEAST * r * r)
+    s = state.variance
     state.passes += 1
-    r, s = state.radius, state.variance
     _form(trial, n, sums, radial_means(r, s, d), equations)
     if not _solve(equations.slopes, step):
         return Status.NOT_CONVERGED
@@ -163,12 +168,12 @@ def advance(trial: Trial, n: int, sums: Floats, equations: Equations) -> int:
     share = 1.0
     if length > _RADII:
         share = _RADII / length
-    if share * abs(change) > _VARIANCES:
+    if share * abs(change) > _VARIANCES and not hidden:
         share = _VARIANCES / abs(change)
     for i in range(d):
         step[i] *= share * r
         center[i] += step[i]
-    state.radius, state.variance = r + share * r * step[d], s + share * s * change
+    state.radius, state.variance = r + share * r * step[d], max(s + share * s * change, 0.0)
     if share < 1.0:
         state.last = 0.0
         return ON if state.passes < MOST_PASSES else Status.NOT_CONVERGED
