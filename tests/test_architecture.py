@@ -28,6 +28,7 @@ ROOMS = [
     "cli",
 ]
 SUB_ROOMS = {
+    "estimators": ["geometric"],
     "runs": ["storage", "workers", "adaptive"],
     "mocap": ["geometry", "io", "markersets", "joints", "skeleton", "view", "synthetic", "case_study", "commands"],
     "analysis": ["claims"],

@@ -6,14 +6,15 @@ To add an estimator, write a function from `Samples` to `Fit` and a line in `EST
 import numpy as np
 from numpy.typing import ArrayLike
 
-from study.estimators.algebraic import als, als_guarded, hinge, hyper, pratt, taubin
+from study.estimators.algebraic import als, als_guarded, fuller, hinge, hyper, pratt, taubin
 from study.estimators.estimator import Estimator
 from study.estimators.fit import Fit, blank
+from study.estimators.geometric.corrected import corrected, corrected_01, corrected_02, corrected_12
+from study.estimators.geometric.mle import mle, mle_centroid, mle_mirror
 from study.estimators.incremental import igdk
 from study.estimators.kasa import gdke, ugdk
 from study.estimators.lls import lls
 from study.estimators.lls_historical import lls_nr, lls_nr_raw, lls_single
-from study.estimators.mle import mle, mle_centroid, mle_mirror
 from study.estimators.samples import Samples
 from study.estimators.status import Status
 from study.estimators.unknown_covariance import ugdk_cov
@@ -29,6 +30,10 @@ def _moments(d: int) -> float:
 _BIASED = "pulled towards the points by the noise, which its standard errors do not show; als is not"
 
 ESTIMATORS: dict[str, Estimator] = {
+    "corrected": Estimator(corrected, "theory §9: geometric, consistent, ν by the points", by_window=True),
+    "corrected_01": Estimator(corrected_01, "theory §9: ν = 0", by_window=True),
+    "corrected_02": Estimator(corrected_02, "theory §9: ν = ½", by_window=True),
+    "corrected_12": Estimator(corrected_12, "theory §9: ν = 1", by_window=True),
     "mle": Estimator(
         mle, "paper §4.3; Shakarji 1998", flops=lambda d: d * d + 10 * d + 6, flops_of="a pass", by_window=True
     ),
@@ -41,6 +46,7 @@ ESTIMATORS: dict[str, Estimator] = {
     "gdke": Estimator(gdke, "paper eqs 2-6; Kåsa 1976", flops=_moments, moments_suffice=True, caution=_BIASED),
     "ugdk": Estimator(ugdk, "paper eqs 15-21", needs="noise", flops=_moments, moments_suffice=True),
     "als": Estimator(als, "Kukush, Markovsky & Van Huffel 2004", flops=_moments, moments_suffice=True),
+    "fuller": Estimator(fuller, "Fuller 1987, for als", flops=_moments, moments_suffice=True),
     "als_guarded": Estimator(
         als_guarded, "als, or taubin where the noise hides the extent", flops=_moments, moments_suffice=True
     ),

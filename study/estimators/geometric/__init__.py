@@ -1,0 +1,1 @@
+"""Geometric fits: those formed from the distances of the samples from the centre, by compiled passes over them."""
