@@ -24,7 +24,7 @@ from study.experiment.designs.fields import MAX_CELLS
 from study.experiment.designs.grid import GridDesign
 from study.experiment.designs.random_design import RandomDesign
 from study.experiment.distributions import Frozen
-from study.experiment.noise import NoiseLaw, gaussian
+from study.experiment.noise.gaussian import NoiseLaw, gaussian
 from study.experiment.posterior_config import Posterior, posterior_faults
 from study.experiment.precision_config import Precision, precision_faults
 from study.text.nearest import did_you_mean

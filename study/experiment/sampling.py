@@ -10,7 +10,7 @@ import numpy as np
 from study.estimators import Samples
 from study.experiment.config import Study
 from study.experiment.designs.cells import Batch, Level
-from study.experiment.noise import NoiseLaw
+from study.experiment.noise.gaussian import NoiseLaw
 from study.experiment.streams import lanes
 from study.sphere import cap
 from study.sphere.layouts import Placed, form

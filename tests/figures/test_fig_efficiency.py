@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from study.experiment.noise import AnisotropicGaussian
+from study.experiment.noise.gaussian import AnisotropicGaussian
 from study.figures import fig_efficiency, style
 from study.figures.inputs import NotApplicable
 
