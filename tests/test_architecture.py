@@ -32,7 +32,7 @@ SUB_ROOMS = {
     "runs": ["storage", "workers", "adaptive"],
     "mocap": ["geometry", "io", "markersets", "joints", "skeleton", "view", "synthetic", "case_study", "commands"],
     "analysis": ["claims"],
-    "experiment": ["designs"],
+    "experiment": ["noise", "designs"],
 }
 """Rooms within rooms, in their order; files beside them may stand anywhere that makes no circle."""
 FILES = sorted(PACKAGE.rglob("*.py"))

@@ -4,7 +4,7 @@ import math
 from typing import NamedTuple
 
 from study.analysis.asymptotics import median_at_bound, median_attainable
-from study.experiment.conditions import ANGLE, NOISE_OVER_RADIUS, RowValues
+from study.experiment.conditions import ANGLE, NOISE_OVER_RADIUS, RowValues, bound_law
 from study.experiment.config import Study
 from study.sphere.cap import cap_moments
 
@@ -22,8 +22,9 @@ class AtBounds(NamedTuple):
 
 
 def has_bounds(study: Study) -> bool:
-    """True if every cell of a study has both bounds: in a grid, with isotropic noise."""
-    return study.noise_law.isotropic and not study.design.one_trial_a_cell
+    """True if every cell of a study has both bounds: in a grid, with isotropic Gaussian noise."""
+    departs = bound_law([condition.name for condition in study.conditions()]) != ""
+    return study.noise_law.isotropic and not departs and not study.design.one_trial_a_cell
 
 
 def medians_at_bounds(study: Study, row: RowValues) -> AtBounds:

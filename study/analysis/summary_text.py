@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from study.analysis.medians_at_bounds import has_bounds, medians_at_bounds
-from study.experiment.conditions import NOISE_OVER_RADIUS, Condition, RowValues, distinguishing
+from study.experiment.conditions import NOISE_OVER_RADIUS, Condition, RowValues, bound_law, distinguishing
 from study.runs.storage.run_folder import Run
 from study.text.columns import columns
 
@@ -19,7 +19,8 @@ def printed(run: Run) -> Iterator[str]:
         stand the medians of estimators with Gaussian errors at the two bounds, where the cells have them.
     """
     frame = run.table("summary")
-    yield f"{run.study.run_name()}: median error of the centre over the Cramér-Rao bound ± its Monte-Carlo error"
+    bound = bound_law(frame.columns) or "Cramér-Rao bound"
+    yield f"{run.study.run_name()}: median error of the centre over the {bound} ± its Monte-Carlo error"
     yield "Fits that are not ok are left out; brackets give their share."
     if frame.empty:
         yield "no cell has a trial yet"

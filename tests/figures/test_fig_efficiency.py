@@ -8,7 +8,7 @@ import pytest
 from scipy import stats
 
 import study
-from study.experiment.noise import AnisotropicGaussian
+from study.experiment.noise.gaussian import AnisotropicGaussian
 from study.figures import fig_efficiency, style
 from study.figures.inputs import NotApplicable
 
