@@ -128,7 +128,7 @@ def run(
             folder = out or RUNS / study.run_name()
             end = None if budget is None else TimeBudget(budget)
             done = runner.run(study, text, folder, workers, advance, budget=end)
-        if not done.has("summary"):
+        if not done.valid("summary"):
             summarise(done)
         if (words := budget_message(done)) is not None:
             complaints.append(words)

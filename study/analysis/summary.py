@@ -13,6 +13,7 @@ from study.analysis.error_groups import Grouped, label
 from study.experiment.conditions import STORED
 from study.experiment.errors import Columns
 from study.runs.storage import schemas
+from study.runs.storage.lock import writing
 from study.runs.storage.run_folder import Run
 from study.statistics.summary_rows import NEEDED, as_columns, row
 
@@ -27,7 +28,9 @@ def summarise(run: Run) -> None:
             found = grouped.read(keys, needed)
             yield schemas.table(columns, as_columns([row(*key, _arrays(found[key], needed)) for key in keys]))
 
-    run.join("summary", columns, parts(), {"study.config": run.study.canonical()})
+    with writing(run.folder):
+        run.join("summary", columns, parts(), {"study.config": run.study.canonical()})
+        run.record("summary")
 
 
 def summary(errors: pd.DataFrame, by_decade: bool) -> pd.DataFrame:

@@ -242,6 +242,27 @@ def of_units(dimension: int, conditions: Sequence[Condition] = COLUMNS) -> dict[
     }
 
 
+def declared(dimension: int, conditions: Sequence[Condition] = COLUMNS) -> dict[str, list[Column]]:
+    """Columns of all tables of a run, by table."""
+    return of_units(dimension, conditions) | {
+        "precision": precision(conditions),
+        "posterior": posterior(dimension, conditions),
+        "answers": answers(dimension),
+        "draws": draws(dimension),
+        "claims": CLAIMS,
+    }
+
+
+def fault(found: pa.Schema, columns: list[Column]) -> str | None:
+    """The first declared column that a stored table lacks, or has with another type; None if there is none."""
+    for column in columns:
+        if found.get_field_index(column.name) < 0:
+            return f"not a table of this version: no column {column.name!r}"
+        if (kind := found.field(column.name).type) != column.type:
+            return f"not a table of this version: column {column.name!r} is of type {kind}, not {column.type}"
+    return None
+
+
 def schema(columns: list[Column], metadata: Mapping[str, str] | None = None) -> pa.Schema:
     """Make the Arrow schema of a table, with units and meanings as metadata of its columns."""
     fields = [
