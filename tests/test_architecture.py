@@ -28,9 +28,9 @@ ROOMS = [
     "cli",
 ]
 SUB_ROOMS = {
-    "estimators": ["geometric"],
     "runs": ["storage", "workers", "adaptive"],
     "mocap": ["geometry", "io", "markersets", "joints", "skeleton", "view", "synthetic", "case_study", "commands"],
+    "estimators": ["answer", "geometric"],
     "analysis": ["claims"],
     "experiment": ["noise", "designs"],
 }

@@ -11,8 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from study.estimators.answer.estimates import Estimates, blank
+from study.estimators.answer.fit import Fit
 from study.estimators.estimator import Estimator
-from study.estimators.fit import Fit, blank
 from study.estimators.kasa import residual_noise
 from study.estimators.samples import Samples
 from study.estimators.status import Status
@@ -74,7 +75,7 @@ def _stream_all(x: Floats, first: int, running: Running) -> None:
             _step(point, float(k), one, delta, w)
 
 
-def igdk(samples: Samples) -> Fit:
+def igdk(samples: Samples) -> Estimates:
     """Incremental GDK by the paper's recurrences, with GDKE's bias.
 
     They start on the first d + 5 samples, or on more while those lie in a plane.
@@ -175,4 +176,4 @@ class Incremental:
             fit.status[:] = Status.TOO_FEW_POINTS
         else:
             fit = estimator(Samples.of_moments(self.moments, noise))
-        return fit.reshape()
+        return Fit(fit.reshape())

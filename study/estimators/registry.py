@@ -1,14 +1,15 @@
 """The registry of estimators, and `fit`, which calls one by name.
 
-To add an estimator, write a function from `Samples` to `Fit` and a line in `ESTIMATORS`.
+To add an estimator, write a function from `Samples` to `Estimates` and a line in `ESTIMATORS`.
 """
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from study.estimators.algebraic import als, als_guarded, fuller, hinge, hyper, pratt, taubin
+from study.estimators.answer.estimates import Estimates, blank
+from study.estimators.answer.fit import Fit
 from study.estimators.estimator import Estimator
-from study.estimators.fit import Fit, blank
 from study.estimators.geometric.corrected import corrected, corrected_01, corrected_02, corrected_12
 from study.estimators.geometric.mle import mle, mle_centroid, mle_mirror
 from study.estimators.incremental import igdk
@@ -30,15 +31,15 @@ def _moments(d: int) -> float:
 _BIASED = "pulled towards the points by the noise, which its standard errors do not show; als is not"
 
 ESTIMATORS: dict[str, Estimator] = {
-    "corrected": Estimator(corrected, "theory §9: geometric, consistent, ν by the points", by_window=True),
-    "corrected_01": Estimator(corrected_01, "theory §9: ν = 0", by_window=True),
-    "corrected_02": Estimator(corrected_02, "theory §9: ν = ½", by_window=True),
-    "corrected_12": Estimator(corrected_12, "theory §9: ν = 1", by_window=True),
     "mle": Estimator(
         mle, "paper §4.3; Shakarji 1998", flops=lambda d: d * d + 10 * d + 6, flops_of="a pass", by_window=True
     ),
     "mle_centroid": Estimator(mle_centroid, "mle from another start, the centroid of the points", by_window=True),
     "mle_mirror": Estimator(mle_mirror, "mle from a wrong start, beyond the points", by_window=True),
+    "corrected": Estimator(corrected, "theory §9: geometric, consistent, ν by the points", by_window=True),
+    "corrected_01": Estimator(corrected_01, "theory §9: ν = 0", by_window=True),
+    "corrected_02": Estimator(corrected_02, "theory §9: ν = ½", by_window=True),
+    "corrected_12": Estimator(corrected_12, "theory §9: ν = 1", by_window=True),
     "lls": Estimator(lls, "paper §4.4", flops=lambda d: 2 * d * d + 10 * d + 5, caution=_BIASED, by_window=True),
     "lls_nr": Estimator(lls_nr, "paper §4.4; Press et al. 1992: centred, singular values cut at 1e-5", caution=_BIASED),
     "lls_nr_raw": Estimator(lls_nr_raw, "paper §4.4; Press et al. 1992: not centred, cut at 1e-6", caution=_BIASED),
@@ -70,7 +71,7 @@ def fit(points: ArrayLike, estimator: str = "als", noise: ArrayLike | None = Non
             it is not known. Only ``ugdk`` cannot do without.
 
     Returns:
-        A `Fit` whose arrays have the leading axes of ``points``. Look at ``fit.status`` before using the numbers: data
+        A `Fit` whose arrays have the leading axes of ``points``. Look at ``fit.ok`` before using the numbers: data
         that determine no sphere have a status, and raise nothing.
 
     Raises:
@@ -103,21 +104,23 @@ def fit(points: ArrayLike, estimator: str = "als", noise: ArrayLike | None = Non
     function = ESTIMATORS[estimator]
     missing = bool(np.isnan(samples.moments.fourth).any())
     result = _fit_present(function, samples) if missing else function(samples)
-    return result.reshape(*lead, samples=samples)
+    return Fit(result.reshape(*lead), samples, estimator, function.covariance)
 
 
-def _fit_present(estimator: Estimator, samples: Samples) -> Fit:
+def fit_samples(samples: Samples, estimator: str) -> Fit:
+    """Fit each set of a batch without missing samples by a named estimator; leading axes (b,)."""
+    entry = ESTIMATORS[estimator]
+    return Fit(entry(samples), samples, estimator, entry.covariance)
+
+
+def _fit_present(estimator: Estimator, samples: Samples) -> Estimates:
     """Fit each set without its missing samples; sets with equally many are fitted together."""
     b, d, _ = samples.shape
     result = blank(b, d)
-    present = np.logical_not(np.isnan(samples.x).any(axis=1))
-    count = present.sum(axis=1)
-    for n in np.unique(count):
-        sets = np.flatnonzero(count == n)
-        if n < d + 1:
+    for sets, present in samples.by_count():
+        if present.shape[2] < d + 1:
             result.status[sets] = Status.TOO_FEW_POINTS
             continue
-        complete = np.stack([samples.x[t][:, present[t]] for t in sets])
-        for whole, part in zip(result, estimator(Samples(complete, samples.noise)), strict=True):
+        for whole, part in zip(result, estimator(present), strict=True):
             whole[sets] = part
     return result

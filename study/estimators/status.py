@@ -9,7 +9,7 @@ class Worded(IntEnum):
 
     text: str
 
-    def __new__(cls, value: int, text: str) -> Self:
+    def __new__(cls, value: int, text: str = "") -> Self:  # without a text a member is looked up by its value
         member = int.__new__(cls, value)
         member._value_ = value
         member.text = text

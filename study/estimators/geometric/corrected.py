@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from study.estimators.algebraic import root, shrunk
-from study.estimators.fit import Fit
+from study.estimators.answer.estimates import Estimates
 from study.estimators.geometric.corrected_step import ON, STATE, Equations, Trial, advance
 from study.estimators.samples import Samples
 from study.estimators.status import Status
@@ -51,7 +51,7 @@ class Start(NamedTuple):
     pair: Floats
 
 
-def corrected(samples: Samples) -> Fit:
+def corrected(samples: Samples) -> Estimates:
     """The corrected fit with ν from the noise that the points show beside their least extent.
 
     Isotropic noise is assumed whatever ``samples.noise`` is, and its level is found with the sphere. The noise variance
@@ -63,7 +63,7 @@ def corrected(samples: Samples) -> Fit:
     return _fit(samples, eta, share_of_pair(eta, samples.spectrum.values[:, 0]))
 
 
-def corrected_01(samples: Samples) -> Fit:
+def corrected_01(samples: Samples) -> Estimates:
     """The corrected fit with ν = 0: the geometric fit without its bias.
 
     Source: theory §9.2.
@@ -71,7 +71,7 @@ def corrected_01(samples: Samples) -> Fit:
     return _fit(samples, root(samples, 2.0 * samples.shape[1]), 0.0)
 
 
-def corrected_02(samples: Samples) -> Fit:
+def corrected_02(samples: Samples) -> Estimates:
     """The corrected fit with ν = ½.
 
     Source: theory §9.2.
@@ -79,7 +79,7 @@ def corrected_02(samples: Samples) -> Fit:
     return _fit(samples, root(samples, 2.0 * samples.shape[1]), 0.5)
 
 
-def corrected_12(samples: Samples) -> Fit:
+def corrected_12(samples: Samples) -> Estimates:
     """The corrected fit with ν = 1: points weigh by their distance, which suits much noise on small caps.
 
     Source: theory §9.2.
@@ -94,7 +94,7 @@ def share_of_pair(eta: Floats, least: Floats) -> Floats:
     return np.where(eta > 0.0, share, 0.0)
 
 
-def _fit(samples: Samples, eta: Floats, pair: float | Floats) -> Fit:
+def _fit(samples: Samples, eta: Floats, pair: float | Floats) -> Estimates:
     """The root of the equations near the fit of `fuller`, given the root η (b,) of `als`, and ν."""
     fit, regression = shrunk(samples, eta), samples.regression
     fit.condition.fill(np.nan)
@@ -156,7 +156,7 @@ def _pass(block: SampleBlock, origin: Floats, center: Floats, radius: float, sum
 
 
 @compiled
-def _conclude(start: Start, t: int, trial: Trial, status: int, n: int, fit: Fit) -> None:
+def _conclude(start: Start, t: int, trial: Trial, status: int, n: int, fit: Estimates) -> None:
     """Write the root that the iteration of set t ended at, if it is near the start, and else leave the start."""
     state, center = trial
     d, away, reach = center.size, 0.0, _NEAR * start.radius[t]
@@ -173,7 +173,7 @@ def _conclude(start: Start, t: int, trial: Trial, status: int, n: int, fit: Fit)
 
 
 @compiled
-def _fit_all(x: PointSets, group: int, start: Start, fit: Fit, zero: Sums, square: Sums) -> None:
+def _fit_all(x: PointSets, group: int, start: Start, fit: Estimates, zero: Sums, square: Sums) -> None:
     """Solve the equations for each set of a batch; ``group`` sets share their draws, see `abreast`.
 
     ``fit`` holds the starts. ``zero`` and ``square`` are d and d² sums at zero.
