@@ -30,7 +30,7 @@ ROOMS = [
 SUB_ROOMS = {
     "runs": ["storage", "workers", "adaptive"],
     "mocap": ["geometry", "io", "markersets", "joints", "skeleton", "view", "synthetic", "case_study", "commands"],
-    "analysis": ["claims"],
+    "analysis": ["claims", "verification"],
     "experiment": ["designs"],
 }
 """Rooms within rooms, in their order; files beside them may stand anywhere that makes no circle."""
