@@ -50,9 +50,9 @@ def recompute_units(run: Run, names: list[str], seed: str, share: float) -> dict
         Results by table: errors or summary, points, failures.
     """
     study = run.study
-    main = study.keep
+    main: str = study.keep
     columns = schemas.of_units(study.dimension, study.conditions())
-    compared = [name for name in (main, "points", "failures") if name in names]
+    compared: list[str] = [name for name in (main, "points", "failures") if name in names]
     if main not in compared:
         return {}
     there = _Stored(run, compared)

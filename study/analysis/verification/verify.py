@@ -66,7 +66,8 @@ def verify(run: Run, share: float = 0.01) -> Verification:
     stored = [name for name in declared if run.has(name) or name in manifest["tables"]]
     digests = {name: _fault(run, name) for name in stored}
     good = [name for name, fault in digests.items() if fault is None]
-    seed, again = str(manifest.get("digest", run.study.digest())), {}
+    seed = str(manifest.get("digest", run.study.digest()))
+    again: dict[str, Recomputed] = {}
     if share > 0.0:
         with threadpool_limits(limits=1):
             again |= recompute_units(run, good, seed, share) if _countable(run, good) else {}
@@ -110,7 +111,7 @@ def printed(found: Verification) -> Iterator[str]:
     if found.faults:
         yield f"not verified: {len(found.faults):,} faults" if len(found.faults) > 1 else "not verified: 1 fault"
     elif not any(result.done for result in found.again.values()):
-        yield f"not verified: {len(found.digests):,} tables are as written, and nothing was computed again"
+        yield f"not verified: {len(found.digests):,} tables are as written, but nothing was computed again"
     else:
         done = [f"{r.done:,} of {r.total:,} {r.unit}" for r in found.again.values() if r.done]
         equal = ", ".join(dict.fromkeys(done))
