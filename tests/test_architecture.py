@@ -30,8 +30,8 @@ ROOMS = [
 SUB_ROOMS = {
     "runs": ["storage", "workers", "adaptive"],
     "mocap": ["geometry", "io", "markersets", "joints", "skeleton", "view", "synthetic", "case_study", "commands"],
-    "estimators": ["answer", "geometric"],
-    "analysis": ["claims"],
+    "estimators": ["geometric", "answer"],
+    "analysis": ["claims", "verification"],
     "experiment": ["noise", "designs"],
 }
 """Rooms within rooms, in their order; files beside them may stand anywhere that makes no circle."""

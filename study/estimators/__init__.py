@@ -1,7 +1,7 @@
 """Sphere estimators: `fit` calls one by name, `ESTIMATORS` lists them."""
 
-from study.estimators.answer.estimates import Estimates
 from study.estimators.answer.fit import Fit
+from study.estimators.estimates import Estimates
 from study.estimators.estimator import Estimator
 from study.estimators.incremental import Incremental
 from study.estimators.multi_marker import JointFit, mgdk

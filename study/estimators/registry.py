@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from study.estimators.algebraic import als, als_guarded, fuller, hinge, hyper, pratt, taubin
-from study.estimators.answer.estimates import Estimates, blank
 from study.estimators.answer.fit import Fit
+from study.estimators.estimates import Estimates, blank
 from study.estimators.estimator import Estimator
 from study.estimators.geometric.corrected import corrected, corrected_01, corrected_02, corrected_12
 from study.estimators.geometric.mle import mle, mle_centroid, mle_mirror

@@ -15,7 +15,7 @@ from study.runs.provenance import described, other_version
 from study.runs.reuse import ReuseLayout
 from study.runs.storage.atomic_write import RunError
 from study.runs.storage.lock import holder
-from study.runs.storage.manifest import ManifestDamaged
+from study.runs.storage.manifest import ManifestDamagedError
 from study.runs.storage.parts import DAMAGED, Parts
 from study.runs.storage.run_folder import Run
 from study.text.columns import columns
@@ -57,7 +57,7 @@ def _facts(run: Run, parts: Parts) -> Iterator[tuple[str, str]]:
 def _state(run: Run, parts: Parts) -> str:
     try:
         run.manifest()
-    except ManifestDamaged as error:
+    except ManifestDamagedError as error:
         return str(error)
     except RunError:
         pass

@@ -9,7 +9,7 @@ from study import Status
 from study.analysis import estimator_list
 from study.analysis.fitting import PointFileError, choose
 from study.estimators import Estimates, Estimator, Samples, fit
-from study.estimators.answer.estimates import blank
+from study.estimators.estimates import blank
 from study.experiment.config import ConfigError, parse
 from study.runs import runner
 

@@ -8,8 +8,8 @@ import numpy as np
 from scipy.special import chdtri, fdtri
 
 from study.estimators.answer.covariance import plug_in_bound, unless_missing
-from study.estimators.answer.estimates import Estimates
 from study.estimators.answer.table import as_html, as_text, frame
+from study.estimators.estimates import Estimates
 from study.estimators.samples import Samples
 from study.estimators.status import Status
 from study.sphere.linalg import eigenbasis

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from study.estimators.algebraic import root, shrunk
-from study.estimators.answer.estimates import Estimates
+from study.estimators.estimates import Estimates
 from study.estimators.geometric.corrected_step import ON, STATE, Equations, Trial, advance
 from study.estimators.samples import Samples
 from study.estimators.status import Status

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from study.estimators.algebraic import root
-from study.estimators.answer.estimates import Estimates, blank
+from study.estimators.estimates import Estimates, blank
 from study.estimators.geometric.newton import ON, STATE, Room, Search, advance, begin
 from study.estimators.kasa import member
 from study.estimators.samples import Samples

@@ -29,15 +29,15 @@ _FINISHED: dict[str, type | tuple[type, ...]] = {
 _PERHAPS: dict[str, type | tuple[type, ...]] = {"posterior": dict, "precision": dict, "stopped_after": (int, float)}
 
 
-class ManifestMissing(RunError):
+class ManifestMissingError(RunError):
     """A run without a manifest, because it is not finished."""
 
 
-class ManifestDamaged(RunError):
+class ManifestDamagedError(RunError):
     """A manifest that was changed since it was written, or is not as this program writes it."""
 
 
-class ManifestNewer(RunError):
+class ManifestNewerError(RunError):
     """A manifest that a newer version of this program wrote."""
 
 
@@ -56,16 +56,16 @@ def read(folder: Path, keep: str) -> Manifest:
         keep: name of the table whose presence means that the run has been finished.
 
     Raises:
-        ManifestMissing: if it is not there.
-        ManifestDamaged: if its digest is not that of its content, or a field is missing or of another type.
-        ManifestNewer: if a newer version of this program wrote it.
+        ManifestMissingError: if it is not there.
+        ManifestDamagedError: if its digest is not that of its content, or a field is missing or of another type.
+        ManifestNewerError: if a newer version of this program wrote it.
     """
     path = folder / NAME
     again = f"`study run {folder / 'config.toml'} --out {folder}`"
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
-        raise ManifestMissing(f"{path}: missing; finish the run with {again}") from None
+        raise ManifestMissingError(f"{path}: missing; finish the run with {again}") from None
     except OSError as error:
         raise RunError(f"{path}: cannot be read: {error.strerror or error}") from None
     except (ValueError, RecursionError):
@@ -74,10 +74,10 @@ def read(folder: Path, keep: str) -> Manifest:
     if not fault and isinstance(found["format"], int) and found["format"] > FORMAT:
         made = found["software"].get("study", "unknown") if isinstance(found.get("software"), dict) else "unknown"
         words = f"made by a newer version of this program ({made})"
-        raise ManifestNewer(f"{folder}: {words}; update it, or choose another folder with --out")
+        raise ManifestNewerError(f"{folder}: {words}; update it, or choose another folder with --out")
     fault = fault or _field_fault(found, keep)
     if fault:
-        raise ManifestDamaged(f"{path}: damaged: {fault}; {again} makes it again")
+        raise ManifestDamagedError(f"{path}: damaged: {fault}; {again} makes it again")
     checked: Manifest = found
     return checked
 

@@ -30,7 +30,7 @@ from study.experiment.config_faults import ConfigError
 from study.experiment.replay import locate
 from study.runs.storage import digests, manifest, schemas
 from study.runs.storage.atomic_write import RunError, explained, join, write, write_table
-from study.runs.storage.manifest import Manifest, ManifestDamaged, ManifestMissing, ManifestNewer
+from study.runs.storage.manifest import Manifest, ManifestDamagedError, ManifestMissingError, ManifestNewerError
 from study.runs.storage.parts import DAMAGED, FORMAT
 
 __all__ = ["Run", "RunError"]
@@ -222,7 +222,7 @@ class Run:
         """Note the digests of tables, and other entries, in the manifest; one is begun if there is none."""
         try:
             known = self.manifest()
-        except ManifestMissing:
+        except ManifestMissingError:
             known = {"format": FORMAT, "run": self.study.run_name(), "tables": {}}
         tables = known["tables"] | {name: self.fingerprint(name) for name in names}
         self.save_manifest(known | entries | {"tables": tables})
@@ -254,10 +254,10 @@ class Run:
         """Move a damaged manifest to ``parts/damaged``; returns its fault, None if it is not damaged."""
         try:
             self.manifest()
-        except ManifestDamaged as error:
+        except ManifestDamagedError as error:
             self._move_aside(self.folder / manifest.NAME)
             return str(error).rsplit("; ", 1)[0]
-        except ManifestMissing:
+        except ManifestMissingError:
             pass
         return None
 
@@ -276,15 +276,15 @@ class Run:
         """The manifest.
 
         Raises:
-            ManifestMissing: if it is not there, because the run did not finish.
-            ManifestDamaged: if it was changed since it was written, or is of another run.
-            ManifestNewer: if a newer version of this program wrote it.
+            ManifestMissingError: if it is not there, because the run did not finish.
+            ManifestDamagedError: if it was changed since it was written, or is of another run.
+            ManifestNewerError: if a newer version of this program wrote it.
         """
         found = manifest.read(self.folder, self.study.keep)
         if found["run"] != self.study.run_name():
             words = f"damaged: of {found['run']}, where config.toml is of {self.study.run_name()}"
             again = f"`study run CONFIG --out {self.folder}`, with the config that it was made of, mends it"
-            raise ManifestDamaged(f"{self.folder / manifest.NAME}: {words}; {again}")
+            raise ManifestDamagedError(f"{self.folder / manifest.NAME}: {words}; {again}")
         return found
 
     def stopped(self) -> float | None:
@@ -314,7 +314,7 @@ class Run:
         """Raise a RunError if a newer program finished the run, whose files this one might read wrongly."""
         try:
             self.manifest()
-        except ManifestNewer:
+        except ManifestNewerError:
             raise
         except RunError:
             return
