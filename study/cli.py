@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import os
 import signal
 import sys
 import threading
@@ -301,6 +302,8 @@ def main(command: Callable[..., Any] = app) -> None:
     try:
         command()
     except SystemExit as end:
+        if type(sys.stdout).__name__ == "PacifyFlushWrapper":  # set where a reader such as `head` has gone
+            raise SystemExit(ExitCode.NO_READER) from None
         if end.code == ExitCode.INTERRUPTED:
             _complain("interrupted; run the same command again to resume", ExitCode.INTERRUPTED)
         raise
@@ -315,7 +318,20 @@ def main(command: Callable[..., Any] = app) -> None:
             raise SystemExit(_complain(str(error), ExitCode.USAGE)) from None
         if isinstance(error, RunError):
             raise SystemExit(_complain(str(error), ExitCode.FAILURE)) from None
+        if isinstance(error, OSError) and _output_is_lost():
+            message = f"standard output: cannot be written: {error.strerror}"
+            raise SystemExit(_complain(message, ExitCode.FAILURE)) from None
         raise
+
+
+def _output_is_lost() -> bool:
+    """Tell whether standard output cannot be written; what is left of it is thrown away."""
+    try:
+        print(flush=True)
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return True
+    return False
 
 
 def _interrupt(number: int, frame: object) -> None:

@@ -18,7 +18,7 @@ from pydantic import (
 
 from study.estimators import ESTIMATORS
 from study.experiment.conditions import CONDITIONS, NOISE, STORED, Condition, is_number
-from study.experiment.config_faults import ConfigError, Fault, report
+from study.experiment.config_faults import ConfigError, Fault, distinct, report
 from study.experiment.departure_faults import departure_faults
 from study.experiment.designs.design import Design
 from study.experiment.designs.fields import MAX_CELLS
@@ -31,7 +31,11 @@ from study.experiment.precision_config import Precision, precision_faults
 from study.text.nearest import did_you_mean
 
 _EITHER: Any = Annotated[Union[RandomDesign, GridDesign], Field(discriminator="kind")]  # noqa: UP007  two variables
+MAX_SAMPLES = 1_000_000_000
+"""Limit of a trial's samples, whose directions, noise and points lie in memory together."""
 _DESIGNS: TypeAdapter[Design] = TypeAdapter(_EITHER)
+_MARK = "\N{ZERO WIDTH NO-BREAK SPACE}"
+"""The mark with which some editors begin a file in UTF-8."""
 
 
 def _tuples(value: object) -> object:
@@ -128,7 +132,7 @@ def parse(text: str, source: str = "config") -> Study:
         ConfigError: with every fault, its place, its value and the values allowed.
     """
     try:
-        raw = tomllib.loads(text)
+        raw = tomllib.loads(text.removeprefix(_MARK))
     except (ValueError, RecursionError) as error:  # for numbers of thousands of digits, and thousands of brackets, too
         raise ConfigError(f"{source}: not TOML: {error}") from None
     faults = _faults_between_keys(raw)
@@ -136,7 +140,7 @@ def parse(text: str, source: str = "config") -> Study:
     try:
         study = Study.model_validate(raw)
     except ValidationError as error:
-        faults = report(error, _KEYS) + faults
+        faults = distinct(faults + report(error, _KEYS))
     if study is not None and study.cells() > MAX_CELLS:
         faults.append(Fault(("design",), f"{study.cells():,} cells; at most {MAX_CELLS:,} are allowed"))
     elif study is not None:
@@ -179,11 +183,16 @@ def _faults_between_keys(raw: dict[str, Any]) -> list[Fault]:
     given = [key for key in (NOISE.name, NOISE.alternative) if key in design]
     if len(given) != 1:
         found = " and ".join(given) or "neither"
-        faults.append(Fault(("design",), f"give noise or noise_over_radius, one of the two (found {found})"))
-    few = _least_samples(design.get("samples"))
-    if few is not None and few < d + 1:
-        words = f"{few:g} samples are too few: a sphere in dimension {d} needs at least {d + 1}"
-        faults.append(Fault(("design", "samples"), words))
+        words = f"give noise or noise_over_radius, one of the two (found {found})"
+        either = () if given else tuple(("design", str(key)) for key in (NOISE.name, NOISE.alternative))
+        faults.append(Fault(("design",), words, wants=either))
+    counts = _sample_counts(design.get("samples"))
+    if counts and min(counts) < d + 1:
+        words = f"{min(counts):g} samples are too few: a sphere in dimension {d} needs at least {d + 1}"
+        faults.append(Fault(("design", "samples"), words, design["samples"]))
+    if counts and max(counts) > MAX_SAMPLES:
+        words = f"{max(counts):g} samples are too many for memory: at most {MAX_SAMPLES:,} are allowed"
+        faults.append(Fault(("design", "samples"), words, design["samples"]))
     shape = raw.get("noise_shape")
     if shape is not None:
         faults += _shape_faults(shape, d)
@@ -217,17 +226,17 @@ def _route_faults(raw: dict[str, Any], design: dict[str, Any]) -> list[Fault]:
     return faults
 
 
-def _least_samples(samples: object) -> float | None:
-    """Smallest number of samples that a design's entry can give; None if the schema refuses the entry."""
+def _sample_counts(samples: object) -> list[int]:
+    """Numbers of samples that a design's entry can give, ends of ranges among them; none if the schema refuses it."""
     if isinstance(samples, dict):
         if "law" in samples:
-            values = [samples.get("low"), samples.get("value"), *_as_list(samples.get("values"))]
+            ends = [samples.get(key) for key in ("low", "high", "value")]
+            values = [*ends, *_as_list(samples.get("values"))]
         else:
             values = [v for ends in samples.values() for v in _as_list(ends)[:2]]
     else:
         values = _as_list(samples)
-    numbers = [round(v) for v in values if isinstance(v, int | float) and is_number(v)]
-    return min(numbers, default=None)
+    return [round(v) for v in values if isinstance(v, int | float) and is_number(v)]
 
 
 def _as_list(value: object) -> list[Any]:
@@ -253,5 +262,6 @@ _KEYS: dict[tuple[str, ...], list[str]] = {
     ("posterior",): list(Posterior.model_fields),
     ("precision",): list(Precision.model_fields),
     ("design",): sorted({*RandomDesign.model_fields, *GridDesign.model_fields}),
+    ("design", "kind"): ["random", "grid"],
     **{("design", name): ["law", "value", "values", "low", "high", "linspace", "logspace"] for name in CONDITIONS},
 }

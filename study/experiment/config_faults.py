@@ -1,5 +1,6 @@
 """Faults of a config, each with its line, its place, its value and the values allowed."""
 
+import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -7,7 +8,7 @@ from dataclasses import dataclass
 from pydantic import ValidationError
 
 from study.experiment.distributions import LAWS
-from study.text.nearest import did_you_mean
+from study.text.nearest import did_you_mean, nearest
 
 Path = tuple[str | int, ...]
 _MISSING = object()
@@ -21,11 +22,15 @@ class Fault:
         path: keys and indices that lead to the entry.
         words: the sentence about it.
         value: its value, which the message shows if it is given.
+        wants: entries of which one would settle it, because it is missing.
+        means: the known entry nearest to an unknown one.
     """
 
     path: Path
     words: str
     value: object = _MISSING
+    wants: tuple[Path, ...] = ()
+    means: Path | None = None
 
     def place(self) -> str:
         """The key as a user would write it: ``design.angle[2]``."""
@@ -57,17 +62,38 @@ def report(error: ValidationError, known: Mapping[tuple[str, ...], list[str]]) -
         path = _path(entry["loc"])
         words = entry["msg"].removeprefix("Value error, ")
         value: object = _MISSING if entry["type"] == "missing" else entry["input"]
+        wants: tuple[Path, ...] = ()
+        means = None
         if entry["type"] == "extra_forbidden":
-            words = _unknown(str(path[-1]), known.get(tuple(str(part) for part in path[:-1]), []))
+            names = known.get(tuple(str(part) for part in path[:-1]), [])
+            words, means = _unknown(str(path[-1]), names), (*path[:-1], nearest(str(path[-1]), names) or "")
         elif entry["type"] == "missing":
-            words = "required, but missing"
+            words, wants = "required, but missing", (path,)
+        elif entry["type"] == "tuple_type":
+            words = f"must be a list, such as [{json.dumps(value)}]" if isinstance(value, str) else "must be a list"
         elif entry["type"] in ("union_tag_invalid", "union_tag_not_found"):
             context = entry["ctx"]
             path = (*path, str(context["discriminator"]).strip("'"))
-            words = f"must be one of {context.get('expected_tags', 'the known ones')}"
+            words = f"must be one of {context.get('expected_tags') or _listed(known.get(tuple(map(str, path)), []))}"
             value = context.get("tag", _MISSING)
-        faults.setdefault(path, Fault(path, words[0].lower() + words[1:], value))
+            if value is _MISSING:
+                words, wants = f"required, but missing; {words}", (path,)
+        faults.setdefault(path, Fault(path, words[0].lower() + words[1:], value, wants, means))
     return list(faults.values())
+
+
+def distinct(faults: Sequence[Fault]) -> list[Fault]:
+    """Leave out what follows from another fault: a second one of an entry, and a missing entry that is misspelt."""
+    first: dict[Path, Fault] = {}
+    for fault in faults:
+        first.setdefault(fault.path, fault)
+    meant = {fault.means for fault in first.values()}
+    return [fault for fault in first.values() if not meant & set(fault.wants)]
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Names in quotation marks, with commas."""
+    return ", ".join(map(repr, names))
 
 
 def _unknown(key: str, known: list[str]) -> str:

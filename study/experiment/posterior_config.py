@@ -104,6 +104,9 @@ def posterior_faults(posterior: Posterior, design: Design, dimension: int, shape
             if values is not None and not any(same(value, v) for v in values):
                 words = value if isinstance(value, str) else f"{value:.12g}"
                 faults.append(Fault(("posterior", "where"), f"no cell has {name} = {words}"))
+    if "trials" in posterior.model_fields_set and posterior.trials > design.trials:
+        words = f"more trials than a cell has: design.trials = {design.trials:,}"
+        faults.append(Fault(("posterior", "trials"), words, posterior.trials))
     angles = where.get(ANGLE.name) or possible[ANGLE.name] or (math.nan,)
     if "whole_sphere" in posterior.likelihood and any(v != 180.0 for v in angles):
         words = "whole_sphere is wrong on caps: choose cells of the whole sphere with where = { angle = 180 }"

@@ -27,6 +27,8 @@ MEASURES = (
     *("far_ok", "far_all", "axis_median_ok", "tail_index", "bias", "rmse"),
 )
 """The measures of the summary that have a Monte-Carlo error."""
+_SHARES = ("far_ok", "far_all")
+"""Measures that are shares of fits."""
 
 
 def _known(name: str) -> str:
@@ -100,6 +102,9 @@ def precision_faults(precision: Precision, estimators: Sequence[str], design: De
         keep: the study's: errors or summary.
     """
     faults = []
+    if precision.relative_target is not None and precision.measure in _SHARES:
+        words = f"{precision.measure} is a share, which may be 0, and no error is a fraction of 0: give target instead"
+        faults.append(Fault(("precision", "relative_target"), words, precision.relative_target))
     if design.one_trial_a_cell:
         words = 'a random design has one trial in a cell: design.kind = "grid", or leave [precision] out'
         faults.append(Fault(("precision",), words))

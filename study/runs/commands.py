@@ -35,6 +35,7 @@ class ExitCode(IntEnum):
     TOO_MANY_FAILURES = 3  # complete, with more failed fits than the config tolerates
     BUDGET = 4  # stopped by its time budget before every cell had enough trials
     INTERRUPTED = 130  # by Ctrl-C or SIGTERM
+    NO_READER = 141  # of standard output, such as `head`, which had enough
 
 
 def worker(

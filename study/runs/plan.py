@@ -8,6 +8,7 @@ from study.experiment.errors import levels
 from study.experiment.units import units
 from study.runs.jobs import takes_long
 from study.runs.speed_probe import measure
+from study.runs.storage.atomic_write import RunError
 
 _ROW_BYTES = 75.0
 """Typical measured size of a row of a compressed error table, whose doubles hardly compress."""
@@ -16,6 +17,8 @@ _ROW_SECONDS = 1e-6
 """Typical time to write a row: a tenth of a second for a hundred thousand."""
 _START_SECONDS = 2.0
 """Typical time in which worker processes start."""
+_MOST_COUNTED = 300_000
+"""Number of cells that are counted one by one, in some seconds."""
 _MOST_CELLS = 5000
 """Number of cells from which the calibration takes its conditions."""
 
@@ -63,7 +66,12 @@ def plan(study: Study, jobs: int) -> Plan:
     Args:
         study: the config.
         jobs: number of workers.
+
+    Raises:
+        RunError: if a grid has too many cells to be counted.
     """
+    if study.cells() > _MOST_COUNTED:
+        return _extrapolated(study, jobs)
     cells: dict[int, tuple[Cell, ...]] = {}
     counted: dict[int, int] = {}
     work: dict[tuple[int, int], int] = {}
@@ -112,6 +120,19 @@ def extremes(study: Study) -> dict[str, Study]:
     first = min(study.precision.first, study.design.trials)
     least = study.model_copy(update={"design": study.design.model_copy(update={"trials": first})})
     return {f"up to the first checkpoint, {first:,} trials": least, "at most, with every cell at the cap": study}
+
+
+def _extrapolated(study: Study, jobs: int) -> Plan:
+    """Plan a random design by its first trials, which are like the others; RunError for a grid."""
+    if not study.design.one_trial_a_cell:
+        words = f"{study.cells():,} cells are too many to plan; at most {_MOST_COUNTED:,} are counted"
+        hint = "plan it with fewer values of a condition: size and time grow with their number"
+        raise RunError(f"{study.run_name()}: {words}; {hint}")
+    few = _MOST_COUNTED // 10
+    design = study.design.model_copy(update={"trials": few})
+    found, times = plan(study.model_copy(update={"design": design}), jobs), study.design.trials / few
+    counts = {name: round(getattr(found, name) * times) for name in ("cells", "units", "trials", "draws", "samples")}
+    return Plan(**counts, fits=round(found.fits * times), bytes=found.bytes * times, seconds=found.seconds * times)
 
 
 def _spread(groups: list[tuple[Cell, ...]]) -> list[Cell]:

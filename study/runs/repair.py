@@ -2,8 +2,9 @@
 
 from collections.abc import Callable
 
-from study.runs.completeness import damaged
+from study.runs.completeness import DERIVED, damaged
 from study.runs.storage.atomic_write import RunError
+from study.runs.storage.manifest import DIGEST, NAME
 from study.runs.storage.run_folder import Run
 
 
@@ -23,6 +24,9 @@ def set_damaged_aside(run: Run, warn: Callable[[str], None]) -> None:
         warn(f"{config}: not the config that the run was made of; written again")
     if (fault := run.set_manifest_aside()) is not None:
         warn(f"{fault}; set aside in parts/damaged, and its tables are made again")
+    for name in _unknown(run):
+        warn(f"{run.path(name)}: not in {NAME}; set aside in parts/damaged; {run.again(name)} makes it again")
+        run.set_aside(name)
     for name in damaged(run):
         ours = name != "claims"  # which may need other runs
         maker = ", and made again" if ours else f"; {run.again(name)} makes it again"
@@ -30,3 +34,14 @@ def set_damaged_aside(run: Run, warn: Callable[[str], None]) -> None:
         run.set_aside(name)
         if not ours:
             run.forget(name)
+
+
+def _unknown(run: Run) -> list[str]:
+    """Tables that no manifest vouches for, and that the run will not make again."""
+    try:
+        manifest = run.manifest()
+    except RunError:
+        manifest = {"tables": {}, DIGEST: ""}
+    made = ("posterior", "answers", "draws") if run.study.posterior is not None else ()
+    left = [name for name in DERIVED if name not in made and name not in manifest["tables"] and run.has(name)]
+    return left if DIGEST in manifest else []  # manifests of earlier versions have not all of them

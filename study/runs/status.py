@@ -61,6 +61,8 @@ def _state(run: Run, parts: Parts) -> str:
         return str(error)
     except RunError:
         pass
+    if finished(run) and damaged(run):
+        return "finished, but a table is damaged; `study run` makes it again"
     if finished(run):
         return "finished" if up_to_date(run) else "finished, but `study run` would compute some of it again"
     if damaged(run):

@@ -357,7 +357,7 @@ def test_where_chooses_cells():
     axes = {"noise": [0.1, 0.2], "radius": [1.0, 2.0], "center": [0.0, 3.0], "trials": 1}
 
     def cells(where):
-        made = parse(config(2, {"where": where} if where else {}, **axes))
+        made = parse(config(2, {"trials": 1} | ({"where": where} if where else {}), **axes))
         return [task.address.cell for task in chain_tasks(made, made.posterior)][::2]
 
     everything = cells("")
@@ -452,7 +452,7 @@ def test_interrupted_and_resumed(alone, let_pass, tmp_path):
     assert sum(rest.shares) == pytest.approx(1.0)
     assert stored(run) == stored(alone)
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(
-        [*(f"{name}.parquet" for name in NAMES), "config.toml"]
+        [*(f"{name}.parquet" for name in NAMES), "config.toml", "manifest.json"]
     )
 
 

@@ -7,6 +7,7 @@ import pytest
 from study.experiment.config import parse
 from study.experiment.units import units
 from study.runs.plan import plan
+from study.runs.storage.run_folder import RunError
 
 pytestmark = pytest.mark.usefixtures("same_software")
 
@@ -78,3 +79,18 @@ def test_a_plan_leaves_the_study_alone(make_text):
     before = study.model_dump_json()
     plan(study, 2)
     assert study.model_dump_json() == before
+
+
+def test_designs_of_millions_of_cells(make_text, monkeypatch):
+    """A random design is extrapolated from its first trials, to the same sizes; a grid is refused with one line."""
+    laws = {"samples": {"law": "uniform", "low": 5, "high": 9}, "noise": 0.1, "angle": 90}
+    made = parse(make_text(kind="random", trials=400, **laws))
+    counted = plan(made, 1)
+    grid = parse(make_text(trials=1, noise={"logspace": [0.01, 1, 101]}))
+    monkeypatch.setattr("study.runs.plan._MOST_COUNTED", 399)
+    found = plan(made, 1)
+    assert (found.cells, found.trials, found.fits) == (counted.cells, counted.trials, counted.fits)
+    assert found.samples == pytest.approx(counted.samples, rel=0.4)  # 39 trials of 5 to 9 samples
+    assert found.bytes == pytest.approx(counted.bytes)
+    with pytest.raises(RunError, match="404 cells are too many to plan; at most 399 are counted; plan it with fewer"):
+        plan(grid, 1)

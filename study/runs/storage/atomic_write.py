@@ -25,6 +25,8 @@ def explained(place: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise RunError(f"{place}: cannot be written: {error.strerror or error}; what was finished is kept") from None
+    except UnicodeEncodeError:
+        raise RunError(f"{place}: cannot be written: its name is not UTF-8; choose another") from None
 
 
 @contextlib.contextmanager

@@ -16,6 +16,7 @@ Workers compute and write nothing; the parent alone writes, and only while it ho
 only if its digest is the one in the manifest, and its columns are those declared.
 """
 
+import os
 import sys
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
@@ -59,6 +60,7 @@ class Run:
         Raises:
             RunError: if it belongs to another config or a newer version, is a file, or cannot be written.
         """
+        _refuse_other_names(folder)
         with explained(folder):
             found_folder = folder.exists()
         if found_folder:
@@ -93,6 +95,7 @@ class Run:
         Raises:
             RunError: if there is none, or its config cannot be read.
         """
+        _refuse_other_names(folder)
         if not (folder / "config.toml").is_file():
             raise RunError(f"{folder}: not a run folder (no config.toml in it); `study run CONFIG` makes one")
         try:
@@ -318,3 +321,11 @@ class Run:
             raise
         except RunError:
             return
+
+
+def _refuse_other_names(folder: Path) -> None:
+    """Raise a RunError if a folder's path is not UTF-8, since Arrow opens no other files."""
+    try:
+        os.fspath(folder.absolute()).encode()
+    except UnicodeEncodeError:
+        raise RunError(f"{folder.absolute()}: this name is not UTF-8, as Arrow needs it; choose another") from None

@@ -1,6 +1,7 @@
 """The base of the backends: workers of one kind, and the joblib dispatcher that feeds them."""
 
 import contextlib
+import signal
 import threading
 from collections.abc import Callable
 from typing import Any
@@ -80,3 +81,13 @@ def introduction(process: int | None) -> Parent:
         process: its number, if the workers are on the same machine and are to end with it.
     """
     return Parent(instruction_set.environment(), provenance.fingerprint(), process)
+
+
+def leave_interrupts() -> None:
+    """Let this thread, and the processes that it starts, leave Ctrl-C to the main thread.
+
+    A terminal sends it to all processes. One that just starts, and cannot yet ignore it, would print a traceback; but
+    it has the signals blocked that its parent's thread had blocked.
+    """
+    if hasattr(signal, "pthread_sigmask"):  # not on Windows
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})

@@ -19,7 +19,7 @@ from typing import Generic, TypeVar
 
 from study.runs.storage.atomic_write import RunError
 from study.runs.storage.parts import Packet, Parts
-from study.runs.workers.backend import Backend, Call
+from study.runs.workers.backend import Backend, Call, leave_interrupts
 from study.runs.workers.tasks import WorkerTask, cut
 from study.runs.workers.worker_entry import Death, DisagreementError
 
@@ -70,7 +70,7 @@ class Dispatch(Generic[S, T]):
             Exception: what the function raised. What was finished is stored.
         """
         self._tasks = cut(items, weigh, self._backend.enough)
-        with ThreadPoolExecutor(1) as fetcher:
+        with ThreadPoolExecutor(1, initializer=leave_interrupts) as fetcher:
             try:
                 while self._call(fetcher, ended, over):
                     pass

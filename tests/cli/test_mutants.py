@@ -1,0 +1,280 @@
+"""Mutants of a finished run's folder: every damaged file is named or repaired, none believed, without a traceback.
+
+The commands run within this process, so that an exception which is not caught fails the test.
+"""
+
+import functools
+import json
+import os
+import shutil
+import zlib
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from study.analysis.claims import judge_all, save
+from study.analysis.summary import summarise
+from study.experiment.config import parse
+from study.posterior.run import compute
+from study.runs import provenance, runner
+from study.runs.repair import set_damaged_aside
+from study.runs.storage.run_folder import Run, RunError
+
+CONFIG = """name = "tiny"
+seed = 1
+estimators = ["lls", "gdke"]
+keep_points = 1
+[design]
+kind = "grid"
+trials = 5
+samples = [6, 20]
+noise = [0.01, 0.1]
+angle = 90
+[posterior]
+trials = 1
+walkers = 16
+max_steps = 100
+noise = "known"
+where = { samples = 20, noise = 0.1 }
+"""
+TABLES = ["errors", "timings", "points", "summary", "posterior", "answers", "draws", "claims"]
+SAME_BYTES = ["errors", "points", "summary", "posterior", "answers", "draws"]
+
+
+def cut(share):
+    """Cut a file to a share of its length."""
+    return lambda data: data[: int(share * len(data))]
+
+
+def flipped(number):
+    """Flip one bit; the place follows from the data and the number."""
+
+    def change(data):
+        place = zlib.crc32(bytes([number])) % len(data)
+        return data[:place] + bytes([data[place] ^ 1 << number % 7]) + data[place + 1 :]
+
+    return change
+
+
+BYTES = {
+    **{f"cut to {share:g}": cut(share) for share in (0.0, 0.1, 0.5, 0.9, 0.999)},
+    **{f"bit {number}": flipped(number) for number in range(6)},
+    "zeros": lambda data: bytes(len(data)),
+    "twice": lambda data: data + data,
+}
+
+
+def number_column(table):
+    """Place of the last column of floating-point numbers, which has no role in naming a row."""
+    return [i for i, field in enumerate(table.schema) if pa.types.is_floating(field.type)][-1]
+
+
+def replaced(table, values, name=None):
+    """The table with another last column of numbers; its type may be another."""
+    index = number_column(table)
+    return table.set_column(index, name or table.schema.names[index], values(table.column(index)))
+
+
+def of_a_float(change):
+    """A change of the last column of numbers; claims have none, and get a column less."""
+
+    def apply(table):
+        floats = any(pa.types.is_floating(field.type) for field in table.schema)
+        return replaced(table, change) if floats else table.remove_column(0)
+
+    return apply
+
+
+COLUMNS = {
+    "renamed": lambda table: table.rename_columns([f"{name}_" for name in table.schema.names]),
+    "one renamed": lambda table: table.rename_columns(["other", *table.schema.names[1:]]),
+    "strings": of_a_float(lambda column: pa.array([str(value) for value in column.to_pylist()])),
+    "dropped": lambda table: table.remove_column(table.num_columns - 1),
+}
+VALUES = {
+    "scaled": of_a_float(lambda column: pa.array(column.to_numpy() * 0.1)),
+    "not numbers": of_a_float(lambda column: pa.array(np.full(len(column), np.nan))),
+    "a row less": lambda table: table.slice(1),
+    "in reverse": lambda table: table.take(np.arange(table.num_rows)[::-1].copy()),
+}
+FIELDS = ["format", "run", "config", "cells", "fits", "failures", "lost", "estimators", "tables", "started", "seconds"]
+FIELDS += ["jobs", "backend", "software", "machine", "digest"]
+ODD = {"format": "x", "tables": ["errors"], "estimators": None, "seconds": "long", "run": 7, "failures": -1, "lost": {}}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _quick():
+    """Find the commit once, and do not wait for the disk."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(provenance, "_git", functools.cache(provenance._git))
+        patch.setattr(os, "fsync", lambda handle: None)
+        yield
+
+
+@pytest.fixture(scope="module")
+def finished_runs(tmp_path_factory):
+    """A folder with a finished run in ``good``, one of another seed in ``other``, and their configs."""
+    folder = tmp_path_factory.mktemp("mutants")
+    for name, text in (("good", CONFIG), ("other", CONFIG.replace("seed = 1", "seed = 2"))):
+        (folder / f"{name}.toml").write_text(text)
+        run = runner.run(parse(text), text, folder / name, 1)
+        summarise(run)
+        compute(run, 1)
+        save(run, judge_all([run]))
+    return folder
+
+
+@pytest.fixture
+def mutant(finished_runs, tmp_path):
+    """A copy of the finished run in ``out`` beside its config, to be altered; the folder."""
+    shutil.copytree(finished_runs / "good", tmp_path / "out")
+    (tmp_path / "good.toml").write_text(CONFIG)
+    return tmp_path
+
+
+@pytest.fixture
+def named(mutant):
+    """Assert that a file is refused with one line that names it and a command, and is set aside by the next run."""
+
+    def check(file):
+        run, told = Run.open(mutant / "out"), []
+        for name in TABLES if file == "manifest.json" else [file.removesuffix(".parquet")]:
+            with pytest.raises(RunError, match=rf"out/{file}: [^\n]*`study [^\n]*`[^\n]*$"):
+                run.table(name)
+            assert not run.valid(name)
+        set_damaged_aside(run, told.append)
+        assert len(told) == 1 + (file == "manifest.json")  # claims are left, for which no manifest vouches
+        assert f"out/{file}: " in told[0]
+        assert "damaged" in told[0]
+        assert not (mutant / "out" / file).exists()
+        assert (mutant / "out" / "parts" / "damaged" / file).exists()
+
+    return check
+
+
+@pytest.fixture
+def survive(call_here, finished_runs, mutant):
+    """Assert that no command believes a damaged file, and that `study run` repairs it."""
+    good = Run.open(finished_runs / "good")
+
+    def check(file):
+        for words in (["verify", "out", "--share", "0"], ["status", "out"]):
+            code, said, complained = call_here(mutant, *words)
+            name = file.replace(".parquet", " (damaged)") if words[0] == "status" else file
+            assert name in said + complained
+            assert code == 1 or words[0] == "status"
+        for words, reads in (("summary", "summary"), ("diff", "errors"), ("worst", "errors")):
+            code, said, complained = call_here(mutant, words, "out", *[good.folder] * (words == "diff"))
+            assert code == (file in ("manifest.json", f"{reads}.parquet"))
+            if code:
+                assert said == ""
+                assert len(complained.splitlines()) == 1
+                assert f"out/{file}: " in complained
+        code, _, complained = call_here(mutant, "run", "good.toml", "--out", "out", "--jobs", "1")
+        assert code == 0
+        assert f"out/{file}: damaged" in complained
+        run = Run.open(mutant / "out")
+        assert [name for name in SAME_BYTES if run.fingerprint(name) != good.fingerprint(name)] == []
+        assert call_here(mutant, "verify", "out", "--share", "0")[0] == 0
+
+    return check
+
+
+def alter(path, change):
+    """Change a file's bytes, or the table in it."""
+    if change in BYTES:
+        path.write_bytes(BYTES[change](path.read_bytes()))
+    else:
+        pq.write_table({**COLUMNS, **VALUES}[change](pq.read_table(path)), path)
+
+
+@pytest.mark.parametrize("change", {**BYTES, **COLUMNS, **VALUES})
+@pytest.mark.parametrize("name", TABLES)
+def test_tables_are_named(mutant, named, name, change):
+    """A table that is cut, flipped, emptied, or has other columns or values, is not read."""
+    alter(mutant / "out" / f"{name}.parquet", change)
+    named(f"{name}.parquet")
+
+
+@pytest.mark.parametrize("change", ["cut to 0.5", "bit 1", "one renamed", "scaled"])
+@pytest.mark.parametrize("name", ["errors", "summary", "answers", "claims"])
+def test_tables_are_made_again(mutant, survive, name, change):
+    """Commands name it, and `study run` makes it again to the same bytes."""
+    alter(mutant / "out" / f"{name}.parquet", change)
+    survive(f"{name}.parquet")
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_swapped_tables(finished_runs, mutant, named, name):
+    """A table of another run is not read."""
+    path = mutant / "out" / f"{name}.parquet"
+    before = path.read_bytes()
+    shutil.copy(finished_runs / "other" / path.name, path)
+    if path.read_bytes() == before:  # claims that neither run can judge
+        shutil.copy(finished_runs / "other" / "errors.parquet", path)
+    named(path.name)
+
+
+@pytest.mark.parametrize("change", BYTES)
+def test_bytes_of_manifests(mutant, named, change):
+    """A manifest that is cut or flipped is named."""
+    alter(mutant / "out" / "manifest.json", change)
+    named("manifest.json")
+
+
+@pytest.mark.parametrize("field", FIELDS)
+@pytest.mark.parametrize("change", ["dropped", "odd"])
+def test_fields_of_manifests(mutant, named, field, change):
+    """So is one without a field, or with another value in it."""
+    path = mutant / "out" / "manifest.json"
+    content = json.loads(path.read_text(encoding="utf-8"))
+    content[field] = ODD.get(field, 7)
+    if change == "dropped":
+        del content[field]
+    if (change, field) == ("dropped", "digest"):  # it may be of an earlier version: a table that it knows shows
+        content["tables"]["errors"] = "0" * 64
+    path.write_text(json.dumps(content, indent=2), encoding="utf-8")
+    named("errors.parquet" if (change, field) == ("dropped", "digest") else "manifest.json")
+
+
+def test_manifests_are_made_again(finished_runs, mutant, survive):
+    """Commands name the manifest of another run, and one with a field changed; `study run` makes it again."""
+    path = mutant / "out" / "manifest.json"
+    good = path.read_text(encoding="utf-8")
+    for text in ((finished_runs / "other" / path.name).read_text(encoding="utf-8"), good.replace("tiny", "tino")):
+        path.write_text(text, encoding="utf-8")
+        survive(path.name)
+
+
+@pytest.mark.parametrize("text", ["", "seed = ", "\0", CONFIG[:100], CONFIG.replace("seed = 1", "seed = 9")], ids=len)
+def test_configs(call_here, mutant, text):
+    """A changed config does not read another run's tables, and is written again by the config that it was made of."""
+    path = mutant / "out" / "config.toml"
+    path.write_text(text)
+    for words in (["verify", "out"], ["summary", "out"], ["diff", "out", "out"], ["worst", "out"], ["report", "out"]):
+        code, said, complained = call_here(mutant, *words)
+        assert (code, said) == (1, "")
+        assert len(complained.splitlines()) == 1
+        assert "config" in complained
+        assert "`study run CONFIG --out out`" in complained
+    code, _, complained = call_here(mutant, "run", "good.toml", "--out", "out", "--jobs", "1")
+    assert (code, complained) == (0, "out/config.toml: not the config that the run was made of; written again\n")
+    assert path.read_text() == CONFIG
+    assert call_here(mutant, "verify", "out", "--share", "0")[0] == 0
+
+
+@pytest.mark.parametrize("change", COLUMNS)
+@pytest.mark.parametrize("name", TABLES)
+def test_other_columns_with_the_right_digest(mutant, call_here, name, change):
+    """A table of another version, whose digest the manifest has, is refused by its columns."""
+    run = Run.open(mutant / "out")
+    pq.write_table(COLUMNS[change](pq.read_table(run.path(name))), run.path(name))
+    run.record(name)
+    with pytest.raises(RunError, match=rf"{name}\.parquet: not a table of this version: [^\n]*; `study [^\n]*$"):
+        run.table(name)
+    assert call_here(mutant, "verify", "out", "--share", "0")[0] == 1
+    for words in (["summary", "out"], ["diff", "out", "out"], ["worst", "out"]):
+        code, said, complained = call_here(mutant, *words)
+        assert code == 0 or (said == "" and len(complained.splitlines()) == 1 and f"{name}.parquet" in complained)
