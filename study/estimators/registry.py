@@ -3,6 +3,8 @@
 To add an estimator, write a function from `Samples` to `Estimates` and a line in `ESTIMATORS`.
 """
 
+from functools import partial
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -12,6 +14,7 @@ from study.estimators.answer.fit import Fit
 from study.estimators.estimator import Estimator
 from study.estimators.geometric.corrected import corrected, corrected_01, corrected_02, corrected_12
 from study.estimators.geometric.mle import mle, mle_centroid, mle_mirror
+from study.estimators.geometric.sandwich import corrected_covariance, sandwich
 from study.estimators.incremental import igdk
 from study.estimators.kasa import gdke, ugdk
 from study.estimators.lls import lls
@@ -36,10 +39,21 @@ ESTIMATORS: dict[str, Estimator] = {
     ),
     "mle_centroid": Estimator(mle_centroid, "mle from another start, the centroid of the points", by_window=True),
     "mle_mirror": Estimator(mle_mirror, "mle from a wrong start, beyond the points", by_window=True),
-    "corrected": Estimator(corrected, "theory §9: geometric, consistent, ν by the points", by_window=True),
-    "corrected_01": Estimator(corrected_01, "theory §9: ν = 0", by_window=True),
-    "corrected_02": Estimator(corrected_02, "theory §9: ν = ½", by_window=True),
-    "corrected_12": Estimator(corrected_12, "theory §9: ν = 1", by_window=True),
+    "corrected": Estimator(
+        corrected,
+        "theory §9: geometric, without its bias, for every law of directions",
+        by_window=True,
+        covariance=corrected_covariance,
+    ),
+    "corrected_01": Estimator(
+        corrected_01, "theory §9, with ν = 0", by_window=True, covariance=partial(sandwich, pair=0.0)
+    ),
+    "corrected_02": Estimator(
+        corrected_02, "theory §9, with ν = ½", by_window=True, covariance=partial(sandwich, pair=0.5)
+    ),
+    "corrected_12": Estimator(
+        corrected_12, "theory §9, with ν = 1", by_window=True, covariance=partial(sandwich, pair=1.0)
+    ),
     "lls": Estimator(lls, "paper §4.4", flops=lambda d: 2 * d * d + 10 * d + 5, caution=_BIASED, by_window=True),
     "lls_nr": Estimator(lls_nr, "paper §4.4; Press et al. 1992: centred, singular values cut at 1e-5", caution=_BIASED),
     "lls_nr_raw": Estimator(lls_nr_raw, "paper §4.4; Press et al. 1992: not centred, cut at 1e-6", caution=_BIASED),
