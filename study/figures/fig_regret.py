@@ -56,8 +56,9 @@ def prepare(tables: Tables) -> RegretFrame:
     cells = by_cell(errors, names)
     means = regret(cells)
     means = means[means["samples"] == 0].sort_values("median", kind="stable")
-    count = cells["cell"].nunique()
-    return RegretFrame(cells, means, f"{tables.name} · {count} cells in {tables.dimension} dimensions")
+    trials = 1 + errors.groupby("cell", observed=True)["trial"].max().min()
+    words = f"{cells['cell'].nunique()} cells in {tables.dimension} dimensions, of at least {trials:,} trials each"
+    return RegretFrame(cells, means, f"{tables.name} · {words}")
 
 
 @style.journal()
