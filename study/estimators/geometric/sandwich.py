@@ -142,8 +142,8 @@ def _slopes(terms: Terms, means: RadialMeans, pair: Floats, mean: Floats, second
     slopes[:, :d, d], slopes[:, :d, d + 1] = -by_r * mean, -by_s * mean
     slopes[:, d, :d] = -direction * mean
     slopes[:, d + 1, :d] = -2.0 * (1.0 - (1.0 + means.lengthening) * direction) * mean
-    slopes[:, d, d], slopes[:, d, d + 1] = -direction[:, 0], -means.mean_by_s[:, 0]
-    slopes[:, d + 1, d], slopes[:, d + 1, d + 1] = -means.variance_by_r[:, 0], -means.variance_by_s[:, 0]
+    slopes[:, d, d], slopes[:, d, d + 1] = -direction[:, 0], np.ravel(-means.mean_by_s)
+    slopes[:, d + 1, d], slopes[:, d + 1, d + 1] = np.ravel(-means.variance_by_r), np.ravel(-means.variance_by_s)
     return slopes
 
 
