@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike
 
-from study.estimators.algebraic import als, als_guarded, fuller, hinge, hyper, pratt, taubin
+from study.estimators.algebraic import als, fuller, hinge, hyper, pratt, taubin
 from study.estimators.answer.fit import Fit
 from study.estimators.careful_fit import careful_fit, is_ordinary
 from study.estimators.estimator import Estimator
@@ -62,9 +62,6 @@ ESTIMATORS: dict[str, Estimator] = {
     "ugdk": Estimator(ugdk, "paper eqs 15-21", needs="noise", flops=_moments, moments_suffice=True),
     "als": Estimator(als, "Kukush, Markovsky & Van Huffel 2004", flops=_moments, moments_suffice=True),
     "fuller": Estimator(fuller, "Fuller 1987, for als", flops=_moments, moments_suffice=True),
-    "als_guarded": Estimator(
-        als_guarded, "als, or taubin where the noise hides the extent", flops=_moments, moments_suffice=True
-    ),
     "hinge": Estimator(hinge, "als without the directions of no extent", flops=_moments, moments_suffice=True),
     "taubin": Estimator(taubin, "Taubin 1991", flops=_moments, moments_suffice=True),
     "pratt": Estimator(pratt, "Pratt 1987", flops=_moments, moments_suffice=True),
