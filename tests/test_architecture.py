@@ -31,7 +31,7 @@ SUB_ROOMS = {
     "runs": ["storage", "workers", "adaptive"],
     "mocap": ["geometry", "io", "markersets", "joints", "skeleton", "view", "synthetic", "case_study", "commands"],
     "estimators": ["geometric", "answer"],
-    "analysis": ["claims", "verification"],
+    "analysis": ["claims", "verification", "points"],
     "experiment": ["noise", "designs"],
 }
 """Rooms within rooms, in their order; files beside them may stand anywhere that makes no circle."""

@@ -84,6 +84,27 @@ def worst(
         typer.echo(line)
 
 
+def regret(
+    folder: Folder,
+    csv: Annotated[Path | None, typer.Option("--csv", help="file to write the table to")] = None,
+) -> None:
+    """Compare each estimator with the best in every cell.
+
+    Geometric means over the cells of a grid, of the median error and of its 95 % quantile.
+    """
+    from study.analysis.regret import of_run, printed
+    from study.analysis.regret import regret as means
+    from study.runs.storage.atomic_write import save_frame
+    from study.runs.storage.run_folder import Run
+
+    run = Run.open(folder)
+    table = means(of_run(run))
+    if csv is not None:
+        save_frame(table, csv)
+    for line in printed(run, table):
+        typer.echo(line)
+
+
 def estimators() -> None:
     """List the estimators, their cost and their sources."""
     from study.analysis.estimator_list import printed

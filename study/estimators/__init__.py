@@ -1,10 +1,11 @@
 """Sphere estimators: `fit` calls one by name, `ESTIMATORS` lists them."""
 
 from study.estimators.answer.fit import Fit
+from study.estimators.answer.joint_fit import JointFit
 from study.estimators.estimates import Estimates
 from study.estimators.estimator import Estimator
 from study.estimators.incremental import Incremental
-from study.estimators.multi_marker import JointFit, mgdk
+from study.estimators.multi_marker import mgdk
 from study.estimators.registry import ESTIMATORS, fit
 from study.estimators.samples import Samples
 from study.estimators.status import Status

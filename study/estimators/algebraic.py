@@ -170,20 +170,6 @@ def shrunk(samples: Samples, eta: Floats) -> Estimates:
     return fit
 
 
-def als_guarded(samples: Samples) -> Estimates:
-    """`als` where the extent is significant, Taubin's root where it is not: errors with short tails in every case.
-
-    Source: theory §2.2.
-    """
-    d = samples.shape[1]
-    eta = root(samples, 2.0 * d)
-    safe = _significant(samples, eta, 2.0)[:, 0]
-    taubins = root(samples, 0.0)
-    guarded = member(samples, np.where(safe, eta, taubins), np.where(safe, -float(d), 0.0))
-    guarded.status[(guarded.status == Status.OK) & ~safe] = Status.INSIGNIFICANT
-    return guarded
-
-
 def hinge(samples: Samples) -> Estimates:
     """`als` for points that may lie on an arc or in a plane: a direction without significant extent is dropped.
 

@@ -20,6 +20,7 @@ from study.figures import (
     fig_efficiency,
     fig_map,
     fig_posterior,
+    fig_regret,
     style,
 )
 from study.figures.inputs import NotApplicable, Tables
@@ -44,6 +45,7 @@ FIGURES: dict[str, FigureModule] = {
     "fig6_mgdk": fig6_mgdk,
     "fig7_power_law": fig7_power_law,
     "fig_efficiency": fig_efficiency,
+    "fig_regret": fig_regret,
     "fig_map": fig_map,
     "fig_posterior": fig_posterior,
     "fig_calibration": fig_calibration,

@@ -48,7 +48,6 @@ _LOOKS: dict[str, tuple[str, str, str]] = {
     "corrected_01": ("corrected (ν = 0)", "#e8705f", "H"),
     "corrected_02": ("corrected (ν = ½)", "#f0a090", "H"),
     "corrected_12": ("corrected (ν = 1)", "#6a0610", "H"),
-    "als_guarded": ("ALS (guarded)", "#7b6fd0", "p"),
     "hinge": ("hinge", "#c43a9c", "*"),
     "taubin": ("Taubin", "#cc79a7", "v"),
     "pratt": ("Pratt", "#56b4e9", "<"),

@@ -10,7 +10,7 @@ from study import ESTIMATORS, Status
 from study.estimators import Incremental
 from study.sphere.moments import Moments
 
-CLOSED = ["gdke", "ugdk", "als", "als_guarded", "hinge", "taubin", "pratt", "hyper"]
+CLOSED = ["gdke", "ugdk", "als", "fuller", "hinge", "taubin", "pratt", "hyper"]
 FIELDS = ["center", "radius", "noise_variance", "condition"]
 
 

@@ -104,7 +104,7 @@ def frames(runs):
 HAS = {
     "circles": ["fig3_gdke_ellipse", "fig4_ugdk_ellipse", "fig5_methods", "fig7_power_law"],
     "markers": ["fig6_mgdk"],
-    "noises": ["fig_efficiency", "fig_map"],
+    "noises": ["fig_efficiency", "fig_regret", "fig_map"],
     "posteriors": ["fig_posterior", "fig_calibration"],
     "random": ["fig2_error"],
 }

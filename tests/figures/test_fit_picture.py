@@ -152,7 +152,7 @@ def test_coinciding_is_within_a_tenth_of_a_standard_error(cap, shift, together):
     points = cap()
     fit = study.fit(points, "als")
     moved = fit.center + shift * fit.standard_errors[:3] * [1.0, 0.0, 0.0]
-    frame, _ = frame_of(points, "als_guarded", "als", center=moved)
+    frame, _ = frame_of(points, "fuller", "als", center=moved)
     assert len(frame.groups) == (1 if together else 2)
 
 

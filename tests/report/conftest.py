@@ -13,7 +13,7 @@ from study.runs.storage import schemas
 MANY = """
 name = "many"
 seed = 3
-estimators = ["mle", "gdke", "ugdk", "als", "als_guarded", "taubin", "pratt", "hyper", "ugdk_cov"]
+estimators = ["mle", "gdke", "ugdk", "als", "fuller", "taubin", "pratt", "hyper", "ugdk_cov"]
 [design]
 kind = "grid"
 trials = 3

@@ -95,7 +95,7 @@ def long_words(make_run, make_claims, tmp_path_factory):
     name = "a" * 61
     text = f"""name = "{name}"
 seed = 1
-estimators = ["mle", "als_guarded"]
+estimators = ["mle", "corrected_01"]
 [design]
 kind = "random"
 trials = 3

@@ -1,18 +1,20 @@
-"""A user's own points, fitted by one estimator or all: centres, radii and their standard errors."""
+"""A user's own points, fitted by one estimator or all: centres, radii, their standard errors, and the form."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from typing import Any
 
-import numpy as np
-import pandas as pd
-
-from study.analysis.pointfile import PointFileError
+from study.analysis.points.source import PointFileError
 from study.estimators import ESTIMATORS, Fit, Status, fit
 from study.estimators.status import explain
 from study.sphere.types import Floats
 from study.text.columns import columns
 from study.text.nearest import did_you_mean
 from study.text.numbers import number, with_error
+
+Row = dict[str, Any]
+"""A fit by the names of its numbers."""
+STANDARD_UNCERTAINTY = "± is one standard uncertainty"
 
 
 def choose(estimator: str, noise: float | None) -> list[str]:
@@ -27,6 +29,8 @@ def choose(estimator: str, noise: float | None) -> list[str]:
     """
     if noise is not None and not (math.isfinite(noise) and noise > 0.0):
         raise PointFileError(f"--noise {noise:g}: a standard deviation must be positive and finite")
+    if noise is not None and not 0.0 < noise * noise < math.inf:
+        raise PointFileError(f"--noise {noise:g}: too small or large to compute with, its square is not a number")
     if estimator == "all":
         return [name for name, entry in ESTIMATORS.items() if noise is not None or entry.needs != "noise"]
     if estimator not in ESTIMATORS:
@@ -42,47 +46,59 @@ def fit_all(points: Floats, estimators: list[str], noise: float | None) -> dict[
     return {name: fit(points, name, noise) for name in estimators}
 
 
-def fit_table(fits: dict[str, Fit], names: list[str]) -> pd.DataFrame:
-    """The fits as a table, a row per estimator.
+def fit_rows(fits: dict[str, Fit], names: list[str]) -> list[Row]:
+    """The fits as rows of a table.
 
     Args:
         fits: fits of shape () by estimator.
         names: the coordinates' names.
 
     Returns:
-        Columns: estimator, each coordinate of the centre (center_x) and its standard error (error_x), radius and
-        radius_error, noise σ̂, residual RMS, ρ, samples used, status.
+        A row per estimator: estimator, each coordinate of the centre (center_x) and its standard error (error_x),
+        radius and diameter with theirs, noise σ̂, residual RMS, form error, largest deviation, ρ, samples used, status
+        in words.
     """
     rows = []
     for estimator, result in fits.items():
-        row: dict[str, object] = {"estimator": estimator}
+        row: Row = {"estimator": estimator}
         *errors, radius_error = result.standard_errors
         for name, value, error in zip(names, result.center, errors, strict=True):
             row[f"center_{name}"], row[f"error_{name}"] = float(value), float(error)
         row["radius"], row["radius_error"] = float(result.radius), float(radius_error)
-        row["noise"] = float(np.sqrt(result.noise_variance))
+        row["diameter"], row["diameter_error"] = float(result.diameter), 2.0 * float(radius_error)
+        row["noise"] = float(result.sigma)
         row["residual_rms"], row["condition"] = float(result.residual_rms), float(result.condition)
+        row["form_error"], row["largest_deviation"] = float(result.form_error), float(result.largest_deviation)
         row["samples"], row["status"] = int(result.count), explain(int(result.status))
         rows.append(row)
-    return pd.DataFrame(rows)
+    return rows
 
 
-def printed(table: pd.DataFrame, names: list[str]) -> Iterator[str]:
-    """The fits for a terminal: numbers to two digits of their standard error, and remarks on the fits below them."""
-    rows = []
+def all_ok(rows: Iterable[Row]) -> bool:
+    """True if every fit's status is ok."""
+    return all(row["status"] == Status.OK.text for row in rows)
+
+
+def printed(rows: list[Row], names: list[str]) -> Iterator[str]:
+    """The fits for a terminal: numbers to two digits of their standard error, the form, and remarks on the fits."""
+    cells, form = [], []
     notes: dict[str, list[str]] = {}
-    for _, row in table.iterrows():
+    for row in rows:
         measured = [with_error(row[f"center_{name}"], row[f"error_{name}"]) for name in names]
         measured.append(with_error(row["radius"], row["radius_error"]))
         others = [number(row["noise"]), number(row["residual_rms"]), number(row["condition"], ".2g")]
         ok = row["status"] == Status.OK.text
-        rows.append([row["estimator"], *measured, *others, str(row["samples"]), "ok" if ok else "see below"])
+        cells.append([row["estimator"], *measured, *others, str(row["samples"]), "ok" if ok else "see below"])
+        shape = [number(row["form_error"]), number(row["largest_deviation"])]
+        form.append([row["estimator"], with_error(row["diameter"], row["diameter_error"]), *shape])
         if not ok:
             notes.setdefault(row["status"], []).append(row["estimator"])
-    yield from columns(rows, ["estimator", *names, "radius", "noise", "rms", "ρ", "samples", "status"])
+    yield from columns(cells, ["estimator", *names, "radius", "noise", "rms", "ρ", "samples", "status"])
+    yield ""
+    yield from columns(form, ["estimator", "diameter", "form error", "largest deviation"])
     for status, estimators in notes.items():
         yield f"{', '.join(estimators)}: {status}"
-    cautions = {ESTIMATORS[name].caution for name in table["estimator"]} - {""}
+    cautions = {ESTIMATORS[row["estimator"]].caution for row in rows} - {""}
     for caution in sorted(cautions):
-        estimators = [name for name in table["estimator"] if ESTIMATORS[name].caution == caution]
+        estimators = [row["estimator"] for row in rows if ESTIMATORS[row["estimator"]].caution == caution]
         yield f"{', '.join(estimators)}: {caution}"
