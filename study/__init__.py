@@ -6,15 +6,26 @@
     bound = study.crlb(directions, noise=0.05)      # (…, d+1, d+1)
     best = study.attainable_bound(45, noise=0.3)    # (d+1, d+1), for one sample on the unit sphere
 
-`study.ESTIMATORS` lists the estimators, and `study.Incremental` fits points as they arrive. The command line is
-`study --help`.
+`study.ESTIMATORS` lists the estimators, `study.register` adds one of your own, and `study.Incremental` fits points as
+they arrive. The command line is `study --help`.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from study.estimators import ESTIMATORS, Estimator, Fit, Incremental, JointFit, Samples, Status, fit, mgdk
+    from study.estimators import (
+        ESTIMATORS,
+        Estimator,
+        Fit,
+        Incremental,
+        JointFit,
+        Samples,
+        Status,
+        fit,
+        mgdk,
+        register,
+    )
     from study.sphere.attainable import attainable_bound
     from study.sphere.bounds import crlb
 
@@ -32,6 +43,7 @@ __all__ = [
     "crlb",
     "fit",
     "mgdk",
+    "register",
 ]
 
 

@@ -21,7 +21,8 @@ class Estimator:
         moments_suffice: the function reads ``Samples.moments`` alone.
         by_window: the function reads samples only through `study.sphere.layouts.window`, so that points need not lie
             in memory.
-        version: to be raised with every change of its numbers, so that runs do not mix old rows with new ones.
+        version: to be raised with every change of its numbers, so that runs do not mix old rows with new ones; a digest
+            of its code, for an estimator that is not shipped.
     """
 
     function: Callable[[Samples], Fit]
@@ -32,7 +33,7 @@ class Estimator:
     caution: str = ""
     moments_suffice: bool = False
     by_window: bool = False
-    version: int = 1
+    version: int | str = 1
 
     def __call__(self, samples: Samples) -> Fit:
         """Fit each set of the batch."""

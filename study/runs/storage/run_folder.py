@@ -89,7 +89,18 @@ class Run:
         try:
             return cls(folder, load(folder / "config.toml"))
         except ConfigError as error:
-            raise RunError(f"{folder}: its config cannot be read any more: {error}") from None
+            own = cls._own_estimators(folder)
+            hint = f"\n  it was made with estimators of {own}: give --plugin FILE" if own else ""
+            raise RunError(f"{folder}: its config cannot be read any more: {error}{hint}") from None
+
+    @staticmethod
+    def _own_estimators(folder: Path) -> str:
+        """Names of the files or packages whose estimators a run has, by its manifest; empty if all were shipped."""
+        try:
+            manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+            return ", ".join(str(entry["from"]) for entry in manifest["own_estimators"])
+        except (OSError, ValueError, KeyError, TypeError):
+            return ""
 
     def begin(self, config: str) -> "Run":
         """Store the config's text, remove the temporary files of a killed writer, and return the run."""
