@@ -275,9 +275,10 @@ _OF_RECORDINGS: tuple[Callable[..., None], ...] = (
     fetch,
     markersets,
 )
-for _command in (*_OF_RUNS, check, cost, worker, *_OF_RECORDINGS):
+_FURTHER: tuple[Callable[..., None], ...] = (check, cost, worker)
+for _command in _OF_RUNS + _FURTHER + _OF_RECORDINGS:
     app.command()(_command)
-_ALONE = {configs, check, cost, worker, *_OF_RECORDINGS}
+_ALONE: set[Callable[..., None]] = {configs, *_FURTHER, *_OF_RECORDINGS}
 for _entry in app.registered_commands:  # those that read configs, runs or names of estimators
     if _entry.callback is not None and _entry.callback not in _ALONE:
         _entry.callback = with_plugins(_entry.callback)

@@ -16,7 +16,7 @@ class CheckCase(NamedTuple):
 
     Attributes:
         dimension: d.
-        count: number of samples.
+        number: of samples, N.
         seed: of its random numbers.
         points: with noise `NOISE` (n, d).
         exact: the same without noise (n, d).
@@ -24,7 +24,7 @@ class CheckCase(NamedTuple):
     """
 
     dimension: int
-    count: int
+    number: int
     seed: int
     points: Floats
     exact: Floats
@@ -36,7 +36,7 @@ class CheckCase(NamedTuple):
         return np.random.default_rng(1000 + self.seed)
 
     def __str__(self) -> str:
-        return f"d = {self.dimension}, N = {self.count}, seed {self.seed}"
+        return f"d = {self.dimension}, N = {self.number}, seed {self.seed}"
 
 
 def sound_cases(dimension: int) -> Iterator[CheckCase]:

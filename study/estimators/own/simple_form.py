@@ -86,7 +86,7 @@ def one_line(error: BaseException) -> str:
 
 
 def _described(answer: object) -> str:
-    """What a function returned, in a few words."""
+    """Describe what a function returned, in a few words."""
     if isinstance(answer, tuple | list):
         return f"{len(answer)} values"
     shape = f" of shape {answer.shape}" if isinstance(answer, np.ndarray) else ""

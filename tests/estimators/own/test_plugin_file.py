@@ -102,13 +102,13 @@ def test_refused(write_plugin, case):
     with pytest.raises(PluginError, match=words) as raised:
         load(write_plugin(text))
     assert "\n" not in str(raised.value)
-    assert study.ESTIMATORS == before
+    assert before == study.ESTIMATORS
     assert not ORIGINS
 
 
 def test_a_file_that_is_not_there(tmp_path):
     """So is a file that cannot be read."""
-    with pytest.raises(PluginError, match="none.py: cannot be read: No such file or directory"):
+    with pytest.raises(PluginError, match=r"none.py: cannot be read: No such file or directory"):
         load(tmp_path / "none.py")
 
 
@@ -127,8 +127,8 @@ def test_what_goes_wrong_on_data_is_a_status(rng):
     fit = study.fit(points, "picky")
     assert fit.status.tolist() == [Status.FAILED, Status.SINGULAR, Status.NOT_FINITE]
     assert np.all(np.isnan(fit.radius))
+    study.register("needy", lambda points, noise: (points[0], noise), needs="noise")
     with pytest.raises(ValueError, match="noise = None: this estimator needs the standard deviation"):
-        study.register("needy", lambda points, noise: (points[0], noise), needs="noise")
         study.fit(points, "needy")
 
 
