@@ -20,6 +20,7 @@ from study.figures import (
     fig_efficiency,
     fig_map,
     fig_posterior,
+    fig_robustness,
     style,
 )
 from study.figures.inputs import NotApplicable, Tables
@@ -45,6 +46,7 @@ FIGURES: dict[str, FigureModule] = {
     "fig7_power_law": fig7_power_law,
     "fig_efficiency": fig_efficiency,
     "fig_map": fig_map,
+    "fig_robustness": fig_robustness,
     "fig_posterior": fig_posterior,
     "fig_calibration": fig_calibration,
 }
