@@ -6,8 +6,8 @@
     bound = study.crlb(directions, noise=0.05)      # (…, d+1, d+1)
     best = study.attainable_bound(45, noise=0.3)    # (d+1, d+1), for one sample on the unit sphere
 
-`study.ESTIMATORS` lists the estimators, and `study.Incremental` fits points as they arrive. The command line is
-`study --help`.
+`study.ESTIMATORS` lists the estimators, `study.register` adds one of your own, and `study.Incremental` fits points as
+they arrive. The command line is `study --help`.
 """
 
 from importlib import import_module
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
         Status,
         fit,
         mgdk,
+        register,
     )
     from study.sphere.attainable import attainable_bound
     from study.sphere.bounds import crlb
@@ -44,6 +45,7 @@ __all__ = [
     "crlb",
     "fit",
     "mgdk",
+    "register",
 ]
 
 _PLACES = {"attainable_bound": "study.sphere.attainable", "crlb": "study.sphere.bounds"}

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 import typer
 
-from study.analysis.commands import cost, diff, estimators, regret, status, summary, verify, worst
+from study.analysis.commands import check, cost, diff, estimators, regret, status, summary, verify, worst
 from study.mocap.commands.case_study import case_study
 from study.mocap.commands.fetch import fetch
 from study.mocap.commands.joints import joints
@@ -21,6 +21,7 @@ from study.mocap.commands.recording import recording
 from study.mocap.commands.skeleton import skeleton
 from study.mocap.commands.synthetic import synthetic
 from study.runs.commands import RUNS, ExitCode, Folder, run_folder, worker
+from study.runs.plugin_option import with_plugins
 from study.runs.workers import instruction_set
 
 app = typer.Typer(
@@ -292,7 +293,7 @@ def replay(folder: Folder, cell: Cell, trial: Trial = None, out: PointsOut = Non
         save_picture(draw(prepare(frame.to_numpy(), fits(run.study, drawn), axes)), plot)
 
 
-_OF_RUNS: tuple[Callable[..., None], ...] = (status, summary, diff, worst, regret, verify, estimators, cost, worker)
+_OF_RUNS: tuple[Callable[..., None], ...] = (status, summary, diff, worst, regret, verify, estimators)
 _OF_RECORDINGS: tuple[Callable[..., None], ...] = (
     recording,
     joints,
@@ -302,8 +303,13 @@ _OF_RECORDINGS: tuple[Callable[..., None], ...] = (
     fetch,
     markersets,
 )
-for _command in _OF_RUNS + _OF_RECORDINGS:
+_FURTHER: tuple[Callable[..., None], ...] = (check, cost, worker)
+for _command in _OF_RUNS + _FURTHER + _OF_RECORDINGS:
     app.command()(_command)
+_ALONE: set[Callable[..., None]] = {configs, *_FURTHER, *_OF_RECORDINGS}
+for _entry in app.registered_commands:  # those that read configs, runs or names of estimators
+    if _entry.callback is not None and _entry.callback not in _ALONE:
+        _entry.callback = with_plugins(_entry.callback)
 
 
 @contextlib.contextmanager
@@ -336,12 +342,13 @@ def main(command: Callable[..., Any] = app) -> None:
         raise
     except Exception as error:
         from study.analysis.points.source import PointFileError
+        from study.estimators.own.plugin_file import PluginError
         from study.experiment.config_faults import ConfigError
         from study.experiment.replay import ReplayError
         from study.mocap.io.recording import RecordingError
         from study.runs.storage.run_folder import RunError
 
-        if isinstance(error, ConfigError | PointFileError | RecordingError | ReplayError):
+        if isinstance(error, ConfigError | PluginError | PointFileError | RecordingError | ReplayError):
             raise SystemExit(_complain(str(error), ExitCode.USAGE)) from None
         if isinstance(error, RunError):
             raise SystemExit(_complain(str(error), ExitCode.FAILURE)) from None

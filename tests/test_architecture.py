@@ -30,7 +30,7 @@ ROOMS = [
 SUB_ROOMS = {
     "runs": ["storage", "workers", "adaptive"],
     "mocap": ["geometry", "io", "markersets", "joints", "skeleton", "view", "synthetic", "case_study", "commands"],
-    "estimators": ["geometric", "answer"],
+    "estimators": ["geometric", "answer", "own"],
     "analysis": ["claims", "verification", "points"],
     "experiment": ["noise", "designs"],
 }

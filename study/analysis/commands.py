@@ -113,6 +113,22 @@ def estimators() -> None:
         typer.echo(line)
 
 
+def check(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Python file with estimators of your own")],
+) -> None:
+    """Check the properties that an estimator should have.
+
+    Equivariance, exactness without noise and the like; what is violated is said in words (exit code 1).
+    """
+    from study.estimators.own.check import check_file, printed
+
+    found = check_file(file)
+    for line in printed(found):
+        typer.echo(line)
+    if any(report.violations for report in found):
+        raise typer.Exit(ExitCode.FAILURE)
+
+
 def cost(
     out: Annotated[Path, typer.Option("--out", help="file of the table, .csv or .parquet")] = Path(
         "results/cost.parquet"

@@ -8,7 +8,7 @@ import pandas as pd
 from study.estimators import ESTIMATORS, Fit
 from study.estimators.estimates import blank
 from study.estimators.status import explain
-from study.experiment.conditions import CONDITIONS
+from study.experiment.conditions import CONDITIONS, bound_law
 from study.experiment.config import Study
 from study.experiment.guarded_fit import attempt
 from study.experiment.replay import Trial
@@ -72,8 +72,9 @@ def printed(study: Study, trial: Trial) -> Iterator[str]:
     further = "".join(f", {CONDITIONS[name].label(cell.values)}" for name, _ in cell.further)
     yield f"  N = {cell.samples:,}, σ = {cell.noise:g} ({cell.noise / cell.radius:.3g} r), φ = {cell.angle:g}°{further}"
     yield f"  true centre ({center}), radius {cell.radius:g}"
+    law = bound_law(dict(cell.further))
     yield (
-        f"  bound: {np.sqrt(np.sum(errors[:d] ** 2)):.3g} for the centre ({errors[0]:.3g} along the axis), "
+        f"  {law or 'bound'}: {np.sqrt(np.sum(errors[:d] ** 2)):.3g} for the centre ({errors[0]:.3g} along the axis), "
         f"{errors[d]:.3g} for the radius"
     )
     rows = []

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from study.estimators import Status
-from study.experiment.conditions import named_in
+from study.experiment.conditions import bound_law, named_in
 from study.runs.storage.atomic_write import RunError
 from study.runs.storage.run_folder import Run
 from study.text.columns import columns
@@ -54,7 +54,8 @@ def printed(run: Run, count: int, estimator: str | None = None) -> Iterator[str]
     conditions = [condition.name for condition in run.study.conditions()]
     used = ["cell", "trial", *conditions, "estimator", "error", "bound", "status"]
     found, shown = worst(run.table("errors", used), count, estimator), named_in(conditions)
-    yield f"{run.study.run_name()}: the largest errors over the Cramér-Rao bound of fits that are ok"
+    bound = bound_law(conditions) or "Cramér-Rao bound"
+    yield f"{run.study.run_name()}: the largest errors over the {bound} of fits that are ok"
     rows = [
         [
             f"{row['cell']}/{row['trial']}",

@@ -6,6 +6,8 @@ from study.estimators.estimates import Estimates
 from study.estimators.estimator import Estimator
 from study.estimators.incremental import Incremental
 from study.estimators.multi_marker import mgdk
+from study.estimators.own.installed import load_installed
+from study.estimators.own.register import register
 from study.estimators.registry import ESTIMATORS, fit
 from study.estimators.samples import Samples
 from study.estimators.status import Status
@@ -21,4 +23,7 @@ __all__ = [
     "Status",
     "fit",
     "mgdk",
+    "register",
 ]
+
+load_installed()

@@ -24,7 +24,8 @@ class Estimator:
             in memory.
         covariance: covariance of (ĉ, r̂) (b, d+1, d+1), unit squared, of its answers, from samples without missing ones;
             None for the Cramér-Rao bound with the estimates plugged in.
-        version: to be raised with every change of its numbers, so that runs do not mix old rows with new ones.
+        version: to be raised with every change of its numbers, so that runs do not mix old rows with new ones; a digest
+            of its code, for an estimator that is not shipped.
     """
 
     function: Callable[[Samples], Estimates]
@@ -36,7 +37,7 @@ class Estimator:
     moments_suffice: bool = False
     by_window: bool = False
     covariance: Callable[[Samples, Estimates], Floats] | None = None
-    version: int = 1
+    version: int | str = 1
 
     def __call__(self, samples: Samples) -> Estimates:
         """Fit each set of the batch."""

@@ -21,6 +21,7 @@ from study.figures import (
     fig_map,
     fig_posterior,
     fig_regret,
+    fig_robustness,
     style,
 )
 from study.figures.inputs import NotApplicable, Tables
@@ -47,6 +48,7 @@ FIGURES: dict[str, FigureModule] = {
     "fig_efficiency": fig_efficiency,
     "fig_regret": fig_regret,
     "fig_map": fig_map,
+    "fig_robustness": fig_robustness,
     "fig_posterior": fig_posterior,
     "fig_calibration": fig_calibration,
 }

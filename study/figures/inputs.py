@@ -6,7 +6,7 @@ from typing import Self
 
 import pandas as pd
 
-from study.experiment.conditions import STORED
+from study.experiment.conditions import STORED, bound_law
 from study.experiment.noise.gaussian import NoiseLaw
 from study.runs.storage.run_folder import Run, RunError
 
@@ -20,7 +20,7 @@ class Tables:
     """Tables of a run in memory.
 
     Attributes:
-        name: the run's name, which is printed on every figure.
+        name: the run's name, which is printed on every figure, and the law that the bound is of, if that is in doubt.
         dimension: d of the spheres.
         design: "grid" or "random".
         noise_law: the law of the noise of a sample.
@@ -54,7 +54,7 @@ class Tables:
         """
         study = run.study
         tables = cls(
-            name=study.run_name(),
+            name=" · ".join(filter(None, [study.run_name(), bound_law(study.design.given())])),
             dimension=study.dimension,
             design=study.design.kind,
             independent=study.independent(),

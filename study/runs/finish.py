@@ -10,6 +10,7 @@ from itertools import chain, islice
 import pyarrow as pa
 
 from study.estimators import ESTIMATORS
+from study.estimators.own.register import origins
 from study.runs import assemble, provenance
 from study.runs.adaptive.checkpoint_rounds import Rounds
 from study.runs.adaptive.group_progress import BUDGET, TARGET
@@ -75,6 +76,7 @@ def finish(
             "lost": causes["worker"],
             "estimators": {name: ESTIMATORS[name].version for name in study.estimators},
             "tables": {name: store.fingerprint(name) for name in written} | before["tables"],
+            **({"own_estimators": own} if (own := origins(study.estimators)) else {}),
             "started": started.isoformat(timespec="seconds"),
             "seconds_computing": round(parts.seconds, 3),
             "seconds": round(parts.seconds + time.perf_counter() - clock, 3),

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
+from study.estimators.own.register import only_here
 from study.experiment.config import Study
 from study.runs import provenance
 from study.runs.adaptive.checkpoint_rounds import Rounds
@@ -18,6 +19,7 @@ from study.runs.jobs import Job, Jobs, execute, give_up
 from study.runs.layout import Layout
 from study.runs.repair import set_damaged_aside
 from study.runs.reuse import EarlierRun, ReuseLayout, beside
+from study.runs.storage.atomic_write import RunError
 from study.runs.storage.lock import writing
 from study.runs.storage.parts import Parts
 from study.runs.storage.run_folder import Run
@@ -69,6 +71,9 @@ def run(
         raise ValueError(f"{study.run_name()}: a budget is for a config with [precision]")
     budget = budget or TimeBudget(study.precision.seconds if study.precision else None)
     workers = Workers(jobs=jobs) if isinstance(jobs, int) else jobs
+    if workers.backend != "threads" and (names := only_here(study.estimators)):
+        words = f"registered by this program alone, which {workers.backend} workers do not know"
+        raise RunError(f"{', '.join(names)}: {words}; use threads, or a file of estimators with --plugin")
     with contextlib.ExitStack() as stack:
         backend = stack.enter_context(workers.open())
         stack.enter_context(threadpool_limits(limits=1))

@@ -41,6 +41,21 @@ noise_over_radius = [1e-3, 1e-2, 1e-1, 1]
 angle = [45, 180]
 """
 
+LAWS = """
+name = "laws"
+seed = 3
+estimators = ["mle", "gdke"]
+keep = "summary"
+[design]
+kind = "grid"
+trials = 30
+samples = 50
+noise_over_radius = 0.02
+angle = [45, 180]
+law = ["normal", "student(3)", "laplace"]
+outlier_share = [0, 0.1, 0.3]
+"""
+
 POSTERIORS = """
 name = "posteriors"
 seed = 3
@@ -73,8 +88,9 @@ sys.exit("pyplot is not needed" if "matplotlib.pyplot" in sys.modules else 0)
 @pytest.fixture(scope="module")
 def runs(circles, random, make_run):
     """Runs that between them have every figure."""
-    markers, noises, posteriors = map(make_run, (MARKERS, NOISES, POSTERIORS))
-    return {"circles": circles, "markers": markers, "noises": noises, "posteriors": posteriors, "random": random}
+    markers, noises, laws, posteriors = map(make_run, (MARKERS, NOISES, LAWS, POSTERIORS))
+    made = {"circles": circles, "markers": markers, "noises": noises, "laws": laws}
+    return made | {"posteriors": posteriors, "random": random}
 
 
 @pytest.fixture(scope="module")
@@ -105,6 +121,7 @@ HAS = {
     "circles": ["fig3_gdke_ellipse", "fig4_ugdk_ellipse", "fig5_methods", "fig7_power_law"],
     "markers": ["fig6_mgdk"],
     "noises": ["fig_efficiency", "fig_regret", "fig_map"],
+    "laws": ["fig_robustness"],
     "posteriors": ["fig_posterior", "fig_calibration"],
     "random": ["fig2_error"],
 }
@@ -128,6 +145,7 @@ def test_draws_what_applies_and_says_why_the_rest_does_not(drawn, kind):
         assert "two radii" in reasons["fig6_mgdk"]
         assert "levels of noise" in reasons["fig_efficiency"]
         assert "[posterior]" in reasons["fig_posterior"]
+        assert "3 values of law in the grid, with normal among them" in reasons["fig_robustness"]
 
 
 def test_draws_what_is_asked_for(circles, tmp_path):

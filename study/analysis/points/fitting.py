@@ -2,10 +2,12 @@
 
 import math
 from collections.abc import Iterable, Iterator
+from pathlib import Path
 from typing import Any
 
 from study.analysis.points.source import PointFileError
 from study.estimators import ESTIMATORS, Fit, Status, fit
+from study.estimators.own.plugin_file import load
 from study.estimators.status import explain
 from study.sphere.types import Floats
 from study.text.columns import columns
@@ -21,16 +23,21 @@ def choose(estimator: str, noise: float | None) -> list[str]:
     """Names of the estimators to use; "all" leaves out those that need a noise that is not given.
 
     Args:
-        estimator: a name, or "all".
+        estimator: a name, or "all"; or a file of estimators and a name, ``my.py:name``.
         noise: standard deviation of a coordinate, if known.
 
     Raises:
+        PluginError: if the file of estimators cannot be used.
         PointFileError: if there is no such estimator, or it needs the noise, or the noise is not positive.
     """
     if noise is not None and not (math.isfinite(noise) and noise > 0.0):
         raise PointFileError(f"--noise {noise:g}: a standard deviation must be positive and finite")
     if noise is not None and not 0.0 < noise * noise < math.inf:
         raise PointFileError(f"--noise {noise:g}: too small or large to compute with, its square is not a number")
+    file, colon, name = estimator.rpartition(":")
+    if colon and file.endswith(".py"):
+        load(Path(file))
+        estimator = name
     if estimator == "all":
         return [name for name, entry in ESTIMATORS.items() if noise is not None or entry.needs != "noise"]
     if estimator not in ESTIMATORS:

@@ -142,7 +142,7 @@ def _slopes(terms: Terms, means: RadialMeans, pair: Floats, mean: Floats, second
     slopes[:, :d, d], slopes[:, :d, d + 1] = -by_r * mean, -by_s * mean
     slopes[:, d, :d] = -direction * mean
     slopes[:, d + 1, :d] = -2.0 * (1.0 - (1.0 + means.lengthening) * direction) * mean
-    slopes[:, d, d], slopes[:, d, d + 1] = -direction[:, 0], np.ravel(-means.mean_by_s)
+    slopes[:, d, d], slopes[:, d, d + 1] = np.ravel(-direction), np.ravel(-means.mean_by_s)
     slopes[:, d + 1, d], slopes[:, d + 1, d + 1] = np.ravel(-means.variance_by_r), np.ravel(-means.variance_by_s)
     return slopes
 

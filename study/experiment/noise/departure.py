@@ -12,9 +12,15 @@ class Departure(Protocol):
     def applied(self, noise: Floats, numbers: FurtherNumbers) -> Floats:
         """The noise of the other law (b, d, n), in fresh memory.
 
-        A law, which `study.experiment.noise.laws` lists, has the covariance I, so that σ means the same in all.
-
         Args:
             noise: at σ = 1 (b, d, n); standard normal numbers, if no other step came before.
             numbers: further random numbers of the same trials.
         """
+
+
+class OtherLaw(Departure, Protocol):
+    """A law of noise that is not normal, of covariance I: σ means the same in all."""
+
+    @property
+    def excess_kurtosis(self) -> float:
+        """The excess kurtosis of a coordinate."""

@@ -5,14 +5,14 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from study.experiment.noise.departure import Departure
+from study.experiment.noise.departure import Departure, OtherLaw
 from study.experiment.noise.laplace import LaplaceNoise
 from study.experiment.noise.outliers import Outliers
 from study.experiment.noise.student import StudentNoise
 from study.experiment.noise.uniform import UniformNoise
 
 NORMAL = "normal"
-LAWS: dict[str, Departure] = {"laplace": LaplaceNoise(), "uniform": UniformNoise()}
+LAWS: dict[str, OtherLaw] = {"laplace": LaplaceNoise(), "uniform": UniformNoise()}
 """The laws without parameters, besides the normal one. All have the covariance σ² I."""
 
 RULE = f"{NORMAL}, {', '.join(LAWS)} or student(ν) with ν above 2, such as student(5)"
@@ -31,6 +31,14 @@ def freedom(word: str) -> float | None:
     except ValueError:
         return None
     return value if 2.0 < value < math.inf and number and f"{value:g}" == number[1] else None
+
+
+def excess_kurtosis(word: str) -> float:
+    """The excess kurtosis of a coordinate under a law: 0 if normal, larger with heavier tails."""
+    nu = freedom(word)
+    if nu is not None:
+        return StudentNoise(nu).excess_kurtosis
+    return 0.0 if word == NORMAL else LAWS[word].excess_kurtosis
 
 
 def is_law(word: str) -> bool:

@@ -1,5 +1,6 @@
 """Student's t: heavy tails, and as likely in every direction."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +22,11 @@ class StudentNoise:
     """
 
     freedom: float
+
+    @property
+    def excess_kurtosis(self) -> float:
+        """6/(ν - 4), or infinity."""
+        return 6.0 / (self.freedom - 4.0) if self.freedom > 4.0 else math.inf
 
     def applied(self, noise: Floats, numbers: FurtherNumbers) -> Floats:
         """Normal noise z as z √((ν - 2)/χ²), with a χ² number of ν degrees of freedom for each sample."""

@@ -26,7 +26,12 @@ _FINISHED: dict[str, type | tuple[type, ...]] = {
     "also_computed_by": list,
 }
 """Fields of a run that is finished; chains may be stored before."""
-_PERHAPS: dict[str, type | tuple[type, ...]] = {"posterior": dict, "precision": dict, "stopped_after": (int, float)}
+_PERHAPS: dict[str, type | tuple[type, ...]] = {
+    "posterior": dict,
+    "precision": dict,
+    "stopped_after": (int, float),
+    "own_estimators": list,
+}
 
 
 class ManifestMissingError(RunError):
@@ -100,7 +105,9 @@ def _field_fault(found: Mapping[str, Any], keep: str) -> str | None:
         elif not isinstance(found[name], kind) or isinstance(found[name], bool):
             return f"{name} = {json.dumps(found[name])[:40]} is not as this program writes it"
     words = [*found["tables"].values(), *found.get("estimators", {})]
-    numbers = [*found.get("estimators", {}).values(), *found.get("precision", {}).values()]
-    if not all(isinstance(word, str) for word in words) or not all(isinstance(number, int) for number in numbers):
+    versions, numbers = found.get("estimators", {}).values(), found.get("precision", {}).values()
+    shipped = "own_estimators" not in found  # the version of an own estimator is a digest of its code
+    fine = all(isinstance(word, str) for word in words) and all(isinstance(number, int) for number in numbers)
+    if not fine or not all(isinstance(version, int if shipped else int | str) for version in versions):
         return "tables or estimators are not as this program writes them"
     return None

@@ -8,6 +8,7 @@ from typing import Any
 
 from joblib import Parallel, delayed
 
+from study.estimators.own import plugin_file
 from study.runs import provenance
 from study.runs.workers import instruction_set
 from study.runs.workers.worker_entry import Parent, attempt
@@ -80,7 +81,7 @@ def introduction(process: int | None) -> Parent:
     Args:
         process: its number, if the workers are on the same machine and are to end with it.
     """
-    return Parent(instruction_set.environment(), provenance.fingerprint(), process)
+    return Parent(instruction_set.environment(), provenance.fingerprint(), process, plugin_file.loaded())
 
 
 def leave_interrupts() -> None:

@@ -32,11 +32,13 @@ class Parent(NamedTuple):
         environment: variables that choose the machine instructions.
         fingerprint: what determines the bytes of a run; see `study.runs.provenance.fingerprint`.
         process: its number, if it is on the worker's machine, and the worker is to end when it does.
+        plugins: paths and texts of the files of estimators that it has loaded.
     """
 
     environment: dict[str, str]
     fingerprint: dict[str, str | None]
     process: int | None
+    plugins: tuple[tuple[str, str], ...] = ()
 
 
 class Death(NamedTuple):
@@ -117,6 +119,11 @@ def _agree(parent: Parent) -> None:
 
         raise DisagreementError(f"worker on {socket.gethostname()}: {', '.join(differ)}")
     threadpool_limits(limits=1)
+    if parent.plugins:
+        from study.estimators.own.plugin_file import PluginFile, load_text
+
+        for path, text in parent.plugins:
+            load_text(PluginFile(path, text))
 
 
 def _end_with(parent: int) -> None:

@@ -1,0 +1,100 @@
+"""Check of one's own estimators: every property on every data set, and a report in words."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from time import perf_counter
+
+from study.estimators.answer.fit import Fit
+from study.estimators.own.check_cases import NOISE, degenerate_sets, sound_cases
+from study.estimators.own.check_properties import PROPERTIES, degenerate
+from study.estimators.own.plugin_file import faults_of, load, sound_samples
+from study.estimators.registry import fit
+from study.sphere.types import Floats
+
+BUDGET = 20.0
+"""Seconds after which no new data set is taken, of all estimators of a file."""
+
+
+@dataclass(frozen=True)
+class CheckReport:
+    """Result of a check.
+
+    Attributes:
+        estimator: its name.
+        violations: a sentence for each violated property, of the first data set that violates it.
+        sets: number of sound data sets that were used.
+        remarks: what was left out, in words.
+    """
+
+    estimator: str
+    violations: tuple[str, ...]
+    sets: int
+    remarks: tuple[str, ...]
+
+
+def check_file(path: Path, budget: float = BUDGET) -> list[CheckReport]:
+    """Check the estimators that a file registers.
+
+    Args:
+        path: the file.
+        budget: seconds after which no new data set is taken; each estimator has its share of them.
+
+    Raises:
+        PluginError: if the file cannot be used.
+    """
+    names = load(path)
+    fit(sound_samples(2).points, noise=NOISE)  # compiled code is loaded now, which is not the estimators' time
+    return [check_estimator(name, budget / len(names)) for name in names]
+
+
+def check_estimator(name: str, budget: float = BUDGET) -> CheckReport:
+    """Check a registered estimator; see `check_file`."""
+    broken: dict[str, str] = {}
+    sets, remarks = 0, []
+    unable = faults_of(name)
+    end = perf_counter() + budget
+
+    def fitted(points: Floats, noise: float) -> Fit:
+        return fit(points, name, noise)
+
+    for d in (2, 3):
+        if d in unable:
+            remarks.append(f"d = {d} is left out: {unable[d]}")
+            continue
+        for case in sound_cases(d):
+            if perf_counter() > end:
+                remarks.append(f"stopped after {budget:.3g} s at {case}: the estimator is slow")
+                break
+            sets += 1
+            for key, holds in PROPERTIES.items():
+                if key not in broken and (words := _guarded(partial(holds, fitted, case))):
+                    broken[key] = f"{words} ({case})"
+        for kind, points in degenerate_sets(d):
+            if perf_counter() > end:
+                break
+            if "degenerate" not in broken and (words := degenerate(fitted, kind, points)):
+                broken["degenerate"] = f"{words} (d = {d})"
+    return CheckReport(name, tuple(broken.values()), sets, tuple(remarks))
+
+
+def printed(reports: list[CheckReport]) -> Iterator[str]:
+    """The reports for a terminal: a line per violation, or one that says that there is none."""
+    for report in reports:
+        for words in report.violations:
+            yield f"{report.estimator}: {words}"
+        if not report.violations:
+            count = len(PROPERTIES) + 1
+            yield f"{report.estimator}: all {count} properties hold on {report.sets} data sets"
+        for words in report.remarks:
+            yield f"{report.estimator}: {words}"
+
+
+def _guarded(call: "partial[str]") -> str:
+    """Words of a property, or those of the exception that the estimator raised."""
+    try:
+        return call()
+    except Exception as error:
+        line = str(error).split("\n")[0]
+        return f"raises on sound points: {type(error).__name__}: {line}"

@@ -1,0 +1,113 @@
+"""Estimators of one's own on the command line: the page about them holds, in threads and in processes."""
+
+import hashlib
+import json
+import re
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from study.estimators.own import plugin_file
+
+PAGE = (Path(__file__).parents[2] / "docs" / "own-estimators.md").read_text(encoding="utf-8")
+PLUGIN, CONFIG = (re.search(rf"```{kind}\n(.*?)```", PAGE, re.DOTALL)[1] for kind in ("python", "toml"))
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A folder with the page's file and config; what was loaded is forgotten afterwards."""
+    (tmp_path / "my.py").write_text(PLUGIN, encoding="utf-8")
+    (tmp_path / "own.toml").write_text(CONFIG, encoding="utf-8")
+    yield tmp_path
+    for path, _ in plugin_file.loaded():
+        plugin_file.unload(path)
+
+
+def test_the_page(call, folder):
+    """Its example is checked, run, summarised, drawn and fitted as it says, without a line changed in the package."""
+    code, said, complained = call(folder, "check", "my.py")
+    assert (code, said, complained) == (0, "coope: all 9 properties hold on 12 data sets\n", "")
+    code, said, complained = call(folder, "run", "own.toml", "--plugin", "my.py", "--backend", "loky")
+    assert (code, complained) == (0, "")
+    run = folder / said.strip()
+    errors = pd.read_parquet(run / "errors.parquet")
+    mine, theirs = (errors[errors["estimator"] == name]["error"].to_numpy() for name in ("coope", "gdke"))
+    assert len(mine) == 800
+    assert abs(mine - theirs).max() < 1e-9  # Coope's fit is Kåsa's
+    (origin,) = json.loads((run / "manifest.json").read_text())["own_estimators"]
+    digest = hashlib.sha256(PLUGIN.encode()).hexdigest()
+    assert origin == {"from": "my.py", "sha256": digest, "estimators": ["coope"]}
+    code, said, complained = call(folder, "figures", "own.toml", "fig_efficiency", "--plugin", "my.py")
+    assert (code, complained) == (0, "")
+    assert len(said.splitlines()) == 2
+
+
+def test_in_this_process(call_here, folder):
+    """Reading and replaying a run needs the file; a file that changed has its rows computed again."""
+    assert call_here(folder, "run", "own.toml", "--plugin", "my.py", "--out", "out")[0] == 0
+    for words in (("summary", "out"), ("status", "out"), ("worst", "out"), ("plan", "own.toml"), ("estimators",)):
+        code, said, complained = call_here(folder, *words, "--plugin", "my.py")
+        assert (code, complained) == (0, "")
+    assert "coope" in said
+    cell = str(pd.read_parquet(folder / "out" / "errors.parquet")["cell"].iloc[0])
+    code, said, complained = call_here(folder, "replay", "out", f"{cell}/3", "--plugin", "my.py", "--out", "points.csv")
+    assert (code, complained) == (0, "")
+    assert "coope" in said
+    code, said, complained = call_here(folder, "fit", "points.csv", "-e", "my.py:coope")
+    assert (code, complained) == (0, "")
+    before = pd.read_parquet(folder / "out" / "errors.parquet")
+    (folder / "my.py").write_text(PLUGIN.replace("return center, ", "return center, 1.5 * "), encoding="utf-8")
+    assert call_here(folder, "run", "own.toml", "--plugin", "my.py", "--out", "out")[0] == 0
+    after = pd.read_parquet(folder / "out" / "errors.parquet")
+    changed = (after["radius_error"] != before["radius_error"]).groupby(after["estimator"], observed=True).mean()
+    assert dict(changed) == {"coope": 1.0, "gdke": 0.0, "als": 0.0}
+
+
+def test_without_the_file(call_here, folder):
+    """A name that nobody registered is a fault of the config; a finished run names the file that has it."""
+    code, said, complained = call_here(folder, "run", "own.toml")
+    assert (code, said) == (2, "")
+    assert "estimators = " in complained
+    assert "'coope' unknown" in complained
+    assert sorted(path.name for path in folder.iterdir()) == ["my.py", "own.toml"]
+    call_here(folder, "run", "own.toml", "--plugin", "my.py", "--out", "out")
+    for path, _ in plugin_file.loaded():
+        plugin_file.unload(path)
+    code, said, complained = call_here(folder, "summary", "out")
+    assert (code, said) == (1, "")
+    assert "it was made with estimators of my.py: give --plugin FILE" in complained
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("raise RuntimeError('no')", "bad.py: line 1: RuntimeError: no"),
+        ("import study\nstudy.register('als', len)", "bad.py: line 2: ValueError: register('als'): the name is taken"),
+        ("import study\nstudy.register('mine', len)", "bad.py: mine: fails on 20 sound points: TypeError: "),
+    ],
+)
+@pytest.mark.parametrize("verb", ["run", "check", "fit"])
+def test_refused(call_here, folder, verb, text, words):
+    """A file that cannot be used is code 2 and one line, and nothing is written."""
+    (folder / "bad.py").write_text(text, encoding="utf-8")
+    (folder / "points.csv").write_text("x,y\n1,0\n0,1\n-1,0\n0,-1\n", encoding="utf-8")
+    before = sorted(folder.iterdir())
+    arguments = {
+        "run": ["own.toml", "--plugin", "bad.py"],
+        "check": ["bad.py"],
+        "fit": ["points.csv", "-e", "bad.py:mine"],
+    }
+    code, said, complained = call_here(folder, verb, *arguments[verb])
+    assert (code, said) == (2, "")
+    assert complained.startswith(words)
+    assert len(complained.splitlines()) == 1
+    assert sorted(folder.iterdir()) == before
+
+
+def test_a_violation_is_code_1(call_here, folder):
+    """A violated property is said in words, and the command's exit code is 1."""
+    (folder / "my.py").write_text(PLUGIN.replace("return center, ", "return center, 1.02 * "), encoding="utf-8")
+    code, said, complained = call_here(folder, "check", "my.py")
+    assert (code, complained) == (1, "")
+    assert said == "coope: not exact without noise: the radius is 1.02 instead of 1 (d = 2, N = 7, seed 0)\n"

@@ -1,0 +1,209 @@
+"""Files of one's own estimators: what they register, and one line for each way in which they cannot be used."""
+
+import numpy as np
+import pytest
+
+import study
+from study import Status
+from study.estimators.estimates import blank
+from study.estimators.own.plugin_file import PluginError, PluginFile, load, load_text, loaded
+from study.estimators.own.register import ORIGINS, origins
+
+MEAN = "def mean(points):\n    c = points.mean(axis=0)\n    return c, np.linalg.norm(points - c, axis=1).mean()\n"
+
+
+def test_a_file_registers(write_plugin, rng):
+    """Its estimators are called by name; batches, a noise variance and statuses come for free."""
+    path = write_plugin(MEAN + "study.register('mean', mean, reference='a book')")
+    assert load(path) == ("mean",)
+    points = rng.standard_normal((2, 3, 30, 3))
+    fit = study.fit(points, "mean")
+    np.testing.assert_allclose(fit.center, points.mean(axis=2), rtol=1e-12)
+    residual = np.linalg.norm(points - fit.center[:, :, None], axis=3) - fit.radius[..., None]
+    np.testing.assert_allclose(fit.noise_variance, (residual**2).sum(axis=2) / 26, rtol=1e-9)
+    assert np.all(fit.status == Status.OK)
+    assert study.ESTIMATORS["mean"].reference == "a book"
+
+
+def test_a_file_that_changed_replaces_itself(write_plugin):
+    """Loading it again does nothing; once it has changed, its old estimators go, and versions differ."""
+    path = write_plugin(MEAN + "study.register('mean', mean)")
+    load(path)
+    first = study.ESTIMATORS["mean"]
+    load(path)
+    assert study.ESTIMATORS["mean"] is first
+    write_plugin(MEAN + "study.register('mean', mean)\nstudy.register('other', mean)")
+    assert load(path) == ("mean", "other")
+    assert study.ESTIMATORS["mean"].version != first.version
+    write_plugin(MEAN + "study.register('other', mean)")
+    load(path)
+    assert "mean" not in study.ESTIMATORS
+    (found,) = origins(["als", "other"])
+    assert (found["from"], found["estimators"]) == ("my.py", ["other"])
+    assert len(found["sha256"]) == 64
+
+
+def test_a_worker_loads_the_text(tmp_path):
+    """The text alone is enough: the file need not be there."""
+    load_text(PluginFile(str(tmp_path / "gone.py"), f"import numpy as np, study\n{MEAN}study.register('mean', mean)"))
+    assert "mean" in study.ESTIMATORS
+    assert [path for path, _ in loaded()] == [str(tmp_path / "gone.py")]
+
+
+REFUSED = {
+    "raises": ("1 / 0", "my.py: line 3: ZeroDivisionError: division by zero"),
+    "no Python": ("def f(:", "my.py: line 3: SyntaxError: invalid syntax"),
+    "exit": ("raise SystemExit(3)", "my.py: line 3: SystemExit: 3"),
+    "nothing": ("x = 1", r"my.py: registers no estimator; it should call study.register\(name, function\)"),
+    "a taken name": (
+        MEAN + "study.register('als', mean)",
+        r"line 6: ValueError: register\('als'\): the name is taken by a shipped estimator; choose another",
+    ),
+    "its own name": (
+        MEAN + "study.register('mean', mean)\nstudy.register('mean', mean)",
+        r"line 7: ValueError: register\('mean'\): the name is taken by my.py; choose another",
+    ),
+    "no name": (MEAN + "study.register('My Mean', mean)", "line 6: ValueError: .* lower-case letters, digits and unde"),
+    "no function": ("study.register('mean', 3)", r"line 3: TypeError: register\('mean'\): int is not a function"),
+    "an unknown need": (MEAN + "study.register('mean', mean, needs='luck')", "line 6: ValueError: .* needs = 'luck'"),
+    "a raising estimator": (
+        "study.register('bad', lambda points: 1 / 0)",
+        "my.py: bad: fails on 20 sound points: ZeroDivisionError: division by zero",
+    ),
+    "a centre of the wrong shape": (
+        "study.register('bad', lambda points: (points, 1.0))",
+        r"bad: fails on 20 sound points: ValueError: returned a centre of shape \(20, 3\), expected \(3,\)",
+    ),
+    "a radius of the wrong shape": (
+        "study.register('bad', lambda points: (points[0], points[0]))",
+        r"bad: fails on 20 sound points: ValueError: returned a radius of shape \(3,\), expected one number",
+    ),
+    "no radius": (
+        "study.register('bad', lambda points: points[0])",
+        r"bad: fails on 20 sound points: TypeError: returned ndarray of shape \(3,\), expected a centre and a radius",
+    ),
+    "batched, no fit": (
+        "study.register('bad', lambda samples: None, batched=True)",
+        "bad: fails on 20 sound points: returned NoneType, expected a ",
+    ),
+    "batched, wrong shape": (
+        "from study.estimators.estimates import blank\n"
+        "study.register('bad', lambda s: blank(s.shape[0] + 1, s.shape[1]), batched=True)",
+        r"bad: fails on 20 sound points: center has shape \(3, 3\), expected \(2, 3\)",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", list(REFUSED))
+def test_refused(write_plugin, case):
+    """One line, with the file, the line or the estimator, and the reason; nothing stays registered."""
+    text, words = REFUSED[case]
+    before = dict(study.ESTIMATORS)
+    with pytest.raises(PluginError, match=words) as raised:
+        load(write_plugin(text))
+    assert "\n" not in str(raised.value)
+    assert before == study.ESTIMATORS
+    assert not ORIGINS
+
+
+def test_a_file_that_is_not_there(tmp_path):
+    """So is a file that cannot be read."""
+    with pytest.raises(PluginError, match=r"none.py: cannot be read: No such file or directory"):
+        load(tmp_path / "none.py")
+
+
+def test_what_goes_wrong_on_data_is_a_status(rng):
+    """An exception is a failed fit, a number that is not finite one without a sphere; huge points are not passed on."""
+
+    def picky(points):
+        assert np.all(np.isfinite(points))
+        if points[0, 0] > 0:
+            raise ArithmeticError("no\nno")
+        return points[0], np.nan
+
+    study.register("picky", picky)
+    points = rng.standard_normal((3, 9, 2))
+    points[0, 0, 0], points[1, 0, 0], points[2, 0, 0] = 1.0, -1.0, 1e200
+    fit = study.fit(points, "picky")
+    assert fit.status.tolist() == [Status.FAILED, Status.SINGULAR, Status.NOT_FINITE]
+    assert np.all(np.isnan(fit.radius))
+    study.register("needy", lambda points, noise: (points[0], noise), needs="noise")
+    with pytest.raises(ValueError, match="noise = None: this estimator needs the standard deviation"):
+        study.fit(points, "needy")
+
+
+def test_the_noise_is_passed_on(rng):
+    """An estimator that needs it has σ, or the covariance, as its second argument; each set its own."""
+    seen = []
+
+    def needy(points, noise):
+        seen.append(noise)
+        points[:] = 0.0  # its own copy
+        return points[0], 1.0
+
+    study.register("needy", needy, needs="noise")
+    points = rng.standard_normal((2, 9, 2))
+    before = points.copy()
+    study.fit(points, "needy", 0.3)
+    study.ESTIMATORS["needy"](study.Samples(points.swapaxes(1, 2), np.array([0.1, 0.2])))
+    study.fit(points[0], "needy", [[1.0, 0.0], [0.0, 4.0]])
+    assert seen[:4] == [0.3, 0.3, 0.1, 0.2]
+    np.testing.assert_array_equal(seen[4], [[1.0, 0.0], [0.0, 4.0]])
+    np.testing.assert_array_equal(points, before)
+
+
+def test_a_batched_function(rng):
+    """The full form takes all sets at once, and is asked to fill in the answer."""
+
+    def mean(samples):
+        result = blank(samples.shape[0], samples.shape[1])
+        result.center[:], result.radius[:] = samples.points.mean(axis=1), 2.0
+        return result
+
+    study.register("mean", mean, batched=True)
+    points = rng.standard_normal((4, 9, 2))
+    np.testing.assert_array_equal(study.fit(points, "mean").center, points.mean(axis=1))
+
+
+def test_a_notebook_may_register_again():
+    """A cell that is executed twice replaces its estimator; it has no place in worker processes."""
+    study.register("mean", lambda points: (points.mean(axis=0), 1.0))
+    study.register("mean", lambda points: (points.mean(axis=0), 2.0))
+    assert study.fit(np.eye(4, 3), "mean").radius == 2.0
+
+
+class Point:
+    """An entry point of a package that is not installed."""
+
+    dist, value = None, "package:f"
+
+    def __init__(self, name, found):
+        self.name, self._found = name, found
+
+    def load(self):
+        """The object, or its exception."""
+        if isinstance(self._found, Exception):
+            raise self._found
+        return self._found
+
+
+def test_installed_packages(monkeypatch):
+    """Functions and estimators of packages are registered; one that cannot be loaded costs a warning, and no other."""
+    from study.estimators.own import installed
+
+    points = [
+        Point("bad", ImportError("no such thing")),
+        Point("als", lambda points: (points[0], 1.0)),
+        Point("first", lambda points: (points[0], 1.0)),
+        Point("second", study.Estimator(study.ESTIMATORS["gdke"].function, "a book")),
+    ]
+    monkeypatch.setattr(installed, "entry_points", lambda group: points)
+    with pytest.warns(UserWarning, match="is left out") as warned:
+        installed.load_installed()
+    assert [str(w.message) for w in warned] == [
+        "estimator 'bad' of package:f is left out: ImportError: no such thing",
+        "estimator 'als' of package:f is left out: ValueError: register('als'): the name is taken by a shipped "
+        "estimator; choose another",
+    ]
+    assert set(ORIGINS) == {"first", "second"}
+    assert study.fit(np.eye(4, 3), "first").radius == 1.0
