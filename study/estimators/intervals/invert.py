@@ -147,14 +147,17 @@ def _toward_zero(state: State, task: Task, trail: Trail, code: int, quantile: fl
         if code != GOOD or variance <= task.least:
             state.stage = _ENDED
             return
-        state.origin, state.origin_t, state.slope = k, t, slope
-        _begin_side(state, _SHARPER, k, t, slope)
+        state.origin, state.origin_t, state.slope = k, t, abs(slope)
+        _begin_side(state, _SHARPER, k, t, state.slope)
         _choose(state, quantile)
         return
     if t < 0.0:
         state.below = k
     else:
         state.above = k
+    if m > 0 and k != numbers[m - 1, K]:  # the derivative holds at T = 0 alone; far from there a secant is better
+        secant = (t - numbers[m - 1, T]) / (k - numbers[m - 1, K])
+        slope = secant if secant > _STEEP * slope else slope
     step, most = -t / slope if slope > 0.0 else math.copysign(math.inf, -t), 2.0 * abs(k) + 10.0 * _FLAT
     state.k = k + min(max(step, -most), most)
     if state.below == state.below and state.above == state.above and not state.below < state.k < state.above:

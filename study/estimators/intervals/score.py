@@ -24,7 +24,7 @@ _NOISY = 0.2
 
 
 class Score(NamedTuple):
-    """The score at one radius: T, dT/dr₀, and the largest standard error of the centre's coordinates in any direction."""
+    """The score at one radius: T, dT/dr₀ where T = 0, and the largest standard error of the centre's coordinates in any direction."""
 
     value: float
     slope: float
@@ -54,16 +54,22 @@ class Beside(NamedTuple):
 
 
 @compiled
-def _weigh(cloud: Cloud, sphere: Sphere, pull: Floats, sums: Floats) -> tuple[float, float, float]:
-    """Σw, Σw² and Σw(R - r₀), each w formed by itself, for it is small on a small cap; Σeeᵀ to ``sums``."""
+def _weigh(cloud: Cloud, sphere: Sphere, pull: Floats, excess: float, sums: Floats) -> tuple[float, float, float]:
+    """Σw, Σw² and Σw(R - r₀), given λ - r₀; Σeeᵀ to ``sums``.
+
+    On a small cap w is of second order in its angle and Σw of fourth. So each w is formed by itself, and Σw from Σw²
+    and the difference of J and mean eeᵀ: N b·(J - mean eeᵀ)b = Σ (1 - λ/R)(|b|² - (b·e)²).
+    """
     rows, n, zero, square = cloud
     d = len(zero)
     r, twice = sphere.numbers[0], 2.0 * sphere.numbers[1]
     u, center, e, b, scatter = fresh(zero), fresh(zero), fresh(zero), fresh(zero), fresh(square)
+    length = 0.0
     for i in range(d):
         u = put(u, i, 2.0 * sphere.toward[i])
         center = put(center, i, r * sphere.toward[i])
         b = put(b, i, pull[i])
+        length += pull[i] * pull[i]
     inverse, total, squares, score = 1.0 / r, 0.0, 0.0, 0.0
     for k in range(n):
         g = rows[d, k] * inverse + twice
@@ -77,12 +83,13 @@ def _weigh(cloud: Cloud, sphere: Sphere, pull: Floats, sums: Floats) -> tuple[fl
             w -= b[i] * e[i]
             for j in range(i + 1):
                 scatter = put(scatter, i * d + j, scatter[i * d + j] + e[i] * e[j])
-        total += w
+        a = g * r / (r + distance)
+        total += (a - excess) * over * (length - (1.0 - w) * (1.0 - w))
         squares += w * w
-        score += w * g * r / (r + distance)
+        score += w * a
     for i in range(d * d):
         sums[i] = scatter[i]
-    return total, squares, score
+    return squares + total, squares, score
 
 
 @compiled
@@ -145,7 +152,7 @@ def score(cloud: Cloud, sphere: Sphere, room: Room, means: RadialMeans, beside: 
     n, d = cloud.count, len(cloud.zero)
     r, variance = sphere.numbers[0], means.variance
     spare = n - d - 1.0
-    total, weight, plain = _weigh(cloud, sphere, room.pull, beside.sums)
+    total, weight, plain = _weigh(cloud, sphere, room.pull, means.excess01, beside.sums)
     s = plain - means.excess01 * total + n * (means.excess01 - means.lengthening)
     explained = s * s / max(weight, _TINY)
     value = math.sqrt(explained / max(((n - d) * variance - explained) / spare, 1e-12 * variance, _TINY))
