@@ -1,7 +1,7 @@
 """Monte-Carlo study of closed-form sphere fits (Knight & Semwal 2009), and the fits themselves as a library.
 
     import study
-    fit = study.fit(points, "ugdk", noise=0.05)     # points (…, n, d): fit.center, fit.radius, fit.status
+    fit = study.fit(points, "ugdk", noise=0.05)     # points (…, n, d): fit.center, fit.radius, fit.ok
     joint = study.mgdk([marker_a, marker_b])        # points (n, d) of each marker: one common centre
     bound = study.crlb(directions, noise=0.05)      # (…, d+1, d+1)
     best = study.attainable_bound(45, noise=0.3)    # (d+1, d+1), for one sample on the unit sphere
@@ -14,13 +14,25 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from study.estimators import ESTIMATORS, Estimator, Fit, Incremental, JointFit, Samples, Status, fit, mgdk
+    from study.estimators import (
+        ESTIMATORS,
+        Estimates,
+        Estimator,
+        Fit,
+        Incremental,
+        JointFit,
+        Samples,
+        Status,
+        fit,
+        mgdk,
+    )
     from study.sphere.attainable import attainable_bound
     from study.sphere.bounds import crlb
 
 __version__ = "0.1.0"
 __all__ = [
     "ESTIMATORS",
+    "Estimates",
     "Estimator",
     "Fit",
     "Incremental",
@@ -34,7 +46,6 @@ __all__ = [
     "mgdk",
 ]
 
-
 _PLACES = {"attainable_bound": "study.sphere.attainable", "crlb": "study.sphere.bounds"}
 """Modules of the names that `study.estimators` does not define."""
 
@@ -46,3 +57,8 @@ def __getattr__(name: str) -> Any:
     found = getattr(import_module(_PLACES.get(name, "study.estimators")), name)
     globals()[name] = found  # or each use would come here, which costs as much as a sum over a thousand samples
     return found
+
+
+def __dir__() -> list[str]:
+    """The public names, which are offered before they are imported."""
+    return sorted({*__all__, *(name for name in globals() if name.startswith("__"))})

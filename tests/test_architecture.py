@@ -30,6 +30,7 @@ ROOMS = [
 SUB_ROOMS = {
     "runs": ["storage", "workers", "adaptive"],
     "mocap": ["geometry", "io", "markersets", "joints", "skeleton", "view", "synthetic", "case_study", "commands"],
+    "estimators": ["answer"],
     "analysis": ["claims"],
     "experiment": ["designs"],
     "estimators": ["intervals"],

@@ -12,7 +12,7 @@ from study.estimators.status import explain
 from study.sphere.types import Floats
 from study.text.columns import columns
 from study.text.nearest import did_you_mean
-from study.text.numbers import number
+from study.text.numbers import number, with_error
 
 
 def choose(estimator: str, noise: float | None) -> list[str]:
@@ -72,8 +72,8 @@ def printed(table: pd.DataFrame, names: list[str]) -> Iterator[str]:
     rows = []
     notes: dict[str, list[str]] = {}
     for _, row in table.iterrows():
-        measured = [_with_error(row[f"center_{name}"], row[f"error_{name}"]) for name in names]
-        measured.append(_with_error(row["radius"], row["radius_error"]))
+        measured = [with_error(row[f"center_{name}"], row[f"error_{name}"]) for name in names]
+        measured.append(with_error(row["radius"], row["radius_error"]))
         others = [number(row["noise"]), number(row["residual_rms"]), number(row["condition"], ".2g")]
         ok = row["status"] == Status.OK.text
         rows.append([row["estimator"], *measured, *others, str(row["samples"]), "ok" if ok else "see below"])
@@ -86,15 +86,3 @@ def printed(table: pd.DataFrame, names: list[str]) -> Iterator[str]:
     for caution in sorted(cautions):
         estimators = [name for name in table["estimator"] if ESTIMATORS[name].caution == caution]
         yield f"{', '.join(estimators)}: {caution}"
-
-
-def _with_error(value: float, error: float) -> str:
-    """A value to the second digit of its error: 12.345 ± 0.067."""
-    if not math.isfinite(value):
-        return "-"
-    if not (math.isfinite(error) and error > 0.0):
-        return f"{value:.6g} ± ?"
-    digits = 1 - int(f"{error:.1e}".partition("e")[2])  # of the rounded error: 0.0996 is 0.10
-    if not -6 <= digits <= 12:
-        return f"{value:.6g} ± {error:.2g}"
-    return " ± ".join(f"{round(each, digits) + 0.0:.{max(digits, 0)}f}" for each in (value, error))

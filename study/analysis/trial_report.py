@@ -5,8 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 import pandas as pd
 
-from study.estimators import Fit
-from study.estimators.fit import blank
+from study.estimators import ESTIMATORS, Fit
+from study.estimators.answer.estimates import blank
 from study.estimators.status import explain
 from study.experiment.conditions import CONDITIONS
 from study.experiment.config import Study
@@ -23,10 +23,13 @@ def points(trial: Trial) -> pd.DataFrame:
 def fits(study: Study, trial: Trial) -> dict[str, Fit]:
     """The true sphere under the name "truth", and every estimator's fit, each of shape ()."""
     cell = trial.cell
-    found = {name: attempt(name, trial.samples)[0].reshape(samples=trial.samples) for name in study.estimators}
+    found = {name: attempt(name, trial.samples)[0] for name in study.estimators}
     truth = blank(1, study.dimension)
     truth.center[:], truth.radius[:] = cell.center, cell.radius
-    return {"truth": truth.reshape(samples=trial.samples)} | found
+    return {
+        name: Fit(fit.reshape(), trial.samples, name, ESTIMATORS[name].covariance if name in ESTIMATORS else None)
+        for name, fit in ({"truth": truth} | found).items()
+    }
 
 
 def fit_table(study: Study, trial: Trial) -> pd.DataFrame:

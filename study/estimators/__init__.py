@@ -1,11 +1,24 @@
 """Sphere estimators: `fit` calls one by name, `ESTIMATORS` lists them."""
 
+from study.estimators.answer.estimates import Estimates
+from study.estimators.answer.fit import Fit
+from study.estimators.answer.joint_fit import JointFit
 from study.estimators.estimator import Estimator
-from study.estimators.fit import Fit
 from study.estimators.incremental import Incremental
-from study.estimators.multi_marker import JointFit, mgdk
+from study.estimators.multi_marker import mgdk
 from study.estimators.registry import ESTIMATORS, fit
 from study.estimators.samples import Samples
 from study.estimators.status import Status
 
-__all__ = ["ESTIMATORS", "Estimator", "Fit", "Incremental", "JointFit", "Samples", "Status", "fit", "mgdk"]
+__all__ = [
+    "ESTIMATORS",
+    "Estimates",
+    "Estimator",
+    "Fit",
+    "Incremental",
+    "JointFit",
+    "Samples",
+    "Status",
+    "fit",
+    "mgdk",
+]

@@ -14,7 +14,7 @@ import math
 import numpy as np
 from scipy import stats
 
-from study.estimators.fit import Fit
+from study.estimators.answer.estimates import Estimates
 from study.estimators.kasa import every, member
 from study.estimators.samples import Samples
 from study.estimators.status import Status
@@ -107,7 +107,7 @@ def root(samples: Samples, kappa: float, kept: Bools | None = None) -> Floats:
     return eta
 
 
-def taubin(samples: Samples) -> Fit:
+def taubin(samples: Samples) -> Estimates:
     """Taubin's fit (ϰ = 0): the gradient-weighted algebraic fit. Its errors have shorter tails than those of `als`.
 
     Source: Taubin 1991; as a member of the family, theory table 5.1.
@@ -115,7 +115,7 @@ def taubin(samples: Samples) -> Fit:
     return member(samples, root(samples, 0.0), 0.0)
 
 
-def pratt(samples: Samples) -> Fit:
+def pratt(samples: Samples) -> Estimates:
     """Pratt's fit (ϰ = -4).
 
     Source: Pratt 1987; as a member of the family, theory table 5.1.
@@ -123,7 +123,7 @@ def pratt(samples: Samples) -> Fit:
     return member(samples, root(samples, -4.0), 2.0)
 
 
-def hyper(samples: Samples) -> Fit:
+def hyper(samples: Samples) -> Estimates:
     """The hyperaccurate fit (ϰ = -d²), without essential bias.
 
     Source: Al-Sharadqah & Chernov 2009; Kanatani & Rangarajan 2011.
@@ -132,7 +132,7 @@ def hyper(samples: Samples) -> Fit:
     return member(samples, root(samples, -float(d * d)), -float(d))
 
 
-def als(samples: Samples) -> Fit:
+def als(samples: Samples) -> Estimates:
     """Adjusted least squares with unknown noise (ϰ = 2d): UGDK that measures σ² in the same points.
 
     It does better than UGDK does with the true σ: the realised noise along the cap's axis differs from σ² by chance,
@@ -149,7 +149,7 @@ def als(samples: Samples) -> Fit:
     return fit
 
 
-def als_guarded(samples: Samples) -> Fit:
+def als_guarded(samples: Samples) -> Estimates:
     """`als` where the extent is significant, Taubin's root where it is not: errors with short tails in every case.
 
     Source: theory §2.2.
@@ -163,7 +163,7 @@ def als_guarded(samples: Samples) -> Fit:
     return guarded
 
 
-def hinge(samples: Samples) -> Fit:
+def hinge(samples: Samples) -> Estimates:
     """`als` for points that may lie on an arc or in a plane: a direction without significant extent is dropped.
 
     Along a dropped direction the centre stays at the centroid, and the status says so. The noise is found in the

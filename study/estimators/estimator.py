@@ -3,8 +3,9 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from study.estimators.fit import Fit
+from study.estimators.answer.estimates import Estimates
 from study.estimators.samples import Samples
+from study.sphere.types import Floats
 
 
 @dataclass(frozen=True)
@@ -12,7 +13,7 @@ class Estimator:
     """An estimator as the registry lists it.
 
     Attributes:
-        function: computes a `Fit` of `Samples`. It never raises on data, only on a noise that it cannot use.
+        function: computes `Estimates` from `Samples`. It never raises on data, only on a noise that it cannot use.
         reference: publication that it follows.
         needs: argument of `study.fit` without which it raises; empty if points are enough.
         flops: floating-point operations per sample in d dimensions, counted as in `study.analysis.cost`.
@@ -21,10 +22,12 @@ class Estimator:
         moments_suffice: the function reads ``Samples.moments`` alone.
         by_window: the function reads samples only through `study.sphere.layouts.window`, so that points need not lie
             in memory.
+        covariance: covariance of (ĉ, r̂) (b, d+1, d+1), unit squared, of its answers, from samples without missing ones;
+            None for the Cramér-Rao bound with the estimates plugged in.
         version: to be raised with every change of its numbers, so that runs do not mix old rows with new ones.
     """
 
-    function: Callable[[Samples], Fit]
+    function: Callable[[Samples], Estimates]
     reference: str = ""
     needs: str = ""
     flops: Callable[[int], float] | None = None
@@ -32,8 +35,9 @@ class Estimator:
     caution: str = ""
     moments_suffice: bool = False
     by_window: bool = False
+    covariance: Callable[[Samples, Estimates], Floats] | None = None
     version: int = 1
 
-    def __call__(self, samples: Samples) -> Fit:
+    def __call__(self, samples: Samples) -> Estimates:
         """Fit each set of the batch."""
         return self.function(samples)

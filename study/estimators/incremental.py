@@ -11,13 +11,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from study.estimators.answer.estimates import Estimates, blank
+from study.estimators.answer.fit import Fit
+from study.estimators.careful_fit import is_ordinary
 from study.estimators.estimator import Estimator
-from study.estimators.fit import Fit, blank
 from study.estimators.kasa import residual_noise
 from study.estimators.samples import Samples
 from study.estimators.status import Status
 from study.sphere.jit import compiled
 from study.sphere.moments import Moments
+from study.sphere.real_array import real_array
 from study.sphere.types import Floats
 
 
@@ -74,7 +77,7 @@ def _stream_all(x: Floats, first: int, running: Running) -> None:
             _step(point, float(k), one, delta, w)
 
 
-def igdk(samples: Samples) -> Fit:
+def igdk(samples: Samples) -> Estimates:
     """Incremental GDK by the paper's recurrences, with GDKE's bias.
 
     They start on the first d + 5 samples, or on more while those lie in a plane.
@@ -143,9 +146,10 @@ class Incremental:
             points: one (d,) or several (n, d), in the unit of those before. Points with a NaN are left out.
 
         Raises:
+            TypeError: if they are not real numbers.
             ValueError: if the shape is another.
         """
-        array = np.atleast_2d(np.asarray(points, dtype=float))
+        array = np.atleast_2d(real_array(points, "points")).astype(float, copy=False)
         if array.ndim != 2 or array.shape[1] != self.dimension:
             d = self.dimension
             raise ValueError(f"points have shape {np.shape(points)}: expected ({d},) or (n, {d})")
@@ -163,7 +167,9 @@ class Incremental:
                 does not need it.
 
         Returns:
-            A fit of shape ``()``. While there are fewer than d + 1 points its status is `Status.TOO_FEW_POINTS`.
+            A fit of shape ``()``. While there are fewer than d + 1 points its status is `Status.TOO_FEW_POINTS`. Points
+            of a size beyond 1e40 or below 1e-40 have the status `Status.NOT_FINITE`: their moments leave the range of
+            numbers.
 
         Raises:
             ValueError: if the estimator needs the points themselves, which are not stored.
@@ -173,6 +179,9 @@ class Incremental:
         if self.moments is None or self.moments.n[0] < self.dimension + 1:
             fit = blank(1, self.dimension)
             fit.status[:] = Status.TOO_FEW_POINTS
+        elif np.trace(self.moments.second[0]) > 0.0 and not is_ordinary(self.moments.fourth):
+            fit = blank(1, self.dimension)
+            fit.status[:] = Status.NOT_FINITE
         else:
             fit = estimator(Samples.of_moments(self.moments, noise))
-        return fit.reshape()
+        return Fit(fit.reshape())

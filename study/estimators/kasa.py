@@ -16,7 +16,7 @@ import math
 
 import numpy as np
 
-from study.estimators.fit import Fit, blank
+from study.estimators.answer.estimates import Estimates, blank
 from study.estimators.samples import Samples
 from study.estimators.status import Status
 from study.sphere.jit import compiled
@@ -27,7 +27,7 @@ from study.sphere.types import Bools, Floats
 _EPS = 2.0**-52
 
 
-def gdke(samples: Samples) -> Fit:
+def gdke(samples: Samples) -> Estimates:
     """Generalised Delogne-Kása estimator: nothing is subtracted (η = 0).
 
     Fast, and biased towards the centroid by (C₀ + Σ)⁻¹Σ(c₀ - μ̄) however many samples there are.
@@ -37,7 +37,7 @@ def gdke(samples: Samples) -> Fit:
     return member(samples, np.zeros(samples.shape[0]), 0.0)
 
 
-def ugdk(samples: Samples) -> Fit:
+def ugdk(samples: Samples) -> Estimates:
     """Unbiased GDK: the known noise is subtracted (η = σ², or the whole Σ).
 
     Where C - Σ̂ is not positive definite the paper's formula still gives a number. It is returned unchanged, with the
@@ -59,7 +59,7 @@ def ugdk(samples: Samples) -> Fit:
     return fit
 
 
-def member(samples: Samples, eta: Floats, radius_weight: float | Floats, kept: Bools | None = None) -> Fit:
+def member(samples: Samples, eta: Floats, radius_weight: float | Floats, kept: Bools | None = None) -> Estimates:
     """The family's fit for a given η.
 
     Args:
@@ -86,7 +86,7 @@ def every(batch: int, dimension: int) -> Bools:
     return kept
 
 
-def subtracting(samples: Samples, noise: Floats) -> Fit:
+def subtracting(samples: Samples, noise: Floats) -> Estimates:
     """The family's fit with a covariance Σ̂ (b, d, d) of each set's own subtracted from C."""
     r, spectrum = samples.regression, samples.spectrum
     b, d = r.mean.shape
@@ -177,7 +177,7 @@ def _residuals(regression: Regression, offset: Floats, excess: Floats, noise: Fl
 
 @compiled
 def _conclude(
-    regression: Regression, spectrum: Spectrum, offset: Floats, radius_term: Floats, kept: Bools, fit: Fit
+    regression: Regression, spectrum: Spectrum, offset: Floats, radius_term: Floats, kept: Bools, fit: Estimates
 ) -> None:
     """Fill in the fits whose centre is o + offset (paper eqs 3, 18, 21), with the statuses that follow from C and ρ.
 
@@ -210,7 +210,9 @@ def _conclude(
 
 
 @compiled
-def _member(regression: Regression, spectrum: Spectrum, eta: Floats, weight: Floats, kept: Bools, fit: Fit) -> None:
+def _member(
+    regression: Regression, spectrum: Spectrum, eta: Floats, weight: Floats, kept: Bools, fit: Estimates
+) -> None:
     """Fill in the family's fits for given η, and ρ = η/λ_min."""
     n, values = regression.numbers[0], spectrum.along[0]
     b, d = values.shape

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from study.estimators.fit import Fit, blank
+from study.estimators.answer.estimates import Estimates, blank
 from study.estimators.kasa import noise_of_residuals
 from study.estimators.samples import Samples
 from study.estimators.status import Status
@@ -21,7 +21,7 @@ from study.sphere.types import Floats, Ints
 _EPS = 2.0**-52
 
 
-def lls(samples: Samples) -> Fit:
+def lls(samples: Samples) -> Estimates:
     """Linear least squares by Householder reflections, with no cut of small singular values.
 
     Source: paper §4.4.

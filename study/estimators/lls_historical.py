@@ -12,14 +12,14 @@ These are for the study of the paper; on data use `lls`.
 
 import numpy as np
 
-from study.estimators.fit import Fit, blank
+from study.estimators.answer.estimates import Estimates, blank
 from study.estimators.kasa import residual_noise
 from study.estimators.samples import Samples
 from study.estimators.status import Status
 from study.sphere.types import Bools, Floats
 
 
-def lls_nr(samples: Samples) -> Fit:
+def lls_nr(samples: Samples) -> Estimates:
     """Centred design, singular values cut below 1e-5 of the largest: where it cuts, the answer lies on the sphere.
 
     Source: paper §4.4; Press et al. 1992, §15.4.
@@ -27,7 +27,7 @@ def lls_nr(samples: Samples) -> Fit:
     return _cut(samples, 1e-5, samples.moments.mean)
 
 
-def lls_nr_raw(samples: Samples) -> Fit:
+def lls_nr_raw(samples: Samples) -> Estimates:
     """Design in the coordinates as they are given, singular values cut below 1e-6 of the largest.
 
     Source: paper §4.4; Press et al. 1992, §2.6.
@@ -35,7 +35,7 @@ def lls_nr_raw(samples: Samples) -> Fit:
     return _cut(samples, 1e-6, np.zeros_like(samples.moments.mean))
 
 
-def lls_single(samples: Samples) -> Fit:
+def lls_single(samples: Samples) -> Estimates:
     """Normal equations of |y|² = β₀ + βᵀy for the centred points y, in single precision throughout.
 
     The points are centred in double precision, so that a distant origin, which normal equations do not forgive
@@ -69,7 +69,7 @@ def lls_single(samples: Samples) -> Fit:
     return _without(fit, ~(finite & regular), finite)
 
 
-def _cut(samples: Samples, tolerance: float, origin: Floats) -> Fit:
+def _cut(samples: Samples, tolerance: float, origin: Floats) -> Estimates:
     """Least-norm solution of the system |x|² = (x, 1) β with the small singular values left out."""
     b, d, n = samples.shape
     fit = blank(b, d)
@@ -89,7 +89,7 @@ def _cut(samples: Samples, tolerance: float, origin: Floats) -> Fit:
     return _without(fit, ~finite, finite)
 
 
-def _without(fit: Fit, lost: Bools, finite: Bools) -> Fit:
+def _without(fit: Estimates, lost: Bools, finite: Bools) -> Estimates:
     """Remove the numbers of lost fits, and give those of points that are not finite their status."""
     fit.status[~finite] = Status.NOT_FINITE
     fit.center[lost], fit.radius[lost], fit.noise_variance[lost] = np.nan, np.nan, np.nan

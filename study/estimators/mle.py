@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from study.estimators.algebraic import root
-from study.estimators.fit import Fit, blank
+from study.estimators.answer.estimates import Estimates, blank
 from study.estimators.kasa import member
 from study.estimators.newton import ON, STATE, Room, Search, advance, begin
 from study.estimators.samples import Samples
@@ -46,7 +46,7 @@ class Start(NamedTuple):
     offset: Floats
 
 
-def mle(samples: Samples) -> Fit:
+def mle(samples: Samples) -> Estimates:
     """Maximum likelihood (geometric least squares) by Newton's method with a bound.
 
     Isotropic noise is assumed whatever ``samples.noise`` is; the noise level does not enter the centre. The noise
@@ -57,7 +57,7 @@ def mle(samples: Samples) -> Fit:
     return _minimum_from(samples, 1.0)
 
 
-def mle_centroid(samples: Samples) -> Fit:
+def mle_centroid(samples: Samples) -> Estimates:
     """`mle` from the centroid of the points, between the two sides.
 
     Source: paper §4.1, which explains MLE's outliers by multiple solutions.
@@ -65,7 +65,7 @@ def mle_centroid(samples: Samples) -> Fit:
     return _minimum_from(samples, 0.0)
 
 
-def mle_mirror(samples: Samples) -> Fit:
+def mle_mirror(samples: Samples) -> Estimates:
     """`mle` from the wrong side of the points: GDKE's answer reflected through their centroid.
 
     Source: paper §4.1, which explains MLE's outliers by multiple solutions.
@@ -73,7 +73,7 @@ def mle_mirror(samples: Samples) -> Fit:
     return _minimum_from(samples, -1.0)
 
 
-def _minimum_from(samples: Samples, share: float) -> Fit:
+def _minimum_from(samples: Samples, share: float) -> Estimates:
     """The minimum of F that Newton's method finds from x̄ + share · (ĉ - x̄).
 
     ĉ is Taubin's answer where the noise is clearly below the points' extent, which saves a pass or two, and GDKE's,
@@ -134,7 +134,7 @@ def _pass(block: SampleBlock, origin: Floats, center: Floats, radius: float, sum
 
 
 @compiled
-def _fit_all(x: PointSets, group: int, start: Start, fit: Fit, zero: Sums, square: Sums) -> None:
+def _fit_all(x: PointSets, group: int, start: Start, fit: Estimates, zero: Sums, square: Sums) -> None:
     """Minimise F for each set of a batch whose status is ok; ``group`` sets share their draws, see `abreast`.
 
     ``zero`` and ``square`` are d and d² sums at zero.

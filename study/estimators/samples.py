@@ -1,5 +1,6 @@
 """Input of every estimator: a batch of point sets, with moments that estimators share computed once."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -8,7 +9,7 @@ import numpy as np
 from study.sphere.layouts import Placed, extent, form
 from study.sphere.moments import Moments
 from study.sphere.regression import Regression, Spectrum
-from study.sphere.types import Floats
+from study.sphere.types import Floats, Ints
 
 
 @dataclass(frozen=True)
@@ -38,13 +39,35 @@ class Samples:
     def only(self, index: int) -> "Samples":
         """One set of the batch."""
         one = slice(index, index + 1)
-        noise = self.noise[one] if isinstance(self.noise, np.ndarray) and self.noise.ndim == 1 else self.noise
+        noise = self._noise_of(one)
         _, d, n = self.shape
         if isinstance(self.source, Placed):
             return Samples(form(self.source, np.empty((1, d, n)), index), noise)
         if n or "regression" not in self.__dict__:
             return Samples(self.source[one], noise)
         return Samples.of_regression(self.regression.only(index), noise)
+
+    def take(self, places: Ints) -> "Samples":
+        """Some sets of the batch, by their places (k,)."""
+        if len(places) == 1:
+            return self.only(int(places[0]))
+        return Samples(self.x[places], self._noise_of(places))
+
+    def _noise_of(self, places: slice | Ints) -> float | Floats | None:
+        """The noise of some sets."""
+        return self.noise[places] if isinstance(self.noise, np.ndarray) and self.noise.ndim == 1 else self.noise
+
+    def by_count(self) -> Iterator[tuple[Ints, "Samples"]]:
+        """Sets with equally many samples that are not missing: their places (k,), and those samples (k, d, count)."""
+        present = np.logical_not(np.isnan(self.x).any(axis=1))
+        count = present.sum(axis=1)
+        for n in np.unique(count):
+            sets = np.flatnonzero(count == n)
+            if n == self.shape[2] and len(sets) == len(count):
+                yield sets, self
+            else:
+                complete = [np.ascontiguousarray(self.x[t][:, present[t]]) for t in sets]
+                yield sets, Samples(np.stack(complete), self._noise_of(sets))
 
     @property
     def shape(self) -> tuple[int, int, int]:

@@ -13,7 +13,7 @@ axis is not observed; a little of the isotropic answer is mixed in for it, and t
 import numpy as np
 
 from study.estimators.algebraic import als
-from study.estimators.fit import Fit
+from study.estimators.answer.estimates import Estimates
 from study.estimators.kasa import subtracting
 from study.estimators.samples import Samples
 from study.estimators.status import Status
@@ -24,7 +24,7 @@ _ROUNDS = 12
 _RIDGE = 1e-4
 
 
-def ugdk_cov(samples: Samples) -> Fit:
+def ugdk_cov(samples: Samples) -> Estimates:
     """UGDK with Σ̂ estimated from the points, which need Gaussian noise of one covariance.
 
     It is worth its cost where the noise is markedly anisotropic and the points are many. With isotropic noise it

@@ -6,8 +6,8 @@ from time import perf_counter
 
 import numpy as np
 
-from study.estimators import ESTIMATORS, Fit, Samples, Status
-from study.estimators.fit import blank
+from study.estimators import ESTIMATORS, Estimates, Samples, Status
+from study.estimators.answer.estimates import blank
 from study.experiment.config import Study
 from study.experiment.designs.cells import Batch, Cell, Unit
 from study.experiment.errors import Columns, Errors, Truth, levels
@@ -121,7 +121,7 @@ def _from_points(
         trials = len(draws.unit_noise)
         clock.read("draw", n, trials)
         bound, truths = draws.unit_bound(), []
-        fits: list[list[Fit]] = []
+        fits: list[list[Estimates]] = []
         clock.read("bound", n, trials)
         for some in _side_by_side(study, cells, trials):
             on = [cells[places[0]].level for places in some]
@@ -170,7 +170,7 @@ def _from_moments(study: Study, unit: Unit, clock: Clock, failures: Failures) ->
         bounds.append(draws.unit_bound())
         clock.read("bound", n, len(draws.unit_noise))
     joint, truths = JointMoments.joined(parts), []
-    fits: list[list[Fit]] = []
+    fits: list[list[Estimates]] = []
     trials, d = len(joint.count), study.dimension
     for places in levels(cells):
         level = cells[places[0]].level

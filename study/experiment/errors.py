@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from study.estimators import Fit
+from study.estimators import Estimates
 from study.experiment.conditions import CONDITIONS, Value
 from study.experiment.config import Study
 from study.experiment.designs.cells import Batch, Cell
@@ -55,7 +55,12 @@ class Errors:
 
     @classmethod
     def of(
-        cls, study: Study, batches: Sequence[Batch], bound: Floats, fits: Sequence[list[Fit]], truths: Sequence[Truth]
+        cls,
+        study: Study,
+        batches: Sequence[Batch],
+        bound: Floats,
+        fits: Sequence[list[Estimates]],
+        truths: Sequence[Truth],
     ) -> "Errors":
         """Compare fits with the truth.
 
@@ -105,7 +110,7 @@ class Errors:
         if len(blocks) == 1:
             return blocks[0]
         of_fits: dict[str, Any] = {
-            name: np.concatenate([getattr(b, name) for b in blocks], axis=2) for name in Fit._fields
+            name: np.concatenate([getattr(b, name) for b in blocks], axis=2) for name in Estimates._fields
         }
         sizes = tuple(size for b in blocks for size in b.blocks)
         return replace(blocks[0], blocks=sizes, bound=np.concatenate([b.bound for b in blocks]), **of_fits)

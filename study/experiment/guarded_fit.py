@@ -4,19 +4,19 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from study.estimators import ESTIMATORS, Fit, Samples, Status
-from study.estimators.fit import blank
+from study.estimators import ESTIMATORS, Estimates, Samples, Status
+from study.estimators.answer.estimates import blank
 from study.experiment.designs.cells import Batch, Cell
 from study.experiment.errors import Columns
 
 _LONGEST_MESSAGE = 500
 
 
-def attempt(name: str, samples: Samples) -> tuple[Fit, dict[int, str]]:
+def attempt(name: str, samples: Samples) -> tuple[Estimates, dict[int, str]]:
     """Call an estimator; a trial on which it raises has the status FAILED.
 
     Returns:
-        The fit, and the messages of exceptions by the number of the trial, from 0.
+        The estimates, and the messages of exceptions by the number of the trial, from 0.
     """
     b, d, _ = samples.shape
     try:
@@ -36,10 +36,10 @@ def attempt(name: str, samples: Samples) -> tuple[Fit, dict[int, str]]:
     return fit, raised
 
 
-def _called(name: str, samples: Samples) -> Fit:
+def _called(name: str, samples: Samples) -> Estimates:
     """Call an estimator; ValueError if it does not answer once for each set of points."""
     fit, (b, d, _) = ESTIMATORS[name](samples), samples.shape
-    for field, expected in zip(Fit._fields, blank(b, d), strict=True):
+    for field, expected in zip(Estimates._fields, blank(b, d), strict=True):
         if getattr(fit, field).shape != expected.shape:
             raise ValueError(f"{field} has shape {getattr(fit, field).shape}, expected {expected.shape}")
     return fit

@@ -18,7 +18,8 @@ from dataclasses import dataclass, field
 import emcee
 import numpy as np
 
-from study.estimators import ESTIMATORS, Samples, Status
+from study.estimators import Samples, Status
+from study.estimators.registry import fit_samples
 from study.experiment.posterior_config import ChainStatus
 from study.experiment.streams import OldStream
 from study.posterior.density import NOISE_RANGE, LogPosterior, Prior
@@ -154,7 +155,7 @@ def _start(samples: Samples, prior: Prior) -> tuple[Floats, Floats] | None:
     given = Samples(samples.x, prior.noise if prior.known else None)
     d, n = samples.x.shape[1:]
     for name in ("mle", "gdke"):
-        fit = ESTIMATORS[name](given).reshape(1, samples=given)
+        fit = fit_samples(given, name)
         center, radius, covariance = fit.center[0], fit.radius[0], fit.covariance[0]
         noise = prior.noise if prior.known else math.sqrt(max(fit.noise_variance[0], 0.0))
         usable = fit.status[0] == Status.OK and np.isfinite(covariance).all()

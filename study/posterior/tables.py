@@ -8,6 +8,7 @@ import pyarrow as pa
 from scipy import stats
 
 from study.estimators import ESTIMATORS, Samples
+from study.estimators.registry import fit_samples
 from study.experiment.config import Study
 from study.experiment.replay import Trial
 from study.posterior.sampler import Chain
@@ -99,7 +100,7 @@ def _answer(trial: Trial, name: str, draws: Floats, known: bool) -> Row:
     d = trial.samples.x.shape[1]
     given = known or ESTIMATORS[name].needs == "noise"
     samples = Samples(trial.samples.x, trial.samples.noise if given else None)
-    fit = ESTIMATORS[name](samples).reshape(1, samples=samples)
+    fit = fit_samples(samples, name)
     answer = np.append(fit.center[0] - np.array(trial.cell.center), fit.radius[0] - trial.cell.radius)
     error = fit.standard_errors[0]
     spare = samples.x.shape[2] - d - 1

@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 import study
-from study import Fit, Status
-from study.estimators.fit import blank
+from study import Estimates, Status
+from study.estimators.answer.estimates import blank
 
 
 @pytest.mark.parametrize("d", [2, 3, 5])
@@ -20,7 +20,7 @@ def test_shapes(rng, on_cap, estimator, lead, d):
     points = on_cap(rng, 20, d=d, noise=0.01, sets=max(int(np.prod(lead)), 1))[0][: int(np.prod(lead))]
     fit = study.fit(points.reshape(*lead, 20, d), estimator, noise=0.01)
     assert fit.center.shape == (*lead, d)
-    for name in study.Fit._fields:
+    for name in Estimates._fields:
         assert getattr(fit, name).shape == ((*lead, d) if name == "center" else lead), name
     assert np.all(fit.status == Status.OK)
     np.testing.assert_allclose(fit.radius, 1.0, atol=0.1)
@@ -35,7 +35,7 @@ def test_batched_equals_looped(rng, on_cap, estimator, n, d):
     together = study.fit(points, estimator, noise=0.01)
     for t in range(6):
         alone = study.fit(points[t], estimator, noise=0.01)
-        for name, one, whole in zip(study.Fit._fields, alone, together, strict=True):
+        for name, one, whole in zip(Estimates._fields, alone.estimates, together.estimates, strict=True):
             np.testing.assert_array_equal(one, whole[t], err_msg=name)
 
 
@@ -120,7 +120,7 @@ def test_extreme_noise(rng, on_cap, estimator, noise):
         study.fit(on_cap(rng, 10)[0], estimator, noise=noise)
 
 
-@pytest.mark.parametrize("name", study.Fit._fields)
+@pytest.mark.parametrize("name", Estimates._fields)
 def test_fit_is_frozen(rng, on_cap, name):
     """An array of a fit cannot be replaced by accident."""
     fit = study.fit(on_cap(rng, 10)[0])
@@ -129,10 +129,10 @@ def test_fit_is_frozen(rng, on_cap, name):
 
 
 def test_blank_fit_has_the_declared_types():
-    """The arrays that an estimator fills in have the types that the fields of `Fit` declare, all NaN or zero."""
-    declared = get_type_hints(Fit.__base__)
-    assert list(declared) == list(Fit._fields)
-    for name, array in zip(Fit._fields, blank(4, 3), strict=True):
+    """The arrays that an estimator fills in have the types that the fields of `Estimates` declare, all NaN or zero."""
+    declared = get_type_hints(Estimates)
+    assert list(declared) == list(Estimates._fields)
+    for name, array in zip(Estimates._fields, blank(4, 3), strict=True):
         assert declared[name] == NDArray[array.dtype.type], name
         assert np.isnan(array).all() if array.dtype == float else not array.any()
 
@@ -141,7 +141,7 @@ def test_fit_survives_pickling(rng, on_cap):
     """A fit that was sent to another process has the same arrays and still holds its points."""
     fit = study.fit(on_cap(rng, 10, noise=0.01)[0])
     again = pickle.loads(pickle.dumps(fit))
-    for one, two in zip(again, fit, strict=True):
+    for one, two in zip(again.estimates, fit.estimates, strict=True):
         np.testing.assert_array_equal(one, two)
     np.testing.assert_array_equal(again.covariance, fit.covariance)
     assert again.count == 10

@@ -6,7 +6,7 @@ import pytest
 import study
 from study import Status
 
-FIELDS = study.Fit._fields
+FIELDS = study.Estimates._fields
 REPORTS = ["count", "residual_rms", "covariance", "standard_errors"]
 HOLES = [0, 1, 0, 7, 7, 30, 33, 36, 37, 40, 12, 0]
 """Number of missing samples, of 40, in each of the sets below; a sphere needs 4."""

@@ -8,8 +8,8 @@ import study
 from study import Status
 from study.analysis import estimator_list
 from study.analysis.fitting import PointFileError, choose
-from study.estimators import Estimator, Fit, Samples, fit
-from study.estimators.fit import blank
+from study.estimators import Estimates, Estimator, Samples, fit
+from study.estimators.answer.estimates import blank
 from study.experiment.config import ConfigError, parse
 from study.runs import runner
 
@@ -27,7 +27,7 @@ radius = 2.0
 """
 
 
-def coope(samples: Samples) -> Fit:
+def coope(samples: Samples) -> Estimates:
     """Coope's fit: |x|² = 2c·x + k in least squares, once for each set."""
     result = blank(samples.shape[0], samples.shape[1])
     for t, x in enumerate(samples.points):

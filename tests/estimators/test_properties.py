@@ -136,7 +136,7 @@ def test_batched_equals_looped(sound, estimator, case):
     together = study.fit(batch, estimator, 0.01)
     for t in range(3):
         alone = study.fit(batch[t], estimator, 0.01)
-        for name, one, whole in zip(study.Fit._fields, alone, together, strict=True):
+        for name, one, whole in zip(study.Estimates._fields, alone.estimates, together.estimates, strict=True):
             np.testing.assert_array_equal(one, whole[t], err_msg=name)
 
 

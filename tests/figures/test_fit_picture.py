@@ -5,7 +5,7 @@ import pytest
 from matplotlib.patches import Circle, Ellipse
 
 import study
-from study.estimators import Status
+from study.estimators import Fit, Status
 from study.figures import style
 from study.figures.fit_plot import draw, prepare
 
@@ -24,7 +24,8 @@ def frame_of(points, *estimators, **changes):
     """The frame of some estimators' answers, the first one's changed."""
     fits = {name: study.fit(points, name) for name in estimators}
     if changes:
-        fits[estimators[0]] = fits[estimators[0]]._replace(**changes)
+        first = fits[estimators[0]]
+        fits[estimators[0]] = Fit(first.estimates._replace(**changes), first.samples)
     return prepare(points, fits, NAMES[: points.shape[1]]), fits
 
 

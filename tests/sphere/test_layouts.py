@@ -5,7 +5,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from study.estimators import ESTIMATORS, Fit, Samples
+from study.estimators import ESTIMATORS, Estimates, Samples
 from study.sphere.layouts import BLOCK, Placed, abreast, extent, form
 from study.sphere.moments import Moments
 
@@ -57,7 +57,7 @@ def test_sums_do_not_depend_on_where_points_are(place, d, n):
             np.testing.assert_array_equal(one, two)
         for estimator in ("mle", "mle_mirror", "lls", "ugdk"):
             fits = [ESTIMATORS[estimator](Samples(x, noise)) for x in (placed, other)]
-            for name, one, two in zip(Fit._fields, *fits, strict=True):
+            for name, one, two in zip(Estimates._fields, *fits, strict=True):
                 np.testing.assert_array_equal(one, two, err_msg=name)
 
 

@@ -1,0 +1,303 @@
+"""The answer of `study.fit`: spheres, their standard errors, and the distances of the points from them."""
+
+from collections.abc import Callable, Iterator
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from scipy.special import chdtri, fdtri
+
+from study.estimators.answer.covariance import plug_in_bound, unless_missing
+from study.estimators.answer.estimates import Estimates
+from study.estimators.answer.table import as_html, as_text, frame
+from study.estimators.samples import Samples
+from study.estimators.status import Status
+from study.sphere.linalg import eigenbasis
+from study.sphere.types import Bools, Floats, Ints
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+
+class Fit:
+    """Spheres that an estimator fitted, to one point set or to a batch of them with leading axes `…`.
+
+    Look at ``ok`` first: an estimator never raises on data, and a number beside a status other than ok may be of no
+    use. Standard errors and residuals are computed from the points on first use. A fit of a batch has a length, can be
+    indexed (``fit[3]``, ``fit[fit.ok]``) and iterated, along its leading axes.
+
+    Args:
+        estimates: the estimator's numbers, with the leading axes.
+        samples: the points that were fitted, flat (b, d, n); None if they are not known, which leaves no errors.
+        estimator: name of the estimator.
+        covariance_of: covariance of (ĉ, r̂) by the estimator's own rule, from samples without missing ones; None for
+            the Cramér-Rao bound with the estimates plugged in.
+    """
+
+    def __init__(
+        self,
+        estimates: Estimates,
+        samples: Samples | None = None,
+        estimator: str = "",
+        covariance_of: Callable[[Samples, Estimates], Floats] | None = None,
+    ) -> None:
+        self._estimates = estimates
+        self._samples = samples
+        self._estimator = estimator
+        self._covariance_of = covariance_of
+
+    @property
+    def estimates(self) -> Estimates:
+        """The estimator's numbers as a named tuple, with the leading axes."""
+        return self._estimates
+
+    @property
+    def samples(self) -> Samples | None:
+        """The points that were fitted, flat (b, d, n); None if the fit does not hold them."""
+        return self._samples
+
+    @property
+    def estimator(self) -> str:
+        """Name of the estimator."""
+        return self._estimator
+
+    @property
+    def center(self) -> Floats:
+        """Centre ĉ (…, d), in the unit of the points."""
+        return self._estimates.center
+
+    @property
+    def radius(self) -> Floats:
+        """Radius r̂ (…), in the unit of the points. NaN where no radius is real, which the status then says."""
+        return self._estimates.radius
+
+    @property
+    def diameter(self) -> Floats:
+        """Diameter 2r̂ (…), in the unit of the points."""
+        return np.asarray(2.0 * self.radius)
+
+    @property
+    def noise_variance(self) -> Floats:
+        """Variance σ² of one coordinate (…), unit squared.
+
+        As given to an estimator that uses it (the mean over coordinates, for a covariance), else estimated from the
+        residuals. NaN at n = d + 1, which leaves none.
+        """
+        return self._estimates.noise_variance
+
+    @property
+    def sigma(self) -> Floats:
+        """Standard deviation σ of one coordinate (…), in the unit of the points: the root of `noise_variance`."""
+        with np.errstate(invalid="ignore"):
+            return np.asarray(np.sqrt(self.noise_variance))
+
+    @property
+    def condition(self) -> Floats:
+        """The paper's Leontief condition ρ (…), the spectral radius of Σ̂C⁻¹, which must be below 1.
+
+        NaN for an estimator that subtracts no noise.
+        """
+        return self._estimates.condition
+
+    @property
+    def status(self) -> Ints:
+        """Number of the `Status` of each fit (…): ``Status(int(fit.status)).text`` for one."""
+        return self._estimates.status
+
+    @property
+    def ok(self) -> Bools:
+        """True for each fit (…) whose status is ok."""
+        return np.asarray(self.status == Status.OK)
+
+    @property
+    def iterations(self) -> Ints:
+        """Steps taken (…); 0 for a closed form."""
+        return self._estimates.iterations
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """The leading axes; () for a single fit."""
+        return self.radius.shape
+
+    def __len__(self) -> int:
+        if not self.shape:
+            raise TypeError("a single fit has no length; only a fit of a batch (…, n, d) has")
+        return self.shape[0]
+
+    def __bool__(self) -> bool:
+        raise TypeError("a fit is neither true nor false: look at fit.ok")
+
+    def __getitem__(self, index: Any) -> Self:
+        """Fits of a part of the batch, by any index of an array with the leading axes."""
+        if not self.shape:
+            raise TypeError("a single fit cannot be indexed; its arrays are fit.center, fit.radius, fit.status, …")
+        places = np.arange(self.radius.size).reshape(self.shape)[index]
+        flat = self._estimates.reshape(-1)
+        part = Estimates._make([np.asarray(array[places]) for array in flat])
+        samples = None if self._samples is None else self._samples.take(np.atleast_1d(places).ravel())
+        return type(self)(part, samples, self._estimator, self._covariance_of)
+
+    def __iter__(self) -> Iterator[Self]:
+        return (self[i] for i in range(len(self)))
+
+    def __repr__(self) -> str:
+        return as_text(self)
+
+    def _repr_html_(self) -> str:
+        return as_html(self)
+
+    def to_frame(self) -> "pd.DataFrame":
+        """A row per fit.
+
+        Returns:
+            Columns: each coordinate of the centre (center_1) and its standard error (error_1), radius and
+            radius_error, noise (σ̂), residual_rms, condition (ρ), iterations, samples used, status in words. The index
+            has a level for each leading axis.
+        """
+        return frame(self)
+
+    def plot(self) -> "Figure":
+        """Draw the points and the circle or sphere of a single fit in two or three dimensions.
+
+        Raises:
+            ValueError: if there is more than one fit, or another number of dimensions.
+        """
+        from study.estimators.answer.plot import draw
+
+        return draw(self)
+
+    @cached_property
+    def count(self) -> Ints:
+        """Number of samples used (…): points with a NaN are missing and left out."""
+        _, _, present = self._distances
+        return np.asarray(present.sum(axis=1).reshape(self.shape))
+
+    @cached_property
+    def residuals(self) -> Floats:
+        """Signed distance of each point from the sphere (…, n), in the unit of the points.
+
+        It is |x - ĉ| - r̂, positive outside; NaN where a sample is missing.
+        """
+        distance, _, present = self._distances
+        with np.errstate(all="ignore"):
+            signed = np.where(present, distance - self.radius.reshape(-1, 1), np.nan)
+        return signed.reshape(*self.shape, signed.shape[1])
+
+    @cached_property
+    def residual_rms(self) -> Floats:
+        """Root mean square distance of the points from the sphere (…), in the unit of the points."""
+        distance, _, present = self._distances
+        with np.errstate(all="ignore"):
+            square = np.where(present, (distance - self.radius.reshape(-1, 1)) ** 2, 0.0).sum(axis=1)
+            return np.asarray(np.sqrt(square / present.sum(axis=1)).reshape(self.shape))
+
+    @property
+    def form_error(self) -> Floats:
+        """Largest minus smallest residual (…), in the unit of the points: the form error with respect to this sphere.
+
+        The minimum-zone sphere has the least form error of all; a least-squares one has a slightly larger.
+        """
+        return self._over_present(np.max, -np.inf) - self._over_present(np.min, np.inf)
+
+    @property
+    def largest_deviation(self) -> Floats:
+        """Largest distance of a point from the sphere (…), in the unit of the points."""
+        return np.asarray(np.maximum(self._over_present(np.max, -np.inf), -self._over_present(np.min, np.inf)))
+
+    def _over_present(self, reduce: Callable[..., Any], empty: float) -> Floats:
+        """An extreme of the residuals that are not missing (…); NaN where there is none."""
+        _, _, present = self._distances
+        flat = self.residuals.reshape(present.shape)
+        found = reduce(np.where(present, flat, empty), axis=1, initial=empty)
+        return np.asarray(np.where(present.any(axis=1), found, np.nan).reshape(self.shape))
+
+    @cached_property
+    def covariance(self) -> Floats:
+        """Covariance of (ĉ, r̂) (…, d+1, d+1), unit squared.
+
+        It is the estimator's own where it has one (`Estimator.covariance`), else the Cramér-Rao bound with the
+        estimates plugged in: the noise as given or estimated, and the directions of the points from ĉ. The bound
+        includes neither an estimator's bias (`gdke`, `lls`) nor the excess of one that does not attain it. NaN or
+        infinite where it cannot be formed.
+        """
+        d = self.center.shape[-1]
+        if self._covariance_of is not None:
+            if self._samples is None:
+                raise ValueError(_WITHOUT_POINTS)
+            found = unless_missing(self._covariance_of, self._samples, self._estimates.reshape(-1))
+        else:
+            _, directions, present = self._distances
+            found = plug_in_bound(directions, present, self._given_noise, self.noise_variance.reshape(-1))
+        return found.reshape(*self.shape, d + 1, d + 1)
+
+    @property
+    def standard_errors(self) -> Floats:
+        """Standard errors of ĉ's components and of r̂ (…, d+1), in the unit of the points; see `covariance`."""
+        with np.errstate(all="ignore"):
+            return np.asarray(np.sqrt(np.einsum("...ii->...i", self.covariance)))
+
+    def expanded_uncertainty(self, k: float = 2.0) -> Floats:
+        """Expanded uncertainty of ĉ's components and of r̂ (…, d+1), in the unit of the points.
+
+        Args:
+            k: coverage factor, by which the standard errors are multiplied; 2 stands for about 95 %.
+
+        Raises:
+            ValueError: if the factor is not positive.
+
+        Source: JCGM 100:2008 (GUM), §6.2.
+        """
+        if not 0.0 < k < np.inf:
+            raise ValueError(f"k = {k!r}: a coverage factor must be positive and finite, such as 2")
+        return k * self.standard_errors
+
+    @property
+    def correlation(self) -> Floats:
+        """Correlation of (ĉ, r̂) (…, d+1, d+1); NaN where the covariance is not finite."""
+        with np.errstate(all="ignore"):
+            errors = self.standard_errors
+            return np.asarray(self.covariance / errors[..., :, None] / errors[..., None, :])
+
+    def ellipsoid(self, level: float = 0.95) -> Floats:
+        """Joint confidence ellipsoid of the centre.
+
+        Args:
+            level: nominal coverage, in (0, 1).
+
+        Returns:
+            Semi-axes as columns (…, d, d), in the unit of the points. Their length comes from the χ² distribution
+            where the noise was given, and from F with n - d - 1 degrees of freedom where it was estimated.
+
+        Raises:
+            ValueError: if the level is not in (0, 1), or if the fit does not hold its points, because it is not from
+                `study.fit`.
+        """
+        if not 0.0 < level < 1.0:
+            raise ValueError(f"level = {level!r}: a coverage must lie between 0 and 1, such as 0.95")
+        d = self.center.shape[-1]
+        spare = np.maximum(self.count - d - 1, 1).reshape(-1)
+        known = self._given_noise is not None
+        scale = np.full(len(spare), chdtri(d, 1.0 - level)) if known else d * fdtri(d, spare, level)
+        values, vectors = eigenbasis(self.covariance[..., :d, :d].reshape(-1, d, d))
+        with np.errstate(all="ignore"):  # NaN where the covariance is not finite
+            lengths = np.sqrt(np.maximum(values, 0.0) * scale[:, None])
+            return np.asarray((vectors * lengths[:, None, :]).reshape(*self.center.shape, d))
+
+    @property
+    def _given_noise(self) -> float | Floats | None:
+        return None if self._samples is None else self._samples.noise
+
+    @cached_property
+    def _distances(self) -> tuple[Floats, Floats, Bools]:
+        """Distances from ĉ (b, n), directions from ĉ (b, d, n), and False for missing samples (b, n)."""
+        if self._samples is None:
+            raise ValueError(_WITHOUT_POINTS)
+        x = self._samples.x
+        with np.errstate(all="ignore"):
+            away = x - self.center.reshape(len(x), x.shape[1], 1)
+            distance = np.sqrt(np.einsum("bdn,bdn->bn", away, away))
+            return distance, away / distance[:, None], np.logical_not(np.isnan(x).any(axis=1))
+
+
+_WITHOUT_POINTS = "this fit does not hold its points: use study.fit, which stores them in the fit"

@@ -1,0 +1,123 @@
+"""Fits in words and tables: a line for a terminal, a table for a notebook, a data frame."""
+
+import html
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any, Protocol, Self
+
+import numpy as np
+
+from study.estimators.answer.estimates import Estimates
+from study.estimators.samples import Samples
+from study.estimators.status import Status, explain
+from study.sphere.types import Floats, Ints
+from study.text.numbers import number, with_error
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_MOST_ROWS = 10
+
+
+class ShownFits(Protocol):
+    """The part of a `Fit` that is shown."""
+
+    @property
+    def estimates(self) -> Estimates: ...
+    @property
+    def samples(self) -> Samples | None: ...
+    @property
+    def estimator(self) -> str: ...
+    @property
+    def shape(self) -> tuple[int, ...]: ...
+    @property
+    def sigma(self) -> Floats: ...
+    @property
+    def count(self) -> Ints: ...
+    @property
+    def residuals(self) -> Floats: ...
+    @property
+    def residual_rms(self) -> Floats: ...
+    @property
+    def standard_errors(self) -> Floats: ...
+    def __getitem__(self, index: Any) -> Self: ...
+
+
+def frame(fit: ShownFits) -> "pd.DataFrame":
+    """A row per fit; see `Fit.to_frame`."""
+    import pandas as pd
+
+    d = fit.estimates.center.shape[-1]
+    errors, known = _errors(fit)
+    flat = fit.estimates.reshape(-1)
+    columns: dict[str, object] = {}
+    for i in range(d):
+        columns[f"center_{i + 1}"], columns[f"error_{i + 1}"] = flat.center[:, i], errors[:, i]
+    columns |= {"radius": flat.radius, "radius_error": errors[:, d], "noise": fit.sigma.ravel()}
+    columns["residual_rms"] = fit.residual_rms.ravel() if known else np.nan
+    columns |= {"condition": flat.condition, "iterations": flat.iterations}
+    if known:
+        columns["samples"] = fit.count.ravel()
+    columns["status"] = [explain(int(status)) for status in flat.status]
+    table = pd.DataFrame(columns)
+    if len(fit.shape) > 1:
+        table.index = pd.MultiIndex.from_product([range(length) for length in fit.shape])
+    return table
+
+
+def as_text(fit: ShownFits) -> str:
+    """One line: the numbers of a single fit with their standard errors, the statuses of a batch."""
+    name, sphere = f"{fit.estimator}: " if fit.estimator else "", fit.estimates
+    if fit.shape:
+        return f"Fit({name}{sphere.radius.size:,} fits of shape {fit.shape}, {statuses(sphere.status)})"
+    errors, known = _errors(fit)
+    *center, radius = [_measured(*pair, known) for pair in zip([*sphere.center, sphere.radius], errors[0], strict=True)]
+    count = f", {int(fit.count):,} points" if known else ""
+    sigma = f"sigma {number(float(fit.sigma))}{count}, {statuses(sphere.status)}"
+    return f"Fit({name}center ({', '.join(center)}), radius {radius}, {sigma})"
+
+
+def as_html(fit: ShownFits) -> str:
+    """A table of the first fits, for a notebook."""
+    size = fit.estimates.radius.size
+    part = fit if size <= _MOST_ROWS else fit[np.unravel_index(np.arange(_MOST_ROWS), fit.shape)]
+    titles = [f"center {i + 1}" for i in range(fit.estimates.center.shape[-1])]
+    titles = [*["index"] * bool(fit.shape), *titles, "radius", "sigma", "status"]
+    lines = ["<table><thead><tr>", *[f"<th>{title}</th>" for title in titles], "</tr></thead><tbody>"]
+    for place, row in zip(np.ndindex(fit.shape), _rows(part), strict=False):
+        index = [", ".join(map(str, place))] * bool(fit.shape)
+        lines += ["<tr>", *[f"<td>{html.escape(cell)}</td>" for cell in [*index, *row]], "</tr>"]
+    more = f"; the first {_MOST_ROWS} are shown" if size > _MOST_ROWS else ""
+    caption = f"{fit.estimator}: {statuses(fit.estimates.status)}{more}. ± is one standard error."
+    return "".join([*lines, f"</tbody></table><p>{html.escape(caption)}</p>"])
+
+
+def statuses(status: Ints) -> str:
+    """The statuses of fits in a few words: "ok" for one, "198 ok, 2 singular" for several."""
+    found, counts = np.unique(status, return_counts=True)
+    words = [Status(int(each)).name.lower().replace("_", " ") for each in found]
+    if np.ndim(status) == 0:
+        return words[0]
+    return ", ".join(f"{count:,} {word}" for word, count in zip(words, counts, strict=True)) or "none"
+
+
+def _rows(fit: ShownFits) -> Iterator[list[str]]:
+    """Centre, radius, σ̂ and status of each fit, as texts."""
+    errors, known = _errors(fit)
+    flat = fit.estimates.reshape(-1)
+    for center, radius, sigma, status, error in zip(
+        flat.center, flat.radius, fit.sigma.ravel(), flat.status, errors, strict=True
+    ):
+        measured = [_measured(*pair, known) for pair in zip([*center, radius], error, strict=True)]
+        yield [*measured, number(float(sigma)), statuses(status)]
+
+
+def _measured(value: float, error: float, known: bool) -> str:
+    return with_error(float(value), float(error)) if known else number(float(value), ".6g")
+
+
+def _errors(fit: ShownFits) -> tuple[Floats, bool]:
+    """Standard errors (b, d+1), and False if the fit does not hold the points that they need."""
+    d = fit.estimates.center.shape[-1]
+    if fit.samples is None:
+        return np.full((fit.estimates.radius.size, d + 1), np.nan), False
+    return fit.standard_errors.reshape(-1, d + 1), True
