@@ -1,4 +1,4 @@
-"""Intervals of radius and centre: their ends against SciPy's root finder, their coverage, and the points they must bear."""
+"""Intervals of radius and centre: ends against SciPy's root finder, coverage, and the points that they must bear."""
 
 import numpy as np
 import pytest
@@ -232,3 +232,12 @@ def test_identified_needs_two_ends_and_little_noise():
     radius = np.array([[1.0, 2.0], [0.0, 2.0], [1.0, np.inf], [1.0, 2.0], [1.0, 2.0]])
     share = np.array([0.1, 0.1, 0.1, 0.4, np.nan])
     assert Intervals(radius, np.zeros((5, 3, 2)), share).identified.tolist() == [True, False, False, False, False]
+
+
+@pytest.mark.parametrize("power", [-100, 60])
+def test_points_of_any_size(power):
+    """Points of very small or large size have the interval of their shape."""
+    x = caps(14, (2, 30), 60.0, 0.05)
+    whole, found = of(x), of(x * 10.0**power)
+    np.testing.assert_allclose(found.radius, whole.radius * 10.0**power, rtol=1e-6)
+    np.testing.assert_allclose(found.noise_share, whole.noise_share, rtol=1e-6)

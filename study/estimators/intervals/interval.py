@@ -7,6 +7,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from study.estimators.algebraic import als
+from study.estimators.careful_fit import FARTHEST, binary_size, is_ordinary, scaled
 from study.estimators.intervals.center import center_ends
 from study.estimators.intervals.invert import STATE, State, invert
 from study.estimators.intervals.profile import Cloud, Room, Sphere
@@ -44,8 +45,8 @@ class Intervals(NamedTuple):
 def intervals(samples: Samples, level: float = 0.95) -> Intervals:
     """Confidence intervals of radius and centre, each of the given level, whatever the estimator.
 
-    The score of a hypothetical radius, with centre and noise profiled out, is inverted in signed curvature. It is free of
-    the noise's bias for every law of directions, so that intervals cover on small caps and under large noise, where
+    The score of a hypothetical radius, with centre and noise profiled out, is inverted in signed curvature. It is free
+    of the noise's bias for every law of directions, so that intervals cover on small caps and under large noise, where
     an estimate ± a standard error does not. They are asymmetric, and open where the points cannot tell the end.
 
     Args:
@@ -60,26 +61,29 @@ def intervals(samples: Samples, level: float = 0.95) -> Intervals:
     """
     if not 0.0 < level < 1.0:
         raise ValueError(f"level = {level}: a confidence level lies between 0 and 1, for example 0.95")
-    x = samples.x
-    b, d, _ = x.shape
+    b, d, _ = samples.shape
     result = Intervals(np.empty((b, 2)), np.empty((b, d, 2)), np.full(b, np.nan))
     result.radius[:] = 0.0, np.inf
     result.center[:] = -np.inf, np.inf
-    missing = np.isnan(x).any(axis=1)
-    if not missing.any():
-        _compute(Samples(samples.rows if isinstance(samples.rows, np.ndarray) else x), level, result)
+    if is_ordinary(samples.moments.fourth):
+        _compute(samples, level, result)
         return result
-    count = np.logical_not(missing).sum(axis=1)
-    for n in np.unique(count[count > d + 1]):
-        sets = np.flatnonzero(count == n)
-        part = intervals(Samples(np.stack([x[t][:, ~missing[t]] for t in sets])), level)
-        for whole, some in zip(result, part, strict=True):
-            whole[sets] = some
+    for sets, present in samples.by_count():
+        if present.shape[2] <= d + 1:
+            continue
+        powers = binary_size(present.x)
+        for power in np.unique(powers[np.abs(powers) <= FARTHEST]):  # a unit of their own size
+            some = np.flatnonzero(powers == power)
+            part = Intervals(*(array[sets[some]] for array in result))
+            _compute(scaled(present.take(some), -int(power)), level, part)
+            result.radius[sets[some]] = np.ldexp(part.radius, power)
+            result.center[sets[some]] = np.ldexp(part.center, power)
+            result.noise_share[sets[some]] = part.noise_share
     return result
 
 
 def _compute(samples: Samples, level: float, result: Intervals) -> None:
-    """Fill in the intervals of sets without missing samples."""
+    """Fill in the intervals of sets without missing samples, of ordinary size."""
     _, d, n = samples.shape
     if n <= d + 1:
         return

@@ -1,6 +1,7 @@
 """Centre and noise variance profiled out: their estimates for a hypothetical radius r₀.
 
-With R = |x - c|, e = (x - c)/R, and ρ = E R, λ = r₀/E e·u, V = Var R at (r₀, s) (`study.sphere.radial`), the d + 1 equations
+With R = |x - c|, e = (x - c)/R, and ρ = E R, λ = r₀/E e·u, V = Var R at (r₀, s) (`study.sphere.radial`), the d + 1
+equations
 
     Σ (R - λ) e = 0,        Σ (R - ρ)²/(N - d) = V                                                (theory 10.1)
 

@@ -24,7 +24,7 @@ _NOISY = 0.2
 
 
 class Score(NamedTuple):
-    """The score at one radius: T, dT/dr₀ where T = 0, and the largest standard error of the centre's coordinates in any direction."""
+    """The score at one radius: T, dT/dr₀ where T = 0, and the centre's largest standard error in any direction."""
 
     value: float
     slope: float
@@ -94,7 +94,7 @@ def _weigh(cloud: Cloud, sphere: Sphere, pull: Floats, excess: float, sums: Floa
 
 @compiled
 def _multiply(cloud: Cloud, sphere: Sphere, pull: Floats, means: RadialMeans, alpha: float, products: Floats) -> None:
-    """Sums of squares and products of ψ and p = (R - λ)e - α[(R - ρ)² - V]ē', with ē' in ``products[:d]``; g is next."""
+    """Sums of squares and products of ψ and p = (R - λ)e - α[(R - ρ)² - V]ē', given ē' and g in ``products``."""
     rows, n, zero, _ = cloud
     d = len(zero)
     r, twice = sphere.numbers[0], 2.0 * sphere.numbers[1]

@@ -1,7 +1,7 @@
 """Curvatures at which the score was evaluated, with the spheres found there, and the evaluation itself.
 
-A curvature is k = ±1/r₀: positive where the centre lies on the side of the first estimate, negative on the other. T sign k
-is nearly linear in k, through the plane at k = 0, while it is far from linear in r₀.
+A curvature is k = ±1/r₀: positive where the centre lies on the side of the first estimate, negative on the other.
+T sign k is nearly linear in k, through the plane at k = 0, while it is far from linear in r₀.
 """
 
 import math
@@ -77,7 +77,7 @@ def _predict(task: Task, trail: Trail, count: int, k: float) -> None:
     length = max(math.sqrt(length), _TINY)
     ratio = r / before if numbers[near, K] * k > 0.0 else 0.0
     for i in range(d):
-        if 1.0 < ratio * _LINEAR and ratio < _LINEAR:
+        if 1.0 / _LINEAR < ratio < _LINEAR:
             center[i] = vectors[near, 0, i] + bend[i] * (before - r)
         elif ratio > 0.0:
             center[i] = vectors[near, 0, i] + bend[i] / max(length, 1.0) * (before - r)
