@@ -172,7 +172,7 @@ def test_guard(rng, on_cap, angle, noise):
     assert 10 < weak.sum() < 990
     als, guarded, taubin = (study.fit(points, name) for name in ("als", "als_guarded", "taubin"))
     for fit in (als, guarded):
-        np.testing.assert_array_equal(fit.status, np.where(weak, Status.INSIGNIFICANT, Status.OK))
+        np.testing.assert_array_equal(fit.own_status, np.where(weak, Status.INSIGNIFICANT, Status.OK))
     for field in ("center", "radius", "noise_variance"):
         got, one, other = (getattr(fit, field) for fit in (guarded, als, taubin))
         np.testing.assert_array_equal(got[~weak], one[~weak])

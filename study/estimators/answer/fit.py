@@ -107,16 +107,14 @@ class Fit:
         """Number of the `Status` that the estimator itself gives each fit (…); error tables of studies hold it."""
         return self._estimates.status
 
-    @cached_property
+    @property
     def status(self) -> Ints:
         """Number of the `Status` of each fit (…): ``Status(int(fit.status)).text`` for one.
 
         It is the estimator's own where it failed. Else one rule holds for every estimator: a fit is weakly identified
         unless its points bound the radius by a 95 % interval and the noise is below 0.35 radii (theory 10.5).
         """
-        if self._samples is None:
-            return self.own_status
-        return settled_status(self._estimates, self._intervals(0.95)).reshape(self.shape)
+        return self.own_status if self._samples is None else self._settled
 
     def interval(self, of: Literal["radius", "center"], level: float = 0.95) -> Floats:
         """Confidence interval of the radius, or one of each coordinate of the centre.
@@ -141,6 +139,11 @@ class Fit:
             raise ValueError(f"of = {of!r}: an interval is that of the 'radius' or of the 'center'")
         ends = self._intervals(level)
         return ends.radius.reshape(*self.shape, 2) if of == "radius" else ends.center.reshape(*self.center.shape, 2)
+
+    @cached_property
+    def _settled(self) -> Ints:
+        """The status by the rule, of a fit that holds its points."""
+        return settled_status(self._estimates, self._intervals(0.95)).reshape(self.shape)
 
     def _intervals(self, level: float) -> Intervals:
         """Intervals of the flat batch, computed once for each level."""
