@@ -12,6 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from study.analysis.commands import cost, diff, estimators, status, summary, worst
+from study.coverage.commands import coverage
 from study.mocap.commands.case_study import case_study
 from study.mocap.commands.fetch import fetch
 from study.mocap.commands.joints import joints
@@ -264,7 +265,7 @@ def replay(folder: Folder, cell: Cell, trial: Trial = None, out: PointsOut = Non
         save_picture(draw(prepare(frame.to_numpy(), fits(run.study, drawn), axes)), plot)
 
 
-_OF_RUNS: tuple[Callable[..., None], ...] = (status, summary, diff, worst, estimators, cost, worker)
+_OF_RUNS: tuple[Callable[..., None], ...] = (status, summary, diff, worst, estimators, cost, coverage, worker)
 _OF_RECORDINGS: tuple[Callable[..., None], ...] = (
     recording,
     joints,

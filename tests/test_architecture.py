@@ -23,6 +23,7 @@ ROOMS = [
     "posterior",
     "analysis",
     "figures",
+    "coverage",
     "mocap",
     "report",
     "cli",
