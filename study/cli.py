@@ -13,6 +13,7 @@ from typing import Annotated, Any
 import typer
 
 from study.analysis.commands import check, cost, diff, estimators, regret, status, summary, verify, worst
+from study.coverage.commands import coverage
 from study.mocap.commands.case_study import case_study
 from study.mocap.commands.fetch import fetch
 from study.mocap.commands.joints import joints
@@ -303,7 +304,7 @@ _OF_RECORDINGS: tuple[Callable[..., None], ...] = (
     fetch,
     markersets,
 )
-_FURTHER: tuple[Callable[..., None], ...] = (check, cost, worker)
+_FURTHER: tuple[Callable[..., None], ...] = (check, cost, coverage, worker)
 for _command in _OF_RUNS + _FURTHER + _OF_RECORDINGS:
     app.command()(_command)
 _ALONE: set[Callable[..., None]] = {configs, *_FURTHER, *_OF_RECORDINGS}

@@ -23,6 +23,7 @@ ROOMS = [
     "posterior",
     "analysis",
     "figures",
+    "coverage",
     "mocap",
     "report",
     "cli",
@@ -30,7 +31,7 @@ ROOMS = [
 SUB_ROOMS = {
     "runs": ["storage", "workers", "adaptive"],
     "mocap": ["geometry", "io", "markersets", "joints", "skeleton", "view", "synthetic", "case_study", "commands"],
-    "estimators": ["geometric", "answer", "own"],
+    "estimators": ["geometric", "intervals", "answer", "own"],
     "analysis": ["claims", "verification", "points"],
     "experiment": ["noise", "designs"],
 }

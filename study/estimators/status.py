@@ -33,6 +33,10 @@ class Status(Worded):
     INSIGNIFICANT = 7, "along some direction the points' extent is within the noise: the centre is unreliable"
     HINGE = 8, "the points lie on an arc or in a plane, within the noise: the centre was taken in their plane"
     FAILED = 9, "the estimator raised an exception, or the worker that ran it died"
+    WEAKLY_IDENTIFIED = (
+        10,
+        "weakly identified: the points do not bound the radius, or the noise is over a third of it",
+    )
 
 
 def explain(status: int) -> str:

@@ -105,7 +105,7 @@ def _answer(trial: Trial, name: str, draws: Floats, known: bool) -> Row:
     error = fit.standard_errors[0]
     spare = samples.x.shape[2] - d - 1
     law = stats.norm() if given else stats.t(spare) if spare > 0 else None
-    row: Row = {"estimator": name, "status": int(fit.status[0]), "distance": math.nan, "level": math.nan}
+    row: Row = {"estimator": name, "status": int(fit.own_status[0]), "distance": math.nan, "level": math.nan}
     mean, sd = np.full(d + 1, math.nan), np.full(d + 1, math.nan)
     if len(draws):
         mean, sd = draws[:, : d + 1].mean(axis=0), draws[:, : d + 1].std(axis=0)

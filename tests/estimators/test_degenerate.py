@@ -33,7 +33,7 @@ def assert_plane(fit, estimator, names):
 
 def assert_others(fit, clean, bad):
     """Assert that all but the bad sets have the answers of the clean batch."""
-    for name in ("center", "radius", "noise_variance", "status"):
+    for name in ("center", "radius", "noise_variance", "own_status"):
         one, two = (np.delete(getattr(f, name), bad, axis=0) for f in (fit, clean))
         np.testing.assert_allclose(one, two, rtol=0, atol=1e-12, err_msg=name)
 
@@ -67,7 +67,7 @@ def test_missing_samples(rng, on_cap, estimator, n):
         rest = study.fit(points[t][~np.isnan(points[t]).any(axis=1)], estimator, noise=0.01)
         np.testing.assert_allclose(fit.center[t], rest.center, rtol=0, atol=1e-12)
         assert fit.radius[t] == pytest.approx(float(rest.radius), abs=1e-12)
-        assert fit.status[t] == rest.status
+        assert fit.own_status[t] == rest.own_status
     assert_others(fit, clean, [1, 4])
 
 
@@ -145,7 +145,7 @@ def test_lost_sets_have_no_noise_and_no_condition(rng, random_rotation, careful)
         points[t] = rng.standard_normal((9, 3)) * [1, 1, 0] @ random_rotation(rng, 3)
     points[1, 4, 1] = np.inf
     fit = study.fit(points, careful, noise=0.01)
-    lost = np.isin(fit.status, [Status.SINGULAR, Status.NOT_FINITE])
+    lost = np.isin(fit.own_status, [Status.SINGULAR, Status.NOT_FINITE])
     assert np.all(lost) or careful == "hinge"
     assert careful == "ugdk" or np.isnan(fit.noise_variance[lost]).all()
     assert not np.any(fit.condition[lost] < 1.0)

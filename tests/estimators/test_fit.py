@@ -21,8 +21,8 @@ def test_shapes(rng, on_cap, estimator, lead, d):
     fit = study.fit(points.reshape(*lead, 20, d), estimator, noise=0.01)
     assert fit.center.shape == (*lead, d)
     for name in Estimates._fields:
-        assert getattr(fit, name).shape == ((*lead, d) if name == "center" else lead), name
-    assert np.all(fit.status == Status.OK)
+        assert getattr(fit.estimates, name).shape == ((*lead, d) if name == "center" else lead), name
+    assert np.all(fit.own_status == Status.OK)
     np.testing.assert_allclose(fit.radius, 1.0, atol=0.1)
     np.testing.assert_array_equal(fit.count, 20)
 

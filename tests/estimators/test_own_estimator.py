@@ -55,7 +55,7 @@ def test_through_the_library(rng, on_cap, d):
     np.testing.assert_allclose(mine.covariance, theirs.covariance, rtol=1e-8, atol=1e-14)
     np.testing.assert_allclose(mine.residual_rms, theirs.residual_rms, rtol=1e-8)
     np.testing.assert_array_equal(mine.count, theirs.count)
-    assert np.all(mine.status == Status.OK)
+    assert np.all(mine.own_status == Status.OK)
 
 
 @pytest.mark.usefixtures("registered")

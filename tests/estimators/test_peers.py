@@ -69,7 +69,7 @@ def test_scipy(sets):
     assert len(sound) > 190
     for points, center, radius in sound:
         fit = study.fit(points, "mle")
-        assert fit.status == Status.OK
+        assert fit.own_status == Status.OK
         start = np.append(center, radius)
         tight = {"ftol": 1e-15, "xtol": 1e-15, "gtol": 1e-15}
         found = least_squares(residuals, start, jacobian, args=(points,), method="lm", **tight).x

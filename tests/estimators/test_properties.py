@@ -53,7 +53,7 @@ def sound(on_cap, estimator):
 def fit(points, estimator, noise=0.01):
     """Fit, and assert that the status is OK."""
     answer = study.fit(points, estimator, noise)
-    assert np.all(answer.status == Status.OK)
+    assert np.all(answer.own_status == Status.OK)
     return answer
 
 

@@ -66,7 +66,7 @@ def test_noise_variance_is_unbiased(rng, on_cap, assert_mean, estimator, d):
     """Estimates of σ² at σ = 0.01 r have mean σ²: 5000 trials of 30 samples, a standard error of 0.4 %."""
     for angle in (60.0, 180.0):
         fit = study.fit(on_cap(rng, 30, angle, d, noise=0.01, sets=5000)[0], estimator)
-        assert np.all(fit.status == Status.OK)
+        assert np.all(fit.own_status == Status.OK)
         assert_mean(fit.noise_variance / 0.01**2, 1.0)
 
 
@@ -80,7 +80,7 @@ def test_pure_noise_is_not_positive_definite(rng, d, limit):
     allowed; the finite sample adds some 0.1 % (0.7 % at N = 100, falling as 1/√N).
     """
     failures = sum(
-        np.sum(study.fit(rng.standard_normal((200, 4000, d)), "ugdk", 1.0).status == Status.NOT_POSITIVE_DEFINITE)
+        np.sum(study.fit(rng.standard_normal((200, 4000, d)), "ugdk", 1.0).own_status == Status.NOT_POSITIVE_DEFINITE)
         for _ in range(20)
     )
     assert abs(failures / 4000 - limit) < 4.5 * np.sqrt(limit * (1 - limit) / 4000)

@@ -136,7 +136,7 @@ def test_errors_of_lost_fits(rng, on_cap, noise):
     lost = [np.ones((12, 3)), np.full((12, 3), np.nan), sound * [1, 1, 0], infinite]
     fit = study.fit(np.array([sound, four, *lost]), "als", noise)
     np.testing.assert_array_equal(fit.count, [12, 4, 12, 0, 12, 12])
-    assert fit.status[1] == Status.OK
+    assert fit.own_status[1] == Status.OK
     for errors in (fit.standard_errors, fit.ellipsoid().reshape(6, 9)):
         assert np.isfinite(errors[0]).all()
         assert np.isfinite(errors[1]).all() == (noise is not None)

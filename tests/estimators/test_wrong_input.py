@@ -117,4 +117,4 @@ def test_a_fit_owns_its_points(make):
     joint = study.mgdk([buffer := POINTS.copy()])
     buffer[:] = np.nan
     assert np.isfinite(joint.residuals[0]).all()
-    assert fit.status == Status.OK
+    assert fit.own_status == Status.OK

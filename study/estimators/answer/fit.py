@@ -2,13 +2,15 @@
 
 from collections.abc import Callable, Iterator
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 
 from study.estimators.answer.covariance import plug_in_bound, unless_missing
+from study.estimators.answer.settled_status import settled_status
 from study.estimators.answer.table import as_html, as_text, frame
 from study.estimators.estimates import Estimates
+from study.estimators.intervals import Intervals, intervals
 from study.estimators.samples import Samples
 from study.estimators.status import Status
 from study.sphere.linalg import eigenbasis
@@ -100,9 +102,56 @@ class Fit:
         return self._estimates.condition
 
     @property
-    def status(self) -> Ints:
-        """Number of the `Status` of each fit (…): ``Status(int(fit.status)).text`` for one."""
+    def own_status(self) -> Ints:
+        """Number of the `Status` that the estimator itself gives each fit (…); error tables of studies hold it."""
         return self._estimates.status
+
+    @property
+    def status(self) -> Ints:
+        """Number of the `Status` of each fit (…): ``Status(int(fit.status)).text`` for one.
+
+        It is the estimator's own where it failed. Else one rule holds for every estimator: a fit is weakly identified
+        unless its points bound the radius by a 95 % interval and the noise is below 0.35 radii (theory 10.5).
+        """
+        return self.own_status if self._samples is None else self._settled
+
+    def interval(self, of: Literal["radius", "center"], level: float = 0.95) -> Floats:
+        """Confidence interval of the radius, or one of each coordinate of the centre.
+
+        It depends on the points alone, not on the estimator, and assumes isotropic noise of unknown size. It covers
+        where an estimate ± its standard error does not: on small caps, under large noise, and with few points.
+
+        Args:
+            of: "radius" or "center".
+            level: nominal coverage of each interval, in (0, 1).
+
+        Returns:
+            Lower and upper ends, (…, 2) for the radius and (…, d, 2) for the centre, in the unit of the points. Ends
+            that the points do not tell are 0 or infinite for the radius; the centre then is anywhere.
+
+        Raises:
+            ValueError: if the level is not in (0, 1), or the fit does not hold its points.
+
+        Source: theory §10.
+        """
+        if of not in ("radius", "center"):
+            raise ValueError(f"of = {of!r}: an interval is that of the 'radius' or of the 'center'")
+        ends = self._intervals(level)
+        return ends.radius.reshape(*self.shape, 2) if of == "radius" else ends.center.reshape(*self.center.shape, 2)
+
+    @cached_property
+    def _settled(self) -> Ints:
+        """The status by the rule, of a fit that holds its points."""
+        return settled_status(self._estimates, self._intervals(0.95)).reshape(self.shape)
+
+    def _intervals(self, level: float) -> Intervals:
+        """Intervals of the flat batch, computed once for each level."""
+        known: dict[float, Intervals] = self.__dict__.setdefault("_known_intervals", {})
+        if level not in known:
+            if self._samples is None:
+                raise ValueError(_WITHOUT_POINTS)
+            known[level] = intervals(self._samples, level)
+        return known[level]
 
     @property
     def ok(self) -> Bools:

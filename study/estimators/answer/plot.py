@@ -33,7 +33,7 @@ def draw(fit: ShownFits) -> Figure:
         (_sphere if d == 3 else _circle)(axes, sphere.center, float(sphere.radius))
     axes.set_aspect("equal")
     radius = with_error(float(sphere.radius), float(fit.standard_errors[-1]))
-    axes.set_title(f"radius {radius}, {statuses(sphere.status)}", fontsize=10)
+    axes.set_title(f"radius {radius}, {statuses(fit.status)}", fontsize=10)
     beside = figure.add_subplot(1, 2, 2)
     beside.axhline(0.0, color=_SPHERE, linewidth=1.0)
     beside.plot(np.arange(len(points))[::step], residuals[::step], ".", color=_POINT, markersize=4.0)

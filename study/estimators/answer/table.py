@@ -24,6 +24,8 @@ class ShownFits(Protocol):
     @property
     def estimates(self) -> Estimates: ...
     @property
+    def status(self) -> Ints: ...
+    @property
     def samples(self) -> Samples | None: ...
     @property
     def estimator(self) -> str: ...
@@ -57,7 +59,7 @@ def frame(fit: ShownFits) -> "pd.DataFrame":
     columns |= {"condition": flat.condition, "iterations": flat.iterations}
     if known:
         columns["samples"] = fit.count.ravel()
-    columns["status"] = [explain(int(status)) for status in flat.status]
+    columns["status"] = [explain(int(status)) for status in fit.status.ravel()]
     table = pd.DataFrame(columns)
     if len(fit.shape) > 1:
         table.index = pd.MultiIndex.from_product([range(length) for length in fit.shape])
@@ -68,11 +70,11 @@ def as_text(fit: ShownFits) -> str:
     """One line: the numbers of a single fit with their standard errors, the statuses of a batch."""
     name, sphere = f"{fit.estimator}: " if fit.estimator else "", fit.estimates
     if fit.shape:
-        return f"Fit({name}{sphere.radius.size:,} fits of shape {fit.shape}, {statuses(sphere.status)})"
+        return f"Fit({name}{sphere.radius.size:,} fits of shape {fit.shape}, {statuses(fit.status)})"
     errors, known = _errors(fit)
     *center, radius = [_measured(*pair, known) for pair in zip([*sphere.center, sphere.radius], errors[0], strict=True)]
     count = f", {int(fit.count):,} points" if known else ""
-    sigma = f"sigma {number(float(fit.sigma))}{count}, {statuses(sphere.status)}"
+    sigma = f"sigma {number(float(fit.sigma))}{count}, {statuses(fit.status)}"
     return f"Fit({name}center ({', '.join(center)}), radius {radius}, {sigma})"
 
 
@@ -87,7 +89,7 @@ def as_html(fit: ShownFits) -> str:
         index = [", ".join(map(str, place))] * bool(fit.shape)
         lines += ["<tr>", *[f"<td>{html.escape(cell)}</td>" for cell in [*index, *row]], "</tr>"]
     more = f"; the first {_MOST_ROWS} are shown" if size > _MOST_ROWS else ""
-    caption = f"{fit.estimator}: {statuses(fit.estimates.status)}{more}. ± is one standard error."
+    caption = f"{fit.estimator}: {statuses(fit.status)}{more}. ± is one standard error."
     return "".join([*lines, f"</tbody></table><p>{html.escape(caption)}</p>"])
 
 
@@ -105,7 +107,7 @@ def _rows(fit: ShownFits) -> Iterator[list[str]]:
     errors, known = _errors(fit)
     flat = fit.estimates.reshape(-1)
     for center, radius, sigma, status, error in zip(
-        flat.center, flat.radius, fit.sigma.ravel(), flat.status, errors, strict=True
+        flat.center, flat.radius, fit.sigma.ravel(), fit.status.ravel(), errors, strict=True
     ):
         measured = [_measured(*pair, known) for pair in zip([*center, radius], error, strict=True)]
         yield [*measured, number(float(sigma)), statuses(status)]

@@ -1,0 +1,105 @@
+"""The config of a coverage study: caps, numbers of samples, and noise from far below to where nothing can be told.
+
+Noise is given by κ = (v/σ²)√(N/2), the least variance v of the directions over the standard error of the noise's own:
+how well the extent along the cap's axis stands out of the noise. Curvature is lost near κ = 1, whatever the cap.
+"""
+
+import math
+import tomllib
+from itertools import product
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
+
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationError
+
+from study.estimators import ESTIMATORS
+from study.experiment.config_faults import ConfigError, report
+from study.experiment.distributions import Frozen
+from study.text.nearest import did_you_mean
+
+
+def _tuple(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list) else value
+
+
+def _known(names: tuple[str, ...]) -> tuple[str, ...]:
+    unknown = [name for name in names if name not in ESTIMATORS]
+    if unknown:
+        raise ValueError(f"{', '.join(map(repr, unknown))} unknown; {did_you_mean(unknown, ESTIMATORS)}")
+    return names
+
+
+_Numbers = Annotated[tuple[Annotated[float, Field(gt=0.0)], ...], BeforeValidator(_tuple), Field(min_length=1)]
+
+
+class CoverageCell(NamedTuple):
+    """One condition: N, φ in degrees, κ, σ in radii, and its number of trials."""
+
+    samples: int
+    angle: float
+    kappa: float
+    sigma: float
+    trials: int
+
+
+class CoverageDesign(Frozen):
+    """A coverage study on spherical caps in three dimensions.
+
+    Attributes:
+        name: name of the results' folder.
+        seed: of the streams.
+        estimators: those whose estimate ± t standard errors is compared with the interval.
+        angle: half-angles of the caps, in degrees.
+        samples: numbers of samples N.
+        kappa: values of κ.
+        largest_noise: cells with σ above this many radii are left out.
+        level: nominal coverage.
+        trials: number of trials of a cell.
+        most_samples: number of samples of all trials of a cell, at most: cells with large N have fewer trials.
+    """
+
+    name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]{0,60}$")]
+    seed: Annotated[int, Field(ge=0)]
+    estimators: Annotated[tuple[str, ...], BeforeValidator(_tuple), Field(min_length=1), AfterValidator(_known)]
+    angle: _Numbers
+    samples: Annotated[tuple[Annotated[int, Field(ge=6)], ...], BeforeValidator(_tuple), Field(min_length=1)]
+    kappa: _Numbers
+    largest_noise: Annotated[float, Field(gt=0.0)] = 0.9
+    level: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.95
+    trials: Annotated[int, Field(ge=100)] = 4000
+    most_samples: Annotated[int, Field(ge=10_000)] = 4_000_000
+
+    def cells(self) -> list[CoverageCell]:
+        """All conditions whose noise is not too large."""
+        found = []
+        for n, angle, kappa in product(self.samples, self.angle, self.kappa):
+            sigma = math.sqrt(least_variance(angle) / kappa * math.sqrt(n / 2.0))
+            if sigma <= self.largest_noise:
+                found.append(CoverageCell(n, angle, kappa, sigma, min(self.trials, self.most_samples // n)))
+        return found
+
+
+def least_variance(angle: float) -> float:
+    """The least variance v of directions that are uniform on a cap of a half-angle in degrees, in three dimensions."""
+    height = 2.0 * math.sin(math.radians(angle) / 2.0) ** 2
+    along = height * height / 12.0
+    across = 0.5 * (1.0 - (along + (1.0 - height / 2.0) ** 2))
+    return min(along, across)
+
+
+def read_design(path: Path) -> CoverageDesign:
+    """Read a config of a coverage study.
+
+    Raises:
+        ConfigError: with every fault, its place and its value.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+        raw = tomllib.loads(text)
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"{path}: cannot be read as TOML: {error}") from None
+    try:
+        return CoverageDesign.model_validate(raw)
+    except ValidationError as error:
+        known = {(): list(CoverageDesign.model_fields)}
+        raise ConfigError.listing(str(path), text, report(error, known)) from None

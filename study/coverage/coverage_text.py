@@ -1,0 +1,66 @@
+"""The coverage table in words: one row per N and cap, a column per κ; and what the whole table says."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pandas as pd
+
+from study.coverage.measure import INTERVAL
+from study.text.columns import columns
+
+_LITTLE, _MUCH = 0.2, 0.5
+
+
+def printed(table: pd.DataFrame) -> Iterator[str]:
+    """Lines: coverage of the radius by each method over all fits, of each cell; then a summary of each method."""
+    methods = list(dict.fromkeys(table["method"]))
+    kappas = sorted(table["kappa"].unique())
+    rows = []
+    for (n, angle), part in table.groupby(["samples", "angle"]):
+        cells = []
+        for kappa in kappas:
+            here = part[part["kappa"] == kappa].set_index("method")["radius"]
+            cells.append("/".join(_share(here[name]) for name in methods) if len(here) else "-")
+        rows.append([f"{n}", f"{angle:g}°", *cells])
+    yield f"Coverage of the radius over all fits: {' / '.join(methods)}"
+    yield from columns(rows, ["N", "cap", *[f"κ={kappa:g}" for kappa in kappas]])
+    yield ""
+    yield from columns([_summary(table[table["method"] == name], name) for name in methods], _TITLES)
+
+
+_TITLES = [
+    "method",
+    "σ<.2r: mean",
+    "within .93-.97",
+    "least",
+    "σ<=.5r: least",
+    "centre: least",
+    "ok fits: mean",
+    "ok fits: least",
+    "width at κ=100, N>=40",
+]
+
+
+def _summary(part: pd.DataFrame, name: str) -> list[str]:
+    """Numbers of one method over the cells."""
+    little, some = part[part["sigma"] < _LITTLE], part[part["sigma"] <= _MUCH]
+    inside = little["radius"].between(0.93 - 2.0 * little["radius_error"], 0.97 + 2.0 * little["radius_error"])
+    often = part[(part["ok"] >= 0.2) & (part["sigma"] < 0.35)]
+    clear = part[(part["kappa"] == 100.0) & (part["samples"] >= 40) & (part["sigma"] < _LITTLE)]
+    center = np.minimum(some["axis"], some["across"])
+    return [
+        "interval" if name == INTERVAL else f"{name} ± t s.e.",
+        _share(little["radius"].mean()),
+        f"{100.0 * inside.mean():.0f} %",
+        _share(little["radius"].min()),
+        _share(some["radius"].min()),
+        _share(center.min()),
+        _share(often["radius_ok"].mean()),
+        _share(often["radius_ok"].min()),
+        f"{clear['width'].min():.2f}-{clear['width'].max():.2f}" if len(clear) else "-",
+    ]
+
+
+def _share(value: float) -> str:
+    """Three digits without the leading zero."""
+    return f"{value:.3f}".removeprefix("0")

@@ -1,0 +1,243 @@
+"""Intervals of radius and centre: ends against SciPy's root finder, coverage, and the points that they must bear."""
+
+import numpy as np
+import pytest
+from scipy.optimize import root
+from scipy.special import erf, gamma, hyp1f1
+from scipy.stats import t as student
+
+from study.estimators.intervals import Intervals, intervals
+from study.estimators.samples import Samples
+from study.sphere.bounds import crlb
+
+
+def caps(seed, shape, degrees, sigma, dimension=3):
+    """Noisy points (b, d, n) on a unit cap about the first axis, its height uniform."""
+    rng = np.random.default_rng(seed)
+    b, n = shape
+    along = 1.0 - rng.random((b, 1, n)) * (1.0 - np.cos(np.radians(degrees)))
+    across = rng.standard_normal((b, dimension - 1, n))
+    across *= np.sqrt(1.0 - along**2) / np.linalg.norm(across, axis=1, keepdims=True)
+    points = np.concatenate([along, across], axis=1)
+    return points + sigma * rng.standard_normal(points.shape)
+
+
+def of(x, level=0.95):
+    """Intervals of points (b, d, n)."""
+    return intervals(Samples(np.ascontiguousarray(x)), level)
+
+
+def mean_radius(r, s, d):
+    """E R, by the error function for d = 3."""
+    if d == 3:
+        density = np.sqrt(2.0 * s / np.pi) * np.exp(-r * r / (2.0 * s))
+        return density + (r + s / r) * erf(r / np.sqrt(2.0 * s))
+    return np.sqrt(2.0 * s) * gamma((d + 1) / 2) / gamma(d / 2) * hyp1f1(-0.5, d / 2, -r * r / (2.0 * s))
+
+
+def by_difference(f, x, step):
+    """Derivative of fourth order."""
+    return (8.0 * (f(x + step) - f(x - step)) - (f(x + 2 * step) - f(x - 2 * step))) / (12.0 * step)
+
+
+def curvature(r, s, d):
+    """λ = r/E e·u, with E e·u = ∂E R/∂r."""
+    return r / by_difference(lambda q: mean_radius(q, s, d), r, 1e-3 * r)
+
+
+def scores(x, r, start, s):
+    """T_F and T_H of points (d, n) at a radius, their centre and noise found by SciPy's root finder."""
+    d, n = x.shape
+
+    def deviations(c, s):
+        away = x - c[:, None]
+        distance = np.linalg.norm(away, axis=0)
+        mean = mean_radius(r, s, d)
+        return away / distance, distance - mean, distance - curvature(r, s, d), r * r + d * s - mean**2
+
+    def equations(unknown):
+        e, rest, away, variance = deviations(unknown[:d], unknown[d])
+        return [*np.mean(away * e, axis=1), rest @ rest / (n - d) - variance]
+
+    found = root(equations, [*start, s], tol=1e-13)
+    c, s = found.x[:d], found.x[d]
+    e, rest, away, variance = deviations(c, s)
+    distance = np.linalg.norm(x - c[:, None], axis=0)
+    ratio = curvature(r, s, d) / distance
+    jacobian = np.mean(1.0 - ratio) * np.eye(d) + (e * ratio) @ e.T / n
+    b = np.linalg.solve(jacobian, e.mean(axis=1))
+    total, weight = rest.sum(), np.sum((1.0 - b @ e) ** 2)
+    explained = total**2 / weight
+    first = np.sign(total) * np.sqrt(explained / ((rest @ rest - explained) / (n - d - 1)))
+    by_s = [by_difference(lambda q, f=f: f(r, q, d), s, 1e-3 * s) for f in (mean_radius, curvature)]
+    mean = mean_radius(r, s, d)
+    g = (by_s[0] - by_s[1] * (b @ e.mean(axis=1))) / (d - 2.0 * mean * by_s[0])
+    psi = rest - (b @ e) * away - g * (rest**2 - variance)
+    second = total * np.sqrt((n - d - 1) / n / (psi @ psi - total**2 / n))
+    return first, second, np.sqrt(s) / r
+
+
+@pytest.mark.parametrize("dimension", [2, 3, 4])
+@pytest.mark.parametrize(("degrees", "sigma"), [(45.0, 0.05), (180.0, 0.22)])
+def test_ends_are_quantiles_of_the_score(dimension, degrees, sigma):
+    """At each end |T| is Student's quantile: T_F where the noise is small, else the smaller of T_F and T_H."""
+    x = caps(3, (2, 100), degrees, sigma, dimension)
+    found = of(x, 0.9)
+    quantile = student.ppf(0.95, 100 - dimension - 1)
+    assert found.identified.all()
+    for t in range(2):
+        for r, sign in zip(found.radius[t], (1.0, -1.0), strict=True):
+            start = np.zeros(dimension)
+            start[0] = 1.0 - r if degrees < 90.0 else 0.0
+            first, second, share = scores(x[t], r, start, sigma**2)
+            value = first if share < 0.2 else min(first, second, key=abs)
+            assert value == pytest.approx(sign * quantile, rel=1e-4)
+
+
+def test_an_interval_follows_its_points():
+    """Shifts, scales and orders of coordinates move an interval as they move the points; rotations leave the radius."""
+    x = caps(5, (4, 50), 40.0, 0.02)
+    whole = of(x)
+    moved = of(3e-5 * x[:, [2, 0, 1], ::-1] + np.array([7.0, -2.0, 1.0])[:, None])
+    np.testing.assert_allclose(moved.radius, 3e-5 * whole.radius, rtol=1e-6)
+    expected = 3e-5 * whole.center[:, [2, 0, 1]] + np.array([7.0, -2.0, 1.0])[:, None]
+    np.testing.assert_allclose(moved.center, expected, rtol=0, atol=3e-11)
+    np.testing.assert_allclose(moved.noise_share, whole.noise_share, rtol=1e-6)
+    rotation = np.linalg.qr(np.random.default_rng(1).standard_normal((3, 3)))[0]
+    np.testing.assert_allclose(of(np.einsum("ij,bjn->bin", rotation, x)).radius, whole.radius, rtol=1e-6)
+
+
+def test_a_batch_is_its_sets():
+    """A set's interval does not depend on its neighbours, and missing samples count as none."""
+    x = caps(6, (5, 30), 60.0, 0.03)
+    whole = of(x)
+    for t in range(5):
+        for one, all_of_them in zip(of(x[t : t + 1]), whole, strict=True):
+            np.testing.assert_array_equal(one[0], all_of_them[t])
+    holed = x.copy()
+    holed[0, 1, 4:9] = np.nan
+    holed[3, :, 2] = np.nan
+    holed[4, 0, 3:] = np.nan
+    found = of(holed)
+    np.testing.assert_array_equal(found.radius[1:3], whole.radius[1:3])
+    np.testing.assert_allclose(found.radius[0], of(np.delete(x[:1], range(4, 9), axis=2)).radius[0], rtol=1e-12)
+    np.testing.assert_allclose(found.center[3], of(np.delete(x[3:4], 2, axis=2)).center[0], rtol=1e-9)
+    np.testing.assert_array_equal(found.radius[4], [0.0, np.inf])  # three points are left
+
+
+@pytest.mark.parametrize("dimension", [2, 3, 4])
+def test_exact_points_leave_no_width(dimension):
+    """Without noise an interval is a point, also far from the origin."""
+    x = caps(7, (3, 12), 70.0, 0.0, dimension)
+    for shift in (0.0, 1e3):
+        found = of(x + shift)
+        np.testing.assert_allclose(found.radius, 1.0, atol=1e-11)
+        np.testing.assert_allclose(found.center, shift, atol=1e-11)
+        assert found.identified.all()
+
+
+@pytest.mark.parametrize(
+    "x",
+    [
+        np.zeros((1, 3, 9)),
+        np.full((1, 3, 9), np.inf),
+        np.full((1, 3, 9), np.nan),
+        np.arange(27.0).reshape(1, 3, 9),
+        caps(8, (1, 9), 30.0, 0.01) * np.array([[1.0], [1.0], [0.0]]),
+        caps(8, (1, 4), 30.0, 0.01),
+        1e200 * caps(8, (1, 9), 30.0, 0.01),
+    ],
+    ids=["one point", "infinite", "missing", "a line", "a plane", "four points", "huge"],
+)
+def test_points_that_tell_nothing(x):
+    """Points that determine no interval have the whole line, and raise nothing."""
+    found = of(x)
+    np.testing.assert_array_equal(found.radius, [[0.0, np.inf]])
+    np.testing.assert_array_equal(found.center, [[[-np.inf, np.inf]] * 3])
+    assert not found.identified.any()
+
+
+def test_flat_points_have_no_upper_end():
+    """Points about a plane exclude small spheres and no large one; the centre may be anywhere."""
+    rng = np.random.default_rng(9)
+    x = rng.standard_normal((200, 3, 40)) * np.array([1.0, 1.0, 0.01])[:, None]
+    found = of(x)
+    open_ended = np.isinf(found.radius[:, 1])
+    assert 0.95 - 4.5 * np.sqrt(0.05 * 0.95 / 200) < open_ended.mean()  # a plane is rejected in one of twenty
+    assert np.isinf(found.center[open_ended]).all()
+    assert not found.identified[open_ended].any()
+    assert (found.radius[open_ended, 0] > 5.0).all()  # a sphere of radius 5 leaves the plane by .2 = 20 σ
+    assert (found.radius[open_ended, 0] < 1e3).all()
+
+
+@pytest.mark.parametrize(
+    ("dimension", "shape", "degrees", "sigma"),
+    [
+        (3, (900, 40), 2.0, 0.0001),
+        (3, (900, 10), 5.0, 0.0005),
+        (3, (600, 100), 45.0, 0.15),
+        (3, (600, 200), 180.0, 0.3),
+        (2, (600, 60), 60.0, 0.1),
+        (4, (600, 60), 90.0, 0.1),
+    ],
+)
+def test_coverage(dimension, shape, degrees, sigma):
+    """Radius and centre are covered in 95 % of the trials, whatever the status, within 4.5 standard errors and .015.
+
+    The .015 are what the method is off by in finite samples (theory 10.4). False alarms of the whole file: 1e-4.
+    """
+    found = of(caps(11, shape, degrees, sigma, dimension))
+    covered = np.column_stack(
+        [
+            (found.radius[:, 0] <= 1.0) & (found.radius[:, 1] >= 1.0),
+            ((found.center[:, :, 0] <= 0.0) & (found.center[:, :, 1] >= 0.0)),
+        ]
+    ).mean(axis=0)
+    error = 4.5 * np.sqrt(0.05 * 0.95 / shape[0]) + 0.015
+    assert (covered > 0.95 - error).all()
+    assert covered[0] < 0.95 + error
+    bounded = found.identified
+    assert np.isfinite(found.radius[bounded]).all()
+    assert np.isfinite(found.center[bounded]).all()
+
+
+def test_width_is_that_of_an_efficient_estimator():
+    """With little noise the mean width is 2t times the Cramér-Rao bound's standard error, to 4 %."""
+    sigma, degrees = 1e-3, 30.0
+    found = of(caps(12, (100, 400), degrees, sigma))
+    directions = caps(12, (100, 400), degrees, 0.0).swapaxes(1, 2)
+    bound = np.sqrt(crlb(directions, sigma)[:, 3, 3])
+    width = (found.radius[:, 1] - found.radius[:, 0]) / (2.0 * student.ppf(0.975, 396) * bound)
+    assert np.mean(width) == pytest.approx(1.0, abs=0.04)
+
+
+def test_a_higher_level_is_wider():
+    """Intervals of a higher level hold those of a lower one."""
+    x = caps(13, (20, 30), 60.0, 0.05)
+    low, high = of(x, 0.8), of(x, 0.99)
+    assert (high.radius[:, 0] < low.radius[:, 0]).all()
+    assert (high.radius[:, 1] > low.radius[:, 1]).all()
+    assert (high.center[:, :, 0] < low.center[:, :, 0]).all()
+
+
+@pytest.mark.parametrize("level", [0.0, 1.0, 95.0, float("nan")])
+def test_levels_that_are_none(level):
+    """A level outside (0, 1) is refused."""
+    with pytest.raises(ValueError, match=r"between 0 and 1, for example 0\.95"):
+        of(caps(1, (1, 9), 60.0, 0.1), level)
+
+
+def test_identified_needs_two_ends_and_little_noise():
+    """A set is identified where both ends are bounded and the noise is below .35 radii."""
+    radius = np.array([[1.0, 2.0], [0.0, 2.0], [1.0, np.inf], [1.0, 2.0], [1.0, 2.0]])
+    share = np.array([0.1, 0.1, 0.1, 0.4, np.nan])
+    assert Intervals(radius, np.zeros((5, 3, 2)), share).identified.tolist() == [True, False, False, False, False]
+
+
+@pytest.mark.parametrize("power", [-100, 60])
+def test_points_of_any_size(power):
+    """Points of very small or large size have the interval of their shape."""
+    x = caps(14, (2, 30), 60.0, 0.05)
+    whole, found = of(x), of(x * 10.0**power)
+    np.testing.assert_allclose(found.radius, whole.radius * 10.0**power, rtol=1e-6)
+    np.testing.assert_allclose(found.noise_share, whole.noise_share, rtol=1e-6)
