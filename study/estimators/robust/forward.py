@@ -1,0 +1,197 @@
+"""Forward search: grow a clean set of points one by one until the next one is an outlier.
+
+From the h points of least trimmed squares, the sphere is fitted geometrically to the set S of m points. Each point has
+a deleted residual, d = |R - r| / (s √(1 ± l)), with s² = Σ_S (R - r)²/(m - d - 1) and the leverage l of the fit
+linearised at its answer, + outside S and - inside. The set becomes the m + 1 points of least d, until the (m+1)-th d is
+beyond the quantile of Student's t at level α/(2(m + 1)) with m - d - 1 degrees of freedom: it and all beyond it are
+outliers. Clean Gaussian points then have an outlier in a share α of the data sets (Hadi & Simonoff 1993).
+
+While many points are outside, all that are clearly inside the quantile enter at once: one by one each would, too.
+"""
+
+import math
+
+import numpy as np
+
+from study.estimators.geometric.newton import ON, STATE, Search, advance, begin
+from study.estimators.geometric.newton import Room as NewtonRoom
+from study.estimators.robust.concentration import Room, nearest, residuals, room_for, select
+from study.sphere.jit import CHUNK, compiled, dot, fill
+from study.sphere.linalg import cholesky_solve
+from study.sphere.types import Bools, Floats
+
+_CONCENTRATIONS = 10
+"""Most geometric fits of h points before the set grows."""
+_MANY = 40
+"""With more points outside, several enter at once ..."""
+_CLEARLY = 0.8
+"""... namely those whose deleted residuals are below this share of the quantile."""
+_LEAST = 1e-3
+"""Least 1 - l: a fit goes through a point of leverage 1 whatever it is."""
+
+
+@compiled
+def _pass(y: Floats, weight: Floats, center: Floats, radius: float, rows: Floats, sums: Floats) -> None:
+    """Form the sums of `study.estimators.geometric.mle`, over the points of weight 1."""
+    d, n = y.shape
+    fill(sums, 0.0)
+    for start in range(0, n, CHUNK):
+        size = min(CHUNK, n - start)
+        over, part, w = rows[d, :size], rows[d + 1, :size], weight[start : start + size]
+        fill(over, 1e-300)  # a sample may lie at the centre
+        for i in range(d):
+            row, e, c = y[i, start : start + size], rows[i, :size], center[i]
+            for k in range(size):
+                e[k] = row[k] - c
+                over[k] += e[k] * e[k]
+        excess = squares = 0.0
+        for k in range(size):
+            distance = math.sqrt(over[k])
+            over[k] = 1.0 / distance
+            part[k] = w[k] * (distance - radius)
+            excess += part[k]
+            squares += part[k] * part[k]
+        sums[0] += excess
+        sums[1] += squares
+        for i in range(d):
+            e = rows[i, :size]
+            for k in range(size):
+                e[k] *= over[k]
+            sums[2 + i] += dot(e, part)
+            sums[2 + d + i] += dot(e, w)
+        for i in range(d):
+            e = rows[i, :size]
+            for k in range(size):
+                part[k] = w[k] * over[k] * e[k]
+            for j in range(i + 1):
+                sums[2 + 2 * d + i * d + j] += dot(part, rows[j, :size])
+
+
+@compiled
+def _scatter(y: Floats, sphere: Floats, room: Room) -> bool:
+    """Directions of the points of weight 1: their mean, and Cholesky's factor of Σ(e - ē)(e - ē)ᵀ; False if singular.
+
+    They are left in ``room.vectors[0]`` and ``room.matrices[0]``.
+    """
+    d, n = y.shape
+    mean, e, right, scatter = room.vectors[0], room.vectors[1], room.vectors[2], room.matrices[0]
+    count = 0.0
+    fill(mean, 0.0)
+    fill(right, 0.0)
+    for turn in range(2):
+        for i in range(d):
+            for j in range(d):
+                scatter[i, j] = 0.0
+        for k in range(n):
+            if room.weight[k] > 0.0:
+                distance = 1e-300
+                for i in range(d):
+                    e[i] = y[i, k] - sphere[i]
+                    distance += e[i] * e[i]
+                over = 1.0 / math.sqrt(distance)
+                for i in range(d):
+                    e[i] = e[i] * over - mean[i]
+                if turn == 1:
+                    for i in range(d):
+                        for j in range(i + 1):
+                            scatter[i, j] += e[i] * e[j]
+                else:
+                    count += 1.0
+                    for i in range(d):
+                        right[i] += e[i]
+        if turn == 0:
+            for i in range(d):
+                mean[i] = right[i] / count
+    fill(right, 0.0)
+    return cholesky_solve(scatter, right)
+
+
+@compiled
+def _deleted(y: Floats, sphere: Floats, scale: float, m: int, room: Room) -> None:
+    """Replace the residuals R - r in ``room.distance`` by the sizes of the deleted ones."""
+    d, n = y.shape
+    mean, e, factor = room.vectors[0], room.vectors[1], room.matrices[0]
+    regular = _scatter(y, sphere, room)
+    for k in range(n):
+        leverage = 1.0 / m
+        if regular:
+            distance = 1e-300
+            for i in range(d):
+                e[i] = y[i, k] - sphere[i]
+                distance += e[i] * e[i]
+            over = 1.0 / math.sqrt(distance)
+            for i in range(d):
+                e[i] = e[i] * over - mean[i]
+                for j in range(i):
+                    e[i] -= factor[i, j] * e[j]
+                e[i] /= factor[i, i]
+                leverage += e[i] * e[i]
+        inside = room.weight[k] > 0.0
+        spread = max(1.0 - leverage, _LEAST) if inside else 1.0 + leverage
+        room.distance[k] = abs(room.distance[k]) / (scale * math.sqrt(spread))
+        room.copy[k] = room.distance[k]
+
+
+@compiled
+def grow(y: Floats, spheres: Floats, h: int, quantiles: Floats, floor: Floats, outside: Bools) -> None:
+    """Find the outliers of each set.
+
+    Args:
+        y: the sets (b, d, n), in units of their size.
+        spheres: sphere near h clean points of each set (b, d + 1); NaN where there is none, which leaves no outliers.
+        h: number of points to begin with.
+        quantiles: largest deleted residual of the next point, beside m points (n,).
+        floor: residuals due to rounding (b,).
+        outside: receives True for outliers (b, n).
+    """
+    b, d, n = y.shape
+    room, sums = room_for(d, n), np.empty(2 + 2 * d + d * d)
+    sphere, newton = np.empty(d + 1), NewtonRoom(np.empty(d), np.empty((d, d)), np.empty((d, d)))
+    state = np.empty(1, STATE)
+    search = Search(state[0], np.empty(d), np.empty(d), np.empty(d), np.empty(3))
+    for t in range(b):
+        for k in range(n):
+            outside[t, k] = False
+        for i in range(d + 1):
+            sphere[i] = spheres[t, i]
+        if not sphere[d] < math.inf:
+            continue
+        best, m, turns = nearest(y[t], sphere, h, room), h, 0
+        while True:
+            for i in range(d):
+                search.best[i] = sphere[i]
+            begin(search, 1.0, math.inf)
+            status = ON
+            while status == ON:
+                _pass(y[t], room.weight, search.trial, search.state.radius, room.rows, sums)
+                status = advance(search, m, sums, newton)
+            for i in range(d):
+                sphere[i] = search.best[i]
+            sphere[d] = search.result[0]
+            if turns < _CONCENTRATIONS:
+                total, turns = nearest(y[t], sphere, h, room), turns + 1
+                turns = turns if total < best * (1.0 - 1e-9) else _CONCENTRATIONS
+                best, m = min(best, total), 0
+                for k in range(n):
+                    m += room.weight[k] > 0.0
+                continue
+            residuals(y[t], sphere, room.distance)
+            square = 0.0
+            for k in range(n):
+                square += room.weight[k] * room.distance[k] * room.distance[k]
+            if m == n:
+                break
+            rounding = floor[t] * (1.0 + sphere[d])
+            _deleted(y[t], sphere, math.sqrt(square / (m - d - 1) + rounding * rounding), m, room)
+            cut = select(room.copy, m)
+            if cut > quantiles[m]:
+                for k in range(n):
+                    outside[t, k] = room.distance[k] >= cut
+                break
+            limit = max(cut, _CLEARLY * quantiles[m]) if n - m > _MANY else cut
+            before, m = m, 0
+            for k in range(n):
+                room.weight[k] = 1.0 if room.distance[k] <= limit else 0.0
+                m += room.distance[k] <= limit
+            if m <= before:  # a distance is not a number
+                break
