@@ -6,6 +6,9 @@ linearised at its answer, + outside S and - inside. The set becomes the m + 1 po
 beyond the quantile of Student's t at level α/(2(m + 1)) with m - d - 1 degrees of freedom: it and all beyond it are
 outliers. Clean Gaussian points then have an outlier in a share α of the data sets (Hadi & Simonoff 1993).
 
+Before it ends, the next point is fitted along: it is an outlier only if that raises Σ(R - r)² by more than the square
+of the quantile times s² too, which does not linearise.
+
 While many points are outside, all that are clearly inside the quantile enter at once: one by one each would, too.
 """
 
@@ -157,6 +160,8 @@ def grow(y: Floats, spheres: Floats, h: int, quantiles: Floats, floor: Floats, o
         if not sphere[d] < math.inf:
             continue
         best, m, turns = nearest(y[t], sphere, h, room), h, 0
+        square = variance = 0.0
+        suspected = False
         while True:
             for i in range(d):
                 search.best[i] = sphere[i]
@@ -176,22 +181,34 @@ def grow(y: Floats, spheres: Floats, h: int, quantiles: Floats, floor: Floats, o
                     m += room.weight[k] > 0.0
                 continue
             residuals(y[t], sphere, room.distance)
-            square = 0.0
+            before, square = square, 0.0
             for k in range(n):
                 square += room.weight[k] * room.distance[k] * room.distance[k]
+            if suspected:
+                if square - before > quantiles[m - 1] * quantiles[m - 1] * variance:
+                    break
+                suspected = False
+                for k in range(n):
+                    outside[t, k] = False
             if m == n:
                 break
             rounding = floor[t] * (1.0 + sphere[d])
-            _deleted(y[t], sphere, math.sqrt(square / (m - d - 1) + rounding * rounding), m, room)
+            variance = square / (m - d - 1) + rounding * rounding
+            _deleted(y[t], sphere, math.sqrt(variance), m, room)
             cut = select(room.copy, m)
             if cut > quantiles[m]:
+                suspected, following = True, n
                 for k in range(n):
-                    outside[t, k] = room.distance[k] >= cut
-                break
+                    outside[t, k] = room.weight[k] == 0.0
+                    if outside[t, k] and (following == n or room.distance[k] < room.distance[following]):
+                        following = k
+                room.weight[following] = 1.0
+                m += 1
+                continue
             limit = max(cut, _CLEARLY * quantiles[m]) if n - m > _MANY else cut
-            before, m = m, 0
+            last, m = m, 0
             for k in range(n):
                 room.weight[k] = 1.0 if room.distance[k] <= limit else 0.0
                 m += room.distance[k] <= limit
-            if m <= before:  # a distance is not a number
+            if m <= last:  # a distance is not a number
                 break

@@ -1,23 +1,17 @@
 """Outliers among the points of a sphere, by a rule with a stated rate of false alarms."""
 
-from functools import lru_cache
-
 import numpy as np
-from scipy.special import stdtrit
 
 from study.estimators.robust.concentration import FINALISTS, concentrate, elemental_spheres
 from study.estimators.robust.copies import repeated
 from study.estimators.robust.forward import grow
+from study.estimators.robust.limits import limits_of
 from study.estimators.robust.subsets import SUBSAMPLE, elemental, spread_out
 from study.estimators.samples import Samples
 from study.sphere.types import Bools, Floats
 
-FALSE_ALARMS = 0.01
-"""Share α of data sets without outliers in which one is found."""
 _BATCH = 1 << 16
 """Elemental spheres that are formed together."""
-_EXACT = 2000
-"""Quantiles of larger point sets are interpolated between this many set sizes."""
 _LARGEST = 1e60
 """Largest coordinate in units of a set's size, so that no fourth power overflows; further away is an outlier too."""
 _ROUNDING = 2.0**-48
@@ -62,7 +56,7 @@ def _among(x: Floats) -> Bools:
     found = np.zeros((b, n), dtype=np.bool_)
     if n < d + 3:
         return found
-    sample, limits = spread_out(n), quantiles(n, d)
+    sample, limits = spread_out(n), limits_of(n, d)
     subsets = elemental(len(sample), d + 1)
     size = max(_BATCH // len(subsets), 1)
     usable = np.flatnonzero(np.isfinite(x).all(axis=(1, 2)))
@@ -105,16 +99,3 @@ def _scaled(x: Floats) -> tuple[Floats, Floats]:
         y = np.clip((x - middle) / size, -_LARGEST, _LARGEST)
         floor = _ROUNDING * (1.0 + np.abs(middle / size).max(axis=1)[:, 0])
     return np.ascontiguousarray(y), floor
-
-
-@lru_cache(maxsize=32)
-def quantiles(n: int, d: int) -> Floats:
-    """Largest deleted residual of the (m+1)-th of n points beside m clean ones (n,); NaN where m has no freedom.
-
-    Source: Hadi & Simonoff 1993: Student's t at level α/(2(m + 1)) on either side, with m - d - 1 degrees of freedom.
-    """
-    m = np.arange(n, dtype=float)
-    first = d + 2
-    nodes = np.arange(first, n) if n <= _EXACT else np.unique(np.geomspace(first, n - 1, _EXACT).astype(int))
-    limits = -stdtrit(nodes - d - 1.0, FALSE_ALARMS / (2.0 * (nodes + 1.0)))
-    return np.asarray(np.where(m >= first, np.interp(np.log(m + 1.0), np.log(nodes + 1.0), limits), np.nan))
