@@ -12,6 +12,7 @@ from study.estimators.answer.fit import Fit
 from study.estimators.estimator import Estimator
 from study.estimators.geometric.corrected import corrected, corrected_01, corrected_02, corrected_12
 from study.estimators.geometric.mle import mle, mle_centroid, mle_mirror
+from study.estimators.geometric.robust import robust, robust_covariance
 from study.estimators.incremental import igdk
 from study.estimators.kasa import gdke, ugdk
 from study.estimators.lls import lls
@@ -40,6 +41,11 @@ ESTIMATORS: dict[str, Estimator] = {
     "corrected_01": Estimator(corrected_01, "theory §9: ν = 0", by_window=True),
     "corrected_02": Estimator(corrected_02, "theory §9: ν = ½", by_window=True),
     "corrected_12": Estimator(corrected_12, "theory §9: ν = 1", by_window=True),
+    "robust": Estimator(
+        robust,
+        "Rousseeuw & Van Driessen 2006; Hadi & Simonoff 1993: mle without the outliers",
+        covariance=robust_covariance,
+    ),
     "lls": Estimator(lls, "paper §4.4", flops=lambda d: 2 * d * d + 10 * d + 5, caution=_BIASED, by_window=True),
     "lls_nr": Estimator(lls_nr, "paper §4.4; Press et al. 1992: centred, singular values cut at 1e-5", caution=_BIASED),
     "lls_nr_raw": Estimator(lls_nr_raw, "paper §4.4; Press et al. 1992: not centred, cut at 1e-6", caution=_BIASED),

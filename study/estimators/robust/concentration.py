@@ -29,7 +29,7 @@ _SINGULAR = 64.0
 """An extent below so many roundings of the largest is none."""
 
 
-class Room(NamedTuple):
+class Workspace(NamedTuple):
     """Working memory for a set of n points in d dimensions.
 
     Attributes:
@@ -50,10 +50,10 @@ class Room(NamedTuple):
 
 
 @compiled
-def room_for(d: int, n: int) -> Room:
+def workspace(d: int, n: int) -> Workspace:
     """Allocate working memory."""
     vectors, matrices = np.empty((5, d)), np.empty((2, d, d))
-    return Room(np.empty(n), np.empty(n), np.empty(n), np.empty((d + 2, CHUNK)), vectors, matrices)
+    return Workspace(np.empty(n), np.empty(n), np.empty(n), np.empty((d + 2, CHUNK)), vectors, matrices)
 
 
 @compiled
@@ -96,12 +96,12 @@ def select(values: Floats, place: int) -> float:
 
 
 @compiled
-def nearest(y: Floats, sphere: Floats, h: int, room: Room) -> float:
+def nearest(y: Floats, sphere: Floats, h: int, work: Workspace) -> float:
     """Give the h points nearest to a sphere the weight 1, and return the sum of their squared distances.
 
     With ties there are more than h; the sum is that of h.
     """
-    distance, copy, weight = room.distance, room.copy, room.weight
+    distance, copy, weight = work.distance, work.copy, work.weight
     residuals(y, sphere, distance)
     for k in range(distance.size):
         distance[k] = abs(distance[k])
@@ -116,12 +116,12 @@ def nearest(y: Floats, sphere: Floats, h: int, room: Room) -> float:
 
 
 @compiled
-def _taubin(y: Floats, room: Room, sphere: Floats) -> bool:
+def _taubin(y: Floats, work: Workspace, sphere: Floats) -> bool:
     """Taubin's fit of the points of weight 1; False, and no sphere, if they do not determine one."""
-    weight, rows, vectors = room.weight, room.rows, room.vectors
+    weight, rows, vectors = work.weight, work.rows, work.vectors
     d, n = y.shape
     mean, third, along, values, zero = vectors[0], vectors[1], vectors[2], vectors[3], vectors[4]
-    scatter, basis = room.matrices[0], room.matrices[1]
+    scatter, basis = work.matrices[0], work.matrices[1]
     count = 0.0
     for k in range(n):
         count += weight[k]
@@ -209,7 +209,7 @@ def concentrate(y: Floats, starts: Floats, h: int, spheres: Floats, sums: Floats
     best first: infinite where there is no sphere.
     """
     b, d, n = y.shape
-    room, sphere = room_for(d, n), np.empty(d + 1)
+    work, sphere = workspace(d, n), np.empty(d + 1)
     for t in range(b):
         fill(sums[t], math.inf)
         for turn in range(starts.shape[1] + FINALISTS):
@@ -221,7 +221,7 @@ def concentrate(y: Floats, starts: Floats, h: int, spheres: Floats, sums: Floats
                 fine = fine and abs(sphere[i]) < math.inf
             step, going = 0, fine
             while going:
-                following = nearest(y[t], sphere, h, room)
+                following = nearest(y[t], sphere, h, work)
                 fell = following < total * (1.0 - _FALL)
                 if late >= 0 and following < sums[t, late]:
                     sums[t, late] = following
@@ -229,7 +229,7 @@ def concentrate(y: Floats, starts: Floats, h: int, spheres: Floats, sums: Floats
                         spheres[t, late, i] = sphere[i]
                 total = following
                 going = step < _FIRST or (late >= 0 and fell and step < _LAST)
-                going = going and _taubin(y[t], room, sphere)
+                going = going and _taubin(y[t], work, sphere)
                 step += 1
             if late < 0 and fine and total < sums[t, FINALISTS - 1]:
                 place = FINALISTS - 1

@@ -16,9 +16,9 @@ import math
 
 import numpy as np
 
-from study.estimators.geometric.newton import ON, STATE, Search, advance, begin
-from study.estimators.geometric.newton import Room as NewtonRoom
-from study.estimators.robust.concentration import Room, nearest, residuals, room_for, select
+from study.estimators.newton import ON, STATE, Search, advance, begin
+from study.estimators.newton import Room as NewtonRoom
+from study.estimators.robust.concentration import Workspace, nearest, residuals, workspace, select
 from study.sphere.jit import CHUNK, compiled, dot, fill
 from study.sphere.linalg import cholesky_solve
 from study.sphere.types import Bools, Floats
@@ -71,13 +71,13 @@ def _pass(y: Floats, weight: Floats, center: Floats, radius: float, rows: Floats
 
 
 @compiled
-def _scatter(y: Floats, sphere: Floats, room: Room) -> bool:
+def _scatter(y: Floats, sphere: Floats, work: Workspace) -> bool:
     """Directions of the points of weight 1: their mean, and Cholesky's factor of Σ(e - ē)(e - ē)ᵀ; False if singular.
 
-    They are left in ``room.vectors[0]`` and ``room.matrices[0]``.
+    They are left in ``work.vectors[0]`` and ``work.matrices[0]``.
     """
     d, n = y.shape
-    mean, e, right, scatter = room.vectors[0], room.vectors[1], room.vectors[2], room.matrices[0]
+    mean, e, right, scatter = work.vectors[0], work.vectors[1], work.vectors[2], work.matrices[0]
     count = 0.0
     fill(mean, 0.0)
     fill(right, 0.0)
@@ -86,7 +86,7 @@ def _scatter(y: Floats, sphere: Floats, room: Room) -> bool:
             for j in range(d):
                 scatter[i, j] = 0.0
         for k in range(n):
-            if room.weight[k] > 0.0:
+            if work.weight[k] > 0.0:
                 distance = 1e-300
                 for i in range(d):
                     e[i] = y[i, k] - sphere[i]
@@ -110,11 +110,11 @@ def _scatter(y: Floats, sphere: Floats, room: Room) -> bool:
 
 
 @compiled
-def _deleted(y: Floats, sphere: Floats, scale: float, m: int, room: Room) -> None:
-    """Replace the residuals R - r in ``room.distance`` by the sizes of the deleted ones."""
+def _deleted(y: Floats, sphere: Floats, scale: float, m: int, work: Workspace) -> None:
+    """Replace the residuals R - r in ``work.distance`` by the sizes of the deleted ones."""
     d, n = y.shape
-    mean, e, factor = room.vectors[0], room.vectors[1], room.matrices[0]
-    regular = _scatter(y, sphere, room)
+    mean, e, factor = work.vectors[0], work.vectors[1], work.matrices[0]
+    regular = _scatter(y, sphere, work)
     for k in range(n):
         leverage = 1.0 / m
         if regular:
@@ -129,10 +129,10 @@ def _deleted(y: Floats, sphere: Floats, scale: float, m: int, room: Room) -> Non
                     e[i] -= factor[i, j] * e[j]
                 e[i] /= factor[i, i]
                 leverage += e[i] * e[i]
-        inside = room.weight[k] > 0.0
+        inside = work.weight[k] > 0.0
         spread = max(1.0 - leverage, _LEAST) if inside else 1.0 + leverage
-        room.distance[k] = abs(room.distance[k]) / (scale * math.sqrt(spread))
-        room.copy[k] = room.distance[k]
+        work.distance[k] = abs(work.distance[k]) / (scale * math.sqrt(spread))
+        work.copy[k] = work.distance[k]
 
 
 @compiled
@@ -148,7 +148,7 @@ def grow(y: Floats, spheres: Floats, h: int, quantiles: Floats, floor: Floats, o
         outside: receives True for outliers (b, n).
     """
     b, d, n = y.shape
-    room, sums = room_for(d, n), np.empty(2 + 2 * d + d * d)
+    work, sums = workspace(d, n), np.empty(2 + 2 * d + d * d)
     sphere, newton = np.empty(d + 1), NewtonRoom(np.empty(d), np.empty((d, d)), np.empty((d, d)))
     state = np.empty(1, STATE)
     search = Search(state[0], np.empty(d), np.empty(d), np.empty(d), np.empty(3))
@@ -159,7 +159,7 @@ def grow(y: Floats, spheres: Floats, h: int, quantiles: Floats, floor: Floats, o
             sphere[i] = spheres[t, i]
         if not sphere[d] < math.inf:
             continue
-        best, m, turns = nearest(y[t], sphere, h, room), h, 0
+        best, m, turns = nearest(y[t], sphere, h, work), h, 0
         square = variance = 0.0
         suspected = False
         while True:
@@ -168,22 +168,22 @@ def grow(y: Floats, spheres: Floats, h: int, quantiles: Floats, floor: Floats, o
             begin(search, 1.0, math.inf)
             status = ON
             while status == ON:
-                _pass(y[t], room.weight, search.trial, search.state.radius, room.rows, sums)
+                _pass(y[t], work.weight, search.trial, search.state.radius, work.rows, sums)
                 status = advance(search, m, sums, newton)
             for i in range(d):
                 sphere[i] = search.best[i]
             sphere[d] = search.result[0]
             if turns < _CONCENTRATIONS:
-                total, turns = nearest(y[t], sphere, h, room), turns + 1
+                total, turns = nearest(y[t], sphere, h, work), turns + 1
                 turns = turns if total < best * (1.0 - 1e-9) else _CONCENTRATIONS
                 best, m = min(best, total), 0
                 for k in range(n):
-                    m += room.weight[k] > 0.0
+                    m += work.weight[k] > 0.0
                 continue
-            residuals(y[t], sphere, room.distance)
+            residuals(y[t], sphere, work.distance)
             before, square = square, 0.0
             for k in range(n):
-                square += room.weight[k] * room.distance[k] * room.distance[k]
+                square += work.weight[k] * work.distance[k] * work.distance[k]
             if suspected:
                 if square - before > quantiles[m - 1] * quantiles[m - 1] * variance:
                     break
@@ -194,21 +194,21 @@ def grow(y: Floats, spheres: Floats, h: int, quantiles: Floats, floor: Floats, o
                 break
             rounding = floor[t] * (1.0 + sphere[d])
             variance = square / (m - d - 1) + rounding * rounding
-            _deleted(y[t], sphere, math.sqrt(variance), m, room)
-            cut = select(room.copy, m)
+            _deleted(y[t], sphere, math.sqrt(variance), m, work)
+            cut = select(work.copy, m)
             if cut > quantiles[m]:
                 suspected, following = True, n
                 for k in range(n):
-                    outside[t, k] = room.weight[k] == 0.0
-                    if outside[t, k] and (following == n or room.distance[k] < room.distance[following]):
+                    outside[t, k] = work.weight[k] == 0.0
+                    if outside[t, k] and (following == n or work.distance[k] < work.distance[following]):
                         following = k
-                room.weight[following] = 1.0
+                work.weight[following] = 1.0
                 m += 1
                 continue
             limit = max(cut, _CLEARLY * quantiles[m]) if n - m > _MANY else cut
             last, m = m, 0
             for k in range(n):
-                room.weight[k] = 1.0 if room.distance[k] <= limit else 0.0
-                m += room.distance[k] <= limit
+                work.weight[k] = 1.0 if work.distance[k] <= limit else 0.0
+                m += work.distance[k] <= limit
             if m <= last:  # a distance is not a number
                 break
