@@ -13,12 +13,13 @@ While many points are outside, all that are clearly inside the quantile enter at
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from study.estimators.newton import ON, STATE, Search, advance, begin
 from study.estimators.newton import Room as NewtonRoom
-from study.estimators.robust.concentration import Workspace, nearest, residuals, workspace, select
+from study.estimators.robust.concentration import Workspace, nearest, residuals, select, workspace
 from study.sphere.jit import CHUNK, compiled, dot, fill
 from study.sphere.linalg import cholesky_solve
 from study.sphere.types import Bools, Floats
@@ -29,8 +30,23 @@ _MANY = 40
 """With more points outside, several enter at once ..."""
 _CLEARLY = 0.8
 """... namely those whose deleted residuals are below this share of the quantile."""
+_FURTHEST = 10.0
+"""An outlier is no less likely for being further away than so many times the set's size."""
+_ENTROPY = 0.5 * math.log(2.0 * math.pi * math.e)
 _LEAST = 1e-3
 """Least 1 - l: a fit goes through a point of leverage 1 whatever it is."""
+
+
+class Limits(NamedTuple):
+    """Limits that residuals are compared with.
+
+    Attributes:
+        quantiles: largest deleted residual of the next point, beside m points (n,).
+        floor: residuals due to rounding (b,), per unit of the radius.
+    """
+
+    quantiles: Floats
+    floor: Floats
 
 
 @compiled
@@ -136,23 +152,26 @@ def _deleted(y: Floats, sphere: Floats, scale: float, m: int, work: Workspace) -
 
 
 @compiled
-def grow(y: Floats, spheres: Floats, h: int, quantiles: Floats, floor: Floats, outside: Bools) -> None:
-    """Find the outliers of each set.
+def grow(y: Floats, spheres: Floats, h: int, limits: Limits, outside: Bools, cost: Floats) -> None:
+    """Find the outliers of each set, beginning with the points nearest to a sphere.
 
     Args:
         y: the sets (b, d, n), in units of their size.
         spheres: sphere near h clean points of each set (b, d + 1); NaN where there is none, which leaves no outliers.
         h: number of points to begin with.
-        quantiles: largest deleted residual of the next point, beside m points (n,).
-        floor: residuals due to rounding (b,).
+        limits: what the residuals are compared with.
         outside: receives True for outliers (b, n).
+        cost: receives the negative log-likelihood of the residuals (b,), Gaussian inside, uniform outside up to the
+            largest within reason; infinite where there is no sphere.
     """
     b, d, n = y.shape
+    quantiles, floor = limits
     work, sums = workspace(d, n), np.empty(2 + 2 * d + d * d)
     sphere, newton = np.empty(d + 1), NewtonRoom(np.empty(d), np.empty((d, d)), np.empty((d, d)))
     state = np.empty(1, STATE)
     search = Search(state[0], np.empty(d), np.empty(d), np.empty(d), np.empty(3))
     for t in range(b):
+        cost[t] = math.inf
         for k in range(n):
             outside[t, k] = False
         for i in range(d + 1):
@@ -212,3 +231,14 @@ def grow(y: Floats, spheres: Floats, h: int, quantiles: Floats, floor: Floats, o
                 m += work.distance[k] <= limit
             if m <= last:  # a distance is not a number
                 break
+        count, furthest = 0, 0.0
+        for k in range(n):
+            if outside[t, k]:
+                furthest = max(furthest, abs(work.distance[k]))
+            else:
+                count += 1
+        rounding = floor[t] * (1.0 + sphere[d])
+        spread = before / (count - d - 1) if suspected else square / max(n - d - 1, 1)
+        cost[t] = count * (0.5 * math.log(spread + rounding * rounding) + _ENTROPY)
+        if count < n:
+            cost[t] += (n - count) * math.log(2.0 * min(furthest, _FURTHEST))

@@ -2,9 +2,10 @@
 
 import numpy as np
 
+from study.estimators.algebraic import taubin
 from study.estimators.robust.concentration import FINALISTS, concentrate, elemental_spheres
 from study.estimators.robust.copies import repeated
-from study.estimators.robust.forward import grow
+from study.estimators.robust.forward import Limits, grow
 from study.estimators.robust.limits import limits_of
 from study.estimators.robust.subsets import SUBSAMPLE, elemental, spread_out
 from study.estimators.samples import Samples
@@ -56,7 +57,7 @@ def _among(x: Floats) -> Bools:
     found = np.zeros((b, n), dtype=np.bool_)
     if n < d + 3:
         return found
-    sample, limits = spread_out(n), limits_of(n, d)
+    sample = spread_out(n)
     subsets = elemental(len(sample), d + 1)
     size = max(_BATCH // len(subsets), 1)
     usable = np.flatnonzero(np.isfinite(x).all(axis=(1, 2)))
@@ -69,10 +70,31 @@ def _among(x: Floats) -> Bools:
         spheres = _best(part, spheres)
         if n > SUBSAMPLE:
             spheres = _best(y, np.ascontiguousarray(spheres[:, :2]))
-        outside = np.empty((len(sets), n), dtype=np.bool_)
-        grow(y, np.ascontiguousarray(spheres[:, 0]), _half(n, d), limits, floor, outside)
-        found[sets] = outside
+        found[sets] = _search(y, spheres[:, 0], floor)
     return found
+
+
+def _search(y: Floats, spheres: Floats, floor: Floats) -> Bools:
+    """Outliers of sets (b, d, n) by forward searches.
+
+    The first starts from the spheres of least trimmed squares. Where it finds outliers, a second one starts from
+    Taubin's fit of all points, and the more likely result is taken: points of which more than half lie close together
+    have a small sphere among those, which the others do not belong to.
+    """
+    b, d, n = y.shape
+    quantiles = limits_of(n, d)
+    outside, cost = np.empty((b, n), dtype=np.bool_), np.empty(b)
+    grow(y, np.ascontiguousarray(spheres), _half(n, d), Limits(quantiles, floor), outside, cost)
+    again = np.flatnonzero(outside.any(axis=1))
+    if len(again):
+        points = y[again]
+        whole = taubin(Samples(points))
+        starts = np.concatenate([whole.center, whole.radius[:, None]], axis=1)
+        other, other_cost = np.empty((len(again), n), dtype=np.bool_), np.empty(len(again))
+        grow(points, starts, _half(n, d), Limits(quantiles, floor[again]), other, other_cost)
+        better = other_cost < cost[again]
+        outside[again[better]] = other[better]
+    return outside
 
 
 def _half(n: int, d: int) -> int:

@@ -52,5 +52,5 @@ def spread_out(n: int) -> Ints:
     """Places of the subsample among n points: one from each of as many equal parts."""
     if n <= SUBSAMPLE:
         return np.arange(n)
-    part = np.arange(SUBSAMPLE) + uniform(SUBSAMPLE, 0)
-    return np.minimum((part * (n / SUBSAMPLE)).astype(np.int64), n - 1)
+    edges = np.arange(SUBSAMPLE + 1) * n // SUBSAMPLE
+    return np.asarray(edges[:-1] + (uniform(SUBSAMPLE, 0) * np.diff(edges)).astype(np.int64))
