@@ -31,7 +31,7 @@ ROOMS = [
 SUB_ROOMS = {
     "runs": ["storage", "workers", "adaptive"],
     "mocap": ["geometry", "io", "markersets", "joints", "skeleton", "view", "synthetic", "case_study", "commands"],
-    "estimators": ["geometric", "intervals", "answer", "own"],
+    "estimators": ["intervals", "robust", "geometric", "answer", "own"],
     "analysis": ["claims", "verification", "points"],
     "experiment": ["noise", "designs"],
 }

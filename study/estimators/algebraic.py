@@ -30,7 +30,7 @@ _THREE_SIGMA = 0.0027
 
 
 @compiled
-def _solve(values: Floats, cross: Floats, mean: Floats, square: float, spread: float, kappa: float) -> float:
+def smallest_root(values: Floats, cross: Floats, mean: Floats, square: float, spread: float, kappa: float) -> float:
     """Root η of g in [0, λ_min) by Newton's method inside a bracket.
 
     About any origin o, with y = x - o (theory 8.2),
@@ -89,7 +89,7 @@ def _solve_all(regression: Regression, spectrum: Spectrum, kappa: float, kept: B
             q[k] = cross[t, k] * weight / (unit * root) if kept[t, k] else 0.0
             y[k] = mean[t, k] / root if kept[t, k] else 0.0
         spread = numbers[1, t] / unit / unit
-        eta[t] = _solve(extent, q, y, 1.0, spread, kappa) * unit / weight
+        eta[t] = smallest_root(extent, q, y, 1.0, spread, kappa) * unit / weight
 
 
 def root(samples: Samples, kappa: float, kept: Bools | None = None) -> Floats:

@@ -14,6 +14,7 @@ from study.estimators.careful_fit import careful_fit, is_ordinary
 from study.estimators.estimator import Estimator
 from study.estimators.geometric.corrected import corrected, corrected_01, corrected_02, corrected_12
 from study.estimators.geometric.mle import mle, mle_centroid, mle_mirror
+from study.estimators.geometric.robust import robust, robust_covariance
 from study.estimators.geometric.sandwich import corrected_covariance, sandwich
 from study.estimators.incremental import igdk
 from study.estimators.kasa import gdke, ugdk
@@ -53,6 +54,11 @@ ESTIMATORS: dict[str, Estimator] = {
     ),
     "corrected_12": Estimator(
         corrected_12, "theory §9, with ν = 1", by_window=True, covariance=partial(sandwich, pair=1.0)
+    ),
+    "robust": Estimator(
+        robust,
+        "Rousseeuw & Van Driessen 2006; Hadi & Simonoff 1993: mle without the outliers",
+        covariance=robust_covariance,
     ),
     "lls": Estimator(lls, "paper §4.4", flops=lambda d: 2 * d * d + 10 * d + 5, caution=_BIASED, by_window=True),
     "lls_nr": Estimator(lls_nr, "paper §4.4; Press et al. 1992: centred, singular values cut at 1e-5", caution=_BIASED),

@@ -54,6 +54,7 @@ _LOOKS: dict[str, tuple[str, str, str]] = {
     "hyper": ("Hyper", "#882255", ">"),
     "mgdk": ("MGDK", "#999933", "h"),
     "igdk": ("IGDK", "#7a3b3b", "P"),
+    "robust": ("robust", "#1f6f78", "X"),
 }
 
 _SETTINGS: dict[str, Any] = {

@@ -11,6 +11,8 @@ from study.estimators.answer.settled_status import settled_status
 from study.estimators.answer.table import as_html, as_text, frame
 from study.estimators.estimates import Estimates
 from study.estimators.intervals import Intervals, intervals
+from study.estimators.robust.copies import copies
+from study.estimators.robust.outliers import outliers
 from study.estimators.samples import Samples
 from study.estimators.status import Status
 from study.sphere.linalg import eigenbasis
@@ -231,6 +233,29 @@ class Fit:
         with np.errstate(all="ignore"):
             signed = np.where(present, distance - self.radius.reshape(-1, 1), np.nan)
         return signed.reshape(*self.shape, signed.shape[1])
+
+    @cached_property
+    def outliers(self) -> Bools:
+        """True for each point (…, n) that does not belong to the sphere of the majority.
+
+        It depends on the points alone, not on this fit: `robust` leaves them out, other estimators use them. Of data
+        sets without outliers about 1 % have a point named. Missing samples are none.
+
+        Source: theory §11.
+        """
+        found = outliers(self._points)
+        return found.reshape(*self.shape, found.shape[1])
+
+    @cached_property
+    def copies(self) -> Ints:
+        """Number of points (…) that repeat an earlier one exactly, which makes the standard errors too small."""
+        return copies(self._points).reshape(self.shape)
+
+    @property
+    def _points(self) -> Samples:
+        if self._samples is None:
+            raise ValueError(_WITHOUT_POINTS)
+        return self._samples
 
     @cached_property
     def residual_rms(self) -> Floats:
