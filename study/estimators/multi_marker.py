@@ -12,7 +12,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import brentq
 
 from study.estimators.answer.joint_fit import JointFit
 from study.estimators.careful_fit import FARTHEST, binary_size, scaled_noise
@@ -197,6 +196,8 @@ class _Joint:
         def excess(eta: float) -> float:
             drawn = float((squares / (extents * (extents - eta))).sum())
             return start - eta * (4.0 * size - 2.0 * self.d * eta + drawn)
+
+        from scipy.optimize import brentq  # imported here, as it takes as long as the rest of the library
 
         if not start > 0.0:
             return 0.0
