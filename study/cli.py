@@ -223,7 +223,7 @@ def report(
 @app.command()
 def fit(
     files: Points,
-    estimator: Estimator = "als",
+    estimator: Estimator = "corrected",
     noise: Noise = None,
     columns: Columns = None,
     plot: Plot = None,

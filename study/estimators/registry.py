@@ -77,13 +77,13 @@ ESTIMATORS: dict[str, Estimator] = {
 }
 
 
-def fit(points: ArrayLike, estimator: str = "als", noise: ArrayLike | None = None, *, copy: bool = True) -> Fit:
+def fit(points: ArrayLike, estimator: str = "corrected", noise: ArrayLike | None = None, *, copy: bool = True) -> Fit:
     """Fit a sphere (a circle, if d = 2) to each of one or many point sets.
 
     Args:
         points: coordinates (…, n, d) of n ≥ d + 1 points in d ≥ 2 dimensions, in any unit; leading axes are a batch.
             Points with a NaN, or masked, are missing samples.
-        estimator: a name in `study.ESTIMATORS`.
+        estimator: a name in `study.ESTIMATORS`; the default is never far from the best of them (configs/regret.toml).
         noise: standard deviation σ of each coordinate, in the unit of the points, or a covariance Σ (d, d); None if
             it is not known. Only ``ugdk`` cannot do without.
         copy: copy the points, from which a `Fit` computes residuals and standard errors when asked. If False it reads

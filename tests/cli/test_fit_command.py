@@ -57,15 +57,15 @@ def test_fit(say, rng, on_cap, tmp_path, d):
     head, rows = rows_of(said)
     assert head == ["estimator", *"123"[:d], "radius", "noise", "rms", "ρ", "samples", "status"]
     fit = study.fit(points)
-    for cell, value, error in zip(rows["als"], [*fit.center, fit.radius], fit.standard_errors, strict=False):
+    for cell, value, error in zip(rows["corrected"], [*fit.center, fit.radius], fit.standard_errors, strict=False):
         printed, its_error = map(float, cell.split(" ± "))
         assert abs(its_error / error - 1.0) <= 0.05
         assert abs(printed - value) <= 0.05 * error
-    assert rows["als"][-2:] == ["90", "ok"]
+    assert rows["corrected"][-2:] == ["90", "ok"]
     title, form, note = said.splitlines()[3:]
     assert re.split(r" {2,}", title) == ["estimator", "diameter", "form error", "largest deviation"]
     name, diameter, form_error, deviation = re.split(r" {2,}", form)
-    assert name == "als"
+    assert name == "corrected"
     assert float(diameter.split(" ± ")[0]) == pytest.approx(2.0 * fit.radius, abs=0.1 * fit.standard_errors[-1])
     distance = np.linalg.norm(points - fit.center, axis=1)
     assert float(form_error) == pytest.approx(np.ptp(distance), rel=0.01)
@@ -92,9 +92,9 @@ def test_columns_and_missing_rows(say, cap, tmp_path):
     (tmp_path / "gaps.csv").write_text("\n".join(lines))
     head, rows = rows_of(say("fit", "gaps.csv", "--columns", "z, x,2")[1])
     assert head[1:4] == ["z", "x", "y"]
-    assert rows["als"][-2] == "198"
+    assert rows["corrected"][-2] == "198"
     used = np.delete(cap, [6, 8], axis=0)[:, [2, 0, 1]]
-    assert abs(float(rows["als"][0].split()[0]) - study.fit(used).center[0]) < 0.01
+    assert abs(float(rows["corrected"][0].split()[0]) - study.fit(used).center[0]) < 0.01
 
 
 def test_many_rows(say, cap, tmp_path):
@@ -103,7 +103,7 @@ def test_many_rows(say, cap, tmp_path):
     (tmp_path / "big.csv").write_text("\n".join([block] * 1000))
     code, said, complained = say("fit", "big.csv", "--plot", "big.png")
     assert (code, complained) == (0, "")
-    cells = rows_of(said)[1]["als"]
+    cells = rows_of(said)[1]["corrected"]
     assert cells[-2:] == ["200000", "ok"]
     assert abs(float(cells[3].split()[0]) - study.fit(cap).radius) < 1e-3
     assert (tmp_path / "big.png").stat().st_size > 10_000
@@ -153,7 +153,7 @@ def test_plot(say, cap, tmp_path, suffix):
     assert {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}[suffix] == data[: 5 if suffix == "svg" else 4]
 
 
-@pytest.mark.parametrize("estimator", ["als", "all"])
+@pytest.mark.parametrize("estimator", ["corrected", "all"])
 def test_coplanar_points_are_drawn(say, rng, tmp_path, estimator):
     """Points without noise in a plane: statuses, the exit code of fits that are not ok, a picture of the points."""
     t = rng.uniform(-1, 1, 50)
@@ -185,7 +185,7 @@ def test_columns_by_name(say, cap, tmp_path):
     assert (code, complained) == (0, "")
     assert rows_of(said)[0][1:4] == ["X [mm]", "Y [mm]", "Z [mm]"]
     assert "columns left out: id, t\n" in said
-    assert rows_of(said)[1]["als"] == rows_of(say("fit", "cap.csv")[1])[1]["als"]
+    assert rows_of(said)[1]["corrected"] == rows_of(say("fit", "cap.csv")[1])[1]["corrected"]
 
 
 def test_several_files(say, cap, tmp_path):
@@ -195,8 +195,8 @@ def test_several_files(say, cap, tmp_path):
     assert (code, complained) == (0, "")
     first, second = said.split("\nhalf.npy\n")
     assert first.startswith("cap.csv\n")
-    assert rows_of(first.removeprefix("cap.csv\n"))[1]["als"][-2] == "200"
-    assert rows_of(second)[1]["als"][-2] == "100"
+    assert rows_of(first.removeprefix("cap.csv\n"))[1]["corrected"][-2] == "200"
+    assert rows_of(second)[1]["corrected"][-2] == "100"
     assert said.count("standard uncertainty") == 1
     assert say("fit", "cap.csv", "none.csv")[:2] == (2, "")
     assert say("fit", "cap.csv", "half.npy", "--plot", "out.png")[:2] == (2, "")
@@ -208,7 +208,7 @@ def test_json(say, cap, tmp_path):
     code, said, complained = say("fit", "cap.csv", "flat.csv", "-e", "all", "--json")
     assert (code, complained) == (3, "")
     found = {(each["file"], each["estimator"]): each for each in json.loads(said)}
-    fit, als = study.fit(np.loadtxt(tmp_path / "cap.csv", delimiter=",", skiprows=1)), found["cap.csv", "als"]
+    fit, als = study.fit(np.loadtxt(tmp_path / "cap.csv", delimiter=",", skiprows=1), "als"), found["cap.csv", "als"]
     assert als["ok"] is True
     assert (als["status"], als["samples"], als["coordinates"]) == ("ok", 200, ["x", "y", "z"])
     assert [*als["center"], als["radius"]] == [*fit.center, fit.radius]

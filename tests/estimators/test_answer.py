@@ -91,10 +91,10 @@ def test_frame(points):
 def test_words(points):
     """The text of a fit has its numbers with their errors and its status; that of a batch counts the statuses."""
     fit = study.fit(points)
-    assert repr(fit) == "Fit(als: 6 fits of shape (2, 3), 5 ok, 1 singular)"
+    assert repr(fit) == "Fit(corrected: 6 fits of shape (2, 3), 5 ok, 1 singular)"
     error = fit.standard_errors[0, 0, 3]
     said = repr(fit[0, 0])
-    assert said.startswith("Fit(als: center (")
+    assert said.startswith("Fit(corrected: center (")
     assert said.endswith(", 25 points, ok)")
     value, _, uncertainty = said.partition("radius ")[2].partition(",")[0].partition(" ± ")
     assert float(value) == pytest.approx(float(fit.radius[0, 0]), abs=0.6 * 10.0 ** np.floor(np.log10(error) - 1))

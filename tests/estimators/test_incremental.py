@@ -146,7 +146,7 @@ def test_missing_samples(rng, on_cap):
     assert empty.fit(ESTIMATORS["als"]).status == Status.TOO_FEW_POINTS
     empty.update(np.empty((0, 3)))
     empty.update(rest)
-    np.testing.assert_allclose(empty.fit(ESTIMATORS["als"]).center, study.fit(holes).center, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(empty.fit(ESTIMATORS["als"]).center, study.fit(holes, "als").center, rtol=0, atol=1e-12)
 
 
 def test_infinite_samples_are_not_missing(rng):

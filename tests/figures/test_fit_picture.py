@@ -53,7 +53,7 @@ def test_circles_are_shown_as_they_are(cap):
 def test_columns_without_a_name(cap):
     """What is called by a number is x with an index; a direction in them can be read."""
     points = cap()
-    view, _ = prepare(points, {"als": study.fit(points)}, ["1", "2", "3"]).views
+    view, _ = prepare(points, {"als": study.fit(points, "als")}, ["1", "2", "3"]).views
     assert {term for term in view.names[1].split() if term.startswith("$")} <= {"$x_{1}$", "$x_{2}$", "$x_{3}$"}
     assert "$x_{2}$" in view.names[1]  # the cap's axis is (1, 2, -1)
 
@@ -223,7 +223,7 @@ def test_many_points(rng, on_cap):
 def test_names_are_not_taken_for_formulas(cap):
     """A column may be called $x or a_{."""
     points = cap(d=2)
-    figure = draw(prepare(points, {"als": study.fit(points)}, ["$x$ in $", "a_{^"]))
+    figure = draw(prepare(points, {"als": study.fit(points, "als")}, ["$x$ in $", "a_{^"]))
     figure.draw_without_rendering()
 
 
