@@ -10,7 +10,7 @@ import pandas as pd
 from study.analysis.medians_at_bounds import has_bounds, medians_at_bounds
 from study.estimators import Status
 from study.estimators.status import explain
-from study.experiment.conditions import LABELS, SAMPLES, named_in
+from study.experiment.conditions import LABELS, SAMPLES, bound_law, named_in
 from study.figures import style
 from study.report import words
 from study.report.blocks import (
@@ -67,6 +67,7 @@ def efficiency(record: Record) -> list[Block]:
             cells += [f"{value:.3g}" for value in medians_at_bounds(record.run.study, first)]
         rows.append(Row([*cells, *(_ratio(found[name]) if name in found else "–" for name in shown)]))
     least = words.count(int(frame["planned"].min()))
+    law = f" ({name})" if (name := bound_law(frame)) else ""
     efficient = (
         "The columns CRLB and attainable have the medians of Gaussian errors at the Cramér-Rao bound, which treats the "
         "directions as known, and at the attainable bound, which does not. "
@@ -74,8 +75,8 @@ def efficiency(record: Record) -> list[Block]:
         else "An estimator with Gaussian errors at the bound has about 0.7 to 0.9. "
     )
     caption = (
-        "Distance of the estimated from the true centre over the bound √tr CRLB of the same points: median of the "
-        "fits that are ok, ± its Monte-Carlo error (∞: too few fits for one); below it the share of those that are "
+        f"Distance of the estimated from the true centre over the bound √tr CRLB{law} of the same points: median of "
+        "the fits that are ok, ± its Monte-Carlo error (∞: too few fits for one); below it the share of those that are "
         f"not. {efficient}"
         f"At least {least} trial{'s' * (least != '1')} a row{fixed}."
     )
@@ -152,9 +153,10 @@ def worst_trials(record: Record) -> list[Block]:
     ]
     symbols = [c.symbol for c in conditions]
     head = ["Cell", "Trial", "Estimator", *symbols, "Error over bound", "Status", "To see it again"]
+    law = f" ({name})" if (name := bound_law(frame)) else ""
     caption = (
-        "Largest error over a finite bound among the fits that are ok; a trial counts once, by its worst estimator. "
-        "The command draws the same points again; the fits that it shows are those of the version installed."
+        f"Largest error over a finite bound{law} among the fits that are ok; a trial counts once, by its worst "
+        "estimator. The command draws the same points again; the fits that it shows are those of the version installed."
     )
     label = f"The worst trials, {record.name}"
     return [Table(label, caption, head, rows, numeric=frozenset({1, *range(3, 4 + len(conditions))}), stacked=True)]
