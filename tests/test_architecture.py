@@ -31,9 +31,11 @@ ROOMS = [
 SUB_ROOMS = {
     "runs": ["storage", "workers", "adaptive"],
     "mocap": ["geometry", "io", "markersets", "joints", "skeleton", "view", "synthetic", "case_study", "commands"],
-    "estimators": ["intervals", "robust", "geometric", "answer", "own"],
+    "sphere": ["random"],
+    "estimators": ["intervals", "robust", "answer", "geometric", "own"],
     "analysis": ["claims", "verification", "points"],
     "experiment": ["noise", "designs"],
+    "figures": ["paper"],
 }
 """Rooms within rooms, in their order; files beside them may stand anywhere that makes no circle."""
 FILES = sorted(PACKAGE.rglob("*.py"))

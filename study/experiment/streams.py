@@ -9,7 +9,7 @@ import hashlib
 
 import numpy as np
 
-from study.sphere.sfc64 import WORDS, seeded
+from study.sphere.random.sfc64 import WORDS, seeded
 from study.sphere.types import Words
 
 Name = tuple[str | int | float, ...]
@@ -30,7 +30,7 @@ def stream(seed: int, *name: str | int | float) -> np.random.Generator:
 
 
 def lanes(seed: int, *name: str | int | float) -> Words:
-    """Make the state of a named stream for compiled loops: the parallel generators of `study.sphere.sfc64`.
+    """Make the state of a named stream for compiled loops: the parallel generators of `study.sphere.random.sfc64`.
 
     Every word of the first state is a hash of the name, which costs less than a `SeedSequence`.
     """

@@ -9,22 +9,16 @@ from typing import Any, Protocol
 
 from matplotlib.figure import Figure
 
-from study.figures import (
+from study.figures import fig_calibration, fig_efficiency, fig_map, fig_posterior, fig_regret, fig_robustness, style
+from study.figures.inputs import NotApplicable, Tables
+from study.figures.paper import (
     fig2_error,
     fig3_gdke_ellipse,
     fig4_ugdk_ellipse,
     fig5_methods,
     fig6_mgdk,
     fig7_power_law,
-    fig_calibration,
-    fig_efficiency,
-    fig_map,
-    fig_posterior,
-    fig_regret,
-    fig_robustness,
-    style,
 )
-from study.figures.inputs import NotApplicable, Tables
 from study.runs.storage.run_folder import Run
 
 

@@ -15,9 +15,9 @@ from scipy import special
 
 from study.sphere.cap_quantile import CapLaw, cap_law, to_heights
 from study.sphere.jit import CHUNK, compiled, fill
-from study.sphere.sfc64 import LANES, fill_words, put_back, spare, to_uniform
+from study.sphere.random.sfc64 import LANES, fill_words, put_back, spare, to_uniform
+from study.sphere.random.ziggurat import to_normals
 from study.sphere.types import Floats, Words
-from study.sphere.ziggurat import to_normals
 
 _EIGHTH = 0.25 * math.pi
 _S3, _S5, _S7, _S9, _S11, _S13, _S15 = ((-1.0) ** k / math.factorial(2 * k + 1) for k in range(1, 8))
@@ -165,7 +165,7 @@ def draw(state: Words, half_angle: float, directions: Floats, normals: Floats) -
     Trial after trial, so that a block's first trials do not depend on how many follow.
 
     Args:
-        state: state of the generators, see `study.sphere.sfc64`; it is advanced.
+        state: state of the generators, see `study.sphere.random.sfc64`; it is advanced.
         half_angle: φ in radians, 0 < φ ≤ π.
         directions: receives directions (b, d, n) about the first axis, with the height t = 1 - u₁ in place of u₁.
         normals: receives numbers (b, d, n).

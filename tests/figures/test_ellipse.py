@@ -5,8 +5,8 @@ import pytest
 from scipy import stats
 
 from study.estimators import Status
-from study.figures import arc_data, fig3_gdke_ellipse, fig4_ugdk_ellipse, fig5_methods
 from study.figures.inputs import NotApplicable
+from study.figures.paper import arc_data, fig3_gdke_ellipse, fig4_ugdk_ellipse, fig5_methods
 
 FIGURES = [fig3_gdke_ellipse, fig4_ugdk_ellipse, fig5_methods]
 

@@ -3,8 +3,8 @@ import pytest
 from scipy import stats
 
 from study.estimators import Status
-from study.figures import fig2_error
 from study.figures.inputs import NotApplicable
+from study.figures.paper import fig2_error
 
 
 def test_slope_of_an_exact_power_law(random_tables):

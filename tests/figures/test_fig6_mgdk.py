@@ -9,8 +9,9 @@ from matplotlib.patches import Circle
 
 import study
 from study.estimators import mgdk
-from study.figures import fig6_mgdk, style
+from study.figures import style
 from study.figures.inputs import NotApplicable
+from study.figures.paper import fig6_mgdk
 from study.sphere.cap import sample_cap
 from study.statistics.measures import quantile
 

@@ -6,8 +6,8 @@ import pytest
 
 from study.analysis.summary import summary
 from study.estimators import Status
-from study.figures import fig7_power_law
 from study.figures.inputs import NotApplicable
+from study.figures.paper import fig7_power_law
 
 
 def test_exponents(power_tables):

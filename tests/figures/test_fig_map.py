@@ -7,8 +7,9 @@ import pytest
 from scipy import stats
 
 from study.experiment.noise.gaussian import AnisotropicGaussian
-from study.figures import fig2_error, fig_efficiency, fig_map
+from study.figures import fig_efficiency, fig_map
 from study.figures.inputs import NotApplicable
+from study.figures.paper import fig2_error
 
 LEVELS = [1e-3, 1e-1, 10.0]
 ANGLES = [45.0, 180.0]

@@ -9,7 +9,7 @@ import pytest
 from study.estimators import ESTIMATORS, Samples
 from study.sphere.cap import draw
 from study.sphere.joint_moments import JointMoments
-from study.sphere.sfc64 import WORDS, seeded
+from study.sphere.random.sfc64 import WORDS, seeded
 
 CLOSED = ["gdke", "ugdk", "als", "taubin", "pratt", "hyper"]
 EPS = 2.0**-52

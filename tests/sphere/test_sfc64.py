@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numba import njit
 
-from study.sphere.sfc64 import LANES, WORDS, fill_words, put_back, seeded, spare, to_uniform
-from study.sphere.ziggurat import to_normals
+from study.sphere.random.sfc64 import LANES, WORDS, fill_words, put_back, seeded, spare, to_uniform
+from study.sphere.random.ziggurat import to_normals
 
 
 def numpys(begin):

@@ -1,8 +1,8 @@
 """Shared drawing of figures 3 and 4: the whole circle on the left, its centre with error ellipses on the right.
 
 The ellipses are centred on the estimate, as the paper draws them, and have the size of the estimator's spread over
-all trials of the cell (`study.figures.arc_data`). The dots are the centres fitted to other trials, so that the ellipse
-can be judged by eye; they lie about the estimator's own median, not about the truth.
+all trials of the cell (`study.figures.paper.arc_data`). The dots are the centres fitted to other trials, so that the
+ellipse can be judged by eye; they lie about the estimator's own median, not about the truth.
 """
 
 import textwrap
@@ -18,8 +18,8 @@ from matplotlib.patches import Circle, Ellipse, Rectangle
 from matplotlib.ticker import MaxNLocator
 
 from study.figures import style
-from study.figures.arc_data import LEVELS, DataSet, Spread, choose, reach
 from study.figures.inputs import Tables
+from study.figures.paper.arc_data import LEVELS, DataSet, Spread, choose, reach
 
 Window = tuple[float, float, float, float]
 
@@ -57,7 +57,7 @@ def prepare(tables: Tables, estimator: str) -> EllipseFrame:
     """Choose the data set, and a window that holds both figures' ellipses, so that they can be compared.
 
     Raises:
-        NotApplicable: see `study.figures.arc_data.choose`.
+        NotApplicable: see `study.figures.paper.arc_data.choose`.
     """
     data = choose(tables, [estimator])
     shown = [name for name in ("gdke", "ugdk") if name in data.spreads]

@@ -9,12 +9,12 @@ the errors are not Gaussian: they trail off away from the points.
 
 from matplotlib.figure import Figure
 
-from study.figures import ellipse
 from study.figures.inputs import Tables
+from study.figures.paper import ellipse
 
 
 def prepare(tables: Tables) -> ellipse.EllipseFrame:
-    """Compute the frame; see `study.figures.ellipse.prepare`."""
+    """Compute the frame; see `study.figures.paper.ellipse.prepare`."""
     return ellipse.prepare(tables, "ugdk")
 
 

@@ -1,8 +1,8 @@
 """Normal numbers from random words, in compiled loops: NumPy's method and tables, in a fifth of its time.
 
 The sign of a number is read from the table of layers instead of being a branch that no processor can predict, and the
-words are made many at a time (`study.sphere.sfc64`). One number in ninety lies outside its layer's rectangle; the
-further words that it needs come from the spare generator.
+words are made many at a time (`study.sphere.random.sfc64`). One number in ninety lies outside its layer's rectangle;
+the further words that it needs come from the spare generator.
 
 Source: Marsaglia & Tsang, J. Stat. Softw. 5 (2000) 8, in 256 layers, as NumPy's `standard_normal` has it.
 """
@@ -13,7 +13,7 @@ import numpy as np
 from numba.np.random._constants import fi_double, ki_double, wi_double, ziggurat_nor_inv_r, ziggurat_nor_r
 
 from study.sphere.jit import compiled
-from study.sphere.sfc64 import Lane, next_word, uniform
+from study.sphere.random.sfc64 import Lane, next_word, uniform
 from study.sphere.types import Floats, Words
 
 _WIDTH = np.concatenate([wi_double, -np.asarray(wi_double)])

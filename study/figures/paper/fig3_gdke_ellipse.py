@@ -8,12 +8,12 @@ Look at: the distance from the cross (the truth) to the ellipses, and how many o
 
 from matplotlib.figure import Figure
 
-from study.figures import ellipse
 from study.figures.inputs import Tables
+from study.figures.paper import ellipse
 
 
 def prepare(tables: Tables) -> ellipse.EllipseFrame:
-    """Compute the frame; see `study.figures.ellipse.prepare`."""
+    """Compute the frame; see `study.figures.paper.ellipse.prepare`."""
     return ellipse.prepare(tables, "gdke")
 
 

@@ -15,10 +15,11 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from matplotlib.ticker import MaxNLocator
 
-from study.figures import arc_data, style
-from study.figures.arc_data import DataSet, choose
-from study.figures.ellipse import draw_data, frame_axes, window, write_below
+from study.figures import style
 from study.figures.inputs import Tables
+from study.figures.paper import arc_data
+from study.figures.paper.arc_data import DataSet, choose
+from study.figures.paper.ellipse import draw_data, frame_axes, window, write_below
 
 METHODS = ["mle", "ugdk", "gdke"]
 
@@ -43,7 +44,7 @@ def prepare(tables: Tables) -> MethodsFrame:
     """Choose the data set and collect the circles.
 
     Raises:
-        NotApplicable: see `study.figures.arc_data.choose`.
+        NotApplicable: see `study.figures.paper.arc_data.choose`.
     """
     data = choose(tables, METHODS)
     shown = []

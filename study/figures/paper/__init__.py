@@ -1,0 +1,1 @@
+"""Figures 2 to 7 of the paper."""

@@ -1,0 +1,1 @@
+"""Random numbers inside compiled loops: NumPy's own, to the bit."""
