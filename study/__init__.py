@@ -4,6 +4,7 @@
     fit = study.fit(points, "ugdk", noise=0.05)     # points (…, n, d): fit.center, fit.radius, fit.ok
     joint = study.mgdk([marker_a, marker_b])        # points (n, d) of each marker: one common centre
     bound = study.crlb(directions, noise=0.05)      # (…, d+1, d+1)
+    zone = study.minimum_zone(points)               # two concentric spheres that enclose all points most closely
     best = study.attainable_bound(45, noise=0.3)    # (d+1, d+1), for one sample on the unit sphere
 
 `study.ESTIMATORS` lists the estimators, and `study.Incremental` fits points as they arrive. The command line is
@@ -21,10 +22,12 @@ if TYPE_CHECKING:
         Fit,
         Incremental,
         JointFit,
+        MinimumZone,
         Samples,
         Status,
         fit,
         mgdk,
+        minimum_zone,
     )
     from study.sphere.attainable import attainable_bound
     from study.sphere.bounds import crlb
@@ -37,6 +40,7 @@ __all__ = [
     "Fit",
     "Incremental",
     "JointFit",
+    "MinimumZone",
     "Samples",
     "Status",
     "__version__",
@@ -44,6 +48,7 @@ __all__ = [
     "crlb",
     "fit",
     "mgdk",
+    "minimum_zone",
 ]
 
 _PLACES = {"attainable_bound": "study.sphere.attainable", "crlb": "study.sphere.bounds"}

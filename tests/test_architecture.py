@@ -30,7 +30,7 @@ ROOMS = [
 SUB_ROOMS = {
     "runs": ["storage", "workers", "adaptive"],
     "mocap": ["geometry", "io", "markersets", "joints", "skeleton", "view", "synthetic", "case_study", "commands"],
-    "estimators": ["robust", "answer", "geometric"],
+    "estimators": ["form", "robust", "answer", "geometric"],
     "analysis": ["claims"],
     "experiment": ["designs"],
 }

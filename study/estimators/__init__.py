@@ -3,6 +3,7 @@
 from study.estimators.answer.estimates import Estimates
 from study.estimators.answer.fit import Fit
 from study.estimators.estimator import Estimator
+from study.estimators.form.minimum_zone import MinimumZone, minimum_zone
 from study.estimators.incremental import Incremental
 from study.estimators.multi_marker import JointFit, mgdk
 from study.estimators.registry import ESTIMATORS, fit
@@ -16,8 +17,10 @@ __all__ = [
     "Fit",
     "Incremental",
     "JointFit",
+    "MinimumZone",
     "Samples",
     "Status",
     "fit",
     "mgdk",
+    "minimum_zone",
 ]
