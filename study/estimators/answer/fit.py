@@ -10,6 +10,7 @@ from study.estimators.answer.covariance import plug_in_bound, unless_missing
 from study.estimators.answer.settled_status import settled_status
 from study.estimators.answer.table import as_html, as_text, frame
 from study.estimators.estimates import Estimates
+from study.estimators.form.minimum_zone import MinimumZone, minimum_zone
 from study.estimators.intervals import Intervals, intervals
 from study.estimators.robust.copies import copies
 from study.estimators.robust.outliers import outliers
@@ -250,6 +251,12 @@ class Fit:
     def copies(self) -> Ints:
         """Number of points (…) that repeat an earlier one exactly, which makes the standard errors too small."""
         return copies(self._points).reshape(self.shape)
+
+    @cached_property
+    def minimum_zone(self) -> MinimumZone:
+        """The minimum-zone sphere of the points, whatever the estimator: see `study.minimum_zone`."""
+        zone = minimum_zone(self._points.points)
+        return MinimumZone(zone.center.reshape(*self.shape, -1), *(array.reshape(self.shape) for array in zone[1:]))
 
     @property
     def _points(self) -> Samples:

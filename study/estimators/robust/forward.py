@@ -30,7 +30,7 @@ _MANY = 40
 """With more points outside, several enter at once ..."""
 _CLEARLY = 0.8
 """... namely those whose deleted residuals are below this share of the quantile."""
-_FURTHEST = 10.0
+_FURTHEST = 1000.0
 """An outlier is no less likely for being further away than so many times the set's size."""
 _ENTROPY = 0.5 * math.log(2.0 * math.pi * math.e)
 _LEAST = 1e-3
