@@ -29,7 +29,7 @@ def test_in_python(tmp_path):
     code = "import study\nprint(study.fit([[0, 0, 1], [0, 1, 0], [1, 0, 0], [0, 0, -1.0], [0.1, -1, 0]]))"
     found, said = loaded(tmp_path, code)
     assert found == set()
-    assert said.startswith("Fit(als: center (")
+    assert said.startswith("Fit(corrected: center (")
 
 
 def test_on_the_command_line(tmp_path):
