@@ -149,7 +149,7 @@ def score(cloud: Cloud, sphere: Sphere, room: Room, means: RadialMeans, beside: 
         means: means of R there.
         beside: receives standard errors and correlations.
     """
-    n, d = cloud.count, len(cloud.zero)
+    n, d = cloud.size, len(cloud.zero)
     r, variance = sphere.numbers[0], means.variance
     spare = n - d - 1.0
     total, weight, plain = _weigh(cloud, sphere, room.pull, means.excess01, beside.sums)
