@@ -255,8 +255,8 @@ class Fit:
     @cached_property
     def minimum_zone(self) -> MinimumZone:
         """The minimum-zone sphere of the points, whatever the estimator: see `study.minimum_zone`."""
-        zone = minimum_zone(self._points.points)
-        return MinimumZone(zone.center.reshape(*self.shape, -1), *(array.reshape(self.shape) for array in zone[1:]))
+        points = self._points.points
+        return minimum_zone(points.reshape(*self.shape, *points.shape[1:]))
 
     @property
     def _points(self) -> Samples:

@@ -79,7 +79,7 @@ def minimum_zone(points: ArrayLike) -> MinimumZone:
 
 def _of_one(x: Floats) -> tuple[Floats, bool]:
     """Centre, radius and width (d + 2,) of the minimum zone of points (n, d), and True if it is proven."""
-    n, d = x.shape
+    d = x.shape[1]
     origin = x.mean(axis=0)
     unit = float(np.abs(x - origin).max())
     lost = np.full(d + 2, np.nan)
@@ -106,7 +106,7 @@ def _descend(y: Floats, center: Floats) -> tuple[Floats, bool]:
         width = high - low
         if not low > 0.0 or high > _FAR or width <= _TINY * high:
             return center, False
-        step, predicted, active, multipliers = _programme(away / distance[:, None], distance, min(reach, 0.5 * high))
+        step, predicted, active = _programme(away / distance[:, None], distance, min(reach, 0.5 * high))
         signs = np.sign(distance[active] - 0.5 * (low + high))
         vertex = _vertex(y[active], signs, center) if len(active) == y.shape[1] + 2 else None
         if vertex is not None:
@@ -125,15 +125,15 @@ def _descend(y: Floats, center: Floats) -> tuple[Floats, bool]:
     return center, False
 
 
-def _programme(e: Floats, distance: Floats, reach: float) -> tuple[Floats, float, Ints, Floats]:
+def _programme(e: Floats, distance: Floats, reach: float) -> tuple[Floats, float, Ints]:
     """Minimise the largest |R - e·step - r|, linearised, with no component of the step longer than ``reach``.
 
     Returns:
-        The step (d,), the width that it predicts, the points with a multiplier, and their multipliers.
+        The step (d,), the width that it predicts, and the points with a multiplier.
     """
     from scipy.optimize import linprog
 
-    n, d = e.shape
+    d = e.shape[1]
     middle = 0.5 * (distance.min() + distance.max())
     half = distance.max() - middle
     residual = (distance - middle) / half  # HiGHS takes 1e-7 for nothing: in units of the zone it is
@@ -148,7 +148,7 @@ def _programme(e: Floats, distance: Floats, reach: float) -> tuple[Floats, float
         cost[-1] = 1.0
         found = linprog(cost, matrix, np.concatenate([-right, right]), bounds=bounds, method="highs")
         if found.status != 0:
-            return np.zeros(d), 2.0 * half, np.empty(0, dtype=np.int64), np.empty(0)
+            return np.zeros(d), 2.0 * half, np.empty(0, dtype=np.int64)
         left = np.abs(residual - e @ found.x[:d] - found.x[d])
         worst = np.argsort(-left, kind="stable")[:_FEWEST]
         beyond = np.setdiff1d(worst[left[worst] > found.x[-1] + 1e-7], taken)
@@ -156,8 +156,7 @@ def _programme(e: Floats, distance: Floats, reach: float) -> tuple[Floats, float
             break
         taken = np.concatenate([taken, beyond])
     multipliers = -found.ineqlin.marginals.reshape(2, -1).sum(axis=0)
-    carry = multipliers > 1e-9
-    return half * found.x[:d], 2.0 * half * float(found.x[-1]), taken[carry], multipliers[carry]
+    return half * found.x[:d], 2.0 * half * float(found.x[-1]), taken[multipliers > 1e-9]
 
 
 def _vertex(y: Floats, signs: Floats, center: Floats) -> Floats | None:

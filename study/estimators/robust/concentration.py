@@ -92,7 +92,7 @@ def select(values: Floats, place: int) -> float:
             low = i
         else:
             break
-    return values[place]
+    return float(values[place])
 
 
 @compiled
@@ -173,7 +173,7 @@ def _taubin(y: Floats, work: Workspace, sphere: Floats) -> bool:
     for i in range(d):
         sphere[i] += mean[i]
     sphere[d] = math.sqrt(square_radius)
-    return sphere[d] < math.inf
+    return bool(sphere[d] < math.inf)
 
 
 @compiled

@@ -14,7 +14,7 @@ from study.sphere.types import Bools, Floats
 _BATCH = 1 << 16
 """Elemental spheres that are formed together."""
 _LARGEST = 1e8
-"""Largest coordinate in units of a set's size, at which rounding is small beside it; what is further is taken to be there."""
+"""Largest coordinate in units of a set's size, where its rounding is small; what is further is taken to be there."""
 _ROUNDING = 2.0**-48
 
 
