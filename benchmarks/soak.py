@@ -5,6 +5,7 @@ kill counts if it hits while part files of this very process exist and work is u
 left but the folder: no process, no held lock. At the end the tables have the bytes of a run that was not killed.
 """
 
+import atexit
 import errno
 import os
 import signal
@@ -57,6 +58,7 @@ CASES = [
     ("posterior", "loky", "group"),
 ]
 _PATIENCE = 120.0
+_started: list[subprocess.Popen[str]] = []
 
 
 def _make_parts_small() -> None:
@@ -69,7 +71,7 @@ def _make_parts_small() -> None:
 def _start(folder: Path, kind: str, backend: str) -> subprocess.Popen[str]:
     (folder / f"{kind}.toml").write_text(CONFIGS[kind], encoding="utf-8")
     words = ["run", f"{kind}.toml", "--out", "out", "--jobs", "2", "--backend", backend]
-    return subprocess.Popen(
+    process = subprocess.Popen(
         [sys.executable, __file__, *words],
         cwd=folder,
         stdout=subprocess.DEVNULL,
@@ -77,6 +79,15 @@ def _start(folder: Path, kind: str, backend: str) -> subprocess.Popen[str]:
         text=True,
         start_new_session=True,
     )
+    _started.append(process)
+    return process
+
+
+def _end_all() -> None:
+    """Kill what still runs, when the soak itself ends early."""
+    for process in _started:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
 
 
 def _files(folder: Path) -> set[str]:
@@ -205,4 +216,6 @@ if __name__ == "__main__":
         _make_parts_small()
         cli.main()
     else:
+        atexit.register(_end_all)
+        signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(1))
         main(int(sys.argv[1]) if len(sys.argv) > 1 else 100, sys.argv[2:])
