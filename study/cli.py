@@ -51,10 +51,14 @@ Backend = Annotated[str | None, typer.Option("--backend", help=_BACKEND)]
 Scheduler = Annotated[str | None, typer.Option("--scheduler", help="address of a Dask scheduler: tcp://host:8786")]
 _BUDGET = "start no new work after this many seconds; for configs with [precision]"
 Seconds = Annotated[float | None, typer.Option("--budget", min=0.0, help=_BUDGET)]
-Points = Annotated[Path, typer.Argument(metavar="POINTS", help="CSV, TSV or other text, .npy, or .parquet")]
+_POINTS = "CSV, TSV or other text, .npy, or .parquet; - for standard input"
+Points = Annotated[list[Path], typer.Argument(metavar="POINTS…", help=_POINTS, allow_dash=True)]
+Json = Annotated[bool, typer.Option("--json", help="print the fits as JSON")]
+Csv = Annotated[bool, typer.Option("--csv", help="print the fits as CSV")]
 Estimator = Annotated[str, typer.Option("--estimator", "-e", help="name of an estimator, or all")]
 Noise = Annotated[float | None, typer.Option("--noise", help="standard deviation of a coordinate, if known")]
-Columns = Annotated[str | None, typer.Option("--columns", help="coordinates by name or number of column: x,y,z")]
+_COLUMNS = "coordinates by name or number of column [default: x,y,z if there are such names, else all]"
+Columns = Annotated[str | None, typer.Option("--columns", help=_COLUMNS)]
 Cell = Annotated[str, typer.Argument(metavar="CELL", help="name of the cell, or its beginning; or CELL/TRIAL")]
 Trial = Annotated[int | None, typer.Argument(metavar="[TRIAL]", min=0, help="number of the trial, from 0")]
 PointsOut = Annotated[Path | None, typer.Option("--out", help="file for the points, .csv or .parquet")]
@@ -215,22 +219,45 @@ def report(
 
 @app.command()
 def fit(
-    file: Points, estimator: Estimator = "als", noise: Noise = None, columns: Columns = None, plot: Plot = None
+    files: Points,
+    estimator: Estimator = "als",
+    noise: Noise = None,
+    columns: Columns = None,
+    plot: Plot = None,
+    as_json: Json = False,
+    as_csv: Csv = False,
 ) -> None:
-    """Fit a sphere, or a circle, to points in a file."""
-    from study.analysis.fitting import choose, fit_all, fit_table, printed
-    from study.analysis.pointfile import read_points
+    """Fit a sphere, or a circle, to the points in each file.
 
+    The exit code is 3 if a fit is not ok.
+    """
+    from study.analysis.points import fit_output
+    from study.analysis.points.fitting import choose, fit_all
+    from study.analysis.points.point_file import read_points
+
+    if as_json and as_csv:
+        raise typer.BadParameter("give --json or --csv, not both")
+    if plot is not None and len(files) > 1:
+        raise typer.BadParameter("--plot: give one file")
     chosen = choose(estimator, noise)
-    points, names = read_points(file, columns.split(",") if columns else None)
-    fits = fit_all(points, chosen, noise)
-    for line in printed(fit_table(fits, names), names):
-        typer.echo(line)
+    tables = [read_points(file, columns.split(",") if columns else None) for file in files]
+    found = [
+        fit_output.FileFits(file, table, fit_all(table.points, chosen, noise))
+        for file, table in zip(files, tables, strict=True)
+    ]
+    if as_json or as_csv:
+        typer.echo(fit_output.as_json(found) if as_json else fit_output.as_csv(found))
+    else:
+        for line in fit_output.as_text(found):
+            typer.echo(line)
     if plot is not None:
         from study.figures.fit_plot import draw, prepare
         from study.figures.style import save_picture
 
-        save_picture(draw(prepare(points, fits, names)), plot)
+        (only,) = found
+        save_picture(draw(prepare(only.table.points, only.fits, only.table.names)), plot)
+    if not all(each.ok() for each in found):
+        raise typer.Exit(ExitCode.TOO_MANY_FAILURES)
 
 
 @app.command()
@@ -305,7 +332,7 @@ def main(command: Callable[..., Any] = app) -> None:
             _complain("interrupted; run the same command again to resume", ExitCode.INTERRUPTED)
         raise
     except Exception as error:
-        from study.analysis.pointfile import PointFileError
+        from study.analysis.points.source import PointFileError
         from study.experiment.config_faults import ConfigError
         from study.experiment.replay import ReplayError
         from study.mocap.io.recording import RecordingError

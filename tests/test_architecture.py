@@ -31,7 +31,7 @@ SUB_ROOMS = {
     "runs": ["storage", "workers", "adaptive"],
     "mocap": ["geometry", "io", "markersets", "joints", "skeleton", "view", "synthetic", "case_study", "commands"],
     "estimators": ["form", "robust", "answer", "geometric"],
-    "analysis": ["claims"],
+    "analysis": ["points", "claims"],
     "experiment": ["designs"],
 }
 """Rooms within rooms, in their order; files beside them may stand anywhere that makes no circle."""

@@ -2,10 +2,11 @@
 
 from study.estimators.answer.estimates import Estimates
 from study.estimators.answer.fit import Fit
+from study.estimators.answer.joint_fit import JointFit
 from study.estimators.estimator import Estimator
 from study.estimators.form.minimum_zone import MinimumZone, minimum_zone
 from study.estimators.incremental import Incremental
-from study.estimators.multi_marker import JointFit, mgdk
+from study.estimators.multi_marker import mgdk
 from study.estimators.registry import ESTIMATORS, fit
 from study.estimators.samples import Samples
 from study.estimators.status import Status

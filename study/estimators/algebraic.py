@@ -12,7 +12,6 @@ theoretical value 4r²η + 2dη²: UGDK that measures its own noise.
 import math
 
 import numpy as np
-from scipy import stats
 
 from study.estimators.answer.estimates import Estimates
 from study.estimators.kasa import every, member
@@ -234,6 +233,8 @@ def _flat(samples: Samples, kept: Bools, direction: int) -> Bools:
     condition separates an arc's flat direction from a small cap's axis, which may be as short but carries the
     curvature.
     """
+    from scipy.special import fdtri  # imported here, as it takes as long as the rest of the library
+
     regression = samples.regression
     values, along = samples.spectrum.values, samples.spectrum.cross
     n, d = regression.n, values.shape[1]
@@ -244,7 +245,7 @@ def _flat(samples: Samples, kept: Bools, direction: int) -> Bools:
     with np.errstate(all="ignore"):
         explained = along**2 / values * ((n - 1.0) / n)[:, None]
         left = regression.variance - np.where(others, explained, 0.0).sum(axis=1) - explained[:, direction]
-        limit = stats.f.isf(_THREE_SIGMA, 1, np.maximum(spare, 1.0))
+        limit = fdtri(1, np.maximum(spare, 1.0), 1.0 - _THREE_SIGMA)
         chance = (explained[:, direction] * spare <= limit * np.maximum(left, 0.0)) & (spare > 0.0)
     return np.asarray(chance & (values[:, direction] <= eta * (1.0 + 3.0 * np.sqrt(4.0 / n))))
 

@@ -13,12 +13,15 @@ from numpy.typing import ArrayLike
 
 from study.estimators.answer.estimates import Estimates, blank
 from study.estimators.answer.fit import Fit
+from study.estimators.careful_fit import is_ordinary
 from study.estimators.estimator import Estimator
 from study.estimators.kasa import residual_noise
 from study.estimators.samples import Samples
 from study.estimators.status import Status
+from study.sphere.bounds import noise_covariance
 from study.sphere.jit import compiled
 from study.sphere.moments import Moments
+from study.sphere.real_array import real_array
 from study.sphere.types import Floats
 
 
@@ -144,9 +147,10 @@ class Incremental:
             points: one (d,) or several (n, d), in the unit of those before. Points with a NaN are left out.
 
         Raises:
+            TypeError: if they are not real numbers.
             ValueError: if the shape is another.
         """
-        array = np.atleast_2d(np.asarray(points, dtype=float))
+        array = np.atleast_2d(real_array(points, "points")).astype(float, copy=False)
         if array.ndim != 2 or array.shape[1] != self.dimension:
             d = self.dimension
             raise ValueError(f"points have shape {np.shape(points)}: expected ({d},) or (n, {d})")
@@ -164,16 +168,24 @@ class Incremental:
                 does not need it.
 
         Returns:
-            A fit of shape ``()``. While there are fewer than d + 1 points its status is `Status.TOO_FEW_POINTS`.
+            A fit of shape ``()``. While there are fewer than d + 1 points its status is `Status.TOO_FEW_POINTS`. Points
+            of a size beyond 1e40 or below 1e-40 have the status `Status.NOT_FINITE`: their moments leave the range of
+            numbers.
 
         Raises:
-            ValueError: if the estimator needs the points themselves, which are not stored.
+            TypeError: if the noise is no real number.
+            ValueError: if the estimator needs the points themselves, which are not stored, or the noise cannot be used.
         """
         if not estimator.moments_suffice:
             raise ValueError("this estimator reads the points, which are not stored: take gdke, ugdk or als")
+        if noise is not None:
+            noise_covariance(noise, self.dimension)
         if self.moments is None or self.moments.n[0] < self.dimension + 1:
             fit = blank(1, self.dimension)
             fit.status[:] = Status.TOO_FEW_POINTS
+        elif np.trace(self.moments.second[0]) > 0.0 and not is_ordinary(self.moments.fourth):
+            fit = blank(1, self.dimension)
+            fit.status[:] = Status.NOT_FINITE
         else:
             fit = estimator(Samples.of_moments(self.moments, noise))
         return Fit(fit.reshape())

@@ -8,44 +8,22 @@ known, one η for all markers is found from their residuals together (theory §5
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import brentq
 
+from study.estimators.answer.joint_fit import JointFit
+from study.estimators.careful_fit import FARTHEST, binary_size, scaled_noise
 from study.estimators.status import Status
 from study.sphere.bounds import noise_covariance
 from study.sphere.jit import compiled_as_written
 from study.sphere.linalg import eigenbasis
 from study.sphere.moments import Moments
+from study.sphere.real_array import real_array
 from study.sphere.types import Floats, Ints
 
 _ROUNDS = 5
-
-
-@dataclass(frozen=True)
-class JointFit:
-    """The common centre of several markers, as `mgdk` finds it.
-
-    Attributes:
-        center: ĉ (d,), in the unit of the points.
-        radii: r̂ of each marker (M,), in the unit of the points; NaN where no radius is real.
-        noise_variance: σ² of one coordinate, unit squared: as given (the mean over coordinates, for a covariance) or
-            estimated.
-        status: `Status` of the fit.
-        condition: ρ, the largest share of noise in Σ w_p C_p along any direction; it must be below 1.
-        covariance: covariance of ĉ (d, d), unit squared: the Cramér-Rao bound with the estimates plugged in.
-        count: number of samples used of each marker (M,); points with a NaN are left out.
-    """
-
-    center: Floats
-    radii: Floats
-    noise_variance: float
-    status: Status
-    condition: float
-    covariance: Floats
-    count: Ints
 
 
 def mgdk(markers: Sequence[ArrayLike], noise: ArrayLike | None = None, weighted: bool = True) -> JointFit:
@@ -53,7 +31,7 @@ def mgdk(markers: Sequence[ArrayLike], noise: ArrayLike | None = None, weighted:
 
     Args:
         markers: points (n_p, d) of each marker, in one unit and one coordinate system; n_p may differ. Points with a
-            NaN are missing samples.
+            NaN, or masked, are missing samples.
         noise: standard deviation σ of each coordinate, in the unit of the points, a covariance Σ (d, d), or None: it
             is then estimated from the points.
         weighted: weigh each marker by 1/r̂². If False, eq. 22 as derived is used, whose errors exceed the reported
@@ -64,15 +42,38 @@ def mgdk(markers: Sequence[ArrayLike], noise: ArrayLike | None = None, weighted:
         and raise nothing.
 
     Raises:
+        TypeError: if the points or the noise are not real numbers.
         ValueError: if there is no marker, or a shape or the noise cannot be used. The message says which and why.
 
     Source: paper eqs 22-23; the correction is in theory §2, weights and the joint root in §5.5.
     """
-    arrays = [_points(marker, place) for place, marker in enumerate(markers)]
+    given = tuple(_points(marker, place) for place, marker in enumerate(markers))
+    arrays = [array[np.logical_not(np.isnan(array).any(axis=1))] for array in given]
     if not arrays or len({array.shape[1] for array in arrays}) != 1:
         raise ValueError(f"markers of shapes {[a.shape for a in arrays]}: give at least one, all of the same dimension")
     d = arrays[0].shape[1]
     known = None if noise is None else noise_covariance(noise, d)
+    # in a unit of their size, a power of two, if the points are so large or small that their powers leave float64
+    power = int(binary_size(np.concatenate(arrays).T[None])[0]) if any(map(len, arrays)) else 0
+    if power == 0:
+        return replace(_common_center(arrays, known, weighted), markers=given)
+    if abs(power) > FARTHEST:
+        return replace(_nothing(d, np.array([len(array) for array in arrays]), Status.NOT_FINITE), markers=given)
+    unit = [np.ldexp(array, -power) for array in arrays]
+    found = _common_center(unit, None if known is None else np.asarray(scaled_noise(known, -power)), weighted)
+    return replace(
+        found,
+        center=np.ldexp(found.center, power),
+        radii=np.ldexp(found.radii, power),
+        noise_variance=float(np.ldexp(found.noise_variance, 2 * power)),
+        covariance=np.ldexp(found.covariance, 2 * power),
+        markers=given,
+    )
+
+
+def _common_center(arrays: list[Floats], known: Floats | None, weighted: bool) -> JointFit:
+    """Fit points of ordinary size (n_p, d), none of which is missing, with a covariance Σ of the noise or None."""
+    d = arrays[0].shape[1]
     count = np.array([len(array) for array in arrays])
     used = [array for array in arrays if len(array) >= 2]  # one sample fixes its marker's radius and no more
     if not used or sum(map(len, used)) < d + len(used):
@@ -196,6 +197,8 @@ class _Joint:
             drawn = float((squares / (extents * (extents - eta))).sum())
             return start - eta * (4.0 * size - 2.0 * self.d * eta + drawn)
 
+        from scipy.optimize import brentq  # imported here, as it takes as long as the rest of the library
+
         if not start > 0.0:
             return 0.0
         high = float(extents[0]) * (1.0 - 1e-12)
@@ -228,10 +231,10 @@ def _unit_bound(arrays: list[Floats], center: Floats, noise: Floats) -> Floats:
 
 
 def _points(marker: ArrayLike, place: int) -> Floats:
-    array = np.asarray(marker, dtype=float)
+    array = real_array(marker, f"marker {place}: points").astype(float)  # a copy, which the answer keeps
     if array.ndim != 2 or array.shape[1] < 2:
         raise ValueError(f"marker {place} has shape {array.shape}: expected (n, d) with d ≥ 2")
-    return np.asarray(array[np.logical_not(np.isnan(array).any(axis=1))])
+    return array
 
 
 def _nothing(dimension: int, count: Ints, status: Status) -> JointFit:

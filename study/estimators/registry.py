@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from study.estimators.algebraic import als, als_guarded, fuller, hinge, hyper, pratt, taubin
-from study.estimators.answer.estimates import Estimates, blank
 from study.estimators.answer.fit import Fit
+from study.estimators.careful_fit import careful_fit, is_ordinary
 from study.estimators.estimator import Estimator
 from study.estimators.geometric.corrected import corrected, corrected_01, corrected_02, corrected_12
 from study.estimators.geometric.mle import mle, mle_centroid, mle_mirror
@@ -18,9 +18,9 @@ from study.estimators.kasa import gdke, ugdk
 from study.estimators.lls import lls
 from study.estimators.lls_historical import lls_nr, lls_nr_raw, lls_single
 from study.estimators.samples import Samples
-from study.estimators.status import Status
 from study.estimators.unknown_covariance import ugdk_cov
 from study.sphere.bounds import noise_covariance
+from study.sphere.real_array import real_array
 from study.text.nearest import did_you_mean
 
 
@@ -66,7 +66,7 @@ ESTIMATORS: dict[str, Estimator] = {
 }
 
 
-def fit(points: ArrayLike, estimator: str = "als", noise: ArrayLike | None = None) -> Fit:
+def fit(points: ArrayLike, estimator: str = "als", noise: ArrayLike | None = None, *, copy: bool = True) -> Fit:
     """Fit a sphere (a circle, if d = 2) to each of one or many point sets.
 
     Args:
@@ -75,13 +75,15 @@ def fit(points: ArrayLike, estimator: str = "als", noise: ArrayLike | None = Non
         estimator: a name in `study.ESTIMATORS`.
         noise: standard deviation σ of each coordinate, in the unit of the points, or a covariance Σ (d, d); None if
             it is not known. Only ``ugdk`` cannot do without.
+        copy: copy the points, from which a `Fit` computes residuals and standard errors when asked. If False it reads
+            the caller's array, which must then not change; that saves time and memory where there are very many.
 
     Returns:
         A `Fit` whose arrays have the leading axes of ``points``. Look at ``fit.ok`` before using the numbers: data
         that determine no sphere have a status, and raise nothing.
 
     Raises:
-        TypeError: if the points are not real numbers.
+        TypeError: if the points or the noise are not real numbers.
         ValueError: if the shape, the noise or the estimator's name cannot be used. The message says which and why.
 
     Example:
@@ -93,11 +95,7 @@ def fit(points: ArrayLike, estimator: str = "als", noise: ArrayLike | None = Non
     """
     if estimator not in ESTIMATORS:
         raise ValueError(f"estimator = {estimator!r}: unknown; {did_you_mean(estimator, ESTIMATORS)}")
-    array = np.asarray(points)
-    if isinstance(points, np.ma.MaskedArray):  # a mask means missing, which is NaN here
-        array = np.where(np.ma.getmaskarray(points), np.nan, array)
-    if array.dtype.kind not in "fiu":
-        raise TypeError(f"points have dtype {array.dtype}: expected real numbers")
+    array = real_array(points, "points")
     if array.ndim < 2 or array.shape[-1] < 2:
         raise ValueError(f"points have shape {array.shape}: expected (…, n, d) with d ≥ 2")
     *lead, n, d = array.shape
@@ -106,27 +104,14 @@ def fit(points: ArrayLike, estimator: str = "als", noise: ArrayLike | None = Non
     if noise is not None:
         noise_covariance(noise, d)
         noise = float(np.asarray(noise)) if np.ndim(noise) == 0 else np.asarray(noise, dtype=float)
-    samples = Samples(array.astype(float, copy=False).reshape(-1, n, d).swapaxes(1, 2), noise)
-    function = ESTIMATORS[estimator]
-    missing = bool(np.isnan(samples.moments.fourth).any())
-    result = _fit_present(function, samples) if missing else function(samples)
-    return Fit(result.reshape(*lead), samples, estimator, function.covariance)
+    x = array.reshape(-1, n, d).swapaxes(1, 2)
+    samples = Samples(np.array(x, dtype=float, order="C") if copy else x.astype(float, copy=False), noise)
+    entry = ESTIMATORS[estimator]
+    found = entry(samples) if is_ordinary(samples.moments.fourth) else careful_fit(entry, samples)
+    return Fit(found.reshape(*lead), samples, estimator, entry.covariance)
 
 
 def fit_samples(samples: Samples, estimator: str) -> Fit:
     """Fit each set of a batch without missing samples by a named estimator; leading axes (b,)."""
     entry = ESTIMATORS[estimator]
     return Fit(entry(samples), samples, estimator, entry.covariance)
-
-
-def _fit_present(estimator: Estimator, samples: Samples) -> Estimates:
-    """Fit each set without its missing samples; sets with equally many are fitted together."""
-    b, d, _ = samples.shape
-    result = blank(b, d)
-    for sets, present in samples.by_count():
-        if present.shape[2] < d + 1:
-            result.status[sets] = Status.TOO_FEW_POINTS
-            continue
-        for whole, part in zip(result, estimator(present), strict=True):
-            whole[sets] = part
-    return result

@@ -66,7 +66,8 @@ class Samples:
             if n == self.shape[2] and len(sets) == len(count):
                 yield sets, self
             else:
-                yield sets, Samples(np.stack([self.x[t][:, present[t]] for t in sets]), self._noise_of(sets))
+                complete = [np.ascontiguousarray(self.x[t][:, present[t]]) for t in sets]
+                yield sets, Samples(np.stack(complete), self._noise_of(sets))
 
     @property
     def shape(self) -> tuple[int, int, int]:

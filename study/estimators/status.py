@@ -29,7 +29,7 @@ class Status(Worded):
     NOT_CONVERGED = 3, "the iteration did not converge within its limit of steps"
     AT_BOUND = 4, "the best sphere is a plane: the centre runs away from the points and was stopped at the bound"
     TOO_FEW_POINTS = 5, "fewer than d + 1 points"
-    NOT_FINITE = 6, "a coordinate is not finite, or so large that its fourth power is not"
+    NOT_FINITE = 6, "a coordinate is not finite, or the points are too large or too small to compute with"
     INSIGNIFICANT = 7, "along some direction the points' extent is within the noise: the centre is unreliable"
     HINGE = 8, "the points lie on an arc or in a plane, within the noise: the centre was taken in their plane"
     FAILED = 9, "the estimator raised an exception, or the worker that ran it died"

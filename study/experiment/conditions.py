@@ -143,8 +143,8 @@ RADIUS = Condition(
     symbol="r",
     meaning="true radius r",
     unit="length",
-    allowed=lambda v: v > 0,
-    rule="above 0",
+    allowed=lambda v: 1e-100 <= v <= 1e100,  # beyond, squares of errors leave the range of numbers
+    rule="above 0, between 1e-100 and 1e100",
     default=1.0,
 )
 CENTER = Condition(

@@ -32,7 +32,7 @@ class ExitCode(IntEnum):
     COMPLETE = 0
     FAILURE = 1
     USAGE = 2
-    TOO_MANY_FAILURES = 3  # complete, with more failed fits than the config tolerates
+    TOO_MANY_FAILURES = 3  # complete, with more failed fits than the config tolerates, or fits that are not ok
     BUDGET = 4  # stopped by its time budget before every cell had enough trials
     INTERRUPTED = 130  # by Ctrl-C or SIGTERM
 

@@ -15,10 +15,14 @@ from numpy.typing import ArrayLike
 from study.sphere.jit import CHUNK, Sums, compiled, fresh, put, total, zeros
 from study.sphere.layouts import View, at, window
 from study.sphere.linalg import eigenbasis
-from study.sphere.types import Floats
+from study.sphere.real_array import real_array
+from study.sphere.types import Bools, Floats
 
 _FLAT = 4 * 2.0**-52
 """Least eigenvalue of K over the largest, per dimension, up to which it is rounding: the bound is infinite."""
+
+_UNIT = 2e-6
+"""Largest difference of the squared length of a unit vector from 1."""
 
 
 @compiled
@@ -119,6 +123,7 @@ def crlb(directions: ArrayLike, noise: ArrayLike) -> Floats:
 
     Args:
         directions: unit vectors (…, n, d) from the centre to the true positions, d ≥ 2; leading axes are a batch.
+            Those with a NaN, or masked, are missing.
         noise: standard deviation σ of each coordinate, in the unit in which the bound is wanted, or the covariance Σ
             (d, d) of a sample, unit squared.
 
@@ -126,18 +131,38 @@ def crlb(directions: ArrayLike, noise: ArrayLike) -> Floats:
         Bound (…, d+1, d+1), unit squared; infinite where the directions do not determine the centre.
 
     Raises:
-        ValueError: if the shape or the noise cannot be used. The message says which and why.
+        TypeError: if the directions or the noise are not real numbers.
+        ValueError: if the shape or the noise cannot be used, or a direction is not of length 1. The message says which
+            and why.
 
     Source: paper §4.2; the elimination of the directions is theory (3.1).
     """
-    u = np.asarray(directions, dtype=float)
+    u = real_array(directions, "directions").astype(float, copy=False)
     if u.ndim < 2 or u.shape[-1] < 2:
         raise ValueError(f"directions have shape {u.shape}: expected (…, n, d) with d ≥ 2")
     *lead, n, d = u.shape
-    u = u.reshape(-1, n, d)
-    weights = normal_weights(u, noise_covariance(noise, d))
+    present = np.logical_not(np.isnan(u).any(axis=-1))
+    _assert_unit(u, present)
+    covariance, unit = unit_covariance(noise, d)
+    u, present = np.where(present[..., None], u, 0.0).reshape(-1, n, d), present.reshape(-1, n)
+    with np.errstate(divide="ignore", invalid="ignore"):  # a set may have no direction at all
+        weights = np.where(present, normal_weights(u, covariance), 0.0)
     sums, mean, scatter = weighted_scatter(u.swapaxes(1, 2), weights)
-    return bound_from_scatter(sums, mean, scatter).reshape(*lead, d + 1, d + 1)
+    return np.asarray(bound_from_scatter(sums, mean, scatter) * unit).reshape(*lead, d + 1, d + 1)
+
+
+def _assert_unit(directions: Floats, present: Bools) -> None:
+    """Raise a ValueError if a direction (…, n, d) that is present is not of length 1."""
+    with np.errstate(all="ignore"):
+        square = np.einsum("...i,...i->...", directions, directions)
+        wrong = present & ~(np.abs(square - 1.0) <= _UNIT)
+    if wrong.any():
+        place = tuple(int(i) for i in np.argwhere(wrong)[0])
+        where, length = ", ".join(map(str, place)), float(np.sqrt(square[place]))
+        raise ValueError(
+            f"directions[{where}] has length {length:.6g}: expected unit vectors; divide each vector from the "
+            "centre by its length"
+        )
 
 
 def normal_weights(directions: Floats, covariance: Floats) -> Floats:
@@ -145,13 +170,24 @@ def normal_weights(directions: Floats, covariance: Floats) -> Floats:
     return np.asarray(1.0 / np.einsum("...i,ij,...j->...", directions, covariance, directions))
 
 
+def unit_covariance(noise: ArrayLike, dimension: int) -> tuple[Floats, float]:
+    """Covariance (d, d) of size 1 of a noise σ or Σ, and the power of two by which it is smaller or larger."""
+    covariance = noise_covariance(noise, dimension)
+    unit = float(np.ldexp(1.0, np.frexp(np.trace(covariance))[1]))
+    return covariance / unit, unit
+
+
 def noise_covariance(noise: ArrayLike, dimension: int) -> Floats:
     """Covariance (d, d) of a noise that is given as σ or Σ.
 
     Raises:
+        TypeError: if it is no real number.
         ValueError: if it is neither a standard deviation nor a covariance. The message says why.
     """
-    value = np.asarray(noise, dtype=float)
+    value = np.asarray(noise)
+    if value.dtype.kind not in "fiu":
+        raise TypeError(f"noise has dtype {value.dtype}: give a standard deviation, or a covariance, in real numbers")
+    value = value.astype(float, copy=False)
     if value.ndim == 0:
         sigma = float(value)
         if not (sigma > 0.0 and 0.0 < sigma * sigma < np.inf):

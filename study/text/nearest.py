@@ -5,11 +5,15 @@ from collections.abc import Iterable
 
 
 def nearest(name: str, known: Iterable[str]) -> str | None:
-    """The known name most like an unknown one, or the only one that begins with it; None if there is neither."""
-    known = list(known)
-    longer = [each for each in known if name and each.startswith(name)]
-    close = difflib.get_close_matches(name, known, n=1) or (longer if len(longer) == 1 else [])
-    return close[0] if close else None
+    """The known name most like an unknown one, or the only one that begins with it; None if there is neither.
+
+    Capitals count as small letters.
+    """
+    small = {each.casefold(): each for each in known}
+    name = name.casefold()
+    longer = [each for each in small if name and each.startswith(name)]
+    close = difflib.get_close_matches(name, list(small), n=1) or (longer if len(longer) == 1 else [])
+    return small[close[0]] if close else None
 
 
 def did_you_mean(names: str | Iterable[str], known: Iterable[str]) -> str:

@@ -3,6 +3,9 @@
 Most commands run in this process, which is what a second process would print; a few run through a pipe.
 """
 
+import csv
+import io
+import json
 import re
 import subprocess
 import sys
@@ -39,8 +42,8 @@ def cap(rng, on_cap, tmp_path):
 
 
 def rows_of(said):
-    """The table's cells by estimator, and the header's."""
-    head, *lines = (re.split(r" {2,}", line) for line in said.splitlines())
+    """The first table's cells by estimator, and the header's."""
+    head, *lines = (re.split(r" {2,}", line) for line in said.partition("\n\n")[0].splitlines())
     return head, {cells[0]: cells[1:] for cells in lines if len(cells) == len(head)}
 
 
@@ -59,7 +62,15 @@ def test_fit(say, rng, on_cap, tmp_path, d):
         assert abs(its_error / error - 1.0) <= 0.05
         assert abs(printed - value) <= 0.05 * error
     assert rows["als"][-2:] == ["90", "ok"]
-    assert len(said.splitlines()) == 2
+    title, form, note = said.splitlines()[3:]
+    assert re.split(r" {2,}", title) == ["estimator", "diameter", "form error", "largest deviation"]
+    name, diameter, form_error, deviation = re.split(r" {2,}", form)
+    assert name == "als"
+    assert float(diameter.split(" ± ")[0]) == pytest.approx(2.0 * fit.radius, abs=0.1 * fit.standard_errors[-1])
+    distance = np.linalg.norm(points - fit.center, axis=1)
+    assert float(form_error) == pytest.approx(np.ptp(distance), rel=0.01)
+    assert float(deviation) == pytest.approx(np.abs(distance - fit.radius).max(), rel=0.01)
+    assert note == "± is one standard uncertainty"
 
 
 def test_all_with_and_without_noise(say, cap):
@@ -67,7 +78,8 @@ def test_all_with_and_without_noise(say, cap):
     _, rows = rows_of(say("fit", "cap.csv", "--estimator", "all")[1])
     assert list(rows) == [name for name, entry in study.ESTIMATORS.items() if entry.needs != "noise"]
     code, said, complained = say("fit", "cap.csv", "-e", "all", "--noise", "0.02")
-    assert (code, complained) == (0, "")
+    fits = [study.fit(cap, name, 0.02) for name in study.ESTIMATORS]
+    assert (code, complained) == (0 if all(fit.ok for fit in fits) else 3, "")
     assert list(rows_of(said)[1]) == list(study.ESTIMATORS)
     assert all(f"{entry.caution}" in said for entry in study.ESTIMATORS.values())
 
@@ -108,6 +120,9 @@ def test_many_rows(say, cap, tmp_path):
         ("cap.csv --noise -0.1", "--noise -0.1: "),
         ("cap.csv --noise nan", "--noise nan: "),
         ("cap.csv -e taubim", "--estimator taubim: unknown; did you mean 'taubin'?"),
+        ("cap.csv -e Als", "--estimator Als: unknown; did you mean 'als'?"),
+        ("cap.csv -e ugdk --noise 1e-300", "--noise 1e-300: "),
+        ("/dev/zero", "/dev/zero: not a regular file"),
         ("cap.csv -e ugdk", "--estimator ugdk: needs the noise level"),
         ("bad.csv", "bad.csv: row 3, column 2: 'four' is not a number"),
     ],
@@ -140,11 +155,11 @@ def test_plot(say, cap, tmp_path, suffix):
 
 @pytest.mark.parametrize("estimator", ["als", "all"])
 def test_coplanar_points_are_drawn(say, rng, tmp_path, estimator):
-    """Points without noise in a plane: statuses, exit code 0, and a picture of the points."""
+    """Points without noise in a plane: statuses, the exit code of fits that are not ok, a picture of the points."""
     t = rng.uniform(-1, 1, 50)
     np.save(tmp_path / "arc.npy", np.column_stack([np.cos(t), np.sin(t), np.zeros(50)]))
     code, said, complained = say("fit", "arc.npy", "-e", estimator, "--plot", "arc.png")
-    assert (code, complained) == (0, "")
+    assert (code, complained) == (3, "")
     assert "see below" in said
     assert "they leave the centre undetermined" in said
     assert np.asarray(Image.open(tmp_path / "arc.png").convert("L")).std() > 5  # not blank
@@ -160,6 +175,70 @@ def test_a_picture_that_cannot_be_written(say, cap, tmp_path, plot):
     assert code in (1, 2)
     assert len(complained.splitlines()) == 1
     assert plot in complained
+
+
+def test_columns_by_name(say, cap, tmp_path):
+    """x, y and z are taken by name, and the columns that are left out are named."""
+    rows = (tmp_path / "cap.csv").read_text().splitlines()[1:]
+    (tmp_path / "wide.csv").write_text("\n".join(["id,X [mm],Y [mm],Z [mm],t"] + [f"p,{row},0" for row in rows]))
+    code, said, complained = say("fit", "wide.csv")
+    assert (code, complained) == (0, "")
+    assert rows_of(said)[0][1:4] == ["X [mm]", "Y [mm]", "Z [mm]"]
+    assert "columns left out: id, t\n" in said
+    assert rows_of(said)[1]["als"] == rows_of(say("fit", "cap.csv")[1])[1]["als"]
+
+
+def test_several_files(say, cap, tmp_path):
+    """Each file has its tables under its name; what ± is, is said once."""
+    np.save(tmp_path / "half.npy", cap[:100])
+    code, said, complained = say("fit", "cap.csv", "half.npy")
+    assert (code, complained) == (0, "")
+    first, second = said.split("\nhalf.npy\n")
+    assert first.startswith("cap.csv\n")
+    assert rows_of(first.removeprefix("cap.csv\n"))[1]["als"][-2] == "200"
+    assert rows_of(second)[1]["als"][-2] == "100"
+    assert said.count("standard uncertainty") == 1
+    assert say("fit", "cap.csv", "none.csv")[:2] == (2, "")
+    assert say("fit", "cap.csv", "half.npy", "--plot", "out.png")[:2] == (2, "")
+
+
+def test_json(say, cap, tmp_path):
+    """An object per file and estimator with the library's numbers, to the last bit; null where there is none."""
+    (tmp_path / "flat.csv").write_text("id,x,y,z\n" + "\n".join(f"{i},{i},{i * i},0" for i in range(9)))
+    code, said, complained = say("fit", "cap.csv", "flat.csv", "-e", "all", "--json")
+    assert (code, complained) == (3, "")
+    found = {(each["file"], each["estimator"]): each for each in json.loads(said)}
+    fit, als = study.fit(np.loadtxt(tmp_path / "cap.csv", delimiter=",", skiprows=1)), found["cap.csv", "als"]
+    assert als["ok"] is True
+    assert (als["status"], als["samples"], als["coordinates"]) == ("ok", 200, ["x", "y", "z"])
+    assert [*als["center"], als["radius"]] == [*fit.center, fit.radius]
+    assert [*als["center_errors"], als["radius_error"]] == [*fit.standard_errors]
+    for name in ("diameter", "sigma", "residual_rms", "form_error", "largest_deviation", "condition"):
+        assert als[name] == getattr(fit, name), name
+    flat = found["flat.csv", "als"]
+    assert (flat["ok"], flat["status"], flat["radius"], flat["center"]) == (False, "singular", None, [None] * 3)
+    assert flat["columns_left_out"] == ["id"]
+
+
+def test_csv(say, cap, tmp_path):
+    """A row per file and estimator, that a program reads back to the last bit."""
+    code, said, complained = say("fit", "cap.csv", "-e", "all", "--csv")
+    assert (code, complained) == (3, "")
+    table = {row["estimator"]: row for row in csv.DictReader(io.StringIO(said))}
+    fit = study.fit(np.loadtxt(tmp_path / "cap.csv", delimiter=",", skiprows=1), "mle")
+    assert float(table["mle"]["center_z"]) == fit.center[2]
+    assert float(table["mle"]["radius_error"]) == fit.standard_errors[-1]
+    assert {row["file"] for row in table.values()} == {"cap.csv"}
+    assert say("fit", "cap.csv", "--csv", "--json")[0] == 2
+
+
+def test_standard_input(command, cap, tmp_path):
+    """A dash stands for standard input."""
+    words, environment = command
+    with open(tmp_path / "cap.csv", "rb") as file:
+        done = subprocess.run([*words, "fit", "-"], stdin=file, env=environment, capture_output=True)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert b"  200      ok" in done.stdout
 
 
 def test_estimators(say):
@@ -183,6 +262,6 @@ def test_output_to_a_pipe(command, cap, tmp_path, encoding):
         capture_output=True,
     )
     assert done.stderr == b""
-    assert done.returncode == 0
+    assert done.returncode == 3  # one of them starts beyond the points, and ends at the bound
     assert len(done.stdout.splitlines()) >= 1 + len(study.ESTIMATORS)
     assert b"\x1b" not in done.stdout  # no colours

@@ -81,16 +81,16 @@ def test_too_few_left(rng, on_cap, estimator, status_of):
     assert np.isnan(fit.center[[0, 2]]).all()
 
 
-@pytest.mark.parametrize("scale", [1e80, 1e150, 1e200, 1e300])
-def test_too_large(rng, on_cap, estimator, status_of, scale):
-    """Coordinates whose fourth power overflows count as not finite."""
+@pytest.mark.parametrize("scale", [1e-300, 1e-150, 1e150, 1e200, 1e300])
+def test_too_large_or_small(rng, on_cap, estimator, status_of, scale):
+    """Coordinates whose squares come near the ends of float64 are refused by the status of infinite ones."""
     fit = study.fit(scale * on_cap(rng, 20, noise=0.01)[0], estimator, noise=0.01)
     assert_lost(fit, Status.NOT_FINITE, status_of(fit))
 
 
-@pytest.mark.parametrize("scale", [1e-60, 1e-30, 1e30, 1e60])
+@pytest.mark.parametrize("scale", [1e-125, 1e-60, 1e-30, 1e30, 1e60, 1e125])
 def test_units_are_free(rng, on_cap, careful, status_of, scale):
-    """Any unit whose fourth power float64 holds gives the same sphere."""
+    """Any unit gives the same sphere, and the same standard errors."""
     points = on_cap(rng, 100, noise=0.01)[0]
     one = study.fit(points, careful, noise=0.01)
     fit = study.fit(scale * points, careful, noise=0.01 * scale)
@@ -98,6 +98,8 @@ def test_units_are_free(rng, on_cap, careful, status_of, scale):
     np.testing.assert_allclose(fit.center / scale, one.center, rtol=0, atol=1e-12)
     assert fit.radius / scale == pytest.approx(float(one.radius), rel=1e-12)
     assert fit.noise_variance / scale**2 == pytest.approx(float(one.noise_variance), rel=1e-9)
+    np.testing.assert_allclose(fit.standard_errors / scale, one.standard_errors, rtol=1e-9)
+    np.testing.assert_allclose(fit.residuals / scale, one.residuals, rtol=0, atol=1e-11)
 
 
 @pytest.mark.parametrize("point", [0.0, 1.0, 0.1, -123.456])

@@ -7,7 +7,8 @@ import pytest
 import study
 from study import Status
 from study.analysis import estimator_list
-from study.analysis.fitting import PointFileError, choose
+from study.analysis.points.fitting import choose
+from study.analysis.points.source import PointFileError
 from study.estimators import Estimates, Estimator, Samples, fit
 from study.estimators.answer.estimates import blank
 from study.experiment.config import ConfigError, parse

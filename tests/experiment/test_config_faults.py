@@ -76,6 +76,8 @@ COMMON = [
     (11, "angle = 0", "design.angle = 0|0 not allowed", "above 0 and at most 180 degrees"),
     (11, "angle = 180.1", "design.angle = 180.1|180.1 not allowed", "above 0 and at most 180 degrees"),
     (12, "radius = 0", "design.radius = 0|0 not allowed", "above 0"),
+    (12, "radius = 1e-300", "design.radius = 1e-300|1e-300 not allowed", "between 1e-100 and 1e100"),
+    (12, "radius = 1e160", "design.radius = 1e+160|1e+160 not allowed", "between 1e-100 and 1e100"),
     (12, "center = -1", "design.center = -1|-1 not allowed", "at least 0"),
 ]
 

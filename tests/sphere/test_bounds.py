@@ -91,6 +91,7 @@ def test_batches(rng):
     """Leading axes are a batch, and an undetermined set leaves the others alone."""
     u = sample_cap(rng, 6 * 8, 2.0, 3).reshape(2, 3, 8, 3)
     u[1, 2, :, 2] = 0.0
+    u[1, 2] /= np.linalg.norm(u[1, 2], axis=1, keepdims=True)
     bound = study.crlb(u, 0.2)
     assert bound.shape == (2, 3, 4, 4)
     assert np.all(np.isposinf(bound[1, 2]))

@@ -13,6 +13,13 @@ def test_nearest():
     assert nearest("x", []) is None
 
 
+def test_capitals():
+    """A name that differs in capitals alone is the nearest, whatever else is like it."""
+    assert nearest("Als", ["lls", "als"]) == "als"
+    assert nearest("FIG2", ["fig2_error", "fig_map"]) == "fig2_error"
+    assert nearest("cmu", ["CMU41", "other"]) == "CMU41"
+
+
 def test_the_beginning_of_a_name():
     """It finds the only name that begins so."""
     known = ["fig2_error", "fig5_methods", "fig_map", "fig_posterior"]

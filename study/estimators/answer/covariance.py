@@ -6,7 +6,7 @@ import numpy as np
 
 from study.estimators.answer.estimates import Estimates
 from study.estimators.samples import Samples
-from study.sphere.bounds import bound_from_scatter, noise_covariance, normal_weights, weighted_scatter
+from study.sphere.bounds import bound_from_scatter, normal_weights, unit_covariance, weighted_scatter
 from study.sphere.types import Bools, Floats
 
 
@@ -21,11 +21,10 @@ def plug_in_bound(directions: Floats, present: Bools, noise: float | Floats | No
     """
     b, d, _ = directions.shape
     with np.errstate(all="ignore"):
-        factor = np.ones(b) if noise is not None else variance
-        covariance = np.eye(d) if noise is None else noise_covariance(noise, d)
+        covariance, unit = (np.eye(d), variance) if noise is None else unit_covariance(noise, d)
         weights = np.where(present, normal_weights(directions.swapaxes(1, 2), covariance), 0.0)
         sums, mean, scatter = weighted_scatter(np.where(present[:, None], directions, 0.0), weights)
-        return np.asarray(bound_from_scatter(sums, mean, scatter) * factor[:, None, None])
+        return np.asarray(bound_from_scatter(sums, mean, scatter) * np.broadcast_to(unit, b)[:, None, None])
 
 
 def unless_missing(

@@ -5,7 +5,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
-from scipy.special import chdtri, fdtri
 
 from study.estimators.answer.covariance import plug_in_bound, unless_missing
 from study.estimators.answer.estimates import Estimates
@@ -307,6 +306,8 @@ class Fit:
         """
         if not 0.0 < level < 1.0:
             raise ValueError(f"level = {level!r}: a coverage must lie between 0 and 1, such as 0.95")
+        from scipy.special import chdtri, fdtri  # imported here, as it takes as long as the rest of the library
+
         d = self.center.shape[-1]
         spare = np.maximum(self.count - d - 1, 1).reshape(-1)
         known = self._given_noise is not None

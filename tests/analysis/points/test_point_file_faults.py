@@ -1,6 +1,7 @@
 """Point files that cannot be read: one line, with the file, and the row and column as an editor shows them."""
 
 import os
+import struct
 
 import numpy as np
 import pandas as pd
@@ -8,7 +9,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from study.analysis.pointfile import PointFileError, read_points
+from study.analysis.points.point_file import read_points
+from study.analysis.points.source import PointFileError
 
 ROWS = ["1.5,2,3", "4,5,7", "7,8,1", "2,9,4", "3,3,8"]
 
@@ -187,3 +189,50 @@ def test_columns_that_cannot_be_chosen(tmp_path):
     twins = pa.Table.from_arrays([pa.array([1.0, 2, 3, 4])] * 2, names=["x", "x"])
     pq.write_table(twins, tmp_path / "twins.parquet")
     refused(tmp_path / "twins.parquet", "two columns are called 'x'")
+
+
+def test_an_array_that_claims_too_much(tmp_path):
+    """A header that claims 10¹² rows is refused before memory is taken for them, and so is one that is no header."""
+    for version, size in ((1, "<H"), (2, "<I")):
+        header = b"{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000000, 3), }"
+        start = b"\x93NUMPY" + bytes([version, 0]) + struct.pack(size, len(header))
+        path = written(tmp_path, start + header + b"\0" * 240, "points.npy")
+        refused(path, "claims shape (1000000000000, 3), the file is shorter")
+        refused(written(tmp_path, start + header.replace(b"'shape'", b"'shap'"), "points.npy"), "header cannot be read")
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes in this file system")
+@pytest.mark.parametrize("name", ["points.csv", "points.npy", "points.parquet"])
+def test_what_may_never_end(tmp_path, name):
+    """A pipe is not opened, which could wait for ever; nor is a device."""
+    os.mkfifo(tmp_path / name)
+    assert refused(tmp_path / name) == "not a regular file; for a pipe, give - and let it be standard input"
+    (tmp_path / "device").symlink_to("/dev/zero")
+    refused(tmp_path / "device", "not a regular file")
+
+
+@pytest.mark.parametrize("kind", ["csv", "npy", "parquet"])
+def test_too_many_dimensions(tmp_path, kind):
+    """More than twenty columns are no coordinates, unless fewer are chosen."""
+    path, array = tmp_path / f"points.{kind}", np.random.default_rng(1).standard_normal((30, 500))
+    frame = pd.DataFrame(array, columns=[f"c{i}" for i in range(500)])
+    {"csv": lambda: frame.to_csv(path, index=False), "npy": lambda: np.save(path, array)}.get(
+        kind, lambda: frame.to_parquet(path)
+    )()
+    assert refused(path).startswith("500 columns; points may have 20 coordinates at most")
+    np.testing.assert_array_equal(read_points(path, ["2", "400", "500"]).points, array[:, [1, 399, 499]])
+
+
+def test_a_field_beyond_the_limit(tmp_path):
+    """A quoted field that is longer than the csv module takes is refused in a line."""
+    text = "\n".join([*ROWS, '"' + "1" * 200_000 + '",2,3'])
+    refused(written(tmp_path, text), "field larger than field limit")
+
+
+@pytest.mark.parametrize("told", [b"{", b"[]", b"\xff", b'{"index_columns": 3}'])
+def test_metadata_that_cannot_be_read(tmp_path, told):
+    """A parquet file whose metadata of pandas is broken."""
+    columns = [pa.array(np.arange(5.0) ** i) for i in (1, 2, 3)]
+    table = pa.Table.from_arrays(columns, names=list("xyz")).replace_schema_metadata({b"pandas": told})
+    pq.write_table(table, tmp_path / "points.parquet")
+    refused(tmp_path / "points.parquet", "pandas metadata cannot be read")

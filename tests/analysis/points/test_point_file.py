@@ -1,5 +1,9 @@
 """Point files that can be read: every kind gives exactly the numbers that were written."""
 
+import io
+import sys
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -7,7 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as some
 
-from study.analysis.pointfile import read_points
+from study.analysis.points import source
+from study.analysis.points.point_file import read_points
+from study.analysis.points.source import PointFileError
 
 POINTS = np.random.default_rng(1).normal(300.0, 80.0, (12, 3))
 NAMES = ["x", "y", "z"]
@@ -32,7 +38,7 @@ def written(folder, text, name="points.txt"):
 def test_delimiters(tmp_path, mark, header, d):
     """Each delimiter, with a header or none: the same numbers, and the columns' names or numbers."""
     header = header and header[:d]
-    points, names = read_points(written(tmp_path, "\n".join(lines(POINTS[:, :d], mark, header)) + "\n"))
+    points, names, _ = read_points(written(tmp_path, "\n".join(lines(POINTS[:, :d], mark, header)) + "\n"))
     np.testing.assert_array_equal(points, POINTS[:, :d])
     assert names == (header or ["1", "2", "3"][:d])
 
@@ -70,7 +76,7 @@ DECORATIONS = {
 def test_decorations(tmp_path, decorate, end, mark):
     """Comments, blank lines, quotes, blanks, a byte-order mark and Windows' line ends change nothing."""
     text = mark + end.join(decorate(lines(POINTS, ",", NAMES))).encode()
-    points, names = read_points(written(tmp_path, text, "points.csv"))
+    points, names, _ = read_points(written(tmp_path, text, "points.csv"))
     np.testing.assert_array_equal(points, POINTS)
     assert names == NAMES
 
@@ -80,7 +86,7 @@ def test_missing_cells(tmp_path, word):
     """An empty cell, NaN and what programs write for it is a missing coordinate, at its place."""
     rows = [row.split(",") for row in lines(POINTS, ",", NAMES)]
     rows[1][0] = rows[5][2] = word
-    points, _ = read_points(written(tmp_path, "\n".join(",".join(row) for row in rows)))
+    points, *_ = read_points(written(tmp_path, "\n".join(",".join(row) for row in rows)))
     expected = POINTS.copy()
     expected[0, 0] = expected[4, 2] = np.nan
     np.testing.assert_array_equal(points, expected)
@@ -88,13 +94,13 @@ def test_missing_cells(tmp_path, word):
 
 def test_infinite_and_scientific_numbers(tmp_path):
     """Exponents, signs, bare points and infinities are numbers."""
-    points, _ = read_points(written(tmp_path, "1e3 -2.5E-4\n+.5 5.\ninf -Infinity\n007 1e-320\n"))
+    points, *_ = read_points(written(tmp_path, "1e3 -2.5E-4\n+.5 5.\ninf -Infinity\n007 1e-320\n"))
     np.testing.assert_array_equal(points, [[1e3, -2.5e-4], [0.5, 5.0], [np.inf, -np.inf], [7.0, 1e-320]])
 
 
 def test_header_cells(tmp_path):
     """A quoted name may hold the delimiter; a column without a name is called by its number."""
-    _, names = read_points(written(tmp_path, '"x, mm", ,z\n' + "\n".join(lines(POINTS, ","))))
+    _, names, _ = read_points(written(tmp_path, '"x, mm", ,z\n' + "\n".join(lines(POINTS, ","))))
     assert names == ["x, mm", "2", "z"]
 
 
@@ -103,10 +109,10 @@ def test_columns(tmp_path, columns):
     """Columns are chosen by name or number, in the given order; the others may hold anything."""
     rows = lines(POINTS, ",")
     text = "\n".join(["label,x,y,z", *(f"m {i}_a,{row}" for i, row in enumerate(rows))])
-    points, names = read_points(written(tmp_path, text), columns)
+    points, names, _ = read_points(written(tmp_path, text), columns)
     np.testing.assert_array_equal(points, POINTS[:, [0, 2]])
     assert names == ["x", "z"]
-    swapped, _ = read_points(tmp_path / "points.txt", columns[::-1])
+    swapped, *_ = read_points(tmp_path / "points.txt", columns[::-1])
     np.testing.assert_array_equal(swapped, POINTS[:, [2, 0]])
 
 
@@ -116,7 +122,7 @@ def test_npy(tmp_path, kind, order):
     """Arrays of any real type and layout, as float64; columns go by number."""
     array = np.asarray(np.abs(POINTS) % 200, dtype=kind, order=order)
     np.save(tmp_path / "points.npy", array)
-    points, names = read_points(tmp_path / "points.npy")
+    points, names, _ = read_points(tmp_path / "points.npy")
     np.testing.assert_array_equal(points, array)
     assert (points.dtype, names) == (np.float64, ["1", "2", "3"])
     np.testing.assert_array_equal(read_points(tmp_path / "points.npy", ["3", "1"])[0], array[:, [2, 0]])
@@ -125,15 +131,16 @@ def test_npy(tmp_path, kind, order):
 @pytest.mark.parametrize("suffix", [".parquet", ".pq", ".PARQUET"])
 def test_parquet(tmp_path, suffix):
     """Numeric columns, nulls as missing; words, flags and the index of a data frame are no coordinates."""
-    frame = pd.DataFrame(POINTS, columns=NAMES).assign(label="a", good=True, k=pd.array([1, None] * 6, dtype="Int64"))
-    frame.loc[3, "y"] = None
+    names = ["a", "b", "c"]
+    frame = pd.DataFrame(POINTS, columns=names).assign(label="a", good=True, k=pd.array([1, None] * 6, dtype="Int64"))
+    frame.loc[3, "b"] = None
     frame[frame.index != 5].to_parquet(tmp_path / f"p{suffix}")
-    points, names = read_points(tmp_path / f"p{suffix}")
+    points, found, _ = read_points(tmp_path / f"p{suffix}")
     expected = np.column_stack([POINTS, [1.0, np.nan] * 6])
     expected[3, 1] = np.nan
     np.testing.assert_array_equal(points, np.delete(expected, 5, axis=0))
-    assert names == [*NAMES, "k"]
-    assert read_points(tmp_path / f"p{suffix}", ["z", "x"])[1] == ["z", "x"]
+    assert found == [*names, "k"]
+    assert read_points(tmp_path / f"p{suffix}", ["c", "a"])[1] == ["c", "a"]
 
 
 @settings(max_examples=60, deadline=None)
@@ -149,3 +156,65 @@ def test_any_numbers_round_trip(points, mark, tmp_path_factory):
     """Whatever doubles are written with their shortest digits are read to the last bit."""
     path = written(tmp_path_factory.mktemp("any"), "\n".join(lines(points, mark)))
     np.testing.assert_array_equal(read_points(path)[0], points)
+
+
+@pytest.mark.parametrize(
+    ("header", "chosen"),
+    [
+        ("id,x,y,z", "xyz"),
+        ("z,id,Y,X", "XYz"),
+        ("id,t,x [mm],y [mm],z [mm]", "xyz"),
+        ("X(m),Y(m),Z(m),quality", "XYZ"),
+        ("x_mm,y_mm,z_mm,residual", "xyz"),
+        ("frame,x mm,y mm,z mm", "xyz"),
+        ("n,x/cm,y/cm", "xy"),
+        ("x,y,w,v", "xy"),
+    ],
+)
+def test_coordinates_by_name(tmp_path, header, chosen):
+    """Columns called x, y and z, in capitals or with a unit, are the coordinates; the others are named."""
+    names = header.split(",")
+    values = np.random.default_rng(5).normal(10.0, 3.0, (9, len(names)))
+    table = read_points(written(tmp_path, "\n".join([header, *lines(values, ",")])))
+    places = [next(i for i, name in enumerate(names) if name.startswith(letter)) for letter in chosen]
+    np.testing.assert_array_equal(table.points, values[:, places])
+    assert table.names == [names[i] for i in places]
+    assert table.left == [name for i, name in enumerate(names) if i not in places]
+
+
+@pytest.mark.parametrize("header", ["a,b,c", "xs,ys,zs", "x,z,t", "x,x [mm],y", "max,y,z", "x_dot,y_dot,z_dot"])
+def test_names_that_are_no_coordinates(tmp_path, header):
+    """Where x and y are not there once each, all columns are coordinates."""
+    table = read_points(written(tmp_path, "\n".join([header, *lines(POINTS, ",")])))
+    np.testing.assert_array_equal(table.points, POINTS)
+    assert table.names == header.split(",")
+    assert table.left == []
+
+
+def test_words_beside_coordinates(tmp_path):
+    """Columns that are left out may hold words, quotes and nothing, and rows are still counted."""
+    rows = [f'"a, {i}",{row},' for i, row in enumerate(lines(POINTS, ","))]
+    text = "\n".join(["name,x,y,z,note", *rows])
+    np.testing.assert_array_equal(read_points(written(tmp_path, text)).points, POINTS)
+    with pytest.raises(PointFileError, match="row 4 has 6 columns, the first has 5"):
+        read_points(written(tmp_path, text.replace('"a, 2"', "a,b")))
+
+
+@pytest.mark.parametrize("kind", ["csv", "npy", "parquet"])
+def test_standard_input(monkeypatch, kind):
+    """It may be of any kind, which its first bytes tell."""
+    contents, frame = io.BytesIO(), pd.DataFrame(POINTS, columns=list("xyz"))
+    save = {"csv": lambda: frame.to_csv(contents, index=False), "npy": lambda: np.save(contents, POINTS)}
+    save.get(kind, lambda: frame.to_parquet(contents))()
+    contents.seek(0)
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(contents))
+    np.testing.assert_array_equal(read_points(Path("-")).points, POINTS)
+
+
+def test_endless_standard_input(monkeypatch):
+    """It is read up to a limit, beyond which it is refused."""
+    monkeypatch.setattr(source, "_MOST_BYTES", 1000)
+    with open("/dev/zero", "rb") as endless:
+        monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(endless))
+        with pytest.raises(PointFileError, match="more than 1,000 bytes"):
+            read_points(Path("-"))

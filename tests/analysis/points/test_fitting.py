@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 import study
 from study.analysis import estimator_list
-from study.analysis.fitting import choose, fit_all, fit_table, printed
-from study.analysis.pointfile import PointFileError
+from study.analysis.points.fitting import choose, fit_all, fit_rows, printed
+from study.analysis.points.source import PointFileError
 from study.estimators import Status
 
 BIASED = {"lls", "lls_nr", "lls_nr_raw", "lls_single", "gdke", "igdk"}
@@ -24,11 +24,15 @@ def shown(points, estimators=FREE, noise=None, names="xyz"):
     """The table's rows by estimator, and the lines below it, as a user gets them."""
     names = list(names[: points.shape[1]])
     fits = fit_all(points, list(estimators), noise)
-    head, *lines = printed(fit_table(fits, names), names)
+    head, *lines = printed(fit_rows(fits, names), names)
     assert re.split(r" {2,}", head) == ["estimator", *names, "radius", "noise", "rms", "ρ", "samples", "status"]
     rows = {cells[0]: cells[1:] for cells in (re.split(r" {2,}", line) for line in lines[: len(fits)])}
     assert list(rows) == list(estimators)
-    return rows, lines[len(fits) :]
+    empty, title, *form = lines[len(fits) : 2 * len(fits) + 2]
+    assert empty == ""
+    assert re.split(r" {2,}", title) == ["estimator", "diameter", "form error", "largest deviation"]
+    assert [line.split()[0] for line in form] == list(estimators)
+    return rows, lines[2 * len(fits) + 2 :]
 
 
 @pytest.mark.parametrize("d", [2, 3, 4])
@@ -38,7 +42,7 @@ def test_answers_are_the_librarys(rng, on_cap, d, noise):
     points, _ = on_cap(rng, 60, angle=70.0, d=d, noise=0.05, center=3.0)
     points[4, 1] = np.nan
     names = list("abcd"[:d])
-    table = fit_table(fit_all(points, choose("all", noise), noise), names).set_index("estimator")
+    table = pd.DataFrame(fit_rows(fit_all(points, choose("all", noise), noise), names)).set_index("estimator")
     assert list(table.index) == (FREE if noise is None else list(study.ESTIMATORS))
     for name, row in table.iterrows():
         fit = study.fit(points, name, noise)
@@ -48,6 +52,9 @@ def test_answers_are_the_librarys(rng, on_cap, d, noise):
         np.testing.assert_allclose(row["noise"] ** 2, fit.noise_variance)
         distance = np.linalg.norm(np.delete(points, 4, axis=0) - fit.center, axis=1)
         np.testing.assert_allclose(row["residual_rms"], np.sqrt(np.mean((distance - fit.radius) ** 2)))
+        np.testing.assert_allclose(row["form_error"], np.ptp(distance), rtol=1e-10)
+        np.testing.assert_allclose(row["largest_deviation"], np.abs(distance - fit.radius).max(), rtol=1e-10)
+        assert (row["diameter"], row["diameter_error"]) == (2 * row["radius"], 2 * row["radius_error"])
         assert row["samples"] == 59
 
 
@@ -59,7 +66,7 @@ def test_columns_may_have_any_name(rng, on_cap):
         ["x", "x_error", "error_x"],
         ["samples", "center_radius", "estimator"],
     ):
-        (row,) = fit_table(fit_all(points, ["als"], None), names).to_dict("records")
+        (row,) = fit_rows(fit_all(points, ["als"], None), names)
         assert row["estimator"] == "als"
         np.testing.assert_allclose([row[f"center_{name}"] for name in names], 7.0, atol=0.05)
         np.testing.assert_allclose([row["radius"], row["noise"]], [2.0, 0.01], rtol=0.5)
@@ -80,6 +87,9 @@ def test_choose():
         ("all", -1.0, "--noise -1: "),
         ("als", math.nan, "--noise nan: "),
         ("als", math.inf, "--noise inf: "),
+        ("ugdk", 1e-300, "--noise 1e-300: "),
+        ("ugdk", 1e300, "--noise 1e+300: "),
+        ("Als", None, "unknown; did you mean 'als'? "),
     ):
         with pytest.raises(PointFileError, match=re.escape(words)):
             choose(estimator, noise)
@@ -89,7 +99,8 @@ def with_error(value, error):
     """Value and error as they are printed for a coordinate."""
     row = {"estimator": "als", "center_x": value, "error_x": error, "radius": 1.0, "radius_error": 0.1}
     row |= {"noise": 1.0, "residual_rms": 1.0, "condition": 0.1, "samples": 9, "status": Status.OK.text}
-    _, line, *_ = printed(pd.DataFrame([row]), ["x"])
+    row |= dict.fromkeys(["diameter", "diameter_error", "form_error", "largest_deviation"], 1.0)
+    _, line, *_ = printed([row], ["x"])
     return re.split(r" {2,}", line)[1]
 
 

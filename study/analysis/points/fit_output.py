@@ -1,0 +1,109 @@
+"""The output of `study fit`: for people, as JSON, or as CSV."""
+
+import csv
+import io
+import json
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from study.analysis.points.fitting import STANDARD_UNCERTAINTY, Row, all_ok, doubts, fit_rows, printed
+from study.analysis.points.point_file import PointTable
+from study.estimators import Fit, Status
+
+
+class FileFits(NamedTuple):
+    """The points of a file and their fits.
+
+    Attributes:
+        path: the file; ``-`` for standard input.
+        table: its points.
+        fits: of shape (), by estimator.
+    """
+
+    path: Path
+    table: PointTable
+    fits: dict[str, Fit]
+
+    def rows(self) -> list[Row]:
+        """A row per fit."""
+        return fit_rows(self.fits, self.table.names)
+
+    def ok(self) -> bool:
+        """True if every fit is ok."""
+        return all_ok(self.rows())
+
+
+def as_text(files: list[FileFits]) -> Iterator[str]:
+    """Lines for a terminal: the fits of each file, and what the numbers are."""
+    for place, each in enumerate(files):
+        if len(files) > 1:
+            yield from [""] * (place > 0)
+            yield f"{each.path}"
+        yield from printed(each.rows(), each.table.names)
+        yield from doubts(next(iter(each.fits.values())))
+        if each.table.left:
+            yield f"coordinates are {', '.join(each.table.names)}; columns left out: {', '.join(each.table.left)}"
+    yield STANDARD_UNCERTAINTY
+
+
+def as_json(files: list[FileFits]) -> str:
+    """A list of objects, one per file and estimator, with the library's names; null where there is no number."""
+    return json.dumps([_object(each, *pair) for each in files for pair in each.fits.items()], indent=2, allow_nan=False)
+
+
+def as_csv(files: list[FileFits]) -> str:
+    """A row per file and estimator, with a header; an empty cell where there is no number."""
+    rows = [{"file": str(each.path)} | row for each in files for row in each.rows()]
+    text = io.StringIO()
+    writer = csv.DictWriter(text, list(dict.fromkeys(name for row in rows for name in row)), lineterminator="\n")
+    writer.writeheader()
+    for row in rows:
+        writer.writerow({name: "" if _is_no_number(value) else value for name, value in row.items()})
+    return text.getvalue().rstrip("\n")
+
+
+def _object(each: FileFits, estimator: str, fit: Fit) -> dict[str, Any]:
+    errors = fit.standard_errors
+    status = Status(int(fit.status))
+    numbers = {
+        "center": fit.center.tolist(),
+        "center_errors": errors[:-1].tolist(),
+        "radius": float(fit.radius),
+        "radius_error": float(errors[-1]),
+        "diameter": float(fit.diameter),
+        "diameter_error": 2.0 * float(errors[-1]),
+        "correlation": fit.correlation.tolist(),
+        "sigma": float(fit.sigma),
+        "residual_rms": float(fit.residual_rms),
+        "form_error": float(fit.form_error),
+        "largest_deviation": float(fit.largest_deviation),
+        "condition": float(fit.condition),
+    }
+    return {
+        "file": str(each.path),
+        "estimator": estimator,
+        "ok": bool(fit.ok),
+        "status": status.name.lower(),
+        "status_text": status.text,
+        "samples": int(fit.count),
+        "coordinates": each.table.names,
+        "outliers": fit.outliers.nonzero()[0].tolist(),
+        "copies": int(fit.copies),
+        "columns_left_out": each.table.left,
+        **_without_nan(numbers),
+    }
+
+
+def _is_no_number(value: object) -> bool:
+    return isinstance(value, float) and not math.isfinite(value)
+
+
+def _without_nan(value: Any) -> Any:
+    """The same, with None for what JSON has no number for."""
+    if isinstance(value, dict):
+        return {name: _without_nan(part) for name, part in value.items()}
+    if isinstance(value, list):
+        return [_without_nan(part) for part in value]
+    return None if _is_no_number(value) else value

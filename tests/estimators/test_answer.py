@@ -1,0 +1,186 @@
+"""A `Fit` as an answer: residuals and what metrologists form of them, batches, tables, words and pictures."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+import study
+from study import Fit, Status
+from study.estimators.answer.estimates import blank
+from study.estimators.registry import fit_samples
+
+
+@pytest.fixture
+def points(rng, on_cap):
+    """Six sets of 25 points, in two rows of three, some of them missing, and one set without a sphere."""
+    points = on_cap(rng, 25, 100.0, noise=0.05, radius=2.0, center=1.0, sets=6)[0].reshape(2, 3, 25, 3)
+    points[0, 1, 4:9, 2] = np.nan
+    points[1, 2] = 1.0
+    return points
+
+
+def test_by_definition(points):
+    """Residuals are distances from the sphere; form error, deviation, diameter and σ are formed as defined."""
+    fit = study.fit(points)
+    distance = np.linalg.norm(points - fit.center[..., None, :], axis=-1)
+    np.testing.assert_allclose(fit.residuals, distance - fit.radius[..., None], rtol=0, atol=1e-13)
+    assert np.isnan(fit.residuals[0, 1, 4:9]).all()
+    assert np.isnan(fit.residuals[1, 2]).all()
+    good = fit.ok
+    np.testing.assert_array_equal(good, [[True, True, True], [True, True, False]])
+    held = fit.residuals[good]
+    np.testing.assert_allclose(fit.form_error[good], np.nanmax(held, axis=1) - np.nanmin(held, axis=1))
+    np.testing.assert_allclose(fit.largest_deviation[good], np.nanmax(np.abs(held), axis=1))
+    np.testing.assert_allclose(fit.residual_rms[good], np.sqrt(np.nanmean(held**2, axis=1)))
+    assert np.isnan(fit.form_error[1, 2])
+    assert np.isnan(fit.largest_deviation[1, 2])
+    np.testing.assert_array_equal(fit.diameter[good], 2.0 * fit.radius[good])
+    np.testing.assert_array_equal(fit.sigma[good] ** 2, np.sqrt(fit.noise_variance[good]) ** 2)
+
+
+def test_uncertainties(points):
+    """Correlation and expanded uncertainty follow from the covariance."""
+    fit = study.fit(points[0])
+    np.testing.assert_array_equal(fit.expanded_uncertainty(), 2.0 * fit.standard_errors)
+    np.testing.assert_array_equal(fit.expanded_uncertainty(3), 3.0 * fit.standard_errors)
+    for covariance, correlation in zip(fit.covariance, fit.correlation, strict=True):
+        root = np.diag(1.0 / np.sqrt(np.diag(covariance)))
+        np.testing.assert_allclose(correlation, root @ covariance @ root, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "index", [0, -1, (1, 2), slice(None, None, -1), np.array([1, 0, 1]), ..., None, (slice(None), [True, False, True])]
+)
+def test_indexing(points, index):
+    """A part of a batch is the fit of that part of the points."""
+    part, alone = study.fit(points)[index], study.fit(points[index])
+    assert part.shape == alone.shape
+    for name in ("center", "radius", "status", "residuals", "covariance", "count", "ok"):
+        one, two = getattr(part, name), getattr(alone, name)
+        assert one.shape == two.shape, name
+        np.testing.assert_allclose(one, two, rtol=1e-12, atol=1e-15, err_msg=name)
+
+
+def test_masks_lengths_and_loops(points):
+    """A mask selects fits; a batch has a length and can be looped over; a single fit has neither."""
+    fit = study.fit(points)
+    assert fit[fit.ok].shape == (5,)
+    assert len(fit) == 2
+    assert [len(row) for row in fit] == [3, 3]
+    np.testing.assert_array_equal([[one.radius for one in row] for row in fit], fit.radius)
+    single = fit[0, 0]
+    assert single.shape == ()
+    for act in (len, iter, bool, lambda each: each[0]):
+        with pytest.raises(TypeError, match="fit"):
+            act(single)
+
+
+def test_frame(points):
+    """A row per fit, in the order of the batch, indexed by its axes."""
+    fit = study.fit(points)
+    table = fit.to_frame()
+    assert list(table.index) == [(i, j) for i in range(2) for j in range(3)]
+    np.testing.assert_array_equal(table[["center_1", "center_2", "center_3"]], fit.center.reshape(6, 3))
+    np.testing.assert_array_equal(table["radius_error"], fit.standard_errors[..., 3].ravel())
+    np.testing.assert_array_equal(table["samples"], [25, 20, 25, 25, 25, 25])
+    assert list(table["status"]) == [Status(int(s)).text for s in fit.status.ravel()]
+    assert len(fit[0, 0].to_frame()) == 1
+
+
+def test_words(points):
+    """The text of a fit has its numbers with their errors and its status; that of a batch counts the statuses."""
+    fit = study.fit(points)
+    assert repr(fit) == "Fit(als: 6 fits of shape (2, 3), 5 ok, 1 singular)"
+    error = fit.standard_errors[0, 0, 3]
+    said = repr(fit[0, 0])
+    assert said.startswith("Fit(als: center (")
+    assert said.endswith(", 25 points, ok)")
+    value, _, uncertainty = said.partition("radius ")[2].partition(",")[0].partition(" ± ")
+    assert float(value) == pytest.approx(float(fit.radius[0, 0]), abs=0.6 * 10.0 ** np.floor(np.log10(error) - 1))
+    assert float(uncertainty) == pytest.approx(float(error), rel=0.05)
+    assert repr(fit[1, 2]).endswith("singular)")
+    page = study.fit(np.concatenate([points.reshape(6, 25, 3)] * 3))._repr_html_()
+    assert page.count("<tr>") == 11
+    assert "the first 10 are shown" in page
+    assert "<td>singular</td>" in page
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_picture(rng, on_cap, d):
+    """Points, centre and circle or sphere are drawn, and a residual per point."""
+    points = on_cap(rng, 30, 100.0, d, noise=0.02)[0]
+    fit = study.fit(points)
+    figure = fit.plot()
+    figure.draw_without_rendering()
+    left, right = figure.axes
+    drawn = np.array(left.lines[0].get_data_3d() if d == 3 else left.lines[0].get_data())
+    np.testing.assert_array_equal(drawn, points.T)
+    np.testing.assert_array_equal(right.lines[1].get_ydata(), fit.residuals)
+
+
+def test_pictures_that_cannot_be(rng, points):
+    """A batch, and more than three dimensions, are refused with the remedy."""
+    with pytest.raises(ValueError, match=r"fit\[0\]\.plot"):
+        study.fit(points).plot()
+    with pytest.raises(ValueError, match="4 dimensions"):
+        study.fit(rng.standard_normal((20, 4))).plot()
+
+
+def test_an_estimators_own_covariance(points, monkeypatch):
+    """An estimator that states the covariance of its answers is taken at its word, missing samples left out."""
+
+    def rule(samples, estimates):
+        assert not np.isnan(samples.x).any()
+        return samples.x.shape[2] * estimates.radius[:, None, None] * np.eye(4)
+
+    entry = study.ESTIMATORS["gdke"]
+    monkeypatch.setitem(study.ESTIMATORS, "own", study.Estimator(entry.function, covariance=rule))
+    fit = study.fit(points, "own")
+    expected = fit.count[..., None, None] * fit.radius[..., None, None] * np.eye(4)
+    np.testing.assert_array_equal(fit.covariance[fit.ok], expected[fit.ok])
+    assert fit.estimator == "own"
+    np.testing.assert_array_equal(fit[0].covariance, fit.covariance[0])
+    too_few = study.fit(np.where(np.arange(25)[:, None] < 3, points[0, 0], np.nan), "own")
+    assert np.isnan(too_few.covariance).all()
+
+
+def test_fits_without_points():
+    """An answer that does not hold its points still has numbers and words, and says what it lacks."""
+    fit = Fit(blank(2, 3))
+    assert "2 fits" in repr(fit)
+    assert "center (" in repr(fit[0])
+    assert len(fit.to_frame()) == 2
+    with pytest.raises(ValueError, match=r"study\.fit"):
+        _ = fit.residuals
+
+
+def test_without_batch(points):
+    """A named estimator fits a batch of samples."""
+    fit = study.fit(points[0, [0, 2]])
+    assert fit_samples(fit.samples, "als").shape == (2,)
+
+
+def test_joint_answer(rng, on_cap):
+    """The answer of several markers has residuals per marker, a row per marker, and words."""
+    markers = [on_cap(rng, 30 + i, 100.0, noise=0.02, radius=1.0 + i, center=3.0)[0] for i in range(2)]
+    joint = study.mgdk(markers)
+    assert joint.ok
+    assert joint.sigma == pytest.approx(np.sqrt(joint.noise_variance))
+    for points, radius, residuals in zip(markers, joint.radii, joint.residuals, strict=True):
+        expected = np.linalg.norm(points - joint.center, axis=1) - radius
+        np.testing.assert_allclose(residuals, expected, rtol=0, atol=1e-14)
+    table = joint.to_frame()
+    np.testing.assert_array_equal(table["radius"], joint.radii)
+    np.testing.assert_array_equal(table["error_2"], np.sqrt(joint.covariance[1, 1]))
+    assert list(table["samples"]) == [30, 31]
+    assert repr(joint).startswith(f"JointFit(center ({joint.center[0]:.4f} ± ")
+    assert repr(joint).endswith("61 points, ok)")
+    np.testing.assert_array_equal(pickle.loads(pickle.dumps(joint)).center, joint.center)
+    assert "singular" in repr(study.mgdk([np.ones((9, 3))]))
+
+
+def test_names_are_offered():
+    """Completion offers the public names before they are imported."""
+    assert set(study.__all__) <= set(dir(study))
+    assert "import_module" not in dir(study)
