@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from study.analysis.points.fitting import STANDARD_UNCERTAINTY, Row, all_ok, fit_rows, printed
+from study.analysis.points.fitting import STANDARD_UNCERTAINTY, Row, all_ok, doubts, fit_rows, printed
 from study.analysis.points.point_file import PointTable
 from study.estimators import Fit, Status
 
@@ -42,6 +42,7 @@ def as_text(files: list[FileFits]) -> Iterator[str]:
             yield from [""] * (place > 0)
             yield f"{each.path}"
         yield from printed(each.rows(), each.table.names)
+        yield from doubts(next(iter(each.fits.values())))
         if each.table.left:
             yield f"coordinates are {', '.join(each.table.names)}; columns left out: {', '.join(each.table.left)}"
     yield STANDARD_UNCERTAINTY
@@ -88,6 +89,8 @@ def _object(each: FileFits, estimator: str, fit: Fit) -> dict[str, Any]:
         "status_text": status.text,
         "samples": int(fit.count),
         "coordinates": each.table.names,
+        "outliers": fit.outliers.nonzero()[0].tolist(),
+        "copies": int(fit.copies),
         "columns_left_out": each.table.left,
         **_without_nan(numbers),
     }

@@ -81,6 +81,26 @@ def fit_rows(fits: dict[str, Fit], names: list[str]) -> list[Row]:
     return rows
 
 
+_NAMED = 5
+"""Rows of outliers that are named."""
+
+
+def doubts(fit: Fit) -> Iterator[str]:
+    """Lines about points that a fit should not be trusted with: outliers, and rows that repeat earlier ones.
+
+    Rows are counted from 1 and include those with missing coordinates.
+    """
+    rows = (fit.outliers.nonzero()[0] + 1).tolist()
+    if rows:
+        named = ", ".join(str(row) for row in rows[:_NAMED]) + (" …" if len(rows) > _NAMED else "")
+        are = f"{len(rows)} of {int(fit.count)} points {'is an outlier' if len(rows) == 1 else 'are outliers'}"
+        yield f"{are} (row{'s' * (len(rows) > 1)} {named}): -e robust leaves {'it' if len(rows) == 1 else 'them'} out"
+    copies = int(fit.copies)
+    if copies:
+        repeat = "row repeats an earlier one" if copies == 1 else "rows repeat earlier ones"
+        yield f"{copies} of {int(fit.count)} {repeat}: the errors are too small"
+
+
 def all_ok(rows: Iterable[Row]) -> bool:
     """True if every fit's status is ok."""
     return all(row["status"] == Status.OK.text for row in rows)
