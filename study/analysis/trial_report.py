@@ -57,7 +57,7 @@ def fit_table(study: Study, trial: Trial) -> pd.DataFrame:
                 "noise": float(np.sqrt(fit.noise_variance[0]) * scale),
                 "condition": float(fit.condition[0]),
                 "iterations": int(fit.iterations[0]),
-                "status": raised.get(0, explain(int(fit.own_status[0]))),
+                "status": raised.get(0, explain(int(fit.status[0]))),
             }
         )
     return pd.DataFrame(rows)
