@@ -58,7 +58,7 @@ class Sphere(NamedTuple):
     toward: Floats
 
 
-class Room(NamedTuple):
+class ProfileRoom(NamedTuple):
     """Working memory: sums of a pass, a matrix with right sides (d, 2d), the inverse of J (d, d), and b = J⁻¹ē (d,)."""
 
     sums: Floats
@@ -165,7 +165,7 @@ def _variance_step(cloud: Cloud, variance: float, means: RadialMeans, sums: Floa
 
 
 @compiled
-def profile(cloud: Cloud, sphere: Sphere, room: Room, least: float) -> tuple[bool, RadialMeans]:
+def profile(cloud: Cloud, sphere: Sphere, room: ProfileRoom, least: float) -> tuple[bool, RadialMeans]:
     """Solve for centre and noise variance, from those of ``sphere``, by Newton's method; the radius stays.
 
     Args:
