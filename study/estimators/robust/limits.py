@@ -45,7 +45,9 @@ def limits_of(n: int, d: int) -> Floats:
     limits[few] = _beyond(freedom[few], np.ones(few.sum()), np.log(levels[few]))
     chosen = few & (nodes < n - 1) & (2 * nodes >= n)
     ways = [math.lgamma(n + 1.0) - math.lgamma(k + 1.0) - math.lgamma(n - k + 1.0) for k in nodes[chosen]]
-    raised = _beyond(freedom[chosen], n - nodes[chosen].astype(float), math.log(_CHOICE * FALSE_ALARMS) - np.array(ways))
+    raised = _beyond(
+        freedom[chosen], n - nodes[chosen].astype(float), math.log(_CHOICE * FALSE_ALARMS) - np.array(ways)
+    )
     limits[chosen] = np.maximum(limits[chosen], raised)
     return np.asarray(np.where(m >= first, np.interp(np.log(m + 1.0), np.log(nodes + 1.0), limits), np.nan))
 
