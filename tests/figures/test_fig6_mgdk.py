@@ -57,7 +57,10 @@ def two(markers):
 
 def distances(inner, outer):
     """Errors of the outer marker alone, the inner one and both, one set after the other."""
-    fits = [(study.fit(b).center, study.fit(a).center, mgdk([a, b]).center) for a, b in zip(inner, outer, strict=True)]
+    fits = [
+        (study.fit(b, "als").center, study.fit(a, "als").center, mgdk([a, b]).center)
+        for a, b in zip(inner, outer, strict=True)
+    ]
     return np.linalg.norm(np.array(fits) - CENTER, axis=2).T
 
 
