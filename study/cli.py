@@ -11,7 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
-from study.analysis.commands import cost, diff, estimators, status, summary, worst
+from study.analysis.commands import cost, diff, estimators, status, summary, verify, worst
 from study.mocap.commands.case_study import case_study
 from study.mocap.commands.fetch import fetch
 from study.mocap.commands.joints import joints
@@ -132,7 +132,7 @@ def run(
             folder = out or RUNS / study.run_name()
             end = None if budget is None else TimeBudget(budget)
             done = runner.run(study, text, folder, workers, advance, budget=end)
-        if not done.has("summary"):
+        if not done.valid("summary"):
             summarise(done)
         if (words := budget_message(done)) is not None:
             complaints.append(words)
@@ -291,7 +291,7 @@ def replay(folder: Folder, cell: Cell, trial: Trial = None, out: PointsOut = Non
         save_picture(draw(prepare(frame.to_numpy(), fits(run.study, drawn), axes)), plot)
 
 
-_OF_RUNS: tuple[Callable[..., None], ...] = (status, summary, diff, worst, estimators, cost, worker)
+_OF_RUNS: tuple[Callable[..., None], ...] = (status, summary, diff, worst, verify, estimators, cost, worker)
 _OF_RECORDINGS: tuple[Callable[..., None], ...] = (
     recording,
     joints,

@@ -30,9 +30,9 @@ ROOMS = [
 SUB_ROOMS = {
     "runs": ["storage", "workers", "adaptive"],
     "mocap": ["geometry", "io", "markersets", "joints", "skeleton", "view", "synthetic", "case_study", "commands"],
-    "estimators": ["form", "robust", "answer", "geometric"],
-    "analysis": ["points", "claims"],
-    "experiment": ["designs"],
+    "estimators": ["geometric", "form", "robust", "answer"],
+    "analysis": ["points", "claims", "verification"],
+    "experiment": ["noise", "designs"],
 }
 """Rooms within rooms, in their order; files beside them may stand anywhere that makes no circle."""
 FILES = sorted(PACKAGE.rglob("*.py"))

@@ -46,6 +46,28 @@ def diff(
         raise typer.Exit(ExitCode.FAILURE)
 
 
+def verify(
+    folder: Folder,
+    share: Annotated[
+        float, typer.Option("--share", min=0.0, max=1.0, help="share of the units that are computed again")
+    ] = 0.01,
+) -> None:
+    """Verify a run before it is quoted.
+
+    All tables are checked by their digests, and a share of the units is computed again and compared to the bit. The
+    exit code is 1 if anything differs.
+    """
+    from study.analysis.verification.verify import printed
+    from study.analysis.verification.verify import verify as check
+    from study.runs.storage.run_folder import Run
+
+    found = check(Run.open(folder), share)
+    for line in printed(found):
+        typer.echo(line)
+    if found.faults:
+        raise typer.Exit(ExitCode.FAILURE)
+
+
 def worst(
     folder: Folder,
     count: Annotated[int, typer.Option("--count", "-n", min=1, help="number of trials")] = 10,

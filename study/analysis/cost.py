@@ -125,7 +125,7 @@ def _slope(run: Callable[[Objects], None], dimension: int) -> float:
 def count(dimension: int) -> dict[str, float]:
     """Operations per sample of each kernel; compilation must be off."""
     layouts, moments = (import_module(f"study.sphere.{name}") for name in ("layouts", "moments"))
-    lls, mle, igdk = (import_module(f"study.estimators.{name}") for name in ("lls", "mle", "incremental"))
+    lls, mle, igdk = (import_module(f"study.estimators.{name}") for name in ("lls", "geometric.mle", "incremental"))
     d = dimension
 
     def zeros(dimension: int, per: int = 1) -> tuple[float, ...]:

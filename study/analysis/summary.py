@@ -4,30 +4,41 @@ Failures count: every quantile comes twice, of the fits whose status is ok (``_o
 others counted as worse than any (``_all``).
 """
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 
 import pandas as pd
 import pyarrow as pa
 
-from study.analysis.error_groups import Grouped, label
+from study.analysis.error_groups import Grouped, Key, label
 from study.experiment.conditions import STORED
 from study.experiment.errors import Columns
 from study.runs.storage import schemas
+from study.runs.storage.lock import writing
 from study.runs.storage.run_folder import Run
 from study.statistics.summary_rows import NEEDED, as_columns, row
 
 
 def summarise(run: Run) -> None:
     """Summarise a run's error table and store the summary beside it, with few groups in memory at a time."""
-    grouped, conditions = Grouped(run), run.study.conditions()
+    columns, grouped = schemas.summary(run.study.conditions()), Grouped(run)
+    with writing(run.folder):
+        run.join("summary", columns, rows_of_groups(run, grouped), {"study.config": run.study.canonical()})
+        run.record("summary")
+
+
+def rows_of_groups(run: Run, grouped: Grouped, keys: Collection[Key] | None = None) -> Iterator[pa.Table]:
+    """Compute rows of a run's summary from its error table, some at a time.
+
+    Args:
+        run: the run.
+        grouped: its error table.
+        keys: groups and estimators; all if None.
+    """
+    conditions = run.study.conditions()
     columns, needed = schemas.summary(conditions), [*(condition.name for condition in conditions), *NEEDED]
-
-    def parts() -> Iterator[pa.Table]:
-        for keys in grouped.batches():
-            found = grouped.read(keys, needed)
-            yield schemas.table(columns, as_columns([row(*key, _arrays(found[key], needed)) for key in keys]))
-
-    run.join("summary", columns, parts(), {"study.config": run.study.canonical()})
+    for some in grouped.batches(keys):
+        found = grouped.read(some, needed)
+        yield schemas.table(columns, as_columns([row(*key, _arrays(found[key], needed)) for key in some]))
 
 
 def summary(errors: pd.DataFrame, by_decade: bool) -> pd.DataFrame:

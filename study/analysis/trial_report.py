@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from study.estimators import ESTIMATORS, Fit
-from study.estimators.answer.estimates import blank
+from study.estimators.estimates import blank
 from study.estimators.status import explain
 from study.experiment.conditions import CONDITIONS
 from study.experiment.config import Study

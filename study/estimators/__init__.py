@@ -1,8 +1,8 @@
 """Sphere estimators: `fit` calls one by name, `ESTIMATORS` lists them."""
 
-from study.estimators.answer.estimates import Estimates
 from study.estimators.answer.fit import Fit
 from study.estimators.answer.joint_fit import JointFit
+from study.estimators.estimates import Estimates
 from study.estimators.estimator import Estimator
 from study.estimators.form.minimum_zone import MinimumZone, minimum_zone
 from study.estimators.incremental import Incremental

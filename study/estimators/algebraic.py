@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from study.estimators.answer.estimates import Estimates
+from study.estimators.estimates import Estimates
 from study.estimators.kasa import every, member
 from study.estimators.samples import Samples
 from study.estimators.status import Status

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from study.estimators.answer.estimates import Estimates, blank
+from study.estimators.estimates import Estimates, blank
 from study.estimators.estimator import Estimator
 from study.estimators.samples import Samples
 from study.estimators.status import Status

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from study.estimators.answer.estimates import Estimates
+from study.estimators.estimates import Estimates
 from study.estimators.samples import Samples
 from study.sphere.types import Floats
 

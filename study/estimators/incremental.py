@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from study.estimators.answer.estimates import Estimates, blank
 from study.estimators.answer.fit import Fit
 from study.estimators.careful_fit import is_ordinary
+from study.estimators.estimates import Estimates, blank
 from study.estimators.estimator import Estimator
 from study.estimators.kasa import residual_noise
 from study.estimators.samples import Samples

@@ -16,7 +16,7 @@ import math
 
 import numpy as np
 
-from study.estimators.answer.estimates import Estimates, blank
+from study.estimators.estimates import Estimates, blank
 from study.estimators.samples import Samples
 from study.estimators.status import Status
 from study.sphere.jit import compiled

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from study.estimators.answer.estimates import Estimates, blank
+from study.estimators.estimates import Estimates, blank
 from study.estimators.kasa import noise_of_residuals
 from study.estimators.samples import Samples
 from study.estimators.status import Status

@@ -12,7 +12,7 @@ These are for the study of the paper; on data use `lls`.
 
 import numpy as np
 
-from study.estimators.answer.estimates import Estimates, blank
+from study.estimators.estimates import Estimates, blank
 from study.estimators.kasa import residual_noise
 from study.estimators.samples import Samples
 from study.estimators.status import Status

@@ -13,7 +13,7 @@ axis is not observed; a little of the isotropic answer is mixed in for it, and t
 import numpy as np
 
 from study.estimators.algebraic import als
-from study.estimators.answer.estimates import Estimates
+from study.estimators.estimates import Estimates
 from study.estimators.kasa import subtracting
 from study.estimators.samples import Samples
 from study.estimators.status import Status

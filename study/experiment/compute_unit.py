@@ -7,7 +7,7 @@ from time import perf_counter
 import numpy as np
 
 from study.estimators import ESTIMATORS, Estimates, Samples, Status
-from study.estimators.answer.estimates import blank
+from study.estimators.estimates import blank
 from study.experiment.config import Study
 from study.experiment.designs.cells import Batch, Cell, Unit
 from study.experiment.errors import Columns, Errors, Truth, levels

@@ -10,6 +10,8 @@ from collections.abc import Callable, Container
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
+from study.experiment.noise import laws
+
 if TYPE_CHECKING:
     import pandas as pd
 
@@ -157,8 +159,43 @@ CENTER = Condition(
     rule="at least 0: the distance of the centre from the origin",
     default=0.0,
 )
+LAW = Condition(
+    name="law",
+    symbol="law",
+    meaning="law of the noise",
+    in_full="law of the noise, of covariance σ² I whatever the law",
+    allowed=laws.is_law,
+    rule=laws.RULE,
+    kind=str,
+    default=laws.NORMAL,
+    silent=True,
+    law=False,
+)
+OUTLIER_SHARE = Condition(
+    name="outlier_share",
+    symbol="outliers",
+    meaning="probability that a sample is an outlier",
+    in_full="probability that a sample is an outlier, displaced in a random direction",
+    allowed=lambda v: 0 <= v < 1,
+    rule="a share: at least 0 and below 1",
+    default=0.0,
+    silent=True,
+)
+OUTLIER_SIZE = Condition(
+    name="outlier_size",
+    symbol="outliers by",
+    meaning="distance by which outliers are displaced, in units of σ",
+    allowed=lambda v: v > 0,
+    rule="above 0, in units of σ",
+    default=laws.SIZE,
+    silent=True,
+    digits=4,
+    mark="σ",
+)
+DEPARTURES = (LAW, OUTLIER_SHARE, OUTLIER_SIZE)
+"""The conditions that make the noise other than normal."""
 
-CONDITIONS = {c.name: c for c in (SAMPLES, NOISE, NOISE_OVER_RADIUS, ANGLE, RADIUS, CENTER)}
+CONDITIONS = {c.name: c for c in (SAMPLES, NOISE, NOISE_OVER_RADIUS, ANGLE, RADIUS, CENTER, *DEPARTURES)}
 """Every condition by its name, in the order of keys, columns and labels. A new one is appended."""
 
 STORED = tuple(c for c in CONDITIONS.values() if c.stored)
@@ -185,6 +222,15 @@ def distinguishing(table: "pd.DataFrame") -> list[Condition]:
 def named_in(columns: Container[str]) -> list[Condition]:
     """The conditions that a text names for rows with these columns: N, σ/r and φ, and the silent ones among them."""
     return [c for c in LABELS if c in ALWAYS or (c.silent and c.name in columns)]
+
+
+def bound_law(conditions: Container[str]) -> str:
+    """The law of noise of which a Cramér-Rao bound is, where that goes without saying if the noise is normal.
+
+    Args:
+        conditions: names of the conditions that a study gives, or columns of its tables.
+    """
+    return "Gaussian bound at the same σ" if any(c.name in conditions for c in DEPARTURES) else ""
 
 
 def label(row: RowValues) -> str:

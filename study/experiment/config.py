@@ -19,12 +19,13 @@ from pydantic import (
 from study.estimators import ESTIMATORS
 from study.experiment.conditions import CONDITIONS, NOISE, STORED, Condition, is_number
 from study.experiment.config_faults import ConfigError, Fault, report
+from study.experiment.departure_faults import departure_faults
 from study.experiment.designs.design import Design
 from study.experiment.designs.fields import MAX_CELLS
 from study.experiment.designs.grid import GridDesign
 from study.experiment.designs.random_design import RandomDesign
 from study.experiment.distributions import Frozen
-from study.experiment.noise import NoiseLaw, gaussian
+from study.experiment.noise.gaussian import NoiseLaw, gaussian
 from study.experiment.posterior_config import Posterior, posterior_faults
 from study.experiment.precision_config import Precision, precision_faults
 from study.text.nearest import did_you_mean
@@ -139,6 +140,12 @@ def parse(text: str, source: str = "config") -> Study:
     if study is not None and study.cells() > MAX_CELLS:
         faults.append(Fault(("design",), f"{study.cells():,} cells; at most {MAX_CELLS:,} are allowed"))
     elif study is not None:
+        refusing = {
+            "route": study.route == "moments",
+            "posterior": study.posterior is not None,
+            "noise_shape": study.noise_shape is not None,
+        }
+        faults += departure_faults(study.design.given(), refusing)
         if study.posterior is not None:
             faults += posterior_faults(study.posterior, study.design, study.dimension, study.noise_shape is not None)
         if study.precision is not None:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from study.estimators import ESTIMATORS, Estimates, Samples, Status
-from study.estimators.answer.estimates import blank
+from study.estimators.estimates import blank
 from study.experiment.designs.cells import Batch, Cell
 from study.experiment.errors import Columns
 

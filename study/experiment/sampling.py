@@ -10,7 +10,9 @@ import numpy as np
 from study.estimators import Samples
 from study.experiment.config import Study
 from study.experiment.designs.cells import Batch, Level
-from study.experiment.noise import NoiseLaw
+from study.experiment.noise.further_numbers import FurtherNumbers, Source
+from study.experiment.noise.gaussian import NoiseLaw
+from study.experiment.noise.laws import departures
 from study.experiment.streams import lanes
 from study.sphere import cap
 from study.sphere.layouts import Placed, form
@@ -49,38 +51,45 @@ class Draws:
     Attributes:
         directions: unit vectors (b, d, n) about the first axis, with the height 1 - u₁ in place of u₁.
         unit_noise: noise at σ = 1 (b, d, n).
-        law: the law of the noise.
+        law: the Gaussian law of the noise.
+        numbers: further random numbers, for levels with noise of another law or with outliers.
     """
 
     directions: Floats
     unit_noise: Floats
     law: NoiseLaw
+    numbers: FurtherNumbers
 
     def place(self, level: Level, array: Array = new) -> Samples:
         """Form the points x = c + r u + σ z of a level (b, d, n), with the noise as estimators take it."""
-        points = form(self._placed([level]), array("points", self.unit_noise.shape))
+        noise = self.unit_noise
+        for departure in departures(dict(level.further)):
+            noise = departure.applied(noise, self.numbers)
+        points = form(self._placed([level], noise), array("points", noise.shape))
         return Samples(points, self.law.given(level.sigma))
 
     def place_each(self, levels: Sequence[Level]) -> Samples:
         """Place the draws at several levels: all levels of the first trial, then of the next one.
 
-        The points are formed when they are read. The noise must be isotropic.
+        The points are formed when they are read. The noise must be normal and isotropic.
         """
-        return Samples(self._placed(levels), np.tile([level.sigma for level in levels], len(self.unit_noise)))
+        return Samples(
+            self._placed(levels, self.unit_noise), np.tile([level.sigma for level in levels], len(self.unit_noise))
+        )
 
-    def _placed(self, levels: Sequence[Level]) -> Placed:
+    def _placed(self, levels: Sequence[Level], noise: Floats) -> Placed:
         center = np.array([level.center for level in levels])
         radius = np.array([level.radius for level in levels])
         sigma = np.array([level.sigma for level in levels])
-        return Placed(self.directions, self.unit_noise, center, radius, sigma)
+        return Placed(self.directions, noise, center, radius, sigma)
 
     def only(self, trial: int) -> "Draws":
         """One trial of the batch, counted from its first."""
         one = slice(trial, trial + 1)
-        return Draws(self.directions[one], self.unit_noise[one], self.law)
+        return Draws(self.directions[one], self.unit_noise[one], self.law, self.numbers.only(one))
 
     def unit_bound(self) -> Floats:
-        """The Cramér-Rao bound of (c, r) at σ = 1, for the realised directions (b, d+1, d+1)."""
+        """The Cramér-Rao bound of (c, r) at σ = 1, for the realised directions (b, d+1, d+1), of normal noise."""
         return self.law.unit_bound(self.directions)
 
 
@@ -99,4 +108,5 @@ def draw(study: Study, batches: Sequence[Batch], array: Array = new) -> Draws:
     if not used.all():
         directions, normals = directions[used], normals[used]
     law = study.noise_law
-    return Draws(directions, law.unit_noise(normals), law)
+    numbers = FurtherNumbers(study.seed, [Source(batch.stream, batch.skip, batch.trials) for batch in batches])
+    return Draws(directions, law.unit_noise(normals), law, numbers)

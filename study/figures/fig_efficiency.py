@@ -1,6 +1,8 @@
 """Efficiency: median error over the Cramér-Rao bound against relative noise, per estimator.
 
-One panel per cap angle. The unit is what an estimator with Gaussian errors at the bound would have, so 1 is efficient.
+One panel per cap angle. The unit is what an estimator with Gaussian errors at the Cramér-Rao bound would have. That
+bound treats the directions as known; the dashed line is the attainable bound, which does not: an estimator on it is
+efficient.
 Medians are of all fits as they come, whatever their status, for the paper's UGDK among them; a fit without a number
 counts as worse than any. Marks below the curves are where theory puts the changes: GDKE's bias overtakes its scatter
 at s* = r √(Kₐ/N) / m₁, UGDK leaves the bound at σ² = v/2, and UGDK's matrix begins to fail at κ = (v/σ²) √(N/2) = 3,
@@ -20,7 +22,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from study.analysis.asymptotics import gdke_leaves, median_at_bound, noise_at_kappa, ugdk_leaves
+from study.analysis.asymptotics import gdke_leaves, median_at_bound, median_attainable, noise_at_kappa, ugdk_leaves
 from study.figures import style
 from study.figures.inputs import NotApplicable, Tables, at_first
 from study.sphere.cap import CapMoments, cap_moments
@@ -38,12 +40,14 @@ class EfficiencyFrame:
     Attributes:
         curves: a row per angle, noise and estimator: the median error in units of an efficient estimator's, and its
             Monte-Carlo error; infinite where more than half of the fits have no number.
+        attainable: a row per angle and noise: the same median for Gaussian errors at the attainable bound.
         marks: a row per angle: σ/r at which GDKE leaves the bound, UGDK leaves it, and UGDK fails.
         samples: N.
         stamp: the run's name and trials.
     """
 
     curves: pd.DataFrame
+    attainable: pd.DataFrame
     marks: pd.DataFrame
     samples: int
     stamp: str
@@ -75,8 +79,15 @@ def prepare(tables: Tables) -> EfficiencyFrame:
         rows.append((angle, str(estimator), noise, median.value / unit, median.error / unit, len(part)))
     columns = ["angle", "estimator", "level", "ratio", "error", "trials"]
     curves = pd.DataFrame(rows, columns=columns)
+    levels = curves[["angle", "level"]].drop_duplicates()
+    units = {angle: median_at_bound(moments, tables.dimension) for angle, moments in caps.items()}
+    reached = [
+        median_attainable(angle, noise, tables.dimension) / units[angle]
+        for angle, noise in zip(levels["angle"], levels["level"], strict=True)
+    ]
     return EfficiencyFrame(
         curves=curves,
+        attainable=levels.assign(ratio=reached),
         marks=pd.DataFrame([{"angle": angle, **_marks(moments, samples)} for angle, moments in caps.items()]),
         samples=samples,
         stamp=f"{tables.name} · at least {curves['trials'].min():,} trials behind each median{_scatter(curves)}",
@@ -112,17 +123,23 @@ def draw(frame: EfficiencyFrame) -> Figure:
     for ax in axes[-1]:
         ax.set_xlabel("noise over radius, $σ/r$")
     for ax in axes[:, 0]:
-        ax.set_ylabel("median error,\nefficient = 1")
+        ax.set_ylabel("median error,\nCramér-Rao = 1")
     names = list(dict.fromkeys(frame.curves["estimator"]))
     handles = [
         Line2D([], [], color=style.color(n), marker=style.marker(n), markersize=3.5, label=style.label(n))
         for n in names
     ]
+    handles.append(Line2D([], [], color="black", linewidth=1.0, linestyle=(0, (4, 2)), label="attainable bound"))
+    handles.append(Line2D([], [], color="black", linewidth=0.8, label="Cramér-Rao bound"))
     marked = (
         "ticks below: where, by theory, GDKE leaves the bound ($s^*$), UGDK leaves it ($σ^2=v/2$), UGDK fails ($κ=3$)"
     )
     figure.legend(
-        handles=handles, loc="outside upper center", ncols=min(len(names), 5), title=marked, title_fontsize=style.SMALL
+        handles=handles,
+        loc="outside upper center",
+        ncols=min(len(handles), 5),
+        title=marked,
+        title_fontsize=style.SMALL,
     )
     style.stamp(figure, frame.stamp)
     return figure
@@ -136,6 +153,8 @@ def _panel(ax: Axes, frame: EfficiencyFrame, angle: float) -> None:
     ratios = frame.curves["ratio"][np.isfinite(frame.curves["ratio"])]
     ax.set_ylim(min(_LOW, 0.9 * ratios.min()) / 1.8, max(_HIGH, 1.3 * ratios.max()))  # with room for the marks
     ax.axhline(1.0, color="black", linewidth=0.8)
+    attainable = frame.attainable[frame.attainable["angle"] == angle].sort_values("level")
+    ax.plot(attainable["level"], attainable["ratio"], color="black", linewidth=1.0, linestyle=(0, (4, 2)), zorder=4)
     curves = list(mine.groupby("estimator", sort=False))
     for place, (name, curve) in enumerate(curves):
         shown = curve.sort_values("level")

@@ -7,7 +7,7 @@ from typing import Self
 import pandas as pd
 
 from study.experiment.conditions import STORED
-from study.experiment.noise import NoiseLaw
+from study.experiment.noise.gaussian import NoiseLaw
 from study.runs.storage.run_folder import Run, RunError
 
 

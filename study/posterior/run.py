@@ -47,11 +47,12 @@ def compute(run: Run, jobs: Workers | int = 2, progress: Callable[[float], None]
         raise RunError(f"{run.folder}: [posterior] where = {dict(posterior.where)} chooses none of its cells")
     keys = {task.part(study, posterior): task for task in todo}
     metadata = {"study.config": study.canonical(), "study.posterior": json.dumps(list(keys))}
-    if run.metadata("posterior").get("study.posterior") == metadata["study.posterior"]:
-        return
     d = study.dimension
     stored = {"answers": schemas.answers(d), "draws": schemas.draws(d)}
     stored["posterior"] = schemas.posterior(d, study.conditions())
+    usable = all(map(run.valid, stored))
+    if usable and run.metadata("posterior").get("study.posterior") == metadata["study.posterior"]:
+        return
     if workers.backend == "threads" and workers.jobs > 1:
         workers = replace(workers, backend="loky")
     with workers.open() as backend, threadpool_limits(limits=1), writing(run.folder):
@@ -59,14 +60,15 @@ def compute(run: Run, jobs: Workers | int = 2, progress: Callable[[float], None]
         parts.load()
         for name in parts.damaged:
             print(f"{parts.folder / name}: damaged; moved to parts/damaged and computed again", file=sys.stderr)
-        _keep_finished(run, parts, keys, list(stored))
+        if usable:
+            _keep_finished(run, parts, keys, list(stored))
+        run.forget(*stored)
         _compute(parts, (study, posterior), keys, backend, progress)
-        for name, columns in stored.items():  # ``posterior`` last: where it is, the others are
+        for name, columns in stored.items():
             found = (table for key in keys for _, _, table in parts.tables(key, name))
             run.join(name, columns, found, metadata)
-        run.amend_manifest(
-            {"posterior": {"chains": len(todo), "seconds": round(parts.seconds, 3), "jobs": workers.jobs}}
-        )
+        made = {"chains": len(todo), "seconds": round(parts.seconds, 3), "jobs": workers.jobs}
+        run.record(*stored, posterior=made)
         parts.remove()
 
 

@@ -1,6 +1,5 @@
 """Content of the page: each run's tables, read once, and the figures that they can feed."""
 
-import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
@@ -103,8 +102,6 @@ class Record:
         if tables.rows is not None:  # in a random design a row of the summary has many numbers of samples
             samples = int(tables.rows.loc[tables.rows["estimator"] == tables.estimators[0], "samples"].sum())
         main = run.study.keep
-        with open(run.path(main), "rb") as file:
-            fingerprint = hashlib.file_digest(file, "sha256").hexdigest()
         return cls(
             run=run,
             name=tables.name,
@@ -117,7 +114,7 @@ class Record:
             timings=run.table("timings"),
             worst=None if tables.rows is None else worst(tables.rows),
             main=main,
-            fingerprint=fingerprint,
+            fingerprint=run.fingerprint(main) or "",
         )
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import pandas as pd
 
+from study.analysis.medians_at_bounds import has_bounds, medians_at_bounds
 from study.estimators import Status
 from study.estimators.status import explain
 from study.experiment.conditions import LABELS, SAMPLES, named_in
@@ -57,20 +58,28 @@ def efficiency(record: Record) -> list[Block]:
     by_decade = bool(frame["decade"].notna().any())
     titles, conditions, fixed = _conditions(frame, by_decade)
     shown = [name for name in record.estimators if name in set(frame["estimator"])]
-    rows = []
+    bounded, rows = has_bounds(record.run.study), []
     for _, part in frame.groupby("group", sort=False):
         found = {str(row["estimator"]): row for _, row in part.iterrows()}
         first = part.iloc[0]
         cells: list[Content] = [*(make(first) for make in conditions), words.count(int(first["planned"]))]
+        if bounded:
+            cells += [f"{value:.3g}" for value in medians_at_bounds(record.run.study, first)]
         rows.append(Row([*cells, *(_ratio(found[name]) if name in found else "–" for name in shown)]))
     least = words.count(int(frame["planned"].min()))
+    efficient = (
+        "The columns CRLB and attainable have the medians of Gaussian errors at the Cramér-Rao bound, which treats the "
+        "directions as known, and at the attainable bound, which does not. "
+        if bounded
+        else "An estimator with Gaussian errors at the bound has about 0.7 to 0.9. "
+    )
     caption = (
         "Distance of the estimated from the true centre over the bound √tr CRLB of the same points: median of the "
         "fits that are ok, ± its Monte-Carlo error (∞: too few fits for one); below it the share of those that are "
-        "not. An estimator with Gaussian errors at the bound has about 0.7 to 0.9. "
+        f"not. {efficient}"
         f"At least {least} trial{'s' * (least != '1')} a row{fixed}."
     )
-    head = [*titles, "trials", *(style.label(name) for name in shown)]
+    head = [*titles, "trials", *(["CRLB", "attainable"] if bounded else []), *(style.label(name) for name in shown)]
     table = Table(f"Error over the bound, {record.name}", caption, head, rows, numeric=frozenset(range(len(head))))
     if len(rows) <= _LONG:
         return [table]

@@ -47,7 +47,7 @@ def rows(study: Study, parts: Parts, layout: Layout, name: str) -> Iterator[pa.T
             yield from found
         elif found:
             table = pa.concat_tables(found)
-            yield table.take(pa.array(_order(study, span, table)))
+            yield table.take(pa.array(order(study, span, table)))
 
 
 def stored_rows(jobs: Jobs, parts: Parts, piece: Span, name: str) -> Iterator[tuple[tuple[str, ...], pa.Table]]:
@@ -72,8 +72,14 @@ def stored_rows(jobs: Jobs, parts: Parts, piece: Span, name: str) -> Iterator[tu
         yield wanted, table
 
 
-def _order(study: Study, span: Span, table: pa.Table) -> Ints:
-    """The order of a unit's rows in the table."""
+def order(study: Study, span: Span, table: pa.Table) -> Ints:
+    """The order of a unit's rows in the table.
+
+    Args:
+        study: the config.
+        span: the unit.
+        table: its rows, of errors, failures, points or summary, in any order.
+    """
     if "group" in table.schema.names:  # a summary, of the cells of a grid
         cells = _places(table, "group", [cell.name for cell in span.group.cells])
         return np.lexsort([_places(table, "estimator", study.estimators), cells])

@@ -5,25 +5,35 @@ from study.runs.storage.atomic_write import RunError
 from study.runs.storage.parts import FORMAT
 from study.runs.storage.run_folder import Run
 
+DERIVED = ("posterior", "answers", "draws", "claims")
+"""Tables that are not computed of units, and so survive when units are computed again."""
+
 
 def finished(run: Run) -> bool:
-    """Tell whether a run is finished and its tables have the digests of its manifest."""
-    return run.study.keep in digests(run) and run.stopped() is None and not damaged(run)
+    """Tell whether a run is finished and the tables of its units have the digests of its manifest."""
+    if run.study.keep not in digests(run) or run.stopped() is not None:
+        return False
+    apart = {*DERIVED, *({"summary"} - {run.study.keep})}
+    return not set(damaged(run)) - apart
 
 
 def damaged(run: Run) -> list[str]:
-    """Names of a finished run's tables whose bytes have changed since they were written."""
-    return [name for name, digest in digests(run).items() if run.fingerprint(name) != digest]
+    """Names of the tables in a run's manifest whose bytes have changed since they were written, or that are gone."""
+    try:
+        tables = run.manifest()["tables"]
+    except RunError:
+        return []
+    return [name for name, digest in tables.items() if run.fingerprint(name) != digest]
 
 
 def digests(run: Run) -> dict[str, str]:
     """Digests of the tables in a run's manifest, by name; none of a run that is not finished."""
     try:
         manifest = run.manifest()
-        known = manifest["format"] == FORMAT and set(manifest["estimators"]) == set(run.study.estimators)
-        return dict(manifest["tables"]) if known else {}
-    except (RunError, KeyError, TypeError, ValueError):
+    except RunError:
         return {}
+    known = manifest["format"] == FORMAT and set(manifest.get("estimators", ())) == set(run.study.estimators)
+    return dict(manifest["tables"]) if known else {}
 
 
 def up_to_date(run: Run) -> bool:

@@ -15,7 +15,7 @@ from study.runs.adaptive.checkpoint_rounds import Rounds
 from study.runs.adaptive.group_progress import BUDGET, TARGET
 from study.runs.adaptive.time_budget import TimeBudget
 from study.runs.layout import Layout
-from study.runs.storage import schemas
+from study.runs.storage import manifest, schemas
 from study.runs.storage.parts import FORMAT, Parts
 from study.runs.storage.run_folder import Run
 from study.runs.workers.choose import Workers
@@ -42,7 +42,7 @@ def finish(
     """
     study, clock = store.study, time.perf_counter()
     metadata = {"study.config": study.canonical(), "study.software": json.dumps(parts.software)}
-    store.amend_manifest({"tables": {}})  # those that it lists are about to be replaced
+    store.forget(*schemas.of_units(study.dimension, study.conditions()), "precision")  # they are about to be replaced
     store.remove("summary")
     written, causes, reasons = [], Counter[str](), Counter[str]()
     if isinstance(layout, Rounds):
@@ -60,7 +60,7 @@ def finish(
             written.append(name)
         else:
             store.remove(name)
-    before = store.manifest() if (store.folder / "manifest.json").is_file() else {}
+    before = store.manifest() if (store.folder / manifest.NAME).is_file() else {"tables": {}}
     store.save_manifest(
         {key: value for key, value in before.items() if key == "posterior"}
         | ({"precision": dict(reasons)} if reasons else {})
@@ -74,7 +74,7 @@ def finish(
             "failures": causes.total(),
             "lost": causes["worker"],
             "estimators": {name: ESTIMATORS[name].version for name in study.estimators},
-            "tables": {name: store.fingerprint(name) for name in written},
+            "tables": {name: store.fingerprint(name) for name in written} | before["tables"],
             "started": started.isoformat(timespec="seconds"),
             "seconds_computing": round(parts.seconds, 3),
             "seconds": round(parts.seconds + time.perf_counter() - clock, 3),
@@ -101,8 +101,8 @@ def budget_message(run: Run) -> str | None:
 
 def failure_message(run: Run) -> str | None:
     """Message for a finished run whose share of failed fits is larger than its config tolerates; None for another."""
-    manifest, tolerated = run.manifest(), run.study.tolerate_failures
-    failures, fits = manifest["failures"], manifest["fits"]
+    found, tolerated = run.manifest(), run.study.tolerate_failures
+    failures, fits = found["failures"], found["fits"]
     if failures <= tolerated * fits:
         return None
     words = f"{failures:,} of {fits:,} fits raised an exception or killed their worker"

@@ -9,12 +9,10 @@ rows of another run nor gives any.
 
 import re
 from collections.abc import Iterator
-from functools import lru_cache
 from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
 from study.experiment.config import Study
 from study.experiment.designs.groups import Group, Span
@@ -26,6 +24,7 @@ from study.runs.layout import Layout
 from study.runs.storage.atomic_write import RunError
 from study.runs.storage.parts import Packet
 from study.runs.storage.run_folder import Run
+from study.runs.storage.table_rows import TableRows
 
 
 class ReuseLayout(Layout):
@@ -72,9 +71,7 @@ class EarlierRun:
         self.run = run
         made = run.manifest()["estimators"]
         self.outputs = {f"{name}@{made[name]}" for name in run.study.estimators}
-        self._file = pq.ParquetFile(run.path("errors"))
-        counts = [self._file.metadata.row_group(i).num_rows for i in range(self._file.num_row_groups)]
-        self._ends = [sum(counts[: i + 1]) for i in range(len(counts))]
+        self._errors = TableRows(run.path("errors"))
         self._failures = run.arrow("failures") if run.has("failures") else None
         self._begin: dict[Name, tuple[int, int]] = {}
         row, each = 0, len(run.study.estimators)
@@ -85,7 +82,13 @@ class EarlierRun:
     @classmethod
     def of(cls, run: Run) -> "EarlierRun | None":
         """Open a run; None if it is not finished, or its rows are damaged."""
-        return cls(run) if "errors" in digests(run) and not {"errors", "failures"} & set(damaged(run)) else None
+        if "errors" not in digests(run) or {"errors", "failures"} & set(damaged(run)):
+            return None
+        try:
+            run.check("errors")
+            return cls(run)
+        except RunError:  # of a version with other columns
+            return None
 
     def take(self, job: Job) -> Packet | None:
         """Take the rows of a job that this run has; None if it has none.
@@ -103,7 +106,7 @@ class EarlierRun:
         begin, per_trial = self._begin[span.group.stream]
         size = span.group.size  # whole blocks hold the cells one after the other
         low, high = span.first // size * size, -(-span.last // size) * size
-        whole = self._rows(begin + per_trial * low, begin + per_trial * min(high, trials))
+        whole = self._errors.rows(begin + per_trial * low, begin + per_trial * min(high, trials))
         use = (pc.field("trial") >= span.first) & (pc.field("trial") < span.last)
         use &= pc.field("estimator").cast(pa.string()).isin(list(estimators_of(outputs)))
         if span.group.cells:
@@ -117,16 +120,6 @@ class EarlierRun:
             if "worker" in pc.unique(found["failures"]["cause"]).to_pylist():
                 return None
         return Packet.of([(job.key, outputs)], [found])
-
-    def _rows(self, begin: int, end: int) -> pa.Table:
-        """Rows ``begin`` to ``end`` - 1 of the error table."""
-        groups = [i for i, last in enumerate(self._ends) if last > begin and (self._ends[i - 1] if i else 0) < end]
-        start = self._ends[groups[0] - 1] if groups and groups[0] else 0
-        return pa.concat_tables([self._group(i) for i in groups]).slice(begin - start, end - begin)
-
-    @lru_cache(maxsize=2)  # noqa: B019  lives as long as the run that it is for
-    def _group(self, index: int) -> pa.Table:
-        return self._file.read_row_group(index)
 
 
 def beside(study: Study, folder: Path) -> Run | None:

@@ -12,10 +12,11 @@ from study.experiment.config import Study
 from study.runs import provenance
 from study.runs.adaptive.checkpoint_rounds import Rounds
 from study.runs.adaptive.time_budget import TimeBudget
-from study.runs.completeness import damaged, finished, up_to_date
+from study.runs.completeness import finished, up_to_date
 from study.runs.finish import finish
 from study.runs.jobs import Job, Jobs, execute, give_up
 from study.runs.layout import Layout
+from study.runs.repair import set_damaged_aside
 from study.runs.reuse import EarlierRun, ReuseLayout, beside
 from study.runs.storage.lock import writing
 from study.runs.storage.parts import Parts
@@ -75,6 +76,7 @@ def run(
         stack.enter_context(writing(folder))
         parts = Parts(folder, "units", provenance.software())
         started = datetime.now(UTC)
+        set_damaged_aside(store, warn or _print)
         store.begin(config)
         if finished(store) and up_to_date(store):
             parts.remove()  # of a run that was killed just before this, its last step
@@ -105,9 +107,6 @@ class _Computation:
 
     def prepare(self) -> None:
         """Read the stored parts, and reuse the rows of an earlier run."""
-        for name in damaged(self.store):
-            self.warn(f"{self.store.path(name)}: damaged; set aside in parts/damaged, and made again")
-            self.store.set_aside(name)
         self.parts.load()
         self.report_damage()
         for made in self.parts.made_by:

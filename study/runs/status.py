@@ -15,6 +15,7 @@ from study.runs.provenance import described, other_version
 from study.runs.reuse import ReuseLayout
 from study.runs.storage.atomic_write import RunError
 from study.runs.storage.lock import holder
+from study.runs.storage.manifest import ManifestDamagedError
 from study.runs.storage.parts import DAMAGED, Parts
 from study.runs.storage.run_folder import Run
 from study.text.columns import columns
@@ -54,6 +55,12 @@ def _facts(run: Run, parts: Parts) -> Iterator[tuple[str, str]]:
 
 
 def _state(run: Run, parts: Parts) -> str:
+    try:
+        run.manifest()
+    except ManifestDamagedError as error:
+        return str(error)
+    except RunError:
+        pass
     if finished(run):
         return "finished" if up_to_date(run) else "finished, but `study run` would compute some of it again"
     if damaged(run):
@@ -102,7 +109,7 @@ def _failures(run: Run) -> str:
         manifest = run.manifest()
         fits = f"{manifest['failures']:,} of {manifest['fits']:,} fits"
         return f"{fits}, {manifest['lost']:,} of them because a worker died"
-    except (RunError, KeyError):
+    except (RunError, KeyError):  # chains may be stored before the run is finished
         return "known when the run is finished"
 
 

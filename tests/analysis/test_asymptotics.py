@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 from scipy import stats
 
+import study
 from study.analysis.asymptotics import (
     bound_shares,
     gdke_bias,
     gdke_leaves,
     kappa,
     median_at_bound,
+    median_attainable,
     noise_at_kappa,
     ugdk_leaves,
     ugdk_variance,
@@ -79,3 +81,21 @@ def test_bound_shares(degrees):
     along, across = bound_shares(cap_moments(math.radians(degrees), 3), 3)
     assert along + 2.0 * across == pytest.approx(1.0, rel=1e-12)
     assert along / across == pytest.approx(12.0 / (1 - c) ** 2 / (6.0 / ((1 - c) * (2 + c))), rel=1e-9)
+
+
+@pytest.mark.parametrize(("dimension", "degrees", "noise"), [(3, 45.0, 0.3), (3, 180.0, 0.2), (2, 45.0, 0.1)])
+def test_median_attainable(dimension, degrees, noise):
+    """The median is that of drawn Gaussians with the attainable covariance, over the Cramér-Rao bound's root trace."""
+    moments = cap_moments(math.radians(degrees), dimension)
+    bound = study.attainable_bound(degrees, noise, dimension)[:-1, :-1]
+    drawn = np.random.default_rng(5).normal(size=(400_000, dimension)) * np.sqrt(np.diag(bound))
+    unit = noise * math.sqrt(1.0 / moments.along + (dimension - 1) / moments.across)
+    expected = np.median(np.linalg.norm(drawn, axis=1)) / unit
+    np.testing.assert_allclose(median_attainable(degrees, noise, dimension), expected, rtol=0.01)
+
+
+def test_median_attainable_without_noise_and_without_hope():
+    """Little noise leaves the Cramér-Rao bound; noise that hides the cap leaves no number."""
+    moments = cap_moments(math.radians(45.0), 3)
+    np.testing.assert_allclose(median_attainable(45.0, 1e-5, 3), median_at_bound(moments, 3), rtol=1e-6)
+    assert math.isnan(median_attainable(0.01, 1.0, 3))

@@ -74,13 +74,25 @@ def test_every_value_has_its_error(run):
         assert error.notna()[np.isfinite(value)].all()
 
 
+def parts(run):
+    """The lines of a print: its notes, its header, and all lines below it as a list."""
+    lines = list(printed(run))
+    place = next(i for i, line in enumerate(lines) if line.split()[-2:] == ["lls", "ugdk"])
+    return [*lines[: place + 1], lines[place + 1 :]]
+
+
 def test_printed(run):
     """A title, a note, a header and a line per group, each with a label of its own; failures are named."""
     stored = run.table("summary")
-    title, note, header, *lines = printed(run)
+    title, note, *bounds, header, lines = parts(run)
     assert title.startswith(run.study.run_name())
     assert "brackets" in note
-    assert header.split() == ["lls", "ugdk"]
+    if run.study.design.one_trial_a_cell:
+        assert header.split() == ["lls", "ugdk"]
+        assert not bounds
+    else:
+        assert header.split() == ["CRLB", "attainable", "lls", "ugdk"]
+        assert "attainable" in bounds[0]
     assert len(lines) == stored["group"].nunique()
     assert all(len(line) < 120 for line in lines)
     for line, (_, part) in zip(lines, stored.groupby("group", sort=False), strict=True):
@@ -90,8 +102,9 @@ def test_printed(run):
 
 def test_printed_labels_tell_groups_apart(run):
     """No two lines of the print have the same label."""
-    _, _, header, *lines = printed(run)
-    labels = [line[: header.index("lls")].strip() for line in lines]
+    *_, header, lines = parts(run)
+    first = "lls" if run.study.design.one_trial_a_cell else "CRLB"
+    labels = [line[: header.index(first)].strip() for line in lines]
     assert len(set(labels)) == len(labels)
 
 

@@ -9,6 +9,7 @@ from study.experiment.config import parse
 from study.posterior.chain_task import chain_tasks
 from study.posterior.posterior_text import printed
 from study.posterior.run import compute
+from study.runs.completeness import finished
 from study.runs.storage.parts import Parts
 from study.runs.storage.run_folder import Run
 
@@ -172,7 +173,8 @@ def test_a_run_that_did_not_finish(call_here, asked, done, tmp_path):
     assert (code, complained) == (0, "")
     assert stored(out) == stored(done[0] / "out")
     assert [path.name for path in (out / "parts").iterdir()] == ["0123456789abcdef0123.parquet"]
-    assert not (out / "manifest.json").exists()
+    assert set(Run.open(out).manifest()["tables"]) == {"posterior", "answers", "draws"}
+    assert not finished(Run.open(out))
 
 
 def test_posteriors_that_cannot_be_written(call_here, asked, tmp_path):

@@ -105,8 +105,8 @@ def test_what_is_no_run(call_here, tmp_path, verb):
 @pytest.mark.parametrize("verb", [["status", "out"], ["run", "tiny.toml", "--out", "out"]], ids=str)
 def test_a_run_of_a_newer_version(call_here, run, files_of, verb):
     """Code 1, one line, nothing touched."""
-    path = run / "out" / "manifest.json"
-    path.write_text(path.read_text().replace(f'"format": {FORMAT}', '"format": 99'))
+    store = Run.open(run / "out")
+    store.save_manifest(store.manifest() | {"format": FORMAT + 1})
     before = files_of(run)
     refused(call_here(run, *verb), 1, "made by a newer version of this program")
     assert files_of(run) == before

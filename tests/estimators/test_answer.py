@@ -7,7 +7,7 @@ import pytest
 
 import study
 from study import Fit, Status
-from study.estimators.answer.estimates import blank
+from study.estimators.estimates import blank
 from study.estimators.registry import fit_samples
 
 

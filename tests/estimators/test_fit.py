@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 import study
 from study import Estimates, Status
-from study.estimators.answer.estimates import blank
+from study.estimators.estimates import blank
 
 
 @pytest.mark.parametrize("d", [2, 3, 5])

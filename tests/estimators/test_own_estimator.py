@@ -10,7 +10,7 @@ from study.analysis import estimator_list
 from study.analysis.points.fitting import choose
 from study.analysis.points.source import PointFileError
 from study.estimators import Estimates, Estimator, Samples, fit
-from study.estimators.answer.estimates import blank
+from study.estimators.estimates import blank
 from study.experiment.config import ConfigError, parse
 from study.runs import runner
 

@@ -7,7 +7,7 @@ import pytest
 
 import study
 from study.estimators import Estimator
-from study.estimators.answer.estimates import blank
+from study.estimators.estimates import blank
 from study.experiment.compute_unit import Result, compute, lost
 from study.experiment.designs.groups import Span
 from study.experiment.sampling import draw

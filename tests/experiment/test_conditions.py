@@ -10,7 +10,7 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
-from study.experiment.conditions import CONDITIONS, STORED, distinguishing, label
+from study.experiment.conditions import COLUMNS, CONDITIONS, SILENT, STORED, distinguishing, label
 from study.experiment.designs.cells import Cell
 from study.experiment.designs.grid import GridDesign
 from study.experiment.designs.random_design import RandomDesign
@@ -156,13 +156,16 @@ CELL = Cell(samples=10, noise=0.1, angle=20.0, radius=2.0, center=(3.0, 4.0))
 
 def test_a_cell_has_every_stored_condition():
     """Its values are those that columns hold: the centre as its distance; σ/r follows from them."""
-    assert CELL.values == {"samples": 10, "noise": 0.1, "angle": 20.0, "radius": 2.0, "center": 5.0}
+    placed = {"samples": 10, "noise": 0.1, "angle": 20.0, "radius": 2.0, "center": 5.0}
+    assert CELL.values == placed | {condition.name: condition.default for condition in SILENT}
     assert list(CELL.values) == [condition.name for condition in STORED]
     assert CONDITIONS["noise_over_radius"].of(CELL.values) == 0.05
 
 
 def test_labels():
     """N, σ/r and φ are always named, the others where they tell rows apart."""
-    assert label(CELL.values) == "N = 10, σ/r = 0.05, φ = 20°"
+    row = {name: CELL.values[name] for name in (condition.name for condition in COLUMNS)}
+    assert label(row) == "N = 10, σ/r = 0.05, φ = 20°"
+    assert label(row | {"outlier_share": 0.1}) == "N = 10, σ/r = 0.05, φ = 20°, outliers = 0.1"
     rows = pd.DataFrame([CELL.values, CELL.values | {"center": 1.0}])
     assert [condition.symbol for condition in distinguishing(rows)] == ["N", "σ/r", "φ", "|c|"]

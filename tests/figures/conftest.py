@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from study.analysis.summary import summary
-from study.experiment.noise import IsotropicGaussian
+from study.experiment.noise.gaussian import IsotropicGaussian
 from study.figures.inputs import Tables
 
 ESTIMATORS = ["mle", "lls", "gdke", "ugdk"]

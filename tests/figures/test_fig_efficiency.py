@@ -7,7 +7,8 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from study.experiment.noise import AnisotropicGaussian
+import study
+from study.experiment.noise.gaussian import AnisotropicGaussian
 from study.figures import fig_efficiency, style
 from study.figures.inputs import NotApplicable
 
@@ -77,6 +78,14 @@ def test_an_efficient_estimator_is_at_one(make_rows, make_tables):
     curves = fig_efficiency.prepare(make_tables(pd.concat(parts, ignore_index=True), "grid")).curves
     assert np.all(np.abs(curves["ratio"] - 1.0) < 4.5 * curves["error"])
     assert np.all(curves["error"] < 0.02)
+
+
+def test_attainable_line(small):
+    """On the whole sphere its errors are spherical too: the line is the ratio of the two bounds' roots."""
+    line = fig_efficiency.prepare(small(angles=[180.0], levels=[1e-3, 0.05, 0.1, 0.2, 0.3])).attainable
+    for level, ratio in zip(line["level"], line["ratio"], strict=True):
+        expected = math.sqrt(study.attainable_bound(180.0, level, 3)[0, 0] / (3.0 * level**2))
+        assert ratio == pytest.approx(expected, rel=2e-3)
 
 
 @pytest.mark.parametrize(("missing", "finite"), [(3, True), (4, False)])
@@ -167,7 +176,11 @@ def test_drawn(small):
         )
         assert f"{angle:g}°" in ax.get_title(loc="left")
     (legend,) = figure.legends
-    assert [text.get_text() for text in legend.get_texts()] == [style.label(name) for name in NAMES]
+    assert [text.get_text() for text in legend.get_texts()] == [
+        *(style.label(name) for name in NAMES),
+        "attainable bound",
+        "Cramér-Rao bound",
+    ]
     alone = fig_efficiency.draw(fig_efficiency.prepare(small(names=["mle"], angles=[45.0])))
     assert [text.get_text() for text in alone.axes[0].texts] == []
 

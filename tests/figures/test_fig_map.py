@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from study.experiment.noise import AnisotropicGaussian
+from study.experiment.noise.gaussian import AnisotropicGaussian
 from study.figures import fig2_error, fig_efficiency, fig_map
 from study.figures.inputs import NotApplicable
 

@@ -69,8 +69,9 @@ def test_a_foreign_folder(start, tmp_path, files):
 
 
 def test_a_folder_whose_config_is_broken(start, files):
-    """A config that cannot be read any more is reported, not replaced."""
+    """A config that cannot be read any more is reported, not replaced, where no manifest says whose run it is."""
     run = start()
+    (run.folder / "manifest.json").unlink()
     (run.folder / "config.toml").write_text("seed = ")
     before = files(run.folder)
     with pytest.raises(RunError, match="cannot be read any more"):
@@ -98,7 +99,7 @@ def test_a_table_that_is_missing_or_broken(start):
         run.table("summary")
     path = run.folder / "errors.parquet"
     path.write_bytes(path.read_bytes()[:200])
-    with pytest.raises(RunError, match=r"errors\.parquet: cannot be read"):
+    with pytest.raises(RunError, match=r"errors\.parquet: damaged"):
         run.table("errors")
 
 

@@ -30,7 +30,7 @@ def manifest(make_text, tmp_path_factory):
 def test_fields(manifest):
     """The manifest has the declared fields and no others."""
     expected = {"run", "config", "cells", "started", "seconds_computing", "seconds", "jobs", "software", "machine"}
-    expected |= {"format", "fits", "failures", "lost", "estimators", "tables", "backend", "also_computed_by"}
+    expected |= {"format", "fits", "failures", "lost", "estimators", "tables", "backend", "also_computed_by", "digest"}
     assert set(manifest[1]) == expected
 
 

@@ -23,6 +23,7 @@ from study.analysis.claims.claim import Claim, Verdict
 from study.analysis.claims.evaluate import evaluate, frame
 from study.analysis.claims.evidence import Evidence
 from study.runs.storage import schemas
+from study.runs.storage.lock import writing
 from study.runs.storage.run_folder import Run
 from study.text.columns import columns
 
@@ -62,7 +63,8 @@ def judge_all(runs: Iterable[Run], cost: Path | None = None, spreads: pd.DataFra
 def save(run: Run, claims: pd.DataFrame) -> None:
     """Store the claims table in a run's folder."""
     data = {column.name: claims[column.name].to_numpy() for column in schemas.CLAIMS}
-    run.save("claims", schemas.table(schemas.CLAIMS, data))
+    with writing(run.folder):
+        run.save("claims", schemas.table(schemas.CLAIMS, data))
 
 
 def printed(claims: pd.DataFrame) -> Iterator[str]:

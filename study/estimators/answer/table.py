@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Protocol, Self
 
 import numpy as np
 
-from study.estimators.answer.estimates import Estimates
+from study.estimators.estimates import Estimates
 from study.estimators.samples import Samples
 from study.estimators.status import Status, explain
 from study.sphere.types import Floats, Ints

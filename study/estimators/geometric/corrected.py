@@ -18,8 +18,8 @@ from typing import NamedTuple
 import numpy as np
 
 from study.estimators.algebraic import root, shrunk
-from study.estimators.answer.estimates import Estimates
-from study.estimators.geometric.corrected_step import ON, STATE, Equations, Trial, advance
+from study.estimators.estimates import Estimates
+from study.estimators.geometric.corrected_step import ON, STATE, Equations, TrialSphere, advance
 from study.estimators.samples import Samples
 from study.estimators.status import Status
 from study.sphere.jit import CHUNK, Sums, compiled, fill, fresh, put, zeros
@@ -33,7 +33,7 @@ _ROUNDING = 1e-16
 """Noise variance to begin with where fourth moments show none, as a share of the mean square of the points."""
 
 
-class Start(NamedTuple):
+class CorrectedStart(NamedTuple):
     """Starting values of a batch.
 
     Attributes:
@@ -100,7 +100,7 @@ def _fit(samples: Samples, eta: Floats, pair: float | Floats) -> Estimates:
     fit.condition.fill(np.nan)
     d, n = fit.center.shape[1], regression.n
     variance = np.where(n > d + 1.0, np.maximum(eta, _ROUNDING * regression.square) * (n - 1.0) / n, 0.0)
-    start = Start(
+    start = CorrectedStart(
         regression.origin, fit.center - regression.origin, fit.radius.copy(), variance, pair + np.zeros_like(eta)
     )
     _fit_all(samples.rows, abreast(samples.source), start, fit, zeros(d), zeros(d, d))
@@ -156,7 +156,7 @@ def _pass(block: SampleBlock, origin: Floats, center: Floats, radius: float, sum
 
 
 @compiled
-def _conclude(start: Start, t: int, trial: Trial, status: int, n: int, fit: Estimates) -> None:
+def _conclude(start: CorrectedStart, t: int, trial: TrialSphere, status: int, n: int, fit: Estimates) -> None:
     """Write the root that the iteration of set t ended at, if it is near the start, and else leave the start."""
     state, center = trial
     d, away, reach = center.size, 0.0, _NEAR * start.radius[t]
@@ -173,7 +173,7 @@ def _conclude(start: Start, t: int, trial: Trial, status: int, n: int, fit: Esti
 
 
 @compiled
-def _fit_all(x: PointSets, group: int, start: Start, fit: Estimates, zero: Sums, square: Sums) -> None:
+def _fit_all(x: PointSets, group: int, start: CorrectedStart, fit: Estimates, zero: Sums, square: Sums) -> None:
     """Solve the equations for each set of a batch; ``group`` sets share their draws, see `abreast`.
 
     ``fit`` holds the starts. ``zero`` and ``square`` are d and d² sums at zero.
@@ -204,7 +204,7 @@ def _fit_all(x: PointSets, group: int, start: Start, fit: Estimates, zero: Sums,
                         _pass(block, start.origin[head + g], center[g], state[g].radius, sums[g], scratch)
             for g in range(group):
                 if going[g]:
-                    trial = Trial(state[g], center[g])
+                    trial = TrialSphere(state[g], center[g])
                     status = advance(trial, n, sums[g], equations)
                     if status != ON:
                         _conclude(start, head + g, trial, status, n, fit)

@@ -38,7 +38,7 @@ ON = -1
 """In place of a status: the iteration goes on."""
 
 
-class State(Protocol):
+class CorrectedState(Protocol):
     """State of an iteration between two passes, a record of `STATE`.
 
     Attributes:
@@ -56,13 +56,13 @@ class State(Protocol):
     passes: int
 
 
-STATE = np.dtype(list(State.__annotations__.items()))
+STATE = np.dtype(list(CorrectedState.__annotations__.items()))
 
 
-class Trial(NamedTuple):
+class TrialSphere(NamedTuple):
     """The iteration of one set: a record of `STATE`, and the centre (d,) relative to an origin near the points."""
 
-    state: State
+    state: CorrectedState
     center: Floats
 
 
@@ -74,7 +74,7 @@ class Equations(NamedTuple):
 
 
 @compiled
-def _form(trial: Trial, n: int, sums: Floats, means: RadialMeans, equations: Equations) -> None:
+def _form(trial: TrialSphere, n: int, sums: Floats, means: RadialMeans, equations: Equations) -> None:
     """Write the equations, in units of r², r and r√s, and their derivatives by (c, r, s), in units of r, r and s."""
     state, center = trial
     values, slopes = equations
@@ -142,7 +142,7 @@ def _solve(matrix: Floats, right: Floats) -> bool:
 
 
 @compiled
-def advance(trial: Trial, n: int, sums: Floats, equations: Equations) -> int:
+def advance(trial: TrialSphere, n: int, sums: Floats, equations: Equations) -> int:
     """Move the trial to the next one by the sums of a pass about it.
 
     Returns:

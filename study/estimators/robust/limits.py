@@ -53,7 +53,7 @@ def limits_of(n: int, d: int) -> Floats:
 
 
 def _series(freedom: float, level: float) -> float:
-    """Quantile of Student's t at a level on both sides together, for many degrees of freedom (Fisher & Cornish 1960)."""
+    """Quantile of Student's t at a level on both sides together, by Cornish & Fisher's series in 1/freedom."""
     x = -NormalDist().inv_cdf(0.5 * level)
     terms = [
         (x**3 + x) / 4.0,

@@ -2,7 +2,7 @@
 
     results/<name>-<digest>/
         config.toml        the config, as it was given
-        manifest.json      config, software, machine, seconds, digests of the tables; written last: it ends a run
+        manifest.json      config, software, machine, seconds, digests of the tables and of itself; ends a run
         parts/             finished rows of a run that is not finished; see `study.runs.storage.parts`
         errors.parquet     a row per cell, trial and estimator
         failures.parquet   fits that raised an exception or whose worker died, if there are any
@@ -12,11 +12,11 @@
         summary.parquet    performance measures with their Monte-Carlo error
         posterior.parquet, answers.parquet, draws.parquet   ensemble posteriors, where the config has a [posterior]
 
-Workers compute and write nothing; the parent alone writes, and only while it holds the folder's lock.
+Workers compute and write nothing; the parent alone writes, and only while it holds the folder's lock. A table is read
+only if its digest is the one in the manifest, and its columns are those declared.
 """
 
-import hashlib
-import json
+import sys
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
@@ -28,15 +28,16 @@ import pyarrow.parquet as pq
 from study.experiment.config import Study, load
 from study.experiment.config_faults import ConfigError
 from study.experiment.replay import locate
-from study.runs.storage import schemas
+from study.runs.storage import digests, manifest, schemas
 from study.runs.storage.atomic_write import RunError, explained, join, write, write_table
+from study.runs.storage.manifest import Manifest, ManifestDamagedError, ManifestMissingError, ManifestNewerError
 from study.runs.storage.parts import DAMAGED, FORMAT
 
 __all__ = ["Run", "RunError"]
 
 T = TypeVar("T")
-Manifest = dict[str, Any]
-"""A manifest as JSON has it."""
+_remarked: set[Path] = set()
+"""Tables without a digest, of which the user has been told."""
 
 
 class Run:
@@ -64,18 +65,26 @@ class Run:
             if not folder.is_dir():
                 raise RunError(f"{folder}: is a file, not a run folder; choose another with --out")
             if (folder / "config.toml").exists():
-                found = cls.open(folder)
-                found.refuse_newer()
-                if found.study.digest() != study.digest():
-                    raise RunError(
-                        f"{folder}: holds a run of another config ({found.study.run_name()}, not {study.run_name()}); "
-                        "choose another folder with --out, or remove this one"
-                    )
+                cls(folder, study).refuse_newer()
+                cls._refuse_another(folder, study)
             elif any(path.name != ".lock" for path in folder.iterdir()):
                 raise RunError(f"{folder}: is not empty and no run folder; choose another with --out")
         with explained(folder):
             folder.mkdir(parents=True, exist_ok=True)
         return cls(folder, study)
+
+    @classmethod
+    def _refuse_another(cls, folder: Path, study: Study) -> None:
+        """Raise a RunError if neither the config in a folder nor its manifest is the study's."""
+        try:
+            if cls(folder, study).manifest()["run"] == study.run_name():
+                return  # the config may be damaged; it is written again
+        except RunError:
+            pass
+        found = cls.open(folder).study
+        if found.digest() != study.digest():
+            words = f"holds a run of another config ({found.run_name()}, not {study.run_name()})"
+            raise RunError(f"{folder}: {words}; choose another folder with --out, or remove this one")
 
     @classmethod
     def open(cls, folder: Path) -> "Run":
@@ -89,7 +98,9 @@ class Run:
         try:
             return cls(folder, load(folder / "config.toml"))
         except ConfigError as error:
-            raise RunError(f"{folder}: its config cannot be read any more: {error}") from None
+            words = "; ".join(line.strip() for line in str(error).splitlines())
+            again = f"`study run CONFIG --out {folder}`, with the config that it was made of, writes it again"
+            raise RunError(f"{folder}: its config cannot be read any more: {words}; {again}") from None
 
     def begin(self, config: str) -> "Run":
         """Store the config's text, remove the temporary files of a killed writer, and return the run."""
@@ -148,11 +159,46 @@ class Run:
                 f'{path}: not stored: the study keeps its summary alone; keep = "errors" in the config stores it'
             )
         if not path.is_file():
-            raise RunError(f"{path}: missing; finish the run with `study run {self.folder / 'config.toml'}`")
+            raise RunError(f"{path}: missing; finish the run with {self.again()}")
+        self.check(name)
         try:
             return read(path)
-        except (OSError, pa.ArrowInvalid) as error:
-            raise RunError(f"{path}: cannot be read: {error}") from None
+        except (OSError, pa.ArrowException, ValueError, KeyError) as error:
+            words = " ".join(str(error).split())
+            raise RunError(f"{path}: cannot be read: {words}; {self.again(name)} makes it again") from None
+
+    def check(self, name: str) -> None:
+        """Raise a RunError unless a stored table has the digest that its manifest says, and the columns declared."""
+        path, known = self.path(name), self.manifest()
+        if name not in known["tables"] and manifest.DIGEST in known:
+            raise RunError(f"{path}: not in {manifest.NAME}, so not of this run; {self.again(name)} makes it")
+        if name in known["tables"] and self.fingerprint(name) != known["tables"][name]:
+            words = f"damaged: its SHA-256 is not the one in {manifest.NAME}"
+            raise RunError(f"{path}: {words}; {self.again(name)} makes it again")
+        declared = schemas.declared(self.study.dimension, self.study.conditions()).get(name, [])
+        try:
+            fault = schemas.fault(pq.read_schema(path), declared)
+        except (OSError, pa.ArrowException, ValueError) as error:
+            fault = f"cannot be read: {' '.join(str(error).split())}"
+        if fault:
+            raise RunError(f"{path}: {fault}; {self.again(name)} makes it again")
+        if name not in known["tables"] and path not in _remarked:
+            _remarked.add(path)
+            words = f"not checked: {manifest.NAME} is of a version without digests of all tables"
+            print(f"{path}: {words}; {self.again(name)} adds them", file=sys.stderr)
+
+    def again(self, name: str = "") -> str:
+        """The command that makes a table again, or all of them."""
+        if name == "claims":
+            return f"`study claims {self.folder}`"
+        return f"`study run {self.folder / 'config.toml'} --out {self.folder}`"
+
+    def valid(self, name: str) -> bool:
+        """True if a table is stored, and has the digest that its manifest says."""
+        try:
+            return self.has(name) and self.manifest()["tables"].get(name) == self.fingerprint(name)
+        except RunError:
+            return False
 
     def metadata(self, name: str) -> dict[str, str]:
         """Metadata of a stored table; empty if it is not there or cannot be read."""
@@ -164,18 +210,29 @@ class Run:
 
     def fingerprint(self, name: str) -> str | None:
         """SHA-256 of a table's file; None if it is not there."""
-        try:
-            with open(self.path(name), "rb") as file:
-                return hashlib.file_digest(file, "sha256").hexdigest()
-        except FileNotFoundError:
-            return None
-        except OSError as error:
-            raise RunError(f"{self.path(name)}: cannot be read: {error.strerror or error}") from None
+        return digests.of_file(self.path(name))
 
     def save(self, name: str, table: pa.Table) -> None:
-        """Write a whole table."""
+        """Write a whole table, and note its digest in the manifest."""
         with explained(self.folder):
             write_table(self.path(name), table)
+        self.record(name)
+
+    def record(self, *names: str, **entries: Any) -> None:
+        """Note the digests of tables, and other entries, in the manifest; one is begun if there is none."""
+        try:
+            known = self.manifest()
+        except ManifestMissingError:
+            known = {"format": FORMAT, "run": self.study.run_name(), "tables": {}}
+        tables = known["tables"] | {name: self.fingerprint(name) for name in names}
+        self.save_manifest(known | entries | {"tables": tables})
+
+    def forget(self, *names: str) -> None:
+        """Take tables that are about to be replaced out of the manifest, if there is one."""
+        with_manifest = (self.folder / manifest.NAME).is_file()
+        if with_manifest and set(names) & set((known := self.manifest())["tables"]):
+            tables = {name: digest for name, digest in known["tables"].items() if name not in names}
+            self.save_manifest(known | {"tables": tables})
 
     def join(
         self, name: str, columns: list[schemas.Column], parts: Iterable[pa.Table], metadata: Mapping[str, str]
@@ -190,36 +247,45 @@ class Run:
             self.path(name).unlink(missing_ok=True)
 
     def set_aside(self, name: str) -> None:
-        """Move a damaged table to ``parts/damaged``."""
-        with explained(self.folder):
-            if self.has(name):
-                (self.folder / "parts" / DAMAGED).mkdir(parents=True, exist_ok=True)
-                self.path(name).rename(self.folder / "parts" / DAMAGED / self.path(name).name)
+        """Move a damaged table to ``parts/damaged``; the manifest still has it, until it is made again."""
+        self._move_aside(self.path(name))
 
-    def save_manifest(self, manifest: Manifest) -> None:
-        """Write the manifest."""
+    def set_manifest_aside(self) -> str | None:
+        """Move a damaged manifest to ``parts/damaged``; returns its fault, None if it is not damaged."""
+        try:
+            self.manifest()
+        except ManifestDamagedError as error:
+            self._move_aside(self.folder / manifest.NAME)
+            return str(error).rsplit("; ", 1)[0]
+        except ManifestMissingError:
+            pass
+        return None
+
+    def _move_aside(self, path: Path) -> None:
         with explained(self.folder):
-            write(self.folder / "manifest.json", (json.dumps(manifest, indent=2, ensure_ascii=False) + "\n").encode())
+            if path.is_file():
+                (self.folder / "parts" / DAMAGED).mkdir(parents=True, exist_ok=True)
+                path.replace(self.folder / "parts" / DAMAGED / path.name)
+
+    def save_manifest(self, content: Manifest) -> None:
+        """Write the manifest, with its digest."""
+        with explained(self.folder):
+            manifest.save(self.folder, content)
 
     def manifest(self) -> Manifest:
         """The manifest.
 
         Raises:
-            RunError: if it is not there, because the run did not finish.
+            ManifestMissingError: if it is not there, because the run did not finish.
+            ManifestDamagedError: if it was changed since it was written, or is of another run.
+            ManifestNewerError: if a newer version of this program wrote it.
         """
-        try:
-            found = json.loads((self.folder / "manifest.json").read_text(encoding="utf-8"))
-        except (OSError, ValueError):
-            found = None
-        if not isinstance(found, dict):
-            hint = f"finish the run with `study run {self.folder / 'config.toml'}`"
-            raise RunError(f"{self.folder / 'manifest.json'}: missing or not readable; {hint}") from None
+        found = manifest.read(self.folder, self.study.keep)
+        if found["run"] != self.study.run_name():
+            words = f"damaged: of {found['run']}, where config.toml is of {self.study.run_name()}"
+            again = f"`study run CONFIG --out {self.folder}`, with the config that it was made of, mends it"
+            raise ManifestDamagedError(f"{self.folder / manifest.NAME}: {words}; {again}")
         return found
-
-    def amend_manifest(self, entries: Manifest) -> None:
-        """Add entries to the manifest of a run that has one."""
-        if (self.folder / "manifest.json").is_file():
-            self.save_manifest(self.manifest() | entries)
 
     def stopped(self) -> float | None:
         """Seconds of the budget that stopped the run before its end; None if none did."""
@@ -247,9 +313,8 @@ class Run:
     def refuse_newer(self) -> None:
         """Raise a RunError if a newer program finished the run, whose files this one might read wrongly."""
         try:
-            found = self.manifest().get("format", 1)
+            self.manifest()
+        except ManifestNewerError:
+            raise
         except RunError:
             return
-        if not isinstance(found, int) or found > FORMAT:
-            words = f"made by a newer version of this program ({self.maker().get('study', 'unknown')})"
-            raise RunError(f"{self.folder}: {words}; update it, or choose another folder with --out")

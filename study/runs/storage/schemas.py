@@ -9,7 +9,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from study.estimators import Status
-from study.experiment.conditions import COLUMNS, Condition
+from study.experiment.conditions import COLUMNS, Condition, bound_law
 from study.experiment.posterior_config import ChainStatus
 from study.statistics.performance import MEASURES
 
@@ -38,6 +38,12 @@ def _conditions(conditions: Iterable[Condition], in_full: bool = False) -> list[
     return [Column(c.name, kinds[c.kind], c.unit, (in_full and c.in_full) or c.meaning) for c in conditions]
 
 
+def _bound_law(conditions: Iterable[Condition]) -> str:
+    """Words that name the law of the noise of which the bound is; empty where it goes without saying."""
+    law = bound_law([c.name for c in conditions])
+    return f"; {law}" if law else ""
+
+
 def errors(dimension: int, conditions: Sequence[Condition] = COLUMNS) -> list[Column]:
     """The error table: a row per cell, trial and estimator.
 
@@ -45,6 +51,7 @@ def errors(dimension: int, conditions: Sequence[Condition] = COLUMNS) -> list[Co
         dimension: d.
         conditions: those that have a column in the study's tables.
     """
+    law = _bound_law(conditions)
     return [
         Column("cell", _WORD, "", "name of the condition, a digest of its values"),
         Column("trial", pa.int64(), "", "number of the data set"),
@@ -53,8 +60,8 @@ def errors(dimension: int, conditions: Sequence[Condition] = COLUMNS) -> list[Co
         *_per_axis("error", dimension, "length", "estimated minus true centre, component {}; 1 is the cap's axis"),
         Column("error", pa.float64(), "length", "distance from the estimated to the true centre"),
         Column("radius_error", pa.float64(), "length", "estimated minus true radius"),
-        Column("bound", pa.float64(), "length", "√tr CRLB of the centre, for the realised directions"),
-        Column("radius_bound", pa.float64(), "length", "√CRLB of the radius, for the realised directions"),
+        Column("bound", pa.float64(), "length", f"√tr CRLB of the centre, for the realised directions{law}"),
+        Column("radius_bound", pa.float64(), "length", f"√CRLB of the radius, for the realised directions{law}"),
         Column("noise_variance", pa.float64(), "length²", "noise variance of a coordinate, as given or estimated"),
         Column("status", pa.int8(), "", _STATUSES),
         Column("condition", pa.float64(), "", "ρ(Σ̂C⁻¹), the Leontief condition; NaN if nothing is subtracted"),
@@ -110,8 +117,10 @@ def summary(conditions: Sequence[Condition] = COLUMNS) -> list[Column]:
         *(Column(s.name.lower(), pa.int64(), "", f"fits with the status: {s.text}") for s in Status),
     ]
 
+    law = _bound_law(conditions)
     for name, measure in MEASURES.items():
-        columns.append(Column(name, pa.float64(), "", measure.meaning))
+        of_bound = "bound" in measure.meaning or "CRLB" in measure.meaning
+        columns.append(Column(name, pa.float64(), "", measure.meaning + law * of_bound))
         columns.append(Column(f"{name}_error", pa.float64(), "", f"Monte-Carlo standard error of {name}"))
     return columns
 
@@ -231,6 +240,27 @@ def of_units(dimension: int, conditions: Sequence[Condition] = COLUMNS) -> dict[
         "failures": FAILURES,
         "summary": summary(conditions),
     }
+
+
+def declared(dimension: int, conditions: Sequence[Condition] = COLUMNS) -> dict[str, list[Column]]:
+    """Columns of all tables of a run, by table."""
+    return of_units(dimension, conditions) | {
+        "precision": precision(conditions),
+        "posterior": posterior(dimension, conditions),
+        "answers": answers(dimension),
+        "draws": draws(dimension),
+        "claims": CLAIMS,
+    }
+
+
+def fault(found: pa.Schema, columns: list[Column]) -> str | None:
+    """The first declared column that a stored table lacks, or has with another type; None if there is none."""
+    for column in columns:
+        if found.get_field_index(column.name) < 0:
+            return f"not a table of this version: no column {column.name!r}"
+        if (kind := found.field(column.name).type) != column.type:
+            return f"not a table of this version: column {column.name!r} is of type {kind}, not {column.type}"
+    return None
 
 
 def schema(columns: list[Column], metadata: Mapping[str, str] | None = None) -> pa.Schema:

@@ -89,7 +89,7 @@ def test_a_broken_table(small):
     """A table that cannot be read counts as missing."""
     (small.folder / "errors.parquet").write_bytes(b"not parquet")
     (finding,) = evaluate([claim(of_small)], Evidence.of([small]))
-    assert_no_verdict(finding, "cannot be read")
+    assert_no_verdict(finding, "errors.parquet: damaged", "study run")
 
 
 def test_two_runs_of_one_name(small, tmp_path):

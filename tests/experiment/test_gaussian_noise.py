@@ -1,4 +1,4 @@
-"""Every law of the noise: its draws have its covariance, estimators get it in the right form, and its bound holds."""
+"""Every Gaussian law: its draws have its covariance, estimators get it in the right form, and its bound holds."""
 
 import inspect
 
@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import study
-from study.experiment import noise
-from study.experiment.noise import AnisotropicGaussian, IsotropicGaussian, gaussian
+from study.experiment.noise import gaussian as noise
+from study.experiment.noise.gaussian import AnisotropicGaussian, IsotropicGaussian, gaussian
 
 SHAPE = ((1.63, 0.41, 0.38), (0.41, 0.78, 0.48), (0.38, 0.48, 0.59))
 LAWS = {

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from study.estimators.answer.covariance import plug_in_bound
-from study.estimators.answer.estimates import Estimates, blank
+from study.estimators.covariance import plug_in_bound
+from study.estimators.estimates import Estimates, blank
 from study.estimators.geometric.mle import mle
 from study.estimators.robust.outliers import outliers
 from study.estimators.samples import Samples

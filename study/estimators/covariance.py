@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from study.estimators.answer.estimates import Estimates
+from study.estimators.estimates import Estimates
 from study.estimators.samples import Samples
 from study.sphere.bounds import bound_from_scatter, normal_weights, unit_covariance, weighted_scatter
 from study.sphere.types import Bools, Floats

@@ -1,4 +1,4 @@
-"""Laws of the noise of a sample: its draws, its covariance, and the Cramér-Rao bound under it."""
+"""Gaussian laws of the noise of a sample: draws, covariance, and the Cramér-Rao bound under them."""
 
 from dataclasses import dataclass
 from functools import cached_property

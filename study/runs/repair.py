@@ -1,0 +1,32 @@
+"""Repair of a run's folder: damaged files are named and set aside, so that they are made again."""
+
+from collections.abc import Callable
+
+from study.runs.completeness import damaged
+from study.runs.storage.atomic_write import RunError
+from study.runs.storage.run_folder import Run
+
+
+def set_damaged_aside(run: Run, warn: Callable[[str], None]) -> None:
+    """Move a damaged manifest and damaged tables to ``parts/damaged``.
+
+    Args:
+        run: the run, whose lock is held.
+        warn: callback for warnings, a line for each file.
+    """
+    config = run.folder / "config.toml"
+    try:
+        changed = config.exists() and Run.open(run.folder).study.digest() != run.study.digest()
+    except RunError:
+        changed = True
+    if changed:
+        warn(f"{config}: not the config that the run was made of; written again")
+    if (fault := run.set_manifest_aside()) is not None:
+        warn(f"{fault}; set aside in parts/damaged, and its tables are made again")
+    for name in damaged(run):
+        ours = name != "claims"  # which may need other runs
+        maker = ", and made again" if ours else f"; {run.again(name)} makes it again"
+        warn(f"{run.path(name)}: damaged; set aside in parts/damaged{maker}")
+        run.set_aside(name)
+        if not ours:
+            run.forget(name)

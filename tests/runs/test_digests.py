@@ -1,0 +1,236 @@
+"""Digests: a table or manifest that was changed since it was written is named, and made again by `study run`."""
+
+import hashlib
+import json
+import os
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from study.analysis.summary import summarise
+from study.runs.storage import digests, manifest
+from study.runs.storage.manifest import ManifestDamagedError, ManifestMissingError, ManifestNewerError
+from study.runs.storage.parts import DAMAGED, FORMAT
+from study.runs.storage.run_folder import Run, RunError
+
+pytestmark = pytest.mark.usefixtures("same_software")
+
+
+@pytest.fixture
+def run(start):
+    """A finished run of two cells with its summary."""
+    made = start({"estimators": ["lls"]}, samples=6, angle=60)
+    summarise(made)
+    return made
+
+
+def rewrite(run, change):
+    """Change the manifest's content as another program would, and leave its digest as it is."""
+    path = run.folder / manifest.NAME
+    content = json.loads(path.read_text(encoding="utf-8"))
+    change(content)
+    path.write_text(json.dumps(content, indent=2), encoding="utf-8")
+
+
+def alter(run, name, change):
+    """Replace a table's file by a changed one."""
+    pq.write_table(change(pq.read_table(run.path(name))), run.path(name))
+
+
+def scaled(table):
+    """The table with its numbers of one column tenfold smaller."""
+    index = table.schema.get_field_index("error" if "error" in table.schema.names else "ratio_median_ok")
+    field = table.schema.field(index)
+    return table.set_column(index, field, pa.array(table[field.name].to_numpy() * 0.1))
+
+
+def test_a_digest_is_sha_256(tmp_path):
+    """The digest is that of the bytes, also right after a change that keeps size and place; None without a file."""
+    path = tmp_path / "file"
+    for data in (b"one", b"two", b"owt"):
+        path.write_bytes(data)
+        assert digests.of_file(path) == hashlib.sha256(data).hexdigest()
+    os.utime(path, (1e9, 1e9))
+    assert digests.of_file(path) == hashlib.sha256(b"owt").hexdigest()
+    assert digests.of_file(tmp_path / "none") is None
+    with pytest.raises(RunError, match="cannot be read"):
+        digests.of_file(tmp_path)
+
+
+def test_a_settled_file_is_read_once(tmp_path, monkeypatch):
+    """A file that stays as it is, is read once; a change is seen."""
+    path, read = tmp_path / "file", []
+    path.write_bytes(b"one")
+    monkeypatch.setattr(digests, "_SETTLED", -1e9)
+    monkeypatch.setattr(digests, "_computed", lambda path: read.append(path) or str(len(read)))
+    assert [digests.of_file(path), digests.of_file(path)] == ["1", "1"]
+    path.write_bytes(b"three")
+    assert digests.of_file(path) == "2"
+
+
+def test_every_table_is_in_the_manifest(run):
+    """Each table of the folder has the SHA-256 of its file in the manifest."""
+    there = {p.stem: hashlib.sha256(p.read_bytes()).hexdigest() for p in run.folder.glob("*.parquet")}
+    assert run.manifest()["tables"] == there
+    assert set(there) == {"errors", "timings", "summary"}
+
+
+@pytest.mark.parametrize("name", ["errors", "summary", "timings"])
+def test_a_changed_table_is_refused(run, name):
+    """One line names the table and the command that makes it again."""
+    alter(run, name, lambda table: table.slice(0, table.num_rows - 1))
+    with pytest.raises(RunError, match=rf"{name}\.parquet: damaged: its SHA-256 .*; `study run .* --out .*` makes"):
+        Run.open(run.folder).table(name)
+
+
+def test_a_scaled_summary_is_made_again(run):
+    """Medians that were multiplied are not believed; the table is set aside, and is what it was."""
+    before = run.path("summary").read_bytes()
+    alter(run, "summary", scaled)
+    assert not run.valid("summary")
+    told = []
+    from study.runs.repair import set_damaged_aside
+
+    set_damaged_aside(run, told.append)
+    assert "summary.parquet: damaged; set aside in parts/damaged, and made again" in told[0]
+    assert (run.folder / "parts" / DAMAGED / "summary.parquet").exists()
+    summarise(run)
+    assert run.path("summary").read_bytes() == before
+    assert run.valid("summary")
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda t: t.rename_columns([{"error": "errors"}.get(n, n) for n in t.schema.names]), "no column 'error'"),
+        (
+            lambda t: t.set_column(
+                t.schema.get_field_index("bound"), "bound", pa.array(map(str, t["bound"].to_pylist()))
+            ),
+            "column 'bound' is of type string, not double",
+        ),
+    ],
+    ids=["renamed", "strings"],
+)
+def test_columns_are_those_declared(run, change, words):
+    """A table with the digest of the manifest, but other columns, is refused with one line."""
+    alter(run, "errors", change)
+    run.record("errors")
+    with pytest.raises(RunError, match=f"not a table of this version: {words}; `study run"):
+        run.table("errors")
+
+
+@pytest.mark.parametrize("place", range(0, 1000, 37))
+def test_a_flipped_bit_of_the_manifest_shows(run, place):
+    """No bit of a manifest can change without notice."""
+    path = run.folder / manifest.NAME
+    data = bytearray(path.read_bytes())
+    data[place * len(data) // 1000] ^= 1 << place % 7
+    path.write_bytes(bytes(data))
+    with pytest.raises((ManifestDamagedError, ManifestNewerError)):
+        run.manifest()
+
+
+def drop(name):
+    """A change that takes a field out, and the digest, so that only the fields can show it."""
+    return lambda content: [content.pop(key) for key in (name, "digest")]
+
+
+def put(name, value):
+    """A change that gives a field another value, and takes the digest out."""
+    return lambda content: [content.pop("digest"), content.update({name: value})]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (drop("tables"), "no field 'tables'"),
+        (drop("lost"), "no field 'lost'"),
+        (drop("estimators"), "no field 'estimators'"),
+        (put("format", "x"), 'format = "x" is not'),
+        (put("format", True), "format = true is not"),
+        (put("tables", []), r"tables = \[\] is not"),
+        (put("tables", {"errors": 3}), "tables or estimators are not"),
+        (put("estimators", {"lls": "1"}), "tables or estimators are not"),
+        (put("failures", None), "failures = null is not"),
+        (put("run", "test-0123456789"), "of test-0123456789, where config.toml is of test-"),
+        (lambda content: content.update(failures=7), "its digest is not that of its content"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_odd_fields(run, change, words):
+    """A missing or odd field is one line with the file and the remedy; `study run` makes the run again."""
+    rewrite(run, change)
+    with pytest.raises(ManifestDamagedError, match=rf"manifest\.json: damaged: {words}[^\n]*; `study run [^\n]*$"):
+        run.manifest()
+    assert not run.valid("errors")
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "3", "null", "[" * 100_000, '{"format": 1e999}', "\udcff"], ids=len)
+def test_no_manifest_at_all(run, text):
+    """Text that is no manifest is damage, however deep it is nested; no file is a run that is not finished."""
+    path = run.folder / manifest.NAME
+    path.write_bytes(text.encode(errors="surrogateescape"))
+    with pytest.raises(ManifestDamagedError):
+        run.manifest()
+    path.unlink()
+    with pytest.raises(ManifestMissingError, match=r"missing; finish the run with `study run"):
+        run.table("summary")
+
+
+def test_a_newer_manifest(run):
+    """A newer format is another message, and nothing is repaired."""
+    run.save_manifest(run.manifest() | {"format": FORMAT + 1})
+    with pytest.raises(ManifestNewerError, match="made by a newer version"):
+        run.refuse_newer()
+
+
+def test_a_damaged_manifest_is_made_again(start, run):
+    """It is named and set aside, and the tables, which nothing vouches for, are computed again."""
+    before = run.path("errors").read_bytes()
+    rewrite(run, lambda content: content.update(seconds=0.0))
+    told = []
+    again = start({"estimators": ["lls"]}, samples=6, angle=60, folder=run.folder, warn=told.append)
+    assert [line.split(": ")[1:3] for line in told] == [["damaged", told[0].split(": ")[2]]]
+    assert "manifest.json: damaged: its digest is not that of its content; set aside in parts/damaged" in told[0]
+    assert again.path("errors").read_bytes() == before
+    assert again.valid("errors")
+
+
+def test_a_damaged_config_is_written_again(start, run):
+    """A folder whose config was changed is still its manifest's: the config is written again."""
+    path = run.folder / "config.toml"
+    text = path.read_text()
+    for other in ("name = ", text.replace("seed = 1", "seed = 2")):
+        path.write_text(other)
+        told = []
+        start({"estimators": ["lls"]}, samples=6, angle=60, folder=run.folder, warn=told.append)
+        assert told == [f"{path}: not the config that the run was made of; written again"]
+        assert path.read_text() == text
+    path.write_text("name = ")
+    with pytest.raises(RunError, match=r"its config cannot be read any more: [^\n]*$"):
+        start({"estimators": ["gdke"]}, samples=6, angle=60, folder=run.folder)
+
+
+def test_a_run_of_before(run, capsys):
+    """Tables of a manifest without a digest of its own are read; the ones that it does not list with a remark."""
+    old = run.manifest()
+    del old["digest"], old["tables"]["summary"]
+    (run.folder / manifest.NAME).write_text(json.dumps(old), encoding="utf-8")
+    for _ in range(2):
+        assert len(run.table("summary")) == 2
+        assert len(run.table("errors")) == 6
+    said = capsys.readouterr().err
+    assert len(said.splitlines()) == 1
+    assert "summary.parquet: not checked" in said
+    alter(run, "errors", scaled)
+    with pytest.raises(RunError, match="damaged"):
+        run.table("errors")
+
+
+def test_a_table_that_is_not_listed(run):
+    """A table of another run, or one that a kill left, is not read."""
+    run.forget("summary")
+    with pytest.raises(RunError, match=r"summary\.parquet: not in manifest\.json, so not of this run"):
+        run.table("summary")
