@@ -1,6 +1,7 @@
 """Help of a command line whose commands stand in titled groups, with its exit codes at the end."""
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from typer.core import TyperGroup
 
@@ -18,7 +19,7 @@ class GroupedHelp(TyperGroup):
     boxes. The exit codes are the ``exit_codes`` of a subclass.
     """
 
-    exit_codes: dict[int, str] = {}
+    exit_codes: ClassVar[Mapping[int, str]] = {}
     """Meaning of each exit code, in words."""
 
     def format_commands(self, ctx: "Context", formatter: "HelpFormatter") -> None:
