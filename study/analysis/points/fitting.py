@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
+from study.analysis.points.remarks import interval_numbers
 from study.analysis.points.source import PointFileError
 from study.estimators import ESTIMATORS, Fit, Status, fit
 from study.estimators.own.plugin_file import load
@@ -62,8 +63,9 @@ def fit_rows(fits: dict[str, Fit], names: list[str]) -> list[Row]:
 
     Returns:
         A row per estimator: estimator, each coordinate of the centre (center_x) and its standard error (error_x),
-        radius and diameter with theirs, noise σ̂, residual RMS, form error, largest deviation, ρ, samples used, status
-        in words.
+        radius and diameter with theirs, noise σ̂, residual RMS, form error, largest deviation, ρ, the ends of the 95 %
+        intervals (radius_low, radius_high, center_x_low, …), numbers of outliers and copies, samples used, status in
+        words.
     """
     rows = []
     for estimator, result in fits.items():
@@ -76,29 +78,11 @@ def fit_rows(fits: dict[str, Fit], names: list[str]) -> list[Row]:
         row["noise"] = float(result.sigma)
         row["residual_rms"], row["condition"] = float(result.residual_rms), float(result.condition)
         row["form_error"], row["largest_deviation"] = float(result.form_error), float(result.largest_deviation)
+        row |= interval_numbers(result, names)
+        row["outliers"], row["copies"] = int(result.outliers.sum()), int(result.copies)
         row["samples"], row["status"] = int(result.count), explain(int(result.status))
         rows.append(row)
     return rows
-
-
-_NAMED = 5
-"""Rows of outliers that are named."""
-
-
-def doubts(fit: Fit) -> Iterator[str]:
-    """Lines about points that a fit should not be trusted with: outliers, and rows that repeat earlier ones.
-
-    Rows are counted from 1 and include those with missing coordinates.
-    """
-    rows = (fit.outliers.nonzero()[0] + 1).tolist()
-    if rows:
-        named = ", ".join(str(row) for row in rows[:_NAMED]) + (" …" if len(rows) > _NAMED else "")
-        are = f"{len(rows)} of {int(fit.count)} points {'is an outlier' if len(rows) == 1 else 'are outliers'}"
-        yield f"{are} (row{'s' * (len(rows) > 1)} {named}): -e robust leaves {'it' if len(rows) == 1 else 'them'} out"
-    copies = int(fit.copies)
-    if copies:
-        repeat = "row repeats an earlier one" if copies == 1 else "rows repeat earlier ones"
-        yield f"{copies} of {int(fit.count)} {repeat}: the errors are too small"
 
 
 def all_ok(rows: Iterable[Row]) -> bool:

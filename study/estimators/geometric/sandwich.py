@@ -125,7 +125,7 @@ def _terms(means: RadialMeans, variance: Floats, pair: Floats, d: int) -> Terms:
 def _slopes(terms: Terms, means: RadialMeans, pair: Floats, mean: Floats, second: Floats) -> Floats:
     """J (b, d+2, d+2) by (c, r, s)."""
     b, d = mean.shape
-    rest, direction = 1.0 - pair, 1.0 + means.shortening
+    rest, direction = 1.0 - pair, np.asarray(1.0 + means.shortening)
     even = rest * (1.0 + means.excess01)
     straight = rest + pair * (means.lengthening - means.excess12) - even * terms.mean(1.0 / terms.distance)
     slopes = np.zeros((b, d + 2, d + 2))

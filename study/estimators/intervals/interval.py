@@ -9,7 +9,7 @@ from scipy.special import stdtrit
 from study.estimators.algebraic import als
 from study.estimators.careful_fit import FARTHEST, binary_size, is_ordinary, scaled
 from study.estimators.intervals.center import center_ends
-from study.estimators.intervals.invert import STATE, CurvatureSearch, invert
+from study.estimators.intervals.invert import STATE, EndsState, invert
 from study.estimators.intervals.profile import Cloud, ProfileRoom, Sphere
 from study.estimators.intervals.score import Beside
 from study.estimators.intervals.trail import MOST, Task, Trail
@@ -120,7 +120,7 @@ def _load(x: Floats, t: int, rows: Floats, origin: Floats) -> tuple[float, float
 
 
 @compiled
-def _write(state: CurvatureSearch, unit: float, result: Intervals, t: int) -> bool:
+def _write(state: EndsState, unit: float, result: Intervals, t: int) -> bool:
     """Write the radius of a set; False if it has an open end."""
     radius, _, share = result
     low, high = state.low, state.high
