@@ -16,6 +16,7 @@ from study.analysis.commands import check, cost, diff, estimators, regret, statu
 from study.coverage.commands import coverage
 from study.mocap.commands.case_study import case_study
 from study.mocap.commands.fetch import fetch
+from study.mocap.commands.joint import joint
 from study.mocap.commands.joints import joints
 from study.mocap.commands.markersets import markersets
 from study.mocap.commands.recording import recording
@@ -297,6 +298,7 @@ def replay(folder: Folder, cell: Cell, trial: Trial = None, out: PointsOut = Non
 _OF_RUNS: tuple[Callable[..., None], ...] = (status, summary, diff, worst, regret, verify, estimators)
 _OF_RECORDINGS: tuple[Callable[..., None], ...] = (
     recording,
+    joint,
     joints,
     skeleton,
     case_study,
