@@ -63,11 +63,12 @@ def _rate(header: float, times: Floats) -> tuple[float, tuple[str, ...]]:
     step = float(np.median(steps))
     if not step > 0.0:  # some programs leave the column at zero
         return header, ()
-    if (np.abs(steps - step) > _UNEVEN * step).any():
+    rounding = _resolution(times[frames])
+    if (np.abs(steps - step) > max(_UNEVEN * step, 1.5 * rounding)).any():
         return header, (f"its column Time has uneven steps: the header's rate of {header:g} Hz is used",)
     duration = float(times[frames[-1]] - times[frames[0]])
     rate = float(frames[-1] - frames[0]) / duration
-    if header > 0.0 and abs(header / rate - 1.0) < _SAME + _resolution(times[frames]) / duration:
+    if header > 0.0 and abs(header / rate - 1.0) < _SAME + rounding / duration:
         return header, ()
     if header > 0.0 and abs(header / rate / 1000.0 - 1.0) < _SAME:
         return header, (f"its column Time is in milliseconds: the header's rate of {header:g} Hz is used",)
