@@ -55,12 +55,12 @@ def hip():
 
 
 def test_a_ball_is_found_with_its_error(hip):
-    """The centre is the truth within four standard errors (false alarms: 1 in 4000), below 2 mm, in both axes."""
+    """The centre is the truth within its covariance (false alarms: 1 in 10 000), in both axes."""
     recording, joint, found = hip
     assert found.ok
     assert found.doubts == ()
     apart = found.found.in_parent - in_axes(found, CENTRE)
-    assert apart @ np.linalg.solve(found.found.covariance, apart) < 4.0**2 + 5.0  # χ² of three: 1 in 10 000
+    assert apart @ np.linalg.solve(found.found.covariance, apart) < 21.1  # χ² of three
     assert found.error < 0.002
     np.testing.assert_allclose(found.in_recording, joint.mean(axis=0), atol=0.002)
     assert found.frame == 1
