@@ -7,13 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from study.mocap.joints.joint_table import SHORT_TEXTS
-from study.mocap.one_joint.left_centres import LeftCentre
+from study.mocap.one_joint.left_centres import NEAR, LeftCentre
 from study.mocap.one_joint.one_joint import OneJoint
 from study.sphere.types import Floats
 from study.text.numbers import number
-
-_NEAR = 0.1
-"""Metres within which another program's centre may be of this joint; the nearest one is compared in any case."""
 
 
 def joint_line(joint: OneJoint) -> str:
@@ -71,7 +68,10 @@ def _parts(joint: OneJoint) -> Iterator[str]:
         yield f"moved {joint.moved[0]:.0f}°-{joint.moved[1]:.0f}°{turned}"
     if joint.frames:
         yield f"{joint.frames} frames, worth {number(joint.effective_frames, '.0f')}"
-    yield from (_comparison(each) for i, each in enumerate(joint.compared) if i == 0 or each.distance < _NEAR)
+    across = "" if np.isnan(found.axis_in_parent).any() else " across the axis"
+    yield from (
+        f"{_comparison(each)}{across}" for i, each in enumerate(joint.compared) if i == 0 or each.distance < NEAR
+    )
     yield f"doubts: {'; '.join(joint.doubts)}" if joint.doubts else "no doubts"
 
 

@@ -13,6 +13,8 @@ from study.mocap.io.recording import Recording
 from study.sphere.types import Floats
 
 _PATTERN = re.compile(r"(hip|knee|ankle|shoulder|elbow|wrist)[\s_.-]*(joint)?[\s_.-]*cent(re|er)|[hkaswe]jc$", re.I)
+NEAR = 0.1
+"""Metres within which another program's centre may be of this joint, and not of the other side's."""
 
 
 class LeftCentre(NamedTuple):
@@ -20,7 +22,7 @@ class LeftCentre(NamedTuple):
 
     Attributes:
         label: of the point.
-        distance: median over the frames of its distance from the joint, metres.
+        distance: median over the frames of its distance from the joint, across the axis of a hinge, metres.
         frames: number of frames with both.
     """
 
@@ -34,19 +36,22 @@ def is_centre(label: str) -> bool:
     return _PATTERN.search(label.strip()) is not None
 
 
-def left_centres(recording: Recording, joint: Floats) -> tuple[LeftCentre, ...]:
+def left_centres(recording: Recording, joint: Floats, axis: Floats | None = None) -> tuple[LeftCentre, ...]:
     """Measure the distances of other programs' centres from a joint.
 
     Args:
         recording: that may hold such points.
         joint: the joint's place in the recording (3, frames), metres; NaN where unknown.
+        axis: direction of a hinge's axis in the recording (3, frames), of length 1; None for a ball.
 
     Returns:
         One for each such point that is seen together with the joint, the nearest first.
     """
     found = []
     for label in filter(is_centre, recording.markers):
-        distance = np.linalg.norm(recording.of(label) - joint, axis=0)
+        off = recording.of(label) - joint
+        off = off if axis is None else off - (off * axis).sum(axis=0) * axis
+        distance = np.linalg.norm(off, axis=0)
         distance = distance[~np.isnan(distance)]
         if len(distance):
             found.append(LeftCentre(label, float(np.median(distance)), len(distance)))

@@ -8,13 +8,16 @@ from study.mocap.geometry.convex_hull import hull_distances
 from study.mocap.geometry.moving_axes import relative_rotation
 from study.mocap.geometry.range_of_motion import rotation_range
 from study.mocap.io.recording import Recording
-from study.mocap.joints.estimates import JointStatus
+from study.mocap.joints.estimates import CENTIMETRE, JointStatus
 from study.mocap.joints.fit_joints import find_joints
 from study.mocap.joints.found_joints import FoundJoint, FoundJoints
 from study.mocap.joints.joint_table import accuracy_columns
 from study.mocap.one_joint.clusters import CHILD, JOINT, PARENT, Clusters
-from study.mocap.one_joint.left_centres import LeftCentre, is_centre, left_centres
+from study.mocap.one_joint.left_centres import NEAR, LeftCentre, is_centre, left_centres
 from study.sphere.types import Floats
+
+_ERRORS = 3.0
+"""Standard errors beyond which another program's centre contradicts the joint, if it is a centimetre away, too."""
 
 
 @dataclass(frozen=True)
@@ -74,14 +77,18 @@ def fit_one_joint(recording: Recording, clusters: Clusters, hinge: bool = False)
     joints = find_joints(clusters.markerset(hinge), recording.select(clusters.markers))
     found = joints[JOINT]
     parent, child = joints.poses.get(PARENT), joints.poses.get(CHILD)
-    world = np.full((3, recording.frames), np.nan)
+    world, axis = np.full((3, recording.frames), np.nan), None
     if parent is not None:
         world = parent.to_world(found.in_parent)
+        if not np.isnan(found.axis_in_parent).any():
+            axis = np.einsum("ijt,j->it", parent.rotation, found.axis_in_parent)
     known = ~np.isnan(world[0])
     turn = np.nan
     if parent is not None and child is not None:
         turn = float(np.degrees(rotation_range(relative_rotation(parent.rotation, child.rotation))))
     accuracy = accuracy_columns(found)
+    compared = left_centres(recording, world, axis)
+    doubts = [*_doubts(found, joints, recording, world), *_contradictions(compared, accuracy["error"])]
     return OneJoint(
         recording=recording.name,
         clusters=clusters,
@@ -94,8 +101,8 @@ def fit_one_joint(recording: Recording, clusters: Clusters, hinge: bool = False)
         turn=turn,
         frames=0 if found.estimate is None else found.estimate.frames,
         effective_frames=accuracy["worth"],
-        compared=left_centres(recording, world),
-        doubts=tuple(_doubts(found, joints, recording, world)),
+        compared=compared,
+        doubts=tuple(doubts),
     )
 
 
@@ -121,3 +128,11 @@ def _doubts(found: FoundJoint, joints: FoundJoints, recording: Recording, world:
         (hull,) = hull_distances(recording.positions[rows], world[None])
         doubts += [hull.doubt] if hull.doubt else []
     return doubts
+
+
+def _contradictions(compared: tuple[LeftCentre, ...], error: float) -> list[str]:
+    """The doubt where the nearest of other programs' centres may be of this joint, but contradicts its error."""
+    if not compared or not max(CENTIMETRE, _ERRORS * error) < compared[0].distance < NEAR:
+        return []
+    label, distance, _ = compared[0]
+    return [f"{label} of another program is {1000 * distance:.0f} mm away, beyond what the error explains"]

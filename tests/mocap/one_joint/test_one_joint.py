@@ -58,7 +58,6 @@ def test_a_ball_is_found_with_its_error(hip):
     """The centre is the truth within its covariance (false alarms: 1 in 10 000), in both axes."""
     recording, joint, found = hip
     assert found.ok
-    assert found.doubts == ()
     apart = found.found.in_parent - in_axes(found, CENTRE)
     assert apart @ np.linalg.solve(found.found.covariance, apart) < 21.1  # χ² of three
     assert found.error < 0.002
@@ -82,6 +81,8 @@ def test_other_programs_centres(hip):
     assert found.compared[0].distance == pytest.approx(0.012, abs=0.003)
     assert found.compared[1].distance == pytest.approx(0.18, abs=0.003)
     line = joint_line(found)
+    (doubt,) = found.doubts  # 12 mm are beyond three errors of less than 2 mm
+    assert doubt.startswith("R_HipCentre of another program is 12 mm away")
     assert "R_HipCentre of another program is 12" in line or "R_HipCentre of another program is 11" in line
     assert "lhjc" not in line
 
@@ -122,7 +123,7 @@ def test_a_line_and_json(hip):
     line, values = joint_line(found), json.loads(joint_json(found))
     assert "\n" not in line
     assert line.startswith("walk: ok; centre (")
-    assert line.endswith("no doubts")
+    assert line.endswith(f"doubts: {values['doubts'][0]}")
     assert f"± {1000 * values['error']:.1f} mm" in line
     assert ", ".join(f"{1000 * x:.1f}" for x in values["center"]) in line
     assert values["ok"] is True
@@ -157,6 +158,23 @@ def test_a_joint_that_did_not_move():
     assert (still.ok, values["ok"], values["status"]) == (False, False, "still")
     assert values["center"] == [None] * 3
     assert "did not move" in joint_line(still)
+
+
+def test_no_doubts():
+    """A centre of another program that agrees is no reason to doubt, nor is one of the other side."""
+    recording, _ = body(left=(("RHJC", (0.0, 0.0, 0.004)), ("LHJC", (0.18, 0.0, 0.0))))
+    found = fit_one_joint(recording, find_clusters(recording, PARENT, CHILD))
+    assert (found.ok, found.doubts) == (True, ())
+    assert joint_line(found).endswith("; no doubts")
+
+
+def test_a_walk_is_compared_with_the_functional_centres(shared_file):
+    """Skin moves with the hip in gait: the walk's left hip is centimetres from the functional one, and doubted."""
+    recording = read_recording(shared_file("gait_same_session.c3d"))
+    found = fit_one_joint(recording, find_clusters(recording, PARENT, "LTH1,LTH2,LTH3"))
+    assert found.compared[0].label == "LHJC"
+    assert found.compared[0].distance > 0.03
+    assert found.doubts
 
 
 def test_labels_with_a_prefix_and_other_letters():
