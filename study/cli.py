@@ -17,6 +17,7 @@ from study.analysis.commands import check, cost, diff, estimators, regret, statu
 from study.coverage.commands import coverage
 from study.mocap.commands.case_study import case_study
 from study.mocap.commands.fetch import fetch
+from study.mocap.commands.joint import joint
 from study.mocap.commands.joints import joints
 from study.mocap.commands.markersets import markersets
 from study.mocap.commands.recording import recording
@@ -303,7 +304,7 @@ _GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
     "Studies": (configs, plan, run, status, posterior, coverage, worker),
     "Results": (summary, claims, figures, report, worst, replay, regret, diff, verify),
     "Points and estimators": (fit, estimators, check, cost),
-    "Recordings": (recording, joints, skeleton, case_study, synthetic, fetch, markersets),
+    "Recordings": (recording, joint, joints, skeleton, case_study, synthetic, fetch, markersets),
 }
 _NEEDS_NO_ESTIMATOR: set[Callable[..., None]] = {configs, check, cost, coverage, worker, *_GROUPS["Recordings"]}
 for _title, _commands in _GROUPS.items():
