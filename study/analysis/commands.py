@@ -54,7 +54,7 @@ def summary(
     names), and rows, each with the columns of the summary table and, where they are known, noise_over_radius and the
     medians at the bounds, median_cramer_rao and median_attainable.
     """
-    from study.analysis.summary_choice import Choice
+    from study.analysis.summary_choice import RowChoice
     from study.analysis.summary_text import as_csv as csv_text
     from study.analysis.summary_text import as_data, printed
     from study.runs.storage.run_folder import Run
@@ -64,7 +64,7 @@ def summary(
         raise typer.BadParameter("give --json or --csv, not both")
     run = Run.open(folder)
     try:
-        choice = Choice.of(run, where or [], estimators)
+        choice = RowChoice.of(run, where or [], estimators)
         if as_json:
             lines = [json_text(as_data(run, choice))]
         else:

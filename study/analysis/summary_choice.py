@@ -17,7 +17,7 @@ _SAME = 1e-3
 
 
 @dataclass(frozen=True)
-class Choice:
+class RowChoice:
     """The rows of a summary that a user asks for.
 
     Attributes:

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from study.analysis.medians_at_bounds import AtBounds, has_bounds, medians_at_bounds
-from study.analysis.summary_choice import Choice, evenly_spread, once_by_scaling
+from study.analysis.summary_choice import RowChoice, evenly_spread, once_by_scaling
 from study.experiment.conditions import ANGLE, NOISE_OVER_RADIUS, Condition, RowValues, bound_law, distinguishing
 from study.experiment.config import Study
 from study.runs.storage.run_folder import Run
@@ -17,7 +17,7 @@ ROWS = 32
 """Most rows of a table that, with the lines about it, fits 40 lines."""
 
 
-def printed(run: Run, choice: Choice | None = None, every: bool = False) -> Iterator[str]:
+def printed(run: Run, choice: RowChoice | None = None, every: bool = False) -> Iterator[str]:
     """The medians of error over bound of a run.
 
     Args:
@@ -36,7 +36,7 @@ def printed(run: Run, choice: Choice | None = None, every: bool = False) -> Iter
         ValueError: if no cell has the values of the choice.
     """
     table = run.table("summary")
-    frame = (choice or Choice()).rows(table)
+    frame = (choice or RowChoice()).rows(table)
     yield f"{run.study.run_name()}: median error of the centre over the {_bound(frame)} ± its Monte-Carlo error"
     yield "Fits that are not ok are left out; brackets give their share."
     if frame.empty:
@@ -56,7 +56,7 @@ def printed(run: Run, choice: Choice | None = None, every: bool = False) -> Iter
     yield from notes
 
 
-def as_data(run: Run, choice: Choice) -> dict[str, Any]:
+def as_data(run: Run, choice: RowChoice) -> dict[str, Any]:
     """The chosen rows for other programs: run, bound, names of the conditions, and a mapping per row.
 
     Raises:
@@ -73,12 +73,12 @@ def as_data(run: Run, choice: Choice) -> dict[str, Any]:
         if bounded:
             at = at_bounds(fits[0])
             more |= {"median_cramer_rao": at.cramer_rao, "median_attainable": at.attainable}
-        rows += [{**fit, **more} for fit in fits]
+        rows += [{str(name): value for name, value in fit.items()} | more for fit in fits]
     conditions = [condition.name for condition in run.study.conditions()]
     return {"run": run.study.run_name(), "bound": _bound(frame), "conditions": conditions, "rows": rows}
 
 
-def as_csv(run: Run, choice: Choice) -> str:
+def as_csv(run: Run, choice: RowChoice) -> str:
     """The chosen rows of the summary table as CSV, all columns, with a header; an empty field is not a number.
 
     Raises:

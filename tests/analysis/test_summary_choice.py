@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from study.analysis.summary import summarise
-from study.analysis.summary_choice import Choice, evenly_spread, once_by_scaling
+from study.analysis.summary_choice import RowChoice, evenly_spread, once_by_scaling
 from study.analysis.summary_text import ROWS, as_csv, as_data, printed
 from study.experiment.config import parse
 from study.runs import runner
@@ -107,7 +107,7 @@ def test_where(grid, where, conditions):
     expected = summary.assign(ratio=(summary["noise"] / summary["radius"]))
     for name, values in conditions.items():
         expected = expected[[np.isclose(value, values).any() for value in expected[name]]]
-    found = Choice.of(grid, where, "ugdk").rows(summary)
+    found = RowChoice.of(grid, where, "ugdk").rows(summary)
     assert len(found) > 0
     assert list(found.index) == list(expected[expected["estimator"] == "ugdk"].index)
 
@@ -115,10 +115,10 @@ def test_where(grid, where, conditions):
 def test_where_in_a_random_design(random):
     """A value of σ/r chooses its decade; the other conditions vary within the rows."""
     summary = random.table("summary")
-    found = Choice.of(random, ["noise_over_radius=0.05"], None).rows(summary)
+    found = RowChoice.of(random, ["noise_over_radius=0.05"], None).rows(summary)
     assert set(found["decade"]) == {-2.0}
     with pytest.raises(ValueError, match="samples: not a condition of the rows; known are noise_over_radius"):
-        Choice.of(random, ["samples=5"], None)
+        RowChoice.of(random, ["samples=5"], None)
 
 
 @pytest.mark.parametrize(
@@ -135,12 +135,12 @@ def test_where_in_a_random_design(random):
 def test_faults(grid, where, estimators, words):
     """A choice that cannot be met says which word, and what there is."""
     with pytest.raises(ValueError, match=words):
-        list(printed(grid, Choice.of(grid, where, estimators)))
+        list(printed(grid, RowChoice.of(grid, where, estimators)))
 
 
 def test_data(grid):
     """The rows for other programs are those of the table, all of them; the bounds' medians stand beside them."""
-    choice = Choice.of(grid, ["samples=5"], "lls")
+    choice = RowChoice.of(grid, ["samples=5"], "lls")
     data = as_data(grid, choice)
     assert list(data) == ["run", "bound", "conditions", "rows"]
     assert data["run"] == grid.study.run_name()
