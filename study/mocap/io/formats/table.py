@@ -69,7 +69,7 @@ def rate_of_times(names: list[str], numbers: Floats, first: int) -> float | None
     steps = np.diff(numbers[:, place])
     step = float(np.nanmedian(steps)) if not np.isnan(steps).all() else np.nan
     present = ~np.isnan(numbers).all(axis=1)  # a frame that the file leaves out has no time
-    uneven = ~(np.abs(steps - step) < 0.5 * step) & present[1:] & present[:-1]
+    uneven = np.asarray(~(np.abs(steps - step) < 0.5 * step) & present[1:] & present[:-1])
     if uneven.any():
         row = int(uneven.argmax())
         raise RecordingError(f"line {first + row + 1}: the step in time is {steps[row]:g} s, elsewhere {step:g} s")
