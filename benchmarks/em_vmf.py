@@ -1,7 +1,7 @@
 """The newest named competitor as an estimator of one's own: EM with a von Mises-Fisher law of the directions.
 
-The points are x = c + r u + σ z with u from a von Mises-Fisher law of unknown mean direction and concentration. Given the
-points, each u has such a law again, of the natural parameter κμ + r (x - c)/σ²; with its mean m in place of u all
+The points are x = c + r u + σ z with u from a von Mises-Fisher law of unknown mean direction and concentration. Given
+the points, each u has such a law again, of the natural parameter κμ + r (x - c)/σ²; with its mean m in place of u all
 updates are in closed form. It is biased where the directions have another law, a cap's with its sharp rim among them.
 
     study run benchmarks/em_vmf.toml --plugin benchmarks/em_vmf.py
@@ -43,7 +43,7 @@ def concentration(length, dimension):
 
 def em_vmf(samples):
     """Expectation maximisation from the answer of `als`, for each set of a batch."""
-    b, d, n = samples.shape
+    b, d, _ = samples.shape
     start = fit_samples(samples, "als")
     found = blank(b, d)
     for t in range(b):
@@ -54,7 +54,8 @@ def em_vmf(samples):
             center, radius, variance = x.mean(axis=0), float(np.sqrt(x.var(axis=0).sum())), float(x.var())
         mu = (x - center).mean(axis=0)
         kappa, converged = 0.0, False
-        for step in range(STEPS):
+        for _ in range(STEPS):
+            found.iterations[t] += 1
             natural = kappa * mu + radius * (x - center) / variance
             size = np.linalg.norm(natural, axis=1)
             means = natural * (mean_length(size, d) / np.maximum(size, 1e-300))[:, None]
@@ -63,21 +64,15 @@ def em_vmf(samples):
             new_radius = float(np.mean(means * (x - x.mean(axis=0)) @ np.ones(d))) / max(1.0 - length**2, 1e-300)
             new_center = x.mean(axis=0) - new_radius * mean
             away = x - new_center
-            moments = (
-                np.mean(away**2 @ np.ones(d)) - 2.0 * new_radius * np.mean(means * away @ np.ones(d)) + new_radius**2
-            )
+            square, along = np.mean(away**2 @ np.ones(d)), np.mean(means * away @ np.ones(d))
+            moments = square - 2.0 * new_radius * along + new_radius**2
             change = np.linalg.norm(new_center - center) + abs(new_radius - radius)
             center, radius, variance = new_center, new_radius, max(float(moments) / d, 1e-30 * new_radius**2)
             mu, kappa = mean / max(length, 1e-300), float(concentration(np.array(length), d))
             if change < ENOUGH * abs(radius):
                 converged = True
                 break
-        found.center[t], found.radius[t], found.noise_variance[t], found.iterations[t] = (
-            center,
-            radius,
-            variance,
-            step + 1,
-        )
+        found.center[t], found.radius[t], found.noise_variance[t] = center, radius, variance
         if not converged:
             found.status[t] = study.Status.NOT_CONVERGED
     return found
