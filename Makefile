@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
-.PHONY: paper calibration skeleton test smoke lint bench clean
+.PHONY: paper calibration skeleton test smoke lint bench docs clean
 .DELETE_ON_ERROR:
 
 # The paper's study, the studies that its claims need, figures (in figures/), verdicts, and one page about everything.
@@ -74,8 +74,13 @@ lint: $(VENV)/.dev
 bench: $(VENV)/.bench
 	$(BIN)/python -m pytest -q benchmarks --benchmark-group-by=group --benchmark-columns=min,median,rounds
 
+# The site of the documents, in site/. Every code block and command of a page is run, and prints what the page says.
+docs: $(VENV)/.docs
+	$(BIN)/python -m mkdocs build --strict --quiet
+	@echo "Open site/index.html in a browser"
+
 clean:
-	rm -rf $(VENV) build *.egg-info
+	rm -rf $(VENV) build site *.egg-info
 	find . -name __pycache__ -prune -exec rm -rf {} +
 
 $(VENV)/bin/python:
@@ -94,6 +99,10 @@ $(VENV)/.mocap: $(VENV)/.run
 
 $(VENV)/.bench: $(VENV)/.dev
 	$(INSTALL) -e '.[bench]'
+	touch $@
+
+$(VENV)/.docs: $(VENV)/.mocap
+	$(INSTALL) -e '.[docs]'
 	touch $@
 
 $(VENV)/.dev: $(VENV)/.run
