@@ -34,7 +34,7 @@ def on_pre_build(config: MkDocsConfig) -> None:
     for path in sorted(DOCS.glob("*.md")):
         try:
             run_blocks.run(path)
-        except run_blocks.Changed as error:
+        except run_blocks.OutputError as error:
             raise PluginError(f"{error}\nTo store what the blocks print: docs/run_blocks.py --write {path}") from None
 
 

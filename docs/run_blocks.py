@@ -37,7 +37,7 @@ LONGEST = 120
 """Seconds after which a command is stopped."""
 
 
-class Changed(Exception):
+class OutputError(Exception):
     """A block prints something else than its document says."""
 
 
@@ -80,7 +80,7 @@ class Page:
             text = text[:start] + new + text[end:]
         made = MADE.sub(lambda found: found[1] + _made(found[2]) + found[3], text)
         if made != text and not self.write:
-            raise Changed(f"{self.path}: a made table is not up to date; run docs/run_blocks.py --write {self.path}")
+            raise OutputError(f"{self.path}: a made table is not up to date; run docs/run_blocks.py --write {self.path}")
         if made != document.text:
             self.path.write_text(made, encoding="utf-8")
         return len(examples)
@@ -145,7 +145,7 @@ class Page:
             return stored
         if not self.write or "…" in stored.splitlines():
             place = f"{self.path}:{example.line}: {what.strip()}"
-            raise Changed(f"{place}\nprints\n{printed}\nand the document says\n{stored}")
+            raise OutputError(f"{place}\nprints\n{printed}\nand the document says\n{stored}")
         return printed.strip("\n") + "\n" if printed.strip() else ""
 
 
@@ -168,7 +168,7 @@ def run(path: Path, write: bool = False) -> int:
         The number of blocks.
 
     Raises:
-        Changed: if a block prints something else than the document says.
+        OutputError: if a block prints something else than the document says.
     """
     with tempfile.TemporaryDirectory() as folder:
         return Page(path, Path(folder), write).run()
@@ -182,5 +182,5 @@ if __name__ == "__main__":
     for each in given.files:
         try:
             print(f"{each}: {run(each, given.write)} blocks", flush=True)
-        except Changed as error:
+        except OutputError as error:
             sys.exit(str(error))

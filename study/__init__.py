@@ -4,6 +4,7 @@
     fit = study.fit(points, "ugdk", noise=0.05)     # points (…, n, d): fit.center, fit.radius, fit.ok
     joint = study.mgdk([marker_a, marker_b])        # points (n, d) of each marker: one common centre
     bound = study.crlb(directions, noise=0.05)      # (…, d+1, d+1)
+    zone = study.minimum_zone(points)               # two concentric spheres that enclose all points most closely
     best = study.attainable_bound(45, noise=0.3)    # (d+1, d+1), for one sample on the unit sphere
 
 `study.ESTIMATORS` lists the estimators, `study.register` adds one of your own, and `study.Incremental` fits points as
@@ -21,10 +22,12 @@ if TYPE_CHECKING:
         Fit,
         Incremental,
         JointFit,
+        MinimumZone,
         Samples,
         Status,
         fit,
         mgdk,
+        minimum_zone,
         register,
     )
     from study.sphere.attainable import attainable_bound
@@ -38,6 +41,7 @@ __all__ = [
     "Fit",
     "Incremental",
     "JointFit",
+    "MinimumZone",
     "Samples",
     "Status",
     "__version__",
@@ -45,6 +49,7 @@ __all__ = [
     "crlb",
     "fit",
     "mgdk",
+    "minimum_zone",
     "register",
 ]
 

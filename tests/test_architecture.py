@@ -32,7 +32,7 @@ SUB_ROOMS = {
     "runs": ["storage", "workers", "adaptive"],
     "mocap": ["geometry", "io", "markersets", "joints", "skeleton", "view", "synthetic", "case_study", "commands"],
     "sphere": ["random"],
-    "estimators": ["intervals", "robust", "answer", "geometric", "own"],
+    "estimators": ["intervals", "robust", "form", "answer", "geometric", "own"],
     "analysis": ["claims", "verification", "points"],
     "experiment": ["noise", "designs"],
     "figures": ["paper"],

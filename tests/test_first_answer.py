@@ -1,5 +1,6 @@
 """A first answer loads nothing heavy that it does not need, so that nobody waits for it."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -15,7 +16,7 @@ def loaded(folder, code):
     done = subprocess.run(
         [sys.executable, "-c", code],
         cwd=folder,
-        env={"PYTHONPATH": str(Path(study.__file__).parents[1])},
+        env={**os.environ, "PYTHONPATH": str(Path(study.__file__).parents[1])},
         capture_output=True,
         encoding="utf-8",
     )
@@ -28,7 +29,7 @@ def test_in_python(tmp_path):
     code = "import study\nprint(study.fit([[0, 0, 1], [0, 1, 0], [1, 0, 0], [0, 0, -1.0], [0.1, -1, 0]]))"
     found, said = loaded(tmp_path, code)
     assert found == set()
-    assert said.startswith("Fit(als: center (")
+    assert said.startswith("Fit(corrected: center (")
 
 
 def test_on_the_command_line(tmp_path):

@@ -101,5 +101,5 @@ def read_design(path: Path) -> CoverageDesign:
     try:
         return CoverageDesign.model_validate(raw)
     except ValidationError as error:
-        known = {(): list(CoverageDesign.model_fields)}
+        known: dict[tuple[str, ...], list[str]] = {(): list(CoverageDesign.model_fields)}
         raise ConfigError.listing(str(path), text, report(error, known)) from None

@@ -74,9 +74,9 @@ def _outcomes(design: CoverageDesign, samples: Samples, directions: Floats, sigm
             estimate = np.column_stack([fit.center, fit.radius])
             ends = np.stack([estimate - half, estimate + half], axis=2)
         found[name] = _outcome(ends, fit.own_status == Status.OK, efficient)
-    ends = intervals(samples, design.level)
-    both = np.concatenate([ends.center, ends.radius[:, None]], axis=1)
-    found[INTERVAL] = _outcome(both, ends.identified, efficient)
+    known = intervals(samples, design.level)
+    both = np.concatenate([known.center, known.radius[:, None]], axis=1)
+    found[INTERVAL] = _outcome(both, known.identified, efficient)
     return found
 
 

@@ -4,6 +4,7 @@ from study.estimators.answer.fit import Fit
 from study.estimators.answer.joint_fit import JointFit
 from study.estimators.estimates import Estimates
 from study.estimators.estimator import Estimator
+from study.estimators.form.minimum_zone import MinimumZone, minimum_zone
 from study.estimators.incremental import Incremental
 from study.estimators.multi_marker import mgdk
 from study.estimators.own.installed import load_installed
@@ -19,10 +20,12 @@ __all__ = [
     "Fit",
     "Incremental",
     "JointFit",
+    "MinimumZone",
     "Samples",
     "Status",
     "fit",
     "mgdk",
+    "minimum_zone",
     "register",
 ]
 

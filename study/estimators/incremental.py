@@ -18,6 +18,7 @@ from study.estimators.estimator import Estimator
 from study.estimators.kasa import residual_noise
 from study.estimators.samples import Samples
 from study.estimators.status import Status
+from study.sphere.bounds import noise_covariance
 from study.sphere.jit import compiled
 from study.sphere.moments import Moments
 from study.sphere.real_array import real_array
@@ -172,10 +173,13 @@ class Incremental:
             numbers.
 
         Raises:
-            ValueError: if the estimator needs the points themselves, which are not stored.
+            TypeError: if the noise is no real number.
+            ValueError: if the estimator needs the points themselves, which are not stored, or the noise cannot be used.
         """
         if not estimator.moments_suffice:
             raise ValueError("this estimator reads the points, which are not stored: take gdke, ugdk or als")
+        if noise is not None:
+            noise_covariance(noise, self.dimension)
         if self.moments is None or self.moments.n[0] < self.dimension + 1:
             fit = blank(1, self.dimension)
             fit.status[:] = Status.TOO_FEW_POINTS

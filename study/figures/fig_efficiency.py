@@ -71,7 +71,8 @@ def prepare(tables: Tables) -> EfficiencyFrame:
     samples = int(errors["samples"].iloc[0])
     ratio = (errors["error"] / errors["bound"]).fillna(np.inf)
     rows = []
-    groups = errors.assign(level=level, ratio=ratio).groupby(["angle", "estimator", "level"], observed=True, sort=False)
+    needed = errors[["angle", "estimator"]].assign(level=level, ratio=ratio)  # copies of all columns take gigabytes
+    groups = needed.groupby(["angle", "estimator", "level"], observed=True, sort=False)
     caps = {angle: cap_moments(math.radians(angle), tables.dimension) for angle in errors["angle"].unique()}
     for (angle, estimator, noise), part in groups:
         unit = median_at_bound(caps[angle], tables.dimension)

@@ -17,6 +17,7 @@ import math
 from typing import NamedTuple
 
 from study.sphere.jit import compiled
+from study.sphere.types import Floats
 
 _FAR = 40.0
 """Least t = r²/2σ² for the series in 1/t: its terms fall below e⁻ᵗ before they rise again."""
@@ -128,3 +129,31 @@ def radial_means(radius: float, variance: float, dimension: int) -> RadialMeans:
         shortening + s * by_r / r - s * direction / (r * r),
         mean_by_s + direction / r + s * by_s / r,
     )
+
+
+@compiled
+def angle_means(concentration: Floats, dimension: int, density: Floats, cosine: Floats) -> None:
+    """Means of the angle between a noisy sample and its direction, given the sample's radius R.
+
+    The angle has a von Mises-Fisher law whose concentration is κ = Rr/σ², by the density of y ~ N(r u, σ²I).
+
+    Args:
+        concentration: κ > 0 (b, k).
+        dimension: d ≥ 2.
+        density: receives √κ e^-κ I_ν(κ), ν = d/2 - 1 (b, k).
+        cosine: receives E[e·u | R] = I_{ν+1}(κ) / I_ν(κ) (b, k).
+    """
+    d, order = dimension, 0.5 * dimension - 1.0
+    scale = math.exp(-math.lgamma(order + 1.0) - order * math.log(2.0))
+    for t in range(concentration.shape[0]):
+        for k in range(concentration.shape[1]):
+            kappa = concentration[t, k]
+            inverse = 0.5 / kappa
+            if inverse * _FAR < 1.0:
+                density[t, k] = (1.0 + _far_less_one(0.5 * (d - 1), d, inverse)) / math.sqrt(2.0 * math.pi)
+                higher = 1.0 + _far_less_one(0.5 * (d + 1), d + 2, inverse)
+                cosine[t, k] = higher / (density[t, k] * math.sqrt(2.0 * math.pi))
+            else:
+                here = _near(0.5 * (d - 1), d - 1.0, 2.0 * kappa)
+                density[t, k] = scale * kappa ** (order + 0.5) * here
+                cosine[t, k] = kappa / d * _near(0.5 * (d + 1), d + 1.0, 2.0 * kappa) / here

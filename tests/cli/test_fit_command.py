@@ -62,7 +62,8 @@ def test_fit(say, rng, on_cap, tmp_path, d):
         assert abs(its_error / error - 1.0) <= 0.05
         assert abs(printed - value) <= 0.05 * error
     assert rows["corrected"][-2:] == ["90", "ok"]
-    title, form, note = said.splitlines()[3:]
+    title, form, intervals, note = said.splitlines()[3:]
+    assert intervals.startswith("95 % intervals: radius ")
     assert re.split(r" {2,}", title) == ["estimator", "diameter", "form error", "largest deviation"]
     name, diameter, form_error, deviation = re.split(r" {2,}", form)
     assert name == "corrected"

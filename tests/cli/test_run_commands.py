@@ -1,4 +1,4 @@
-"""`study status`, `diff`, `worst`, `replay --plot`, and the codes with which `study run` ends."""
+"""`study status`, `diff`, `worst`, `regret`, `replay --plot`, and the codes with which `study run` ends."""
 
 from dataclasses import replace
 
@@ -167,6 +167,15 @@ def test_worst_and_replay(call_here, run):
     assert f"{ratio:.3g}" in shown
     assert (run / "worst.png").stat().st_size > 10_000
     refused(call_here(run, "worst", "out", "-e", "mle"), 1, "no estimator 'mle' in this run; known are lls, ugdk")
+
+
+def test_regret(call_here, run):
+    """The table is printed with a line per estimator, and written where it is asked for."""
+    code, said, complained = call_here(run, "regret", "out", "--csv", "regret.csv")
+    assert (code, complained) == (0, "")
+    assert {line.split()[0] for line in said.splitlines()[3:]} == {"lls", "ugdk"}
+    assert (run / "regret.csv").read_text().startswith("samples,estimator,cells,median")
+    refused(call_here(run, "regret", "out", "--csv", "regret.txt"), 1, "give a name that ends in .csv or .parquet")
 
 
 @pytest.mark.usefixtures("raises")

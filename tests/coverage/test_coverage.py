@@ -81,7 +81,7 @@ def test_shares_by_hand(design):
     ok = np.array([True, True, False, True, True, True, True, False])
     row = _row(design.cells()[0], "interval", _outcome(ends, ok, np.full(8, 0.3)))
     assert (row["radius"], row["axis"], row["across"]) == (6 / 8, 6 / 8, 1.0)
-    assert (row["ok"], row["radius_ok"], row["open"]) == (6 / 8, 4 / 6, 2 / 8)  # without an end there is no bound
+    assert (row["ok"], row["radius_ok"], row["open"]) == (6 / 8, 4 / 6, 1 / 8)
     assert row["radius_error"] == pytest.approx(math.sqrt(0.75 * 0.25 / 8))
     assert row["across_error"] == pytest.approx(math.sqrt(0.5 / 8 * (1 - 0.5 / 8) / 8))  # not 0
     assert row["width"] == pytest.approx(1.0)

@@ -46,7 +46,10 @@ def test_frames_with_missing_numbers():
 @pytest.mark.parametrize("noise", [True, "0.1", 0.1 + 0j, np.array(True)])
 def test_noise(noise):
     """A truth value is no standard deviation, nor is text."""
+    growing = study.Incremental(3)
+    growing.update(POINTS)
     calls = [lambda: study.fit(POINTS, "als", noise), lambda: study.mgdk([POINTS], noise)]
+    calls.append(lambda: growing.fit(study.ESTIMATORS["ugdk"], noise))
     for call in [*calls, lambda: study.crlb(UNIT, noise)]:
         with pytest.raises(TypeError, match="noise has dtype"):
             call()

@@ -163,8 +163,8 @@ def test_fits_without_a_number_are_named(cap):
     frame, _ = frame_of(points, "taubin", "als", **nan)
     assert frame.groups == [["als"]]
     assert f"not drawn: Taubin: {Status.SINGULAR.text}" in words_of(draw(frame)).replace("\n    ", " ")
-    frame, _ = frame_of(points, "taubin", "als", status=np.array(Status.INSIGNIFICANT))
-    assert frame.notes == [f"Taubin: {Status.INSIGNIFICANT.text}"]
+    frame, _ = frame_of(points, "taubin", "als", status=np.array(Status.NOT_CONVERGED))
+    assert frame.notes == [f"Taubin: {Status.NOT_CONVERGED.text}"]
     frame, _ = frame_of(points, "taubin", **nan)
     figure = draw(frame)
     assert len(figure.axes) == 2

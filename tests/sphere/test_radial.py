@@ -3,8 +3,9 @@
 import mpmath
 import numpy as np
 import pytest
+from scipy import special
 
-from study.sphere.radial import RadialMeans, radial_means
+from study.sphere.radial import RadialMeans, angle_means, radial_means
 
 RADIUS = 1.7
 
@@ -89,3 +90,17 @@ def test_by_draws(dimension, noise):
         (distance - 1.0 - found.excess12) * distance * along,
     ]:
         assert abs(draws.mean()) < 4.5 * draws.std() / np.sqrt(len(draws))
+
+
+@pytest.mark.parametrize("d", [2, 3, 4, 9])
+def test_angle_given_the_radius(d):
+    """The Bessel functions of the angle's law are those of SciPy; at large κ, beyond its range, the series' limit."""
+    kappa = np.array([np.logspace(-8, 8, 200)])
+    density, cosine = np.empty_like(kappa), np.empty_like(kappa)
+    angle_means(kappa, d, density, cosine)
+    order = 0.5 * d - 1.0
+    np.testing.assert_allclose(density, np.sqrt(kappa) * special.ive(order, kappa), rtol=1e-12)
+    np.testing.assert_allclose(cosine, special.ive(order + 1.0, kappa) / special.ive(order, kappa), rtol=1e-12)
+    angle_means(np.full((1, 200), 1e20), d, density, cosine)
+    np.testing.assert_allclose(density, 1.0 / np.sqrt(2.0 * np.pi), rtol=1e-15)
+    np.testing.assert_allclose(cosine, 1.0, rtol=1e-15)

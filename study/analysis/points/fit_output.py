@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 from study.analysis.points.fitting import STANDARD_UNCERTAINTY, Row, all_ok, fit_rows, printed
 from study.analysis.points.point_file import PointTable
+from study.analysis.points.remarks import LEVEL, doubts, intervals_in_words
 from study.estimators import Fit, Status
 
 
@@ -42,6 +43,9 @@ def as_text(files: list[FileFits]) -> Iterator[str]:
             yield from [""] * (place > 0)
             yield f"{each.path}"
         yield from printed(each.rows(), each.table.names)
+        first = next(iter(each.fits.values()))
+        yield from intervals_in_words(first, each.table.names)
+        yield from doubts(first)
         if each.table.left:
             yield f"coordinates are {', '.join(each.table.names)}; columns left out: {', '.join(each.table.left)}"
     yield STANDARD_UNCERTAINTY
@@ -79,6 +83,8 @@ def _object(each: FileFits, estimator: str, fit: Fit) -> dict[str, Any]:
         "form_error": float(fit.form_error),
         "largest_deviation": float(fit.largest_deviation),
         "condition": float(fit.condition),
+        "radius_interval": fit.interval("radius", LEVEL).tolist(),
+        "center_intervals": fit.interval("center", LEVEL).tolist(),
     }
     return {
         "file": str(each.path),
@@ -88,6 +94,8 @@ def _object(each: FileFits, estimator: str, fit: Fit) -> dict[str, Any]:
         "status_text": status.text,
         "samples": int(fit.count),
         "coordinates": each.table.names,
+        "outliers": fit.outliers.nonzero()[0].tolist(),
+        "copies": int(fit.copies),
         "columns_left_out": each.table.left,
         **_without_nan(numbers),
     }

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
+from study.analysis.points.remarks import interval_numbers
 from study.analysis.points.source import PointFileError
 from study.estimators import ESTIMATORS, Fit, Status, fit
 from study.estimators.own.plugin_file import load
@@ -62,8 +63,9 @@ def fit_rows(fits: dict[str, Fit], names: list[str]) -> list[Row]:
 
     Returns:
         A row per estimator: estimator, each coordinate of the centre (center_x) and its standard error (error_x),
-        radius and diameter with theirs, noise σ̂, residual RMS, form error, largest deviation, ρ, samples used, status
-        in words.
+        radius and diameter with theirs, noise σ̂, residual RMS, form error, largest deviation, ρ, the ends of the 95 %
+        intervals (radius_low, radius_high, center_x_low, …), numbers of outliers and copies, samples used, status in
+        words.
     """
     rows = []
     for estimator, result in fits.items():
@@ -76,6 +78,8 @@ def fit_rows(fits: dict[str, Fit], names: list[str]) -> list[Row]:
         row["noise"] = float(result.sigma)
         row["residual_rms"], row["condition"] = float(result.residual_rms), float(result.condition)
         row["form_error"], row["largest_deviation"] = float(result.form_error), float(result.largest_deviation)
+        row |= interval_numbers(result, names)
+        row["outliers"], row["copies"] = int(result.outliers.sum()), int(result.copies)
         row["samples"], row["status"] = int(result.count), explain(int(result.status))
         rows.append(row)
     return rows

@@ -10,6 +10,7 @@ from study.estimators.answer.covariance import plug_in_bound, unless_missing
 from study.estimators.answer.settled_status import settled_status
 from study.estimators.answer.table import as_html, as_text, frame
 from study.estimators.estimates import Estimates
+from study.estimators.form.minimum_zone import MinimumZone, minimum_zone
 from study.estimators.intervals import Intervals, intervals
 from study.estimators.robust.copies import copies
 from study.estimators.robust.outliers import outliers
@@ -120,7 +121,8 @@ class Fit:
     def interval(self, of: Literal["radius", "center"], level: float = 0.95) -> Floats:
         """Confidence interval of the radius, or one of each coordinate of the centre.
 
-        It depends on the points alone, not on the estimator, and assumes isotropic noise of unknown size. It covers
+        It depends on the points alone, not on the estimator; that of `robust` leaves the outliers out, as the fit
+        does. It assumes isotropic noise of unknown size, and covers
         where an estimate ± its standard error does not: on small caps, under large noise, and with few points.
 
         Args:
@@ -152,8 +154,16 @@ class Fit:
         if level not in known:
             if self._samples is None:
                 raise ValueError(_WITHOUT_POINTS)
-            known[level] = intervals(self._samples, level)
+            known[level] = intervals(self._samples_used, level)
         return known[level]
+
+    @property
+    def _samples_used(self) -> Samples:
+        """The points that the fit stands on: for `robust`, those that are no outliers."""
+        if self._estimator != "robust":
+            return self._points
+        left_out = outliers(self._points)
+        return Samples(np.where(left_out[:, None], np.nan, self._points.x), self._points.noise)
 
     @property
     def ok(self) -> Bools:
@@ -250,6 +260,12 @@ class Fit:
     def copies(self) -> Ints:
         """Number of points (…) that repeat an earlier one exactly, which makes the standard errors too small."""
         return copies(self._points).reshape(self.shape)
+
+    @cached_property
+    def minimum_zone(self) -> MinimumZone:
+        """The minimum-zone sphere of the points, whatever the estimator: see `study.minimum_zone`."""
+        points = self._points.points
+        return minimum_zone(points.reshape(*self.shape, *points.shape[1:]))
 
     @property
     def _points(self) -> Samples:

@@ -22,7 +22,8 @@ class JointFit:
         radii: r̂ of each marker (M,), in the unit of the points; NaN where no radius is real.
         noise_variance: σ² of one coordinate, unit squared: as given (the mean over coordinates, for a covariance) or
             estimated.
-        status: `Status` of the fit.
+        status: `Status` of the fit, its own: there is no interval for several markers yet, and so "ok" does not mean
+            that they bound their radii.
         condition: ρ, the largest share of noise in Σ w_p C_p along any direction; it must be below 1.
         covariance: covariance of ĉ (d, d), unit squared: the Cramér-Rao bound with the estimates plugged in.
         count: number of samples used of each marker (M,); points with a NaN are left out.

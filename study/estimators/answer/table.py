@@ -110,7 +110,7 @@ def _rows(fit: ShownFits) -> Iterator[list[str]]:
         flat.center, flat.radius, fit.sigma.ravel(), fit.status.ravel(), errors, strict=True
     ):
         measured = [_measured(*pair, known) for pair in zip([*center, radius], error, strict=True)]
-        yield [*measured, number(float(sigma)), statuses(status)]
+        yield [*measured, number(float(sigma)), statuses(np.asarray(status))]
 
 
 def _measured(value: float, error: float, known: bool) -> str:

@@ -10,21 +10,18 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss
-from scipy.special import ive
 
 from study.estimators.algebraic import root
 from study.estimators.estimates import Estimates
 from study.estimators.geometric.corrected import share_of_pair
 from study.estimators.samples import Samples
-from study.sphere.radial import RadialMeans, radial_means
+from study.sphere.radial import RadialMeans, angle_means, radial_means
 from study.sphere.types import Floats
 
 _NODES = 64
 """Nodes of the rule over R; with twice as many the covariances agree to 1e-8."""
 _REACH = 8.5
 """Range of the rule, in standard deviations of the noise."""
-_NARROW = 1e6
-"""Concentration beyond which Bessel functions are replaced by two terms of their asymptotic series."""
 _LEAST = 1e-40
 """Least noise variance, as a share of r²."""
 
@@ -109,17 +106,14 @@ def sandwich(samples: Samples, estimates: Estimates, pair: float | Floats) -> Fl
 def _terms(means: RadialMeans, variance: Floats, pair: Floats, d: int) -> Terms:
     """Terms of the equations at the nodes. Given R, the angle to u has a von Mises-Fisher law, concentrated by R/s."""
     node, weight = leggauss(_NODES)
-    sigma, order = np.sqrt(variance), 0.5 * d - 1.0
+    sigma = np.sqrt(variance)
     low, high = np.maximum(-1.0 / sigma, -_REACH), _REACH + np.sqrt(d)
     beyond = sigma * (low + 0.5 * (high - low) * (node + 1.0))
     distance = 1.0 + beyond
     narrow = distance / variance
-    known = np.minimum(narrow, _NARROW)
-    bessel, series = ive(order, known), 0.5 * (d - 1) / narrow
-    cosine = np.where(
-        narrow < _NARROW, ive(order + 1.0, known) / bessel, 1.0 - series + 0.25 * (d - 3) * series / narrow
-    )
-    density = distance ** (0.5 * (d - 1)) * np.sqrt(known) * bessel * np.exp(-0.5 * (beyond / sigma) ** 2)
+    cosine, bessel = np.empty(narrow.shape), np.empty(narrow.shape)
+    angle_means(narrow, d, bessel, cosine)
+    density = distance ** (0.5 * (d - 1)) * bessel * np.exp(-0.5 * (beyond / sigma) ** 2)
     excess = beyond - means.lengthening
     pull = (1.0 - pair) * (beyond - means.excess01) + pair * distance * (beyond - means.excess12)
     weights = weight * density
@@ -131,7 +125,7 @@ def _terms(means: RadialMeans, variance: Floats, pair: Floats, d: int) -> Terms:
 def _slopes(terms: Terms, means: RadialMeans, pair: Floats, mean: Floats, second: Floats) -> Floats:
     """J (b, d+2, d+2) by (c, r, s)."""
     b, d = mean.shape
-    rest, direction = 1.0 - pair, 1.0 + means.shortening
+    rest, direction = 1.0 - pair, np.asarray(1.0 + means.shortening)
     even = rest * (1.0 + means.excess01)
     straight = rest + pair * (means.lengthening - means.excess12) - even * terms.mean(1.0 / terms.distance)
     slopes = np.zeros((b, d + 2, d + 2))

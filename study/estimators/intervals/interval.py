@@ -9,8 +9,8 @@ from scipy.special import stdtrit
 from study.estimators.algebraic import als
 from study.estimators.careful_fit import FARTHEST, binary_size, is_ordinary, scaled
 from study.estimators.intervals.center import center_ends
-from study.estimators.intervals.invert import STATE, State, invert
-from study.estimators.intervals.profile import Cloud, Room, Sphere
+from study.estimators.intervals.invert import STATE, EndsState, invert
+from study.estimators.intervals.profile import Cloud, ProfileRoom, Sphere
 from study.estimators.intervals.score import Beside
 from study.estimators.intervals.trail import MOST, Task, Trail
 from study.estimators.samples import Samples
@@ -120,7 +120,7 @@ def _load(x: Floats, t: int, rows: Floats, origin: Floats) -> tuple[float, float
 
 
 @compiled
-def _write(state: State, unit: float, result: Intervals, t: int) -> bool:
+def _write(state: EndsState, unit: float, result: Intervals, t: int) -> bool:
     """Write the radius of a set; False if it has an open end."""
     radius, _, share = result
     low, high = state.low, state.high
@@ -143,7 +143,7 @@ def _compute_all(
     rows, origin, ends, order = np.empty((d + 1, n)), np.empty(d), np.empty((d, 2)), np.empty(MOST, np.int64)
     products = np.empty(2 * d + d * d + 2)
     sphere = Sphere(np.empty(3), np.empty(d))
-    room = Room(np.empty(2 + 2 * d + d * d), np.empty((d, 2 * d)), np.empty((d, d)), np.empty(d))
+    room = ProfileRoom(np.empty(2 + 2 * d + d * d), np.empty((d, 2 * d)), np.empty((d, d)), np.empty(d))
     matrices = np.empty((3, d, d))
     beside = Beside(np.empty(d * d), products, matrices[0], matrices[1], matrices[2], np.empty(d), np.empty(d))
     trail, start, states = Trail(np.empty((MOST, 4)), np.empty((MOST, 4, d))), np.empty((2, d)), np.empty(1, STATE)

@@ -29,8 +29,8 @@ _STEEP = 0.1
 """Least slope of a secant, as a share of the one before."""
 
 
-class State(Protocol):
-    """State of a search between two evaluations, a record of `STATE`. Curvatures that are not known are NaN.
+class EndsState(Protocol):
+    """EndsState of a search between two evaluations, a record of `STATE`. Curvatures that are not known are NaN.
 
     Attributes:
         stage: one of the stages above.
@@ -72,11 +72,11 @@ class State(Protocol):
     secant: float
 
 
-STATE = np.dtype(list(State.__annotations__.items()))
+STATE = np.dtype(list(EndsState.__annotations__.items()))
 
 
 @compiled
-def _begin(state: State, first: float) -> None:
+def _begin(state: EndsState, first: float) -> None:
     """Start the search for T = 0 at a curvature."""
     state.stage, state.count, state.tries, state.crossing = _ESTIMATE, 0, 0, 0
     state.k = max(first, _FLAT)
@@ -84,7 +84,7 @@ def _begin(state: State, first: float) -> None:
 
 
 @compiled
-def _begin_side(state: State, stage: int, inner: float, inner_t: float, secant: float) -> None:
+def _begin_side(state: EndsState, stage: int, inner: float, inner_t: float, secant: float) -> None:
     """Start the search for an end."""
     state.stage, state.tries, state.kept, state.crossing = stage, 0, 0, 0
     state.inner, state.inner_t, state.secant = inner, inner_t, secant
@@ -92,7 +92,7 @@ def _begin_side(state: State, stage: int, inner: float, inner_t: float, secant: 
 
 
 @compiled
-def _choose(state: State, wanted: float) -> None:
+def _choose(state: EndsState, wanted: float) -> None:
     """The next curvature of a search for an end."""
     k, t = state.inner, state.inner_t
     if state.far == state.far:
@@ -111,7 +111,7 @@ def _choose(state: State, wanted: float) -> None:
 
 
 @compiled
-def _take(state: State, t: float, wanted: float) -> None:
+def _take(state: EndsState, t: float, wanted: float) -> None:
     """Narrow the search for an end by an evaluation that was fine."""
     secant = (t - state.inner_t) / (state.k - state.inner)
     if secant > _STEEP * state.secant:
@@ -124,7 +124,7 @@ def _take(state: State, t: float, wanted: float) -> None:
 
 
 @compiled
-def _toward_zero(state: State, task: Task, trail: Trail, code: int, quantile: float) -> None:
+def _toward_zero(state: EndsState, task: Task, trail: Trail, code: int, quantile: float) -> None:
     """After an evaluation, choose the next one in the search for T = 0, or go on to the ends."""
     numbers, m = trail.numbers, state.count
     if code == FAILED:
@@ -167,7 +167,7 @@ def _toward_zero(state: State, task: Task, trail: Trail, code: int, quantile: fl
 
 
 @compiled
-def _outward(state: State, trail: Trail, code: int, quantile: float) -> None:
+def _outward(state: EndsState, trail: Trail, code: int, quantile: float) -> None:
     """After an evaluation, choose the next one in the search for an end."""
     m, k = state.count, state.k
     wanted, end, ended = quantile if state.stage == _SHARPER else -quantile, math.nan, False
@@ -210,7 +210,7 @@ def _outward(state: State, trail: Trail, code: int, quantile: float) -> None:
 
 
 @compiled
-def invert(task: Task, trail: Trail, state: State, first: float, quantile: float) -> None:
+def invert(task: Task, trail: Trail, state: EndsState, first: float, quantile: float) -> None:
     """Search the ends of the set of curvatures with |T| ≤ q, and write them to the state.
 
     Args:

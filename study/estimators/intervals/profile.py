@@ -35,13 +35,13 @@ class Cloud(NamedTuple):
 
     Attributes:
         rows: coordinates, then |x|² in the last row (d+1, at least n).
-        count: number of points n.
+        size: number of points n.
         zero: d sums at zero.
         square: d² sums at zero.
     """
 
     rows: Floats
-    count: int
+    size: int
     zero: Sums
     square: Sums
 
@@ -58,7 +58,7 @@ class Sphere(NamedTuple):
     toward: Floats
 
 
-class Room(NamedTuple):
+class ProfileRoom(NamedTuple):
     """Working memory: sums of a pass, a matrix with right sides (d, 2d), the inverse of J (d, d), and b = J⁻¹ē (d,)."""
 
     sums: Floats
@@ -156,7 +156,7 @@ def _jacobian(n: int, curvature: float, sums: Floats, matrix: Floats) -> None:
 @compiled
 def _variance_step(cloud: Cloud, variance: float, means: RadialMeans, sums: Floats) -> tuple[float, float, float]:
     """Excess of the second equation and its derivative by s, and the factor of Σ(R - ρ)e in that by the centre."""
-    n, d = cloud.count, len(cloud.zero)
+    n, d = cloud.size, len(cloud.zero)
     spare = n - d
     mean = means.lengthening
     excess = (sums[1] - 2.0 * mean * sums[0] + n * mean * mean) / spare - means.variance
@@ -165,7 +165,7 @@ def _variance_step(cloud: Cloud, variance: float, means: RadialMeans, sums: Floa
 
 
 @compiled
-def profile(cloud: Cloud, sphere: Sphere, room: Room, least: float) -> tuple[bool, RadialMeans]:
+def profile(cloud: Cloud, sphere: Sphere, room: ProfileRoom, least: float) -> tuple[bool, RadialMeans]:
     """Solve for centre and noise variance, from those of ``sphere``, by Newton's method; the radius stays.
 
     Args:
@@ -177,7 +177,7 @@ def profile(cloud: Cloud, sphere: Sphere, room: Room, least: float) -> tuple[boo
     Returns:
         False if the iteration did not converge; and the means of R at the solution.
     """
-    n, d = cloud.count, len(cloud.zero)
+    n, d = cloud.size, len(cloud.zero)
     numbers, toward = sphere
     sums, matrix, inverse, pull = room
     r = numbers[0]

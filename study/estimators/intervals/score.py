@@ -12,7 +12,7 @@ T has the sign of S. It is T_F where σ is below a fifth of r₀, else the one o
 import math
 from typing import NamedTuple
 
-from study.estimators.intervals.profile import Cloud, Room, Sphere
+from study.estimators.intervals.profile import Cloud, ProfileRoom, Sphere
 from study.sphere.jit import compiled, fill, fresh, put
 from study.sphere.linalg import diagonalise
 from study.sphere.radial import RadialMeans
@@ -139,7 +139,7 @@ def _sandwich(inverse: Floats, middle: Floats, factor: float, result: Floats) ->
 
 
 @compiled
-def score(cloud: Cloud, sphere: Sphere, room: Room, means: RadialMeans, beside: Beside) -> Score:
+def score(cloud: Cloud, sphere: Sphere, room: ProfileRoom, means: RadialMeans, beside: Beside) -> Score:
     """Score of a radius at its profile; fills in the standard errors of the centre given the radius.
 
     Args:
@@ -149,7 +149,7 @@ def score(cloud: Cloud, sphere: Sphere, room: Room, means: RadialMeans, beside: 
         means: means of R there.
         beside: receives standard errors and correlations.
     """
-    n, d = cloud.count, len(cloud.zero)
+    n, d = cloud.size, len(cloud.zero)
     r, variance = sphere.numbers[0], means.variance
     spare = n - d - 1.0
     total, weight, plain = _weigh(cloud, sphere, room.pull, means.excess01, beside.sums)

@@ -7,7 +7,7 @@ T sign k is nearly linear in k, through the plane at k = 0, while it is far from
 import math
 from typing import NamedTuple
 
-from study.estimators.intervals.profile import Cloud, Room, Sphere, profile, set_height
+from study.estimators.intervals.profile import Cloud, ProfileRoom, Sphere, profile, set_height
 from study.estimators.intervals.score import Beside, score
 from study.sphere.jit import compiled
 from study.sphere.types import Floats
@@ -51,7 +51,7 @@ class Task(NamedTuple):
 
     cloud: Cloud
     sphere: Sphere
-    room: Room
+    room: ProfileRoom
     beside: Beside
     start: Floats
     least: float

@@ -29,7 +29,7 @@ _SINGULAR = 64.0
 """An extent below so many roundings of the largest is none."""
 
 
-class Workspace(NamedTuple):
+class FitRoom(NamedTuple):
     """Working memory for a set of n points in d dimensions.
 
     Attributes:
@@ -50,10 +50,10 @@ class Workspace(NamedTuple):
 
 
 @compiled
-def workspace(d: int, n: int) -> Workspace:
+def workspace(d: int, n: int) -> FitRoom:
     """Allocate working memory."""
     vectors, matrices = np.empty((5, d)), np.empty((2, d, d))
-    return Workspace(np.empty(n), np.empty(n), np.empty(n), np.empty((d + 2, CHUNK)), vectors, matrices)
+    return FitRoom(np.empty(n), np.empty(n), np.empty(n), np.empty((d + 2, CHUNK)), vectors, matrices)
 
 
 @compiled
@@ -92,11 +92,11 @@ def select(values: Floats, place: int) -> float:
             low = i
         else:
             break
-    return values[place]
+    return float(values[place])
 
 
 @compiled
-def nearest(y: Floats, sphere: Floats, h: int, work: Workspace) -> float:
+def nearest(y: Floats, sphere: Floats, h: int, work: FitRoom) -> float:
     """Give the h points nearest to a sphere the weight 1, and return the sum of their squared distances.
 
     With ties there are more than h; the sum is that of h.
@@ -116,7 +116,7 @@ def nearest(y: Floats, sphere: Floats, h: int, work: Workspace) -> float:
 
 
 @compiled
-def _taubin(y: Floats, work: Workspace, sphere: Floats) -> bool:
+def _taubin(y: Floats, work: FitRoom, sphere: Floats) -> bool:
     """Taubin's fit of the points of weight 1; False, and no sphere, if they do not determine one."""
     weight, rows, vectors = work.weight, work.rows, work.vectors
     d, n = y.shape
@@ -173,7 +173,7 @@ def _taubin(y: Floats, work: Workspace, sphere: Floats) -> bool:
     for i in range(d):
         sphere[i] += mean[i]
     sphere[d] = math.sqrt(square_radius)
-    return sphere[d] < math.inf
+    return bool(sphere[d] < math.inf)
 
 
 @compiled

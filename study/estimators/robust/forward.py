@@ -19,7 +19,7 @@ import numpy as np
 
 from study.estimators.newton import ON, STATE, Search, advance, begin
 from study.estimators.newton import Room as NewtonRoom
-from study.estimators.robust.concentration import Workspace, nearest, residuals, select, workspace
+from study.estimators.robust.concentration import FitRoom, nearest, residuals, select, workspace
 from study.sphere.jit import CHUNK, compiled, dot, fill
 from study.sphere.linalg import cholesky_solve
 from study.sphere.types import Bools, Floats
@@ -30,7 +30,7 @@ _MANY = 40
 """With more points outside, several enter at once ..."""
 _CLEARLY = 0.8
 """... namely those whose deleted residuals are below this share of the quantile."""
-_FURTHEST = 10.0
+_FURTHEST = 1000.0
 """An outlier is no less likely for being further away than so many times the set's size."""
 _ENTROPY = 0.5 * math.log(2.0 * math.pi * math.e)
 _LEAST = 1e-3
@@ -87,7 +87,7 @@ def _pass(y: Floats, weight: Floats, center: Floats, radius: float, rows: Floats
 
 
 @compiled
-def _scatter(y: Floats, sphere: Floats, work: Workspace) -> bool:
+def _scatter(y: Floats, sphere: Floats, work: FitRoom) -> bool:
     """Directions of the points of weight 1: their mean, and Cholesky's factor of Σ(e - ē)(e - ē)ᵀ; False if singular.
 
     They are left in ``work.vectors[0]`` and ``work.matrices[0]``.
@@ -126,7 +126,7 @@ def _scatter(y: Floats, sphere: Floats, work: Workspace) -> bool:
 
 
 @compiled
-def _deleted(y: Floats, sphere: Floats, scale: float, m: int, work: Workspace) -> None:
+def _deleted(y: Floats, sphere: Floats, scale: float, m: int, work: FitRoom) -> None:
     """Replace the residuals R - r in ``work.distance`` by the sizes of the deleted ones."""
     d, n = y.shape
     mean, e, factor = work.vectors[0], work.vectors[1], work.matrices[0]

@@ -13,8 +13,8 @@ from study.sphere.types import Bools, Floats
 
 _BATCH = 1 << 16
 """Elemental spheres that are formed together."""
-_LARGEST = 1e60
-"""Largest coordinate in units of a set's size, so that no fourth power overflows; further away is an outlier too."""
+_LARGEST = 1e8
+"""Largest coordinate in units of a set's size, where its rounding is small; what is further is taken to be there."""
 _ROUNDING = 2.0**-48
 
 

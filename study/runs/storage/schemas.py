@@ -281,5 +281,5 @@ def table(columns: list[Column], data: Mapping[str, Any]) -> pa.Table:
 
 def read(path: Path, columns: list[str] | None = None) -> pd.DataFrame:
     """Read a stored table into a data frame."""
-    frame: pd.DataFrame = pq.read_table(path, columns=columns).to_pandas()
+    frame: pd.DataFrame = pq.read_table(path, columns=columns).to_pandas(split_blocks=True, self_destruct=True)
     return frame

@@ -1,0 +1,113 @@
+"""The minimum-zone sphere, beside a search through all sets of d + 2 points and beside known solutions."""
+
+import itertools
+
+import numpy as np
+import pytest
+from scipy import optimize
+
+import study
+
+
+def brute_force(x):
+    """Narrowest zone that any d + 2 points define: with each choice of sides, R - r = ± t solved by SciPy."""
+    n, d = x.shape
+    start, best = x.mean(axis=0), (np.inf, None)
+    lsq = study.fit(x, "mle")
+    for chosen in itertools.combinations(range(n), d + 2):
+        for sides in itertools.product([-1.0, 1.0], repeat=d + 1):
+            signs = np.array([1.0, *sides])
+            if abs(signs.sum()) == d + 2:
+                continue
+
+            def equations(p, part=x[list(chosen)], signs=signs):
+                return np.linalg.norm(part - p[:d], axis=1) - p[d] - signs * p[d + 1]
+
+            for first in (lsq.center, start):
+                found = optimize.root(equations, [*first, float(lsq.radius), 0.0], tol=1e-14)
+                if found.success and np.abs(found.fun).max() < 1e-12:
+                    distance = np.linalg.norm(x - found.x[:d], axis=1)
+                    t = abs(found.x[d + 1])
+                    if np.abs(distance - found.x[d]).max() <= t + 1e-11 and 2 * t < best[0]:
+                        best = (2 * t, found.x[: d + 1])
+                    break
+    return best
+
+
+@pytest.mark.parametrize(
+    ("d", "n", "angle", "noise", "sets"), [(2, 7, 180, 0.05, 3), (2, 7, 90, 0.02, 2), (3, 7, 180, 0.02, 1)]
+)
+def test_brute_force(rng, on_cap, d, n, angle, noise, sets):
+    """The zone is the narrowest of those that d + 2 points define, to 1e-9 r."""
+    for _ in range(sets):
+        points = on_cap(rng, n, angle, d, noise, center=rng.standard_normal(d))[0]
+        zone = study.minimum_zone(points)
+        width, sphere = brute_force(points)
+        assert zone.optimal
+        assert zone.width == pytest.approx(width, abs=1e-9)
+        np.testing.assert_allclose([*zone.center, zone.radius], sphere, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(("d", "n", "angle"), [(2, 40, 60), (3, 30, 180), (3, 400, 60), (4, 100, 120), (3, 20_000, 90)])
+def test_no_neighbour_is_narrower(rng, on_cap, d, n, angle):
+    """No small change of the centre narrows the zone, d + 2 points touch it, and least squares has a wider one."""
+    points = on_cap(rng, n, angle, d, 0.01)[0]
+    zone = study.minimum_zone(points)
+
+    def width(center):
+        return np.ptp(np.linalg.norm(points - center, axis=1))
+
+    distance = np.linalg.norm(points - zone.center, axis=1)
+    assert zone.optimal
+    assert zone.width == pytest.approx(width(zone.center), abs=1e-13)
+    assert (np.abs(np.abs(distance - zone.radius) - zone.width / 2) < 1e-11).sum() == d + 2
+    for size in (1e-1, 1e-3, 1e-6):
+        for direction in rng.standard_normal((100 if n < 1000 else 5, d)):
+            assert width(zone.center + size * direction / np.linalg.norm(direction)) > zone.width
+    assert zone.width < study.fit(points, "mle").form_error
+
+
+def test_known_zone():
+    """Four points, two on each of two circles about the origin, alternating: their zone is between the circles."""
+    zone = study.minimum_zone([[1.25, 0.0], [0.0, 1.0], [-1.25, 0.0], [0.0, -1.0]])
+    np.testing.assert_allclose([*zone.center, zone.radius, zone.width], [0.0, 0.0, 1.125, 0.25], atol=1e-12)
+    assert zone.optimal
+
+
+def test_motion_and_unit(rng, on_cap, random_rotation):
+    """A moved set in another unit has the moved zone; sets of a batch do not affect each other."""
+    points = on_cap(rng, 25, 100, noise=0.02, sets=3)[0]
+    rotation, shift = random_rotation(rng, 3), rng.standard_normal(3)
+    one, two = study.minimum_zone(points), study.minimum_zone(1e3 * (points @ rotation.T + shift))
+    np.testing.assert_allclose(two.center, 1e3 * (one.center @ rotation.T + shift), rtol=0, atol=1e-8)
+    np.testing.assert_allclose(two.width, 1e3 * one.width, rtol=1e-9)
+    assert one.optimal.all()
+    np.testing.assert_array_equal(study.minimum_zone(points[1]).center, one.center[1])
+
+
+def test_points_without_a_zone(rng, on_cap):
+    """Exact points have a zone as wide as rounding; a line has none; missing points are left out."""
+    exact = study.minimum_zone(on_cap(rng, 20, 90)[0])
+    assert exact.width < 1e-14
+    np.testing.assert_allclose(exact.center, 0.0, atol=1e-12)
+    line = study.minimum_zone(np.outer(np.arange(6.0), [1.0, 2.0, 3.0]))
+    assert np.isnan(line.center).all()
+    assert not line.optimal
+    points = on_cap(rng, 12, 180, noise=0.1)[0]
+    with_gap = np.insert(points, 4, np.nan, axis=0)
+    np.testing.assert_array_equal(study.minimum_zone(with_gap).center, study.minimum_zone(points).center)
+
+
+def test_shapes_are_refused():
+    """Fewer points than d + 1, and one dimension."""
+    for shape in ((3, 3), (5,), (4, 1)):
+        with pytest.raises(ValueError, match="points have shape"):
+            study.minimum_zone(np.zeros(shape))
+
+
+def test_of_a_fit(rng, on_cap):
+    """A fit knows the minimum zone of its points."""
+    points = on_cap(rng, 15, 180, noise=0.05, sets=2)[0]
+    of_fit = study.fit(points, "als").minimum_zone
+    for one, other in zip(of_fit, study.minimum_zone(points), strict=True):
+        np.testing.assert_array_equal(one, other)
