@@ -59,4 +59,13 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
             return f"{mark}[{text}]({name}{anchor})"
         return text if os.path.exists(ROOT / place) else found[0]
 
-    return LINK.sub(within, markdown)
+    found = LINK.sub(within, markdown)
+    return found + _directives(markdown) if page.file.src_uri == "api.md" else found
+
+
+def _directives(markdown: str) -> str:
+    """The docstring of each name that the page of the library lists."""
+    names = [
+        name for name in re.findall(r"^\| `(study\.\w+)`", markdown, re.MULTILINE) if not name.endswith("ESTIMATORS")
+    ]
+    return "".join(f"\n\n::: {name}\n" for name in names)

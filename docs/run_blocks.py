@@ -80,7 +80,9 @@ class Page:
             text = text[:start] + new + text[end:]
         made = MADE.sub(lambda found: found[1] + _made(found[2]) + found[3], text)
         if made != text and not self.write:
-            raise OutputError(f"{self.path}: a made table is not up to date; run docs/run_blocks.py --write {self.path}")
+            raise OutputError(
+                f"{self.path}: a made table is not up to date; run docs/run_blocks.py --write {self.path}"
+            )
         if made != document.text:
             self.path.write_text(made, encoding="utf-8")
         return len(examples)
