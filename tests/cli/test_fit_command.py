@@ -203,6 +203,26 @@ def test_several_files(say, cap, tmp_path):
     assert say("fit", "cap.csv", "half.npy", "--plot", "out.png")[:2] == (2, "")
 
 
+def test_outliers_and_copies(say, rng, on_cap, tmp_path):
+    """Outliers are named by their rows, counted from 1 with the missing ones, copies are counted; none is no word."""
+    points, _ = on_cap(rng, 36, angle=120.0, noise=0.01)
+    np.save(tmp_path / "clean.npy", points)
+    assert "outlier" not in (clean := say("fit", "clean.npy")[1])
+    assert "repeat" not in clean
+    points[[4, 16, 21]] += 5.0
+    points[8] = np.nan
+    np.save(tmp_path / "p.npy", np.concatenate([points, points[30:34]]))
+    said = say("fit", "p.npy")[1]
+    named = "3 of 39 points are outliers (rows 5, 17, 22): the fit "
+    assert f"\n{named}uses them; -e robust leaves them out\n" in said
+    assert "\n4 of 39 rows repeat earlier ones: the errors are too small\n" in said
+    code, said, _ = say("fit", "p.npy", "-e", "robust")
+    assert code == 0
+    assert f"\n{named}leaves them out\n" in said
+    found = json.loads(say("fit", "p.npy", "--json")[1])[0]
+    assert (found["outliers"], found["copies"]) == ([4, 16, 21], 4)
+
+
 def test_json(say, cap, tmp_path):
     """An object per file and estimator with the library's numbers, to the last bit; null where there is none."""
     (tmp_path / "flat.csv").write_text("id,x,y,z\n" + "\n".join(f"{i},{i},{i * i},0" for i in range(9)))

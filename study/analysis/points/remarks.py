@@ -17,17 +17,22 @@ def doubts(fit: Fit) -> Iterator[str]:
 
     Rows are counted from 1 and include those with missing coordinates.
     """
-    rows = (fit.outliers.nonzero()[0] + 1).tolist()
+    rows, samples = (fit.outliers.nonzero()[0] + 1).tolist(), int(fit.count)
     if rows:
         named = ", ".join(str(row) for row in rows[:_NAMED]) + (" …" if len(rows) > _NAMED else "")
-        are = f"{len(rows)} of {int(fit.count)} points {'is an outlier' if len(rows) == 1 else 'are outliers'}"
-        they = "it" if len(rows) == 1 else "them"
-        remedy = f"robust leaves {they} out" if fit.estimator == "robust" else f"-e robust leaves {they} out"
-        yield f"{are} (row{'s' * (len(rows) > 1)} {named}): {remedy}"
+        one = len(rows) == 1
+        points = (
+            f"1 of {samples} points is an outlier (row"
+            if one
+            else f"{len(rows)} of {samples} points are outliers (rows"
+        )
+        it = "it" if one else "them"
+        use = f"leaves {it} out" if fit.estimator == "robust" else f"uses {it}; -e robust leaves {it} out"
+        yield f"{points} {named}): the fit {use}"
     copies = int(fit.copies)
     if copies:
-        repeat = "row repeats an earlier one" if copies == 1 else "rows repeat earlier ones"
-        yield f"{copies} of {int(fit.count)} {repeat}: the errors are too small"
+        repeat = "repeats an earlier one" if copies == 1 else "repeat earlier ones"
+        yield f"{copies} of {samples} rows {repeat}: the errors are too small"
 
 
 def intervals_in_words(fit: Fit, names: list[str]) -> Iterator[str]:

@@ -29,7 +29,7 @@ _SINGULAR = 64.0
 """An extent below so many roundings of the largest is none."""
 
 
-class FitRoom(NamedTuple):
+class SearchRoom(NamedTuple):
     """Working memory for a set of n points in d dimensions.
 
     Attributes:
@@ -50,10 +50,10 @@ class FitRoom(NamedTuple):
 
 
 @compiled
-def workspace(d: int, n: int) -> FitRoom:
+def search_room(d: int, n: int) -> SearchRoom:
     """Allocate working memory."""
     vectors, matrices = np.empty((5, d)), np.empty((2, d, d))
-    return FitRoom(np.empty(n), np.empty(n), np.empty(n), np.empty((d + 2, CHUNK)), vectors, matrices)
+    return SearchRoom(np.empty(n), np.empty(n), np.empty(n), np.empty((d + 2, CHUNK)), vectors, matrices)
 
 
 @compiled
@@ -96,7 +96,7 @@ def select(values: Floats, place: int) -> float:
 
 
 @compiled
-def nearest(y: Floats, sphere: Floats, h: int, work: FitRoom) -> float:
+def nearest(y: Floats, sphere: Floats, h: int, work: SearchRoom) -> float:
     """Give the h points nearest to a sphere the weight 1, and return the sum of their squared distances.
 
     With ties there are more than h; the sum is that of h.
@@ -116,7 +116,7 @@ def nearest(y: Floats, sphere: Floats, h: int, work: FitRoom) -> float:
 
 
 @compiled
-def _taubin(y: Floats, work: FitRoom, sphere: Floats) -> bool:
+def _taubin(y: Floats, work: SearchRoom, sphere: Floats) -> bool:
     """Taubin's fit of the points of weight 1; False, and no sphere, if they do not determine one."""
     weight, rows, vectors = work.weight, work.rows, work.vectors
     d, n = y.shape
@@ -209,7 +209,7 @@ def concentrate(y: Floats, starts: Floats, h: int, spheres: Floats, sums: Floats
     best first: infinite where there is no sphere.
     """
     b, d, n = y.shape
-    work, sphere = workspace(d, n), np.empty(d + 1)
+    work, sphere = search_room(d, n), np.empty(d + 1)
     for t in range(b):
         fill(sums[t], math.inf)
         for turn in range(starts.shape[1] + FINALISTS):

@@ -19,7 +19,7 @@ import numpy as np
 
 from study.estimators.newton import ON, STATE, Search, advance, begin
 from study.estimators.newton import Room as NewtonRoom
-from study.estimators.robust.concentration import FitRoom, nearest, residuals, select, workspace
+from study.estimators.robust.concentration import SearchRoom, nearest, residuals, search_room, select
 from study.sphere.jit import CHUNK, compiled, dot, fill
 from study.sphere.linalg import cholesky_solve
 from study.sphere.types import Bools, Floats
@@ -87,7 +87,7 @@ def _pass(y: Floats, weight: Floats, center: Floats, radius: float, rows: Floats
 
 
 @compiled
-def _scatter(y: Floats, sphere: Floats, work: FitRoom) -> bool:
+def _scatter(y: Floats, sphere: Floats, work: SearchRoom) -> bool:
     """Directions of the points of weight 1: their mean, and Cholesky's factor of Σ(e - ē)(e - ē)ᵀ; False if singular.
 
     They are left in ``work.vectors[0]`` and ``work.matrices[0]``.
@@ -126,7 +126,7 @@ def _scatter(y: Floats, sphere: Floats, work: FitRoom) -> bool:
 
 
 @compiled
-def _deleted(y: Floats, sphere: Floats, scale: float, m: int, work: FitRoom) -> None:
+def _deleted(y: Floats, sphere: Floats, scale: float, m: int, work: SearchRoom) -> None:
     """Replace the residuals R - r in ``work.distance`` by the sizes of the deleted ones."""
     d, n = y.shape
     mean, e, factor = work.vectors[0], work.vectors[1], work.matrices[0]
@@ -166,7 +166,7 @@ def grow(y: Floats, spheres: Floats, h: int, limits: Limits, outside: Bools, cos
     """
     b, d, n = y.shape
     quantiles, floor = limits
-    work, sums = workspace(d, n), np.empty(2 + 2 * d + d * d)
+    work, sums = search_room(d, n), np.empty(2 + 2 * d + d * d)
     sphere, newton = np.empty(d + 1), NewtonRoom(np.empty(d), np.empty((d, d)), np.empty((d, d)))
     state = np.empty(1, STATE)
     search = Search(state[0], np.empty(d), np.empty(d), np.empty(d), np.empty(3))

@@ -38,7 +38,8 @@ def limits_of(n: int, d: int) -> Floats:
     """
     m, first = np.arange(n, dtype=float), d + 2
     nodes = np.arange(first, n) if n <= _EXACT else np.unique(np.geomspace(first, n - 1, _EXACT).astype(int))
-    freedom, levels = nodes - d - 1.0, FALSE_ALARMS / (nodes + 1.0)
+    freedom: Floats = np.asarray(nodes - d - 1.0)
+    levels = FALSE_ALARMS / (nodes + 1.0)
     few = freedom <= _FEW
     limits = np.empty(len(nodes))
     limits[~few] = [_series(f, level) for f, level in zip(freedom[~few], levels[~few], strict=True)]

@@ -43,9 +43,11 @@ def test_outliers_and_copies(cap):
     assert list(doubts(study.fit(cap))) == []
     wrong = cap.copy()
     wrong[7] += 0.5
-    assert list(doubts(study.fit(wrong))) == ["1 of 40 points is an outlier (row 8): -e robust leaves it out"]
+    assert list(doubts(study.fit(wrong))) == [
+        "1 of 40 points is an outlier (row 8): the fit uses it; -e robust leaves it out"
+    ]
     robust = study.fit(wrong, "robust")
-    assert list(doubts(robust)) == ["1 of 40 points is an outlier (row 8): robust leaves it out"]
+    assert list(doubts(robust)) == ["1 of 40 points is an outlier (row 8): the fit leaves it out"]
     others = study.fit(np.delete(wrong, 7, axis=0))
     np.testing.assert_allclose(robust.interval("radius"), others.interval("radius"), rtol=1e-6)
     twice = np.repeat(cap, 5, axis=0)
