@@ -29,11 +29,11 @@ from sybil.parsers.markdown import CodeBlockParser, SkipParser
 
 DOCS = Path(__file__).resolve().parent
 MASKS = re.compile(
-    r"\d[\d.,]* ?(?:s|ms|µs|min|MB|kB)\b"  # times and sizes of files
+    r"\d[\d.,]* ?(?:s|ms|µs|min|MB|kB|data sets)\b"  # times, sizes of files, work done in a time
 )
 FILE = re.compile(r"# ([\w-]+\.(?:py|toml|csv))\n")
 MADE = re.compile(r"(<!-- made: ([\w.]+) -->\n).*?(<!-- end -->)", re.DOTALL)
-LONGEST = 120
+LONGEST = 600
 """Seconds after which a command is stopped."""
 
 
@@ -43,8 +43,8 @@ class OutputError(Exception):
 
 def alike(stored: str, printed: str) -> bool:
     """True if an output is the stored one, machine-dependent numbers and runs of blanks aside."""
-    pattern = r"\n".join(r"(?:.*\n)*?.*" if line == "…" else re.escape(line) for line in _plain(stored))
-    return re.fullmatch(pattern, "\n".join(_plain(printed))) is not None
+    lines = [r"(?:.*\n)*?" if line == "…" else re.escape(line) + r"\n" for line in _plain(stored)]
+    return re.fullmatch("".join(lines), "".join(f"{line}\n" for line in _plain(printed))) is not None
 
 
 def _plain(text: str) -> list[str]:
