@@ -12,30 +12,61 @@ from typing import Annotated, Any
 
 import typer
 
+from study import __version__
 from study.analysis.commands import check, cost, diff, estimators, regret, status, summary, verify, worst
 from study.coverage.commands import coverage
 from study.mocap.commands.case_study import case_study
 from study.mocap.commands.fetch import fetch
+from study.mocap.commands.joint import joint
 from study.mocap.commands.joints import joints
 from study.mocap.commands.markersets import markersets
 from study.mocap.commands.recording import recording
 from study.mocap.commands.skeleton import skeleton
 from study.mocap.commands.synthetic import synthetic
-from study.runs.commands import RUNS, ExitCode, Folder, run_folder, worker
+from study.runs.commands import (
+    CONFIG_HELP,
+    EXIT_CODES,
+    RUNS,
+    ExitCode,
+    Folder,
+    Jobs,
+    Json,
+    configs,
+    plan,
+    run_folder,
+    worker,
+)
 from study.runs.plugin_option import with_plugins
 from study.runs.workers import instruction_set
+from study.text.grouped_help import GroupedHelp
+
+
+class StudyCommands(GroupedHelp):
+    """The command line of this package."""
+
+    exit_codes = EXIT_CODES
+
 
 app = typer.Typer(
+    cls=StudyCommands,
     help="Monte-Carlo study of closed-form sphere fits (Knight & Semwal 2009).",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
 
-_CONFIG = "config file, or name of a shipped config (see `study configs`)"
-Config = Annotated[Path, typer.Argument(metavar="CONFIG", help=_CONFIG)]
-Configs = Annotated[list[Path], typer.Argument(metavar="CONFIG…", help=_CONFIG)]
+
+def _print_version(asked: bool) -> None:
+    """Print the version, if it is asked for, and end."""
+    if asked:
+        typer.echo(f"study {__version__}")
+        raise typer.Exit
+
+
+Version = Annotated[
+    bool, typer.Option("--version", is_eager=True, callback=_print_version, help="Print the version and exit.")
+]
+Configs = Annotated[list[Path], typer.Argument(metavar="CONFIG…", help=CONFIG_HELP)]
 Folders = Annotated[
     list[Path],
     typer.Argument(metavar="RUN", parser=run_folder, help="folders of runs, or their configs, each of another config"),
@@ -48,7 +79,6 @@ Figures = Annotated[list[str] | None, typer.Argument(metavar="FIGURE…", help="
 Out = Annotated[Path | None, typer.Option("--out", help="folder of the run [default: results/<name>-<digest>]")]
 Pictures = Annotated[Path | None, typer.Option("--out", help="folder for the pictures [default: RUN/figures]")]
 Page = Annotated[Path | None, typer.Option("--out", help="file of the page [default: RUN/report.html]")]
-Jobs = Annotated[int, typer.Option("--jobs", "-j", min=1, max=1024, help="number of workers")]
 _BACKEND = "threads, loky (processes) or dask (a cluster) [default: threads; loky for long studies]"
 Backend = Annotated[str | None, typer.Option("--backend", help=_BACKEND)]
 Scheduler = Annotated[str | None, typer.Option("--scheduler", help="address of a Dask scheduler: tcp://host:8786")]
@@ -56,7 +86,7 @@ _BUDGET = "start no new work after this many seconds; for configs with [precisio
 Seconds = Annotated[float | None, typer.Option("--budget", min=0.0, help=_BUDGET)]
 _POINTS = "CSV, TSV or other text, .npy, or .parquet; - for standard input"
 Points = Annotated[list[Path], typer.Argument(metavar="POINTS…", help=_POINTS, allow_dash=True)]
-Json = Annotated[bool, typer.Option("--json", help="print the fits as JSON")]
+FitsAsJson = Annotated[bool, typer.Option("--json", help="print the fits as JSON")]
 Csv = Annotated[bool, typer.Option("--csv", help="print the fits as CSV")]
 Estimator = Annotated[str, typer.Option("--estimator", "-e", help="name of an estimator, or all")]
 Noise = Annotated[float | None, typer.Option("--noise", help="standard deviation of a coordinate, if known")]
@@ -68,35 +98,6 @@ PointsOut = Annotated[Path | None, typer.Option("--out", help="file for the poin
 Plot = Annotated[Path | None, typer.Option("--plot", help="file for a picture of the points and the fits")]
 
 
-@app.command()
-def configs() -> None:
-    """List the shipped configs. `study plan` and `study run` take them by name."""
-    from study.experiment.shipped_configs import shipped_configs, summary_line
-    from study.text.columns import columns
-
-    for line in columns([name, summary_line(path)] for name, path in shipped_configs().items()):
-        typer.echo(line)
-
-
-@app.command()
-def plan(config: Config, jobs: Jobs = 2) -> None:
-    """Predict a study's size and time without running it."""
-    from study.experiment.config import load
-    from study.experiment.shipped_configs import config_file
-    from study.runs.plan import extremes
-    from study.runs.plan import plan as make_plan
-    from study.text.columns import columns
-
-    study = load(config_file(config))
-    typer.echo(f"{study.run_name()}")
-    for title, part in extremes(study).items():
-        if title:
-            typer.echo(f"  {title}")
-        for line in columns(make_plan(part, jobs).lines(), indent=2):
-            typer.echo(line)
-
-
-@app.command()
 def run(
     configs: Configs,
     jobs: Jobs = 2,
@@ -149,7 +150,6 @@ def run(
         raise typer.Exit(_complain("\n".join(complaints), code))
 
 
-@app.command()
 def posterior(folder: Folder, jobs: Jobs = 2) -> None:
     """Sample posteriors of a run's trials.
 
@@ -166,10 +166,12 @@ def posterior(folder: Folder, jobs: Jobs = 2) -> None:
         typer.echo(line)
 
 
-@app.command()
 def figures(folder: Folder, names: Figures = None, out: Pictures = None) -> None:
-    """Draw a run's figures from its tables, as PNG and SVG."""
-    from study.figures import FIGURES, draw_all
+    """Draw a run's figures from its tables, as PNG and SVG.
+
+    A figure that fails does not cost the others; its place in the code is printed, and the exit code is 1.
+    """
+    from study.figures import FAILED, FIGURES, draw_all
     from study.runs.storage.run_folder import Run
     from study.text.nearest import did_you_mean
 
@@ -181,27 +183,33 @@ def figures(folder: Folder, names: Figures = None, out: Pictures = None) -> None
     for path in drawn:
         typer.echo(str(path))
     for name, reason in skipped.items():
-        typer.echo(f"{name}: not drawn: {reason}", err=True)
+        typer.echo(f"{name}: {'' if reason.startswith(FAILED) else 'not drawn: '}{reason}", err=True)
+    if any(reason.startswith(FAILED) for reason in skipped.values()):
+        raise typer.Exit(ExitCode.FAILURE)
 
 
-@app.command()
-def claims(folders: Folders, cost: Cost = None, recording: Recordings = None) -> None:
+def claims(folders: Folders, cost: Cost = None, recording: Recordings = None, as_json: Json = False) -> None:
     """Judge the paper's claims by runs.
 
     The verdicts and the numbers behind them are printed, and stored in the first run's folder.
+
+    With --json: runs, a list of names; verdicts, the count of each; claims, a list of the columns of the stored table:
+    number, name, section, statement, quantity, value, error, trials, verdict, finding, criterion, remark, reads, runs
+    and figure.
     """
-    from study.analysis.claims import judge_all, printed, save
+    from study.analysis.claims import as_data, judge_all, printed, save
     from study.mocap.case_study.stored_case_studies import read_case_studies
     from study.runs.storage.run_folder import Run
+    from study.text.json_text import json_text
 
     runs = [Run.open(folder) for folder in folders]
     judged = judge_all(runs, cost, read_case_studies(recording) if recording else None)
     save(runs[0], judged)
-    for line in printed(judged):
+    lines = [json_text(as_data(runs, judged))] if as_json else printed(judged)
+    for line in lines:
         typer.echo(line)
 
 
-@app.command()
 def report(
     folders: Folders, out: Page = None, cost: Cost = None, recording: Recordings = None, bench: Bench = None
 ) -> None:
@@ -220,14 +228,13 @@ def report(
     typer.echo(str(save(render(runs, judged, measured), out or runs[0].folder / "report.html")))
 
 
-@app.command()
 def fit(
     files: Points,
     estimator: Estimator = "corrected",
     noise: Noise = None,
     columns: Columns = None,
     plot: Plot = None,
-    as_json: Json = False,
+    as_json: FitsAsJson = False,
     as_csv: Csv = False,
 ) -> None:
     """Fit a sphere, or a circle, to the points in each file.
@@ -263,7 +270,6 @@ def fit(
         raise typer.Exit(ExitCode.TOO_MANY_FAILURES)
 
 
-@app.command()
 def replay(folder: Folder, cell: Cell, trial: Trial = None, out: PointsOut = None, plot: Plot = None) -> None:
     """Draw one trial of a run again.
 
@@ -294,23 +300,22 @@ def replay(folder: Folder, cell: Cell, trial: Trial = None, out: PointsOut = Non
         save_picture(draw(prepare(frame.to_numpy(), fits(run.study, drawn), axes)), plot)
 
 
-_OF_RUNS: tuple[Callable[..., None], ...] = (status, summary, diff, worst, regret, verify, estimators)
-_OF_RECORDINGS: tuple[Callable[..., None], ...] = (
-    recording,
-    joints,
-    skeleton,
-    case_study,
-    synthetic,
-    fetch,
-    markersets,
-)
-_FURTHER: tuple[Callable[..., None], ...] = (check, cost, coverage, worker)
-for _command in _OF_RUNS + _FURTHER + _OF_RECORDINGS:
-    app.command()(_command)
-_ALONE: set[Callable[..., None]] = {configs, *_FURTHER, *_OF_RECORDINGS}
-for _entry in app.registered_commands:  # those that read configs, runs or names of estimators
-    if _entry.callback is not None and _entry.callback not in _ALONE:
-        _entry.callback = with_plugins(_entry.callback)
+_GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
+    "Studies": (configs, plan, run, status, posterior, coverage, worker),
+    "Results": (summary, claims, figures, report, worst, replay, regret, diff, verify),
+    "Points and estimators": (fit, estimators, check, cost),
+    "Recordings": (recording, joint, joints, skeleton, case_study, synthetic, fetch, markersets),
+}
+_NEEDS_NO_ESTIMATOR: set[Callable[..., None]] = {configs, check, cost, coverage, worker, *_GROUPS["Recordings"]}
+for _title, _commands in _GROUPS.items():
+    for _command in _commands:  # those that read configs, runs or names of estimators take --plugin
+        _entry = _command if _command in _NEEDS_NO_ESTIMATOR else with_plugins(_command)
+        app.command(rich_help_panel=_title)(_entry)
+
+
+@app.callback()
+def options(version: Version = False) -> None:
+    """Take the options that stand before a command."""
 
 
 @contextlib.contextmanager

@@ -30,9 +30,20 @@ ROOMS = [
 ]
 SUB_ROOMS = {
     "runs": ["storage", "workers", "adaptive"],
-    "mocap": ["geometry", "io", "markersets", "joints", "skeleton", "view", "synthetic", "case_study", "commands"],
+    "mocap": [
+        "geometry",
+        "io",
+        "markersets",
+        "joints",
+        "one_joint",
+        "skeleton",
+        "view",
+        "synthetic",
+        "case_study",
+        "commands",
+    ],
     "sphere": ["random"],
-    "estimators": ["intervals", "robust", "form", "answer", "geometric", "own"],
+    "estimators": ["geometric", "form", "robust", "intervals", "answer", "own"],
     "analysis": ["claims", "verification", "points"],
     "experiment": ["noise", "designs"],
     "figures": ["paper"],

@@ -18,7 +18,8 @@ from study.mocap.markersets.set_file import load_markerset, shipped
 import study
 print(study.__file__)
 print(*(path for path in shipped_configs().values()), sep="\\n")
-print(len([load(path) for path in shipped_configs().values()]), len([load_markerset(name) for name in shipped()]))
+studies = [load(path) for name, path in shipped_configs().items() if name != "coverage"]  # has its own reader
+print(len(studies), len([load_markerset(name) for name in shipped()]))
 """
 
 
@@ -56,4 +57,4 @@ def test_configs_and_marker_sets_are_found_from_elsewhere(installed, tmp_path):
     assert {Path(path).stem for path in configs} == {path.stem for path in (ROOT / "configs").glob("*.toml")}
     assert all(path.startswith(str(installed)) for path in configs)
     sets = len(list((ROOT / "study" / "mocap" / "markersets").glob("*.toml")))
-    assert counts == f"{len(configs)} {sets}"
+    assert counts == f"{len(configs) - 1} {sets}"

@@ -5,42 +5,95 @@ from typing import Annotated
 
 import typer
 
-from study.runs.commands import ExitCode, Folder, run_folder
+from study.runs.commands import ExitCode, Folder, Json, run_folder
 
 
-def status(folder: Folder) -> None:
+def status(folder: Folder, as_json: Json = False) -> None:
     """Print the state of a run.
 
     These are its units, parts, failures, tables, and the software that made it.
+
+    With --json: run, folder, state, finished, writer, units (total, done, missing), cells (total, target, cap, open;
+    null without [precision]), parts (whole, damaged, set_aside), failures (fits, failed, lost; null until the run is
+    finished), tables, damaged, and made_by.
     """
     from study.runs.status import printed
+    from study.runs.status import status as status_of
+    from study.text.json_text import json_text
 
-    for line in printed(folder):
+    found = status_of(folder)
+    for line in [json_text(vars(found))] if as_json else printed(found):
         typer.echo(line)
 
 
-def summary(folder: Folder) -> None:
-    """Print a run's median errors over the bound."""
-    from study.analysis.summary_text import printed
-    from study.runs.storage.run_folder import Run
+Where = Annotated[
+    list[str] | None,
+    typer.Option("--where", metavar="CONDITION=VALUE,…", help="cells with these values, such as angle=45,samples=1000"),
+]
+Some = Annotated[
+    str | None, typer.Option("--estimators", "-e", metavar="NAME,…", help="such as als,mle [default: all]")
+]
+All = Annotated[bool, typer.Option("--all", help="print every row; by default some that are evenly spread")]
+Csv = Annotated[bool, typer.Option("--csv", help="print all columns of the summary table as CSV")]
 
-    for line in printed(Run.open(folder)):
+
+def summary(
+    folder: Folder,
+    where: Where = None,
+    estimators: Some = None,
+    every: All = False,
+    as_json: Json = False,
+    as_csv: Csv = False,
+) -> None:
+    """Print a run's median errors over the bound.
+
+    The table fits a screen: of many cells some are printed, evenly spread over the conditions, and cells that differ
+    by scaling alone once. A condition of --where that is given several times may have any of its values.
+
+    --csv and --json have every cell that --where and --estimators choose. With --json: run, bound, conditions (their
+    names), and rows, each with the columns of the summary table and, where they are known, noise_over_radius and the
+    medians at the bounds, median_cramer_rao and median_attainable.
+    """
+    from study.analysis.summary_choice import RowChoice
+    from study.analysis.summary_text import as_csv as csv_text
+    from study.analysis.summary_text import as_data, printed
+    from study.runs.storage.run_folder import Run
+    from study.text.json_text import json_text
+
+    if as_json and as_csv:
+        raise typer.BadParameter("give --json or --csv, not both")
+    run = Run.open(folder)
+    try:
+        choice = RowChoice.of(run, where or [], estimators)
+        if as_json:
+            lines = [json_text(as_data(run, choice))]
+        else:
+            lines = csv_text(run, choice).splitlines() if as_csv else list(printed(run, choice, every))
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from None
+    for line in lines:
         typer.echo(line)
 
 
 def diff(
     one: Annotated[Path, typer.Argument(metavar="RUN_A", parser=run_folder, help="folder of a run, or its config")],
     other: Annotated[Path, typer.Argument(metavar="RUN_B", parser=run_folder, help="folder of another run")],
+    as_json: Json = False,
 ) -> None:
     """Compare two runs.
 
     They are identical, the same within Monte-Carlo error, or different (exit code 1).
+
+    With --json: verdict, runs (folder, run, made_by, only_here), test, threshold of the chance, and comparisons, each
+    with group, estimator, conditions, measure, first, second, deviation in standard errors, chance, trials, equal and
+    different.
     """
-    from study.analysis.compare import compare, printed
+    from study.analysis.compare import as_data, compare, printed
     from study.runs.storage.run_folder import Run
+    from study.text.json_text import json_text
 
     found = compare(Run.open(one), Run.open(other))
-    for line in printed(found):
+    for line in [json_text(as_data(found))] if as_json else printed(found):
         typer.echo(line)
     if found.different:
         raise typer.Exit(ExitCode.FAILURE)
@@ -72,15 +125,22 @@ def worst(
     folder: Folder,
     count: Annotated[int, typer.Option("--count", "-n", min=1, help="number of trials")] = 10,
     estimator: Annotated[str | None, typer.Option("--estimator", "-e", help="one estimator [default: all]")] = None,
+    as_json: Json = False,
 ) -> None:
     """List the trials with the largest errors.
 
     Errors are in units of the bound; only fits whose status is ok count.
-    """
-    from study.analysis.worst import printed
-    from study.runs.storage.run_folder import Run
 
-    for line in printed(Run.open(folder), count, estimator):
+    With --json: run, bound, and trials, each with the name that `study replay` takes, cell, trial, estimator, ratio
+    (error over bound), error, bound, and the conditions.
+    """
+    from study.analysis.worst import as_data, of_run, printed
+    from study.runs.storage.run_folder import Run
+    from study.text.json_text import json_text
+
+    run = Run.open(folder)
+    found = of_run(run, count, estimator)
+    for line in [json_text(as_data(run, found))] if as_json else printed(run, found):
         typer.echo(line)
 
 

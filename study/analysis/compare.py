@@ -16,6 +16,7 @@ a thousand times, whatever the dependence between the comparisons.
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -92,6 +93,13 @@ class Difference:
     def different(self) -> bool:
         """True if any comparison is too improbable for equal runs."""
         return any(each.chance < self.threshold for each in self.found)
+
+    @property
+    def verdict(self) -> str:
+        """The result in words."""
+        if self.identical:
+            return "identical"
+        return "different" if self.different else "the same within Monte-Carlo error"
 
     @property
     def identical(self) -> bool:
@@ -210,6 +218,32 @@ def _words(row: "pd.Series[float]", key: Key) -> str:
     return f"{label(row)}, cell {key[0]}"
 
 
+def as_data(found: Difference) -> dict[str, Any]:
+    """A comparison for other programs: the verdict, the two runs, the test, and a mapping per comparison."""
+    runs = [
+        {"folder": run.folder, "run": run.study.run_name(), "made_by": run.maker(), "only_here": only}
+        for run, only in zip(found.runs, found.only, strict=True)
+    ]
+    comparisons = [
+        {
+            "group": each.key[0],
+            "estimator": each.key[1],
+            "conditions": each.words,
+            "measure": each.measure,
+            "first": each.one,
+            "second": each.other,
+            "deviation": each.deviation,
+            "chance": each.chance,
+            "trials": each.trials,
+            "equal": each.equal,
+            "different": each.chance < found.threshold,
+        }
+        for each in found.found
+    ]
+    data = {"verdict": found.verdict, "runs": runs, "test": found.how, "threshold": found.threshold}
+    return {**data, "comparisons": comparisons}
+
+
 def printed(found: Difference, most: int = 5) -> Iterator[str]:
     """A comparison for a terminal: the verdict, the test, and the largest differences.
 
@@ -218,10 +252,7 @@ def printed(found: Difference, most: int = 5) -> Iterator[str]:
         most: number of differences to list.
     """
     names = [str(run.folder) for run in found.runs]
-    verdict = (
-        "identical" if found.identical else "different" if found.different else "the same within Monte-Carlo error"
-    )
-    yield f"{names[0]} and {names[1]}: {verdict}"
+    yield f"{names[0]} and {names[1]}: {found.verdict}"
     for name, run, only in zip(names, found.runs, found.only, strict=True):
         more = f"; {only:,} pairs of group and estimator are in this run only" if only else ""
         yield f"  {name}: {run.study.run_name()}, {described(run.maker())}{more}"

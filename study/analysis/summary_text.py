@@ -1,39 +1,143 @@
-"""The summary of a run for a terminal: median errors in units of the bound."""
+"""The summary of a run for a terminal, and for other programs: median errors in units of the bound."""
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
-from study.analysis.medians_at_bounds import has_bounds, medians_at_bounds
-from study.experiment.conditions import NOISE_OVER_RADIUS, Condition, RowValues, bound_law, distinguishing
+from study.analysis.medians_at_bounds import AtBounds, has_bounds, medians_at_bounds
+from study.analysis.summary_choice import RowChoice, evenly_spread, once_by_scaling
+from study.experiment.conditions import ANGLE, NOISE_OVER_RADIUS, Condition, RowValues, bound_law, distinguishing
+from study.experiment.config import Study
 from study.runs.storage.run_folder import Run
 from study.text.columns import columns
 
+ROWS = 32
+"""Most rows of a table that, with the lines about it, fits 40 lines."""
 
-def printed(run: Run) -> Iterator[str]:
+
+def printed(run: Run, choice: RowChoice | None = None, every: bool = False) -> Iterator[str]:
     """The medians of error over bound of a run.
 
+    Args:
+        run: a finished run.
+        choice: the rows; all if None.
+        every: print each of them; otherwise cells that are the same by scaling are printed once, and of more than
+            `ROWS` rows some that are evenly spread.
+
     Yields:
-        A title, a header, and a line per group: for each estimator the median error of the ok fits over the bound
-        with its Monte-Carlo error, and in brackets the share of fits that are not ok, if there are any. Before them
-        stand the medians of estimators with Gaussian errors at the two bounds, where the cells have them.
+        A title, a legend, a header, and a line per group: for each estimator the median error of the ok fits over the
+        bound with its Monte-Carlo error, and in brackets the share of fits that are not ok, if there are any. Before
+        them stand the medians of estimators with Gaussian errors at the two bounds, where the cells have them. Last
+        come the numbers of rows that were left out.
+
+    Raises:
+        ValueError: if no cell has the values of the choice.
     """
-    frame = run.table("summary")
-    bound = bound_law(frame.columns) or "Cramér-Rao bound"
-    yield f"{run.study.run_name()}: median error of the centre over the {bound} ± its Monte-Carlo error"
+    table = run.table("summary")
+    frame = (choice or RowChoice()).rows(table)
+    yield f"{run.study.run_name()}: median error of the centre over the {_bound(frame)} ± its Monte-Carlo error"
     yield "Fits that are not ok are left out; brackets give their share."
     if frame.empty:
         yield "no cell has a trial yet"
         return
-    named, bounded = distinguishing(frame), has_bounds(run.study)
+    chosen, notes = (frame, []) if every else _fitting(run, frame)
+    named, bounded = distinguishing(chosen), has_bounds(run.study)
+    yield _legend(chosen, named)
     if bounded:
         yield "CRLB and attainable: what Gaussian errors at the Cramér-Rao and at the attainable bound would have."
-    rows = []
+    rows, at_bounds = [], _AtBounds(run.study)
+    for _, part in chosen.groupby("group", sort=False):
+        fits = part.to_dict("records")
+        bounds = [f"{value:.3g}" for value in at_bounds(fits[0])] if bounded else []
+        rows.append([_conditions(fits[0], named), *bounds, *map(_median, fits)])
+    yield from columns(rows, ["", *(["CRLB", "attainable"] if bounded else []), *dict.fromkeys(chosen["estimator"])])
+    yield from notes
+
+
+def as_data(run: Run, choice: RowChoice) -> dict[str, Any]:
+    """The chosen rows for other programs: run, bound, names of the conditions, and a mapping per row.
+
+    Raises:
+        ValueError: if no cell has the values of the choice.
+    """
+    frame = choice.rows(run.table("summary"))
+    bounded, at_bounds = has_bounds(run.study), _AtBounds(run.study)
+    rows: list[dict[str, Any]] = []
     for _, part in frame.groupby("group", sort=False):
         fits = part.to_dict("records")
-        bounds = [f"{value:.3g}" for value in medians_at_bounds(run.study, fits[0])] if bounded else []
-        rows.append([_conditions(fits[0], named), *bounds, *map(_median, fits)])
-    yield from columns(rows, ["", *(["CRLB", "attainable"] if bounded else []), *dict.fromkeys(frame["estimator"])])
+        more: dict[str, float] = {}
+        if not run.study.design.one_trial_a_cell:
+            more["noise_over_radius"] = NOISE_OVER_RADIUS.of(fits[0])
+        if bounded:
+            at = at_bounds(fits[0])
+            more |= {"median_cramer_rao": at.cramer_rao, "median_attainable": at.attainable}
+        rows += [{str(name): value for name, value in fit.items()} | more for fit in fits]
+    conditions = [condition.name for condition in run.study.conditions()]
+    return {"run": run.study.run_name(), "bound": _bound(frame), "conditions": conditions, "rows": rows}
+
+
+def as_csv(run: Run, choice: RowChoice) -> str:
+    """The chosen rows of the summary table as CSV, all columns, with a header; an empty field is not a number.
+
+    Raises:
+        ValueError: if no cell has the values of the choice.
+    """
+    return choice.rows(run.table("summary")).to_csv(index=False, lineterminator="\n")
+
+
+class _AtBounds:
+    """Medians at the bounds, computed once for cells that differ by scaling alone."""
+
+    def __init__(self, study: Study) -> None:
+        self.study = study
+        self.known: dict[tuple[float, str], AtBounds] = {}
+
+    def __call__(self, row: RowValues) -> AtBounds:
+        key = float(ANGLE.of(row)), f"{NOISE_OVER_RADIUS.of(row):.12g}"
+        if key not in self.known:
+            self.known[key] = medians_at_bounds(self.study, row)
+        return self.known[key]
+
+
+def _bound(frame: pd.DataFrame) -> str:
+    return bound_law(frame.columns) or "Cramér-Rao bound"
+
+
+def _fitting(run: Run, frame: pd.DataFrame) -> tuple[pd.DataFrame, list[str]]:
+    """The rows that fit a screen, and lines that tell of the others."""
+    total, notes = frame["group"].nunique(), []
+    if not run.study.design.one_trial_a_cell:
+        frame = once_by_scaling(frame)
+    if same := total - (different := frame["group"].nunique()):
+        cells = "1 cell has" if same == 1 else f"{same:,} cells have"
+        notes.append(f"{cells} the numbers of one above, as only scale or centre differ; --all shows them.")
+    first = frame.drop_duplicates("group")
+    named = distinguishing(first)
+    keys = [_place(row, named) for row in first.to_dict("records")]
+    weights = [2.0 if condition is NOISE_OVER_RADIUS else 1.0 for condition in named]  # estimators part along it
+    use = evenly_spread(keys, ROWS, weights[: len(keys[0])])
+    if not all(use):
+        frame = frame[frame["group"].isin(first["group"][use])]
+        more = "--all shows all, --where and --estimators choose, --csv is for other programs."
+        notes.append(f"{sum(use):,} of {different:,} rows, evenly spread; {more}")
+    return frame, notes
+
+
+def _place(row: RowValues, named: list[Condition]) -> tuple[Any, ...]:
+    """The place of a group in the design, for conditions whose values may be rounded differently."""
+    if np.isfinite(row["decade"]):
+        return (row["decade"],)
+    return tuple(v if isinstance(v := c.of(row), str) else float(f"{v:.9g}") for c in named)
+
+
+def _legend(frame: pd.DataFrame, named: list[Condition]) -> str:
+    """The meaning of the symbols in the first column."""
+    if np.isfinite(frame["decade"].iloc[0]):
+        first = int(frame["decade"].iloc[0])
+        return f"{NOISE_OVER_RADIUS.symbol} = 1e{first:+03d} …: the trials with σ/r from 1e{first:+03d} to ten times it"
+    return "; ".join(f"{c.symbol}: {c.meaning.removesuffix(f' {c.symbol}')}" for c in named)
 
 
 def _conditions(row: RowValues, named: list[Condition]) -> str:

@@ -1,6 +1,7 @@
 """The worst trials of a run: the largest errors among the fits whose status is ok."""
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -42,8 +43,8 @@ def worst(errors: pd.DataFrame, count: int = 5, estimator: str | None = None) ->
     return found.drop_duplicates(["cell", "trial"]).head(count).reset_index(drop=True)
 
 
-def printed(run: Run, count: int, estimator: str | None = None) -> Iterator[str]:
-    """The worst trials for a terminal, each by the name that `study replay RUN NAME` takes.
+def of_run(run: Run, count: int, estimator: str | None = None) -> pd.DataFrame:
+    """The worst trials of a run, as `worst` finds them in its error table.
 
     Raises:
         RunError: if the run did not finish, or does not have the estimator.
@@ -53,7 +54,26 @@ def printed(run: Run, count: int, estimator: str | None = None) -> Iterator[str]
         raise RunError(f"{run.folder}: no estimator {estimator!r} in this run; {did_you_mean(estimator, known)}")
     conditions = [condition.name for condition in run.study.conditions()]
     used = ["cell", "trial", *conditions, "estimator", "error", "bound", "status"]
-    found, shown = worst(run.table("errors", used), count, estimator), named_in(conditions)
+    return worst(run.table("errors", used), count, estimator)
+
+
+def as_data(run: Run, found: pd.DataFrame) -> dict[str, Any]:
+    """The worst trials for other programs: the run's name, the bound in words, and a mapping per trial."""
+    conditions = [condition.name for condition in run.study.conditions()]
+    trials = [
+        {
+            "name": f"{row['cell']}/{row['trial']}",
+            **{name: row[name] for name in ("cell", "trial", "estimator", "ratio", "error", "bound", *conditions)},
+        }
+        for row in found.to_dict("records")
+    ]
+    return {"run": run.study.run_name(), "bound": bound_law(conditions) or "Cramér-Rao bound", "trials": trials}
+
+
+def printed(run: Run, found: pd.DataFrame) -> Iterator[str]:
+    """The worst trials for a terminal, each by the name that `study replay RUN NAME` takes."""
+    conditions = [condition.name for condition in run.study.conditions()]
+    shown = named_in(conditions)
     bound = bound_law(conditions) or "Cramér-Rao bound"
     yield f"{run.study.run_name()}: the largest errors over the {bound} of fits that are ok"
     rows = [

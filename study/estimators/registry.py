@@ -14,12 +14,12 @@ from study.estimators.careful_fit import careful_fit, is_ordinary
 from study.estimators.estimator import Estimator
 from study.estimators.geometric.corrected import corrected, corrected_01, corrected_02, corrected_12
 from study.estimators.geometric.mle import mle, mle_centroid, mle_mirror
-from study.estimators.geometric.robust import robust, robust_covariance
 from study.estimators.geometric.sandwich import corrected_covariance, sandwich
 from study.estimators.incremental import igdk
 from study.estimators.kasa import gdke, ugdk
 from study.estimators.lls import lls
 from study.estimators.lls_historical import lls_nr, lls_nr_raw, lls_single
+from study.estimators.robust.robust import robust, robust_covariance
 from study.estimators.samples import Samples
 from study.estimators.unknown_covariance import ugdk_cov
 from study.sphere.bounds import noise_covariance

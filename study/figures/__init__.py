@@ -10,6 +10,7 @@ from typing import Any, Protocol
 from matplotlib.figure import Figure
 
 from study.figures import fig_calibration, fig_efficiency, fig_map, fig_posterior, fig_regret, fig_robustness, style
+from study.figures.failure import FAILED, failure
 from study.figures.inputs import NotApplicable, Tables
 from study.figures.paper import (
     fig2_error,
@@ -47,7 +48,7 @@ FIGURES: dict[str, FigureModule] = {
     "fig_calibration": fig_calibration,
 }
 
-__all__ = ["FIGURES", "FigureModule", "NotApplicable", "Tables", "draw_all"]
+__all__ = ["FAILED", "FIGURES", "FigureModule", "NotApplicable", "Tables", "draw_all"]
 
 
 def draw_all(run: Run, folder: Path, names: Collection[str] = ()) -> tuple[list[Path], dict[str, str]]:
@@ -60,7 +61,7 @@ def draw_all(run: Run, folder: Path, names: Collection[str] = ()) -> tuple[list[
 
     Returns:
         The paths written, and for each figure that was not drawn the reason. A figure that fails does not cost the
-        others; its reason starts with "failed".
+        others; its reason starts with `FAILED`, and says where in the code it failed.
 
     Raises:
         RunError: if the run did not finish.
@@ -76,5 +77,5 @@ def draw_all(run: Run, folder: Path, names: Collection[str] = ()) -> tuple[list[
         except NotApplicable as reason:
             skipped[name] = str(reason)
         except Exception as error:  # a figure that fails must not cost the others
-            skipped[name] = f"failed: {error!r}"
+            skipped[name] = failure(error)
     return drawn, skipped

@@ -8,6 +8,7 @@ import re
 from matplotlib.figure import Figure
 
 from study.figures import FIGURES, FigureModule, NotApplicable, Tables, style
+from study.figures.failure import failure
 from study.report.blocks import InlineCode, Picture, Text
 
 
@@ -18,7 +19,7 @@ def add_pictures(tables: Tables, pictures: dict[str, Picture], undrawn: dict[str
         tables: the run.
         pictures: those drawn so far; new ones are added.
         undrawn: for each figure not drawn so far the reasons, by the run's name; kept up to date. A figure that fails
-            does not cost the others; its reason starts with "failed".
+            does not cost the others; its reason says where in the code it failed.
     """
     for name, figure in FIGURES.items():
         if name in pictures:
@@ -28,7 +29,7 @@ def add_pictures(tables: Tables, pictures: dict[str, Picture], undrawn: dict[str
         except NotApplicable as reason:
             undrawn.setdefault(name, {})[tables.name] = str(reason)
         except Exception as error:  # a figure that fails must not cost the page
-            undrawn.setdefault(name, {})[tables.name] = f"failed: {error!r}"
+            undrawn.setdefault(name, {})[tables.name] = failure(error)
         else:
             undrawn.pop(name, None)
 

@@ -1,4 +1,4 @@
-"""Commands about runs, for `study.cli`: their exit codes, and the worker of a cluster."""
+"""Commands about configs and runs, for `study.cli`, with their exit codes; the worker of a cluster."""
 
 from enum import IntEnum
 from pathlib import Path
@@ -24,25 +24,79 @@ def run_folder(argument: str) -> Path:
 
 _FOLDER = "folder of a run, or the config of a run in results/, such as configs/paper.toml, or paper if it is shipped"
 Folder = Annotated[Path, typer.Argument(metavar="RUN", parser=run_folder, help=_FOLDER)]
+CONFIG_HELP = "config file, or name of a shipped config (see `study configs`)"
+Config = Annotated[Path, typer.Argument(metavar="CONFIG", help=CONFIG_HELP)]
+Jobs = Annotated[int, typer.Option("--jobs", "-j", min=1, max=1024, help="number of workers")]
+Json = Annotated[bool, typer.Option("--json", help="print one JSON object, with null where there is no number")]
 
 
 class ExitCode(IntEnum):
-    """Exit code of a command."""
+    """Exit code of a command; `EXIT_CODES` has the meanings."""
 
     COMPLETE = 0
     FAILURE = 1
     USAGE = 2
-    TOO_MANY_FAILURES = 3  # complete, with more failed fits than the config tolerates, or fits that are not ok
-    BUDGET = 4  # stopped by its time budget before every cell had enough trials
-    INTERRUPTED = 130  # by Ctrl-C or SIGTERM
-    NO_READER = 141  # of standard output, such as `head`, which had enough
+    TOO_MANY_FAILURES = 3
+    BUDGET = 4
+    INTERRUPTED = 130
+    NO_READER = 141
+
+
+EXIT_CODES: dict[int, str] = {
+    ExitCode.COMPLETE: "complete",
+    ExitCode.FAILURE: "failed: no such run, a damaged table, runs that differ, a property violated, a figure",
+    ExitCode.USAGE: "wrong usage, or a fault in a config or another file that was given",
+    ExitCode.TOO_MANY_FAILURES: "complete, but more fits failed than the config tolerates, or a fit is not ok",
+    ExitCode.BUDGET: "stopped by --budget before every cell had enough trials",
+    ExitCode.INTERRUPTED: "interrupted by Ctrl-C or SIGTERM; `study run` resumes",
+    ExitCode.NO_READER: "the reader of standard output, such as `head`, has gone",
+}
+"""Meaning of each exit code."""
+
+
+def configs() -> None:
+    """List the shipped configs. `study plan` and `study run` take them by name."""
+    from study.experiment.shipped_configs import shipped_configs, summary_line
+    from study.text.columns import columns
+
+    for line in columns([name, summary_line(path)] for name, path in shipped_configs().items()):
+        typer.echo(line)
+
+
+def plan(config: Config, jobs: Jobs = 2, as_json: Json = False) -> None:
+    """Predict a study's size and time without running it.
+
+    With --json: run, jobs, and parts, a list of title, cells, units, trials, draws, samples, fits, bytes and seconds;
+    one part, or two if the config has [precision].
+    """
+    from study.experiment.config import load
+    from study.experiment.shipped_configs import config_file
+    from study.runs.plan import extremes
+    from study.runs.plan import plan as make_plan
+    from study.text.columns import columns
+    from study.text.json_text import json_text
+
+    study = load(config_file(config))
+    if as_json:
+        parts = [{"title": title, **vars(make_plan(part, jobs))} for title, part in extremes(study).items()]
+        typer.echo(json_text({"run": study.run_name(), "jobs": jobs, "parts": parts}))
+        return
+    typer.echo(f"{study.run_name()}")
+    for title, part in extremes(study).items():
+        if title:
+            typer.echo(f"  {title}")
+        for line in columns(make_plan(part, jobs).lines(), indent=2):
+            typer.echo(line)
 
 
 def worker(
     scheduler: Annotated[str, typer.Argument(metavar="ADDRESS", help="address of a Dask scheduler: tcp://host:8786")],
     options: Annotated[list[str] | None, typer.Argument(metavar="-- OPTION…", help="see `dask worker --help`")] = None,
 ) -> None:
-    """Start a Dask worker whose results are those of this machine, to the last bit."""
+    """Start a Dask worker that gives the results of this machine.
+
+    They are equal to the last bit.
+    """
     from study.runs.workers.dask_cluster import serve
 
     serve(scheduler, options or [])

@@ -2,7 +2,9 @@
 
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from study.experiment.config import Study
 from study.experiment.units import spans
@@ -21,8 +23,44 @@ from study.runs.storage.run_folder import Run
 from study.text.columns import columns
 
 
-def printed(folder: Path) -> Iterator[str]:
-    """Lines about the status of a run, for a terminal.
+@dataclass(frozen=True)
+class RunStatus:
+    """The status of a run.
+
+    Attributes:
+        run: its name.
+        folder: its folder.
+        state: its state in words.
+        finished: True if its tables are written and whole, and `study run` would compute none of it again.
+        writer: the process that writes it at this moment; None if there is none.
+        units: numbers of units by ``total``, ``done`` and ``missing``; those of a finished run with a target of
+            precision are not counted, and None.
+        cells: numbers of cells by ``total``, those that reached the ``target`` and the ``cap``, and those that are
+            ``open``; None without a target of precision.
+        parts: numbers of stored parts by ``whole``, ``damaged`` and ``set_aside``, damaged before.
+        failures: numbers of ``fits``, of those that ``failed``, and of those ``lost`` because a worker died; None until
+            the run is finished.
+        tables: names of the stored tables.
+        damaged: those of them that are damaged.
+        made_by: the software of each part of it, as `study.runs.provenance.software` has it.
+    """
+
+    run: str
+    folder: Path
+    state: str
+    finished: bool
+    writer: str | None
+    units: dict[str, int | None]
+    cells: dict[str, int] | None
+    parts: dict[str, int]
+    failures: dict[str, int] | None
+    tables: list[str]
+    damaged: list[str]
+    made_by: list[dict[str, Any]]
+
+
+def status(folder: Path) -> RunStatus:
+    """Find the status of a run, without changing it.
 
     Args:
         folder: the run's.
@@ -34,38 +72,65 @@ def printed(folder: Path) -> Iterator[str]:
     run.refuse_newer()
     parts = Parts(folder, "units")
     parts.load(set_aside=False)
-    yield f"{run.study.run_name()}: {_state(run, parts)}"
-    yield from columns(_facts(run, parts), indent=2)
+    layout, broken = _layout(run, parts), damaged(run)
+    aside = len(list((parts.folder / DAMAGED).glob("*"))) if parts.folder.is_dir() else 0
+    return RunStatus(
+        run=run.study.run_name(),
+        folder=folder,
+        state=_state(run, parts, bool(broken)),
+        finished=finished(run) and up_to_date(run) and not broken,
+        writer=holder(run.folder),
+        units=_units(run, parts, layout),
+        cells=None if run.study.precision is None else _cells(run, layout),
+        parts={"whole": parts.count, "damaged": len(parts.damaged), "set_aside": aside},
+        failures=_failures(run),
+        tables=sorted(path.stem for path in run.folder.glob("*.parquet")),
+        damaged=sorted(broken),
+        made_by=[made for made in [run.maker(), *parts.made_by] if made],
+    )
 
 
-def _facts(run: Run, parts: Parts) -> Iterator[tuple[str, str]]:
+def printed(found: RunStatus) -> Iterator[str]:
+    """The status of a run for a terminal."""
+    yield f"{found.run}: {found.state}"
+    yield from columns(_facts(found), indent=2)
+
+
+def _facts(found: RunStatus) -> Iterator[tuple[str, str]]:
     """Names and values of the lines."""
-    if (writer := holder(run.folder)) is not None:
-        yield "written by", f"{writer}, at this moment"
-    layout = _layout(run, parts)
-    yield "units", _units(run, parts, layout)
-    if run.study.precision is not None:
-        yield "cells", _cells(run, layout)
-    yield "parts", f"{parts.count:,} whole, {_aside(parts)}"
-    yield "failures", _failures(run)
-    yield "tables", _tables(run)
-    makers = [made for made in [run.maker(), *parts.made_by] if made]
-    for made in makers or [{}]:
+    if found.writer is not None:
+        yield "written by", f"{found.writer}, at this moment"
+    total, done, missing = found.units.values()
+    if not missing:
+        yield "units", "all done" if total is None else f"{total:,}, all done"
+    else:
+        known = f"{total:,} up to this round" if found.cells else f"{total:,}"
+        yield "units", f"{known}, of which {done:,} are done and {missing:,} missing"
+    if (cells := found.cells) is not None:
+        counts = [f"{cells['target']:,} reached the target", f"{cells['cap']:,} the cap", f"{cells['open']:,} are open"]
+        yield "cells", f"{cells['total']:,}, of which {', '.join(counts)}"
+    parts = found.parts
+    damage = f"{parts['damaged']:,} damaged, {parts['set_aside']:,} set aside as damaged before"
+    yield "parts", f"{parts['whole']:,} whole, {damage}"
+    yield "failures", _failures_in_words(found.failures)
+    names = [f"{name} (damaged)" if name in found.damaged else name for name in found.tables]
+    yield "tables", ", ".join(names) or "none"
+    for made in found.made_by or [{}]:
         yield "made by", described(made) + (", not this one" if other_version(made) else "")
 
 
-def _state(run: Run, parts: Parts) -> str:
+def _state(run: Run, parts: Parts, broken: bool) -> str:
     try:
         run.manifest()
     except ManifestDamagedError as error:
         return str(error)
     except RunError:
         pass
-    if finished(run) and damaged(run):
+    if finished(run) and broken:
         return "finished, but a table is damaged; `study run` makes it again"
     if finished(run):
         return "finished" if up_to_date(run) else "finished, but `study run` would compute some of it again"
-    if damaged(run):
+    if broken:
         return "damaged; `study run` computes the lost rows again"
     if (seconds := run.stopped()) is not None:
         return f"stopped by its budget of {seconds:g} s; `study run` resumes it"
@@ -82,40 +147,34 @@ def _layout(run: Run, parts: Parts) -> Layout:
     return rounds
 
 
-def _units(run: Run, parts: Parts, layout: Layout) -> str:
+def _units(run: Run, parts: Parts, layout: Layout) -> dict[str, int | None]:
     if finished(run) and up_to_date(run):
-        return "all done" if run.study.precision else f"{sum(1 for _ in spans(run.study)):,}, all done"
-    total = sum(1 for _ in layout.pieces())
+        total = None if run.study.precision else sum(1 for _ in spans(run.study))
+        return {"total": total, "done": total, "missing": 0}
+    count = sum(1 for _ in layout.pieces())
     missing = sum(1 for _ in Jobs(run.study).missing(layout.pending(), parts.outputs))
-    known = f"{total:,} up to this round" if run.study.precision else f"{total:,}"
-    return f"{known}, of which {total - missing:,} are done and {missing:,} missing"
+    return {"total": count, "done": count - missing, "missing": missing}
 
 
-def _cells(run: Run, layout: Layout) -> str:
+def _cells(run: Run, layout: Layout) -> dict[str, int]:
     """Numbers of cells that have enough trials, by the reason, and of those that are open."""
     found = Counter(run.manifest()["precision"]) if finished(run) else Counter[str]()
     if not found and isinstance(layout, Rounds):
         found = layout.reasons()
     total = run.study.cells()
-    counts = [f"{found[TARGET]:,} reached the target", f"{found[CAP]:,} the cap", f"{total - found.total():,} are open"]
-    return f"{total:,}, of which {', '.join(counts)}"
+    return {"total": total, "target": found[TARGET], "cap": found[CAP], "open": total - found.total()}
 
 
-def _aside(parts: Parts) -> str:
-    aside = len(list((parts.folder / DAMAGED).glob("*"))) if parts.folder.is_dir() else 0
-    return f"{len(parts.damaged):,} damaged, {aside:,} set aside as damaged before"
-
-
-def _failures(run: Run) -> str:
+def _failures(run: Run) -> dict[str, int] | None:
     try:
         manifest = run.manifest()
-        fits = f"{manifest['failures']:,} of {manifest['fits']:,} fits"
-        return f"{fits}, {manifest['lost']:,} of them because a worker died"
+        return {"fits": manifest["fits"], "failed": manifest["failures"], "lost": manifest["lost"]}
     except (RunError, KeyError):  # chains may be stored before the run is finished
+        return None
+
+
+def _failures_in_words(failures: dict[str, int] | None) -> str:
+    if failures is None:
         return "known when the run is finished"
-
-
-def _tables(run: Run) -> str:
-    broken = damaged(run)
-    found = sorted(path.stem for path in run.folder.glob("*.parquet"))
-    return ", ".join(f"{name} (damaged)" if name in broken else name for name in found) or "none"
+    fits = f"{failures['failed']:,} of {failures['fits']:,} fits"
+    return f"{fits}, {failures['lost']:,} of them because a worker died"

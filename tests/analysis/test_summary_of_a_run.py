@@ -76,7 +76,7 @@ def test_every_value_has_its_error(run):
 
 def parts(run):
     """The lines of a print: its notes, its header, and all lines below it as a list."""
-    lines = list(printed(run))
+    lines = list(printed(run, every=True))
     place = next(i for i, line in enumerate(lines) if line.split()[-2:] == ["lls", "ugdk"])
     return [*lines[: place + 1], lines[place + 1 :]]
 
@@ -84,9 +84,10 @@ def parts(run):
 def test_printed(run):
     """A title, a note, a header and a line per group, each with a label of its own; failures are named."""
     stored = run.table("summary")
-    title, note, *bounds, header, lines = parts(run)
+    title, note, legend, *bounds, header, lines = parts(run)
     assert title.startswith(run.study.run_name())
     assert "brackets" in note
+    assert "σ/r" in legend
     if run.study.design.one_trial_a_cell:
         assert header.split() == ["lls", "ugdk"]
         assert not bounds

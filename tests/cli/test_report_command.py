@@ -57,7 +57,7 @@ def test_in_a_process_of_its_own(call, call_here, folder):
     [
         (["none"], "none: not a run folder"),
         (["out", "."], ".: not a run folder"),
-        (["half"], "half/errors.parquet: missing; finish the run with `study run half/config.toml`"),
+        (["half"], "half/errors.parquet: missing; finish the run with `study run half/config.toml --out half`"),
         (["out", "half"], "half/errors.parquet: missing"),
         (["out", "out"], "both are runs named 'tiny'"),
         (["out", "--out", "out"], "out: cannot be written: Is a directory"),

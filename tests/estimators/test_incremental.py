@@ -115,7 +115,7 @@ def test_an_answer_at_any_moment(rng, on_cap):
             assert np.isnan(fit.radius)
         else:
             batch = study.fit(points[:n], "als")
-            assert fit.status == batch.status
+            assert fit.own_status == batch.own_status
             np.testing.assert_allclose(fit.center, batch.center, rtol=1e-9, atol=1e-9)
         if n < 40:
             growing.update(points[n])

@@ -83,7 +83,7 @@ def test_limit_allows_for_the_choice():
 
 @pytest.mark.parametrize(
     ("n", "angle", "noise", "d", "sets"),
-    [(10, 60, 0.1, 3, 2500), (30, 180, 0.01, 3, 1500), (30, 60, 0.1, 2, 1500), (100, 60, 0.01, 3, 500)],
+    [(10, 60, 0.1, 3, 2000), (30, 180, 0.01, 3, 1000), (30, 60, 0.1, 2, 1000), (100, 60, 0.01, 3, 400)],
 )
 def test_false_alarms(rng, on_cap, n, angle, noise, d, sets):
     """Clean Gaussian data have an outlier in 1 % (± .3 %) of the data sets."""
@@ -94,7 +94,7 @@ def test_false_alarms(rng, on_cap, n, angle, noise, d, sets):
 @pytest.mark.parametrize(("n", "d"), [(40, 3), (40, 2), (60, 5), (1200, 3)])
 def test_five_percent_at_ten_sigma(rng, on_cap, n, d):
     """Five percent of the points ten standard deviations off are all noticed in 99 % of the data sets."""
-    sets = 300 if n < 1000 else 40
+    sets = 150 if n < 1000 else 30
     points, directions = on_cap(rng, n, 90, d, 0.01, sets=sets)
     bad = n // 20
     points[:, :bad] += 0.1 * directions[:, :bad] * rng.choice([-1, 1], (sets, bad, 1))

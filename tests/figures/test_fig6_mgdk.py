@@ -57,7 +57,10 @@ def two(markers):
 
 def distances(inner, outer):
     """Errors of the outer marker alone, the inner one and both, one set after the other."""
-    fits = [(study.fit(b).center, study.fit(a).center, mgdk([a, b]).center) for a, b in zip(inner, outer, strict=True)]
+    fits = [
+        (study.fit(b, "als").center, study.fit(a, "als").center, mgdk([a, b]).center)
+        for a, b in zip(inner, outer, strict=True)
+    ]
     return np.linalg.norm(np.array(fits) - CENTER, axis=2).T
 
 
@@ -96,7 +99,7 @@ def test_the_data_set_is_typical(two):
     joint = mgdk([inner[trial], outer[trial]])
     np.testing.assert_allclose(frame.centers[2], joint.center - CENTER, atol=1e-9)
     np.testing.assert_allclose(frame.radii[2], joint.radii[::-1])
-    np.testing.assert_allclose(frame.radii[:2], [study.fit(outer[trial]).radius, study.fit(inner[trial]).radius])
+    np.testing.assert_allclose(frame.radii[:2], [study.fit(each[trial], "als").radius for each in (outer, inner)])
     assert frame.true_radii == (2.0, 1.2)
     assert f"trial {trial} of {TRIALS}" in frame.stamp
 

@@ -316,7 +316,7 @@ def test_many_conditions(many, claims, read):
     assert document.faults == []
     assert "The table of all 44 conditions" in document.text
     assert '<details class="screen">' in page
-    assert "ALS (guarded)" in document.text
+    assert "ALS (Fuller)" in document.text
 
 
 @pytest.mark.usefixtures("no_figures")

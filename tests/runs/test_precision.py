@@ -13,7 +13,8 @@ from study.runs import runner
 from study.runs.adaptive import cell_measures
 from study.runs.adaptive.checkpoint_rounds import Rounds
 from study.runs.adaptive.time_budget import TimeBudget
-from study.runs.status import printed as status
+from study.runs.status import printed as lines_of
+from study.runs.status import status
 from study.runs.storage.run_folder import RunError
 from study.runs.workers.choose import Workers
 
@@ -316,13 +317,13 @@ class TestBudget:
         """The status of a stopped run names the budget and counts open cells; that of a finished run has reasons."""
         run = stopped_after(go, 40)
         counts = run.table("precision")["reason"].value_counts()
-        lines = list(status(run.folder))
+        lines = list(lines_of(status(run.folder)))
         assert lines[0].endswith("stopped by its budget of 40 s; `study run` resumes it")
         (cells,) = [line for line in lines if line.startswith("  cells")]
         assert f"{counts['target']} reached the target" in cells
         assert f"{counts['budget']} are open" in cells
         go()
-        lines = list(status(run.folder))
+        lines = list(lines_of(status(run.folder)))
         assert lines[0].endswith(": finished")
         assert "0 are open" in next(line for line in lines if line.startswith("  cells"))
 

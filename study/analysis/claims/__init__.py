@@ -5,6 +5,7 @@ To add a claim, write a `Claim` in the file of its subject: the tables it reads,
 
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
@@ -39,7 +40,7 @@ CLAIMS: tuple[Claim, ...] = (
     *recordings.CLAIMS,
 )
 
-__all__ = ["CLAIMS", "Claim", "Evidence", "Verdict", "judge_all", "printed", "save"]
+__all__ = ["CLAIMS", "Claim", "Evidence", "Verdict", "as_data", "judge_all", "printed", "save"]
 
 
 def judge_all(runs: Iterable[Run], cost: Path | None = None, spreads: pd.DataFrame | None = None) -> pd.DataFrame:
@@ -65,6 +66,16 @@ def save(run: Run, claims: pd.DataFrame) -> None:
     data = {column.name: claims[column.name].to_numpy() for column in schemas.CLAIMS}
     with writing(run.folder):
         run.save("claims", schemas.table(schemas.CLAIMS, data))
+
+
+def as_data(runs: Iterable[Run], claims: pd.DataFrame) -> dict[str, Any]:
+    """The claims for other programs: names of the runs, counts of the verdicts, and a mapping per claim."""
+    counts = claims["verdict"].value_counts()
+    return {
+        "runs": [run.study.run_name() for run in runs],
+        "verdicts": {verdict: int(counts.get(verdict, 0)) for verdict in map(str, Verdict)},
+        "claims": claims[[column.name for column in schemas.CLAIMS]].to_dict("records"),
+    }
 
 
 def printed(claims: pd.DataFrame) -> Iterator[str]:

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 
-from study.estimators.answer.covariance import plug_in_bound, unless_missing
 from study.estimators.answer.settled_status import settled_status
 from study.estimators.answer.table import as_html, as_text, frame
+from study.estimators.covariance import plug_in_bound, unless_missing
 from study.estimators.estimates import Estimates
 from study.estimators.form.minimum_zone import MinimumZone, minimum_zone
 from study.estimators.intervals import Intervals, intervals

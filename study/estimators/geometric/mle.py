@@ -19,8 +19,8 @@ import numpy as np
 
 from study.estimators.algebraic import root
 from study.estimators.estimates import Estimates, blank
+from study.estimators.geometric.newton import ON, STATE, Room, Search, advance, begin
 from study.estimators.kasa import member
-from study.estimators.newton import ON, STATE, Room, Search, advance, begin
 from study.estimators.samples import Samples
 from study.sphere.jit import CHUNK, Sums, compiled, fill, fresh, put, zeros
 from study.sphere.layouts import BLOCK, PointSets, SampleBlock, Scratch, abreast, at, extent, window

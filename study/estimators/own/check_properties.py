@@ -23,8 +23,8 @@ TOLERANCE = 1e-6
 def answers(fit: FitPoints, case: CheckCase) -> str:
     """Sound points have the status ok, finite numbers, and a noise variance that is one."""
     found = fit(case.points, NOISE)
-    if found.status != Status.OK:
-        return f"no answer on sound points: {explain(int(found.status))}"
+    if found.own_status != Status.OK:
+        return f"no answer on sound points: {explain(int(found.own_status))}"
     if not (np.all(np.isfinite(found.center)) and np.isfinite(found.radius)):
         return "no answer on sound points: the status is ok, but centre or radius is not finite"
     if not found.noise_variance >= 0.0:
@@ -112,7 +112,7 @@ def degenerate(fit: FitPoints, words: str, points: Floats) -> str:
     except Exception as error:
         line = str(error).split("\n")[0]
         return f"raises on {words}: {type(error).__name__}: {line}"
-    if found.status == Status.OK and not (np.all(np.isfinite(found.center)) and np.isfinite(found.radius)):
+    if found.own_status == Status.OK and not (np.all(np.isfinite(found.center)) and np.isfinite(found.radius)):
         return f"says ok on {words}, and the centre or the radius is not finite: give such fits a status"
     return ""
 

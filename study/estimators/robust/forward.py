@@ -17,8 +17,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from study.estimators.newton import ON, STATE, Search, advance, begin
-from study.estimators.newton import Room as NewtonRoom
+from study.estimators.geometric.newton import ON, STATE, Search, advance, begin
+from study.estimators.geometric.newton import Room as NewtonRoom
 from study.estimators.robust.concentration import SearchRoom, nearest, residuals, search_room, select
 from study.sphere.jit import CHUNK, compiled, dot, fill
 from study.sphere.linalg import cholesky_solve

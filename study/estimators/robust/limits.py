@@ -38,7 +38,7 @@ def limits_of(n: int, d: int) -> Floats:
     """
     m, first = np.arange(n, dtype=float), d + 2
     nodes = np.arange(first, n) if n <= _EXACT else np.unique(np.geomspace(first, n - 1, _EXACT).astype(int))
-    freedom: Floats = np.asarray(nodes - d - 1.0)
+    freedom = np.asarray(nodes - (d + 1), dtype=np.float64)
     levels = FALSE_ALARMS / (nodes + 1.0)
     few = freedom <= _FEW
     limits = np.empty(len(nodes))
@@ -54,7 +54,7 @@ def limits_of(n: int, d: int) -> Floats:
 
 
 def _series(freedom: float, level: float) -> float:
-    """Quantile of Student's t at a level on both sides together, for many degrees of freedom (Fisher & Cornish)."""
+    """Quantile of Student's t at a level on both sides together, by Cornish & Fisher's series in 1/freedom."""
     x = -NormalDist().inv_cdf(0.5 * level)
     terms = [
         (x**3 + x) / 4.0,

@@ -81,7 +81,7 @@ def prepare(tables: Tables) -> MarkersFrame:
     if count < _LEAST_TRIALS:
         raise NotApplicable(f"needs at least {_LEAST_TRIALS} trials with points kept, not {count}")
     joints = [mgdk([a, b]) for a, b in zip(outer, inner, strict=False)]
-    alone = [fit(each[:count]) for each in (outer, inner)]
+    alone = [fit(each[:count], "als") for each in (outer, inner)]
     cloud = np.stack([alone[0].center, alone[1].center, np.array([joint.center for joint in joints])])
     distances = np.nan_to_num(np.linalg.norm(cloud, axis=2), nan=np.inf)
     shown = _typical(distances)

@@ -17,6 +17,7 @@ CalibrationFile = Annotated[
     Path | None,
     typer.Option("--calibration", help="calibration.json of the same subject, or its folder [default: calibrate here]"),
 ]
+Force = Annotated[bool, typer.Option("--force", help="use the calibration even if it seems to be of another subject")]
 Video = Annotated[bool, typer.Option("--video", help="also write motion.mp4")]
 
 
@@ -25,6 +26,7 @@ def skeleton(
     file: File,
     *,
     calibration: CalibrationFile = None,
+    force: Force = False,
     markerset: MarkerSetName = None,
     out: Out = None,
     video: Video = False,
@@ -41,19 +43,23 @@ def skeleton(
     from study.mocap.skeleton.calibration_file import save_calibration
     from study.mocap.skeleton.draw_skeleton import draw_skeleton
     from study.mocap.skeleton.skeleton_scene import skeleton_scene
-    from study.mocap.skeleton.subject_check import require_same_subject
+    from study.mocap.skeleton.subject_check import overruled, require_same_subject
     from study.mocap.view import fig1_skeleton
     from study.mocap.view.motion_json import write_motion
     from study.mocap.view.video import encoder
     from study.mocap.view.webpage import write_viewer
     from study.runs.storage.atomic_write import save_frame
 
+    if force and calibration is None:
+        raise typer.BadParameter("--force: there is nothing to overrule without --calibration")
     if video:
         encoder()  # so that a missing one is reported before the work is done
     match, used = _calibrated(file, reading, calibration, markerset)
     folder = results_folder(match.source.name, out)
     print_match(match)
-    drawn = require_same_subject(draw_skeleton(used, match.recording))
+    drawn = draw_skeleton(used, match.recording)
+    print_lines(overruled(drawn) if force else [])
+    drawn = drawn if force else require_same_subject(drawn)
     scene = skeleton_scene(drawn, match.recording)
     print_lines(skeleton_table.skeleton_lines(scene))
     save_frame(skeleton_table.skeleton_table(scene), folder / "skeleton.parquet")

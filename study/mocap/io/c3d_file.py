@@ -6,6 +6,7 @@ parameter (``TRIAL:ACTUAL_END_FIELD``, ``POINT:LONG_FRAMES``), which c3d reads a
 
 import warnings
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import c3d
@@ -14,6 +15,7 @@ import numpy as np
 
 from study.mocap.io.assembly import FileContents
 from study.mocap.io.c3d_header import LONG, read_header
+from study.mocap.io.formats.rows import missing_frames_note
 from study.mocap.io.recording import RecordingError
 from study.sphere.types import Floats
 
@@ -43,14 +45,9 @@ def read_c3d(path: Path) -> FileContents:
             refusals.append(f"{reader.__name__.removeprefix('_by_')}: {_first_line(error)}")
             continue
         count, _, frames = contents.points.shape
-        if count and frames < header.frames:
-            raise _cut_short(frames, header.frames)
-        return contents
+        lacking = missing_frames_note(frames, header.frames) if count else ()
+        return replace(contents, notes=(*contents.notes, *lacking))
     raise RecordingError(f"a damaged or incomplete C3D file; {refusals[0]}")
-
-
-def _cut_short(found: int, promised: int) -> RecordingError:
-    return RecordingError(f"the file is cut short: {found} of {promised} frames are there; get a whole copy of it")
 
 
 def _by_ezc3d(path: Path) -> FileContents:
@@ -72,8 +69,7 @@ def _by_c3d(path: Path) -> FileContents:
         warnings.simplefilter("ignore")  # about missing parameters; missing frames are counted below
         reader = c3d.Reader(file)
         data = np.array([points for _, points, _ in reader.read_frames()], dtype=np.float64)
-        if len(data) < reader.frame_count:
-            raise _cut_short(len(data), reader.frame_count)
+        missing_frames_note(len(data), reader.frame_count)
         group = reader.get("POINT")
         parameters = {key: _strings(reader, f"POINT:{key}") for key in group.param_keys()} if group else {}
         prefixes = _strings(reader, "SUBJECTS:LABEL_PREFIXES")

@@ -25,6 +25,8 @@ class Column(NamedTuple):
 
 _WORD = pa.dictionary(pa.int32(), pa.string())
 _STATUSES = "; ".join(f"{status.value} = {status.text}" for status in Status)
+_STATUS_COLUMNS = frozenset(status.name.lower() for status in Status)
+"""Columns of the summary that count the fits of each status."""
 _CHAIN_STATUSES = "; ".join(f"{status.value} = {status.text}" for status in ChainStatus)
 
 
@@ -254,9 +256,14 @@ def declared(dimension: int, conditions: Sequence[Condition] = COLUMNS) -> dict[
 
 
 def fault(found: pa.Schema, columns: list[Column]) -> str | None:
-    """The first declared column that a stored table lacks, or has with another type; None if there is none."""
+    """The first declared column that a stored table lacks, or has with another type; None if there is none.
+
+    Counts of statuses may be missing: a table may be older than a status.
+    """
     for column in columns:
         if found.get_field_index(column.name) < 0:
+            if column.name in _STATUS_COLUMNS and column.name != Status.OK.name.lower():
+                continue
             return f"not a table of this version: no column {column.name!r}"
         if (kind := found.field(column.name).type) != column.type:
             return f"not a table of this version: column {column.name!r} is of type {kind}, not {column.type}"

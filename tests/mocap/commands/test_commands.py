@@ -165,6 +165,14 @@ def test_another_recording_of_the_subject(call, drawn, tmp_path):
     assert len(complained.splitlines()) == 1
     assert "other does not show the subject calibrated in body" in complained
     assert not (tmp_path / "results" / "recordings" / "other").exists()
+    near = write_recording(synthesize(Recipe(frames=60, seed=2, height=1.68))[0], tmp_path / "near.c3d")
+    assert call("skeleton", near, "--calibration", drawn)[0] == 2
+    code, said, complained = call("skeleton", near, "--calibration", drawn, "--force")
+    assert (code, complained) == (0, "")
+    assert "--force overrules: near does not show the subject calibrated in body" in said
+    code, _, complained = call("skeleton", other, "--force")
+    assert code == 2
+    assert "nothing to overrule without --calibration" in complained
 
 
 def test_a_calibration_that_cannot_be_used(call, body, tmp_path):

@@ -41,7 +41,7 @@ def test_all_faults_at_once_with_their_lines():
         "leg.toml: 5 faults",
         "  line 1: name: required, but missing",
         "  line 1: nam = 'leg': unknown key; did you mean 'name'? Known are " + ", ".join(MarkerSet.model_fields),
-        "  line 8: segments.thigh.markers = 'D': input should be a valid tuple",
+        "  line 8: segments.thigh.markers = 'D': must be a list, such as [\"D\"]",
         "  line 10: joints.hip.child: required, but missing",
         "  line 12: joints.hip.kind = 'bal': input should be 'ball' or 'hinge'",
     ]

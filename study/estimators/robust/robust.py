@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from study.estimators.answer.covariance import plug_in_bound
+from study.estimators.covariance import plug_in_bound
 from study.estimators.estimates import Estimates, blank
 from study.estimators.geometric.mle import mle
 from study.estimators.robust.outliers import outliers
