@@ -80,7 +80,7 @@ soak: $(VENV)/.dev
 
 # The site of the documents, in site/. Every code block and command of a page is run, and prints what the page says.
 docs: $(VENV)/.docs
-	$(BIN)/python -m mkdocs build --strict --quiet
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
 	@echo "Open site/index.html in a browser"
 
 clean:

@@ -4,6 +4,8 @@ import os
 import posixpath
 import re
 import sys
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 
 from mkdocs.config.defaults import MkDocsConfig
@@ -31,11 +33,11 @@ def on_pre_build(config: MkDocsConfig) -> None:
     sys.path.insert(0, str(DOCS))
     import run_blocks
 
-    for path in sorted(DOCS.glob("*.md")):
+    with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:  # blocks print, and change folders
         try:
-            run_blocks.run(path)
+            list(pool.map(run_blocks.run, sorted(DOCS.glob("*.md"))))
         except run_blocks.OutputError as error:
-            raise PluginError(f"{error}\nTo store what the blocks print: docs/run_blocks.py --write {path}") from None
+            raise PluginError(f"{error}\nTo store what the blocks print: docs/run_blocks.py --write PAGE") from None
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
