@@ -56,11 +56,15 @@ class Study(Frozen):
     """A study: its config, complete and checked."""
 
     name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]{0,60}$")]
+    """First part of the name of the run's folder: lower-case letters, digits and hyphens."""
     seed: Annotated[int, Field(ge=0)]
+    """Another seed gives other draws."""
     dimension: Annotated[int, Field(ge=2, le=50)] = 3
+    """2 for circles, 3 for spheres, or more."""
     estimators: Annotated[
         tuple[str, ...], BeforeValidator(_tuples), Field(min_length=1), AfterValidator(_known_estimators)
     ]
+    """Names of the estimators that fit each data set."""
     noise_shape: Annotated[tuple[tuple[float, ...], ...], BeforeValidator(_tuples)] | None = None
     """Covariance of a sample in units of σ² (d, d); the identity if absent."""
     keep_points: Annotated[int, Field(ge=0)] = 0

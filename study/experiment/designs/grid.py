@@ -29,7 +29,9 @@ class Grid(Design):
     """A grid, of which `GridDesign` adds the axes."""
 
     kind: Literal["grid"]
+    """Every combination of the values is a cell."""
     draws: Literal["shared", "independent"] = "shared"
+    """Cells of equal samples and angle share their draws, so that differences are precise; or each has its own."""
     most_samples: Annotated[int, Field(ge=1)] | None = None
     """Limit of trials times samples: cells of many samples have fewer trials."""
     one_trial_a_cell = False

@@ -26,6 +26,7 @@ class Random(Design):
     """A random design, of which `RandomDesign` adds the laws."""
 
     kind: Literal["random"]
+    """Every trial draws its own conditions from the laws."""
     one_trial_a_cell = True
 
     def cells(self) -> int:

@@ -1,0 +1,73 @@
+"""Hooks of the site: run the blocks of the pages, and add what pages show and link that lies outside of docs/."""
+
+import os
+import posixpath
+import re
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.exceptions import PluginError
+from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
+
+DOCS = Path(__file__).resolve().parent
+ROOT = DOCS.parent
+SHOWN = ["figures/*.png", "configs/*.toml", "results/*.csv", "CONTRIBUTING.md", "CHANGELOG.md"]
+"""Files outside of docs/ that the site has, under the same names."""
+LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\((?!\w+:|#)([^)\s#]+)(#[^)\s]*)?\)")
+_COMMAND = []
+
+
+def on_startup(command: str, dirty: bool) -> None:
+    """Note the command: `mkdocs serve` shows the pages without running their blocks at each change."""
+    _COMMAND[:] = [command]
+
+
+def on_pre_build(config: MkDocsConfig) -> None:
+    """Run the blocks of every page."""
+    if _COMMAND != ["build"]:
+        return
+    sys.path.insert(0, str(DOCS))
+    import run_blocks
+
+    with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:  # blocks print, and change folders
+        try:
+            list(pool.map(run_blocks.run, sorted(DOCS.glob("*.md"))))
+        except run_blocks.OutputError as error:
+            raise PluginError(f"{error}\nTo store what the blocks print: docs/run_blocks.py --write PAGE") from None
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Add files of the repository that pages show or link."""
+    for path in sorted(path for pattern in SHOWN for path in ROOT.glob(pattern)):
+        name = path.relative_to(ROOT).as_posix()
+        files.append(File.generated(config, name, abs_src_path=str(path)))
+    return files
+
+
+def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Turn links within the repository into links within the site; one to a file that the site lacks becomes text."""
+    outside = page.file.src_uri in ("CONTRIBUTING.md", "CHANGELOG.md")
+    base = "" if outside else "docs"
+
+    def within(found: re.Match[str]) -> str:
+        mark, text, target, anchor = found.groups(default="")
+        place = posixpath.normpath(posixpath.join(base, target))
+        name = place.removeprefix("docs/")
+        if files.get_file_from_path(name) is not None:
+            return f"{mark}[{text}]({name}{anchor})"
+        return text if os.path.exists(ROOT / place) else found[0]
+
+    found = LINK.sub(within, markdown)
+    return found + _directives(markdown) if page.file.src_uri == "api.md" else found
+
+
+def _directives(markdown: str) -> str:
+    """The docstring of each name that the page of the library lists."""
+    names = [
+        name for name in re.findall(r"^\| `(study\.\w+)`", markdown, re.MULTILINE) if not name.endswith("ESTIMATORS")
+    ]
+    return "".join(f"\n\n::: {name}\n" for name in names)

@@ -1,0 +1,46 @@
+"""The documents: their links lead somewhere, and the site lists every page."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")])
+NAMES = [str(path.relative_to(ROOT)) for path in PAGES]
+FENCED = re.compile(r"^```.*?^```", re.MULTILINE | re.DOTALL)
+LINK = re.compile(r"\]\((?!\w+:)([^)\s#]*)(?:#([^)\s]*))?\)")
+
+
+def anchors(path):
+    """Anchors of a page's headings, as GitHub and the site make them."""
+    text = FENCED.sub("", path.read_text(encoding="utf-8"))
+    headings = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading).strip().lower().replace(" ", "-") for heading in headings}
+
+
+def dead(path, text):
+    """Links of a page that lead nowhere."""
+    for target, anchor in LINK.findall(FENCED.sub("", text)):
+        place = (path.parent / target).resolve() if target else path
+        if not place.exists() or (anchor and place.suffix == ".md" and anchor not in anchors(place)):
+            yield f"{target}#{anchor}"
+
+
+@pytest.mark.parametrize("path", PAGES, ids=NAMES)
+def test_links_lead_somewhere(path):
+    """Every link from a document to a file of the repository, or to a heading, finds it."""
+    assert list(dead(path, path.read_text(encoding="utf-8"))) == []
+
+
+def test_dead_links_are_found():
+    """The search finds a missing file and a missing heading, and leaves links to other sites alone."""
+    page = ROOT / "docs" / "index.md"
+    text = "[a](nowhere.md) [b](theory.md#nothing) [c](https://example.org/x) [d](theory.md)"
+    assert list(dead(page, text)) == ["nowhere.md#", "theory.md#nothing"]
+
+
+def test_the_site_lists_every_page():
+    """Every page of docs/ stands in the navigation, and everything there is a page."""
+    listed = set(re.findall(r": ([\w-]+\.md)$", (ROOT / "mkdocs.yml").read_text(encoding="utf-8"), re.MULTILINE))
+    assert listed == {path.name for path in ROOT.glob("docs/*.md")} | {"CONTRIBUTING.md", "CHANGELOG.md"}
