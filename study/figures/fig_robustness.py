@@ -143,7 +143,8 @@ def draw(frame: RobustnessFrame) -> Figure:
         for n in names
     ]
     dashed = Line2D([], [], color="black", linewidth=0.8, linestyle="--", label="outliers taken for noise")
-    figure.legend(handles=[*handles, dashed], loc="upper center", ncols=min(len(names) + 1, 6))
+    rows = -(-(len(names) + 1) // 8)  # eight in a row fill the page
+    figure.legend(handles=[*handles, dashed], loc="upper center", ncols=-(-(len(names) + 1) // rows), columnspacing=1.2)
     style.stamp(figure, frame.stamp)
     return figure
 
