@@ -68,7 +68,7 @@ def rate_of_times(names: list[str], numbers: Floats, first: int) -> float | None
         return None
     steps = np.diff(numbers[:, place])
     step = float(np.nanmedian(steps)) if not np.isnan(steps).all() else np.nan
-    present = ~np.isnan(numbers).all(axis=1)  # a frame that the file leaves out has no time
+    present = np.asarray(~np.isnan(numbers).all(axis=1))  # a frame that the file leaves out has no time
     uneven = ~(np.abs(steps - step) < 0.5 * step) & present[1:] & present[:-1]
     if uneven.any():
         row = int(uneven.argmax())
