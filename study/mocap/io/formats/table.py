@@ -10,7 +10,7 @@ import numpy as np
 from study.mocap.io.assembly import FileContents
 from study.mocap.io.formats.rows import Rows, as_points, find_delimiter, with_all_frames
 from study.mocap.io.recording import RecordingError
-from study.sphere.types import Bools, Floats
+from study.sphere.types import Floats
 
 _COORDINATE = re.compile(r"(?P<marker>.*\S)[\s_.:\-|]+(Pos)?(?P<axis>[xyzXYZ])(\s*[\[(]\s*(?P<unit>\w+)\s*[\])])?$")
 _COUNTERS = {"frame", "frame#", "frames", "sub frame", "index", "field"}
@@ -68,8 +68,8 @@ def rate_of_times(names: list[str], numbers: Floats, first: int) -> float | None
         return None
     steps = np.diff(numbers[:, place])
     step = float(np.nanmedian(steps)) if not np.isnan(steps).all() else np.nan
-    present: Bools = ~np.asarray(np.isnan(numbers).all(axis=1))  # a frame that the file leaves out has no time
-    uneven = np.asarray(~(np.abs(steps - step) < 0.5 * step) & present[1:] & present[:-1])
+    present = np.asarray(~np.isnan(numbers).all(axis=1))  # a frame that the file leaves out has no time
+    uneven = ~(np.abs(steps - step) < 0.5 * step) & present[1:] & present[:-1]
     if uneven.any():
         row = int(uneven.argmax())
         raise RecordingError(f"line {first + row + 1}: the step in time is {steps[row]:g} s, elsewhere {step:g} s")
