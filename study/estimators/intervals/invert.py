@@ -30,7 +30,7 @@ _STEEP = 0.1
 
 
 class EndsState(Protocol):
-    """EndsState of a search between two evaluations, a record of `STATE`. Curvatures that are not known are NaN.
+    """State of a search between two evaluations, a record of `STATE`. Curvatures that are not known are NaN.
 
     Attributes:
         stage: one of the stages above.
