@@ -68,6 +68,11 @@ class Fits:
         """Tail index of error over bound, of the fits that are ok."""
         return tail_index(self.ratio[self.ok])
 
+    @cached_property
+    def moments_exist(self) -> bool:
+        """True if the mean square of error over bound exists, as far as the fits that are ok can tell."""
+        return moments_exist(self.ratio[self.ok])
+
 
 def _quantile_ok(name: str, p: float, fits: Fits) -> Measure:
     values: Floats = getattr(fits, name)
@@ -120,11 +125,11 @@ MEASURES = _quantiles() | {
     ),
     "bias": Performance(
         f"mean error along the axis over the bound; {_GUARD}",
-        lambda fits: mean(fits.axis) if moments_exist(fits.tail) else UNKNOWN,
+        lambda fits: mean(fits.axis) if fits.moments_exist else UNKNOWN,
     ),
     "rmse": Performance(
         f"root mean square of error over bound; {_GUARD}",
-        lambda fits: root_mean_square(fits.ratio[fits.ok]) if moments_exist(fits.tail) else UNKNOWN,
+        lambda fits: root_mean_square(fits.ratio[fits.ok]) if fits.moments_exist else UNKNOWN,
     ),
 }
 """Every performance measure of the summary, in the order of its columns."""

@@ -21,7 +21,7 @@ from study.analysis.claims.evidence import Evidence
 from study.analysis.claims.medians import exponent, median, ratio
 from study.sphere.cap import cap_moments
 from study.sphere.types import Floats
-from study.statistics.measures import UNKNOWN, Measure, mean, moments_exist, share, tail_index
+from study.statistics.measures import UNKNOWN, Measure, mean, moments_exist, share
 
 _BEFORE_SATURATION = 0.15
 """GDKE's bias is proportional to σ²/v to 2 % for σ below this share of √v, v being the variance along the axis."""
@@ -73,7 +73,7 @@ def _covered(vectors: Floats) -> Measure:
 
 def _axis_bias(rows: pd.DataFrame) -> Measure:
     """Mean error along the axis; unknown if the errors' tail is too heavy for a mean."""
-    return mean(rows["error_1"].to_numpy()) if moments_exist(tail_index(rows["error"].dropna().to_numpy())) else UNKNOWN
+    return mean(rows["error_1"].to_numpy()) if moments_exist(rows["error"].dropna().to_numpy()) else UNKNOWN
 
 
 def _measure_lasting(evidence: Evidence) -> list[Number]:

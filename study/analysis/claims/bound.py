@@ -17,7 +17,7 @@ from study.analysis.claims.error_rows import LEAST, WHOLE, cells, error_over, re
 from study.analysis.claims.evidence import Evidence
 from study.analysis.claims.medians import At, furthest_from_one, greatest, median
 from study.sphere.cap import CapMoments, cap_moments
-from study.statistics.measures import Measure, mean, moments_exist, quantile, root_mean_square, tail_index
+from study.statistics.measures import Measure, mean, moments_exist, quantile, root_mean_square
 
 _NORMAL_MEDIAN = float(stats.norm.ppf(0.75))
 """Median of the absolute value of a standard normal deviate."""
@@ -76,7 +76,7 @@ def _measure_bound(evidence: Evidence) -> list[Number]:
     found: list[tuple[Measure, str, int, float]] = []
     for name in _COMPARED:
         for angle, noise, part in cells(errors, name):
-            if moments_exist(tail_index(part["error"].dropna().to_numpy())):
+            if moments_exist(part["error"].dropna().to_numpy()):
                 root = root_mean_square((part["error"] / part["bound"]).dropna().to_numpy())
                 bias = mean(part["error_1"].dropna().to_numpy())
                 where = f"{name.upper()}, φ = {angle:g}°, σ = {noise:.2g} r"

@@ -22,7 +22,6 @@ from study.statistics.measures import (
     quantile,
     robust_sd,
     share,
-    tail_index,
 )
 
 PAPER_CONDITION = 0.557238
@@ -36,7 +35,7 @@ def _bias_exponent(errors: pd.DataFrame, estimator: str) -> Number:
     rows = []
     for samples, part in rows_of(errors, estimator).groupby("samples"):
         ok = part[part["status"] == Status.OK]
-        if not moments_exist(tail_index(ok["error"].to_numpy())):
+        if not moments_exist(ok["error"].to_numpy()):
             return Number.unknown(words)
         rows.append((samples, *mean(ok["error_1"].to_numpy()), len(ok)))
     if not rows:
