@@ -1,6 +1,7 @@
 """Threads, processes and a Dask cluster give the same bytes, even if Dask workers are killed."""
 
 import functools
+import gc
 import json
 import os
 import signal
@@ -148,6 +149,9 @@ def test_no_scheduler(start, tmp_path, monkeypatch, address):
     assert address in str(told.value)
     assert "\n" not in str(told.value)
     assert not (tmp_path / "run").exists()
+    distributed = pytest.importorskip("distributed")
+    left = [thing for thing in gc.get_objects() if type(thing) is distributed.Client and thing.status != "closed"]
+    assert left == [], "a client that is collected in the thread of another one stops both"
 
 
 @pytest.mark.parametrize("wrong", [Workers("dask"), Workers("threads", 2, "tcp://x:1"), Workers("slurm")], ids=str)

@@ -6,6 +6,7 @@ that backend waits for it for ever; where the cluster has one thread, or one yet
 it gives up after ten seconds without a worker. A batch system starts its workers when it pleases.
 """
 
+import gc
 import math
 import os
 import sys
@@ -39,12 +40,16 @@ class DaskCluster(Backend):
     enough = 2e7
 
     def __init__(self, address: str) -> None:
-        distributed = _imported()
+        distributed, failure = _imported(), ""
         try:
             self._client = distributed.Client(address, timeout=_PATIENCE, set_as_default=False)
         except (OSError, ValueError, TypeError, ImportError) as error:
-            words = str(error).split("\n")[0] or type(error).__name__
-            raise RunError(f"--scheduler {address}: no scheduler answers there: {words}") from None
+            failure = str(error).split("\n")[0] or type(error).__name__
+        if failure:
+            # a client that did not connect closes itself when it is collected; left to chance, that may happen in a
+            # thread whose start another client waits for, which then waits for ever
+            gc.collect()
+            raise RunError(f"--scheduler {address}: no scheduler answers there: {failure}")
         self._parent = introduction(None)
         self._scheduler = _SchedulerBackend(self._client, distributed.KilledWorker)
         super().__init__("2 * n_jobs", backend=self._scheduler)
