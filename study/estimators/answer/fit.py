@@ -162,8 +162,8 @@ class Fit:
         """The points that the fit stands on: for `robust`, those that are no outliers."""
         if self._estimator != "robust":
             return self._points
-        left_out = outliers(self._points)
-        return Samples(np.where(left_out[:, None], np.nan, self._points.x), self._points.noise)
+        left_out = self.outliers.reshape(self._points.shape[0], 1, -1)
+        return Samples(np.where(left_out, np.nan, self._points.x), self._points.noise)
 
     @property
     def ok(self) -> Bools:
