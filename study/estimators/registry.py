@@ -77,7 +77,11 @@ ESTIMATORS: dict[str, Estimator] = {
 }
 
 
-def fit(points: ArrayLike, estimator: str = "corrected", noise: ArrayLike | None = None, *, copy: bool = True) -> Fit:
+_MOST_COPIED = 100_000
+"""Number of coordinates that a fit copies by default: beyond, copying takes longer than a closed form."""
+
+
+def fit(points: ArrayLike, estimator: str = "corrected", noise: ArrayLike | None = None, *, copy: bool | None = None) -> Fit:
     """Fit a sphere (a circle, if d = 2) to each of one or many point sets.
 
     Args:
@@ -86,8 +90,9 @@ def fit(points: ArrayLike, estimator: str = "corrected", noise: ArrayLike | None
         estimator: a name in `study.ESTIMATORS`; the default is never far from the best of them (configs/regret.toml).
         noise: standard deviation σ of each coordinate, in the unit of the points, or a covariance Σ (d, d); None if
             it is not known. Only ``ugdk`` cannot do without.
-        copy: copy the points, from which a `Fit` computes residuals and standard errors when asked. If False it reads
-            the caller's array, which must then not change; that saves time and memory where there are very many.
+        copy: True to copy the points, from which a `Fit` computes residuals and standard errors when asked. False to
+            read the caller's array again, and to refuse if it has changed; that saves time and memory. By default up
+            to a hundred thousand coordinates are copied.
 
     Returns:
         A `Fit` whose arrays have the leading axes of ``points``. Look at ``fit.ok`` before using the numbers: data
@@ -116,9 +121,14 @@ def fit(points: ArrayLike, estimator: str = "corrected", noise: ArrayLike | None
         noise_covariance(noise, d)
         noise = float(np.asarray(noise)) if np.ndim(noise) == 0 else np.asarray(noise, dtype=float)
     x = array.reshape(-1, n, d).swapaxes(1, 2)
-    samples = Samples(np.array(x, dtype=float, order="C") if copy else x.astype(float, copy=False), noise)
+    lent = array.size > _MOST_COPIED if copy is None else not copy
+    samples = Samples(x.astype(float, copy=False) if lent else np.array(x, dtype=float, order="C"), noise, lent)
     entry = ESTIMATORS[estimator]
-    found = entry(samples) if is_ordinary(samples.moments.fourth) else careful_fit(entry, samples)
+    if is_ordinary(samples.moments.fourth):
+        found = entry(samples)
+    else:
+        samples = Samples(np.array(samples.x, order="C"), noise)  # moments that are not finite show no change
+        found = careful_fit(entry, samples)
     return Fit(found.reshape(*lead), samples, estimator, entry.covariance)
 
 

@@ -19,10 +19,12 @@ class Samples:
     Attributes:
         source: the points, coordinates first (b, d, n), float64, any memory layout; or the draws they are formed from.
         noise: σ, one for all sets or one for each (b,), a covariance Σ (d, d), or None if it is not known.
+        lent: True if the points are in an array of the caller's, who may have changed them since.
     """
 
     source: Floats | Placed
     noise: float | Floats | None = None
+    lent: bool = False
 
     @classmethod
     def of_moments(cls, moments: Moments, noise: float | Floats | None = None) -> "Samples":
@@ -44,14 +46,34 @@ class Samples:
         if isinstance(self.source, Placed):
             return Samples(form(self.source, np.empty((1, d, n)), index), noise)
         if n or "regression" not in self.__dict__:
-            return Samples(self.source[one], noise)
+            return self._part(self.source[one], noise, np.array([index]))
         return Samples.of_regression(self.regression.only(index), noise)
 
     def take(self, places: Ints) -> "Samples":
         """Some sets of the batch, by their places (k,)."""
         if len(places) == 1:
             return self.only(int(places[0]))
-        return Samples(self.x[places], self._noise_of(places))
+        return self._part(self.x[places], self._noise_of(places), places)
+
+    def unchanged(self) -> "Samples":
+        """These samples.
+
+        Raises:
+            ValueError: if they are lent, and their moments are no longer those that were computed first.
+        """
+        if self.lent and not all(map(np.array_equal, self.moments, Moments.of(self.source))):
+            raise ValueError(
+                "the points have changed since they were fitted: the fit reads them from your array; use copy=True"
+            )
+        return self
+
+    def _part(self, source: Floats, noise: float | Floats | None, places: Ints) -> "Samples":
+        """Some sets; if they are lent, with the moments that they had."""
+        part = Samples(source, noise, self.lent)
+        if self.lent:
+            numbers, vectors, second = self.moments
+            part.__dict__["moments"] = Moments(numbers[:, places], vectors[:, places], second[places])
+        return part
 
     def _noise_of(self, places: slice | Ints) -> float | Floats | None:
         """The noise of some sets."""

@@ -110,14 +110,38 @@ def test_coverage_factors(k):
 
 @pytest.mark.parametrize("make", [np.asarray, np.asfortranarray, lambda a: a[:, ::-1]])
 def test_a_fit_owns_its_points(make):
-    """Errors and residuals do not change when the caller reuses the array; with copy=False they would."""
+    """Errors and residuals do not change when the caller reuses the array; with copy=False they are refused."""
     points = make(POINTS.copy())
     expected = study.fit(points).standard_errors
     fit, view = study.fit(points), study.fit(points, copy=False)
     points[:] = 0.0
     np.testing.assert_array_equal(fit.standard_errors, expected)
     np.testing.assert_array_equal(view.samples.x, 0.0)
+    for what in ("status", "standard_errors", "residuals", "outliers", "copies"):
+        with pytest.raises(ValueError, match="points have changed since they were fitted"):
+            getattr(view, what)
     joint = study.mgdk([buffer := POINTS.copy()])
     buffer[:] = np.nan
     assert np.isfinite(joint.residuals[0]).all()
     assert fit.own_status == Status.OK
+
+
+def test_large_arrays_are_lent():
+    """A large batch is not copied; a changed set, a part of the batch too, is refused, and an unchanged one is not."""
+    points = np.random.default_rng(1).standard_normal((2000, 20, 3))
+    points *= (1.0 + 0.01 * points[..., :1]) / np.linalg.norm(points, axis=-1, keepdims=True)
+    fit, copied = study.fit(points), study.fit(points, copy=True)
+    assert np.shares_memory(fit.samples.x, points)
+    assert not np.shares_memory(copied.samples.x, points)
+    np.testing.assert_allclose(fit.residuals, copied.residuals, rtol=0, atol=1e-14)  # layouts round differently
+    first, last, both = fit[0], fit[-1], fit[[0, -1]]
+    points[-1, 3, 1] += 1e-9
+    np.testing.assert_allclose(first.standard_errors, copied[0].standard_errors, rtol=1e-9)
+    np.testing.assert_allclose(both.standard_errors, copied[[0, -1]].standard_errors, rtol=1e-9)  # indexing copied them
+    for part in (last, fit, fit[-1]):
+        with pytest.raises(ValueError, match="points have changed"):
+            part.standard_errors
+    points[5, 2] = np.nan
+    with_missing = study.fit(points)
+    points[5, 2] = 0.0
+    assert with_missing.count[5] == 19

@@ -152,8 +152,6 @@ class Fit:
         """Intervals of the flat batch, computed once for each level."""
         known: dict[float, Intervals] = self.__dict__.setdefault("_known_intervals", {})
         if level not in known:
-            if self._samples is None:
-                raise ValueError(_WITHOUT_POINTS)
             known[level] = intervals(self._samples_used, level)
         return known[level]
 
@@ -269,9 +267,10 @@ class Fit:
 
     @property
     def _points(self) -> Samples:
+        """The points; ValueError if the fit does not hold them, or if they were lent and have changed."""
         if self._samples is None:
             raise ValueError(_WITHOUT_POINTS)
-        return self._samples
+        return self._samples.unchanged()
 
     @cached_property
     def residual_rms(self) -> Floats:
@@ -312,9 +311,7 @@ class Fit:
         """
         d = self.center.shape[-1]
         if self._covariance_of is not None:
-            if self._samples is None:
-                raise ValueError(_WITHOUT_POINTS)
-            found = unless_missing(self._covariance_of, self._samples, self._estimates.reshape(-1))
+            found = unless_missing(self._covariance_of, self._points, self._estimates.reshape(-1))
         else:
             _, directions, present = self._distances
             found = plug_in_bound(directions, present, self._given_noise, self.noise_variance.reshape(-1))
@@ -382,9 +379,7 @@ class Fit:
     @cached_property
     def _distances(self) -> tuple[Floats, Floats, Bools]:
         """Distances from ĉ (b, n), directions from ĉ (b, d, n), and False for missing samples (b, n)."""
-        if self._samples is None:
-            raise ValueError(_WITHOUT_POINTS)
-        x = self._samples.x
+        x = self._points.x
         with np.errstate(all="ignore"):
             away = x - self.center.reshape(len(x), x.shape[1], 1)
             distance = np.sqrt(np.einsum("bdn,bdn->bn", away, away))
