@@ -1,6 +1,7 @@
 """Other people's sphere fits, each as a function of one set of points (n, d) that returns its centre."""
 
 import importlib.util
+import random
 import warnings
 
 import numpy as np
@@ -42,9 +43,29 @@ def circle_fit():
     return lambda x: taubinSVD(x)[:2]
 
 
+def scikit_image(sigma):
+    """Circles only; a point within three σ is an inlier."""
+    from skimage.measure import CircleModel, ransac
+
+    return lambda x, seed=0: ransac(x, CircleModel, 3, 3.0 * sigma, max_trials=200, rng=seed)[0].center
+
+
+def pyransac3d(sigma):
+    """Spheres only; a point within three σ is an inlier. It draws from Python's own generator."""
+    from pyransac3d import Sphere
+
+    def fit(x, seed=0):
+        random.seed(seed)
+        return np.asarray(Sphere().fit(x, thresh=3.0 * sigma, maxIteration=1000)[0])
+
+    return fit
+
+
 CLOSED = {"scikit-guess": ("skg", scikit_guess), "scikit-spatial": ("skspatial", scikit_spatial)}
 CLOSED |= {"trimesh": ("trimesh", trimesh), "compas": ("compas", compas)}
 CIRCLES = {"circle-fit": ("circle_fit", circle_fit)}
+
+ROBUST = {"scikit-image": ("skimage", scikit_image, 2), "pyransac3d": ("pyransac3d", pyransac3d, 3)}
 
 
 def fit_of(name, table):

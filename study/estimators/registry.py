@@ -81,7 +81,9 @@ _MOST_COPIED = 100_000
 """Number of coordinates that a fit copies by default: beyond, copying takes longer than a closed form."""
 
 
-def fit(points: ArrayLike, estimator: str = "corrected", noise: ArrayLike | None = None, *, copy: bool | None = None) -> Fit:
+def fit(
+    points: ArrayLike, estimator: str = "corrected", noise: ArrayLike | None = None, *, copy: bool | None = None
+) -> Fit:
     """Fit a sphere (a circle, if d = 2) to each of one or many point sets.
 
     Args:

@@ -4,7 +4,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import stdtrit
 
 from study.estimators.algebraic import als
 from study.estimators.careful_fit import FARTHEST, binary_size, is_ordinary, scaled
@@ -87,6 +86,8 @@ def _compute(samples: Samples, level: float, result: Intervals) -> None:
     _, d, n = samples.shape
     if n <= d + 1:
         return
+    from scipy.special import stdtrit  # imported here, as it takes as long as the rest of the library
+
     start = als(samples)
     quantile = float(stdtrit(n - d - 1, 0.5 * (1.0 + level)))
     x = np.ascontiguousarray(samples.x)
