@@ -116,6 +116,39 @@ def test_dask_with_a_worker_killed_midway(start, expected, cluster, gate, wait_f
     assert run.manifest()["backend"] == "dask"
 
 
+MINE = """
+import numpy as np
+import study
+
+def mean(points):
+    return points.mean(axis=0), np.ptp(points) / 2.0
+
+study.register("mean", mean)
+"""
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning:distributed")
+def test_dask_with_an_estimator_of_ones_own(start, one_unit_in_a_task, cluster, tmp_path, monkeypatch):
+    """The text of the file goes to the workers with the tasks: they need not have it."""
+    from study.estimators.own import plugin_file
+
+    (tmp_path / "mine.py").write_text(MINE, encoding="utf-8")
+    plugin_file.load(tmp_path / "mine.py")
+    entries = {"top": {"estimators": ["mean", "gdke"]}, "trials": 40, "samples": [20, 50], "draws": "independent"}
+    try:
+        monkeypatch.setattr("study.runs.workers.dask_cluster._PATIENCE", 600.0)
+        alone = start(jobs=1, **entries)
+        (tmp_path / "mine.py").unlink()
+        run = start(jobs=Workers("dask", 2, cluster[0]), **entries)
+    finally:
+        for path, _ in plugin_file.loaded():
+            plugin_file.unload(path)
+    assert set(run.table("errors")["estimator"]) == {"mean", "gdke"}
+    assert not run.has("failures")
+    assert (run.folder / "errors.parquet").read_bytes() == (alone.folder / "errors.parquet").read_bytes()
+    assert run.manifest()["backend"] == "dask"
+
+
 @pytest.fixture
 def no_second_worker(monkeypatch):
     """Let the scheduler fail a task as soon as one worker has died of it."""
