@@ -23,8 +23,10 @@ from study.sphere.types import Bools, Floats
 
 _EPS = 2.0**-52
 _MAX_STEPS = 200
-FULLER = 4.0
-"""Fuller's constant α: his modification has the least mean square error near it."""
+_FULLER = (2.0, 8.0)
+"""Fuller's constant α where the points determine the curvature well, and where they do not."""
+_KNOWN = 5.0
+"""Curvature over its standard error at which α is halfway."""
 _THREE_SIGMA = 0.0027
 """Share of a Gaussian beyond three standard deviations on both sides."""
 
@@ -151,7 +153,7 @@ def als(samples: Samples) -> Estimates:
 
 
 def fuller(samples: Samples) -> Estimates:
-    """`als` with Fuller's modification: η(1 - α/N) is subtracted instead of η, α = 4.
+    """`als` with Fuller's modification: η(1 - α/N) is subtracted instead of η, α from 2 to 8.
 
     It changes the centre by O(1/N) of its error and bounds it: `als` has errors with a 1/x tail, this has none. The
     status is that of `als`.
@@ -161,9 +163,21 @@ def fuller(samples: Samples) -> Estimates:
     return shrunk(samples, root(samples, 2.0 * samples.shape[1]))
 
 
+def fuller_constant(samples: Samples, eta: Floats) -> Floats:
+    """Fuller's α for each set (b,), given the root η (b,) of `als`.
+
+    The least mean square error needs more of his term where the points hardly determine the curvature, and none where
+    they do. Source: theory §9.3.
+    """
+    few, many = _FULLER
+    with np.errstate(all="ignore"):
+        known = samples.regression.n * (samples.spectrum.values[:, 0] - eta) / eta
+    return np.asarray(few + (many - few) / (1.0 + np.where(known > 0.0, known, 0.0) / _KNOWN**2))
+
+
 def shrunk(samples: Samples, eta: Floats) -> Estimates:
     """The fit of `fuller` from the root η (b,) of `als`."""
-    shrink = np.maximum(1.0 - FULLER / samples.regression.n, 0.0)
+    shrink = np.maximum(1.0 - fuller_constant(samples, eta) / samples.regression.n, 0.0)
     fit = member(samples, shrink * eta, -float(samples.shape[1]))
     fit.status[(fit.status == Status.OK) & ~_significant(samples, eta, 2.0)[:, 0]] = Status.INSIGNIFICANT
     return fit

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from study.estimators.algebraic import root, shrunk
+from study.estimators.algebraic import fuller_constant, root, shrunk
 from study.estimators.estimates import Estimates
 from study.estimators.geometric.corrected_step import ON, STATE, Equations, RootTrial, advance
 from study.estimators.samples import Samples
@@ -42,6 +42,7 @@ class RootStart(NamedTuple):
         radius: r (b,).
         variance: s = σ² (b,), 0 where the start is the answer, because as few points leave no choice.
         pair: ν (b,).
+        fuller: α (b,).
     """
 
     origin: Floats
@@ -49,6 +50,7 @@ class RootStart(NamedTuple):
     radius: Floats
     variance: Floats
     pair: Floats
+    fuller: Floats
 
 
 def corrected(samples: Samples) -> Estimates:
@@ -101,7 +103,12 @@ def _fit(samples: Samples, eta: Floats, pair: float | Floats) -> Estimates:
     d, n = fit.center.shape[1], regression.n
     variance = np.where(n > d + 1.0, np.maximum(eta, _ROUNDING * regression.square) * (n - 1.0) / n, 0.0)
     start = RootStart(
-        regression.origin, fit.center - regression.origin, fit.radius.copy(), variance, pair + np.zeros_like(eta)
+        origin=regression.origin,
+        offset=fit.center - regression.origin,
+        radius=fit.radius.copy(),
+        variance=variance,
+        pair=pair + np.zeros_like(eta),
+        fuller=fuller_constant(samples, eta),
     )
     _fit_all(samples.rows, abreast(samples.source), start, fit, zeros(d), zeros(d, d))
     return fit
@@ -191,7 +198,7 @@ def _fit_all(x: PointSets, group: int, start: RootStart, fit: Estimates, zero: S
             if going[g]:
                 left += 1
                 state[g].pair, state[g].radius, state[g].variance = start.pair[t], start.radius[t], start.variance[t]
-                state[g].last, state[g].passes = 0.0, 0
+                state[g].fuller, state[g].last, state[g].passes = start.fuller[t], 0.0, 0
                 for i in range(d):
                     center[g, i] = start.offset[t, i]
         while left > 0:

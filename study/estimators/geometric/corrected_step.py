@@ -14,7 +14,6 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from study.estimators.algebraic import FULLER
 from study.estimators.status import Status
 from study.sphere.jit import compiled, dot
 from study.sphere.radial import RadialMeans, radial_means
@@ -43,6 +42,7 @@ class RootState(Protocol):
 
     Attributes:
         pair: ν, the share of the pair (R, R²) of powers beside (1, R).
+        fuller: α, Fuller's constant.
         radius: trial radius r.
         variance: trial noise variance s.
         last: length of the last step, if it was Newton's in full, else 0.
@@ -50,6 +50,7 @@ class RootState(Protocol):
     """
 
     pair: float
+    fuller: float
     radius: float
     variance: float
     last: float
@@ -82,7 +83,7 @@ def _form(trial: RootTrial, n: int, sums: Floats, means: RadialMeans, equations:
     pull, mean, second = sums[2 : 2 + d], sums[2 + d : 2 + 2 * d], sums[2 + 2 * d : 2 + 3 * d]
     curve, stretch = sums[2 + 3 * d : 2 + 3 * d + d * d], sums[2 + 3 * d + d * d :]
     m, rest, weight, sigma = d + 2, 1.0 - pair, 1.0 / n, math.sqrt(s)
-    bend = FULLER / n
+    bend = state.fuller / n
     slope, offset = r - pair * means.excess12, rest * r * means.excess01 + pair * r * means.excess12 - bend * s
     even, inverse = rest * r * (r + means.excess01) - bend * s, 0.0
     for i in range(d):
