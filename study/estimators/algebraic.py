@@ -23,7 +23,7 @@ from study.sphere.types import Bools, Floats
 
 _EPS = 2.0**-52
 _MAX_STEPS = 200
-_FULLER = (2.0, 8.0)
+_FULLER = (2.0, 7.0)
 """Fuller's constant α where the points determine the curvature well, and where they do not."""
 _KNOWN = 5.0
 """Curvature over its standard error at which α is halfway."""
@@ -153,12 +153,12 @@ def als(samples: Samples) -> Estimates:
 
 
 def fuller(samples: Samples) -> Estimates:
-    """`als` with Fuller's modification: η(1 - α/N) is subtracted instead of η, α from 2 to 8.
+    """`als` with Fuller's modification: η(1 - α/N) is subtracted instead of η, α from 2 to 7.
 
     It changes the centre by O(1/N) of its error and bounds it: `als` has errors with a 1/x tail, this has none. The
     status is that of `als`.
 
-    Source: Fuller 1987 §2.5; theory §9.3.
+    Source: Fuller 1987 §2.5; theory §9.3, (9.4).
     """
     return shrunk(samples, root(samples, 2.0 * samples.shape[1]))
 
@@ -167,7 +167,9 @@ def fuller_constant(samples: Samples, eta: Floats) -> Floats:
     """Fuller's α for each set (b,), given the root η (b,) of `als`.
 
     The least mean square error needs more of his term where the points hardly determine the curvature, and none where
-    they do. Source: theory §9.3.
+    they do.
+
+    Source: theory (9.4).
     """
     few, many = _FULLER
     with np.errstate(all="ignore"):
