@@ -32,11 +32,18 @@ def terms(unknowns, points, share):
     return np.column_stack([weight[:, None] * e, distance - mean, square])
 
 
+def fuller_constant(points):
+    """Fuller's constant by theory (9.4), with the η of `als` and the least eigenvalue λ of C: their ratio is ρ."""
+    share = study.fit(points, "als").condition
+    return 2.0 + 5.0 / (1.0 + len(points) * (1.0 / share - 1.0) / 25.0)
+
+
 def equations(unknowns, points, share):
     """The equations over n, with Fuller's term."""
     y = points - unknowns[:3]
     pull = (y / np.linalg.norm(y, axis=1)[:, None]).mean(axis=0)
-    return terms(unknowns, points, share).mean(axis=0) + 4.0 * unknowns[4] / len(points) * np.append(pull, [0, 0])
+    shift = fuller_constant(points) * unknowns[4] / len(points)
+    return terms(unknowns, points, share).mean(axis=0) + shift * np.append(pull, [0, 0])
 
 
 @pytest.mark.parametrize("name", MEMBERS)
@@ -135,22 +142,22 @@ def test_stays_near_the_start(rng, on_cap, name):
 
 
 def test_fuller_formula(rng, on_cap):
-    """`fuller` is x̄ + ½(C - η(1 - 4/n)I)⁻¹s, with C and s of weight 1/n and the η of `als`."""
+    """`fuller` is x̄ + ½(C - η(1 - α/n)I)⁻¹s, with C and s of weight 1/n and the η of `als`."""
     points = on_cap(rng, 30, 60.0, noise=0.1)[0]
     y = points - points.mean(axis=0)
     c, s = y.T @ y / 30, (y * (y * y).sum(axis=1)[:, None]).mean(axis=0)
     eta = float(study.fit(points, "als").condition) * np.linalg.eigvalsh(c)[0]
-    center = points.mean(axis=0) + 0.5 * np.linalg.solve(c - eta * (1 - 4 / 30) * np.eye(3), s)
+    center = points.mean(axis=0) + 0.5 * np.linalg.solve(c - eta * (1 - fuller_constant(points) / 30) * np.eye(3), s)
     np.testing.assert_allclose(study.fit(points, "fuller").center, center, rtol=0, atol=1e-10)
 
 
 def test_fuller_has_no_heavy_tail(rng, on_cap):
-    """Where `als` has errors with a 1/x tail, the offset of `fuller` is bounded by n|s|/(8η) (theory §9.3)."""
+    """Where `als` has errors with a 1/x tail, the offset of `fuller` is bounded by n|s|/(14η) (theory §9.3)."""
     points = on_cap(rng, 20, 20.0, noise=0.1, sets=2000)[0]
     y = points - points.mean(axis=1, keepdims=True)
     third = np.linalg.norm((y * (y * y).sum(axis=2)[..., None]).mean(axis=1), axis=1)
     least = np.linalg.eigvalsh(y.swapaxes(1, 2) @ y / 20)[:, 0]
     eta = study.fit(points, "als").condition * least
     offset = np.linalg.norm(study.fit(points, "fuller").center - points.mean(axis=1), axis=1)
-    assert np.all(offset <= 20 * third / (8 * eta) * (1 + 1e-9))
+    assert np.all(offset <= 20 * third / (14 * eta) * (1 + 1e-9))
     assert np.linalg.norm(study.fit(points, "als").center, axis=1).max() > 5 * offset.max()
