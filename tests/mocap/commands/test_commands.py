@@ -122,6 +122,32 @@ def test_joints(call, body, tmp_path):
     assert (tmp_path / lines[-1]).is_file()
 
 
+def test_trials_of_one_session(call, body, tmp_path):
+    """Two recordings of one body give one calibration; one of another body is refused, or merged by force."""
+    same = write_recording(synthesize(Recipe(frames=300, seed=2))[0], tmp_path / "same.c3d")
+    code, said, complained = call("joints", body[0], same)
+    assert (code, complained) == (0, "")
+    assert said.splitlines()[-2:] == [
+        f"results/recordings/body-same/{name}" for name in ("joints.parquet", "calibration.json")
+    ]
+    assert any(
+        line.startswith("neck ") and line.endswith(("  body, same", "  same, body")) for line in said.splitlines()
+    )
+    table = pd.read_parquet(tmp_path / "results" / "recordings" / "body-same" / "joints.parquet")
+    assert list(table.groupby("recording").size()) == [14, 14]
+    code, said, complained = call("skeleton", same, "--calibration", "results/recordings/body-same", "--refit")
+    assert (code, complained) == (0, "")
+    other = write_recording(synthesize(Recipe(frames=60, seed=2, height=1.5))[0], tmp_path / "other.c3d")
+    code, _, complained = call("joints", body[0], "--static", other)
+    assert (code, len(complained.splitlines())) == (2, 1)
+    assert "other does not show the subject calibrated in body" in complained
+    code, said, complained = call("joints", body[0], "--static", other, "--force", "--out", "forced")
+    assert (code, complained) == (0, "")
+    assert "--force overrules: other does not show the subject calibrated in body" in said
+    assert "nothing to overrule" in call("joints", body[0], "--force")[2]
+    assert "no shapes to refit" in call("skeleton", body[0], "--refit")[2]
+
+
 def test_skeleton(body, drawn):
     """Every file is there; joints have their true places, and bones their true lengths."""
     truth = body[1]
