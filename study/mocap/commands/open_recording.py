@@ -8,7 +8,7 @@ import typer
 
 from study.mocap.commands.options import Reading
 from study.mocap.io.recording import Recording, RecordingError
-from study.mocap.markersets.match import Match, choose, match
+from study.mocap.markersets.match import Match, choose, match, with_better
 from study.mocap.markersets.set_file import MarkerSetError, load_markerset
 
 RESULTS = Path("results") / "recordings"
@@ -41,7 +41,7 @@ def place_markerset(recording: Recording, markerset: str | None = None) -> Match
             f"{recording.name}: no joint of marker set {markerset} can be found ({reasons}, ...); "
             "leave --markerset out to choose the shipped one that fits best"
         )
-    return found
+    return with_better(found)
 
 
 def results_folder(name: str, out: Path | None = None) -> Path:

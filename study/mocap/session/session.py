@@ -9,6 +9,7 @@ from study.mocap.io.recording import Recording, RecordingError
 from study.mocap.joints.fit_joints import find_joints
 from study.mocap.joints.found_joints import FoundJoints
 from study.mocap.markersets.marker_set import MarkerSet
+from study.mocap.session.hinge_places import hinges_placed
 from study.mocap.session.merge_calibrations import Merged, merge_calibrations
 from study.mocap.skeleton.calibrate import calibration_from
 from study.mocap.skeleton.calibration import Calibration
@@ -67,7 +68,10 @@ def calibrate_session(
         else:
             require_same_subject(drawn)
     fixed = None if static is None else len(trials)
-    merged = _with_misfits(merge_calibrations(markerset, calibrations, fixed), every)
+    merged = merge_calibrations(markerset, calibrations, fixed)
+    if fixed is not None:
+        merged = hinges_placed(merged, calibrations[fixed], found[fixed], every[fixed])
+    merged = _with_misfits(merged, every)
     return Session(tuple(every), found, merged, tuple(forced))
 
 

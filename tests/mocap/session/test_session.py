@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from study.mocap.io.reading import read_recording
-from study.mocap.io.recording import RecordingError
+from study.mocap.io.recording import Recording, RecordingError
 from study.mocap.joints.estimates import USABLE, JointStatus
+from study.mocap.markersets.marker_set import Joint, MarkerSet, Segment
 from study.mocap.markersets.match import match
 from study.mocap.markersets.set_file import load_markerset
 from study.mocap.session.session import calibrate_session, refit_shapes
@@ -89,6 +91,44 @@ def test_a_trial_without_a_segment(trial, markerset, in_pelvis):
     for side in ("left", "right"):
         assert found[f"{side}_hip"].trials == (side,)
         assert np.linalg.norm(found[f"{side}_hip"].in_parent - in_pelvis(found, side)) < 0.003
+
+
+def test_a_hinge_is_placed_by_the_static_trial():
+    """The medial marker is on in the static trial alone; the knee is midway between it and the lateral one there."""
+    rng, frames = np.random.default_rng(8), 300
+    axis, knee = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, -0.4])
+    thigh = np.array([[0.07, 0.05, -0.1], [-0.06, 0.04, -0.2], [0.05, -0.06, -0.3]])
+    shank = np.array([[0.05, 0.04, -0.1], [-0.04, 0.05, -0.2], [0.03, -0.05, -0.3]])
+    ends = knee + np.array([[0.01, 0.06, 0.0], [0.01, -0.04, 0.0]])
+
+    def trial(name, sweep, labels):
+        body = Rotation.from_rotvec(rng.uniform(-0.3, 0.3, (frames, 3)))
+        bend = Rotation.from_rotvec(sweep * rng.uniform(0.0, 1.0, (frames, 1)) * axis)
+        local = [np.tile(p, (frames, 1)) for p in (*thigh, *ends)] + [knee + bend.apply(p) for p in shank]
+        x = np.stack([body.apply(each) for each in local]).transpose(0, 2, 1)
+        every = ("T1", "T2", "T3", "LAT", "MED", "S1", "S2", "S3")
+        whole = Recording(name, every, x + 0.0005 * rng.standard_normal(x.shape), 100.0)
+        return whole.select([label for label in every if label not in labels])
+
+    markers = MarkerSet(
+        name="leg",
+        segments=(
+            Segment(name="thigh", markers=("T1", "T2", "T3")),
+            Segment(name="shank", markers=("S1", "S2", "S3"), parent="thigh"),
+        ),
+        joints=(Joint(name="knee", parent="thigh", child="shank", kind="hinge", across=("LAT", "MED")),),
+    )
+    found = calibrate_session(markers, [trial("bend", 1.2, ("MED",))], trial("static", 0.0, ())).merged.calibration
+    shape, place = found.shape("thigh"), found["knee"]
+    turn, _ = Rotation.align_vectors(shape.places - shape.places.mean(axis=0), thigh - thigh.mean(axis=0))
+    true = turn.apply(knee + [0.0, 0.01, 0.0] - thigh.mean(axis=0)) + shape.places.mean(axis=0)
+    assert place.trials == ("bend",)
+    assert np.linalg.norm(place.in_parent - true) < 0.002
+    other = found.shape("shank").places
+    turn, _ = Rotation.align_vectors(other - other.mean(axis=0), shank - shank.mean(axis=0))
+    assert (
+        np.linalg.norm(place.in_child - turn.apply([0.0, 0.01, 0.0] - shank.mean(axis=0)) - other.mean(axis=0)) < 0.003
+    )
 
 
 def test_another_person_is_refused(trial, markerset):
