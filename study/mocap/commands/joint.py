@@ -12,12 +12,22 @@ Parent = Annotated[
 ]
 Child = Annotated[str, typer.Option("--child", metavar="D,E,F", help="labels of markers of the segment that moves")]
 Hinge = Annotated[bool, typer.Option("--hinge", help="a knee, an elbow: its place along its axis is not asked for")]
+Across = Annotated[
+    str, typer.Option("--across", metavar="G,H", help="lateral and medial point: a hinge is midway between them")
+]
 Json = Annotated[bool, typer.Option("--json", help="print the joint as JSON, in metres and degrees")]
 
 
 @grouped
 def joint(
-    file: File, *, parent: Parent, child: Child, hinge: Hinge = False, as_json: Json = False, reading: Reading
+    file: File,
+    *,
+    parent: Parent,
+    child: Child,
+    hinge: Hinge = False,
+    across: Across = "",
+    as_json: Json = False,
+    reading: Reading,
 ) -> None:
     """Find one joint, from the markers of its two segments.
 
@@ -29,8 +39,10 @@ def joint(
     from study.mocap.one_joint.joint_line import joint_json, joint_line
     from study.mocap.one_joint.one_joint import fit_one_joint
 
+    if across and not hinge:
+        raise typer.BadParameter("--across: only a hinge has an axis; give --hinge, too")
     recording = reading.read(file)
-    found = fit_one_joint(recording, find_clusters(recording, parent, child), hinge)
+    found = fit_one_joint(recording, find_clusters(recording, parent, child, across), hinge)
     if as_json:
         typer.echo(joint_json(found))
     else:

@@ -7,8 +7,8 @@ from pathlib import Path
 import typer
 
 from study.mocap.commands.options import Reading
-from study.mocap.io.recording import RecordingError
-from study.mocap.markersets.match import Match, choose, match
+from study.mocap.io.recording import Recording, RecordingError
+from study.mocap.markersets.match import Match, choose, match, with_better
 from study.mocap.markersets.set_file import MarkerSetError, load_markerset
 
 RESULTS = Path("results") / "recordings"
@@ -27,17 +27,21 @@ def open_recording(file: Path, markerset: str | None = None, reading: Reading | 
         RecordingError: if the recording cannot be read.
         MarkerSetError: if the marker set cannot be read, or no joint can be found with it.
     """
-    recording = (reading or Reading()).read(file)
+    return place_markerset((reading or Reading()).read(file), markerset)
+
+
+def place_markerset(recording: Recording, markerset: str | None = None) -> Match:
+    """Place a marker set on a recording; the arguments and errors are those of `open_recording`."""
     if markerset is None:
         return choose(recording)
     found = match(load_markerset(markerset), recording)
     if not found.joints:
         reasons = "; ".join(f"{joint}: {reason}" for joint, reason in list(found.lost.items())[:3])
         raise MarkerSetError(
-            f"{file}: no joint of marker set {markerset} can be found ({reasons}, ...); "
+            f"{recording.name}: no joint of marker set {markerset} can be found ({reasons}, ...); "
             "leave --markerset out to choose the shipped one that fits best"
         )
-    return found
+    return with_better(found)
 
 
 def results_folder(name: str, out: Path | None = None) -> Path:

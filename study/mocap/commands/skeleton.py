@@ -1,6 +1,7 @@
 """The command `study skeleton`: phase 2, the skeleton of a recording in every frame."""
 
 import sys
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,20 +14,32 @@ if TYPE_CHECKING:
     from study.mocap.skeleton.calibration import Calibration
     from study.mocap.skeleton.scene import Scene
 
-CalibrationFile = Annotated[
-    Path | None,
-    typer.Option("--calibration", help="calibration.json of the same subject, or its folder [default: calibrate here]"),
-]
-Force = Annotated[bool, typer.Option("--force", help="use the calibration even if it seems to be of another subject")]
 Video = Annotated[bool, typer.Option("--video", help="also write motion.mp4")]
+
+
+@dataclass(frozen=True)
+class Given:
+    """The options on a calibration that is given."""
+
+    calibration: Path | None = field(
+        default=None, metadata={"help": "calibration.json of the same subject, or its folder [default: calibrate here]"}
+    )
+    force: bool = field(default=False, metadata={"help": "use it even if it seems to be of another subject"})
+    refit: bool = field(default=False, metadata={"help": "fit its segment shapes to this recording; its joints stay"})
+
+    def require_sense(self) -> None:
+        """Refuse options that say how to use a calibration where none is given."""
+        if self.calibration is None and self.force:
+            raise typer.BadParameter("--force: there is nothing to overrule without --calibration")
+        if self.calibration is None and self.refit:
+            raise typer.BadParameter("--refit: there are no shapes to refit without --calibration")
 
 
 @grouped
 def skeleton(
     file: File,
     *,
-    calibration: CalibrationFile = None,
-    force: Force = False,
+    given: Given,
     markerset: MarkerSetName = None,
     out: Out = None,
     video: Video = False,
@@ -38,6 +51,7 @@ def skeleton(
     """
     from study.figures.style import save
     from study.mocap.commands.open_recording import print_lines, print_match, results_folder
+    from study.mocap.session.session import refit_shapes
     from study.mocap.skeleton import skeleton_table
     from study.mocap.skeleton.bvh import write_bvh
     from study.mocap.skeleton.calibration_file import save_calibration
@@ -50,22 +64,24 @@ def skeleton(
     from study.mocap.view.webpage import write_viewer
     from study.runs.storage.atomic_write import save_frame
 
-    if force and calibration is None:
-        raise typer.BadParameter("--force: there is nothing to overrule without --calibration")
+    given.require_sense()
     if video:
         encoder()  # so that a missing one is reported before the work is done
-    match, used = _calibrated(file, reading, calibration, markerset)
+    match, used = _calibrated(file, reading, given.calibration, markerset)
     folder = results_folder(match.source.name, out)
     print_match(match)
     drawn = draw_skeleton(used, match.recording)
-    print_lines(overruled(drawn) if force else [])
-    drawn = drawn if force else require_same_subject(drawn)
+    print_lines(overruled(drawn) if given.force else [])
+    drawn = drawn if given.force else require_same_subject(drawn)
+    if given.refit:
+        used = refit_shapes(used, match.recording)
+        drawn = draw_skeleton(used, match.recording)
     scene = skeleton_scene(drawn, match.recording)
     print_lines(skeleton_table.skeleton_lines(scene))
     save_frame(skeleton_table.skeleton_table(scene), folder / "skeleton.parquet")
     save_frame(skeleton_table.bone_table(scene), folder / "bones.parquet")
     paths = [folder / "skeleton.parquet", folder / "bones.parquet"]
-    if calibration is None:
+    if given.calibration is None:
         paths.append(save_calibration(used, folder / "calibration.json"))
     paths.append(write_bvh(drawn, folder / "skeleton.bvh"))
     paths.append(write_motion(scene, folder / "motion.json"))

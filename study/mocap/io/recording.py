@@ -89,3 +89,20 @@ class Recording:
         names = self.markers if markers is None else tuple(markers)
         positions = self.positions[[self.row(marker) for marker in names]]
         return replace(self, markers=names, positions=positions if frames is None else positions[:, :, frames])
+
+
+def one_after_another(recordings: Sequence[Recording], name: str) -> Recording:
+    """Recordings joined in time, with the markers that any of them has; the rate is the first one's.
+
+    Args:
+        recordings: at least one.
+        name: of the result.
+    """
+    markers = tuple(dict.fromkeys(marker for recording in recordings for marker in recording.markers))
+    parts = []
+    for recording in recordings:
+        part = np.full((len(markers), 3, recording.frames), np.nan)
+        part[[markers.index(marker) for marker in recording.markers]] = recording.positions
+        parts.append(part)
+    notes = tuple(f"{recording.name}: {note}" for recording in recordings for note in recording.notes)
+    return Recording(name, markers, np.concatenate(parts, axis=2), recordings[0].rate, notes)

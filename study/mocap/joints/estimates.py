@@ -94,6 +94,16 @@ class Estimate:
         across = np.eye(3) if self.axis is None else np.eye(3) - np.outer(self.axis, self.axis)
         return float(np.sqrt(max(np.linalg.eigvalsh(across @ self.covariance @ across)[-1], 0.0)))
 
+    def placed_along_axis(self, x: Floats) -> "Estimate":
+        """The estimate moved along its axis to where a point of the world (3, frames), metres, is on average.
+
+        It stays where it is if it has no axis, or the point is never seen together with the pose.
+        """
+        place = np.full(3, np.nan) if self.axis is None else self.poses.mean_place(x)
+        if self.axis is None or np.isnan(place).any():
+            return self
+        return replace(self, center=self.center + ((place - self.center) @ self.axis) * self.axis)
+
     def with_status(self) -> "Estimate":
         """The same estimate with the status that follows from its noise, error and frames."""
         if self.noise == "none":

@@ -106,6 +106,7 @@ class _Search:
             status = self.reason_without_estimate(joint)
             return FoundJoint(joint, status, status.text)
         chosen, doubt = check_against_sides(estimates[0], estimates[1:])
+        chosen = chosen.placed_along_axis(_midway(joint, self.recording))
         return FoundJoint(joint, chosen.status, doubt or chosen.status.text, chosen, tuple(estimates[1:]))
 
     def reason_without_estimate(self, joint: Joint) -> JointStatus:
@@ -190,6 +191,12 @@ class _Search:
                 points = [point, *marker_points(self.markerset.segment(name), self.recording)]
                 self.poses[name] = fit_poses(name, points, self.reference)
                 self.rests_on[name] = found.estimate
+
+
+def _midway(joint: Joint, recording: Recording) -> Floats:
+    """Middle (3, frames) of the points between which a hinge lies; NaN where they are missing."""
+    points = [recording.of(name) for name in joint.across if name in recording.markers]
+    return 0.5 * (points[0] + points[1]) if len(points) == 2 else np.full((3, recording.frames), np.nan)
 
 
 def _without_missing(markerset: MarkerSet, recording: Recording) -> MarkerSet:

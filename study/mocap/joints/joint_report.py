@@ -33,6 +33,8 @@ def joint_lines(joints: FoundJoints) -> Iterator[str]:
     yield "apart: distance to the farthest other side with an error, mm; worth: effective number of independent frames"
     yield "moved: least and greatest root mean square angle of motion"
     for found in joints.joints:
+        if found.joint.across and not np.isnan(found.axis_in_parent).any():
+            yield f"{found.joint.name}: along its axis midway between {' and '.join(found.joint.across)}"
         if found.status not in USABLE:
             yield f"{found.joint.name}: {found.reason}"
     for segment, reason in joints.without_pose.items():

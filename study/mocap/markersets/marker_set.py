@@ -27,7 +27,7 @@ class Segment(Frozen):
     markers: Names
     """The markers on it; none if a recording lacks them all."""
     parent: Name | None = None
-    """The segment to which its joint connects it; None for the root."""
+    """The segment to which its joint connects it; None for a root, of which a set may have several."""
 
 
 class Joint(Frozen):
@@ -41,6 +41,8 @@ class Joint(Frozen):
     markers: Names = ()
     """The child's markers that the joint is fitted to; all of them if none are named."""
     kind: Literal["ball", "hinge"] = "ball"
+    across: Names = ()
+    """Two points, lateral and medial, midway between which a hinge lies along its axis; none if no points show that."""
 
 
 class MarkerSetParts(Frozen):
@@ -78,6 +80,10 @@ class MarkerSet(MarkerSetParts):
         """All markers, segment by segment."""
         return tuple(marker for segment in self.segments for marker in segment.markers)
 
+    def landmarks(self) -> tuple[str, ...]:
+        """Points on no segment between which hinges lie; no pose and no centre is fitted to them."""
+        return tuple(dict.fromkeys(x for joint in self.joints for x in joint.across if x not in self.markers()))
+
     def markers_for(self, joint: Joint) -> tuple[str, ...]:
         """The child's markers that a joint is fitted to."""
         return joint.markers or self.segment(joint.child).markers
@@ -91,9 +97,10 @@ def misfits(parts: MarkerSetParts) -> Iterator[Fault]:
     for marker in parts.optional:
         if marker not in owner:
             yield Fault(("optional",), f"marker {marker!r} is on no segment")
-    meaning = dict.fromkeys(owner, "")
+    known = [*owner, *(point for joint in parts.joints for point in joint.across)]
+    meaning = dict.fromkeys(known, "")
     for marker, labels in parts.aliases.items():
-        if marker not in owner:
+        if marker not in known:
             yield Fault(("aliases", marker), f"marker {marker!r} is on no segment")
         for label in labels:
             if label in meaning:
@@ -103,7 +110,7 @@ def misfits(parts: MarkerSetParts) -> Iterator[Fault]:
 
 
 def _segments(parts: MarkerSetParts) -> Iterator[Fault]:
-    """Faults of the segments: doubled names and markers, and parents that do not come before their children."""
+    """Faults of the segments: doubled names and markers, parents that do not come before their children."""
     owner: dict[str, str] = {}
     before: list[str] = []
     for number, segment in enumerate(parts.segments):
@@ -111,11 +118,8 @@ def _segments(parts: MarkerSetParts) -> Iterator[Fault]:
         if segment.name in before:
             yield Fault(here, "two segments have this name")
         if number == 0 and segment.parent is not None:
-            yield Fault((*here, "parent"), "the first segment is the root and has no parent", segment.parent)
-        elif number and segment.parent is None:
-            words = f"required, but missing: only the first segment, {parts.segments[0].name}, has no parent"
-            yield Fault((*here, "parent"), words)
-        elif number and segment.parent not in before:
+            yield Fault((*here, "parent"), "the first segment is a root and has no parent", segment.parent)
+        elif segment.parent is not None and segment.parent not in before:
             words = f"must be an earlier segment: {', '.join(before)}"
             yield Fault((*here, "parent"), words, segment.parent)
         for marker in segment.markers:
@@ -148,6 +152,9 @@ def _joints(parts: MarkerSetParts) -> Iterator[Fault]:
         if child.name in children:
             yield Fault((*here, "child"), f"joint {children[child.name]} has this child already", child.name)
         children[child.name] = joint.name
+        if joint.across and (joint.kind != "hinge" or len(set(joint.across)) != 2):
+            words = "must name two points, the lateral and the medial one, and is for a hinge alone"
+            yield Fault((*here, "across"), words, list(joint.across))
         for marker in joint.markers:
             if marker not in child.markers:
                 on = ", ".join(child.markers) or "none"

@@ -1,12 +1,19 @@
 """Match a marker set to a recording: the label of each marker, what is missing, and the joints that can be found."""
 
+import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from study.mocap.io.recording import Recording
 from study.mocap.markersets.marker_set import Joint, MarkerSet, Segment
 from study.mocap.markersets.set_file import MarkerSetError, load_markerset, shipped
+from study.text.nearest import nearest
+
+_ENOUGH = 4
+"""Joints that show that a recording is of a part of a set's body."""
+_NUMBERED = re.compile(r"(.*[^\W\d_]{2}[\W_]?)(\d+)$")
+"""A label of two letters or more and a number."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,6 +30,8 @@ class Match:
     """The missing markers of each segment that lacks any; optional ones do not count."""
     lost: dict[str, str]
     """The reason for each joint that cannot be found."""
+    remarks: tuple[str, ...] = ()
+    """Sentences about sets that fit better."""
 
     @cached_property
     def markerset(self) -> MarkerSet:
@@ -54,9 +63,19 @@ class Match:
         ]
         renamed = [f"{label} is {marker}" for marker, label in self.labels.items() if label != marker]
         lines += [f"labels: {', '.join(renamed)}"] * bool(renamed)
-        lines += [f"segment {segment} lacks {', '.join(markers)}" for segment, markers in self.lacking.items()]
+        lines += [
+            f"segment {segment} lacks {', '.join(map(self._missed, gone))}" for segment, gone in self.lacking.items()
+        ]
         lines += [f"joint {joint} cannot be found: {why}" for joint, why in self.lost.items()]
-        return lines + [f"not in the marker set: {', '.join(self.extra)}"] * bool(self.extra)
+        lines += [f"not in the marker set: {', '.join(self.extra)}"] * bool(self.extra)
+        unused = clusters(self.extra)
+        lines += [f"clusters that it does not use: {', '.join(unused)}; a set of your own can"] * bool(unused)
+        return [*lines, *self.remarks]
+
+    def _missed(self, marker: str) -> str:
+        """A missing marker, with the label of the recording that it may have."""
+        label = nearest(marker, self.extra)
+        return marker if label is None else f"{marker} (did you mean {label}?)"
 
 
 def match(markerset: MarkerSet, recording: Recording) -> Match:
@@ -67,7 +86,8 @@ def match(markerset: MarkerSet, recording: Recording) -> Match:
     """
     visible = [label for label, share in zip(recording.markers, recording.missing(), strict=True) if share < 1]
     upper = {label.upper(): label for label in reversed(visible)}
-    labels = {m: label for m in markerset.markers() if (label := _label(markerset, m, upper)) is not None}
+    every = (*markerset.markers(), *markerset.landmarks())
+    labels = {m: label for m in every if (label := _label(markerset, m, upper)) is not None}
     lacking = {
         segment.name: lacks
         for segment in markerset.segments
@@ -79,28 +99,72 @@ def match(markerset: MarkerSet, recording: Recording) -> Match:
 def choose(recording: Recording, candidates: Sequence[str] | None = None) -> Match:
     """Choose the marker set that fits a recording best: the most joints, then the most markers, then fewest aliases.
 
+    A set is chosen only if most of its joints can be found, or most of those whose segments the recording shows: at
+    least four of these, or with most of the recording's markers.
+
     Args:
         recording: a recording.
         candidates: names or paths of marker sets; the shipped ones if None.
 
     Raises:
-        MarkerSetError: if no joint can be found with any of them.
+        MarkerSetError: if none of them fits.
     """
     names = shipped() if candidates is None else list(candidates)
-    matches = [match(load_markerset(name), recording) for name in names]
-    best = max(matches, key=_quality, default=None)
-    if best is None or not best.joints:
-        tried = ", ".join(found.whole.name for found in matches) or "none"
-        labels = ", ".join(recording.markers[:8]) + (", ..." if len(recording.markers) > 8 else "")
-        words = f"no marker set fits: with none of {tried} can a joint be found among the labels {labels}"
-        remedy = "write your own: `study markersets cmu41 > mine.toml` gives a start, --markerset mine.toml uses it"
-        raise MarkerSetError(f"{recording.name}: {words}; {remedy}")
-    return best
+    matches = sorted((match(load_markerset(name), recording) for name in names), key=_quality, reverse=True)
+    if fitting := [found for found in matches if _fits(found)]:
+        return fitting[0]
+    labels = ", ".join(recording.markers[:8]) + (", ..." if len(recording.markers) > 8 else "")
+    if matches and matches[0].joints:
+        best = matches[0]
+        unused, name = clusters(best.extra), best.whole.name
+        words = f"with {name}, the nearest, {_share(best)} can be found; --markerset {name} takes it all the same"
+        words += f"; unused clusters are {', '.join(unused)}" if unused else ""
+    else:
+        tried = ", ".join(sorted(found.whole.name for found in matches)) or "none"
+        words = f"with none of {tried} can a joint be found among the labels {labels}"
+    remedy = "write your own: `study markersets cmu41 > mine.toml` gives a start, --markerset mine.toml uses it"
+    raise MarkerSetError(f"{recording.name}: no marker set fits: {words}; {remedy}")
+
+
+def with_better(found: Match) -> Match:
+    """The match with a remark if a shipped set finds more joints than the one that a user named."""
+    others = [match(load_markerset(name), found.source) for name in shipped()]
+    better = [other for other in others if len(other.joints) > len(found.joints) and _fits(other)]
+    if not better:
+        return found
+    best = max(better, key=_quality)
+    return replace(found, remarks=(f"marker set {best.whole.name} fits better: {_share(best)} can be found with it",))
+
+
+def clusters(labels: Sequence[str]) -> list[str]:
+    """Groups of three or more labels that differ by a number at the end alone, such as LTH1-LTH3."""
+    groups: dict[str, list[tuple[int, str]]] = {}
+    for label in labels:
+        if (found := _NUMBERED.match(label)) is not None:
+            groups.setdefault(found[1], []).append((int(found[2]), label))
+    return [f"{min(group)[1]}-{max(group)[1]}" for group in groups.values() if len(group) > 2]
+
+
+def _fits(found: Match) -> bool:
+    """True if a set fits a recording well enough to be chosen without being named."""
+    count = len(found.joints)
+    if 2 * count > len(found.whole.joints):
+        return True
+    shown = [j for j in found.whole.joints if any(m in found.labels for m in found.whole.segment(j.child).markers)]
+    most = 2 * len(found.labels) > len(found.source.markers)
+    return 2 * count > len(shown) and (count >= _ENOUGH or (count > 1 and most))
+
+
+def _share(found: Match) -> str:
+    return f"{len(found.joints)} of {len(found.whole.joints)} joints"
 
 
 def _quality(found: Match) -> tuple[int, int, int, int]:
+    """Order by how well a set fits: joints, markers, gaps in the segments that the recording shows, aliases."""
     aliases = sum(marker != label for marker, label in found.labels.items())
-    return len(found.joints), len(found.labels), -sum(map(len, found.lacking.values())), -aliases
+    shown = (s.name for s in found.whole.segments if any(marker in found.labels for marker in s.markers))
+    gaps = sum(len(found.lacking.get(name, ())) for name in shown)
+    return len(found.joints), len(found.labels), -gaps, -aliases
 
 
 def _label(markerset: MarkerSet, marker: str, labels: dict[str, str]) -> str | None:
@@ -137,12 +201,15 @@ def _reduced(whole: MarkerSet, labels: dict[str, str], lost: dict[str, str]) -> 
     def there(markers: Sequence[str]) -> tuple[str, ...]:
         return tuple(marker for marker in markers if marker in labels)
 
+    def both(markers: Sequence[str]) -> bool:
+        return all(marker in labels for marker in markers)
+
     return MarkerSet(
         name=whole.name,
         about=whole.about,
         segments=tuple(Segment(name=s.name, markers=there(s.markers), parent=s.parent) for s in whole.segments),
         joints=tuple(
-            Joint(name=j.name, parent=j.parent, child=j.child, markers=there(j.markers), kind=j.kind)
+            j.model_copy(update={"markers": there(j.markers), "across": there(j.across) if both(j.across) else ()})
             for j in whole.joints
             if j.name not in lost
         ),

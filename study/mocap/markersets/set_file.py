@@ -8,6 +8,7 @@ from pydantic import ValidationError
 
 from study.experiment.config_faults import ConfigError, Fault, report
 from study.mocap.markersets.marker_set import Joint, MarkerSet, MarkerSetParts, Segment, misfits
+from study.mocap.markersets.name_faults import name_faults
 from study.text.columns import columns
 from study.text.nearest import did_you_mean
 
@@ -85,11 +86,12 @@ def parse_markerset(text: str, source: str = "marker set") -> MarkerSet:
         raise MarkerSetError(f"{source}: not TOML: {error}") from None
     faults: list[Fault] = []
     sections = {key: _with_names(key, raw[key], faults) for key in _TABLES if key in raw}
-    document = raw | sections
+    document: dict[str, object] = raw | sections
     try:
         parts = MarkerSetParts.model_validate(document)
     except ValidationError as error:
         faults += [_by_name(fault, sections) for fault in report(error, _known_keys(sections))]
+        faults += name_faults(document, faults)
     else:
         faults += misfits(parts)
         faults += [

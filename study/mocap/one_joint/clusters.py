@@ -19,11 +19,18 @@ class Clusters:
     """At least three: their pose gives the axes of the answer."""
     child: tuple[str, ...]
     """At least one; with three or more the child has a pose, and the joint a second opinion."""
+    across: tuple[str, ...] = ()
+    """The lateral and the medial point, midway between which a hinge lies along its axis, or none."""
 
     @property
     def markers(self) -> tuple[str, ...]:
         """All markers, the parent's first."""
         return self.parent + self.child
+
+    @property
+    def every(self) -> tuple[str, ...]:
+        """All markers, and the points for the axis."""
+        return tuple(dict.fromkeys(self.markers + self.across))
 
     def markerset(self, hinge: bool) -> MarkerSet:
         """The marker set with these two segments and one joint between them."""
@@ -33,23 +40,27 @@ class Clusters:
                 Segment(name=PARENT, markers=self.parent),
                 Segment(name=CHILD, markers=self.child, parent=PARENT),
             ),
-            joints=(Joint(name=JOINT, parent=PARENT, child=CHILD, kind="hinge" if hinge else "ball"),),
+            joints=(
+                Joint(name=JOINT, parent=PARENT, child=CHILD, kind="hinge" if hinge else "ball", across=self.across),
+            ),
         )
 
 
-def find_clusters(recording: Recording, parent: str, child: str) -> Clusters:
+def find_clusters(recording: Recording, parent: str, child: str, across: str = "") -> Clusters:
     """Look up the markers of two segments in a recording.
 
     Args:
         recording: that has them.
         parent: labels with commas between them; a subject's prefix and the case of letters do not matter.
         child: likewise.
+        across: likewise, the lateral and the medial point of a hinge; empty if there are none.
 
     Raises:
         RecordingError: one line: unknown labels, with the nearest ones of the recording; markers without any sample; a
-            marker that is named twice; fewer than three markers of the parent, or none of the child.
+            marker that is named twice; fewer than three markers of the parent, none of the child, or one or more than
+            two for the axis.
     """
-    given = {f"--{PARENT}": _split(parent), f"--{CHILD}": _split(child)}
+    given = {f"--{PARENT}": _split(parent), f"--{CHILD}": _split(child), "--across": _split(across)}
     known = {label.casefold(): label for label in reversed(recording.markers)}
     found: dict[str, list[str]] = {}
     unknown: dict[str, list[str]] = {}
@@ -90,7 +101,9 @@ def _require_usable(recording: Recording, clusters: Clusters) -> None:
         raise RecordingError(
             f"{recording.name}: {', '.join(twice)} is named twice; name each marker once, on the segment that it is on"
         )
-    never = [label for label in clusters.markers if recording.missing()[recording.row(label)] == 1.0]
+    if clusters.across and len(set(clusters.across)) != 2:
+        raise RecordingError(f"{recording.name}: --across names {len(set(clusters.across))} points; it takes two")
+    never = [label for label in clusters.every if recording.missing()[recording.row(label)] == 1.0]
     if never:
         raise RecordingError(
             f"{recording.name}: {', '.join(never)} has no sample in any frame; name other markers of the segment"

@@ -62,7 +62,9 @@ def _parts(joint: OneJoint) -> Iterator[str]:
         yield f"centre ({_millimetres(found.in_parent)}) ± {1000 * joint.error:.1f} mm in the parent's axes"
         yield f"mean ({_millimetres(joint.in_recording)}) mm in the recording's"
     if not np.isnan(found.axis_in_parent).any():
-        yield f"axis ({', '.join(f'{x:.3f}' for x in found.axis_in_parent)}), the place along it is not known"
+        between = " and ".join(found.joint.across)
+        place = f"midway between {between}" if between else "not known"
+        yield f"axis ({', '.join(f'{x:.3f}' for x in found.axis_in_parent)}), the place along it is {place}"
     turned = "" if math.isnan(joint.turn) else f", 95 % of the rotations within {joint.turn:.0f}°"
     if not math.isnan(joint.moved[0]):
         yield f"moved {joint.moved[0]:.0f}°-{joint.moved[1]:.0f}°{turned}"

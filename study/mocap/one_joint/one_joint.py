@@ -74,7 +74,7 @@ def fit_one_joint(recording: Recording, clusters: Clusters, hinge: bool = False)
     Returns:
         The joint; one that cannot be found has a status, a reason and NaN for its place.
     """
-    joints = find_joints(clusters.markerset(hinge), recording.select(clusters.markers))
+    joints = find_joints(clusters.markerset(hinge), recording.select(clusters.every))
     found = joints[JOINT]
     parent, child = joints.poses.get(PARENT), joints.poses.get(CHILD)
     world, axis = np.full((3, recording.frames), np.nan), None

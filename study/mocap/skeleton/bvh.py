@@ -82,8 +82,9 @@ def _tree(skeleton: Skeleton) -> _Node:
     poses: dict[str, tuple[Floats, Floats]] = {}
     root = calibration.markerset.segments[0].name
     for number, segment in enumerate(calibration.markerset.segments):
+        parent = segment.parent or (root if number else None)  # a file has one root: it carries the others, unattached
         rotation, origin = skeleton.rotations[number], skeleton.origins[number]
-        if np.isnan(rotation[0, 0]).all() or (segment.parent is not None and segment.parent not in nodes):
+        if np.isnan(rotation[0, 0]).all() or (parent is not None and parent not in nodes):
             continue
         shape = calibration.shape(segment.name)
         frames = _last_known(rotation[0, 0])
@@ -92,12 +93,12 @@ def _tree(skeleton: Skeleton) -> _Node:
         pivot = np.zeros(3) if place is None else place.in_child
         local, course = rotation, np.einsum("ijt,j->it", rotation, pivot) + origin
         offset = np.zeros(3)
-        if segment.parent is not None:
-            base, base_origin = poses[segment.parent]
+        if parent is not None:
+            base, base_origin = poses[parent]
             local = relative_rotation(base, rotation)
-            start = np.einsum("ijt,j->it", base, pivots[segment.parent]) + base_origin
+            start = np.einsum("ijt,j->it", base, pivots[parent]) + base_origin
             course = np.einsum("jit,jt->it", base, course - start)
-            offset = course[:, 0] if place is None else place.in_parent - pivots[segment.parent]
+            offset = course[:, 0] if place is None else place.in_parent - pivots[parent]
         nodes[segment.name] = _Node(
             name=above[segment.name].joint.name if segment.name in above else segment.name,
             offset=offset,
@@ -105,8 +106,8 @@ def _tree(skeleton: Skeleton) -> _Node:
             course=course if place is None else None,
             end=shape.places.mean(axis=0) - pivot if len(shape.markers) else np.zeros(3),
         )
-        if segment.parent is not None:
-            nodes[segment.parent].children.append(nodes[segment.name])
+        if parent is not None:
+            nodes[parent].children.append(nodes[segment.name])
         pivots[segment.name], poses[segment.name] = pivot, (rotation, origin)
     if root not in nodes:
         raise RecordingError(f"{skeleton.name}: its {root} is known in no frame, and a BVH file starts from it")

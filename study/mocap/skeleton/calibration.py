@@ -37,6 +37,11 @@ class SegmentShape:
     reason: str
     misfit: float = float("nan")
 
+    @property
+    def has_pose(self) -> bool:
+        """True if it has poses, by its markers alone or with a joint."""
+        return not self.reason
+
 
 @dataclass(frozen=True, eq=False)
 class JointPlace:
@@ -52,6 +57,7 @@ class JointPlace:
         axis_in_parent: axis of a hinge in the parent's axes (3,); NaN for others.
         axis_in_child: axis of a hinge in the child's axes (3,); NaN for others.
         mean_rotation: of the child in the parent's axes (3, 3).
+        trials: names of the recordings that the place comes from, if the calibration is merged from several.
     """
 
     joint: Joint
@@ -63,6 +69,16 @@ class JointPlace:
     axis_in_parent: Floats
     axis_in_child: Floats
     mean_rotation: Floats
+    trials: tuple[str, ...] = ()
+
+    @property
+    def standard_error(self) -> float:
+        """Largest standard error across the axis, metres; NaN if it is not known."""
+        if np.isnan(self.covariance).any():
+            return float("nan")
+        axis = np.nan_to_num(self.axis_in_parent)
+        across = np.eye(3) - np.outer(axis, axis)
+        return float(np.sqrt(max(np.linalg.eigvalsh(across @ self.covariance @ across)[-1], 0.0)))
 
     @property
     def known(self) -> bool:
@@ -75,8 +91,8 @@ class Calibration:
     """The answer of phase 1, as far as phase 2 needs it.
 
     Attributes:
-        source: name of the recording that it was fitted to.
-        frames: number of frames of that recording.
+        source: name of the recording that it was fitted to, or names with commas between them.
+        frames: number of frames of these.
         markerset: whose segments and joints they are.
         shapes: of all segments, in the marker set's order.
         joints: all of the marker set's, in its order.

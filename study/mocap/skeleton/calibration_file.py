@@ -90,6 +90,7 @@ def _joint_to_json(place: JointPlace) -> dict[str, Any]:
         "axis_in_parent": _array_to_json(place.axis_in_parent),
         "axis_in_child": _array_to_json(place.axis_in_child),
         "rest": _array_to_json(place.mean_rotation),
+        "trials": place.trials,
     }
 
 
@@ -130,6 +131,7 @@ def _from_json(document: dict[str, Any]) -> Calibration:
                 axis_in_parent=_array_from_json(each["axis_in_parent"], (3,)),
                 axis_in_child=_array_from_json(each["axis_in_child"], (3,)),
                 mean_rotation=_array_from_json(each["rest"], (3, 3)),
+                trials=tuple(map(str, each.get("trials", ()))),
             )
         )
     if [shape.segment for shape in shapes] != [segment.name for segment in markerset.segments]:

@@ -8,6 +8,8 @@ that range and twice its own in the recording that was calibrated, or if most of
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from study.mocap.io.recording import RecordingError
 from study.mocap.skeleton.draw_skeleton import Skeleton
 
@@ -26,7 +28,7 @@ class SubjectCheck:
     """Comparison of a calibration with the subject in a recording.
 
     Attributes:
-        same: True if the calibration is of this subject.
+        same: True if the calibration is of this subject, or nothing can be compared.
         misfits: segments whose markers are far from their places, and by how much, in words.
         text: one line for a user.
     """
@@ -41,10 +43,12 @@ def check_subject(skeleton: Skeleton) -> SubjectCheck:
     misfits: dict[str, str] = {}
     compared = 0
     for shape, misfit, left_out in zip(skeleton.calibration.shapes, skeleton.misfits, skeleton.left_out, strict=True):
-        if not len(shape.markers):
+        if np.isnan(misfit) and not left_out:  # none of its markers, or never enough of them
             continue
         compared += 1
-        if left_out > _LEFT_OUT:
+        if np.isnan(misfit):
+            misfits[shape.segment] = "its markers fit together in no frame"
+        elif left_out > _LEFT_OUT:
             misfits[shape.segment] = f"{left_out:.0%} of its samples are far from their places"
         elif misfit > max(_WORSE * shape.misfit, _SESSION):
             misfits[shape.segment] = f"{1000 * misfit:.0f} mm off, {1000 * shape.misfit:.0f} mm when calibrated"

@@ -86,7 +86,7 @@ def test_a_recording_of_something_else(call, tmp_path, small):
     path = write_recording(small(("a", "b", "c")), tmp_path / "other.csv")
     code, said, complained = call("recording", path)
     assert (code, complained) == (0, "")
-    assert "no marker set fits: with none of cmu41, plug-in-gait" in said
+    assert "no marker set fits: with none of cast, cgm2, cmu41, " in said
     refused(call("joints", path), "other: no marker set fits", "study markersets cmu41 > mine.toml")
 
 
@@ -95,14 +95,14 @@ def test_markersets(call, tmp_path):
     code, said, complained = call("markersets")
     assert (code, complained) == (0, "")
     assert [line.split()[0] for line in said.splitlines()] == shipped()
-    assert said.startswith("cmu41         41 markers  14 joints  41 markers of the CMU")
+    assert "cmu41                  41 markers  14 joints  41 markers of the CMU" in said
     code, said, complained = call("markersets", "cmu41")
     assert (code, complained) == (0, "")
     (tmp_path / "mine.toml").write_text(said, encoding="utf-8")
     assert load_markerset(tmp_path / "mine.toml") == load_markerset("cmu41")
     refused(
         call("markersets", "cmu42"),
-        "no marker set 'cmu42': did you mean 'cmu41'? Known are cmu41, plug-in-gait; `study",
+        f"no marker set 'cmu42': did you mean 'cmu41'? Known are {', '.join(shipped())}; `study",
     )
 
 
@@ -120,6 +120,32 @@ def test_joints(call, body, tmp_path):
     assert {"from_gdke", "from_ugdk", "from_mle", "from_two_sided"} <= set(table.columns)
     assert lines[-1] == "results/recordings/body/calibration.json"
     assert (tmp_path / lines[-1]).is_file()
+
+
+def test_trials_of_one_session(call, body, tmp_path):
+    """Two recordings of one body give one calibration; one of another body is refused, or merged by force."""
+    same = write_recording(synthesize(Recipe(frames=300, seed=2))[0], tmp_path / "same.c3d")
+    code, said, complained = call("joints", body[0], same)
+    assert (code, complained) == (0, "")
+    assert said.splitlines()[-2:] == [
+        f"results/recordings/body-same/{name}" for name in ("joints.parquet", "calibration.json")
+    ]
+    assert any(
+        line.startswith("neck ") and line.endswith(("  body, same", "  same, body")) for line in said.splitlines()
+    )
+    table = pd.read_parquet(tmp_path / "results" / "recordings" / "body-same" / "joints.parquet")
+    assert list(table.groupby("recording").size()) == [14, 14]
+    code, said, complained = call("skeleton", same, "--calibration", "results/recordings/body-same", "--refit")
+    assert (code, complained) == (0, "")
+    other = write_recording(synthesize(Recipe(frames=60, seed=2, height=1.5))[0], tmp_path / "other.c3d")
+    code, _, complained = call("joints", body[0], "--static", other)
+    assert (code, len(complained.splitlines())) == (2, 1)
+    assert "other does not show the subject calibrated in body" in complained
+    code, said, complained = call("joints", body[0], "--static", other, "--force", "--out", "forced")
+    assert (code, complained) == (0, "")
+    assert "--force overrules: other does not show the subject calibrated in body" in said
+    assert "nothing to overrule" in call("joints", body[0], "--force")[2]
+    assert "no shapes to refit" in call("skeleton", body[0], "--refit")[2]
 
 
 def test_skeleton(body, drawn):
@@ -240,7 +266,7 @@ def test_bad_files(call, bad, verb, name, words, tmp_path):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--markerset", "nothing"], "no marker set 'nothing': known are cmu41, plug-in-gait"),
+        (["--markerset", "nothing"], "no marker set 'nothing': known are cast, cgm2, cmu41, "),
         (["--markerset", "none.toml"], "none.toml: cannot be read"),
         (["--unit", "furlong"], "its unit 'furlong' is not known"),
         (["--rate", "0"], "its rate in frames per second is 0"),

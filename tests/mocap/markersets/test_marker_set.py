@@ -22,10 +22,10 @@ def test_what_it_holds():
     ("parts", "words"),
     [
         ({"segments": ()}, "at least 1 item"),
-        ({"segments": (THIGH,), "joints": ()}, "segments.thigh.parent: the first segment is the root"),
+        ({"segments": (THIGH,), "joints": ()}, "segments.thigh.parent: the first segment is a root"),
         (
             {"segments": (PELVIS, THIGH.model_copy(update={"parent": None}))},
-            "thigh.parent: required, but missing: only",
+            "hip.parent: the parent of segment thigh is none",
         ),
         (
             {"segments": (PELVIS, THIGH.model_copy(update={"parent": "foot"}))},

@@ -3,8 +3,8 @@ import pytest
 
 from study.mocap.io.reading import read_recording
 from study.mocap.io.recording import Recording
-from study.mocap.markersets.match import choose, match
-from study.mocap.markersets.set_file import MarkerSetError, load_markerset
+from study.mocap.markersets.match import choose, clusters, match, with_better
+from study.mocap.markersets.set_file import MarkerSetError, load_markerset, shipped
 
 CMU = load_markerset("cmu41")
 
@@ -73,7 +73,7 @@ def test_an_alias_stands_in_for_a_marker_never_seen():
     assert found.labels["LSHN"] == "LTIB"
 
 
-@pytest.mark.parametrize("name", ["cmu41", "plug-in-gait"])
+@pytest.mark.parametrize("name", shipped())
 def test_the_fitting_set_is_chosen(name):
     """The right set is chosen, also if the other fits with aliases, or some markers are missing."""
     whole = load_markerset(name)
@@ -82,10 +82,140 @@ def test_the_fitting_set_is_chosen(name):
     assert choose(recording([*markers[:-1], "extra"])).whole.name == name
 
 
+def sides(*labels):
+    """Labels with L and R in place of ~, and with L and r in place of ^."""
+    both = [[label.replace("~", a).replace("^", b) for label in labels] for a, b in (("L", "L"), ("R", "r"))]
+    return list(dict.fromkeys(both[0] + both[1]))
+
+
+PIG_TOP = ["LFHD", "RFHD", "LBHD", "RBHD", "C7", "T10", "CLAV", "STRN", "RBAK"]
+PIG_ARM = sides("~SHO", "~UPA", "~ELB", "~FRM", "~WRA", "~WRB", "~FIN")
+PIG_LEG = sides("~ASI", "~PSI", "~THI", "~KNE", "~TIB", "~ANK", "~HEE", "~TOE")
+CGM_LEG = sides("~THAP", "~THAD", "~TIAP", "~TIAD")
+OPENCAP = sides(
+    *("^.ASIS_study", "^.PSIS_study", "^_knee_study", "^_mknee_study", "^_ankle_study", "^_mankle_study"),
+    *(
+        "^_toe_study",
+        "^_5meta_study",
+        "^_calc_study",
+        "^_shoulder_study",
+        "C7_study",
+        "^_thigh1_study",
+        "^_thigh2_study",
+    ),
+    *("^_thigh3_study", "^_sh1_study", "^_sh2_study", "^_sh3_study", "~HJC_study", "^_lelbow_study", "^_melbow_study"),
+    *("^_lwrist_study", "^_mwrist_study"),
+)
+PUBLISHED = {
+    "Vicon's Plug-in Gait, whole body": (PIG_TOP + PIG_ARM + PIG_LEG, "plug-in-gait", 14),
+    "Vicon's Plug-in Gait, legs": (PIG_LEG, "plug-in-gait", 6),
+    "pyCGM2, CGM2.3 legs": (PIG_LEG + CGM_LEG + sides("~KNM", "~MED"), "cgm2", 6),
+    "pyCGM2, CGM2.4 legs": (PIG_LEG + CGM_LEG + sides("~SMH", "~FMH", "~VMH"), "cgm2", 6),
+    "pyCGM2, CGM2.3 as first published": (
+        PIG_LEG + sides("~THIAP", "~THIAD", "~TIBAP", "~TIBAD"),
+        "cgm2",
+        6,
+    ),
+    "OpenSim, Gait2354 example": (
+        ["Sternum", "Top.Head", "V.Sacral"]
+        + sides("~.Acromium", "~.ASIS", "~.Thigh.Upper", "~.Thigh.Front", "~.Thigh.Rear", "~.Shank.Upper")
+        + sides("~.Shank.Front", "~.Shank.Rear", "~.Heel", "~.Midfoot.Sup", "~.Midfoot.Lat", "~.Toe.Tip"),
+        "gait2392",
+        7,
+    ),
+    "OpenSim, Rajagopal 2016": (
+        ["C7", "CLAV"]
+        + sides("~ACR", "~ASH", "~PSH", "~LEL", "~MEL", "~UA1", "~UA2", "~UA3", "~FAsuperior", "~FAradius", "~FAulna")
+        + sides("~ASI", "~PSI", "~HJC", "~TH1", "~TH2", "~TH3", "~LFC", "~MFC", "~KJC", "~TB1", "~TB2", "~TB3")
+        + sides("~LMAL", "~MMAL", "~AJC", "~CAL", "~TOE", "~MT5"),
+        "hamner",
+        11,
+    ),
+    "OpenCap, augmented": (OPENCAP, "opencap", 11),
+    "UWA, clusters": (
+        ["C7", "T10", "CLAV", "STRN"]
+        + sides("~ASI", "~PSI", "~TH1", "~TH2", "~TH3", "~LFC", "~MFC", "~TB1", "~TB2", "~TB3", "~LMAL", "~MMAL")
+        + sides("~CAL", "~MT1", "~MT5"),
+        "cast",
+        7,
+    ),
+    "Rizzoli, Visual3D's labels": (
+        ["CV7", "TV2", "TV7", "SJN", "SXS", "LV1", "LV3", "LV5"]
+        + sides("~CAJ", "~IAS", "~IPS", "~FTC", "~FLE", "~FME", "~FAX", "~TTC", "~FAL", "~TAM", "~FCC", "~FM1")
+        + sides("~FM2", "~FM5"),
+        "rizzoli",
+        7,
+    ),
+    "Rizzoli, Leardini's labels": (
+        ["C7", "T2", "MAI", "IJ", "PX", "L1", "L3", "L5"]
+        + sides("~A", "~ASIS", "~PSIS", "~GT", "~LE", "~ME", "~HF", "~TT", "~LM", "~MM", "~CA", "~FM", "~SM", "~VM"),
+        "rizzoli",
+        7,
+    ),
+    "Plug-in Gait with clusters": (
+        [*PIG_TOP, *sides("~ASI", "~PSI", "~TH1", "~TH2", "~TH3", "~TB1", "~TB2", "~TB3", "~TOE", "~HEE", "~D5M")]
+        + sides("~KNE", "~MKNE", "~ANK", "~MMA"),
+        "plug-in-gait-clusters",
+        8,
+    ),
+}
+"""Labels as the publishers of the sets give them, the set that fits, and its joints."""
+
+
+@pytest.mark.parametrize("source", PUBLISHED)
+def test_published_labels(source):
+    """The labels that each set's publisher gives lead to the set and its joints; unlabelled points do no harm."""
+    labels, name, joints = PUBLISHED[source]
+    found = choose(recording([*labels, *(f"*{i}" for i in range(60))]))
+    assert (found.whole.name, len(found.joints)) == (name, joints)
+
+
+def test_some_markers_of_another_set_are_no_match():
+    """One joint of fourteen is no reason to choose a set; the message names it, and the clusters that nobody uses."""
+    labels = ["C7", "T10", "CLAV", "STRN", *sides("~ASI", "~PSI", "~QQ1", "~QQ2", "~QQ3"), *(f"*{i}" for i in range(9))]
+    with pytest.raises(MarkerSetError, match="no marker set fits: with ") as caught:
+        choose(recording(labels))
+    assert "1 of 14 joints can be found; --markerset" in str(caught.value) or "1 of 7 joints" in str(caught.value)
+    assert "unused clusters are LQQ1-LQQ3, RQQ1-RQQ3" in str(caught.value)
+
+
+def test_a_better_set_and_unused_clusters():
+    """A set that a user named is taken, with a word on the one that finds more, and on clusters."""
+    labels = PUBLISHED["UWA, clusters"][0]
+    lines = with_better(match(load_markerset("plug-in-gait"), recording(labels))).lines()
+    assert lines[-1] == "marker set cast fits better: 7 of 7 joints can be found with it"
+    assert lines[-2].startswith("clusters that it does not use: LTH1-LTH3, LTB1-LTB3, RTH1-RTH3, RTB1-RTB3")
+    assert with_better(match(load_markerset("cast"), recording(labels))).remarks == ()
+
+
+def test_a_wrong_label_is_answered_with_the_nearest():
+    labels = [{"LTHI": "LTHIGH", "RANK": "RANKL"}.get(m, m) for m in PIG_LEG]
+    lines = match(load_markerset("plug-in-gait"), recording(labels)).lines()
+    assert "segment left_thigh lacks LTHI (did you mean LTHIGH?)" in lines
+    assert "segment right_shank lacks RANK (did you mean RANKL?)" in lines
+
+
+def test_numbers_at_the_end_make_clusters():
+    assert clusters(["LTH1", "LTH3", "x", "LTH2", "C7", "T10", "T1", "L1", "L2", "L3", "thigh_1", "thigh_2"]) == [
+        "LTH1-LTH3"
+    ]
+
+
+def test_landmarks_are_matched_and_used_by_hinges_alone():
+    """A landmark has its label, is no marker of a segment, and is gone with the other one of its pair."""
+    labels = PUBLISHED["UWA, clusters"][0]
+    found = match(load_markerset("cast"), recording(labels))
+    knee = next(joint for joint in found.joints if joint.name == "left_knee")
+    assert knee.across == ("LLFC", "LMFC")
+    assert {"LLFC", "LMFC"} <= set(found.recording.markers)
+    assert not {"LLFC", "LMFC"} & set(found.markerset.markers())
+    without = match(load_markerset("cast"), recording([label for label in labels if label != "LMFC"]))
+    assert next(joint for joint in without.joints if joint.name == "left_knee").across == ()
+
+
 def test_nothing_fits():
-    with pytest.raises(
-        MarkerSetError, match="no marker set fits: with none of cmu41, plug-in-gait can a joint"
-    ) as caught:
+    words = f"no marker set fits: with none of {', '.join(shipped())} can a joint"
+    with pytest.raises(MarkerSetError, match=words) as caught:
         choose(recording(["A", "B"]))
     assert "\n" not in str(caught.value)
 

@@ -47,6 +47,39 @@ def test_all_faults_at_once_with_their_lines():
     ]
 
 
+def test_faults_of_the_schema_and_of_names_are_told_together():
+    """A joint with an unknown segment and a doubled marker are told beside a wrong kind."""
+    text = LEG.replace('child = "thigh"', 'child = "thihg"\nkind = "bal"').replace('["D", "E"]', '["D", "A"]')
+    with pytest.raises(MarkerSetError) as caught:
+        parse_markerset(text, "leg.toml")
+    assert str(caught.value).splitlines() == [
+        "leg.toml: 3 faults",
+        "  line 8: segments.thigh.markers: marker 'A' is on pelvis already",
+        "  line 12: joints.hip.child = 'thihg': no such segment; did you mean 'thigh'? Known are pelvis, thigh",
+        "  line 13: joints.hip.kind = 'bal': input should be 'ball' or 'hinge'",
+    ]
+
+
+def test_several_roots():
+    """Two bodies in one set: each has a root, and joints of its own."""
+    arm = '\n[segments.arm]\nmarkers = ["P", "Q", "R"]\n[segments.hand]\nparent = "arm"\nmarkers = ["S"]\n'
+    found = parse_markerset(
+        LEG.replace("[joints.hip]", arm + '[joints.wrist]\nparent = "arm"\nchild = "hand"\n\n[joints.hip]')
+    )
+    assert [segment.name for segment in found.segments if segment.parent is None] == ["pelvis", "arm"]
+    assert [joint.name for joint in found.joints] == ["wrist", "hip"]
+
+
+@pytest.mark.parametrize("entry", ['across = ["X"]', 'across = ["X", "X"]', 'kind = "ball"\nacross = ["X", "Y"]'])
+def test_points_across_a_hinge(entry):
+    """They are two, and only a hinge has them."""
+    text = LEG.replace(
+        'markers = ["E"]\n', 'markers = ["E"]\n' + ("" if "kind" in entry else 'kind = "hinge"\n') + entry + "\n"
+    )
+    with pytest.raises(MarkerSetError, match="must name two points, the lateral and the medial one"):
+        parse_markerset(text, "leg.toml")
+
+
 def test_faults_between_parts_with_their_lines():
     text = LEG.replace('["E"]', '["A"]').replace('["A", "B", "C"]', "[]").replace("D = [", "X = [")
     with pytest.raises(MarkerSetError) as caught:
@@ -77,6 +110,8 @@ def test_what_is_no_marker_set(text, words):
 def test_shipped_ones_by_name():
     assert {"cmu41", "plug-in-gait"} <= set(shipped())
     for name in shipped():
+        assert load_markerset(name).name == name
+    for name in ("cmu41", "plug-in-gait"):
         found = load_markerset(name)
         assert found.name == name
         assert len(found.segments) == 15
@@ -102,6 +137,6 @@ def test_a_path(tmp_path):
 def test_an_unknown_name_is_told_with_the_known():
     with pytest.raises(
         MarkerSetError,
-        match=r"no marker set 'cmu42': did you mean 'cmu41'\? Known are cmu41, plug-in-gait; or give the path",
+        match=r"no marker set 'cmu42': did you mean 'cmu41'\? Known are cast, cgm2, cmu41, .*; or give the path",
     ):
         load_markerset("cmu42")

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from study.mocap.io.reading import read_recording
 from study.mocap.io.recording import Recording, RecordingError
+from study.mocap.joints.fit_joints import find_joints
 from study.mocap.one_joint.clusters import find_clusters
 from study.mocap.one_joint.joint_line import joint_json, joint_line
 from study.mocap.one_joint.left_centres import is_centre, left_centres
@@ -148,6 +149,38 @@ def test_a_ball_that_moved_as_a_hinge_is_not_ok():
     across = np.eye(3) - np.outer(true, true)
     assert np.linalg.norm(across @ (hinge.found.in_parent - in_axes(hinge, CENTRE))) < 0.004
     assert "the place along it is not known" in joint_line(hinge)
+
+
+def test_a_hinge_is_midway_between_two_points():
+    """Two points across the axis give the place along it; across the axis nothing changes."""
+    axis = np.array([0.0, 0.6, 0.8])
+    ends = [("LFC", 0.05 * axis + [0.02, 0, 0]), ("MFC", -0.03 * axis - [0.02, 0, 0])]
+    recording, _ = body(axis=axis, left=ends)
+    plain, placed = (
+        fit_one_joint(recording, find_clusters(recording, PARENT, CHILD, across), hinge=True)
+        for across in ("", "LFC,MFC")
+    )
+    step, found = placed.found.in_parent - plain.found.in_parent, placed.found.axis_in_parent
+    np.testing.assert_allclose(step, (step @ found) * found, atol=1e-9)
+    true = in_axes(placed, CENTRE + 0.01 * axis)
+    assert abs((placed.found.in_parent - true) @ in_axes(placed, axis + PELVIS.mean(axis=0))) < 0.002
+    assert "the place along it is midway between LFC and MFC" in joint_line(placed)
+    with pytest.raises(RecordingError, match="--across names 1 points; it takes two"):
+        find_clusters(recording, PARENT, CHILD, "LFC")
+
+
+def test_a_knee_is_where_another_program_has_it_along_its_axis(shared_file):
+    """The toolbox puts the knee midway between the epicondyles; without these it is centimetres away along its axis."""
+    recording = read_recording(shared_file("gait_same_session.c3d"))
+    along = []
+    for across in ("", "LLFC,LMFC"):
+        clusters = find_clusters(recording, "LTH1,LTH2,LTH3", "LTB1,LTB2,LTB3", across)
+        joints = find_joints(clusters.markerset(True), recording.select(clusters.every))
+        local = joints.poses["parent"].to_local(recording.of("LKJC"))
+        found = joints["joint"]
+        along.append(abs(np.nanmean((local - found.in_parent[:, None]).T @ found.axis_in_parent)))
+    assert along[0] > 0.05
+    assert along[1] < 0.001
 
 
 def test_a_joint_that_did_not_move():

@@ -3,6 +3,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from study.mocap.io.recording import RecordingError
+from study.mocap.markersets.marker_set import MarkerSet
 from study.mocap.markersets.set_file import load_markerset
 from study.mocap.skeleton.bvh import write_bvh
 from study.mocap.skeleton.calibrate import calibrate
@@ -91,6 +92,18 @@ def test_segment_without_a_known_joint_moves_freely(tmp_path):
         if joint in places and not np.isnan(center).any():
             x, y, z = center
             np.testing.assert_allclose(places[joint], np.stack([x, z, -y]), atol=1e-5, err_msg=joint)
+
+
+def test_several_roots(tmp_path):
+    """A set of two roots, legs and trunk, in one file: the second moves freely below the first, and is where it is."""
+    recording, _ = synthesize(Recipe(frames=300, noise=0.001))
+    parts = [s.model_copy(update={"parent": None}) if s.name == "thorax" else s for s in CMU41.segments]
+    two = MarkerSet(name="two", segments=tuple(parts), joints=tuple(j for j in CMU41.joints if j.name != "waist"))
+    skeleton = draw_skeleton(calibrate(recording, two), recording)
+    places, _ = read_bvh(write_bvh(skeleton, tmp_path / "two.bvh"))
+    for joint in ("neck", "left_elbow", "right_knee"):
+        x, y, z = skeleton.center(joint)
+        np.testing.assert_allclose(places[joint], np.stack([x, z, -y]), atol=1e-5, err_msg=joint)
 
 
 def test_unknown_frames_hold_the_pose(figure, figure_calibration, tmp_path):

@@ -1,0 +1,180 @@
+"""Several trials of one session in one calibration: joints from the trials that moved them; other persons refused."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from study.mocap.io.reading import read_recording
+from study.mocap.io.recording import Recording, RecordingError
+from study.mocap.joints.estimates import USABLE, JointStatus
+from study.mocap.markersets.marker_set import Joint, MarkerSet, Segment
+from study.mocap.markersets.match import match
+from study.mocap.markersets.set_file import load_markerset
+from study.mocap.session.session import calibrate_session, refit_shapes
+from study.mocap.session.session_text import session_lines, session_table
+from study.mocap.skeleton.draw_skeleton import draw_skeleton
+from study.mocap.skeleton.subject_check import check_subject
+
+
+@pytest.fixture(scope="module")
+def trials(trial):
+    """A trial for each hip, one for both, and a static one."""
+    return [
+        trial("left", left=0.4, seed=1),
+        trial("right", right=0.4, seed=2),
+        trial("both", left=0.4, right=0.4, seed=3),
+    ], trial("static", seed=4, frames=60)
+
+
+@pytest.fixture(scope="module")
+def session(markerset, trials):
+    """Their calibration."""
+    return calibrate_session(markerset, *trials)
+
+
+def test_each_joint_comes_from_the_trials_that_moved_it(session):
+    assert session.merged.calibration["left_hip"].trials in [("left", "both"), ("both", "left")]
+    assert session.merged.calibration["right_hip"].trials in [("right", "both"), ("both", "right")]
+    table = session_table(session).set_index(["recording", "joint"])["merged"]
+    assert not table["static", "left_hip"]
+    assert table["both", "left_hip"]
+    lines = list(session_lines(session))
+    assert any(line.startswith("left_hip: not from") and "right" in line and "static" in line for line in lines)
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_the_merged_centre_is_the_true_one(session, in_pelvis, side):
+    """Within its covariance, by the 99.99 % quantile of χ² of three, to 2 mm, and better than each trial's."""
+    calibration = session.merged.calibration
+    place = calibration[f"{side}_hip"]
+    apart = place.in_parent - in_pelvis(calibration, side)
+    assert place.status in USABLE
+    assert apart @ np.linalg.solve(place.covariance + (0.0002**2) * np.eye(3), apart) < 21.1
+    assert np.linalg.norm(apart) < 0.002
+    parts = next(j for j in session.merged.joints if j.place.joint.name == f"{side}_hip").parts
+    assert place.standard_error < min(part.place.standard_error for part in parts if part.usable)
+
+
+def test_shapes_are_the_static_trials(session, trials, markerset):
+    """The distances between markers are those of the static trial to .1 mm, less than its noise over 60 frames."""
+    shape, static = session.merged.calibration.shape("pelvis"), match(markerset, trials[1]).recording
+    for i, one in enumerate(shape.markers):
+        for j, two in enumerate(shape.markers[:i]):
+            true = np.linalg.norm(static.of(one) - static.of(two), axis=0).mean()
+            assert np.linalg.norm(shape.places[i] - shape.places[j]) == pytest.approx(true, abs=1e-4)
+
+
+def test_places_in_both_segments_are_one_point(session, trials):
+    """Drawn from either segment, a hip is the same point, without bias to a millimetre."""
+    drawn = draw_skeleton(session.merged.calibration, trials[0][2])
+    place = session.merged.calibration["left_hip"]
+    ends = [
+        np.einsum("ijt,j->it", drawn.rotation(name), at) + drawn.origins[drawn.segments.index(name)]
+        for name, at in (("pelvis", place.in_parent), ("left_thigh", place.in_child))
+    ]
+    assert np.nanmax(np.abs(ends[0] - ends[1])) < 1e-9  # the thigh rotates about the hip
+    thigh = draw_skeleton(session.merged.calibration, trials[0][2].select(("LTH1", "LTH2", "LTH3")))
+    free = np.einsum("ijt,j->it", thigh.rotation("left_thigh"), place.in_child)
+    free = free + thigh.origins[thigh.segments.index("left_thigh")]
+    assert np.abs(np.nanmean(free - ends[0], axis=1)).max() < 0.001
+
+
+def test_a_trial_without_a_segment(trial, markerset, in_pelvis):
+    """A trial without the other thigh's markers is merged; neither hip suffers."""
+    found = calibrate_session(
+        markerset,
+        [
+            trial("left", left=0.4, seed=1, lacking=("RTH1", "RTH2", "RTH3")),
+            trial("right", right=0.4, seed=2, lacking=("LTH1", "LTH2", "LTH3")),
+        ],
+    ).merged.calibration
+    for side in ("left", "right"):
+        assert found[f"{side}_hip"].trials == (side,)
+        assert np.linalg.norm(found[f"{side}_hip"].in_parent - in_pelvis(found, side)) < 0.003
+
+
+def test_a_hinge_is_placed_by_the_static_trial():
+    """The medial marker is on in the static trial alone; the knee is midway between it and the lateral one there."""
+    rng, frames = np.random.default_rng(8), 300
+    axis, knee = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, -0.4])
+    thigh = np.array([[0.07, 0.05, -0.1], [-0.06, 0.04, -0.2], [0.05, -0.06, -0.3]])
+    shank = np.array([[0.05, 0.04, -0.1], [-0.04, 0.05, -0.2], [0.03, -0.05, -0.3]])
+    ends = knee + np.array([[0.01, 0.06, 0.0], [0.01, -0.04, 0.0]])
+
+    def trial(name, sweep, labels):
+        body = Rotation.from_rotvec(rng.uniform(-0.3, 0.3, (frames, 3)))
+        bend = Rotation.from_rotvec(sweep * rng.uniform(0.0, 1.0, (frames, 1)) * axis)
+        local = [np.tile(p, (frames, 1)) for p in (*thigh, *ends)] + [knee + bend.apply(p) for p in shank]
+        x = np.stack([body.apply(each) for each in local]).transpose(0, 2, 1)
+        every = ("T1", "T2", "T3", "LAT", "MED", "S1", "S2", "S3")
+        whole = Recording(name, every, x + 0.0005 * rng.standard_normal(x.shape), 100.0)
+        return whole.select([label for label in every if label not in labels])
+
+    markers = MarkerSet(
+        name="leg",
+        segments=(
+            Segment(name="thigh", markers=("T1", "T2", "T3")),
+            Segment(name="shank", markers=("S1", "S2", "S3"), parent="thigh"),
+        ),
+        joints=(Joint(name="knee", parent="thigh", child="shank", kind="hinge", across=("LAT", "MED")),),
+    )
+    found = calibrate_session(markers, [trial("bend", 1.2, ("MED",))], trial("static", 0.0, ())).merged.calibration
+    shape, place = found.shape("thigh"), found["knee"]
+    turn, _ = Rotation.align_vectors(shape.places - shape.places.mean(axis=0), thigh - thigh.mean(axis=0))
+    true = turn.apply(knee + [0.0, 0.01, 0.0] - thigh.mean(axis=0)) + shape.places.mean(axis=0)
+    assert place.trials == ("bend",)
+    assert np.linalg.norm(place.in_parent - true) < 0.002
+    other = found.shape("shank").places
+    turn, _ = Rotation.align_vectors(other - other.mean(axis=0), shank - shank.mean(axis=0))
+    assert (
+        np.linalg.norm(place.in_child - turn.apply([0.0, 0.01, 0.0] - shank.mean(axis=0)) - other.mean(axis=0)) < 0.003
+    )
+
+
+def test_another_person_is_refused(trial, markerset):
+    """A body of 15 % more size; by force it is merged, and what is overruled is a line."""
+    two = [trial("one", left=0.4, right=0.4, seed=1), trial("two", left=0.4, right=0.4, seed=2, size=1.15)]
+    with pytest.raises(RecordingError, match=r"two does not show the subject calibrated in one.*--force"):
+        calibrate_session(markerset, two)
+    forced = calibrate_session(markerset, two, force=True)
+    assert [line.startswith("--force overrules: two does not show") for line in forced.overruled] == [True]
+    assert next(session_lines(forced)) == forced.overruled[0]
+
+
+def test_one_name_twice(trial, markerset):
+    with pytest.raises(RecordingError, match="one: given twice"):
+        calibrate_session(markerset, [trial("one", seed=1), trial("one", seed=2)])
+
+
+def test_segments_that_a_recording_lacks_do_not_count(trial, markerset, session):
+    """A recording of one thigh and no more shows another body by that alone."""
+    other = trial("other", left=0.4, size=1.5, seed=9, lacking=("LASI", "RASI", "LPSI", "RPSI", "RTH1", "RTH2", "RTH3"))
+    assert not check_subject(draw_skeleton(session.merged.calibration, other)).same
+
+
+def test_shapes_refitted_to_a_recording(session, trial):
+    """The shapes are the recording's, to its noise, in the calibration's axes; joints stay where they are."""
+    later = trial("later", left=0.3, seed=7)
+    moved = np.array(later.positions)
+    moved[later.row("LTH1")] += 0.02 * np.array([0.0, 0.6, 0.8])[:, None]
+    moved = type(later)(later.name, later.markers, moved, later.rate)
+    calibration = session.merged.calibration
+    found = refit_shapes(calibration, later)
+    np.testing.assert_allclose(found.shape("pelvis").places, calibration.shape("pelvis").places, atol=3e-4)
+    np.testing.assert_array_equal(found["left_hip"].in_parent, calibration["left_hip"].in_parent)
+    before, after = (draw_skeleton(each, moved) for each in (calibration, refit_shapes(calibration, moved)))
+    thigh = before.segments.index("left_thigh")
+    assert after.misfits[thigh] < before.misfits[thigh]
+
+
+def test_two_recordings_of_one_session(shared_file):
+    """The walk is merged with the functional trial; its hips stay where that puts them, or are doubted."""
+    whole = load_markerset(shared_file("functional_hips_markers.toml"))
+    trials = [
+        match(whole, read_recording(shared_file(name))).recording
+        for name in ("functional_hips.c3d", "gait_same_session.c3d")
+    ]
+    alone, merged = (calibrate_session(whole, part).merged.calibration for part in (trials[:1], trials))
+    for hip in ("left_hip", "right_hip"):
+        apart = np.linalg.norm(merged[hip].in_parent - alone[hip].in_parent)
+        assert apart < 0.005 or merged[hip].status == JointStatus.DISAGREE
