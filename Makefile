@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
-.PHONY: paper calibration skeleton test smoke lint bench soak docs clean
+.PHONY: paper calibration skeleton test smoke lint numbers tables bench soak docs clean
 .DELETE_ON_ERROR:
 
 # The paper's study, the studies that its claims need, figures (in figures/), verdicts, and one page about everything.
@@ -40,6 +40,8 @@ calibration: $(VENV)/.run
 	    $(BIN)/study figures configs/$$name.toml fig_calibration; \
 	done
 
+QUOTED := regret regret-circles efficiency robustness robust precision
+
 # A synthetic recording, so that nothing is downloaded: its joints, its skeleton, a figure, a page that shows it.
 BODY := results/recordings/body
 skeleton: $(VENV)/.mocap
@@ -69,6 +71,21 @@ lint: $(VENV)/.dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/python docs/bound_numbers.py
+
+# Write the numbers of the stored tables into the documents; `make lint` fails where they differ.
+numbers: $(VENV)/.dev
+	$(BIN)/python docs/bound_numbers.py --write
+
+# Compute the stored tables that the documents quote, besides that of `make bench`. Takes minutes.
+tables: paper
+	@set -e; \
+	$(BIN)/study run $(QUOTED:%=configs/%.toml); \
+	$(BIN)/study run benchmarks/em_vmf.toml --plugin benchmarks/em_vmf.py; \
+	for name in regret regret-circles; do $(BIN)/study regret $$name --csv results/$$name.csv; done; \
+	$(BIN)/study coverage configs/coverage.toml; \
+	$(BIN)/python docs/reference_tables.py; \
+	$(BIN)/python benchmarks/stopping.py
 
 # Speed as ratios to the limits of this machine and to other packages; stored in results/bench.csv.
 bench: $(VENV)/.bench

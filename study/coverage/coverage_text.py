@@ -14,35 +14,42 @@ _LITTLE, _MUCH = 0.2, 0.5
 def printed(table: pd.DataFrame) -> Iterator[str]:
     """Lines: coverage of the radius by each method over all fits, of each cell; then a summary of each method."""
     methods = list(dict.fromkeys(table["method"]))
+    head, *rows = by_cell(table, methods)
+    yield f"Coverage of the radius over all fits: {' / '.join(methods)}"
+    yield from columns(rows, head)
+    yield ""
+    yield from columns([summary(table, name) for name in methods], TITLES)
+
+
+def by_cell(table: pd.DataFrame, methods: list[str]) -> list[list[str]]:
+    """Coverage of the radius in every cell: a row of titles, then one per N and cap with a column per κ."""
     kappas = sorted(table["kappa"].unique())
-    rows = []
+    rows = [["N", "cap", *[f"κ={kappa:g}" for kappa in kappas]]]
     for (n, angle), part in table.groupby(["samples", "angle"]):
         cells = []
         for kappa in kappas:
             here = part[part["kappa"] == kappa].set_index("method")["radius"]
             cells.append("/".join(_share(here[name]) for name in methods) if len(here) else "-")
         rows.append([f"{n}", f"{angle:g}°", *cells])
-    yield f"Coverage of the radius over all fits: {' / '.join(methods)}"
-    yield from columns(rows, ["N", "cap", *[f"κ={kappa:g}" for kappa in kappas]])
-    yield ""
-    yield from columns([_summary(table[table["method"] == name], name) for name in methods], _TITLES)
+    return rows
 
 
-_TITLES = [
+TITLES = [
     "method",
-    "σ<.2r: mean",
+    "σ < .2 r: mean",
     "within .93-.97",
     "least",
-    "σ<=.5r: least",
+    "σ ≤ .5 r: least",
     "centre: least",
     "ok fits: mean",
     "ok fits: least",
-    "width at κ=100, N>=40",
+    "width at κ=100, N ≥ 40",
 ]
 
 
-def _summary(part: pd.DataFrame, name: str) -> list[str]:
-    """Numbers of one method over the cells."""
+def summary(table: pd.DataFrame, name: str) -> list[str]:
+    """Coverage by one method over the cells, in the order of `TITLES`."""
+    part = table[table["method"] == name]
     little, some = part[part["sigma"] < _LITTLE], part[part["sigma"] <= _MUCH]
     inside = little["radius"].between(0.93 - 2.0 * little["radius_error"], 0.97 + 2.0 * little["radius_error"])
     often = part[(part["ok"] >= 0.2) & (part["sigma"] < 0.35)]

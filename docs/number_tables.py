@@ -1,0 +1,269 @@
+"""Tables of the documents that are made from stored tables; see `docs/bound_numbers.py`.
+
+Each function takes the stored tables by their names in `docs/numbers.toml`, and returns Markdown.
+"""
+
+import math
+from collections.abc import Callable
+
+import pandas as pd
+
+from study.coverage import coverage_text
+
+Tables = Callable[[str], pd.DataFrame]
+
+TAKE = {
+    "corrected": "by default: no bias for many samples, wherever on the sphere they lie",
+    "fuller": "for a closed form: `als` without its heavy tail",
+    "als": "for streams (`study.Incremental`)",
+    "mle": "at low noise; with much noise and many samples it errs up to {worst:.0f} times the best",
+    "taubin": "-",
+    "gdke": "where noise hides the sphere: it stays near the points",
+}
+"""When to take an estimator; ``worst`` is its greatest median error over that of the best estimator of the cell."""
+PLAIN = ["mle", "corrected", "als", "taubin", "gdke"]
+"""Least-squares estimators; `lls` is `gdke`."""
+
+
+def regret(tables: Tables) -> str:
+    """Which estimator: regret over all cells in space, the least median first."""
+    table = tables("regret")
+    whole = table[(table["samples"] == 0) & table["estimator"].isin(list(TAKE))]
+    rows = []
+    for row in whole.sort_values("median", kind="stable").to_dict("records"):
+        name = row["estimator"]
+        numbers = [f"{row[key]:.3f} ± {_short(row[f'{key}_error'], 3)}" for key in ("median", "q95")]
+        rows.append([f"`{name}`", *numbers, TAKE[name].format(worst=row["median_worst"])])
+    rows.append(["`robust`", "-", "-", "with outliers: least trimmed squares, then `mle` of the rest"])
+    return _markdown(["estimator", "median error", "95 % quantile", "take it"], rows)
+
+
+def coverage_short(tables: Tables) -> str:
+    """How often intervals hold the radius: the least over all kinds of data, and the mean and the least of ok fits."""
+    names = {"interval": 'the interval, `fit.interval("radius")`'}
+    names |= {name: f"`{name}` ± t standard errors" for name in ("corrected", "als", "mle")}
+    rows = []
+    for method, title in names.items():
+        part = tables("coverage").query(f"method == '{method}'")
+        often = part.query("ok >= .2 and sigma < .35")
+        least = part.query("sigma <= .5")["radius"].min()
+        rows.append([title, *map(_short, (least, often["radius_ok"].mean(), often["radius_ok"].min()))])
+    head = ["the radius is held by", "all fits: least over all kinds", "ok fits: mean", "ok fits: least"]
+    return _markdown(head, rows)
+
+
+def coverage_summary(tables: Tables) -> str:
+    """Coverage by each method over all cells."""
+    table = tables("coverage")
+    methods = list(dict.fromkeys(table["method"]))
+    return _markdown(coverage_text.TITLES, [coverage_text.summary(table, name) for name in methods])
+
+
+def coverage_cells(tables: Tables) -> str:
+    """Coverage in every cell, by three methods."""
+    return _markdown(*_split(coverage_text.by_cell(tables("coverage"), ["mle", "als", "interval"])))
+
+
+def decades(tables: Tables) -> str:
+    """Median error over the bound in some decades of noise, in the paper's own design."""
+    table, rows = tables("paper"), []
+    for decade, title in {
+        -13: "10⁻¹³",
+        -9: "10⁻⁹",
+        -5: "10⁻⁵",
+        -3: "10⁻³",
+        -2: "10⁻²",
+        -1: "10⁻¹",
+        0: "1",
+        2: "100",
+    }.items():
+        part = table[table["decade"] == decade].set_index("estimator")
+        cells = []
+        for name in ("mle", "lls", "gdke", "ugdk"):
+            row = part.loc[name]
+            failed = 1.0 - row["ok"] / row["planned"]
+            share = f" ({100 * failed:.0f} %)" if failed else ""
+            if row["ok"] > 1:
+                cells.append(_with_error(row["ratio_median_ok"], row["ratio_median_ok_error"]) + share)
+            else:
+                cells.append(f"{row['ok']:.0f} fit of {row['planned']:.0f} ok")
+        rows.append([title, *cells])
+    return _markdown(["σ/r from", "MLE", "LLS", "GDKE", "UGDK"], rows)
+
+
+def em_vmf(tables: Tables) -> str:
+    """EM with a von Mises-Fisher law beside others: median error over the bound."""
+    table, rows = tables("em_vmf"), []
+    for noise, angle in [(0.03, 45), (0.1, 45), (0.1, 90), (0.2, 90), (0.3, 90), (0.3, 180)]:
+        part = table[(table["noise_over_radius"] == noise) & (table["angle"] == angle)].set_index("estimator")
+        cells = []
+        for name in ("mle", "corrected", "em_vmf"):
+            row = part.loc[name]
+            failed = 100.0 * (1.0 - row["ok"] / row["planned"])
+            share = f" ({failed:.1f} %)".replace("(0.", "(.") if failed else ""
+            cells.append(f"{row['ratio_median_ok']:.2f} ± {_short(row['ratio_median_ok_error'])}{share}")
+        rows.append([f"{noise:g}, {angle:g}°", f"{part['median_attainable'].iloc[0]:.2f}", *cells])
+    return _markdown(["σ/r, cap", "attainable", "`mle`", "`corrected`", "`em_vmf`"], rows)
+
+
+def outliers(tables: Tables) -> str:
+    """Error against the share of outliers, of the estimators that are not robust."""
+    table = tables("robustness")
+    shares = sorted(table["outlier_share"].unique())
+    model = [f"{(1.0 + share * 10.0**2 / 3.0) ** 0.5:.3g}" for share in shares]
+    rows = [["taken for noise: √(1 + p s²/d)", *model]]
+    return _by_angle(table, "outlier_share", shares, PLAIN, rows)
+
+
+def outliers_robust(tables: Tables) -> str:
+    """Error against the share of outliers, with the robust fit."""
+    table = tables("robust")
+    shares = sorted(table["outlier_share"].unique())
+    return _by_angle(table, "outlier_share", shares, ["mle", "corrected", "robust"], [])
+
+
+def laws(tables: Tables) -> str:
+    """Error under laws of other tails."""
+    titles = {
+        "uniform": "uniform (−1.2)",
+        "normal": "normal (0)",
+        "student(10)": "t₁₀ (1)",
+        "laplace": "Laplace (3)",
+        "student(5)": "t₅ (6)",
+        "student(3)": "t₃ (∞)",
+    }
+    table = tables("robustness")
+    made = _by_angle(table, "law", list(titles), PLAIN, [])
+    return made.replace(made.split("\n")[0], "| law (excess kurtosis) | " + " | ".join(titles.values()) + " |")
+
+
+def stopping(tables: Tables) -> str:
+    """Coverage of the numbers of adaptive runs, on two laws with known medians."""
+    table = tables("stopping").pivot(index="quantity", columns="law", values="value")
+    titles = {
+        "real standard error over target, all studies": ("spread",),
+        "the same, at each of 8 targets (± .03)": ("spread_least", "spread_greatest"),
+        "truth within 2 targets": ("two_targets",),
+        "truth within 2 stored errors": ("two_errors",),
+        "truth within 2 stored errors, with 250 / 1000 / 4000 trials fixed beforehand": (
+            "fixed_250",
+            "fixed_1000",
+            "fixed_4000",
+        ),
+    }
+    rows = []
+    for title, names in titles.items():
+        cells = []
+        for law in ("normal", "cauchy"):
+            numbers = [table.loc[name, law] for name in names]
+            if names[0].startswith("spread"):
+                cells.append(" to ".join(f"{number:.2f}" for number in numbers))
+            else:
+                cells.append(" / ".join(f"{100 * number:.1f}" for number in numbers) + " %")
+        rows.append([title, *cells])
+    return _markdown(["", "normal", "Cauchy"], rows)
+
+
+def speed(tables: Tables) -> str:
+    """Ratios of the stored benchmarks."""
+    table = tables("bench").set_index(["group", "what"])["ratio"]
+
+    def ratios(*places: tuple[str, str]) -> str:
+        return " / ".join(f"{table[place]:.0f}" if table[place] >= 10 else f"{table[place]:.2g}" for place in places)
+
+    whole, more = "whole loop, one thread, per sample", "one more level of noise, per sample"
+    first = "as one would first write it in NumPy"
+    moments, closed, one = (
+        "GDKE of a million samples, per sample",
+        "closed form, 3-D, N = 100, per fit",
+        "one fit, 3-D, N = 100",
+    )
+    likely = "maximum likelihood, 3-D, N = 100, per fit"
+    peers = ("scikit-guess", "compas", "trimesh", "scikit-spatial")
+    rows = [
+        [
+            "draw, bound, four estimators and errors, N = 10⁶ / 10⁵ / 10⁴ / 1000",
+            "NumPy's `standard_normal` filling the same 3 N numbers",
+            ratios(*[(whole, f"N = {n:,}") for n in (1_000_000, 100_000, 10_000, 1000)]) + " of its time",
+        ],
+        [
+            "one more level of noise of 28 that are fitted side by side, N = 10⁵ / 10⁴",
+            "the same",
+            ratios((more, "N = 100,000"), (more, "N = 10,000")),
+        ],
+        [
+            "the loop one would first write in NumPy, N = 10 / 1000 / 10⁵",
+            "this one",
+            ratios(*[(f"inner loop, N = {n}, per trial", first) for n in (10, 1000, 100_000)]) + " times its time",
+        ],
+        [
+            "GDKE of 10⁶ points, (d, n) / (n, d)",
+            "reading the array",
+            ratios((moments, "array (d, n)"), (moments, "array (n, d)")) + " times",
+        ],
+        [
+            "scikit-guess / compas / trimesh / scikit-spatial, fits of 100 points in a loop",
+            "`study.fit`, 10⁴ at once",
+            ratios(*[(closed, f"{name}, in a loop") for name in peers]) + " times",
+        ],
+        ["the same, one fit", "`study.fit`", ratios(*[(one, name) for name in peers]) + " times"],
+        [
+            "scipy's Levenberg-Marquardt / odr",
+            '`study.fit(points, "mle")`',
+            ratios((likely, "scipy least_squares, Levenberg-Marquardt, in a loop"), (likely, "scipy.odr, in a loop"))
+            + " times",
+        ],
+        [
+            "circle-fit, Taubin",
+            '`study.fit(points, "taubin")`, circles',
+            ratios(("Taubin, 2-D, N = 100, per fit", "circle-fit taubinSVD, in a loop")) + " times",
+        ],
+        [
+            "biobuddy's SCoRE",
+            "the symmetric fit of a joint",
+            ratios(("SCoRE of one joint, 5202 frames", "biobuddy")) + " times",
+        ],
+    ]
+    return _markdown(["what", "beside", "ratio"], rows)
+
+
+def _by_angle(table: pd.DataFrame, key: str, values: list[float], names: list[str], rows: list[list[str]]) -> str:
+    """Median error in units of an efficient estimator's with normal noise; a column per value of the key."""
+    other = {"law": "outlier_share", "outlier_share": "law"}[key]
+    plain = table[table[other] == {"law": "normal", "outlier_share": 0.0}[other]]
+    for angle in sorted(plain["angle"].unique()):
+        for name in names:
+            title = "`gdke`, `lls`" if name == "gdke" else f"`{name}`"
+            part = plain[(plain["angle"] == angle) & (plain["estimator"] == name)].set_index(key)
+            numbers = [
+                f"{part.loc[value, 'ratio_median_all'] / part.loc[value, 'median_cramer_rao']:.2f}" for value in values
+            ]
+            rows.append([f"**{angle:g}°** {title}" if name == "mle" else title, *numbers])
+    head = (
+        ["share of outliers", *[f"{100 * value:g} %" if value else "0" for value in values]]
+        if key == "outlier_share"
+        else [key, *values]
+    )
+    return _markdown([str(title) for title in head], rows)
+
+
+def _split(rows: list[list[str]]) -> tuple[list[str], list[list[str]]]:
+    return rows[0], rows[1:]
+
+
+def _with_error(value: float, error: float) -> str:
+    """A number with its Monte-Carlo error, to one digit of the error, or two if it begins with a one."""
+    place = math.floor(math.log10(error))
+    digits = max(0, -place + (error < 2.0 * 10.0**place))
+    if digits == 0:
+        return f"{value:.0f} ± {error:.0f}"
+    return f"{_short(value, digits)} ± {_short(error, digits)}"
+
+
+def _short(value: float, digits: int = 2) -> str:
+    """A share without the zero before its point."""
+    return f"{value:.{digits}f}".removeprefix("0")
+
+
+def _markdown(head: list[str], rows: list[list[str]]) -> str:
+    return "\n".join("| " + " | ".join(cells) + " |" for cells in [head, ["---"] * len(head), *rows])
