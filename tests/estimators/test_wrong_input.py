@@ -140,7 +140,7 @@ def test_large_arrays_are_lent():
     np.testing.assert_allclose(both.standard_errors, copied[[0, -1]].standard_errors, rtol=1e-9)  # indexing copied them
     for part in (last, fit, fit[-1]):
         with pytest.raises(ValueError, match="points have changed"):
-            part.standard_errors
+            _ = part.standard_errors
     points[5, 2] = np.nan
     with_missing = study.fit(points)
     points[5, 2] = 0.0

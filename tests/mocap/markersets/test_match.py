@@ -117,44 +117,79 @@ PUBLISHED = {
         6,
     ),
     "OpenSim, Gait2354 example": (
-        ["Sternum", "Top.Head", "V.Sacral"]
-        + sides("~.Acromium", "~.ASIS", "~.Thigh.Upper", "~.Thigh.Front", "~.Thigh.Rear", "~.Shank.Upper")
-        + sides("~.Shank.Front", "~.Shank.Rear", "~.Heel", "~.Midfoot.Sup", "~.Midfoot.Lat", "~.Toe.Tip"),
+        [
+            "Sternum",
+            "Top.Head",
+            "V.Sacral",
+            *sides("~.Acromium", "~.ASIS", "~.Thigh.Upper", "~.Thigh.Front", "~.Thigh.Rear", "~.Shank.Upper"),
+            *sides("~.Shank.Front", "~.Shank.Rear", "~.Heel", "~.Midfoot.Sup", "~.Midfoot.Lat", "~.Toe.Tip"),
+        ],
         "gait2392",
         7,
     ),
     "OpenSim, Rajagopal 2016": (
-        ["C7", "CLAV"]
-        + sides("~ACR", "~ASH", "~PSH", "~LEL", "~MEL", "~UA1", "~UA2", "~UA3", "~FAsuperior", "~FAradius", "~FAulna")
-        + sides("~ASI", "~PSI", "~HJC", "~TH1", "~TH2", "~TH3", "~LFC", "~MFC", "~KJC", "~TB1", "~TB2", "~TB3")
-        + sides("~LMAL", "~MMAL", "~AJC", "~CAL", "~TOE", "~MT5"),
+        [
+            "C7",
+            "CLAV",
+            *sides(
+                "~ACR", "~ASH", "~PSH", "~LEL", "~MEL", "~UA1", "~UA2", "~UA3", "~FAsuperior", "~FAradius", "~FAulna"
+            ),
+            *sides("~ASI", "~PSI", "~HJC", "~TH1", "~TH2", "~TH3", "~LFC", "~MFC", "~KJC", "~TB1", "~TB2", "~TB3"),
+            *sides("~LMAL", "~MMAL", "~AJC", "~CAL", "~TOE", "~MT5"),
+        ],
         "hamner",
         11,
     ),
     "OpenCap, augmented": (OPENCAP, "opencap", 11),
     "UWA, clusters": (
-        ["C7", "T10", "CLAV", "STRN"]
-        + sides("~ASI", "~PSI", "~TH1", "~TH2", "~TH3", "~LFC", "~MFC", "~TB1", "~TB2", "~TB3", "~LMAL", "~MMAL")
-        + sides("~CAL", "~MT1", "~MT5"),
+        [
+            "C7",
+            "T10",
+            "CLAV",
+            "STRN",
+            *sides("~ASI", "~PSI", "~TH1", "~TH2", "~TH3", "~LFC", "~MFC", "~TB1", "~TB2", "~TB3", "~LMAL", "~MMAL"),
+            *sides("~CAL", "~MT1", "~MT5"),
+        ],
         "cast",
         7,
     ),
     "Rizzoli, Visual3D's labels": (
-        ["CV7", "TV2", "TV7", "SJN", "SXS", "LV1", "LV3", "LV5"]
-        + sides("~CAJ", "~IAS", "~IPS", "~FTC", "~FLE", "~FME", "~FAX", "~TTC", "~FAL", "~TAM", "~FCC", "~FM1")
-        + sides("~FM2", "~FM5"),
+        [
+            "CV7",
+            "TV2",
+            "TV7",
+            "SJN",
+            "SXS",
+            "LV1",
+            "LV3",
+            "LV5",
+            *sides("~CAJ", "~IAS", "~IPS", "~FTC", "~FLE", "~FME", "~FAX", "~TTC", "~FAL", "~TAM", "~FCC", "~FM1"),
+            *sides("~FM2", "~FM5"),
+        ],
         "rizzoli",
         7,
     ),
     "Rizzoli, Leardini's labels": (
-        ["C7", "T2", "MAI", "IJ", "PX", "L1", "L3", "L5"]
-        + sides("~A", "~ASIS", "~PSIS", "~GT", "~LE", "~ME", "~HF", "~TT", "~LM", "~MM", "~CA", "~FM", "~SM", "~VM"),
+        [
+            "C7",
+            "T2",
+            "MAI",
+            "IJ",
+            "PX",
+            "L1",
+            "L3",
+            "L5",
+            *sides("~A", "~ASIS", "~PSIS", "~GT", "~LE", "~ME", "~HF", "~TT", "~LM", "~MM", "~CA", "~FM", "~SM", "~VM"),
+        ],
         "rizzoli",
         7,
     ),
     "Plug-in Gait with clusters": (
-        [*PIG_TOP, *sides("~ASI", "~PSI", "~TH1", "~TH2", "~TH3", "~TB1", "~TB2", "~TB3", "~TOE", "~HEE", "~D5M")]
-        + sides("~KNE", "~MKNE", "~ANK", "~MMA"),
+        [
+            *PIG_TOP,
+            *sides("~ASI", "~PSI", "~TH1", "~TH2", "~TH3", "~TB1", "~TB2", "~TB3", "~TOE", "~HEE", "~D5M"),
+            *sides("~KNE", "~MKNE", "~ANK", "~MMA"),
+        ],
         "plug-in-gait-clusters",
         8,
     ),
