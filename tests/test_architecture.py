@@ -37,6 +37,7 @@ SUB_ROOMS = {
         "joints",
         "one_joint",
         "skeleton",
+        "export",
         "view",
         "synthetic",
         "case_study",
