@@ -38,6 +38,7 @@ SUB_ROOMS = {
         "one_joint",
         "skeleton",
         "session",
+        "export",
         "view",
         "synthetic",
         "case_study",

@@ -1,20 +1,20 @@
 """The command `study skeleton`: phase 2, the skeleton of a recording in every frame."""
 
-import sys
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
 from study.mocap.commands.options import File, MarkerSetName, Out, Reading, grouped
+from study.mocap.commands.skeleton_output import Output
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from study.mocap.export.motion import ExportedMotion
     from study.mocap.markersets.match import Match
     from study.mocap.skeleton.calibration import Calibration
-    from study.mocap.skeleton.scene import Scene
-
-Video = Annotated[bool, typer.Option("--video", help="also write motion.mp4")]
 
 
 @dataclass(frozen=True)
@@ -42,54 +42,69 @@ def skeleton(
     given: Given,
     markerset: MarkerSetName = None,
     out: Out = None,
-    video: Video = False,
+    output: Output,
     reading: Reading,
 ) -> None:
     """Draw the skeleton in every frame: phase 2.
 
-    Writes tables, BVH, a figure, and a page that shows the moving skeleton.
+    Writes tables, BVH, a figure, and a page that shows the moving skeleton; with --write also files for other programs.
+
+    With --json: recording, rate, frames, source of the joints; joints, each with its doubt, error, shares of the frames
+    in which it is seen, bridged, unknown and outside of the markers' hull, and the distance; bones, each with length,
+    spread, error and uneven; notes, overruled and files.
     """
-    from study.figures.style import save
     from study.mocap.commands.open_recording import print_lines, print_match, results_folder
+    from study.mocap.export.motion import ExportedMotion
+    from study.mocap.export.rest_pose import RestPose
+    from study.mocap.export.write_files import planned_files
     from study.mocap.session.session import refit_shapes
-    from study.mocap.skeleton import skeleton_table
-    from study.mocap.skeleton.bvh import write_bvh
-    from study.mocap.skeleton.calibration_file import save_calibration
     from study.mocap.skeleton.draw_skeleton import draw_skeleton
+    from study.mocap.skeleton.skeleton_data import skeleton_data
     from study.mocap.skeleton.skeleton_scene import skeleton_scene
+    from study.mocap.skeleton.skeleton_table import skeleton_lines
     from study.mocap.skeleton.subject_check import overruled, require_same_subject
-    from study.mocap.view import fig1_skeleton
-    from study.mocap.view.motion_json import write_motion
     from study.mocap.view.video import encoder
-    from study.mocap.view.webpage import write_viewer
-    from study.runs.storage.atomic_write import save_frame
+    from study.text.json_text import json_text
 
     given.require_sense()
-    if video:
+    if output.video:
         encoder()  # so that a missing one is reported before the work is done
+    folder = results_folder(file.stem, out)
+    further = planned_files(output.write or "", folder, file.stem, file)
     match, used = _calibrated(file, reading, given.calibration, markerset)
-    folder = results_folder(match.source.name, out)
-    print_match(match)
+    if not output.json:
+        print_match(match)
     drawn = draw_skeleton(used, match.recording)
-    print_lines(overruled(drawn) if given.force else [])
+    remarks = overruled(drawn) if given.force else []
     drawn = drawn if given.force else require_same_subject(drawn)
     if given.refit:
         used = refit_shapes(used, match.recording)
         drawn = draw_skeleton(used, match.recording)
     scene = skeleton_scene(drawn, match.recording)
-    print_lines(skeleton_table.skeleton_lines(scene))
-    save_frame(skeleton_table.skeleton_table(scene), folder / "skeleton.parquet")
-    save_frame(skeleton_table.bone_table(scene), folder / "bones.parquet")
-    paths = [folder / "skeleton.parquet", folder / "bones.parquet"]
-    if given.calibration is None:
-        paths.append(save_calibration(used, folder / "calibration.json"))
-    paths.append(write_bvh(drawn, folder / "skeleton.bvh"))
-    paths.append(write_motion(scene, folder / "motion.json"))
-    paths += save(fig1_skeleton.draw(fig1_skeleton.prepare(scene)), folder / "fig1_skeleton")
-    paths.append(write_viewer(scene, folder / "viewer.html"))
-    print_lines(paths)
-    if video:
-        print_lines([_write_video(scene, folder / "motion.mp4")])
+    if not output.json:
+        print_lines([*remarks, *skeleton_lines(scene)])
+    motion = ExportedMotion(drawn, match.source, scene, file, RestPose(output.rest))
+    paths: list[Path] = []
+    for path in _written(motion, output, folder, [] if given.calibration else [used], further):
+        paths.append(path)
+        print_lines([] if output.json else [path])
+    if output.json:
+        typer.echo(json_text(skeleton_data(scene) | {"overruled": remarks, "files": paths}))
+
+
+def _written(
+    motion: "ExportedMotion", output: Output, folder: Path, own: "Sequence[Calibration]", further: "Sequence[Path]"
+) -> "Iterator[Path]":
+    """Write all files; yields the path of each when it is there."""
+    from study.mocap.commands.skeleton_output import write_motion_video, written_files
+    from study.mocap.export.write_files import write_file
+    from study.mocap.skeleton.calibration_file import save_calibration
+
+    yield from (save_calibration(calibration, folder / "calibration.json") for calibration in own)
+    yield from written_files(motion, folder)
+    yield from (write_file(motion, path) for path in further)
+    if output.video:
+        yield write_motion_video(motion.scene, folder / "motion.mp4")
 
 
 def _calibrated(
@@ -108,18 +123,3 @@ def _calibrated(
         raise typer.BadParameter(f"--markerset {markerset}: a calibration has its own marker set; leave it out")
     used = load_calibration(calibration / "calibration.json" if calibration.is_dir() else calibration)
     return match(used.markerset, reading.read(file)), used
-
-
-def _write_video(scene: "Scene", path: Path) -> Path:
-    """Write the video, with a progress bar on a terminal."""
-    from study.mocap.view.video import write_video
-
-    with typer.progressbar(length=1000, label="video", file=sys.stderr, hidden=not sys.stderr.isatty()) as bar:
-        done = 0.0
-
-        def advance(share: float) -> None:
-            nonlocal done
-            before, done = done, done + 1000 * share
-            bar.update(int(done) - int(before))
-
-        return write_video(scene, path, advance=advance)

@@ -10,7 +10,9 @@ from study.mocap.synthetic.recipe import Recipe
 
 Out = Annotated[
     Path | None,
-    typer.Option("--out", help=".c3d or .csv [default: results/recordings/synthetic-<seed>/synthetic-<seed>.c3d]"),
+    typer.Option(
+        "--out", help=".c3d, .trc or .csv [default: results/recordings/synthetic-<seed>/synthetic-<seed>.c3d]"
+    ),
 ]
 
 

@@ -1,5 +1,6 @@
-"""Write a recording to a file: C3D, or a table with a column per coordinate."""
+"""Write a recording to a file: C3D, TRC, or a table with a column per coordinate."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from study.mocap.io.recording import Recording, RecordingError
 
 
 def write_recording(recording: Recording, path: str | Path) -> Path:
-    """Write a recording as C3D or CSV; the suffix of the path decides.
+    """Write a recording as C3D, TRC or CSV; the suffix of the path decides.
 
     The folder is made if there is none.
 
@@ -21,14 +22,13 @@ def write_recording(recording: Recording, path: str | Path) -> Path:
         RecordingError: if the suffix is another, or the file cannot be written.
     """
     path = Path(path)
-    writers = {".c3d": _write_c3d, ".csv": _write_csv}
-    if path.suffix.lower() not in writers:
-        raise RecordingError(f"{path}: a recording is written to a file whose name ends in {', '.join(writers)}")
+    if path.suffix.lower() not in WRITERS:
+        raise RecordingError(f"{path}: a recording is written to a file whose name ends in {', '.join(WRITERS)}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with open(path, "wb"):  # ezc3d does not say why it cannot write
             pass
-        writers[path.suffix.lower()](recording, path)
+        WRITERS[path.suffix.lower()](recording, path)
     except ModuleNotFoundError as error:
         path.unlink()
         raise RecordingError(f"{path}: writing it needs {error.name}: pip install '.[mocap]'") from None
@@ -54,6 +54,31 @@ def _write_c3d(recording: Recording, path: Path) -> None:
     file.write(str(path))
 
 
+def _write_trc(recording: Recording, path: Path) -> None:
+    """Write millimetres to four decimals, a label above its three columns; a missing sample is nan.
+
+    OpenSim refuses a row that ends in empty cells, and readers that split at white space shift the markers behind them.
+    """
+    count, frames, rate = len(recording.markers), recording.frames, f"{recording.rate:.10g}"
+    keys = ("DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units", "OrigDataRate", "OrigDataStartFrame")
+    values = (rate, rate, frames, count, "mm", rate, 1, frames)
+    header = [
+        f"PathFileType\t4\t(X/Y/Z)\t{recording.name}.trc",
+        "\t".join((*keys, "OrigNumFrames")),
+        "\t".join(map(str, values)),
+        "Frame#\tTime\t" + "\t".join(f"{marker}\t\t" for marker in recording.markers),
+        "\t\t" + "\t".join(f"X{i}\tY{i}\tZ{i}" for i in range(1, count + 1)),
+        "",
+    ]
+    table = pd.DataFrame(1000 * recording.positions.reshape(-1, frames).T)
+    times = pd.Series(np.arange(frames) / recording.rate).map("{:.6f}".format)
+    table.insert(0, "time", times)
+    table.insert(0, "frame", np.arange(1, frames + 1))
+    with open(path, "w", encoding="utf-8", newline="\n") as file:
+        file.write("\n".join(header) + "\n")
+        table.to_csv(file, sep="\t", header=False, index=False, na_rep="nan", float_format="%.4f", lineterminator="\n")
+
+
 def _write_csv(recording: Recording, path: Path) -> None:
     """Write millimetres to three decimals; the cells of missing samples are empty."""
     columns = [f"{marker}_{axis}" for marker in recording.markers for axis in "XYZ"]
@@ -63,3 +88,7 @@ def _write_csv(recording: Recording, path: Path) -> None:
     with open(path, "w", encoding="utf-8", newline="\n") as file:
         file.write(f"# rate: {recording.rate!r}\n# unit: mm\n")
         table.to_csv(file, index=False, float_format="%.3f", lineterminator="\n")
+
+
+WRITERS: dict[str, Callable[[Recording, Path], None]] = {".c3d": _write_c3d, ".trc": _write_trc, ".csv": _write_csv}
+"""The writer of each end of a name."""

@@ -10,12 +10,11 @@ from study.mocap.io.recording import Recording, RecordingError
 from study.mocap.markersets.marker_set import MarkerSet
 from study.mocap.skeleton.bones import bones, side
 from study.mocap.skeleton.scene import Flag, Scene
+from study.mocap.skeleton.upright import upright_rotation
 from study.sphere.types import Bytes, Floats
 
 _TIP = 0.7
 """A limb ends in the middle of its markers that are at least this share of the farthest one's distance away."""
-_Y_UP = 1.3
-"""The recording's y points up if its markers' mean places extend along it by this factor more than along z."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +75,8 @@ def make_scene(
     flags[np.isnan(centers[:, 0])] = Flag.UNKNOWN
     sides = [*(side(joint.name) for joint in known), *map(side, ends)]
     principal = [_principal_directions(joint) for joint in known]
-    upright, remarks = _upright(recording)
+    upright = upright_rotation(recording)
+    remarks = ["the recording's y is shown as up"] if upright[2, 1] else []
     directions = zip(known, principal, strict=True)
     orientations = [_orientations(upright, joint.rotation, axes) for joint, (_, axes) in directions]
     return Scene(
@@ -137,24 +137,3 @@ def _orientations(upright: Floats, rotation: Floats, axes: Floats) -> Floats:
         flips = np.cumprod(np.concatenate([[1.0], np.sign((found[1:] * found[:-1]).sum(axis=1) + 1e-300)]))
         result[known] = found * flips[:, None]
     return result
-
-
-def _upright(recording: Recording) -> tuple[Floats, list[str]]:
-    """Rotation (3, 3) after which z points up, and a remark if it is not the identity.
-
-    Files do not say which way is up, but a body's parts are above one another most of the time.
-    """
-    middle = _mean(recording.positions, axis=0)
-    # a body that rotates about the vertical has little mean extent to the sides; that from foot to head stays
-    mean = _mean(recording.positions - middle, axis=2)
-    _, y, z = np.nanstd(mean[~np.isnan(mean[:, 0])], axis=0)
-    if y > _Y_UP * z:
-        return np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), ["the recording's y is shown as up"]
-    return np.eye(3), []
-
-
-def _mean(x: Floats, axis: int) -> Floats:
-    """Mean of the values that are not NaN; NaN where there are none."""
-    known = ~np.isnan(x)
-    with np.errstate(invalid="ignore"):
-        return np.asarray(np.where(known, x, 0.0).sum(axis=axis) / known.sum(axis=axis))

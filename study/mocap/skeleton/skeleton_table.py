@@ -4,9 +4,11 @@ from collections.abc import Iterator
 
 import numpy as np
 import pandas as pd
+from scipy.spatial.transform import Rotation
 
 from study.mocap.geometry.convex_hull import hull_distances
 from study.mocap.skeleton.scene import Flag, Scene
+from study.sphere.types import Floats
 from study.text.columns import columns
 from study.text.numbers import number
 
@@ -18,8 +20,11 @@ def skeleton_table(scene: Scene) -> pd.DataFrame:
     """Tabulate joints, a row per frame and joint.
 
     Returns:
-        Columns: frame, from 1; time, seconds; joint; x, y, z, metres, z up; known: "seen", "bridged" or "unknown".
+        Columns: frame, from 1; time, seconds; joint; x, y, z, metres, z up; known: "seen", "bridged" or "unknown";
+        error_x, error_y, error_z, standard errors of the place along x, y and z in this frame, metres (see
+        `frame_errors`).
     """
+    errors = frame_errors(scene)
     count, frames = len(scene.joints), scene.frames
     words = np.array([flag.name.lower() for flag in Flag])
     return pd.DataFrame(
@@ -29,8 +34,25 @@ def skeleton_table(scene: Scene) -> pd.DataFrame:
             "joint": np.tile(np.array(scene.joints), frames),
             **{axis: scene.centers[:, i].T.ravel() for i, axis in enumerate("xyz")},
             "known": words[scene.flags.T.ravel()],
+            **{f"error_{axis}": errors[:, i].T.ravel() for i, axis in enumerate("xyz")},
         }
     )
+
+
+def frame_errors(scene: Scene) -> Floats:
+    """Standard errors of the joints along the world's axes in each frame (joints, 3, frames), metres.
+
+    They are those of the joint's place in its parent, rotated with the parent; of a hinge, of the part across its axis.
+    NaN in frames in which the joint is bridged or unknown: nothing shows the error of a pose that was not seen.
+    """
+    errors = np.full(scene.centers.shape, np.nan)
+    squares = np.nan_to_num(scene.errors) ** 2
+    for joint, (turns, flags) in enumerate(zip(scene.orientations, scene.flags, strict=True)):
+        shown = (flags == Flag.SEEN) & ~np.isnan(turns[:, 0])
+        if shown.any() and not np.isnan(scene.errors[joint]).all():
+            axes = Rotation.from_quat(turns[shown]).as_matrix()
+            errors[joint][:, shown] = np.sqrt((axes**2 @ squares[joint]).T)
+    return errors
 
 
 def bone_table(scene: Scene) -> pd.DataFrame:

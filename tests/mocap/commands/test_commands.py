@@ -1,5 +1,6 @@
 """The commands on recordings, as a user calls them: output, files and refusals."""
 
+import json
 import sys
 
 import numpy as np
@@ -13,7 +14,7 @@ from study.mocap.markersets.set_file import load_markerset, shipped
 from study.mocap.synthetic.recipe import Recipe
 from study.mocap.synthetic.synthesize import synthesize
 
-FILES = ["bones.parquet", "calibration.json", "fig1_skeleton.png", "fig1_skeleton.svg", "motion.json"]
+FILES = ["angles.parquet", "bones.parquet", "calibration.json", "fig1_skeleton.png", "fig1_skeleton.svg", "motion.json"]
 FILES += ["skeleton.bvh", "skeleton.parquet", "viewer.html"]
 
 
@@ -176,7 +177,73 @@ def test_output_of_skeleton(call, body, drawn):
     assert "left_hip - left_knee" in said
     assert "bridged in" in said
     written = [f"again/{name}" for name in FILES if name != "calibration.json"]
-    assert sorted(said.splitlines()[-7:]) == written
+    assert sorted(said.splitlines()[-8:]) == written
+
+
+def test_files_for_other_programs(call, body, drawn, tmp_path):
+    """Files of all formats, by name or by the ends of names; their readers are in tests/mocap/export."""
+    command = ("skeleton", body[0], "--calibration", drawn, "--out", "again")
+    code, said, complained = call(*command, "--write", "new/joints.c3d,trc,glb,bvh,mot,csv", "--rest", "recorded")
+    assert (code, complained) == (0, "")
+    wanted = ["new/joints.c3d", *(f"again/body.{ending}" for ending in ("trc", "glb", "bvh", "mot", "csv"))]
+    assert said.splitlines()[-6:] == wanted
+    assert all((tmp_path / name).stat().st_size > 1000 for name in wanted)
+    assert (tmp_path / "again/body.bvh").read_bytes() == (tmp_path / "again/skeleton.bvh").read_bytes()
+    assert (tmp_path / "again/body.bvh").read_bytes() != (drawn / "skeleton.bvh").read_bytes()  # another pose
+    code, said, _ = call("recording", "new/joints.c3d")
+    assert said.startswith("joints: 55 markers, 500 frames at 120 Hz")
+
+
+def test_files_that_are_refused(call, body, drawn, tmp_path):
+    """Another end of a name, or the recording itself, is refused before anything is written."""
+    command = ("skeleton", body[0], "--calibration", drawn, "--out", "out", "--write")
+    refused(
+        call(*command, "walk.fbx"), "--write walk.fbx: the end of a file's name", ".trc (markers and joint centres)"
+    )
+    before = body[0].read_bytes()
+    refused(call(*command, f"trc,{body[0]}"), "is the recording itself, which is not overwritten")
+    assert body[0].read_bytes() == before
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_skeleton_without_its_root(call, drawn, tmp_path):
+    """Without a pelvis there is no hierarchy, but all else."""
+    recording = synthesize(Recipe(frames=60, seed=2))[0]
+    rest = recording.select([marker for marker in recording.markers if marker[1:] not in ("FWT", "BWT")])
+    path = write_recording(rest, tmp_path / "rest.c3d")
+    code, said, complained = call("skeleton", path, "--calibration", drawn)
+    assert code == 0
+    assert complained.startswith("results/recordings/rest/skeleton.bvh is not written: ")
+    assert "its pelvis is known in no frame" in complained
+    assert "results/recordings/rest/viewer.html" in said
+
+
+def test_skeleton_as_json(call, body, drawn):
+    """The same numbers as in the tables, and the files."""
+    code, said, complained = call("skeleton", body[0], "--calibration", drawn, "--out", "again", "--json")
+    assert (code, complained) == (0, "")
+    found = json.loads(said)
+    assert (found["recording"], found["frames"], found["source"]) == ("body", 500, "joints found in this recording")
+    table = pd.read_parquet(drawn / "skeleton.parquet")
+    for joint in found["joints"]:
+        rows = table[table["joint"] == joint["joint"]]
+        assert joint["seen"] == pytest.approx((rows["known"] == "seen").mean())
+    bones = pd.read_parquet(drawn / "bones.parquet")
+    assert [bone["length"] for bone in found["bones"]] == pytest.approx(list(bones["length"]))
+    assert sorted(found["files"]) == [f"again/{name}" for name in FILES if name != "calibration.json"]
+
+
+def test_errors_in_each_frame(drawn):
+    """The joint's errors along the world's axes: as a whole those of the joint, and none where it is not seen."""
+    table = pd.read_parquet(drawn / "skeleton.parquet")
+    errors = table[["error_x", "error_y", "error_z"]]
+    assert errors[table["known"] != "seen"].isna().all().all()
+    assert errors[table["known"] == "seen"].notna().all().all()
+    for _, rows in errors[table["known"] == "seen"].groupby(table["joint"]):
+        total = (rows**2).sum(axis=1)  # rotations do not change the sum of the squares
+        np.testing.assert_allclose(total, total.iloc[0], rtol=1e-9)
+    thigh = errors[(table["joint"] == "left_knee") & (table["known"] == "seen")]
+    assert thigh.std().min() > 0  # but they change its parts
 
 
 def test_another_recording_of_the_subject(call, drawn, tmp_path):

@@ -3,17 +3,19 @@ import warnings
 import c3d
 import numpy as np
 import pytest
+from trc import TRCData
 
 from study.mocap.io.reading import read_recording
 from study.mocap.io.recording import Recording, RecordingError
-from study.mocap.io.writing import write_recording
+from study.mocap.io.writing import WRITERS, write_recording
 from study.mocap.synthetic.recipe import Recipe
 from study.mocap.synthetic.synthesize import synthesize
 
 
 @pytest.mark.parametrize(
     ("ending", "tolerance"),
-    [("c3d", 3e-7), ("CSV", 0.5000001e-6)],  # single precision of metres up to 4; half a thousandth of a millimetre
+    # single precision of metres up to 4; half of the last decimal of a millimetre
+    [("c3d", 3e-7), ("CSV", 0.5000001e-6), ("trc", 0.5000001e-7)],
 )
 def test_there_and_back(tmp_path, ending, tolerance):
     """Positions, gaps, labels, their order and the rate are the same after writing and reading."""
@@ -42,6 +44,17 @@ def test_another_library_reads_what_was_written(tmp_path, small):
     np.testing.assert_allclose(frames[:, :, :3][seen], wanted[seen], rtol=1e-6)
 
 
+def test_a_trc_with_gaps_for_another_reader(tmp_path):
+    """Millimetres, and nan for a missing sample: readers that split rows at white space would lose an empty cell."""
+    positions = np.array([[[0.1, np.nan], [0.2, np.nan], [0.3, np.nan]], [[1.0, 1.5], [2.0, 2.5], [3.0, 3.5]]])
+    path = write_recording(Recording("walk", ("A", "B"), positions, 50.0), tmp_path / "new.trc")
+    data = TRCData()
+    data.load(path)
+    assert (data["Markers"], data["DataRate"], data["Units"], data["Time"]) == (["A", "B"], 50.0, "mm", [0.0, 0.02])
+    np.testing.assert_allclose(data["A"], 1000 * positions[0].T)
+    np.testing.assert_allclose(data["B"], 1000 * positions[1].T)
+
+
 def test_a_table_for_people(tmp_path):
     recording = Recording("walk", ("A",), np.array([[[1.0, np.nan], [2.0, np.nan], [-0.5, np.nan]]]), 100.0)
     text = write_recording(recording, tmp_path / "walk.csv").read_text()
@@ -50,13 +63,13 @@ def test_a_table_for_people(tmp_path):
 
 def test_the_same_bytes_twice(tmp_path):
     recording, _ = synthesize(Recipe(frames=30))
-    for ending in ("c3d", "csv"):
-        once, twice = (write_recording(recording, tmp_path / f"{i}.{ending}").read_bytes() for i in "ab")
+    for ending in WRITERS:
+        once, twice = (write_recording(recording, tmp_path / f"{i}{ending}").read_bytes() for i in "ab")
         assert once == twice
 
 
 def test_where_nothing_can_be_written(tmp_path, small):
-    with pytest.raises(RecordingError, match=r"a recording is written to a file whose name ends in .c3d, .csv"):
+    with pytest.raises(RecordingError, match=r"a recording is written to a file whose name ends in .c3d, .trc, .csv"):
         write_recording(small(), tmp_path / "walk.bvh")
     (tmp_path / "file").write_text("")
     with pytest.raises(RecordingError, match="cannot be written: "):
