@@ -22,7 +22,7 @@ _HOLDS = {Verdict.REPRODUCED: "holds", Verdict.PARTLY: "holds in part", Verdict.
 
 
 @dataclass(frozen=True)
-class Finding:
+class Headline:
     """One of the findings.
 
     Attributes:
@@ -45,7 +45,7 @@ class _Judged:
     values: list[float]
 
 
-def findings(claims: pd.DataFrame, efficiency: EfficiencyFrame | None) -> list[Finding]:
+def findings(claims: pd.DataFrame, efficiency: EfficiencyFrame | None) -> list[Headline]:
     """The findings that the tables allow; the paper's main claim and the estimator to use instead come first.
 
     Args:
@@ -60,10 +60,10 @@ def findings(claims: pd.DataFrame, efficiency: EfficiencyFrame | None) -> list[F
     return [*_main(judged), *_instead(efficiency), *_reached(efficiency), *_others(judged)]
 
 
-def _main(judged: Mapping[str, _Judged]) -> Iterator[Finding]:
+def _main(judged: Mapping[str, _Judged]) -> Iterator[Headline]:
     if found := judged.get("ugdk-closest"):
         n = found.values
-        yield Finding(
+        yield Headline(
             f"The paper's main claim {_HOLDS[found.verdict]}.",
             f"It says that UGDK comes closest to the Cramér-Rao bound. UGDK is clearly the closest in {parts(n[0])} of "
             f"the decades of noise; another method is clearly closer in {parts(n[1])}. With noise above the radius it "
@@ -79,7 +79,7 @@ def regret(curves: pd.DataFrame) -> "pd.Series[float]":
     return least
 
 
-def _instead(efficiency: EfficiencyFrame | None) -> Iterator[Finding]:
+def _instead(efficiency: EfficiencyFrame | None) -> Iterator[Headline]:
     if efficiency is None or efficiency.curves["estimator"].nunique() < 2:
         return
     curves = efficiency.curves[efficiency.curves["level"] < 1.0]  # beyond, the noise hides the sphere from all of them
@@ -91,7 +91,7 @@ def _instead(efficiency: EfficiencyFrame | None) -> Iterator[Finding]:
         return
     beside = [name for name in ("ugdk", "mle", "gdke") if name in found.index and name != first]
     cells = len(curves[["angle", "level"]].drop_duplicates())
-    yield Finding(
+    yield Headline(
         f"Use {style.label(first)} instead." if "ugdk" in found.index else f"Use {style.label(first)}.",
         f"It need not be told the noise. Over {cells} conditions with {words.count(efficiency.samples)} points and "
         f"noise below the radius, its median error is on average {_three(found[first])} times the least of all"
@@ -109,7 +109,7 @@ def nearest_cap(efficiency: EfficiencyFrame) -> float:
     return float(min(efficiency.marks["angle"], key=lambda angle: abs(angle - _CAP)))
 
 
-def _reached(efficiency: EfficiencyFrame | None) -> Iterator[Finding]:
+def _reached(efficiency: EfficiencyFrame | None) -> Iterator[Headline]:
     if efficiency is None:
         return
     angle = nearest_cap(efficiency)
@@ -120,7 +120,7 @@ def _reached(efficiency: EfficiencyFrame | None) -> Iterator[Finding]:
     curves = efficiency.curves
     here = curves[(curves["angle"] == angle) & (curves["level"] == at["level"])].set_index("estimator")["ratio"]
     beside = [name for name in ("corrected", "ugdk") if name in here.index]
-    yield Finding(
+    yield Headline(
         "What can be reached lies above the Cramér-Rao bound where noise is large.",
         f"On a cap of {angle:g}° with noise of {words.number(at['level'], 2)} r the attainable bound, which does not "
         f"take the directions as known, is {times(at['ratio'])} the Cramér-Rao bound"
@@ -129,10 +129,10 @@ def _reached(efficiency: EfficiencyFrame | None) -> Iterator[Finding]:
     )
 
 
-def _others(judged: Mapping[str, _Judged]) -> Iterator[Finding]:
+def _others(judged: Mapping[str, _Judged]) -> Iterator[Headline]:
     if (stays := judged.get("gdke-bias-stays")) and (order := judged.get("gdke-bias-order")):
         powers = dict.fromkeys(power(value) for value in sorted(order.values[:3]))
-        yield Finding(
+        yield Headline(
             "GDKE is biased, and more points do not help." if stays.verdict == Verdict.REPRODUCED else "GDKE's bias.",
             f"The bias is {times(stays.values[0])} its scatter, and {parts(stays.values[1])} of its 95 % ellipses hold "
             f"the truth. It grows as σ to the power {' to '.join(powers)}.",
@@ -140,14 +140,14 @@ def _others(judged: Mapping[str, _Judged]) -> Iterator[Finding]:
         )
     if found := judged.get("lls-outliers-small"):
         n = found.values
-        yield Finding(
+        yield Headline(
             "LLS's outliers come from a cut of small singular values." if n[1] > 0.0 == n[0] else "LLS's outliers.",
             f"On tiny caps with tiny noise {parts(n[1])} of its fits are outliers with the cut, {parts(n[0])} without.",
             found.number,
         )
     if found := judged.get("mle-outliers"):
         n = found.values
-        yield Finding(
+        yield Headline(
             "MLE's outliers are no other minima." if n[0] > 0.0 == n[1] else "MLE's outliers.",
             f"With noise around the radius {parts(n[0])} of its fits are off by about the radius; the best of three "
             f"starts mends {parts(n[1])} of them.",

@@ -10,7 +10,7 @@ from pydantic import BaseModel, ValidationError
 from study.analysis.worst import worst, worst_of_groups
 from study.figures import FIGURES, Tables
 from study.report.blocks import Picture
-from study.report.findings import Finding, findings
+from study.report.findings import Headline, findings
 from study.report.pictures import Gallery
 from study.runs.storage.run_folder import Run, RunError
 
@@ -141,7 +141,7 @@ class Material:
     pictures: dict[str, Picture]
     undrawn: dict[str, dict[str, str]]
     lead: Picture | None
-    findings: list[Finding]
+    findings: list[Headline]
     bench: pd.DataFrame | None = None
 
     @classmethod
