@@ -78,7 +78,7 @@ def _conditions(frame: pd.DataFrame, by_decade: bool) -> tuple[list[str], str]:
     for condition in LABELS:
         if condition.stored and condition.name not in frame:
             continue
-        values = pd.Series([_given(condition, row) for row in frame.to_dict("records")])
+        values = _given(condition, frame)
         if values.nunique(dropna=False) > 1:
             varying.append(_condition(condition.name, condition.symbol, values, condition.mark))
         else:
@@ -86,10 +86,12 @@ def _conditions(frame: pd.DataFrame, by_decade: bool) -> tuple[list[str], str]:
     return varying, ", ".join(fixed)
 
 
-def _given(condition: Condition, row: Any) -> Any:
-    """A condition's value in a row; numbers that differ by rounding alone are one."""
-    value = condition.of(row)
-    return value if isinstance(value, str) else float(f"{value:.6g}")
+def _given(condition: Condition, frame: pd.DataFrame) -> pd.Series:
+    """A condition's value in each row; numbers that differ by rounding alone are one."""
+    values = pd.Series(condition.of(frame))
+    if condition.kind is str:
+        return values.astype(str)
+    return values.map({value: float(f"{value:.6g}") for value in values.unique()})
 
 
 def _condition(name: str, symbol: str, values: pd.Series, mark: str) -> str:
