@@ -49,6 +49,7 @@ SUB_ROOMS = {
     "analysis": ["claims", "verification", "points"],
     "experiment": ["noise", "designs"],
     "figures": ["paper"],
+    "report": ["explorer"],
 }
 """Rooms within rooms, in their order; files beside them may stand anywhere that makes no circle."""
 FILES = sorted(PACKAGE.rglob("*.py"))

@@ -42,9 +42,12 @@ class CellErrors(NamedTuple):
 def cells_of(errors: pd.DataFrame, estimators: list[str]) -> Iterator[CellErrors]:
     """The cells of an error table that has a row per trial and estimator."""
     for name, part in errors.groupby("cell", observed=True, sort=False):
-        wide = part.pivot_table(index="trial", columns="estimator", values="error", observed=True, dropna=False)
-        values = np.nan_to_num(wide[estimators].to_numpy(dtype=float).T, nan=np.inf, posinf=np.inf)
-        yield CellErrors(str(name), int(part["samples"].iloc[0]), values, wide.index.to_numpy() % _GROUPS)
+        trials, column = np.unique(part["trial"].to_numpy(), return_inverse=True)
+        row = pd.Index(estimators).get_indexer(pd.Index(part["estimator"].astype(str)))
+        values = np.full((len(estimators), len(trials)), np.inf)
+        found, known = part["error"].to_numpy(dtype=float), row >= 0
+        values[row[known], column[known]] = np.nan_to_num(found[known], nan=np.inf, posinf=np.inf)
+        yield CellErrors(str(name), int(part["samples"].iloc[0]), values, trials % _GROUPS)
 
 
 def by_cell(errors: pd.DataFrame, estimators: list[str]) -> pd.DataFrame:

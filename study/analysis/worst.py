@@ -6,10 +6,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from study.analysis.error_groups import decade, label
 from study.estimators import Status
 from study.experiment.conditions import bound_law, named_in
 from study.runs.storage.atomic_write import RunError
 from study.runs.storage.run_folder import Run
+from study.sphere.types import Floats
 from study.text.columns import columns
 from study.text.nearest import did_you_mean
 
@@ -29,18 +31,46 @@ def worst(errors: pd.DataFrame, count: int = 5, estimator: str | None = None) ->
         At most ``count`` rows of the error table, the worst first, with a column ``ratio``, error over bound, and an
         index from 0. Equal ratios are in the order of cell, trial and estimator by name.
     """
-    use = (errors["status"] == Status.OK) & np.isfinite(errors["bound"])
+    ratio = _ratios(errors)
     if estimator is not None:
-        use &= errors["estimator"] == estimator
-    found: pd.DataFrame = errors[use]
-    found = found.assign(
-        ratio=found["error"] / found["bound"],
-        cell=found["cell"].astype(str),  # sorted by name, not by the code of a dictionary
-        estimator=found["estimator"].astype(str),
-    )
-    found = found[found["ratio"].notna()]
+        ratio[(errors["estimator"] != estimator).to_numpy()] = np.nan
+    # a trial has a row per estimator: among so many rows are the trials asked for, and those as bad as the last
+    most = min(count * max(1, errors["estimator"].nunique()), int(np.sum(~np.isnan(ratio))))
+    least = np.partition(ratio[~np.isnan(ratio)], -most)[-most] if most else np.inf
+    where = np.flatnonzero(ratio >= least)
+    found = errors.iloc[where].assign(ratio=ratio[where])
+    # sorted by name, not by the code of a dictionary
+    found = found.assign(cell=found["cell"].astype(str), estimator=found["estimator"].astype(str))
     found = found.sort_values(["ratio", "cell", "trial", "estimator"], ascending=[False, True, True, True])
     return found.drop_duplicates(["cell", "trial"]).head(count).reset_index(drop=True)
+
+
+def worst_of_groups(errors: pd.DataFrame, by_decade: bool) -> pd.DataFrame:
+    """The trial with the largest error over the bound of each group and estimator, among the fits that are ok.
+
+    Args:
+        errors: the error table.
+        by_decade: group by decade of σ/r (a random design) instead of by cell (a grid), as the summary does.
+
+    Returns:
+        A row per group and estimator that has such a trial: ``group``, ``estimator``, ``cell``, ``trial`` and
+        ``ratio``, error over bound. Of equal ratios the first of the table counts.
+    """
+    ratio = pd.Series(_ratios(errors)).dropna()
+    groups = decade(errors["noise"] / errors["radius"]) if by_decade else pd.factorize(errors["cell"])[0]
+    keys = [groups[ratio.index], pd.factorize(errors["estimator"])[0][ratio.index]]
+    where = ratio.groupby(keys, sort=True).idxmax().to_numpy()
+    named = errors[["cell", "trial", "estimator", "noise", "radius"]].iloc[where]
+    found = label(named, by_decade).astype({"cell": str, "estimator": str})
+    return found.assign(ratio=ratio[where].to_numpy())[["group", "estimator", "cell", "trial", "ratio"]]
+
+
+def _ratios(errors: pd.DataFrame) -> Floats:
+    """Error over bound of each row; NaN where the fit is not ok or there is no finite bound."""
+    bound = errors["bound"].to_numpy()
+    use = (errors["status"] == Status.OK).to_numpy() & np.isfinite(bound)
+    with np.errstate(all="ignore"):
+        return np.where(use, errors["error"].to_numpy() / bound, np.nan)
 
 
 def of_run(run: Run, count: int, estimator: str | None = None) -> pd.DataFrame:

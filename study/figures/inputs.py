@@ -24,7 +24,8 @@ class Tables:
         dimension: d of the spheres.
         design: "grid" or "random".
         noise_law: the law of the noise of a sample.
-        rows: the error table, `errors` to the figures; None if the study kept its summary alone.
+        rows: the error table, `errors` to the figures, of a run without points or posteriors without the columns of
+            parameters other than the centre; None if the study kept its summary alone.
         summary: the summary table; see `study.runs.storage.schemas.summary`.
         points: the points of the trials that were kept; None if none were.
         posterior: a row per chain; None if none was run. See `study.runs.storage.schemas.posterior`.
@@ -53,13 +54,16 @@ class Tables:
             RunError: if a table is missing, because the run did not finish, or its budget ended before any trial.
         """
         study = run.study
+        # figures of single trials read every column; the others these, which are a third of a large table
+        every = study.keep_points or study.posterior is not None
+        used = ["cell", "trial", *(c.name for c in study.conditions()), "estimator", "error", "bound", "status"]
         tables = cls(
             name=" · ".join(filter(None, [study.run_name(), bound_law(study.design.given())])),
             dimension=study.dimension,
             design=study.design.kind,
             independent=study.independent(),
             noise_law=study.noise_law,
-            rows=run.table("errors") if study.keep == "errors" else None,
+            rows=run.table("errors", None if every else used) if study.keep == "errors" else None,
             summary=run.table("summary"),
             points=run.table("points") if study.keep_points else None,
             **{name: run.table(name) for name in ("posterior", "answers", "draws") if run.has("posterior")},

@@ -7,6 +7,7 @@ from typing import Any
 import pandas as pd
 
 from study.analysis.claims.claim import Verdict
+from study.report.answers import answer
 from study.report.blocks import (
     Badge,
     Block,
@@ -16,7 +17,6 @@ from study.report.blocks import (
     InlineCode,
     Items,
     Link,
-    Note,
     Row,
     Section,
     Table,
@@ -48,13 +48,12 @@ def _claims(material: Material, claims: pd.DataFrame) -> Iterable[Block]:
         return
     without = claims["verdict"] == Verdict.NOT_EVALUATED
     judged, rest = claims[~without], claims[without]
-    yield _tally(claims)
     if judged.empty:
         yield Text("These runs can judge none of the claims.")
     else:
-        head = ["No.", "§", "Claim", "Found", "Verdict"]
-        rows = [_judged(row, material) for row in judged.itertuples()]
-        caption = "Numbers are with their Monte-Carlo errors; each verdict is computed from them by the rule given."
+        head = ["No.", "§", "The paper says", "Found"]
+        rows = [_judged(row, material) for row in judged.rename(columns={"name": "claim"}).itertuples()]
+        caption = "Each verdict is computed from numbers with their Monte-Carlo errors, by the rule given with them."
         yield Table("The paper's claims and what was found", caption, head, rows, stacked=True)
     if not rest.empty:
         rows = [
@@ -66,8 +65,8 @@ def _claims(material: Material, claims: pd.DataFrame) -> Iterable[Block]:
         yield Folded(title, table)
 
 
-def _tally(claims: pd.DataFrame) -> Text:
-    """Sentence that counts each verdict, in the order of the verdicts."""
+def tally(claims: pd.DataFrame) -> Text:
+    """The sentence that counts each verdict, in the order of the verdicts."""
     found = Counter(str(verdict) for verdict in claims["verdict"])
     order = [*(str(v) for v in Verdict if str(v) in found), *sorted(set(found) - {str(v) for v in Verdict})]
     badges: list[str | Block] = [f"{len(claims)} claim{'s' * (len(claims) > 1)}: "]
@@ -83,7 +82,6 @@ def _badge(verdict: str, words: str) -> Badge:
 def _judged(row: Any, material: Material) -> Row:
     """A claim with a verdict; the row comes from `DataFrame.itertuples`."""
     name = str(row.figure)
-    figure: Content = Link(name, name) if name in material.pictures else name
     places = {record.name: run_id(record) for record in material.records}
     runs: list[str | Block] = []
     for run in filter(None, str(row.runs).split(", ")):
@@ -95,16 +93,17 @@ def _judged(row: Any, material: Material) -> Row:
         ("Trials", f"at least {count(int(row.trials))} behind each number" if row.trials else ""),
         ("Runs", runs),
         ("Tables", InlineCode(str(row.reads)) if row.reads else ""),
+        ("Figure", Link(name, name) if name in material.pictures else name),
     ]
-    judged = Folded("How it was judged", Facts([(term, content) for term, content in facts if content]))
-    found = Items([readable(part) for part in str(row.finding).splitlines()])
-    cells: list[Content] = [
-        str(row.number),
-        str(row.section),
-        [Text(str(row.statement)), judged],
-        found,
-        [_badge(str(row.verdict), str(row.verdict)), *([Note(figure)] if name else [])],
+    numbers = Items([readable(part) for part in str(row.finding).splitlines()])
+    rule = Facts([(term, content) for term, content in facts if content])
+    verdict = str(row.verdict)
+    found: list[str | Block] = [
+        Text([_badge(verdict, verdict)]),
+        Text(answer(str(row.claim), verdict, str(row.finding))),
+        Folded("Numbers and rule", [numbers, rule]),
     ]
+    cells: list[Content] = [str(row.number), str(row.section), str(row.statement), found]
     return Row(cells, id=f"claim-{row.number}")
 
 

@@ -7,10 +7,11 @@ from typing import Self
 import pandas as pd
 from pydantic import BaseModel, ValidationError
 
-from study.analysis.worst import worst
+from study.analysis.worst import worst, worst_of_groups
 from study.figures import FIGURES, Tables
 from study.report.blocks import Picture
-from study.report.pictures import add_pictures
+from study.report.findings import Headline, findings
+from study.report.pictures import Gallery
 from study.runs.storage.run_folder import Run, RunError
 
 
@@ -73,6 +74,7 @@ class Record:
         trials, samples: data sets of all cells, and the points in them.
         summary, timings: the stored tables.
         worst: the worst trials; see `study.analysis.worst`. None where the study kept its summary alone.
+        worst_of_groups: the worst trial of each group of the summary and estimator, likewise.
         main: name of the table that the study kept: errors, or else summary.
         fingerprint: SHA-256 of that table's file, which equal runs have in common.
     """
@@ -87,6 +89,7 @@ class Record:
     summary: pd.DataFrame
     timings: pd.DataFrame
     worst: pd.DataFrame | None
+    worst_of_groups: pd.DataFrame | None
     main: str
     fingerprint: str
 
@@ -101,7 +104,7 @@ class Record:
         samples = int((one["planned"] * one["samples"]).sum())
         if tables.rows is not None:  # in a random design a row of the summary has many numbers of samples
             samples = int(tables.rows.loc[tables.rows["estimator"] == tables.estimators[0], "samples"].sum())
-        main = run.study.keep
+        main, by_decade = run.study.keep, run.study.design.one_trial_a_cell
         return cls(
             run=run,
             name=tables.name,
@@ -113,6 +116,7 @@ class Record:
             summary=tables.summary,
             timings=run.table("timings"),
             worst=None if tables.rows is None else worst(tables.rows),
+            worst_of_groups=None if tables.rows is None else worst_of_groups(tables.rows, by_decade),
             main=main,
             fingerprint=run.fingerprint(main) or "",
         )
@@ -127,6 +131,8 @@ class Material:
         claims: the claims table; columns as `study.runs.storage.schemas.CLAIMS`, perhaps without rows.
         pictures: each figure that some run can feed, by name.
         undrawn: for each other figure the runs' reasons, by the run's name.
+        lead: the picture at the top of the page, if some run can feed it.
+        findings: the findings at the top of the page.
         bench: the table that `make bench` stores, if it is given.
     """
 
@@ -134,6 +140,8 @@ class Material:
     claims: pd.DataFrame
     pictures: dict[str, Picture]
     undrawn: dict[str, dict[str, str]]
+    lead: Picture | None
+    findings: list[Headline]
     bench: pd.DataFrame | None = None
 
     @classmethod
@@ -144,13 +152,13 @@ class Material:
             RunError: if a run did not finish, or is given twice.
         """
         records: list[Record] = []
-        pictures: dict[str, Picture] = {}
-        undrawn: dict[str, dict[str, str]] = {}
+        gallery = Gallery()
         for run in runs:
             tables = Tables.of(run)
             if tables.name in {record.name for record in records}:
                 raise RunError(f"{run.folder}: {tables.name} is given twice")
             records.append(Record.of(run, tables))
-            add_pictures(tables, pictures, undrawn)
-        ordered = {name: pictures[name] for name in FIGURES if name in pictures}
-        return cls(records, claims, ordered, undrawn, bench)
+            gallery.add(tables)
+        pictures = {name: gallery.pictures[name] for name in FIGURES if name in gallery.pictures}
+        found = findings(claims, gallery.efficiency)
+        return cls(records, claims, pictures, gallery.undrawn, gallery.lead(), found, bench)

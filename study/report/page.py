@@ -5,14 +5,18 @@ from pathlib import Path
 
 import pandas as pd
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
 
 from study.report.blocks import Block, Folded, Items, Section, Text
-from study.report.claims import claims_section
+from study.report.claims import claims_section, tally
+from study.report.explorer import explorer_section
+from study.report.explorer.section import digests
 from study.report.material import Material
 from study.report.overview import overview_section
 from study.report.posterior import posterior_section
 from study.report.results import run_section
 from study.report.speed import speed_section
+from study.report.words import count
 from study.runs.storage.atomic_write import RunError, write
 from study.runs.storage.run_folder import Run
 
@@ -38,12 +42,13 @@ def run_sections(material: Material) -> Iterable[Section]:
 
 
 SECTIONS: list[Callable[[Material], Iterable[Section]]] = [
-    overview_section,
     claims_section,
+    explorer_section,
     figures_section,
     posterior_section,
-    run_sections,
     speed_section,
+    overview_section,
+    run_sections,
 ]
 """The page, in order. Each entry gives one section, several, or none where the runs have nothing for it."""
 
@@ -72,11 +77,15 @@ def render(runs: Sequence[Run], claims: pd.DataFrame, bench: pd.DataFrame | None
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    names = [record.name for record in material.records]
-    configs = [record.run.study.name for record in material.records]
-    title = ", ".join(configs if len(configs) > 1 else names)
-    template = environment.get_template("template.html")
-    return template.render(title=title, names=", ".join(names), sections=sections)
+    return environment.get_template("template.html").render(
+        names=", ".join(record.name for record in material.records),
+        sets=count(sum(record.trials for record in material.records)),
+        findings=material.findings,
+        tally=tally(claims) if len(claims) else None,
+        lead=material.lead,
+        sections=sections,
+        digests=Markup(digests()),
+    )
 
 
 def save(page: str, path: Path) -> Path:

@@ -4,50 +4,79 @@ import base64
 import inspect
 import io
 import re
+from typing import Any
 
 from matplotlib.figure import Figure
 
 from study.figures import FIGURES, FigureModule, NotApplicable, Tables, style
 from study.figures.failure import failure
-from study.report.blocks import InlineCode, Picture, Text
+from study.figures.fig_efficiency import EfficiencyFrame
+from study.report import lead_picture
+from study.report.blocks import Content, InlineCode, Link, Picture, Text
+from study.report.findings import nearest_cap
+from study.report.words import count
 
 
-def add_pictures(tables: Tables, pictures: dict[str, Picture], undrawn: dict[str, dict[str, str]]) -> None:
-    """Draw the figures that a run can feed and no earlier run could.
+class Gallery:
+    """The figures that runs can feed, each drawn from the first run that can.
 
-    Args:
-        tables: the run.
-        pictures: those drawn so far; new ones are added.
-        undrawn: for each figure not drawn so far the reasons, by the run's name; kept up to date. A figure that fails
-            does not cost the others; its reason says where in the code it failed.
+    Attributes:
+        pictures: the figures, by name.
+        undrawn: for each figure not drawn so far the reasons, by the run's name. A figure that fails does not cost the
+            others; its reason says where in the code it failed.
+        efficiency: content of the figure that the top of the page has a part of; None where no run can feed it.
     """
-    for name, figure in FIGURES.items():
-        if name in pictures:
-            continue
-        try:
-            pictures[name] = picture(name, figure, tables)
-        except NotApplicable as reason:
-            undrawn.setdefault(name, {})[tables.name] = str(reason)
-        except Exception as error:  # a figure that fails must not cost the page
-            undrawn.setdefault(name, {})[tables.name] = failure(error)
-        else:
-            undrawn.pop(name, None)
+
+    def __init__(self) -> None:
+        self.pictures: dict[str, Picture] = {}
+        self.undrawn: dict[str, dict[str, str]] = {}
+        self.efficiency: EfficiencyFrame | None = None
+
+    def add(self, tables: Tables) -> None:
+        """Draw the figures that a run can feed and no earlier run could."""
+        for name, figure in FIGURES.items():
+            if name in self.pictures:
+                continue
+            try:
+                frame = figure.prepare(tables)
+                self.pictures[name] = picture(name, figure, frame, tables.name)
+            except NotApplicable as reason:
+                self.undrawn.setdefault(name, {})[tables.name] = str(reason)
+            except Exception as error:  # a figure that fails must not cost the page
+                self.undrawn.setdefault(name, {})[tables.name] = failure(error)
+            else:
+                self.undrawn.pop(name, None)
+                if isinstance(frame, EfficiencyFrame):
+                    self.efficiency = frame
+
+    def lead(self) -> Picture | None:
+        """The picture at the top of the page; None where no run can feed it."""
+        if self.efficiency is None:
+            return None
+        angle = nearest_cap(self.efficiency)
+        at = f"Cap of {angle:g}°, N\u00a0=\u00a0{count(self.efficiency.samples)}."
+        words = f"Median error of each estimator over the Cramér-Rao bound, against noise. {at}"
+        advice = " The closer to the lines, the better. Below them only a biased estimator can be."
+        caption = [
+            Text([words, advice]),
+            Text([Link("The whole figure", "fig_efficiency"), f", {self.efficiency.stamp}"]),
+        ]
+        return embedded("lead", lead_picture.draw(self.efficiency, angle), words, caption)
 
 
-def picture(name: str, figure: FigureModule, tables: Tables) -> Picture:
-    """Draw a figure.
+def picture(name: str, figure: FigureModule, frame: Any, run: str) -> Picture:
+    """Draw a figure from its frame, with its title, its advice and the name of the run as caption."""
+    title, look = described(figure)
+    caption = [Text(title), *([Text(look)] if look else []), Text([InlineCode(name), f", run {run}"])]
+    return embedded(name, figure.draw(frame), f"{title} Run {run}.", caption)
 
-    Raises:
-        NotApplicable: if the run does not have what it shows.
-    """
-    frame = figure.prepare(tables)
-    data = png(figure.draw(frame))
+
+def embedded(name: str, figure: Figure, alt: str, caption: Content) -> Picture:
+    """A figure as a picture that needs no other file."""
+    data = png(figure)
     # a PNG begins with a signature, a length and "IHDR"; then come width and height
     width, height = (int.from_bytes(data[i : i + 4], "big") for i in (16, 20))
-    title, look = described(figure)
-    source = f"data:image/png;base64,{base64.b64encode(data).decode()}"
-    caption = [Text(title), *([Text(look)] if look else []), Text([InlineCode(name), f", run {tables.name}"])]
-    return Picture(name, source, f"{title} Run {tables.name}.", width, height, caption)
+    return Picture(name, f"data:image/png;base64,{base64.b64encode(data).decode()}", alt, width, height, caption)
 
 
 def described(figure: FigureModule) -> tuple[str, str]:

@@ -112,6 +112,15 @@ def readable(text: str) -> str:
     return re.sub(r"(?<![\w.)\]-])-(?=[\d.])", "−", text)
 
 
+def values(finding: str) -> list[float]:
+    """The values in a claim's finding, which has a number a line: "words: value ± error", or without an error.
+
+    Raises:
+        ValueError: if a line is not so.
+    """
+    return [float(line.rpartition(": ")[2].partition(" ± ")[0]) for line in finding.splitlines()]
+
+
 def dimension(study: Study) -> str:
     """Name of the fitted shape in d dimensions."""
     return {2: "circles in the plane", 3: "spheres in space"}.get(

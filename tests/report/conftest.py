@@ -90,7 +90,7 @@ def page(circles, random, claims):
 class Document(html.parser.HTMLParser):
     """A page as its tags; complains of what is not closed or stands where it may not."""
 
-    VOID = frozenset({"meta", "link", "img", "br"})
+    VOID = frozenset({"meta", "link", "img", "br", "input"})
     BLOCKS = frozenset({"p", "div", "ul", "dl", "table", "details", "figure", "section", "pre", "h1", "h2", "h3"})
 
     APART = frozenset({"p", "td", "th", "tr", "li", "dt", "dd", "summary", "h1", "h2", "h3", "pre"})
@@ -116,7 +116,7 @@ class Document(html.parser.HTMLParser):
             self.faults.append(f"/{tag} out of place")
 
     def handle_data(self, data):
-        if "style" not in self.open:
+        if not {"style", "script"} & set(self.open):
             self.words.append(data)
 
     @property
