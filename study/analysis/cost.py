@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from study.analysis.paper_cost import PAPER
+from study.estimators.estimates import blank
 from study.experiment.streams import stream
 
 Objects = NDArray[np.object_]
@@ -90,17 +91,6 @@ def _counting_numpy() -> Iterator[None]:
         arrays.empty, math.sqrt = empty, root
 
 
-def _uncounted(function: Callable[..., None]) -> Callable[..., None]:
-    """The function, without its operations in the count."""
-
-    def run(*arguments: Objects) -> None:
-        before = Counted.operations
-        function(*arguments)
-        Counted.operations = before
-
-    return run
-
-
 def _objects(*shape: int) -> Objects:
     array: Objects = np.zeros(shape, dtype=object)
     array[...] = Counted(0.0)
@@ -135,12 +125,9 @@ def count(dimension: int) -> dict[str, float]:
         result = moments.Moments(_objects(2, 1), _objects(2, 1, d), _objects(1, d, d))
         moments.accumulate(x, 1, result, zeros(d), zeros(d, d))
 
-    vars(lls)["diagonalise_all"] = _uncounted(
-        lls.diagonalise_all
-    )  # once per fit, in sweeps whose number depends on the data
-
     def linear(x: Objects) -> None:
-        lls._fit_all(x, 1, _objects(1, d), _objects(1), _objects(1), np.zeros(1, dtype=int), zeros(d))
+        fit = blank(1, d)._replace(center=_objects(1, d), radius=_objects(1), noise_variance=_objects(1))
+        lls._fit_all(x, 1, fit, _objects(1), _objects(1, d, d), zeros(d))
 
     def one_pass(x: Objects) -> None:
         block, scratch = layouts.SampleBlock(x, 0, 0, x.shape[2]), layouts.Scratch(None, zeros(d), zeros(d, d))

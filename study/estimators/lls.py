@@ -15,8 +15,8 @@ from study.estimators.samples import Samples
 from study.estimators.status import Status
 from study.sphere.jit import CHUNK, Sums, compiled, compiled_as_written, dot, fill, fresh, put, total, zeros
 from study.sphere.layouts import PointSets, View, abreast, at, extent, near, readable, window
-from study.sphere.linalg import diagonalise_all
-from study.sphere.types import Floats, Ints
+from study.sphere.linalg import eigenbasis
+from study.sphere.types import Floats
 
 _EPS = 2.0**-52
 
@@ -27,9 +27,14 @@ def lls(samples: Samples) -> Estimates:
     Source: paper §4.4.
     """
     b, d, _ = samples.shape
-    fit = blank(b, d)
-    x, group = readable(samples.source), abreast(samples.source)
-    _fit_all(x, group, fit.center, fit.radius, fit.noise_variance, fit.status, zeros(d))
+    fit, residual, scatter = blank(b, d), np.empty(b), np.empty((b, d, d))
+    _fit_all(readable(samples.source), abreast(samples.source), fit, residual, scatter, zeros(d))
+    values, _ = eigenbasis(scatter)
+    fit.status[~(values[:, 0] > d * _EPS * values[:, -1])] = Status.SINGULAR  # the rule of `gdke`
+    fit.status[~np.isfinite(residual)] = Status.NOT_FINITE
+    lost = fit.status != Status.OK
+    if lost.any():
+        fit.center[lost], fit.radius[lost], fit.noise_variance[lost] = np.nan, np.nan, np.nan
     return fit
 
 
@@ -119,13 +124,16 @@ def _columns(view: View, m: int, origin: Sums, rows: Floats) -> None:
 
 
 @compiled
-def _fit_all(x: PointSets, group: int, center: Floats, radius: Floats, noise: Floats, status: Ints, zero: Sums) -> None:
-    """Solve each point set of a batch (b, d, n), about a point near it: the mean of its first samples."""
+def _fit_all(x: PointSets, group: int, fit: Estimates, residual: Floats, scatter: Floats, zero: Sums) -> None:
+    """Solve each point set of a batch (b, d, n), about a point near it: the mean of its first samples.
+
+    It fills in ``fit``, the mean square ``residual`` of the algebraic equations (b,), and ``scatter`` (b, d, d), which
+    says whether the points span all dimensions. ``zero`` is d sums at zero.
+    """
     b, d, n = extent(x)
     q = d + 2
     rows, copy, products, beta = np.empty((q, CHUNK)), np.empty((1, d, CHUNK)), np.empty(q), np.empty(d + 1)
     origins, triangles = np.empty((group, d)), np.empty((group, q, q))
-    scatter, values, basis = np.empty((group, d, d)), np.empty((group, d)), np.empty((group, d, d))
     fill(rows[0], 1.0)
     for head in range(0, b, group):
         triangles[:] = 0.0
@@ -146,22 +154,14 @@ def _fit_all(x: PointSets, group: int, center: Floats, radius: Floats, noise: Fl
                     products[j] = total(rows[j, :m])
                 _append(triangles[g], rows, m, products)
         for g in range(group):
-            _scatter(triangles[g], scatter[g])
-        diagonalise_all(scatter, values, basis)
-        for g in range(group):
             t, triangle = head + g, triangles[g]
-            residual = triangle[d + 1, d + 1] ** 2 / n
-            if not abs(residual) < math.inf:
-                status[t] = Status.NOT_FINITE
-                continue
-            if not values[g, 0] > d * _EPS * values[g, d - 1]:  # the rule of `gdke`
-                status[t] = Status.SINGULAR
-                continue
+            _scatter(triangle, scatter[t])
             _solve(triangle, beta)
+            residual[t] = triangle[d + 1, d + 1] ** 2 / n
             radius_squared = beta[0]
             for i in range(d):
                 half = 0.5 * beta[i + 1]
-                center[t, i] = origins[g, i] + half
+                fit.center[t, i] = origins[g, i] + half
                 radius_squared += half * half
-            radius[t] = math.sqrt(radius_squared) if radius_squared >= 0.0 else math.nan
-            noise[t] = noise_of_residuals(residual, radius_squared, float(n), d)
+            fit.radius[t] = math.sqrt(radius_squared) if radius_squared >= 0.0 else math.nan
+            fit.noise_variance[t] = noise_of_residuals(residual[t], radius_squared, float(n), d)
