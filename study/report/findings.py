@@ -92,9 +92,9 @@ def _instead(efficiency: EfficiencyFrame | None) -> Iterator[Headline]:
     beside = [name for name in ("ugdk", "mle", "gdke") if name in found.index and name != first]
     cells = len(curves[["angle", "level"]].drop_duplicates())
     yield Headline(
-        f"Use {style.label(first)} instead." if "ugdk" in found.index else f"Use {style.label(first)}.",
-        f"It need not be told the noise. Over {cells} conditions with {words.count(efficiency.samples)} points and "
-        f"noise below the radius, its median error is on average {_three(found[first])} times the least of all"
+        f"Use the estimator {style.label(first)}{' instead' if 'ugdk' in found.index else ''}.",
+        f"It need not be told the noise. Over {cells} conditions with {words.count(efficiency.samples)} points and noise "
+        f"below the radius, its median error is on average {_three(found[first])} times the least of all estimators"
         + "".join(f", {style.label(name)}'s {_three(found[name])} times" for name in beside)
         + ".",
     )
@@ -122,8 +122,8 @@ def _reached(efficiency: EfficiencyFrame | None) -> Iterator[Headline]:
     beside = [name for name in ("corrected", "ugdk") if name in here.index]
     yield Headline(
         "What can be reached lies above the Cramér-Rao bound where noise is large.",
-        f"On a cap of {angle:g}° with noise of {words.number(at['level'], 2)} r the attainable bound, which does not "
-        f"take the directions as known, is {times(at['ratio'])} the Cramér-Rao bound"
+        f"On a cap of {angle:g}° with noise of {words.number(at['level'], 2)}\u00a0r the attainable bound, which does "
+        f"not take the directions as known, is {times(at['ratio'])} the Cramér-Rao bound"
         + "".join(f"; {style.label(name)} reaches {times(here[name])}" for name in beside)
         + ".",
     )

@@ -3,14 +3,13 @@
 import shlex
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 import pandas as pd
 
 from study.analysis.medians_at_bounds import has_bounds, medians_at_bounds
 from study.estimators import Status
 from study.estimators.status import explain
-from study.experiment.conditions import LABELS, SAMPLES, bound_law, named_in
+from study.experiment.conditions import LABELS, SAMPLES, RowValues, bound_law, named_in
 from study.figures import style
 from study.report import words
 from study.report.blocks import (
@@ -60,8 +59,8 @@ def efficiency(record: Record) -> list[Block]:
     shown = [name for name in record.estimators if name in set(frame["estimator"])]
     bounded, rows = has_bounds(record.run.study), []
     for _, part in frame.groupby("group", sort=False):
-        found = {str(row["estimator"]): row for _, row in part.iterrows()}
-        first = part.iloc[0]
+        found = {str(row["estimator"]): row for row in part.to_dict("records")}
+        first = next(iter(found.values()))
         cells: list[Content] = [*(make(first) for make in conditions), words.count(int(first["planned"]))]
         if bounded:
             cells += [f"{value:.3g}" for value in medians_at_bounds(record.run.study, first)]
@@ -88,22 +87,23 @@ def efficiency(record: Record) -> list[Block]:
     return [Text("There are many conditions; the figures show them better."), Folded(summary, table, printed=False)]
 
 
-def _conditions(frame: pd.DataFrame, by_decade: bool) -> tuple[list[str], list[Callable[["pd.Series[Any]"], str]], str]:
+def _conditions(frame: pd.DataFrame, by_decade: bool) -> tuple[list[str], list[Callable[[RowValues], str]], str]:
     """Titles and formats of the columns that distinguish groups, and the conditions that all groups share."""
     if by_decade:
         return ["σ/r from"], [_decade], ""
     made = {c: partial(words.condition, c) for c in LABELS if not c.stored or c.name in frame}
-    columns = {c: [make(row) for _, row in frame.iterrows()] for c, make in made.items()}
+    records = frame.drop_duplicates("group").to_dict("records")
+    columns = {c: [make(row) for row in records] for c, make in made.items()}
     vary = [c for c, texts in columns.items() if len(set(texts)) > 1] or [SAMPLES]
     fixed = ", ".join(f"{c.symbol} = {texts[0]}" for c, texts in columns.items() if c not in vary)
     return [c.symbol for c in vary], [made[c] for c in vary], f", all at {fixed}" if fixed else ""
 
 
-def _decade(row: "pd.Series[Any]") -> str:
+def _decade(row: RowValues) -> str:
     return words.power_of_ten(int(row["decade"]))
 
 
-def _ratio(row: "pd.Series[Any]") -> Content:
+def _ratio(row: RowValues) -> Content:
     ok, planned = int(row["ok"]), int(row["planned"])
     if ok == 0:
         return "none ok"

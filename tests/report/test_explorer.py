@@ -202,6 +202,7 @@ def test_pointing_tells_the_cell(opened, circles):
         assert "none failed" in words
         assert "study replay" in words
     command = tab.inner_text("#explorer-detail code")
+    assert command in tip.text_content().replace("\n", "")
     assert command in {f"study replay {circles.folder} {name}" for name in unpacked(circles)["worst"]}
 
 

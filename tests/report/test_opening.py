@@ -100,10 +100,10 @@ def test_the_main_claim_comes_first(efficiency, verdict, says):
     first, second, third, last = found.findings(claims, efficiency)
     assert (first.head, first.claim) == (says, 2)
     assert "in 25\u00a0% of the decades" in first.rest
-    assert second.head == "Use MLE instead."  # not ALS, which is the nearest beyond the radius alone
+    assert second.head == "Use the estimator MLE instead."  # not ALS, which is the nearest beyond the radius alone
     assert "Over 4 conditions with 100 points" in second.rest
-    assert "1.00 times the least of all, UGDK's 4.00 times." in second.rest
-    assert "noise of 0.3 r the attainable bound" in third.rest
+    assert "1.00 times the least of all estimators, UGDK's 4.00 times." in second.rest
+    assert "noise of 0.3\u00a0r the attainable bound" in third.rest
     assert "is 2.0\u00a0times the Cramér-Rao bound; UGDK reaches 6.0\u00a0times." in third.rest
     assert last.head == "MLE's outliers are no other minima."
 

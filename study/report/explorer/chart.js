@@ -32,8 +32,8 @@ function decades(values, most) {
 
 function chart(run, view, rows, width, describe) {
     const { points: data, left, panels, facet, x, colour } = points(run, view, rows);
-    const columns = facet ? Math.min(panels.length, width >= 880 ? 3 : width >= 520 ? 2 : 1) : 1;
-    const lines = Math.ceil(panels.length / columns), inner = width / columns;
+    const lines = Math.ceil(panels.length / (width >= 880 ? 3 : width >= 520 ? 2 : 1));
+    const columns = Math.ceil(panels.length / Math.max(lines, 1)) || 1, inner = width / columns;
     const ys = data.map(d => d.y), xs = data.map(d => d.x);
     const low = Math.min(...ys), high = Math.max(...ys.map((y, k) => Math.min(y + data[k].error, view.ylog ? 3 * y : Infinity)));
     const pad = 0.04 * (high - low || 1);
@@ -45,7 +45,7 @@ function chart(run, view, rows, width, describe) {
     const bars = data.filter(d => d.error > 0);
     const legend = legends(run.measure[view.y].meaning, names, width), common = { x: "x", y: "y", ...at };
     const svg = Plot.plot({
-        width, height: (lines === 1 ? Math.min(440, Math.max(300, 0.7 * inner)) : 230 * lines) + legend.height + 45,
+        width, height: (lines === 1 ? Math.min(440, Math.max(300, 0.7 * inner)) : (columns < 3 && width >= 880 ? 290 : 230) * lines) + legend.height + 45,
         marginTop: legend.height + (facet ? 22 : 8), marginLeft: 62, marginBottom: 42, marginRight: 14,
         style: { fontSize: "12px", fontFamily: "inherit", background: "white", overflow: "visible" },
         ariaLabel: `${run.measure[view.y].meaning}, against ${x.symbol}`,
@@ -68,7 +68,7 @@ function chart(run, view, rows, width, describe) {
                 text: code => `${facet.symbol === "estimator" ? "" : `${facet.symbol} = `}${facet.words[code]}`, fontWeight: 600,
             })] : []),
             Plot.dot(data, Plot.pointer({ ...common, r: 7, stroke: "#1c1c1c", maxRadius: 60 })),
-            Plot.tip(data, Plot.pointer({ ...common, title: d => describe(d.i), maxRadius: 60, lineWidth: 32, fontSize: 12 })),
+            Plot.tip(data, Plot.pointer({ ...common, title: d => describe(d.i), maxRadius: 60, lineWidth: Math.min(60, width / 14), fontSize: 12 })),
         ] : [Plot.text(["No number to draw."], { frameAnchor: "middle" })],
     });
     legend.draw(svg, names.map((_, k) => colours[k]), svg.scale("symbol")?.range ?? []);
