@@ -8,11 +8,11 @@ import math
 from functools import lru_cache
 
 import numpy as np
-from scipy import optimize, special
+from scipy import special
 
 from study.sphere.attainable import by_quadrature, cramer_rao
 from study.sphere.cap import CapMoments
-from study.sphere.cap_mixture import Cap
+from study.sphere.cap_mixture import Cap, unit_rule
 from study.sphere.types import Floats
 
 _NODES = 24
@@ -110,7 +110,7 @@ def _median_length(along: float, across: float, dimension: int) -> float:
 
     The distribution function of the length is that of the d - 1 coordinates across, averaged over the one along.
     """
-    nodes, weights = special.roots_legendre(200)
+    nodes, weights = unit_rule(200)
 
     def excess(length: float) -> float:
         limit = length / math.sqrt(along)
@@ -118,4 +118,6 @@ def _median_length(along: float, across: float, dimension: int) -> float:
         inside = special.gammainc(0.5 * (dimension - 1), 0.5 * (length**2 - along * z**2) / across)
         return float(limit * np.sum(weights * np.exp(-0.5 * z**2) * inside)) / math.sqrt(2.0 * math.pi) - 0.5
 
-    return float(optimize.brentq(excess, 1e-3, 3.0))
+    from scipy.optimize import brentq  # imported here, as it takes as long as the rest of the module
+
+    return float(brentq(excess, 1e-3, 3.0))

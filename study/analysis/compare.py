@@ -33,7 +33,7 @@ from study.text.columns import columns
 
 FALSE_ALARM = 1e-3
 """Largest probability with which two equal runs are called different."""
-_COLUMNS = ["trial", "error", "radius_error", "bound", "status"]
+_COLUMNS = ["cell", "trial", "error", "radius_error", "bound", "status"]
 _ROUNDING = 1e-6
 """Errors of the same fit on another machine may differ by this share of the bound."""
 

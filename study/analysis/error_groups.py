@@ -19,16 +19,17 @@ _CONDITIONS = ["cell", "noise", "radius", "estimator"]
 
 
 def label(errors: pd.DataFrame, by_decade: bool) -> pd.DataFrame:
-    """An error table with columns ``group`` and ``decade``.
+    """An error table with columns ``group``, whose words are coded, and ``decade``.
 
     Args:
         errors: the table, or some of its rows.
         by_decade: group by decade of σ/r (a random design) instead of by cell (a grid).
     """
     if not by_decade:
-        return errors.assign(group=errors["cell"].astype(str), decade=np.nan)
+        return errors.assign(group=errors["cell"].astype("category"), decade=np.nan)
     lower = decade(errors["noise"] / errors["radius"]).astype(int)
-    return errors.assign(group=[f"1e{power:+03d}" for power in lower], decade=lower)
+    words = {power: f"1e{power:+03d}" for power in np.unique(lower)}
+    return errors.assign(group=pd.Series(lower, index=errors.index).map(words).astype("category"), decade=lower)
 
 
 def decade(values: ArrayLike) -> Floats:
@@ -85,7 +86,7 @@ class Grouped:
 
         Args:
             keys: names of groups and estimators; one that is not in the table has no entry in the result.
-            columns: columns of the error table; ``group`` and ``decade`` are added.
+            columns: columns of the error table; ``decade`` is added.
         """
         known = {key for key in keys if key in self.counts}
         if not known:
@@ -98,8 +99,11 @@ class Grouped:
             for key, rows in self._places(chunk).items():
                 use[rows] = key in known
             found.append(chunk[use])
-        whole = pd.concat([part.astype({"estimator": str}) for part in found], ignore_index=True)
-        return {key: whole.iloc[rows] for key, rows in self._places(whole).items()}
+        words = {"group": str, "estimator": str}  # the parts have other codes
+        whole = pd.concat([part.astype(words) for part in found], ignore_index=True)
+        of_key = self._places(whole)
+        whole = whole[[*columns, "decade"]]  # rows of words take far longer to choose than rows of numbers
+        return {key: whole.iloc[rows] for key, rows in of_key.items()}
 
     def _chunk(self, index: int, columns: list[str]) -> pd.DataFrame:
         wanted = list(dict.fromkeys([*columns, *_CONDITIONS]))

@@ -23,6 +23,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from study.analysis.asymptotics import gdke_leaves, median_at_bound, median_attainable, noise_at_kappa, ugdk_leaves
+from study.experiment.conditions import STORED
 from study.figures import style
 from study.figures.inputs import NotApplicable, Tables, at_first
 from study.sphere.cap import CapMoments, cap_moments
@@ -64,14 +65,18 @@ def prepare(tables: Tables) -> EfficiencyFrame:
     if not tables.noise_law.isotropic:
         raise NotApplicable("compares with an isotropic bound: needs a config without noise_shape")
     errors = tables.errors
-    errors = at_first(errors[errors["samples"] == errors["samples"].max()], besides=("noise", "angle"))
+    used = {*(condition.name for condition in STORED), "estimator", "error", "bound"}
+    errors = errors[[name for name in errors if name in used]]
+    if (many := errors["samples"] == errors["samples"].max()).sum() < len(errors):
+        errors = errors[many]
+    errors = at_first(errors, besides=("noise", "angle"))
     level = errors["noise"] / errors["radius"]
     if level.nunique() < _LEAST_LEVELS:
         raise NotApplicable(f"needs at least {_LEAST_LEVELS} levels of noise in the grid, not {level.nunique()}")
     samples = int(errors["samples"].iloc[0])
     ratio = (errors["error"] / errors["bound"]).fillna(np.inf)
     rows = []
-    needed = errors[["angle", "estimator"]].assign(level=level, ratio=ratio)  # copies of all columns take gigabytes
+    needed = errors[["angle", "estimator"]].assign(level=level, ratio=ratio)
     groups = needed.groupby(["angle", "estimator", "level"], observed=True, sort=False)
     caps = {angle: cap_moments(math.radians(angle), tables.dimension) for angle in errors["angle"].unique()}
     for (angle, estimator, noise), part in groups:

@@ -101,5 +101,6 @@ def at_first(table: pd.DataFrame, besides: Collection[str]) -> pd.DataFrame:
     """
     for condition in STORED:
         if condition.name in table and condition.name not in besides:
-            table = table[table[condition.name] == table[condition.name].iloc[0]]
+            chosen = table[condition.name] == table[condition.name].iloc[0]
+            table = table if chosen.all() else table[chosen]  # a copy of millions of rows takes seconds
     return table

@@ -6,6 +6,7 @@ integrals over the azimuth are Bessel functions of κ = R sin α sin θ/σ².
 """
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -43,9 +44,15 @@ class Orders(NamedTuple):
     lateral: Floats
 
 
+@lru_cache(maxsize=16)
+def unit_rule(nodes: int) -> tuple[Floats, Floats]:
+    """Nodes and weights of Gauss and Legendre between -1 and 1; they take as long as what they are used for."""
+    return tuple(map(np.asarray, special.roots_legendre(nodes)))  # type: ignore[return-value]
+
+
 def rule(low: Floats | float, high: Floats | float, nodes: int) -> tuple[Floats, Floats]:
     """Nodes and weights of Gauss and Legendre between bounds; new last axis."""
-    x, w = special.roots_legendre(nodes)
+    x, w = unit_rule(nodes)
     half = 0.5 * np.subtract(high, low)[..., None]
     return np.asarray(half * x + 0.5 * np.add(high, low)[..., None]), np.asarray(half * w)
 

@@ -48,7 +48,7 @@ def _order(errors: pd.DataFrame, angle: float) -> Number:
 
 def _measure_order(evidence: Evidence) -> list[Number]:
     errors = evidence.table("efficiency", "errors")
-    angles = sorted({float(angle) for angle in errors["angle"]} - {WHOLE})
+    angles = sorted({float(angle) for angle in errors["angle"].unique()} - {WHOLE})
     if not (angles and has_estimators(errors, "gdke", "mle")):
         return [Number.unknown("exponent of σ in GDKE's bias")]
     return [_order(errors, angle) for angle in angles]

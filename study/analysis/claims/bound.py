@@ -121,7 +121,7 @@ def _measure_even(evidence: Evidence) -> list[Number]:
         Number.of(f"{words}, whole sphere", Measure(*(v / efficient for v in most)), trials),
         Number("GDKE's bias there over its Monte-Carlo error, furthest from 0", pull, 1.0, trials),
     ]
-    for clumped in sorted({float(angle) for angle in rows["angle"]} - {WHOLE}, reverse=True):
+    for clumped in sorted({float(angle) for angle in rows["angle"].unique()} - {WHOLE}, reverse=True):
         levels = [(median(error_over(part, "bound")), len(part)) for a, _, part in cells(rows, "gdke") if a == clumped]
         found, few = max(levels, key=lambda entry: entry[0].value)
         numbers.append(Number.of(f"GDKE's median error over bound, greatest for φ = {clumped:g}°", found, few))

@@ -9,6 +9,23 @@ import pandas as pd
 from study.runs.storage import schemas
 from study.runs.storage.run_folder import Run, RunError
 
+_NAMED = frozenset(
+    (
+        "gdke",
+        "ugdk",
+        "ugdk_cov",
+        "als",
+        "mle",
+        "mle_centroid",
+        "mle_mirror",
+        "lls",
+        "lls_nr",
+        "lls_nr_raw",
+        "lls_single",
+    )
+)
+"""Estimators that a claim names. Rows of the others are not read: they are half of the largest table."""
+
 
 class TableMissing(Exception):  # noqa: N818  no error: most sets of runs lack some claim's tables
     """A table that a claim reads is missing; the message names it and the command that makes it."""
@@ -46,7 +63,7 @@ class Evidence:
         return cls(named, None if cost is None else _read_cost(cost), recordings)
 
     def table(self, config: str, name: str) -> pd.DataFrame:
-        """A table of the run of a config, read once.
+        """A table of the run of a config, read once; of an error table, the estimators that claims name.
 
         Raises:
             TableMissing: if there is no such run, or it did not finish.
@@ -55,7 +72,9 @@ class Evidence:
             raise TableMissing(f"needs a run of configs/{config}.toml")
         if (config, name) not in self._read:
             try:
-                self._read[config, name] = self.runs[config].table(name)
+                self._read[config, name] = self.runs[config].table(
+                    name, estimators=_NAMED if name == "errors" else None
+                )
             except RunError as error:
                 raise TableMissing(str(error)) from None
         return self._read[config, name]

@@ -19,7 +19,7 @@ only if its digest is the one in the manifest, and its columns are those declare
 import json
 import os
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -136,13 +136,20 @@ class Run:
         """True if a table is stored."""
         return self.path(name).is_file()
 
-    def table(self, name: str, columns: list[str] | None = None) -> pd.DataFrame:
+    def table(
+        self, name: str, columns: Collection[str] | None = None, estimators: Collection[str] | None = None
+    ) -> pd.DataFrame:
         """Read a stored table into a data frame.
+
+        Args:
+            name: the table's.
+            columns: names of columns, of which those that the table has are read; all if None.
+            estimators: names of estimators, whose rows are read; all if None.
 
         Raises:
             RunError: if it is not there, because the run did not finish.
         """
-        return self.read(name, lambda path: schemas.read(path, columns))
+        return self.read(name, lambda path: schemas.read(path, columns, estimators))
 
     def cell(self, name: str) -> pd.DataFrame:
         """Read the error table's rows of one cell into a data frame, without the others.

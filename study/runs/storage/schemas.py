@@ -1,6 +1,6 @@
 """Schemas of the stored tables: each column with its type, unit and meaning, which are stored in the file too."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -286,7 +286,17 @@ def table(columns: list[Column], data: Mapping[str, Any]) -> pa.Table:
     return pa.table([pa.array(data[c.name], type=c.type) for c in columns], schema=schema(columns))
 
 
-def read(path: Path, columns: list[str] | None = None) -> pd.DataFrame:
-    """Read a stored table into a data frame."""
-    frame: pd.DataFrame = pq.read_table(path, columns=columns).to_pandas(split_blocks=True, self_destruct=True)
+def read(path: Path, columns: Collection[str] | None = None, estimators: Collection[str] | None = None) -> pd.DataFrame:
+    """Read a stored table into a data frame.
+
+    Args:
+        path: the file.
+        columns: names of columns, of which those that the table has are read; all if None.
+        estimators: names of estimators, whose rows are read; all if None.
+    """
+    wanted = None if columns is None else [name for name in pq.read_schema(path).names if name in columns]
+    some = None if estimators is None else [("estimator", "in", list(estimators))]
+    frame: pd.DataFrame = pq.read_table(path, columns=wanted, filters=some).to_pandas(
+        split_blocks=True, self_destruct=True
+    )
     return frame

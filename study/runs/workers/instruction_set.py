@@ -11,8 +11,10 @@ def fix() -> None:
     """Generate the same machine code on every x86-64 processor since 2013, so that equal runs are equal to the byte.
 
     By default, code is generated for the processor at hand, whose wider registers add in another order; a name alone
-    would leave its features in. Call this before numba is imported. A setting that the user made stands.
+    would leave its features in. Linear algebra gets one thread, because the matrices here are small: two threads took
+    seven times as long. Call this before numba and NumPy are imported. A setting that the user made stands.
     """
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     if platform.machine() not in ("x86_64", "AMD64") or "NUMBA_CPU_NAME" in os.environ:
         return
     try:

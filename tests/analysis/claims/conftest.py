@@ -16,11 +16,12 @@ class Stored:
     def __init__(self, name, tables, asked):
         self.name, self.tables, self.asked = name, tables, asked
 
-    def table(self, name):
+    def table(self, name, estimators=None):
         self.asked.add(f"{self.name}/{name}")
         if name not in self.tables:
             raise RunError(f"{self.name}/{name}.parquet: missing")
-        return self.tables[name]
+        frame = self.tables[name]
+        return frame if estimators is None else frame[frame["estimator"].isin(estimators)]
 
 
 @pytest.fixture(scope="session")
