@@ -38,6 +38,7 @@ SUB_ROOMS = {
         "one_joint",
         "skeleton",
         "session",
+        "live",
         "view",
         "synthetic",
         "case_study",
