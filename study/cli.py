@@ -19,6 +19,7 @@ from study.mocap.commands.case_study import case_study
 from study.mocap.commands.fetch import fetch
 from study.mocap.commands.joint import joint
 from study.mocap.commands.joints import joints
+from study.mocap.commands.live import live
 from study.mocap.commands.markersets import markersets
 from study.mocap.commands.recording import recording
 from study.mocap.commands.skeleton import skeleton
@@ -304,7 +305,7 @@ _GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
     "Studies": (configs, plan, run, status, posterior, coverage, worker),
     "Results": (summary, claims, figures, report, worst, replay, regret, diff, verify),
     "Points and estimators": (fit, estimators, check, cost),
-    "Recordings": (recording, joint, joints, skeleton, case_study, synthetic, fetch, markersets),
+    "Recordings": (recording, joint, joints, skeleton, live, case_study, synthetic, fetch, markersets),
 }
 _NEEDS_NO_ESTIMATOR: set[Callable[..., None]] = {configs, check, cost, coverage, worker, *_GROUPS["Recordings"]}
 for _title, _commands in _GROUPS.items():

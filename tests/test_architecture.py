@@ -38,6 +38,7 @@ SUB_ROOMS = {
         "one_joint",
         "skeleton",
         "session",
+        "live",
         "export",
         "view",
         "synthetic",

@@ -159,6 +159,17 @@ class Incremental:
             x = array.T[None]
             self.moments = Moments.of(x) if self.moments is None else self.moments.update(x)
 
+    def merge(self, other: "Incremental") -> None:
+        """Add the points of another fit that grew; that one stays as it is.
+
+        Raises:
+            ValueError: if it is of another dimension.
+        """
+        if other.dimension != self.dimension:
+            raise ValueError(f"points of dimension {other.dimension} cannot be added to points of {self.dimension}")
+        if other.moments is not None:
+            self.moments = other.moments if self.moments is None else self.moments.merge(other.moments)
+
     def fit(self, estimator: Estimator, noise: float | Floats | None = None) -> Fit:
         """Fit the points so far by a closed form.
 

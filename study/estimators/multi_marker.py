@@ -7,14 +7,16 @@ marker's algebraic residual grows with its radius, and so its weight should fall
 known, one η for all markers is found from their residuals together (theory §5.5).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from study.estimators.answer.joint_fit import JointFit
 from study.estimators.careful_fit import FARTHEST, binary_size, scaled_noise
+from study.estimators.incremental import Incremental
 from study.estimators.status import Status
 from study.sphere.bounds import noise_covariance
 from study.sphere.jit import compiled_as_written
@@ -71,14 +73,59 @@ def mgdk(markers: Sequence[ArrayLike], noise: ArrayLike | None = None, weighted:
     )
 
 
+def mgdk_so_far(markers: Sequence[Incremental]) -> JointFit:
+    """Fit one centre to several markers that grow, from their moments alone: the points are not stored.
+
+    The answer is that of `mgdk` for the same points. Its covariance takes the spread of the directions from the
+    moments, where `mgdk` takes it from the points; ``markers`` of the fit is empty.
+
+    Args:
+        markers: at least one, of the same dimension; points of a size between 1e-40 and 1e40.
+    """
+    moments = [marker.moments for marker in markers]
+    count = np.array([0 if m is None else int(m.n[0]) for m in moments])
+    used = [m for m in moments if m is not None and m.n[0] >= 2]
+
+    def bound(joint: _Joint, solution: _Solution) -> Floats:
+        information = np.einsum("p,pij->ij", solution.weights, joint.c - solution.subtracted)
+        return np.asarray(np.linalg.pinv(information, hermitian=True))
+
+    return _fit_moments(_Sets(used, count, markers[0].dimension), None, True, bound)
+
+
 def _common_center(arrays: list[Floats], known: Floats | None, weighted: bool) -> JointFit:
     """Fit points of ordinary size (n_p, d), none of which is missing, with a covariance Σ of the noise or None."""
     d = arrays[0].shape[1]
-    count = np.array([len(array) for array in arrays])
     used = [array for array in arrays if len(array) >= 2]  # one sample fixes its marker's radius and no more
-    if not used or sum(map(len, used)) < d + len(used):
-        return _nothing(d, count, Status.TOO_FEW_POINTS)
     moments = [Moments.of(np.ascontiguousarray(array.T)[None]) for array in used]
+    noise = np.eye(d) if known is None else known
+    sets = _Sets(moments, np.array([len(array) for array in arrays]), d)
+    return _fit_moments(sets, known, weighted, lambda _, solution: _unit_bound(arrays, solution.center, noise))
+
+
+class _Sets(NamedTuple):
+    """The moments of the markers with two samples or more, the number of samples of each marker (M,), and d."""
+
+    moments: list[Moments]
+    samples: Ints
+    dimension: int
+
+
+class _Solution(NamedTuple):
+    """Centre (d,), what was subtracted from each C (M, d, d), and the weights (M,)."""
+
+    center: Floats
+    subtracted: Floats
+    weights: Floats
+
+
+def _fit_moments(
+    sets: _Sets, known: Floats | None, weighted: bool, bound: "Callable[[_Joint, _Solution], Floats]"
+) -> JointFit:
+    """Fit moments; ``bound`` gives the covariance of the centre for the noise as given, or for noise of size 1."""
+    moments, count, d = sets.moments, sets.samples, sets.dimension
+    if not moments or sum(int(m.n[0]) for m in moments) < d + len(moments):
+        return _nothing(d, count, Status.TOO_FEW_POINTS)
     if not all(np.isfinite(m.fourth[0]) for m in moments):
         return _nothing(d, count, Status.NOT_FINITE)
     joint = _Joint(moments, d)
@@ -86,18 +133,19 @@ def _common_center(arrays: list[Floats], known: Floats | None, weighted: bool) -
     values = np.linalg.eigvalsh(spread)
     if not values[0] > d * np.finfo(float).eps * values[-1]:
         return _nothing(d, count, Status.SINGULAR)
-    center, subtracted, weights = joint.solve(known, weighted)
+    solution = joint.solve(known, weighted)
+    center, subtracted, weights = solution
     total = np.einsum("p,pij->ij", weights, joint.c)
     share = _solved(total, np.einsum("p,pij->ij", weights, subtracted))
     condition = float(np.linalg.eigvals(share).real.max())
-    squares = np.full(len(arrays), np.nan)
+    squares = np.full(len(count), np.nan)
     squares[count >= 2] = joint.square_radii(center, subtracted)
     if known is None:
-        spare = joint.n.sum() - d - len(used)
+        spare = joint.n.sum() - d - len(moments)
         variance = float(subtracted[0, 0, 0] * joint.n.sum() / spare) if spare > 0 else np.nan
-        covariance = variance * _unit_bound(arrays, center, np.eye(d))
+        covariance = variance * bound(joint, solution)
     else:
-        variance, covariance = float(np.trace(known)) / d, _unit_bound(arrays, center, known)
+        variance, covariance = float(np.trace(known)) / d, bound(joint, solution)
     return JointFit(
         center=center,
         radii=np.sqrt(np.where(squares >= 0.0, squares, np.nan)),
@@ -149,8 +197,8 @@ class _Joint:
         self.s = np.array([m.third[0] for m in moments]) / self.n[:, None]
         self.fourth = np.array([m.fourth[0] for m in moments]) / self.n
 
-    def solve(self, known: Floats | None, weighted: bool) -> tuple[Floats, Floats, Floats]:
-        """Centre (d,), what was subtracted from each C (M, d, d), and the weights (M,)."""
+    def solve(self, known: Floats | None, weighted: bool) -> _Solution:
+        """Solve for the centre, with the noise as known or found."""
         weights, none = self.n, np.zeros_like(self.c)
         subtracted = none if known is None else known * ((self.n - 1.0) / self.n)[:, None, None]
         center = self.center(subtracted, weights)
@@ -160,7 +208,7 @@ class _Joint:
             if known is None:
                 subtracted = none + self.root(weights) * np.eye(self.d)
             center = self.center(subtracted, weights)
-        return center, subtracted, weights
+        return _Solution(center, subtracted, weights)
 
     def center(self, subtracted: Floats, weights: Floats) -> Floats:
         """Eq. 22, corrected, about the mean of the markers' centroids."""

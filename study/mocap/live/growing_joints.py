@@ -1,0 +1,194 @@
+"""Joints that grow with the frames of a stream, in constant memory: incremental fits of the paper's section 4.
+
+The pose of a parent segment comes from a rigid fit of its markers to their shape in the first frame with all of
+them. In its axes each marker of the child adds to a `study.Incremental`, and MGDK's centre follows from all of them. It
+takes the noise for the same in all directions, which that of a pose is not, and checks no second side: a finished
+recording is for `study joint`, which does both.
+
+Source: paper §4 (IGDK), eqs 22-25.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from study.estimators.answer.joint_fit import JointFit
+from study.estimators.incremental import Incremental
+from study.estimators.multi_marker import mgdk_so_far
+from study.mocap.geometry.kabsch import fit_rigid_motion
+from study.mocap.geometry.moving_axes import to_local
+from study.mocap.joints.estimates import CENTIMETRE
+from study.sphere.types import Floats
+
+_BLOCKS = 16
+"""Most blocks of frames; a jackknife takes half as many."""
+_BATCH = 25
+"""Frames that are added at once: one by one takes ten times as long."""
+_MOVED = np.radians(2.0)
+"""Least root mean square angle of motion, along every direction, of a joint that is known."""
+
+
+class GrowingSegment:
+    """A parent segment: its markers, and their shape once a frame has shown them all.
+
+    Args:
+        markers: their labels, three or more.
+    """
+
+    def __init__(self, markers: Sequence[str]) -> None:
+        self.markers, self.template = tuple(markers), None
+
+    def poses(self, frames: Sequence[Mapping[str, Floats]]) -> tuple[Floats, Floats]:
+        """Rotations R (3, 3, n) and origins o (3, n) in n frames, x = R a + o; NaN where a frame does not show them."""
+        x = places(self.markers, frames)
+        whole = np.flatnonzero(~np.isnan(x[:, 0]).any(axis=0))
+        if self.template is None and len(whole):
+            first = x[:, :, whole[0]]
+            self.template = first - first.mean(axis=0)
+        if self.template is None:
+            return np.full((3, 3, len(frames)), np.nan), np.full((3, len(frames)), np.nan)
+        return fit_rigid_motion(self.template, x)[:2]
+
+
+class GrowingJoint:
+    """A joint: the moments of its child's markers in the parent's axes, in blocks of successive frames.
+
+    Frames in succession are much alike, so their number says little about the error. The blocks do: a jackknife over
+    them repeats the fit without each (Quenouille 1949). When there are too many blocks, each two become one.
+
+    Args:
+        name: of the joint.
+        parent: the segment that holds it.
+        markers: of the child.
+    """
+
+    def __init__(self, name: str, parent: GrowingSegment, markers: Sequence[str]) -> None:
+        self.name, self.parent, self.markers = name, parent, tuple(markers)
+        self.blocks: list[list[Incremental]] = []
+        self.batches = 0
+        self.length = 1
+
+    def add(self, y: Floats) -> None:
+        """Add a batch of frames: the child's markers in the parent's axes (m, 3, n), metres; NaN where missing."""
+        if self.batches == self.length * len(self.blocks):
+            if len(self.blocks) == _BLOCKS:
+                self.blocks = [merged(pair) for pair in zip(self.blocks[::2], self.blocks[1::2], strict=True)]
+                self.length *= 2
+            self.blocks.append([Incremental(3) for _ in self.markers])
+        for part, points in zip(self.blocks[-1], y, strict=True):
+            part.update(points.T)
+        self.batches += 1
+
+    def answer(self) -> "LiveAnswer":
+        """The joint as far as it is known."""
+        whole = merged(self.blocks) if self.blocks else [Incremental(3)]
+        found = mgdk_so_far(whole)
+        covariance = np.full((3, 3), np.inf)
+        if len(self.blocks) >= _BLOCKS // 2 and np.isfinite(found.center).all():
+            others = (merged([*self.blocks[:k], *self.blocks[k + 1 :]]) for k in range(len(self.blocks)))
+            centers = np.array([mgdk_so_far(other).center for other in others])
+            off = centers - centers.mean(axis=0)
+            covariance = (1.0 - 1.0 / len(self.blocks)) * (off.T @ off)
+        return LiveAnswer(replace(found, covariance=covariance), rms_angles(whole, found))
+
+
+class LiveAnswer(NamedTuple):
+    """A joint so far: its fit in the parent's axes, metres, and root mean square angles of motion (3,), ascending."""
+
+    fit: JointFit
+    angles: Floats
+
+    @property
+    def error(self) -> float:
+        """Largest standard error of the centre, metres; infinite if it is not known."""
+        if not np.isfinite(self.fit.covariance).all():
+            return float("inf")
+        return float(np.sqrt(max(np.linalg.eigvalsh(self.fit.covariance)[-1], 0.0)))
+
+    @property
+    def ok(self) -> bool:
+        """True if the joint moved, its fit is ok, and its standard error is below a centimetre in each direction."""
+        return bool(self.fit.ok and self.error < CENTIMETRE and self.angles[0] > _MOVED)
+
+    @property
+    def words(self) -> str:
+        """The answer in words, in millimetres and degrees."""
+        if not np.isfinite(self.fit.center).all():
+            return self.fit.status.text
+        place = ", ".join(f"{1000 * x:.1f}" for x in self.fit.center)
+        moved = "-".join(f"{np.degrees(angle):.0f}°" for angle in self.angles[[0, 2]])
+        verdict = "ok" if self.ok else "unsure" if self.fit.ok else self.fit.status.text
+        noise = f"noise {1000 * self.fit.sigma:.1f} mm; moved {moved}"
+        return f"({place}) ± {1000 * self.error:.1f} mm; {noise}; {int(self.fit.count.sum())} samples; {verdict}"
+
+
+class LiveJoints:
+    """All joints of a stream.
+
+    Args:
+        joints: name, markers of the parent and markers of the child of each.
+
+    Attributes:
+        frames: number of frames so far.
+        joints: in the given order.
+    """
+
+    def __init__(self, joints: Iterable[tuple[str, Sequence[str], Sequence[str]]]) -> None:
+        segments: dict[tuple[str, ...], GrowingSegment] = {}
+        self.frames = 0
+        self.joints: list[GrowingJoint] = []
+        for name, parent, child in joints:
+            segment = segments.setdefault(tuple(parent), GrowingSegment(parent))
+            self.joints.append(GrowingJoint(name, segment, child))
+        self._segments = list(segments.values())
+        self._waiting: list[Mapping[str, Floats]] = []
+
+    def add(self, frame: Mapping[str, Floats]) -> None:
+        """Add a frame: the place of each marker seen (3,), metres."""
+        self.frames += 1
+        self._waiting.append(frame)
+        if len(self._waiting) == _BATCH:
+            self._settle()
+
+    def answers(self) -> dict[str, LiveAnswer]:
+        """Each joint as far as it is known."""
+        self._settle()
+        return {joint.name: joint.answer() for joint in self.joints}
+
+    def _settle(self) -> None:
+        """Add the frames that wait."""
+        frames, self._waiting = self._waiting, []
+        if not frames:
+            return
+        poses = {id(segment): segment.poses(frames) for segment in self._segments}
+        for joint in self.joints:
+            joint.add(to_local(*poses[id(joint.parent)], places(joint.markers, frames)))
+
+
+def places(markers: Sequence[str], frames: Sequence[Mapping[str, Floats]]) -> Floats:
+    """Places of markers (m, 3, n), metres, in n frames; NaN where missing."""
+    missing = np.full(3, np.nan)
+    rows = [[frame.get(marker, missing) for frame in frames] for marker in markers]
+    return np.ascontiguousarray(np.array(rows).transpose(0, 2, 1))
+
+
+def merged(blocks: Sequence[Sequence[Incremental]]) -> list[Incremental]:
+    """The moments of each marker (M) over several blocks."""
+    total = [Incremental(3) for _ in blocks[0]]
+    for block in blocks:
+        for mine, part in zip(total, block, strict=True):
+            mine.merge(part)
+    return total
+
+
+def rms_angles(markers: Sequence[Incremental], fit: JointFit) -> Floats:
+    """Root mean square angles of the markers' motion about a centre, along principal directions (3,), ascending."""
+    total, count = np.zeros((3, 3)), 0.0
+    for marker, radius in zip(markers, fit.radii, strict=True):
+        if marker.moments is not None and radius > 0.0:
+            n = float(marker.moments.n[0])
+            total += (marker.moments.second[0] - n * fit.noise_variance * np.eye(3)) / radius**2
+            count += n
+    return np.asarray(np.sqrt(np.maximum(np.linalg.eigvalsh(total / max(count, 1.0)), 0.0)))

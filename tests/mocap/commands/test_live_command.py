@@ -1,0 +1,133 @@
+"""`study live` as a process: standard input, datagrams of this machine, Ctrl-C."""
+
+import io
+import json
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from study import cli
+
+PELVIS = {"A": (120, 100, 0), "B": (-120, 100, 0), "C": (50, -100, 20), "D": (-50, -100, 20)}
+THIGH = {"E": (60, 50, -150), "F": (-40, 70, -200), "G": (20, -60, -280)}
+JOINT = ("live", "--parent", "A,B,C,D", "--child", "E,F,G")
+
+
+def lines(count=250, seed=2):
+    """Frames as lines, in millimetres: a thigh that rotates about (10, 20, -80) of a pelvis at rest."""
+    rng = np.random.default_rng(seed)
+    for _ in range(count):
+        turn = Rotation.from_rotvec(rng.uniform(-0.5, 0.5, 3))
+        local = PELVIS | {label: np.add((10, 20, -80), turn.apply(place)) for label, place in THIGH.items()}
+        yield json.dumps({k: (np.array(v) + rng.standard_normal(3)).round(3).tolist() for k, v in local.items()})
+
+
+@pytest.fixture
+def start():
+    """Start the command; what is left of it at the end is killed."""
+    started = []
+
+    def run(*arguments):
+        pipe = subprocess.PIPE
+        command = [sys.executable, "-m", "study.cli", *map(str, arguments)]
+        started.append(subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, text=True))
+        return started[-1]
+
+    yield run
+    for process in started:
+        process.kill()
+        process.communicate()
+
+
+def is_right(line):
+    """Assert that a line has the true centre: less the mean of the pelvis, (0, 0, 10)."""
+    x, y, z, error = map(float, re.search(r"\(([-\d.]+), ([-\d.]+), ([-\d.]+)\) ± ([\d.]+) mm", line).groups())
+    assert np.abs([x - 10, y - 20, z + 90]).max() < 3.0
+    assert error < 2.0
+    return True
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no SIGINT to send to another process")
+def test_standard_input_until_ctrl_c(start):
+    """Answers come every hundred frames and at the end; lines that are no frames are told and skipped."""
+    process, given = start(*JOINT), list(lines())
+    given[7:7] = ["nonsense", ""]
+    process.stdin.write("\n".join([*given, '{"A": [1, 2]}']) + "\n")
+    process.stdin.flush()
+    complained = [process.stderr.readline(), process.stderr.readline()]  # by then all frames have been added
+    assert complained == ["line 8 is skipped: no JSON\n", "line 253 is skipped: 'A' is not at three finite numbers\n"]
+    process.send_signal(signal.SIGINT)
+    said, complained = process.communicate(timeout=600)
+    assert (process.returncode, complained) == (0, "")
+    assert [line.split(":")[0] for line in said.splitlines()] == ["frame 100", "frame 200", "frame 250"]
+    assert is_right(said.splitlines()[-1])
+    assert said.endswith("; ok\n")
+
+
+def test_datagrams(start):
+    """The port is free and named before the first datagram; an empty one ends the stream."""
+    process = start(*JOINT, "--udp", 0, "--every", 1000)
+    port = int(process.stderr.readline().removeprefix("listening on 127.0.0.1:"))
+    given = list(lines())
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        for first in range(0, len(given), 50):  # few and large ones, which no buffer drops
+            sender.sendto("\n".join(given[first : first + 50]).encode(), ("127.0.0.1", port))
+        sender.sendto(b"", ("127.0.0.1", port))
+    said, complained = process.communicate(timeout=600)
+    assert (process.returncode, complained) == (0, "")
+    (line,) = said.splitlines()
+    assert line.startswith("frame 250: ")
+    assert is_right(line)
+
+
+@pytest.fixture
+def call(monkeypatch, capsys):
+    """Run the command on a text as standard input; exit code, standard output and standard error come back."""
+
+    def run(text, *arguments):
+        monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(text.encode())))
+        monkeypatch.setattr(sys, "argv", ["study", "live", *map(str, arguments)])
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+        return end.value.code, *capsys.readouterr()
+
+    return run
+
+
+def test_a_joint_that_is_not_known(call):
+    """A stream that ends too early has code 3."""
+    code, said, complained = call('{"LASI": [1, 2, 3]}\n', "--markerset", "cast")
+    assert (code, complained) == (3, "")
+    assert "frame 1: left_hip: fewer than d + 1 points" in said
+
+
+def test_segments_of_two_markers_hold_no_joint(call):
+    """Their joints are left out of a stream, with a word."""
+    _, said, complained = call("{}\n", "--markerset", "plug-in-gait")
+    assert "left_knee is left out: its parent has 2 markers; its pose needs 3" in complained
+    assert "left_knee" not in said
+    assert "left_hip" in said
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ((), "give --parent and --child for one joint, or --markerset"),
+        (("--parent", "A,B", "--child", "C"), "--parent needs three markers"),
+        (("--parent", "A,B,C", "--child", "C"), "that are not among them"),
+        (("--markerset", "cast", "--unit", "furlong"), "--unit furlong: give one of"),
+        (("--markerset", "cast", "--udp", "70000"), "--udp 70000: cannot be used: a port is a number from 0 to 65535"),
+    ],
+)
+def test_mistakes(call, arguments, words):
+    """A word, and code 2."""
+    code, said, complained = call("", *arguments)
+    assert (code, said) == (2, "")
+    assert words in " ".join(complained.replace("│", " ").split())

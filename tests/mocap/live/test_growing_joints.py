@@ -1,0 +1,121 @@
+"""Joints of a stream against the fit of all points at once, the truth, and their own errors."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import study
+from study.estimators.multi_marker import mgdk_so_far
+from study.mocap.live.growing_joints import LiveJoints
+
+PELVIS = {"A": (0.12, 0.1, 0.0), "B": (-0.12, 0.1, 0.0), "C": (0.05, -0.1, 0.02), "D": (-0.05, -0.1, 0.02)}
+THIGH = {"E": (0.06, 0.05, -0.15), "F": (-0.04, 0.07, -0.2), "G": (0.02, -0.06, -0.28)}
+CENTRE = np.array([-0.09, 0.02, -0.08])
+
+
+def frames(count, sweep=0.5, noise=0.001, seed=1, repeat=1):
+    """Frames of a pelvis with a thigh, in random poses, each of them repeated with the same noise."""
+    rng = np.random.default_rng(seed)
+    body, origin = Rotation.from_rotvec(rng.uniform(-0.3, 0.3, (count, 3))), rng.uniform(-1, 1, (count, 3))
+    turn = Rotation.from_rotvec(rng.uniform(-sweep, sweep, (count, 3)))
+    x = {label: origin + body.apply(place) for label, place in PELVIS.items()}
+    x |= {label: origin + body.apply(CENTRE + turn.apply(place)) for label, place in THIGH.items()}
+    x = {label: places + noise * rng.standard_normal((count, 3)) for label, places in x.items()}
+    for t in np.repeat(np.arange(count), repeat):
+        yield {label: places[t] for label, places in x.items()}
+
+
+def grown(stream):
+    """The joint of a stream, and its true place in the axes of the fit."""
+    joints = LiveJoints([("hip", tuple(PELVIS), tuple(THIGH))])
+    for frame in stream:
+        joints.add(frame)
+    answer = joints.answers()["hip"]
+    shape, true = joints.joints[0].parent.template, np.array(list(PELVIS.values()))
+    rotation, _ = Rotation.align_vectors(shape, true - true.mean(axis=0))
+    return answer, answer.fit.center - rotation.apply(CENTRE - true.mean(axis=0)), joints
+
+
+def test_moments_give_what_points_give():
+    """The centre, radii and noise of `mgdk` for the same points; the covariance is the same bound, to 5 %."""
+    rng = np.random.default_rng(3)
+    sets = [r * study_directions(rng, 400) + 0.002 * rng.standard_normal((400, 3)) for r in (0.1, 0.3)]
+    growing = [study.Incremental(3) for _ in sets]
+    for part, points in zip(growing, sets, strict=True):
+        for few in np.array_split(points, 7):
+            part.update(few)
+    one, all_at_once = mgdk_so_far(growing), study.mgdk(sets)
+    np.testing.assert_allclose(one.center, all_at_once.center, atol=1e-9)
+    np.testing.assert_allclose(one.radii, all_at_once.radii, rtol=1e-7)
+    assert one.sigma == pytest.approx(all_at_once.sigma, rel=1e-5)
+    np.testing.assert_allclose(np.sqrt(np.diag(one.covariance)), all_at_once.standard_errors, rtol=0.05)
+
+
+def study_directions(rng, count):
+    """Unit vectors (n, 3) of a cap of about 40°."""
+    x = rng.standard_normal((count, 3)) * 0.4 + [0, 0, 1]
+    return x / np.linalg.norm(x, axis=1, keepdims=True)
+
+
+def test_parts_that_merge():
+    """Two fits that grew are one fit of all their points; another dimension is refused."""
+    points = np.random.default_rng(1).standard_normal((60, 3))
+    one, two, both = study.Incremental(3), study.Incremental(3), study.Incremental(3)
+    one.merge(two)
+    assert one.moments is None
+    one.update(points[:20])
+    two.update(points[20:])
+    one.merge(two)
+    both.update(points)
+    als = study.ESTIMATORS["als"]
+    np.testing.assert_allclose(one.fit(als).center, both.fit(als).center, atol=1e-12)
+    with pytest.raises(ValueError, match="dimension 2 cannot be added to points of 3"):
+        one.merge(study.Incremental(2))
+
+
+@pytest.mark.parametrize("repeat", [1, 6])
+def test_errors_are_those_of_the_jackknife(repeat):
+    """Squared errors of 24 streams are as stated, be each frame new or there six times (false alarms: 1 in 1000)."""
+    found = [grown(frames(400 // repeat, seed=seed, repeat=repeat))[:2] for seed in range(24)]
+    ratio = np.mean([off @ off / np.trace(answer.fit.covariance) for answer, off in found])
+    assert 0.4 < ratio < 2.0
+
+
+def test_a_joint_improves_in_constant_memory():
+    """The error falls, the answer is ok at last, and there are never more than sixteen blocks."""
+    joints = LiveJoints([("hip", tuple(PELVIS), tuple(THIGH))])
+    errors = []
+    for number, frame in enumerate(frames(3000), start=1):
+        joints.add(frame)
+        if number in (100, 3000):
+            errors.append(joints.answers()["hip"].error)
+        assert len(joints.joints[0].blocks) <= 16
+    assert errors[1] < errors[0]
+    answer = joints.answers()["hip"]
+    assert answer.ok
+    assert answer.words.endswith("9000 samples; ok")
+    lever = np.array(list(THIGH.values()))
+    turn = Rotation.from_rotvec(np.random.default_rng(9).uniform(-0.5, 0.5, (20_000, 3)))
+    spread = [np.cov(turn.apply(x / np.linalg.norm(x)).T) for x in lever]
+    expected = np.sqrt(np.linalg.eigvalsh(np.mean(spread, axis=0)))
+    np.testing.assert_allclose(answer.angles, expected, rtol=0.05)
+
+
+def test_too_little_is_not_ok():
+    """Neither a joint that hardly turned, nor one of few frames, nor one without frames."""
+    assert not grown(frames(600, sweep=0.02))[0].ok
+    few = grown(frames(30))[0]
+    assert (few.ok, few.error) == (False, np.inf)
+    assert few.words.endswith("unsure")
+    nothing = LiveJoints([("hip", tuple(PELVIS), tuple(THIGH))]).answers()["hip"]
+    assert (nothing.ok, nothing.words) == (False, "fewer than d + 1 points")
+
+
+def test_gaps():
+    """Markers that are missing in some frames, the parent's among them, leave the centre where it is."""
+    rng = np.random.default_rng(5)
+    stream = [next(whole := frames(800))]
+    stream += [{label: x for label, x in frame.items() if rng.random() > 0.2} for frame in whole]
+    answer, off, _ = grown(stream)
+    assert answer.ok
+    assert np.linalg.norm(off) < 4 * answer.error
