@@ -19,6 +19,8 @@ from study.mocap.io.formats.rows import missing_frames_note
 from study.mocap.io.recording import RecordingError
 from study.sphere.types import Floats
 
+_FASTEST = 1e6
+"""Frames per second that no camera reaches."""
 _NOT_MARKERS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")
 
 
@@ -34,9 +36,9 @@ def read_c3d(path: Path) -> FileContents:
     """
     header = read_header(path)
     # ezc3d leaves out the frames after the 65535th, and ends the whole program on some damaged files
-    use_ezc3d = header.sound and header.frames < LONG
+    readers = [_by_ezc3d, _by_c3d] if header.frames < LONG else [_by_c3d, _by_ezc3d]
     refusals = []
-    for reader in (_by_ezc3d, _by_c3d) if use_ezc3d else (_by_c3d,):
+    for reader in readers if header.sound else [_by_c3d]:
         try:
             contents = reader(path)
         except (OSError, RecordingError):
@@ -45,8 +47,12 @@ def read_c3d(path: Path) -> FileContents:
             refusals.append(f"{reader.__name__.removeprefix('_by_')}: {_first_line(error)}")
             continue
         count, _, frames = contents.points.shape
-        lacking = missing_frames_note(frames, header.frames) if count else ()
-        return replace(contents, notes=(*contents.notes, *lacking))
+        notes = (*contents.notes, *(missing_frames_note(frames, header.frames) if count else ()))
+        rate = contents.rate
+        if header.rate and not (rate is not None and 0.0 < rate < _FASTEST):
+            notes += (f"its parameter POINT:RATE is no rate: {header.rate:g} Hz of its header is used",)
+            rate = header.rate
+        return replace(contents, rate=rate, notes=notes)
     raise RecordingError(f"a damaged or incomplete C3D file; {refusals[0]}")
 
 
@@ -64,10 +70,18 @@ def _by_ezc3d(path: Path) -> FileContents:
     return _contents(points, residuals, parameters, float(file["header"]["points"]["frame_rate"]), prefixes)
 
 
+class _PointReader(c3d.Reader):  # type: ignore[misc]  # c3d has no types
+    """A reader of points: analog samples stay as they are, since c3d refuses the offsets that ezc3d writes for them."""
+
+    def get_analog_transform(self) -> tuple[float, float]:
+        """Factors and offsets of the analog samples."""
+        return 1.0, 0.0
+
+
 def _by_c3d(path: Path) -> FileContents:
     with warnings.catch_warnings(), open(path, "rb") as file:
         warnings.simplefilter("ignore")  # about missing parameters; missing frames are counted below
-        reader = c3d.Reader(file)
+        reader = _PointReader(file)
         data = np.array([points for _, points, _ in reader.read_frames()], dtype=np.float64)
         missing_frames_note(len(data), reader.frame_count)
         group = reader.get("POINT")
@@ -111,7 +125,7 @@ def _contents(
     derived = {label for kind in _NOT_MARKERS for label in _numbered(parameters, kind) if label}
     rows = [row for row, label in enumerate(labels) if label not in derived]
     notes = (f"{len(labels) - len(rows)} points hold angles, forces and the like, not markers: left out",)
-    units = [str(unit).strip() for unit in parameters.get("UNITS", ())]
+    units = [unit.strip() for unit in parameters.get("UNITS", ()) if isinstance(unit, str)]
     return FileContents(
         labels=[labels[row] for row in rows],
         points=points[rows],
