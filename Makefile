@@ -40,7 +40,7 @@ calibration: $(VENV)/.run
 	    $(BIN)/study figures configs/$$name.toml fig_calibration; \
 	done
 
-QUOTED := regret regret-circles efficiency robustness robust precision
+QUOTED := regret regret-circles efficiency robustness robust precision map
 
 # A synthetic recording, so that nothing is downloaded: its joints, its skeleton, a figure, a page that shows it.
 BODY := results/recordings/body
@@ -77,13 +77,15 @@ lint: $(VENV)/.dev
 numbers: $(VENV)/.dev
 	$(BIN)/python docs/bound_numbers.py --write
 
-# Compute the stored tables that the documents quote, besides that of `make bench`. Takes minutes.
+# Compute the stored tables and draw the figures that the documents have, besides that of `make bench`. Takes minutes.
 tables: paper
 	@set -e; \
 	$(BIN)/study run $(QUOTED:%=configs/%.toml); \
 	$(BIN)/study run benchmarks/em_vmf.toml --plugin benchmarks/em_vmf.py; \
 	for name in regret regret-circles; do $(BIN)/study regret $$name --csv results/$$name.csv; done; \
 	$(BIN)/study coverage configs/coverage.toml; \
+	cp results/coverage/fig_coverage.png figures/; \
+	for name in regret robustness map; do $(DRAW) configs/$$name.toml fig_$$name; done; \
 	$(BIN)/python docs/reference_tables.py; \
 	$(BIN)/python benchmarks/stopping.py
 

@@ -13,7 +13,7 @@ from typing import Annotated, Any
 import typer
 
 from study import __version__
-from study.analysis.commands import check, cost, diff, estimators, regret, status, summary, verify, worst
+from study.analysis.commands import archive, check, cost, diff, estimators, regret, status, summary, verify, worst
 from study.coverage.commands import coverage
 from study.mocap.commands.case_study import case_study
 from study.mocap.commands.fetch import fetch
@@ -303,7 +303,7 @@ def replay(folder: Folder, cell: Cell, trial: Trial = None, out: PointsOut = Non
 
 _GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
     "Studies": (configs, plan, run, status, posterior, coverage, worker),
-    "Results": (summary, claims, figures, report, worst, replay, regret, diff, verify),
+    "Results": (summary, claims, figures, report, worst, replay, regret, diff, verify, archive),
     "Points and estimators": (fit, estimators, check, cost),
     "Recordings": (recording, joint, joints, skeleton, live, case_study, synthetic, fetch, markersets),
 }

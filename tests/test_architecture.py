@@ -47,7 +47,7 @@ SUB_ROOMS = {
     ],
     "sphere": ["random"],
     "estimators": ["geometric", "form", "robust", "intervals", "answer", "own"],
-    "analysis": ["claims", "verification", "points"],
+    "analysis": ["claims", "verification", "points", "archive"],
     "experiment": ["noise", "designs"],
     "figures": ["paper"],
     "report": ["explorer"],

@@ -121,6 +121,26 @@ def verify(
         raise typer.Exit(ExitCode.FAILURE)
 
 
+def archive(
+    folders: Annotated[
+        list[Path], typer.Argument(metavar="RUN…", parser=run_folder, help="folders of runs, or their configs")
+    ],
+    out: Annotated[Path, typer.Option("--out", help="file of the archive, which ends in .zip")] = Path("archive.zip"),
+) -> None:
+    """Write runs into one file to deposit.
+
+    The zip file has the tables, their schemas, the configs, how to rerun them, the studies by ADEMP, how to cite, and
+    metadata as RO-Crate and CodeMeta. A run with a damaged table is refused with the command that makes it again.
+    """
+    from study.analysis.archive.archive import archive as write
+    from study.analysis.archive.archive import printed
+    from study.runs.storage.run_folder import Run
+
+    runs = [Run.open(folder) for folder in folders]
+    for line in printed(runs, write(runs, out)):
+        typer.echo(line)
+
+
 def worst(
     folder: Folder,
     count: Annotated[int, typer.Option("--count", "-n", min=1, help="number of trials")] = 10,

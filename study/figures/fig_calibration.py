@@ -2,7 +2,8 @@
 
 Left: ranks of the truth in its posteriors, as the share of trials whose rank is below p, less p; within the band that
 95 of 100 sets of so many uniform ranks keep to (Kolmogorov's). Right: the share of trials whose true centre lies in
-sets of nominal 68 % and 95 %, with exact binomial 95 % intervals; fits that are not ok count as outside.
+sets of nominal 68 % and 95 %, with exact binomial 95 % intervals; the band has 95 % of the shares that so many trials
+give where the nominal level is true. Fits that are not ok count as outside.
 
 Only cells with σ²/v < 0.02 count, where the likelihood is nearly quadratic. Look at: posteriors within the band, and
 every method on its line but GDKE, whose ellipsoids do not know of its bias.
@@ -147,6 +148,8 @@ def _draw_ranks(ax: Axes, frame: CalibrationFrame) -> None:
 def _draw_coverage(ax: Axes, frame: CalibrationFrame) -> None:
     several = frame.coverage["likelihood"].nunique() > 1
     for level in LEVELS:
+        low, high = stats.binom.ppf([0.025, 0.975], frame.trials, level) / frame.trials
+        ax.axvspan(low, high, color="#ececec", zorder=0, linewidth=0.0)
         ax.axvline(level, color="black", linewidth=0.8, zorder=1)
     labels = []
     groups = frame.coverage.groupby(["likelihood", "method"], sort=False, observed=True)

@@ -4,9 +4,10 @@ One panel per cap angle. The unit is what an estimator with Gaussian errors at t
 bound treats the directions as known; the dashed line is the attainable bound, which does not: an estimator on it is
 efficient.
 Medians are of all fits as they come, whatever their status, for the paper's UGDK among them; a fit without a number
-counts as worse than any. Marks below the curves are where theory puts the changes: GDKE's bias overtakes its scatter
-at s* = r √(Kₐ/N) / m₁, UGDK leaves the bound at σ² = v/2, and UGDK's matrix begins to fail at κ = (v/σ²) √(N/2) = 3,
-with v = r²Kₐ the variance of the points along the axis.
+counts as worse than any. Of a run with many estimators five are drawn, the default and the paper's first; the stamp
+names the others, which `study summary` has. Marks below the curves are where theory puts the changes: GDKE's bias
+overtakes its scatter at s* = r √(Kₐ/N) / m₁, UGDK leaves the bound at σ² = v/2, and UGDK's matrix begins to fail at
+κ = (v/σ²) √(N/2) = 3, with v = r²Kₐ the variance of the points along the axis.
 
 Look at: GDKE parts first, by a factor that grows as √N; knowing the noise (UGDK) costs more than measuring it in the
 same points (ALS); where the noise hides the sphere, past κ = 3, nothing works, and what is bounded is least bad: the
@@ -31,6 +32,9 @@ from study.statistics.measures import quantile
 
 _LEAST_LEVELS = 4
 _MOST_PANELS = 6
+_MOST_CURVES = 5
+_FIRST = ("gdke", "ugdk", "mle", "als", "corrected")
+"""Estimators that are drawn before any others."""
 _LOW, _HIGH = 0.5, 10.0  # shown at least
 
 
@@ -79,7 +83,10 @@ def prepare(tables: Tables) -> EfficiencyFrame:
     needed = errors[["angle", "estimator"]].assign(level=level, ratio=ratio)
     groups = needed.groupby(["angle", "estimator", "level"], observed=True, sort=False)
     caps = {angle: cap_moments(math.radians(angle), tables.dimension) for angle in errors["angle"].unique()}
+    shown = _shown(tables.estimators)
     for (angle, estimator, noise), part in groups:
+        if estimator not in shown:
+            continue
         unit = median_at_bound(caps[angle], tables.dimension)
         median = quantile(part["ratio"].to_numpy(), 0.5)
         rows.append((angle, str(estimator), noise, median.value / unit, median.error / unit, len(part)))
@@ -91,19 +98,32 @@ def prepare(tables: Tables) -> EfficiencyFrame:
         median_attainable(angle, noise, tables.dimension) / units[angle]
         for angle, noise in zip(levels["angle"], levels["level"], strict=True)
     ]
+    least = curves["trials"].min()
     return EfficiencyFrame(
         curves=curves,
         attainable=levels.assign(ratio=reached),
         marks=pd.DataFrame([{"angle": angle, **_marks(moments, samples)} for angle, moments in caps.items()]),
         samples=samples,
-        stamp=f"{tables.name} · at least {curves['trials'].min():,} trials behind each median{_scatter(curves)}",
+        stamp=" · ".join([tables.name, *_others(tables.estimators, shown), f"at least {least:,} {_behind(curves)}"]),
     )
 
 
-def _scatter(curves: pd.DataFrame) -> str:
-    """Sentence that gives the typical Monte-Carlo error."""
+def _shown(estimators: list[str]) -> list[str]:
+    """Estimators that are drawn: the first of `_FIRST`, then others in the order of the config."""
+    order = sorted(estimators, key=lambda name: _FIRST.index(name) if name in _FIRST else len(_FIRST))
+    return order[:_MOST_CURVES]
+
+
+def _others(estimators: list[str], shown: list[str]) -> list[str]:
+    names = [style.label(name) for name in estimators if name not in shown]
+    return [f"not drawn: {', '.join(names)}"] if names else []
+
+
+def _behind(curves: pd.DataFrame) -> str:
+    """Words on the trials, and the typical Monte-Carlo error."""
     relative = (curves["error"] / curves["ratio"])[np.isfinite(curves["ratio"]) & np.isfinite(curves["error"])]
-    return f", usual standard error {100.0 * relative.median():.1f} %" if len(relative) else ""
+    usual = f", usual standard error {100.0 * relative.median():.1f} %" if len(relative) else ""
+    return f"trials behind each median{usual}"
 
 
 def _marks(moments: CapMoments, samples: int) -> dict[str, float]:

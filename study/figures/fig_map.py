@@ -1,12 +1,13 @@
 """Map of efficiency: median error over the Cramér-Rao bound for every noise, angle and number of samples.
 
 A row of panels per estimator, a panel per number of samples N; in each, relative noise to the right and the cap's
-half-angle upwards. The unit is what an estimator with Gaussian errors at the bound would have: white is efficient, red
-is worse, and blue is below the bound, which bounds no biased estimator. Medians count every fit without an answer as
-worse than any; grey is where more than half have none, or where the bound itself is infinite.
+half-angle upwards. Relative noise is shown from 10⁻⁴, below which all are efficient but for rounding, to 10², above
+which nothing changes any more. The unit is what an estimator with Gaussian errors at the bound would have: white is
+efficient, red is worse, and pale blue beats the bound by being biased: do not read it as good. Medians count every fit
+without an answer as worse than any; hatched is where more than half have none, or where the bound itself is infinite.
 
 Look at: white ends where the noise reaches the cap's height, at small angles first; GDKE and LLS leave the bound
-before, the earlier the more samples there are, for a bias does not average out; at the far left rounding sets in.
+before, the earlier the more samples there are, for a bias does not average out.
 """
 
 import math
@@ -28,9 +29,11 @@ _LEAST = 2
 _FAR = 100.0
 """The scale ends here; below, at its inverse."""
 _COLORS = LinearSegmentedColormap.from_list(
-    "efficiency", ["#08306b", "#4292c6", "#c6dbef", "#ffffff", "#fdd0a2", "#e6550d", "#7f0000"]
+    "efficiency", ["#b4cfe4", "#c9ddec", "#e2edf5", "#ffffff", "#fdd0a2", "#e6550d", "#7f0000"]
 )
-_NOTHING = "#8a8a8a"
+_NOTHING = "#f2f2f2"
+_SHOWN = (0.99e-4, 1.01e2)
+"""Relative noise that is shown, if the run has at least two levels there."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +63,9 @@ def prepare(tables: Tables) -> MapFrame:
     found = at_first(tables.summary, besides=("samples", "noise", "angle"))
     # twelve digits: one level of a logspace may differ in its last bit from radius to radius
     level = np.array([float(f"{v:.12g}") for v in found["noise"] / found["radius"]])
+    inside = (level >= _SHOWN[0]) & (level <= _SHOWN[1])
+    if len(np.unique(level[inside])) >= _LEAST:
+        found, level = found[inside], level[inside]
     for name, values in (("levels of noise", level), ("angles", found["angle"])):
         if len(np.unique(values)) < _LEAST:
             raise NotApplicable(f"needs at least {_LEAST} {name} in the grid")
@@ -100,7 +106,7 @@ def draw(frame: MapFrame) -> Figure:
         ax.set_title(f"$N$ = {_short(int(count))}", fontsize=8.0)
     axes[-1, len(counts) // 2].set_xlabel("noise over radius, $σ/r$")
     bar = figure.colorbar(mesh, ax=axes, extend="both", aspect=30, pad=0.01, fraction=0.03)
-    bar.set_label("median error, efficient = 1; grey: no answer", fontsize=8.0)
+    bar.set_label("median error, efficient = 1; hatched: no answer", fontsize=8.0)
     bar.set_ticks([0.01, 0.1, 1.0, 10.0, 100.0], labels=["≤0.01", "0.1", "1", "10", "≥100"])
     style.stamp(figure, frame.stamp)
     return figure
@@ -121,6 +127,7 @@ def _panel(ax: Axes, mine: pd.DataFrame, norm: LogNorm) -> QuadMesh:
     half = 0.5 * np.diff(levels)
     borders = np.concatenate([[levels[0] - half[0]], levels[:-1] + half, [levels[-1] + half[-1]]])
     ax.set_facecolor(_NOTHING)
+    ax.patch.set(hatch="//////", edgecolor="#b0b0b0", linewidth=0.0)
     ax.grid(visible=False)
     mesh = ax.pcolormesh(10.0**borders, edges, values, norm=norm, cmap=_COLORS, rasterized=True, linewidth=0)
     ax.set_xscale("log")

@@ -8,6 +8,7 @@ less than a tenth of a standard error are drawn once and named together.
 
 import textwrap
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -201,8 +202,16 @@ def _words(figure: Figure, frame: FitFrame) -> None:
     lines = sum(label.count("\n") + 1 for label in labels) / columns + len(notes)
     figure.set_figheight(figure.get_figheight() + 0.14 * lines)
     handles = [
-        Line2D([], [], color=style.color(group[0]), marker=style.marker(group[0]), markersize=4, label=label)
-        for group, label in zip(frame.groups, labels, strict=True)
+        Line2D(
+            [],
+            [],
+            color=style.color(group[0]),
+            marker=style.marker(group[0]),
+            linestyle=_dashes(place),
+            markersize=4,
+            label=label,
+        )
+        for place, (group, label) in enumerate(zip(frame.groups, labels, strict=True))
     ]
     if handles:
         figure.legend(handles=handles, loc="outside upper left", ncols=columns)
@@ -218,8 +227,9 @@ def _whole(ax: Axes, view: Projection, frame: FitFrame) -> None:
     for place, (group, center, radius, inside) in enumerate(drawn):
         if inside:
             color, width = style.color(group[0]), _width(place, frame)
-            ax.add_patch(Circle(tuple(center), radius, fill=False, linewidth=width, color=color, zorder=3))
-            ax.plot(*center, ".", color=color, markersize=3.5 * width, zorder=5)
+            look: dict[str, Any] = {"linewidth": width, "linestyle": _dashes(place), "color": color}
+            ax.add_patch(Circle(tuple(center), radius, fill=False, zorder=3, **look))
+            ax.plot(*center, marker=style.marker(group[0]), color=color, markersize=2.2 * width, zorder=5)
     reach = [view.points.min(axis=0), view.points.max(axis=0)]
     centers, radii = view.centers[frame.fits_in], frame.radii[frame.fits_in, None]
     low, high = np.min([*reach, *(centers - radii)], axis=0), np.max([*reach, *(centers + radii)], axis=0)
@@ -248,11 +258,16 @@ def _enlarged(ax: Axes, view: Projection, frame: FitFrame, shape: float) -> tupl
         if np.isfinite(axes).all():
             long, short = 2.0 * np.linalg.norm(axes, axis=0)
             turn = float(np.degrees(np.arctan2(axes[1, 0], axes[0, 0])))
-            line = {"fill": False, "color": color, "linewidth": width, "zorder": 4}
+            line = {"fill": False, "color": color, "linewidth": width, "linestyle": _dashes(place), "zorder": 4}
             ax.add_patch(Ellipse((center[0], center[1]), long, short, angle=turn, **line))
     ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel=view.names[0], ylabel=view.names[1])
     ax.set_title("centres and 95 % ellipses", loc="left")
     return low, high
+
+
+def _dashes(place: int) -> Any:
+    """Line style of a fit; that of the first, which may lie under others, is solid."""
+    return style.DASHES[place % len(style.DASHES)]
 
 
 def _width(place: int, frame: FitFrame) -> float:

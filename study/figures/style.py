@@ -120,6 +120,10 @@ def marker(estimator: str) -> str:
     return _LOOKS[estimator][2] if estimator in _LOOKS else "X"
 
 
+DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)), (0, (3, 1, 1, 1, 1, 1)))
+"""Line styles of what is drawn together, in order, so that no reader depends on colour."""
+
+
 def joined(estimators: Sequence[str], words: str = "", width: int = 80) -> str:
     """One label for estimators whose results coincide, followed by words, broken into lines between the names."""
     names = " = ".join(label(name).replace(" ", "\xa0") for name in estimators)

@@ -84,13 +84,28 @@ def test_needs_a_range_of_noise(random_tables):
 
 @pytest.mark.parametrize("count", [1, 2, 3, 5, 8])
 def test_draws_any_number_of_estimators(random_tables, make_tables, count):
-    """A panel each, none more."""
+    """Two panels each, none more."""
     import pandas as pd
 
     one = random_tables.errors[random_tables.errors["estimator"] == "mle"]
     errors = pd.concat([one.assign(estimator=f"own_{i}") for i in range(count)], ignore_index=True)
     figure = fig2_error.draw(fig2_error.prepare(make_tables(errors, "random")))
-    assert len(figure.axes) == count
+    assert len(figure.axes) == 2 * count
+
+
+def test_errors_over_their_own_bounds(random_tables):
+    """The lower panels have every fit's error over its bound, and the median in each decade of noise."""
+    errors = random_tables.errors
+    frame = fig2_error.prepare(random_tables)
+    np.testing.assert_allclose(frame.dots["ratio"], errors["error"] / errors["bound"], rtol=1e-12)
+    mine = frame.medians[frame.medians["estimator"] == "mle"]
+    one = errors[errors["estimator"] == "mle"]
+    relative = one["noise"] / one["radius"]
+    row = mine.iloc[len(mine) // 2]
+    power = np.floor(np.log10(row["noise"]))
+    chosen = (relative >= 10.0**power) & (relative < 10.0 ** (power + 1))
+    assert row["trials"] == chosen.sum()
+    assert row["ratio"] == np.median((one["error"] / one["bound"])[chosen])
 
 
 def test_survives_an_estimator_that_always_fails(random_tables):

@@ -165,12 +165,13 @@ def test_shared_draws_are_refused(two):
 
 
 def test_drawn_circles(two):
-    """Outer red, inner blue, joint green twice, each where its fit is; the truth is dashed; one stamp."""
+    """Outer red, inner blue, joint green twice, each where its fit is, in lines of their own; the truth is faint."""
     frame = fig6_mgdk.prepare(two[0])
     figure = fig6_mgdk.draw(frame)
     whole, zoom = figure.axes
     circles = [patch for patch in whole.patches if isinstance(patch, Circle)]
-    found = [(to_hex(c.get_edgecolor()), *c.center, c.radius) for c in circles if c.get_linestyle() in ("-", "solid")]
+    fitted = [c for c in circles if to_hex(c.get_edgecolor()) in fig6_mgdk._COLORS]
+    found = [(to_hex(c.get_edgecolor()), *c.center, c.radius) for c in fitted]
     both = frame.radii[2]
     told = [
         (fig6_mgdk.OUTER, *frame.centers[0], frame.radii[0]),
@@ -179,10 +180,11 @@ def test_drawn_circles(two):
         (fig6_mgdk.JOINT, *frame.centers[2], both[1]),
     ]
     assert found == told
-    assert sorted(c.radius for c in circles if c.get_linestyle() not in ("-", "solid")) == [1.2, 2.0]
+    assert len({str(c.get_linestyle()) for c in fitted}) == 3
+    assert sorted(c.radius for c in circles if c not in fitted) == [1.2, 2.0]
     for line, distance in zip(zoom.lines, frame.distances, strict=False):
         np.testing.assert_array_equal(line.get_xdata(), np.sort(distance))
-    words = "\n".join(text.get_text() for text in zoom.texts)
+    words = "\n".join(text.get_text() for text in zoom.get_legend().get_texts())
     assert all(f"{median.value:.3f} ± {median.error:.3f}" in words for median in frame.medians)
 
 

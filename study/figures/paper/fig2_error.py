@@ -1,13 +1,15 @@
-"""Figure 2: relative error against relative noise, over 28 decades, one panel per estimator.
+"""Figure 2: relative error against relative noise, over 28 decades; below, each error over its own bound.
 
 The paper's figure 2 overlays four estimators and rings the outliers; it is read there as one straight line, error =
 noise, for all of them, with UGDK closest to the Cramér-Rao bound. Here every trial is a dot, every estimator has its
-panel, and nothing is left out: a fit whose error is beyond ten times its own bound is ringed, one whose status is not
-ok is a cross, and what lies off the scale is counted.
+panels, and nothing is left out: a fit whose error is beyond ten times its own bound is ringed, one whose status is not
+ok is a cross, and what lies off the scale is counted. Above is the paper's view. Each trial has its own N and φ, and so
+its own bound: a dot above the line of the bound's median need not be far from its own. Below is the error over the
+trial's own √tr CRLB, with its median in each decade.
 
-Look at: the straight line over most decades; the shoulder of LLS and GDKE, which rises above the bound for σ from
-10⁻⁴ r to r (their bias, of order σ²); UGDK's crosses to the right of σ ≈ r, where the noise exceeds the extent of the
-sphere; and the slopes, which are of the ok fits alone.
+Look at: above, the straight line over most decades; UGDK's crosses to the right of σ ≈ r, where the noise exceeds the
+extent of the sphere; and the slopes, which are of the ok fits alone. Below, the shoulder of LLS and GDKE for σ from
+10⁻⁴ r to r (their bias, of order σ²); UGDK beyond; and how an efficient estimator's dots scatter about 0.8.
 """
 
 import math
@@ -28,8 +30,11 @@ from study.figures.inputs import NotApplicable, Tables
 from study.sphere.types import Floats
 from study.statistics.performance import FAR
 
+_MOST_COLUMNS = 4
 _MOST_FOR_SLOPE = 2000  # Theil and Sen's slope takes memory of their square
 _LEAST_PER_DECADE = 10
+_LEFT_OUT = 0.02
+"""Share of the ratios at each end that may lie off the scale: UGDK's run over many decades."""
 
 
 @dataclass(frozen=True)
@@ -37,19 +42,24 @@ class ErrorFrame:
     """Content of figure 2.
 
     Attributes:
-        dots: a row per fit: estimator, noise and error over the radius, kind ("ok", "far" or "not ok").
+        dots: a row per fit: estimator, noise, error and bound over the radius, error over bound (ratio), kind ("ok",
+            "far" or "not ok").
         bound: the running median of bound over radius: noise, bound, trials behind it.
+        medians: median of the ratio over all fits: estimator, noise, ratio, in decades of at least ten trials.
         panels: a row per estimator: slope with its 95 % interval, and counts of fits.
         noise_limits: ends of the horizontal axis, in powers of ten.
-        error_limits: ends of the vertical axis, in powers of ten.
+        error_limits: ends of the vertical axis of the errors, in powers of ten.
+        ratio_limits: likewise, of the ratios.
         stamp: the run's name and trials.
     """
 
     dots: pd.DataFrame
     bound: pd.DataFrame
+    medians: pd.DataFrame
     panels: pd.DataFrame
     noise_limits: tuple[int, int]
     error_limits: tuple[int, int]
+    ratio_limits: tuple[int, int]
     stamp: str
 
 
@@ -70,6 +80,7 @@ def prepare(tables: Tables) -> ErrorFrame:
             "noise": errors["noise"] / errors["radius"],
             "error": errors["error"] / errors["radius"],
             "bound": errors["bound"] / errors["radius"],
+            "ratio": errors["error"] / errors["bound"],
             "kind": kind,
         }
     )
@@ -82,15 +93,16 @@ def prepare(tables: Tables) -> ErrorFrame:
     stamp = f"{tables.name} · {panels['planned'].min():,} trials"
     if len(bound):
         stamp += f", at least {bound['trials'].min()} in each decade of the CRLB's median"
-    return ErrorFrame(dots, bound, panels, (low, high), limits, stamp)
+    ratios = _robust_limits(dots["ratio"].to_numpy(), _LEFT_OUT)
+    return ErrorFrame(dots, bound, _medians(dots), panels, (low, high), limits, ratios, stamp)
 
 
-def _robust_limits(error: Floats) -> tuple[int, int]:
-    """Powers of ten around all but the outermost 0.2 % of errors at each end, and a decade more."""
+def _robust_limits(error: Floats, left_out: float = 0.002) -> tuple[int, int]:
+    """Powers of ten around all but an outermost share of errors at each end, and a decade more."""
     usable = error[np.isfinite(error) & (error > 0.0)]
     if not len(usable):
         raise NotApplicable("no fit has a finite error")
-    low, high = np.quantile(np.log10(usable), [0.002, 0.998])
+    low, high = np.quantile(np.log10(usable), [left_out, 1.0 - left_out])
     return math.floor(low) - 1, math.ceil(high) + 1
 
 
@@ -121,52 +133,48 @@ def _running_bound(trials: pd.DataFrame) -> pd.DataFrame:
     return medians[medians["trials"] >= _LEAST_PER_DECADE].reset_index(drop=True)
 
 
+def _medians(dots: pd.DataFrame) -> pd.DataFrame:
+    """Median of error over own bound in each decade of noise, of all fits; one without a number counts as infinite."""
+    groups = dots.assign(ratio=dots["ratio"].fillna(np.inf)).groupby(["estimator", decade(dots["noise"])], sort=False)
+    medians = groups.agg(noise=("noise", "median"), ratio=("ratio", "median"), trials=("ratio", "size")).reset_index(0)
+    return medians[medians["trials"] >= _LEAST_PER_DECADE].sort_values("noise").reset_index(drop=True)
+
+
 @style.journal()
 def draw(frame: ErrorFrame) -> Figure:
-    """Draw the panels, on shared axes."""
+    """Draw for each estimator the paper's view, and below it the errors over their own bounds."""
     count = len(frame.panels)
-    columns = 1 if count == 1 else 2 if count <= 4 else 3
+    columns = min(count, _MOST_COLUMNS)
     rows = math.ceil(count / columns)
-    height = {1: 4.6, 2: 2.6, 3: 2.3}[columns] * rows + 0.7
-    figure = Figure(figsize=(style.PAGE, height), layout="constrained")
-    axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
-    for ax, (_, panel) in zip(axes, frame.panels.iterrows(), strict=False):
-        _draw_panel(ax, frame, panel, narrow=columns > 2)
-    for ax in axes[count:]:
-        ax.remove()
-    _label_lines(axes[0], frame)
-    for i, ax in enumerate(axes[:count]):
-        below_is_empty = i + columns >= count
-        ax.tick_params(labelbottom=below_is_empty)
-        ax.set_xlabel("noise over radius, $σ/r$" if below_is_empty else "")
-        ax.set_ylabel("error over radius, $|ĉ − c|/r$" if i % columns == 0 else "")
-    figure.legend(handles=_key(), loc="outside upper center", ncols=3, handletextpad=0.2, columnspacing=2.0)
+    figure = Figure(figsize=(style.PAGE, 4.3 * rows + 0.7), layout="constrained")
+    axes = figure.subplots(2 * rows, columns, sharex=True, squeeze=False, height_ratios=[1.25, 1.0] * rows)
+    places = [(2 * row, column) for row in range(rows) for column in range(columns)]
+    for (row, column), (_, panel) in zip(places, frame.panels.iterrows(), strict=False):
+        _draw_panel(axes[row, column], frame, panel, narrow=columns > 1)
+        _draw_ratios(axes[row + 1, column], frame, panel["estimator"])
+        for ax, words in (
+            (axes[row, column], "error over radius, $|ĉ − c|/r$"),
+            (axes[row + 1, column], "error over own √tr CRLB"),
+        ):
+            ax.tick_params(labelleft=column == 0, labelbottom=ax is axes[row + 1, column])
+            ax.set_ylabel(words if column == 0 else "")
+        axes[row + 1, column].set_xlabel("noise over radius, $σ/r$")
+    for row, column in places[count:]:
+        axes[row, column].remove()
+        axes[row + 1, column].remove()
+    _label_lines(axes[0, 0], frame)
+    figure.legend(handles=_key(), loc="outside upper center", ncols=4, handletextpad=0.2, columnspacing=2.0)
     style.stamp(figure, frame.stamp)
     return figure
 
 
 def _draw_panel(ax: Axes, frame: ErrorFrame, panel: "pd.Series[Any]", narrow: bool) -> None:
     name = panel["estimator"]
-    color = style.color(name)
-    dots = frame.dots[frame.dots["estimator"] == name]
-    plain, far, bad = (dots[dots["kind"] == kind] for kind in ("ok", "far", "not ok"))
-    cloud: dict[str, Any] = {"linewidths": 0.0, "rasterized": True}  # thousands of dots would swell the SVG
-    ax.scatter(
-        bad["noise"], bad["error"], s=7, marker="x", color=style.FAINT, alpha=0.45, linewidths=0.6, rasterized=True
-    )
-    ax.scatter(plain["noise"], plain["error"], s=5, color=color, alpha=0.45, zorder=3, **cloud)
-    ax.scatter(far["noise"], far["error"], s=5, color=color, zorder=3, **cloud)
-    ax.scatter(far["noise"], far["error"], s=24, facecolors="none", edgecolors=style.INK, linewidths=0.6, zorder=5)
+    _scales(ax, frame, frame.error_limits, narrow)
+    _draw_dots(ax, frame, name, "error")
     low, high = (10.0**power for power in frame.noise_limits)
     ax.plot([low, high], [low, high], color=style.FAINT, linewidth=0.8, dashes=(5, 2.5), zorder=4)
     ax.plot(frame.bound["noise"], frame.bound["bound"], color="black", linewidth=1.0, zorder=4)
-    ax.set_xscale("log")
-    ax.set_yscale("log")
-    ax.set_xlim(low, high)
-    ax.set_ylim(*(10.0**power for power in frame.error_limits))
-    ax.set_xticks(_ticks(frame, frame.noise_limits, narrow), minor=False)
-    ax.set_yticks(_ticks(frame, frame.error_limits, narrow), minor=False)
-    ax.minorticks_off()
     words = _words(panel)
     at: dict[str, Any] = {"xy": (0.0, 1.0), "xycoords": "axes fraction", "textcoords": "offset points"}
     if narrow:  # the corner that the diagonal leaves free is too small
@@ -178,9 +186,50 @@ def _draw_panel(ax: Axes, frame: ErrorFrame, panel: "pd.Series[Any]", narrow: bo
         ax.annotate(words, xytext=(6, -18), va="top", fontsize=style.SMALL, linespacing=1.35, **at)
 
 
+def _draw_dots(ax: Axes, frame: ErrorFrame, name: str, column: str) -> None:
+    """Draw the fits of one estimator: ok, beyond ten times their bound, not ok."""
+    color = style.color(name)
+    dots = frame.dots[frame.dots["estimator"] == name]
+    plain, far, bad = (dots[dots["kind"] == kind] for kind in ("ok", "far", "not ok"))
+    cloud: dict[str, Any] = {"linewidths": 0.0, "rasterized": True}  # thousands of dots would swell the SVG
+    ax.scatter(
+        bad["noise"], bad[column], s=7, marker="x", color=style.FAINT, alpha=0.45, rasterized=True, linewidths=0.6
+    )
+    ax.scatter(plain["noise"], plain[column], s=4, color=color, alpha=0.4, zorder=3, **cloud)
+    ax.scatter(far["noise"], far[column], s=4, color=color, zorder=3, **cloud)
+    ax.scatter(far["noise"], far[column], s=18, facecolors="none", edgecolors=style.INK, linewidths=0.5, zorder=5)
+
+
+def _draw_ratios(ax: Axes, frame: ErrorFrame, name: str) -> None:
+    """Draw each error over its own bound, and the median in each decade."""
+    _scales(ax, frame, frame.ratio_limits, True)
+    _draw_dots(ax, frame, name, "ratio")
+    ax.axhline(1.0, color="black", linewidth=1.0, zorder=4)
+    ax.axhline(FAR, color=style.FAINT, linewidth=0.8, dashes=(5, 2.5), zorder=4)
+    mine = frame.medians[frame.medians["estimator"] == name]
+    ax.plot(mine["noise"], mine["ratio"], color="white", linewidth=2.6, zorder=5)
+    ax.plot(mine["noise"], mine["ratio"], color=style.INK, linewidth=1.2, zorder=6, dashes=(2, 1))
+    low, high = (10.0**power for power in frame.ratio_limits)
+    ratio = frame.dots.loc[frame.dots["estimator"] == name, "ratio"]
+    off = int((~((ratio >= low) & (ratio <= high))).sum())
+    if off:
+        ax.text(0.03, 0.97, f"{off:,} off the scale", transform=ax.transAxes, va="top", fontsize=style.SMALL)
+
+
+def _scales(ax: Axes, frame: ErrorFrame, limits: tuple[int, int], narrow: bool) -> None:
+    """Set logarithmic axes with ticks at the same powers of ten in all panels."""
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    ax.set_xlim(*(10.0**power for power in frame.noise_limits))
+    ax.set_ylim(*(10.0**power for power in limits))
+    ax.set_xticks(_ticks(frame.noise_limits, narrow), minor=False)
+    ax.set_yticks(_ticks(limits, narrow), minor=False)
+    ax.minorticks_off()
+
+
 def _words(panel: "pd.Series[Any]") -> str:
     if math.isfinite(panel["slope"]):
-        lines = [f"slope {panel['slope']:.3f}  [{panel['slope_low']:.3f}, {panel['slope_high']:.3f}]"]
+        lines = [f"slope {panel['slope']:.3f} [{panel['slope_low']:.3f}, {panel['slope_high']:.3f}]"]
     else:
         lines = ["too few ok fits for a slope"]
     lines.append(f"{panel['far']:,} beyond 10 × √tr CRLB")
@@ -208,9 +257,9 @@ def _label_lines(ax: Axes, frame: ErrorFrame) -> None:
         )
 
 
-def _ticks(frame: ErrorFrame, limits: tuple[int, int], narrow: bool) -> list[float]:
-    """Powers of ten, as many decades apart on one axis as on the other."""
-    step = max(1, round((frame.noise_limits[1] - frame.noise_limits[0]) / (3 if narrow else 6)))
+def _ticks(limits: tuple[int, int], narrow: bool) -> list[float]:
+    """A few powers of ten within the limits, 1 among them."""
+    step = max(1, round((limits[1] - limits[0]) / (3 if narrow else 6)))
     return [10.0**power for power in range(math.ceil(limits[0] / step) * step, limits[1] + 1, step)]
 
 
@@ -230,4 +279,5 @@ def _key() -> list[Line2D]:
             **plain,
         ),
         Line2D([], [], marker="x", markersize=3.5, color=style.FAINT, label="a fit whose status is not ok", **plain),
+        Line2D([], [], linewidth=1.2, color=style.INK, dashes=(2, 1), label="median in each decade"),
     ]
