@@ -126,8 +126,8 @@ def count(dimension: int) -> dict[str, float]:
         moments.accumulate(x, 1, result, zeros(d), zeros(d, d))
 
     def linear(x: Objects) -> None:
-        fit = blank(1, d)._replace(center=_objects(1, d), radius=_objects(1), noise_variance=_objects(1))
-        lls._fit_all(x, 1, fit, _objects(1), _objects(1, d, d), zeros(d))
+        counted: dict[str, Any] = {"center": _objects(1, d), "radius": _objects(1), "noise_variance": _objects(1)}
+        lls._fit_all(x, 1, blank(1, d)._replace(**counted), _objects(1), _objects(1, d, d), zeros(d))
 
     def one_pass(x: Objects) -> None:
         block, scratch = layouts.SampleBlock(x, 0, 0, x.shape[2]), layouts.Scratch(None, zeros(d), zeros(d, d))
