@@ -93,10 +93,9 @@ def _instead(efficiency: EfficiencyFrame | None) -> Iterator[Headline]:
     cells = len(curves[["angle", "level"]].drop_duplicates())
     yield Headline(
         f"Use the estimator {style.label(first)}{' instead' if 'ugdk' in found.index else ''}.",
-        f"It need not be told the noise. Over {cells} conditions with {words.count(efficiency.samples)} points and noise "
-        f"below the radius, its median error is on average {_three(found[first])} times the least of all estimators"
-        + "".join(f", {style.label(name)}'s {_three(found[name])} times" for name in beside)
-        + ".",
+        f"It need not be told the noise. Over {cells} conditions with {words.count(efficiency.samples)} points and "
+        f"noise below the radius, its median error is on average {_three(found[first])} times the least of all "
+        "estimators" + "".join(f", {style.label(name)}'s {_three(found[name])} times" for name in beside) + ".",
     )
 
 
