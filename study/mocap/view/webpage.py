@@ -1,6 +1,6 @@
 """Write the viewer: one HTML page with the moving skeleton, which needs no other file and no network.
 
-The parts of the page are in the folder ``viewer``: its style, four scripts, and the library three.js with its licence.
+The parts of the page are in the folder ``viewer``: its style, six scripts, and the library three.js with its licence.
 `page.html` joins them.
 """
 
@@ -15,7 +15,7 @@ from study.mocap.view.motion_json import motion_text
 from study.runs.storage.atomic_write import RunError, write
 
 _FOLDER = Path(__file__).parent / "viewer"
-_SCRIPTS = ("motion.js", "stage.js", "labels.js", "page.js")
+_SCRIPTS = ("motion.js", "flat.js", "stage.js", "ghost.js", "labels.js", "page.js")
 THREE = "0.187.0"
 """Release of three.js in the folder; `three.entry.js` has the commands that put another one there."""
 _RATE = 60.0
@@ -53,6 +53,7 @@ def viewer_page(scene: Scene, rate: float = _RATE) -> str:
                 "ellipsoid": palette.ELLIPSOID,
                 "flagged": palette.FLAGGED,
                 "floor": palette.FLOOR,
+                "ghost": palette.GHOST,
             }
         ),
         script="\n".join(_part(name) for name in _SCRIPTS),

@@ -14,6 +14,7 @@ class Player {
     constructor(stage, labels) {
         this.stage = stage;
         this.labels = labels;
+        this.ghost = new Ghost(stage);
         this.playing = false;
         this.time = 0; // seconds from the start of the motion
         this.waiting = false;
@@ -26,7 +27,7 @@ class Player {
     load(motion) {
         this.motion = motion;
         this.playing = false;
-        this.time = 0;
+        this.time = firstShown(motion) / motion.rate;
         this.resize();
         this.labels.load(motion);
         this.stage.follows = $("follow").checked;
@@ -84,6 +85,9 @@ class Player {
         const { motion, stage } = this;
         const frame = this.frame;
         stage.show(frame);
+        this.ghost.show(this.time);
+        const apart = this.ghost.distances(this.time).slice(0, 3);
+        $("other").textContent = apart.length ? `from the other: ${apart.map(([name, d]) => `${name.replaceAll("_", " ")} ${(1000 * d).toFixed(0)} mm`).join(", ")}` : "";
         $("frame").value = frame;
         $("frame").setAttribute("aria-valuetext", `${(frame / motion.rate).toFixed(2)} seconds`);
         $("clock").textContent = `${(frame / motion.rate).toFixed(2)} of ${((motion.frames - 1) / motion.rate).toFixed(2)} s`;
@@ -101,6 +105,18 @@ class Player {
         this.stage.resize(box.width, box.height);
         if (this.motion) this.redraw();
     }
+}
+
+// The first frame that shows the most joints.
+function firstShown(motion) {
+    const count = motion.joints.length;
+    let [best, most] = [0, -1];
+    for (let t = 0; t < motion.frames && most < count; t++) {
+        let known = 0;
+        for (let i = 0; i < count; i++) known += motion.flags[t * count + i] === UNKNOWN ? 0 : 1;
+        if (known > most) [best, most] = [t, known];
+    }
+    return best;
 }
 
 // Shows the name, source, legend and notes of a motion in the panel.
@@ -126,21 +142,43 @@ function describe(motion) {
         item.textContent = words;
         return item;
     }));
+    const doubted = motion.joints.filter((joint) => joint.doubt).map((joint) => joint.name.replaceAll("_", " "));
+    $("doubts").hidden = doubted.length === 0;
+    $("doubts").textContent = `${doubted.length} of ${motion.joints.length} joints doubtful: ${doubted.slice(0, 4).join(", ")}${doubted.length > 4 ? ", …" : ""}`;
+    $("doubts").title = doubts.join("\n");
     const factors = [...new Set([...FACTORS, motion.exaggeration])].sort((a, b) => a - b);
     $("factor").replaceChildren(...factors.map((factor) => new Option(`size ×${factor}`, factor, false, factor === motion.exaggeration)));
 }
 
-async function openFile(player, file) {
-    let motion;
+async function readFile(file) {
     try {
-        motion = readMotion(await file.text());
+        const motion = readMotion(await file.text());
+        say("");
+        return motion;
     } catch (error) {
         const words = error instanceof MotionError ? error.message : "it cannot be read";
         say(`${file.name} cannot be opened: ${words}.`);
-        return;
+        return null;
     }
-    say("");
-    player.load(motion);
+}
+
+async function openFile(player, file) {
+    const motion = await readFile(file);
+    if (motion) player.load(motion);
+}
+
+// Opens a second motion over the first one.
+async function compareFile(player, file) {
+    const motion = await readFile(file);
+    if (motion) compare(player, motion);
+}
+
+function compare(player, motion) {
+    player.ghost.load(motion);
+    player.ghost.beside = false;
+    $("where").value = "over";
+    $("against").hidden = motion === null;
+    player.update();
 }
 
 function wire(player) {
@@ -177,6 +215,17 @@ function wire(player) {
         if (file) await openFile(player, file);
         event.target.value = ""; // else the same file could not be opened again
     });
+    $("compare").addEventListener("click", () => $("second").click());
+    $("second").addEventListener("change", async (event) => {
+        const [file] = event.target.files;
+        if (file) await compareFile(player, file);
+        event.target.value = "";
+    });
+    $("where").addEventListener("change", (event) => {
+        if (event.target.value === "none") return compare(player, null);
+        player.ghost.beside = event.target.value === "beside";
+        player.update();
+    });
     document.addEventListener("dragover", (event) => event.preventDefault());
     document.addEventListener("drop", (event) => {
         event.preventDefault();
@@ -204,7 +253,7 @@ function start() {
     try {
         stage = new Stage($("canvas"));
     } catch {
-        say("This browser cannot draw in three dimensions, as WebGL is off or missing. Switch on hardware acceleration, or use another browser.");
+        say("This browser cannot draw: neither WebGL nor a plain canvas is there. Use another browser.");
         return;
     }
     const player = new Player(stage, new Labels($("labels"), $("leaders")));

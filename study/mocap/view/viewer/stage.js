@@ -3,9 +3,22 @@
 const ROD = 0.06; // distance from a hinge to either end of the line along its axis, metres
 const SQUARE = 0.5; // distance between the lines on the floor, metres
 
+// Places a rod between two points; it is hidden if either is unknown.
+function placeRod(drawn, a, b, radius) {
+    const along = b.clone().sub(a);
+    const length = along.length();
+    drawn.visible = length > 0;
+    if (!drawn.visible) return;
+    drawn.position.addVectors(a, b).multiplyScalar(0.5);
+    drawn.quaternion.setFromUnitVectors(new THREE.Vector3(0, 0, 1), along.divideScalar(length));
+    drawn.scale.set(radius, radius, length);
+}
+
 class Stage {
     constructor(canvas) {
-        this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true });
+        const hasWebGL = document.createElement("canvas").getContext("webgl2") !== null;
+        // the buffer is kept, for a browser that paints the page again without asking
+        this.renderer = hasWebGL ? new THREE.WebGLRenderer({ canvas, antialias: true, preserveDrawingBuffer: true }) : new FlatRenderer(canvas);
         this.renderer.setClearColor(0xffffff);
         this.scene = new THREE.Scene();
         this.camera = new THREE.PerspectiveCamera(30, 1, 0.05, 200);
@@ -100,7 +113,8 @@ class Stage {
             // without a known joint, the end of a limb is hidden
             drawn.visible = !Number.isNaN(x.x) && (isJoint || motion.bones.some((pair, n) => pair.includes(i) && this.bones[n].visible));
             drawn.position.copy(x);
-            drawn.scale.setScalar(isJoint ? 0.017 : 0.012);
+            const doubted = isJoint && motion.joints[i].doubt !== "";
+            drawn.scale.setScalar(doubted ? 0.03 : isJoint ? 0.017 : 0.012);
             if (isJoint) drawn.material = this.isFlagged(i) ? this.materials.flagged : this.materials.joint;
         });
         motion.joints.forEach((joint, i) => this.ellipsoid(joint, i, points[i]));
@@ -113,19 +127,13 @@ class Stage {
     }
 
     bone(drawn, i, j, points) {
-        const [a, b] = [points[i], points[j]];
-        const along = b.clone().sub(a);
-        const length = along.length();
-        drawn.visible = length > 0;
+        placeRod(drawn, points[i], points[j], 0.011);
         if (!drawn.visible) return;
         const sides = [...new Set([this.motion.sides[i], this.motion.sides[j]].filter(Boolean))];
         const side = sides.length === 1 && sides[0] in COLORS.sides ? sides[0] : "";
         const count = this.motion.joints.length;
         const bridged = [i, j].some((k) => k < count && this.motion.flags[this.frame * count + k] !== 0);
         drawn.material = (bridged ? this.materials.bridged : this.materials.bones)[side];
-        drawn.position.addVectors(a, b).multiplyScalar(0.5);
-        drawn.quaternion.setFromUnitVectors(new THREE.Vector3(0, 0, 1), along.divideScalar(length));
-        drawn.scale.set(0.011, 0.011, length);
     }
 
     ellipsoid(joint, i, x) {
