@@ -110,10 +110,10 @@ $(VENV)/bin/python:
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "needs Python 3.11 or newer; set PYTHON=…")'
 	$(PYTHON) -m venv $(VENV)
 
-# `study plan` compiles the loops once, so that no study waits for the compiler.
+# The loops are compiled once, so that no study waits for the compiler.
 $(VENV)/.run: $(VENV)/bin/python pyproject.toml constraints.txt
 	$(INSTALL) -e .
-	$(BIN)/study plan configs/smoke.toml >/dev/null
+	$(BIN)/python -m study.runs.compile_loops configs/smoke.toml $(CONFIGS)
 	touch $@
 
 $(VENV)/.mocap: $(VENV)/.run

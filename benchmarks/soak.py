@@ -1,12 +1,14 @@
 """Soak: runs are killed a hundred times while they work, and meet a full disk at every write; their tables stay equal.
 
-Not run by `make bench`, because it takes minutes: ``make soak``, or ``python benchmarks/soak.py [kills [kind …]]``. A
-kill counts if it hits while part files of this very process exist and work is under way. After each one nothing may be
-left but the folder: no process, no held lock. At the end the tables have the bytes of a run that was not killed.
+Not run by `make bench`, because it takes minutes: ``make soak``, or ``python benchmarks/soak.py [kills [word …]]``, for
+the cases that have all of the words, such as ``25 errors loky``. A kill counts if it hits while part files of this very
+process exist and work is under way. After each one nothing may be left but the folder: no process, no held lock. At the
+end the tables have the bytes of a run that was not killed.
 """
 
 import atexit
 import errno
+import json
 import os
 import signal
 import subprocess
@@ -30,6 +32,7 @@ from study.runs.storage import atomic_write, parts  # noqa: E402
 from study.runs.storage.lock import holder  # noqa: E402
 from study.runs.storage.run_folder import RunError  # noqa: E402
 from study.runs.workers.backend import Backend  # noqa: E402
+from study.runs.workers.dask_cluster import DaskCluster  # noqa: E402
 
 _GRID = """seed = 5
 estimators = ["mle", "lls", "ugdk"]
@@ -56,21 +59,68 @@ CASES = [
     ("precision", "loky", "group"),
     ("posterior", "loky", "parent"),
     ("posterior", "loky", "group"),
+    ("errors", "dask", "parent"),
+    ("errors", "dask", "worker"),
+    ("precision", "dask", "worker"),
+    ("posterior", "dask", "parent"),
 ]
 _PATIENCE = 120.0
 _started: list[subprocess.Popen[str]] = []
 
 
+class Cluster:
+    """A Dask scheduler and two workers on this machine, each a process; started when it is needed first."""
+
+    def __init__(self) -> None:
+        self.workers: list[subprocess.Popen[str]] = []
+        self._address = ""
+
+    def address(self) -> str:
+        """The scheduler's address."""
+        if not self._address:
+            place = Path(tempfile.mkdtemp()) / "scheduler.json"
+            words = ["--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--no-jupyter", "--scheduler-file"]
+            self._begin("distributed.cli.dask_scheduler", *words, str(place))
+            last = time.monotonic() + _PATIENCE
+            while not (place.is_file() and place.read_text().rstrip().endswith("}")):
+                assert time.monotonic() < last, "no scheduler"
+                time.sleep(0.05)
+            self._address = json.loads(place.read_text())["address"]
+            self.workers = [self._worker() for _ in range(2)]
+        return self._address
+
+    def kill_worker(self) -> None:
+        """Kill the older worker, and start another in its place."""
+        worker = self.workers.pop(0)
+        worker.kill()
+        worker.wait()
+        self.workers.append(self._worker())
+
+    def _worker(self) -> subprocess.Popen[str]:
+        words = ["--", "--nthreads", "1", "--no-nanny", "--no-dashboard"]
+        return self._begin("study.cli", "worker", self._address, *words)
+
+    def _begin(self, *words: str) -> subprocess.Popen[str]:
+        quiet = subprocess.DEVNULL
+        command = [sys.executable, "-m", *words]
+        _started.append(subprocess.Popen(command, stdout=quiet, stderr=quiet, text=True, start_new_session=True))
+        return _started[-1]
+
+
+cluster = Cluster()
+
+
 def _make_parts_small() -> None:
     """Let every unit be small, and every result be stored at once."""
     grid.BLOCK_TRIALS, grid._SAMPLES_PER_UNIT = 50, 20_000
-    Backend.enough = 0.0
+    Backend.enough = DaskCluster.enough = 0.0
     parts._SECONDS = parts._SHARE = 0.0
 
 
 def _start(folder: Path, kind: str, backend: str) -> subprocess.Popen[str]:
     (folder / f"{kind}.toml").write_text(CONFIGS[kind], encoding="utf-8")
     words = ["run", f"{kind}.toml", "--out", "out", "--jobs", "2", "--backend", backend]
+    words += ["--scheduler", cluster.address()] if backend == "dask" else []
     process = subprocess.Popen(
         [sys.executable, __file__, *words],
         cwd=folder,
@@ -120,6 +170,9 @@ def _finish(folder: Path, kind: str, backend: str) -> None:
 def _kill(process: subprocess.Popen[str], target: str) -> bool:
     """Kill a process, its group or a worker of it; false if there is no worker."""
     below = psutil.Process(process.pid).children(recursive=True)
+    if target == "worker" and cluster.workers:
+        cluster.kill_worker()
+        return True
     if target == "worker":
         workers = [child for child in below if "popen_loky" in " ".join(child.cmdline())]
         if workers:
@@ -191,8 +244,8 @@ def full_disk(text: str) -> int:
 
 
 def main(kills: int, kinds: list[str]) -> None:
-    """Print the tally of all cases, or of those of some kinds."""
-    cases = [case for case in CASES if not kinds or case[0] in kinds]
+    """Print the tally of all cases, or of those that have all of some words: a kind, a backend, a target."""
+    cases = [case for case in CASES if not kinds or set(kinds) <= set(case)]
     each = -(-kills // len(cases))
     wholes: dict[str, dict[str, bytes]] = {}
     total = 0

@@ -111,6 +111,7 @@ def _draw(state: Words, height: float, directions: Floats, normals: Floats) -> N
     b, d, n = directions.shape
     per_sample = d + (d - 1 if d < 4 else d)
     words, length, lane = np.empty(per_sample * CHUNK, dtype=np.uint64), np.empty(CHUNK), spare(state)
+    outside = np.empty(CHUNK, dtype=np.int64)
     for trial in range(b):
         for start in range(0, n, CHUNK):
             m = min(CHUNK, n - start)
@@ -128,10 +129,10 @@ def _draw(state: Words, height: float, directions: Floats, normals: Floats) -> N
                 used += m
             else:
                 for i in range(1, d):
-                    lane = to_normals(words[used:], directions[trial, i, start : start + m], lane)
+                    lane = to_normals(words[used:], directions[trial, i, start : start + m], lane, outside)
                     used += m
             for i in range(d):
-                lane = to_normals(words[used:], normals[trial, i, start : start + m], lane)
+                lane = to_normals(words[used:], normals[trial, i, start : start + m], lane, outside)
                 used += m
     put_back(state, lane)
 

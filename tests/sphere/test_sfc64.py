@@ -66,15 +66,33 @@ def test_uniform_numbers_are_the_upper_bits(words):
 @njit
 def one_by_one(state, row):
     """Normal numbers of which all words come from the spare generator, as NumPy's come from one."""
-    word = np.empty(1, np.uint64)
+    word, outside = np.empty(1, np.uint64), np.empty(1, np.int64)
     lane = spare(state)
     for k in range(row.size):
         a, b, c, count = lane
         word[0] = a + b + count
         mixed = ((c << np.uint64(24)) | (c >> np.uint64(40))) + word[0]
         lane = b ^ (b >> np.uint64(11)), c + (c << np.uint64(3)), mixed, count + np.uint64(1)
-        lane = to_normals(word, row[k : k + 1], lane)
+        lane = to_normals(word, row[k : k + 1], lane, outside)
     put_back(state, lane)
+
+
+@njit
+def side_by_side(state, words, row):
+    """Normal numbers of words that are given, and of the spare generator."""
+    put_back(state, to_normals(words, row, spare(state), np.empty(row.size, np.int64)))
+
+
+def test_numbers_do_not_depend_on_how_many_are_made_at_once(words):
+    """A row at a time and a number at a time, bit for bit: those outside their rectangles are settled in order."""
+    given = np.random.default_rng(3).integers(0, 2**64, 50_000, dtype=np.uint64)
+    whole, single = np.empty((2, len(given)))
+    state, other = seeded(words), seeded(words)
+    side_by_side(state, given, whole)
+    for k in range(len(given)):
+        side_by_side(other, given[k : k + 1], single[k : k + 1])
+    np.testing.assert_array_equal(whole, single)
+    np.testing.assert_array_equal(state, other)
 
 
 def test_normals_are_numpys(words):

@@ -48,6 +48,8 @@ class Death(NamedTuple):
 
 
 _agreed: list[Parent] = []
+_SYNCHRONIZE, _FOREVER = 0x00100000, 0xFFFFFFFF
+"""Windows: the right to wait for a process, and a wait without an end."""
 
 
 def seal(function: Callable[..., object], *arguments: object) -> bytes:
@@ -128,6 +130,12 @@ def _agree(parent: Parent) -> None:
 
 def _end_with(parent: int) -> None:
     """End this process when its parent was killed, since nobody would take its results."""
-    while os.getppid() == parent:
-        time.sleep(0.5)
+    if sys.platform == "win32":  # a process keeps its parent's number there
+        import ctypes
+
+        kernel = ctypes.windll.kernel32
+        kernel.WaitForSingleObject(kernel.OpenProcess(_SYNCHRONIZE, False, parent), _FOREVER)
+    else:
+        while os.getppid() == parent:
+            time.sleep(0.5)
     os._exit(1)

@@ -14,7 +14,7 @@ from numba.np.random._constants import fi_double, ki_double, wi_double, ziggurat
 
 from study.sphere.jit import compiled
 from study.sphere.random.sfc64 import Lane, next_word, uniform
-from study.sphere.types import Floats, Words
+from study.sphere.types import Floats, Ints, Words
 
 _WIDTH = np.concatenate([wi_double, -np.asarray(wi_double)])
 """Width of each layer over 2⁵²; the second half is for negative numbers."""
@@ -28,7 +28,7 @@ _1, _8, _9 = (np.uint64(k) for k in (1, 8, 9))
 
 
 @compiled
-def _outside(lane: Lane, bits: np.uint64, layer: int, x: float) -> tuple[float, bool, Lane]:
+def _outside(lane: Lane, bits: np.uint64, layer: np.uint64, x: float) -> tuple[float, bool, Lane]:
     """Draw a number outside its layer's rectangle.
 
     Returns the number, False if it is rejected, and the state of the generator.
@@ -48,23 +48,38 @@ def _outside(lane: Lane, bits: np.uint64, layer: int, x: float) -> tuple[float, 
 
 
 @compiled
-def to_normals(words: Words, row: Floats, lane: Lane) -> Lane:
+def _settled(bits: np.uint64, lane: Lane) -> tuple[float, Lane]:
+    """The number of a word that may lie outside its layer's rectangle, and the state of the generator."""
+    while True:
+        layer = bits & _SIGNED
+        size = (bits >> _9) & _MANTISSA
+        x = np.int64(size) * _WIDTH[layer]
+        if size < _INSIDE[layer & _LAYERS]:
+            return x, lane
+        x, accepted, lane = _outside(lane, bits, layer & _LAYERS, x)
+        if accepted:
+            return x, lane
+        bits, lane = next_word(lane)
+
+
+@compiled
+def to_normals(words: Words, row: Floats, lane: Lane, outside: Ints) -> Lane:
     """Turn words into as many normal numbers.
 
-    ``lane`` is the state of another generator, for numbers that need more than their word; its state afterwards is
-    returned. `standard_normal` makes the same numbers of the same words, in the order in which it would ask for them.
+    Numbers outside their layers' rectangles are listed, without a branch that a processor could mispredict, and settled
+    after the others. ``lane`` is the state of another generator, for numbers that need more than their word; its state
+    afterwards is returned. ``outside`` is memory for as many integers. `standard_normal` makes the same numbers of the
+    same words, in the order in which it would ask for them.
     """
+    count = 0
     for k in range(row.size):
         bits = words[k]
-        while True:
-            layer = bits & _SIGNED
-            size = (bits >> _9) & _MANTISSA
-            x = np.int64(size) * _WIDTH[layer]
-            if size < _INSIDE[layer & _LAYERS]:
-                break
-            x, accepted, lane = _outside(lane, bits, layer & _LAYERS, x)
-            if accepted:
-                break
-            bits, lane = next_word(lane)
-        row[k] = x
+        layer = bits & _SIGNED
+        size = (bits >> _9) & _MANTISSA
+        row[k] = np.int64(size) * _WIDTH[layer]
+        outside[count] = k
+        count += size >= _INSIDE[layer & _LAYERS]
+    for j in range(count):
+        k = outside[j]
+        row[k], lane = _settled(words[k], lane)
     return lane
