@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from study.mocap.commands.options import MarkerSetName, Out, Reading, grouped
+from study.runs.commands import Json
 
 if TYPE_CHECKING:
     from study.mocap.io.recording import Recording
@@ -28,24 +29,29 @@ def joints(
     force: Force = False,
     markerset: MarkerSetName = None,
     out: Out = None,
+    as_json: Json = False,
     reading: Reading,
 ) -> None:
     """Find the joints of a recording: phase 1.
 
     Writes their table, and a calibration with which `study skeleton` draws other recordings of the same subject.
     Several trials of a session give one calibration: each joint comes from the trials that moved it.
+
+    With --json: recording, notes, markerset, joints (the columns of the table), files, and for one recording
+    without_pose.
     """
     if len(files) == 1 and static is None:
         if force:
             raise typer.BadParameter("--force: there is nothing to overrule with one recording")
-        _one(files[0], markerset, out, reading)
+        _one(files[0], markerset, out, as_json, reading)
     else:
         trials = [reading.read(file) for file in files]
-        _several(trials, None if static is None else reading.read(static), markerset, out, force)
+        _several(trials, None if static is None else reading.read(static), markerset, out, force, as_json)
 
 
-def _one(file: Path, markerset: str | None, out: Path | None, reading: Reading) -> None:
+def _one(file: Path, markerset: str | None, out: Path | None, as_json: bool, reading: Reading) -> None:
     """The joints of one recording."""
+    from study.mocap.commands.as_data import joints_data
     from study.mocap.commands.open_recording import open_recording, print_lines, print_match, results_folder
     from study.mocap.joints.fit_joints import find_joints
     from study.mocap.joints.joint_report import agreement_lines, joint_lines
@@ -54,24 +60,35 @@ def _one(file: Path, markerset: str | None, out: Path | None, reading: Reading) 
     from study.mocap.skeleton.calibrate import calibration_from
     from study.mocap.skeleton.calibration_file import save_calibration
     from study.runs.storage.atomic_write import save_frame
+    from study.text.json_text import json_text
 
     match = open_recording(file, markerset, reading)
     folder = results_folder(match.source.name, out)
-    print_match(match)
     found = find_joints(match.markerset, match.recording)
-    print_lines(joint_lines(found))
     compared = agreement_table(found, match.recording)
-    print_lines(agreement_lines(compared))
-    table = folder / "joints.parquet"
-    save_frame(joint_table(found).merge(compared, on="joint"), table)
+    if not as_json:
+        print_match(match)
+        print_lines([*joint_lines(found), *agreement_lines(compared)])
+    table = joint_table(found).merge(compared, on="joint")
+    save_frame(table, folder / "joints.parquet")
     calibration = calibration_from(found, match.recording)
-    print_lines([table, save_calibration(calibration, folder / "calibration.json")])
+    paths = [folder / "joints.parquet", save_calibration(calibration, folder / "calibration.json")]
+    if as_json:
+        typer.echo(json_text(joints_data(match, table) | {"without_pose": found.without_pose, "files": paths}))
+    else:
+        print_lines(paths)
 
 
 def _several(
-    trials: "list[Recording]", static: "Recording | None", markerset: str | None, out: Path | None, force: bool
+    trials: "list[Recording]",
+    static: "Recording | None",
+    markerset: str | None,
+    out: Path | None,
+    force: bool,
+    as_json: bool,
 ) -> None:
     """The joints of a session."""
+    from study.mocap.commands.as_data import joints_data
     from study.mocap.commands.open_recording import place_markerset, print_lines, print_match, results_folder
     from study.mocap.io.recording import one_after_another
     from study.mocap.markersets.match import match
@@ -79,17 +96,23 @@ def _several(
     from study.mocap.session.session_text import session_lines, session_table
     from study.mocap.skeleton.calibration_file import save_calibration
     from study.runs.storage.atomic_write import save_frame
+    from study.text.json_text import json_text
 
     every = [*trials, *([] if static is None else [static])]
     names = ", ".join(trial.name for trial in every)
     together = place_markerset(one_after_another(every, names), markerset)
     folder = results_folder("-".join(trial.name for trial in every), out)
-    print_match(together)
     named = [match(together.whole, trial).recording for trial in every]
     session = calibrate_session(
         together.markerset, named[: len(trials)], None if static is None else named[-1], force=force
     )
-    print_lines(session_lines(session))
-    table = folder / "joints.parquet"
-    save_frame(session_table(session), table)
-    print_lines([table, save_calibration(session.merged.calibration, folder / "calibration.json")])
+    table = session_table(session)
+    if not as_json:
+        print_match(together)
+        print_lines(session_lines(session))
+    save_frame(table, folder / "joints.parquet")
+    paths = [folder / "joints.parquet", save_calibration(session.merged.calibration, folder / "calibration.json")]
+    if as_json:
+        typer.echo(json_text(joints_data(together, table) | {"files": paths}))
+    else:
+        print_lines(paths)

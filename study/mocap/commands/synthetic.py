@@ -7,6 +7,7 @@ import typer
 
 from study.mocap.commands.options import grouped
 from study.mocap.synthetic.recipe import Recipe
+from study.runs.commands import Json
 
 Out = Annotated[
     Path | None,
@@ -17,16 +18,19 @@ Out = Annotated[
 
 
 @grouped
-def synthetic(*, out: Out = None, recipe: Recipe) -> None:
+def synthetic(*, out: Out = None, as_json: Json = False, recipe: Recipe) -> None:
     """Make a recording of a synthetic body.
 
-    Writes the recording, and tables of the true joints beside it.
+    Writes the recording, and tables of the true joints beside it. With --json: recording, frames, rate and files.
     """
     from study.mocap.commands.open_recording import print_lines, results_folder
     from study.mocap.io.writing import write_recording
     from study.mocap.synthetic.body_truth import write_truth
     from study.mocap.synthetic.synthesize import synthesize
+    from study.text.json_text import json_text
 
     made, truth = synthesize(recipe)
     path = write_recording(made, out or results_folder(made.name) / f"{made.name}.c3d")
-    print_lines([path, *write_truth(truth, path)])
+    paths = [path, *write_truth(truth, path)]
+    data = {"recording": made.name, "frames": made.frames, "rate": made.rate, "files": paths}
+    print_lines([json_text(data)] if as_json else paths)
