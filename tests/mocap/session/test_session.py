@@ -121,7 +121,7 @@ def test_a_hinge_is_placed_by_the_static_trial():
     found = calibrate_session(markers, [trial("bend", 1.2, ("MED",))], trial("static", 0.0, ())).merged.calibration
     shape, place = found.shape("thigh"), found["knee"]
     turn, _ = Rotation.align_vectors(shape.places - shape.places.mean(axis=0), thigh - thigh.mean(axis=0))
-    true = turn.apply([*knee, 0.0, 0.01, 0.0] - thigh.mean(axis=0)) + shape.places.mean(axis=0)
+    true = turn.apply(knee + np.array([0.0, 0.01, 0.0]) - thigh.mean(axis=0)) + shape.places.mean(axis=0)
     assert place.trials == ("bend",)
     assert np.linalg.norm(place.in_parent - true) < 0.002
     other = found.shape("shank").places
