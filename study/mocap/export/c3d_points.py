@@ -50,7 +50,8 @@ def _own_file(motion: ExportedMotion) -> Any:
     except Exception:  # not a C3D file; ezc3d raises many types for odd contents
         return None
     labels = parameters["LABELS"]["value"]
-    same = points.shape[2] == motion.recording.frames and len(labels) == points.shape[1] < _LABELS_EACH
+    room = _LABELS_EACH - len(motion.skeleton.joints)
+    same = points.shape[2] == motion.recording.frames and len(labels) == points.shape[1] <= room
     if not same or unit is None or not _same_scale(points, unit, motion.recording.positions):
         return None
     return file
