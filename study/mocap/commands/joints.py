@@ -25,7 +25,9 @@ def joints(file: File, *, markerset: MarkerSetName = None, out: Out = None, read
     print_lines(joint_lines(found))
     compared = agreement_table(found, match.recording)
     print_lines(agreement_lines(compared))
-    table = folder / "joints.parquet"
-    save_frame(joint_table(found).merge(compared, on="joint"), table)
     calibration = calibration_from(found, match.recording)
-    print_lines([table, save_calibration(calibration, folder / "calibration.json")])
+    print_lines(calibration.warnings())
+    table = joint_table(found).merge(compared, on="joint")
+    table["warnings"] = ["; ".join(place.warnings) for place in calibration.joints]
+    save_frame(table, folder / "joints.parquet")
+    print_lines([folder / "joints.parquet", save_calibration(calibration, folder / "calibration.json")])

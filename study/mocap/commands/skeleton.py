@@ -57,6 +57,7 @@ def skeleton(
     match, used = _calibrated(file, reading, calibration, markerset)
     folder = results_folder(match.source.name, out)
     print_match(match)
+    print_lines(used.lines())
     drawn = draw_skeleton(used, match.recording)
     print_lines(overruled(drawn) if force else [])
     drawn = drawn if force else require_same_subject(drawn)

@@ -56,6 +56,14 @@ DOUBTED = (JointStatus.DISAGREE, JointStatus.REVERSES)
 """A joint whose estimates contradict each other; its error covers both."""
 
 
+def largest_error(covariance: Floats, axis: Floats | None) -> float:
+    """Largest standard error, metres, of a place with a covariance (3, 3), m², across an axis (3,) if there is one."""
+    if np.isnan(covariance).any():
+        return float("nan")
+    across = np.eye(3) if axis is None else np.eye(3) - np.outer(axis, axis)
+    return float(np.sqrt(max(np.linalg.eigvalsh(across @ covariance @ across)[-1], 0.0)))
+
+
 @dataclass(frozen=True)
 class Estimate:
     """A joint's place in one of its segments.
@@ -99,8 +107,7 @@ class Estimate:
     @property
     def standard_error(self) -> float:
         """Largest standard error across the axis, metres."""
-        across = np.eye(3) if self.axis is None else np.eye(3) - np.outer(self.axis, self.axis)
-        return float(np.sqrt(max(np.linalg.eigvalsh(across @ self.covariance @ across)[-1], 0.0)))
+        return largest_error(self.covariance, self.axis)
 
     def with_status(self) -> "Estimate":
         """The same estimate with the status that follows from its noise, error and frames."""

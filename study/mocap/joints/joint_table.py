@@ -66,7 +66,7 @@ def accuracy_columns(found: FoundJoint) -> dict[str, float]:
     estimate = found.estimate
     if estimate is None:
         return values
-    values |= {"error": estimate.standard_error, "floor": estimate.floor, "frames": float(estimate.frames)}
+    values |= {"error": found.standard_error, "floor": estimate.floor, "frames": float(estimate.frames)}
     values["worth"] = float(estimate.effective_frames)
     apart = (each.distance for each in side_differences(estimate, found.others))
     values["apart"] = max(apart, default=float("nan"))
