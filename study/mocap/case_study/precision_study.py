@@ -25,7 +25,7 @@ from study.experiment.streams import stream
 from study.mocap.case_study.scatter_summary import power_law, with_outliers
 from study.mocap.case_study.subset_fits import SETS, JointSamples, subset_frames
 from study.mocap.io.recording import Recording, RecordingError
-from study.mocap.joints.estimates import Estimate
+from study.mocap.joints.estimates import USABLE, Estimate
 from study.mocap.joints.found_joints import FoundJoint, FoundJoints
 from study.sphere.types import Floats
 
@@ -51,7 +51,8 @@ class CaseStudy:
             parent's axes, over fits that are ok; ``sd``: root of the summed variances; ``median``: median distance
             from the whole recording's centre, where a failed fit counts as farther than any other; ``near``: share
             within a centimetre; ``failed``: share of fits that are not positive definite; ``effective``: N_eff;
-            ``error``: the scatter and the standard error of the whole recording's centre together.
+            ``error``: the scatter and the standard error of the whole recording's centre together; ``doubted``: whether
+            phase 1 doubts the joint.
         joints: a row per joint. ``cap``: half-angle of the largest cap, degrees; ``condition``: ρ; ``hinge``;
             ``memory``: τ in frames; ``worth``: T/τ; ``sets``: largest distance between the medians of two data sets at
             the middle N; ``along``: share of the scatter in the direction in which the markers moved least; ``median``:
@@ -101,7 +102,7 @@ def case_study(
         y = np.stack([sphere.poses.to_local(recording.of(marker)) for marker in sphere.markers])
         samples = JointSamples(y, sphere.used, sphere)
         joint_rows, centers = _scatter_of(samples, name, sizes, subsets, seed)
-        rows += joint_rows
+        rows += [row | {"doubted": found.status not in USABLE} for row in joint_rows]
         about.append({"joint": name} | samples.causes(centers["random", False, sizes[len(sizes) // 2]]))
     if not rows:
         raise RecordingError(f"{recording.name}: none of its joints has a sphere in its parent's axes")

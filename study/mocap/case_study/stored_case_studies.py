@@ -37,7 +37,7 @@ def read_case_studies(folders: Sequence[Path]) -> pd.DataFrame:
         and in metres ``spread``, the median distance from the whole recording's centre, without the axis of a hinge if
         the case study dropped it, where a failed fit counts as farther than any other; ``with_axes``, the same with
         every axis kept, as in the paper; ``error``, the spread and the standard error of the whole recording's centre
-        together.
+        together; ``doubted``, whether the joint is in doubt, as all are in a table that does not say.
 
     Raises:
         RecordingError: if a folder has no case study, one that cannot be read or does not name its recording, or the
@@ -77,4 +77,6 @@ def _read(folder: Path) -> pd.DataFrame:
         raise RecordingError(f"{path}: not one row per joint and number of random frames; {remedy}")
     across, kept = without_hinge_axes(random).set_index(_ROW), random[~random["dropped"]].set_index(_ROW)
     columns = {"spread": across["median"], "with_axes": kept["median"], "error": across["error"]}
+    # a table of before doubts were stored rests on errors without skin
+    columns["doubted"] = across["doubted"].astype(bool) if "doubted" in across else pd.Series(True, across.index)
     return pd.DataFrame(columns).reset_index().assign(recording=scatter["digest"].iloc[0])

@@ -66,12 +66,13 @@ def _one(file: Path, markerset: str | None, out: Path | None, as_json: bool, rea
     folder = results_folder(match.source.name, out)
     found = find_joints(match.markerset, match.recording)
     compared = agreement_table(found, match.recording)
+    calibration = calibration_from(found, match.recording)
     if not as_json:
         print_match(match)
-        print_lines([*joint_lines(found), *agreement_lines(compared)])
+        print_lines([*joint_lines(found), *agreement_lines(compared), *calibration.warnings()])
     table = joint_table(found).merge(compared, on="joint")
+    table["warnings"] = ["; ".join(place.warnings) for place in calibration.joints]
     save_frame(table, folder / "joints.parquet")
-    calibration = calibration_from(found, match.recording)
     paths = [folder / "joints.parquet", save_calibration(calibration, folder / "calibration.json")]
     if as_json:
         typer.echo(json_text(joints_data(match, table) | {"without_pose": found.without_pose, "files": paths}))

@@ -74,6 +74,7 @@ def skeleton(
     match, used = _calibrated(file, reading, given.calibration, markerset)
     if not output.json:
         print_match(match)
+        print_lines(used.lines())
     drawn = draw_skeleton(used, match.recording)
     remarks = overruled(drawn) if given.force else []
     drawn = drawn if given.force else require_same_subject(drawn)

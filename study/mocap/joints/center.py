@@ -71,6 +71,8 @@ class CenterFit:
         significance: standard errors by which the extent along that direction exceeds the noise.
         rms_angles: root mean square angles of the markers' motion about the centre, along their principal directions
             (3,), ascending, radians; noise taken off.
+        normal: matrix of the normal equations A = Σ w (C - ηF) (3, 3), see `solve_center`.
+        weights: w of each marker (M,); 0 for one with too few samples.
     """
 
     center: Floats
@@ -85,6 +87,8 @@ class CenterFit:
     least: Floats
     significance: float
     rms_angles: Floats
+    normal: Floats
+    weights: Floats
 
     @property
     def exceeds_noise(self) -> bool:
@@ -137,7 +141,8 @@ def fit_center(
             covariance, share = _covariance(planar_scores, pooled, size, center, basis)
         else:
             pooled.reweight(center, everything)
-    radii = np.full(len(markers), np.nan)
+    radii, weights = np.full(len(markers), np.nan), np.zeros(len(markers))
+    weights[pooled.present] = pooled.w
     squares = pooled.square_radii(center, size, basis)
     radii[pooled.present] = np.sqrt(np.where(squares > 0.0, squares, np.nan))
     return CenterFit(
@@ -153,6 +158,8 @@ def fit_center(
         least=least,
         significance=significance,
         rms_angles=pooled.rms_angles(size),
+        normal=pooled.matrix(size, everything),
+        weights=weights,
     )
 
 

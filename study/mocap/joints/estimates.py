@@ -7,14 +7,14 @@ markers but never far away.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 
 from study.estimators.status import Worded
 from study.mocap.geometry.pose_noise import PoseNoise
-from study.mocap.joints.center import CONDITION_LIMIT, CenterFit, LocalMarker, fit_center
+from study.mocap.joints.center import CONDITION_LIMIT, CenterFit, LocalMarker, center_only, fit_center
 from study.mocap.joints.outlier_samples import reject_off_sphere, reject_outliers
 from study.mocap.joints.segment_poses import SegmentPoses
 from study.mocap.joints.symmetric_fit import SymmetricFit
@@ -24,7 +24,7 @@ CENTIMETRE = 0.01
 """Metres: the accuracy that the paper asks for. A larger standard error in some direction makes a centre unsure."""
 FEWEST_FRAMES = 10
 """Fewest frames that show how they scatter, and so give a standard error."""
-_SIGNIFICANT = 2.0
+SIGNIFICANT = 2.0
 """Standard errors by which the smallest extent must exceed the noise, as for `als`."""
 _STILL = 0.005
 """Standard deviation of a marker's place, over its distance from the template's middle, below which it did not move."""
@@ -41,16 +41,27 @@ class JointStatus(Worded):
     OK = 0, "ok"
     HINGE = 1, "hinge: known across its axis; its place along the axis shows in nothing, or in soft tissue alone"
     DISAGREE = 2, "its two segments contradict each other by more than 1 cm or 20°, beyond what their errors explain"
-    UNSURE = 3, "moved too little for its noise, or was seen too briefly: a standard error may exceed 1 cm"
-    INSIGNIFICANT = 4, "along some direction the noise of the segment's pose would explain how far the markers moved"
-    NOT_POSITIVE_DEFINITE = 5, "the noise hides how far the markers moved: the centre is biased towards them"
-    STILL = 6, "did not move: the markers stay in place in the segment's axes"
-    NO_FRAME = 7, "neither of its segments has a pose"
-    UNSEEN = 8, "its markers were not seen, or never together with a pose"
+    REVERSES = 3, "bending and straightening put it more than 1 cm apart, beyond what their errors explain"
+    UNSURE = 4, "moved too little for its noise and its skin, or was seen too briefly: a standard error may exceed 1 cm"
+    INSIGNIFICANT = 5, "along some direction the noise of the segment's pose would explain how far the markers moved"
+    NOT_POSITIVE_DEFINITE = 6, "the noise hides how far the markers moved: the centre is biased towards them"
+    STILL = 7, "did not move: the markers stay in place in the segment's axes"
+    NO_FRAME = 8, "neither of its segments has a pose"
+    UNSEEN = 9, "its markers were not seen, or never together with a pose"
 
 
 USABLE = (JointStatus.OK, JointStatus.HINGE)
 """A joint that a skeleton can be built on without reservation."""
+DOUBTED = (JointStatus.DISAGREE, JointStatus.REVERSES)
+"""A joint whose estimates contradict each other; its error covers both."""
+
+
+def largest_error(covariance: Floats, axis: Floats | None) -> float:
+    """Largest standard error, metres, of a place with a covariance (3, 3), m², across an axis (3,) if there is one."""
+    if np.isnan(covariance).any():
+        return float("nan")
+    across = np.eye(3) if axis is None else np.eye(3) - np.outer(axis, axis)
+    return float(np.sqrt(max(np.linalg.eigvalsh(across @ covariance @ across)[-1], 0.0)))
 
 
 @dataclass(frozen=True)
@@ -72,6 +83,9 @@ class Estimate:
         sphere: the fit of one side, or None.
         pair: the fit of both sides, or None.
         status: reliability.
+        skin: part of the covariance that comes from skin, of this joint and of those that the poses rest on (3, 3), m².
+        floor: standard error from skin that is common to the markers of a segment, for a slope of 5 mm/rad, metres: it
+            shows in nothing, and is part of no covariance. NaN until it is known.
     """
 
     side: Side
@@ -87,12 +101,13 @@ class Estimate:
     sphere: CenterFit | None
     pair: SymmetricFit | None
     status: JointStatus = JointStatus.OK
+    skin: Floats = field(default_factory=lambda: np.zeros((3, 3)))
+    floor: float = float("nan")
 
     @property
     def standard_error(self) -> float:
         """Largest standard error across the axis, metres."""
-        across = np.eye(3) if self.axis is None else np.eye(3) - np.outer(self.axis, self.axis)
-        return float(np.sqrt(max(np.linalg.eigvalsh(across @ self.covariance @ across)[-1], 0.0)))
+        return largest_error(self.covariance, self.axis)
 
     def placed_along_axis(self, x: Floats) -> "Estimate":
         """The estimate moved along its axis to where a point of the world (3, frames), metres, is on average.
@@ -141,7 +156,7 @@ def estimate_from_spheres(
         poses=poses,
         markers=tuple(names),
         center=fit.center,
-        covariance=fit.covariance,
+        covariance=fit.covariance + _doubt_of_noise(noise, fit, kept, poses),
         axis=fit.least if hinge and fit.axis is None else fit.axis,
         noise=noise,
         frames=fit.frames,
@@ -195,10 +210,25 @@ def _fit_with_noise(
         kept = [reject_off_sphere(marker, fit.center, fit.axis) for marker in clean]
         if any(a.used.sum() < b.used.sum() for a, b in zip(kept, clean, strict=True)):
             fit = fit_center(kept, pose_noise, size=size) or fit
-        significant = fit.condition < CONDITION_LIMIT and fit.significance > _SIGNIFICANT
+        significant = fit.condition < CONDITION_LIMIT and fit.significance > SIGNIFICANT
         if name == "none" or fit.axis is not None or significant:
             return name, fit, kept
     return None
+
+
+def _doubt_of_noise(noise: NoiseModel, fit: CenterFit, markers: Sequence[LocalMarker], poses: SegmentPoses) -> Floats:
+    """Covariance (3, 3), m², of a centre whose noise is not what was taken off.
+
+    Where the noise is not of its expected shape, the correction for noise is not known, and counts as an error. Where
+    noise hides the motion, no more is known than that the joint is between the two segments.
+    """
+    if noise == "isotropic":
+        plain = center_only(markers, poses.noise.removed, fit.axis is not None, 0.0)
+        return np.zeros((3, 3)) if plain is None else np.outer(fit.center - plain, fit.center - plain)
+    if noise == "none":
+        away = [np.nanmean(m.y[:, m.used], axis=1) - poses.template.mean(axis=0) for m in markers if m.used.any()]
+        return float(max((a @ a for a in away), default=0.0)) * np.eye(3)
+    return np.zeros((3, 3))
 
 
 def _is_still(marker: LocalMarker, poses: SegmentPoses) -> bool:

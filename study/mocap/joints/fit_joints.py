@@ -17,6 +17,7 @@ import numpy as np
 from study.mocap.io.recording import Recording
 from study.mocap.joints.center import center_only
 from study.mocap.joints.estimates import (
+    DOUBTED,
     USABLE,
     Estimate,
     JointStatus,
@@ -34,7 +35,13 @@ from study.mocap.joints.segment_poses import (
     poses_from_markers,
     reference_frame,
 )
-from study.mocap.joints.side_agreement import check_against_sides
+from study.mocap.joints.side_agreement import (
+    COMPARABLE,
+    WayDifference,
+    check_against_sides,
+    check_both_ways,
+)
+from study.mocap.joints.skin_errors import SkinErrors
 from study.mocap.joints.symmetric_fit import symmetric_fit
 from study.mocap.markersets.marker_set import Joint, MarkerSet
 from study.sphere.types import Bools, Floats, Ints
@@ -43,7 +50,7 @@ _FRAMES = 300
 """Frames on which errors are propagated from joint to joint."""
 _ROUNDING = 1e-9
 """Metres."""
-_BUILT_ON = (*USABLE, JointStatus.DISAGREE, JointStatus.UNSURE, JointStatus.INSIGNIFICANT)
+_BUILT_ON = (*USABLE, *DOUBTED, JointStatus.UNSURE, JointStatus.INSIGNIFICANT)
 """A joint that may be the third point of a segment's pose; its errors are propagated."""
 
 
@@ -64,7 +71,9 @@ class _Search:
         self.whole, self.markerset, self.recording = markerset, _without_missing(markerset, recording), recording
         self.reference = reference_frame(recording)
         self.poses = poses_from_markers(self.markerset, recording, self.reference)
-        self.own = {name for name, poses in self.poses.items() if isinstance(poses, SegmentPoses)}
+        own = {name: poses for name, poses in self.poses.items() if isinstance(poses, SegmentPoses)}
+        self.skin = SkinErrors(recording, own)
+        self.own = set(own)
         self.found: dict[str, FoundJoint] = {}
         self.rests_on: dict[str, Estimate] = {}
         """For a segment whose poses are fitted to a joint: the estimate of that joint."""
@@ -105,9 +114,21 @@ class _Search:
         if not estimates:
             status = self.reason_without_estimate(joint)
             return FoundJoint(joint, status, status.text)
-        chosen, doubt = check_against_sides(estimates[0], estimates[1:])
+        chosen, sides = check_against_sides(estimates[0], estimates[1:])
+        chosen, ways = check_both_ways(chosen, self.turning_ways(joint, estimates))
         chosen = chosen.placed_along_axis(_midway(joint, self.recording))
-        return FoundJoint(joint, chosen.status, doubt or chosen.status.text, chosen, tuple(estimates[1:]))
+        own = sides or ("" if chosen.status in (*USABLE, JointStatus.REVERSES) else chosen.status.text)
+        reason = "; ".join(filter(None, (own, ways))) or chosen.status.text
+        return FoundJoint(joint, chosen.status, reason, chosen, tuple(estimates[1:]))
+
+    def turning_ways(self, joint: Joint, estimates: Sequence[Estimate]) -> list[WayDifference]:
+        """Differences between bending and straightening, by the estimate in the first one's axes that shows most."""
+        child, found = self.poses[joint.child], []
+        for each in estimates:
+            if each.poses is estimates[0].poses and each.status in COMPARABLE:
+                two = child if each.side == "both" and isinstance(child, SegmentPoses) else None
+                found.append(self.skin.ways(each, joint, two))
+        return max(found, key=lambda ways: sum(way.distance for way in ways if way.contradicts), default=[])
 
     def reason_without_estimate(self, joint: Joint) -> JointStatus:
         """Status of a joint that has poses but no estimate."""
@@ -127,7 +148,7 @@ class _Search:
             noise = moved.noise if found.noise == "pose" else moved.noise.removed
             return center_only(some, noise, hinge, size)
 
-        return self.with_propagated_errors(found, refit).with_status()
+        return self.skin.add(self.with_propagated_errors(found, refit), joint, None).with_status()
 
     def fit_pair(self, joint: Joint, parent: SegmentPoses, child: SegmentPoses) -> Estimate | None:
         """Fit a joint as the point in which both of its segments agree."""
@@ -140,7 +161,7 @@ class _Search:
             return None if other is None else other.in_parent
 
         found = estimate_from_poses(parent, child, pair, joint.kind == "hinge")
-        return self.with_propagated_errors(found, refit).with_status()
+        return self.skin.add(self.with_propagated_errors(found, refit), joint, child).with_status()
 
     def with_propagated_errors(
         self, estimate: Estimate, refit: Callable[[SegmentPoses, Ints], Floats | None]
@@ -168,10 +189,12 @@ class _Search:
 
         values, vectors = np.linalg.eigh(base.covariance)
         start = place(np.zeros(3))
-        steps = (vectors * np.sqrt(np.maximum(values, 0.0))).T
-        shifts = np.array([place(step) - start if np.abs(step).max() > _ROUNDING else np.zeros(3) for step in steps])
+        sizes = np.maximum(np.sqrt(np.maximum(values, 0.0)), _ROUNDING)
+        shifts = np.array([place(step) - start for step in (vectors * sizes).T])
         shifts[np.isnan(shifts)] = 1.0  # a metre: a joint whose fit fails when its base moves is not known
-        return replace(estimate, covariance=estimate.covariance + shifts.T @ shifts)
+        follows = shifts.T @ (vectors / sizes).T  # shift of the joint per shift of its base
+        covariance = estimate.covariance + follows @ base.covariance @ follows.T
+        return replace(estimate, covariance=covariance, skin=estimate.skin + follows @ base.skin @ follows.T)
 
     def accepted(self, marker: str) -> Bools:
         """Samples of a marker (frames,) that are no outliers in its own segment."""
@@ -214,4 +237,5 @@ def _without_missing(markerset: MarkerSet, recording: Recording) -> MarkerSet:
 def _as_point(name: str, estimate: Estimate, step: Floats | float = 0.0) -> PosePoint:
     """A joint as a point of a segment's pose, moved by a step (3,) in the axes of its estimate."""
     place, poses = estimate.center + step, estimate.poses
-    return PosePoint(name, poses.to_world(place), poses.world_covariance(place, estimate.covariance))
+    # skin moves a joint alike in every frame, so that it is no noise of the pose
+    return PosePoint(name, poses.to_world(place), poses.world_covariance(place, estimate.covariance - estimate.skin))

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from study.mocap.geometry.moving_axes import mean_rotated_covariance, relative_rotation
-from study.mocap.joints.estimates import Estimate, JointStatus
+from study.mocap.joints.estimates import Estimate, JointStatus, largest_error
 from study.mocap.joints.segment_poses import SegmentPoses
 from study.mocap.joints.symmetric_fit import symmetric_fit
 from study.mocap.markersets.marker_set import Joint, MarkerSet
@@ -41,6 +41,11 @@ class FoundJoint:
     covariance: Floats = field(default_factory=lambda: np.full((3, 3), np.nan))
     axis_in_parent: Floats = field(default_factory=lambda: np.full(3, np.nan))
     axis_in_child: Floats = field(default_factory=lambda: np.full(3, np.nan))
+
+    @property
+    def standard_error(self) -> float:
+        """Largest standard error in the axes of the covariance, across the axis of a hinge, metres; NaN if unknown."""
+        return largest_error(self.covariance, None if np.isnan(self.axis_in_parent).any() else self.axis_in_parent)
 
 
 @dataclass(frozen=True)

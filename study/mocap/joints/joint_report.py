@@ -26,10 +26,11 @@ def agreement_lines(table: pd.DataFrame) -> Iterator[str]:
 
 def joint_lines(joints: FoundJoints) -> Iterator[str]:
     """Lay out the joints, a line each in millimetres and degrees, then the reasons to doubt some of them."""
-    titles = ["joint", "status", "from", *(f"{axis} / mm" for axis in "xyz"), "error", "noise", "moved"]
+    titles = ["joint", "status", "from", *(f"{axis} / mm" for axis in "xyz"), "error", "floor", "noise", "moved"]
     titles += ["ρ", "frames", "worth", "apart"]
     yield from columns(map(_joint_row, joints.joints), titles, "<<<>")
     yield "x, y, z: centre in its parent; error: largest standard error; noise: of a coordinate; all in mm"
+    yield "floor: what 5 mm/rad of skin common to a segment's markers adds to the error and no marker shows, mm"
     yield "apart: distance to the farthest other side with an error, mm; worth: effective number of independent frames"
     yield "moved: least and greatest root mean square angle of motion"
     for found in joints.joints:
@@ -49,7 +50,7 @@ def _joint_row(found: FoundJoint) -> list[str]:
     return [
         *(found.joint.name, SHORT_TEXTS[found.status], side),
         *(_millimetres(float(x)) for x in found.in_parent),
-        *(_millimetres(n[key]) for key in ("error", "sigma")),
+        *(_millimetres(n[key]) for key in ("error", "floor", "sigma")),
         *(moved, number(n["rho"], ".3f")),
         *(number(n[key], ".0f") for key in ("frames", "worth")),
         _millimetres(n["apart"]),

@@ -11,6 +11,7 @@ SHORT_TEXTS = {
     JointStatus.OK: "ok",
     JointStatus.HINGE: "hinge",
     JointStatus.DISAGREE: "sides disagree",
+    JointStatus.REVERSES: "ways disagree",
     JointStatus.UNSURE: "unsure",
     JointStatus.INSIGNIFICANT: "insignificant",
     JointStatus.NOT_POSITIVE_DEFINITE: "hidden by noise",
@@ -27,7 +28,8 @@ def joint_table(joints: FoundJoints) -> pd.DataFrame:
     Returns:
         Columns: joint, kind, parent, child; status and reason in words; side, the segment whose axes the markers were
         in, or both; markers; center_parent_* and center_child_* (metres, in the segments' axes); error, the largest
-        standard error across a dropped axis (metres), which includes the difference between sides that disagree;
+        standard error across a dropped axis (metres), with that from skin and the differences of estimates that
+        contradict each other; floor (metres), what skin common to a segment's markers adds unseen (see `Estimate`);
         cov_xx ... cov_zz (m², in the parent's axes); axis_parent_* and axis_child_* of a hinge; radius_mean (metres) of
         the markers' spheres; sigma (metres), noise of one coordinate; rho, share of the smallest extent that is noise;
         moved_least, moved_most (degrees), root mean square angles of motion about the joint; frames; worth, the
@@ -59,12 +61,12 @@ def joint_table(joints: FoundJoints) -> pd.DataFrame:
 
 def accuracy_columns(found: FoundJoint) -> dict[str, float]:
     """Accuracy of a joint and the data behind it, under the column names of `joint_table`; NaN where there is none."""
-    names = ("error", "radius_mean", "sigma", "rho", "moved_least", "moved_most", "frames", "worth", "apart")
+    names = ("error", "floor", "radius_mean", "sigma", "rho", "moved_least", "moved_most", "frames", "worth", "apart")
     values = dict.fromkeys(names, float("nan"))
     estimate = found.estimate
     if estimate is None:
         return values
-    values |= {"error": estimate.standard_error, "frames": float(estimate.frames)}
+    values |= {"error": found.standard_error, "floor": estimate.floor, "frames": float(estimate.frames)}
     values["worth"] = float(estimate.effective_frames)
     apart = (each.distance for each in side_differences(estimate, found.others))
     values["apart"] = max(apart, default=float("nan"))

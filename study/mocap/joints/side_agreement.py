@@ -25,9 +25,10 @@ from study.mocap.geometry.moving_axes import mean_rotated_covariance, relative_r
 from study.mocap.joints.estimates import CENTIMETRE, FEWEST_FRAMES, USABLE, Estimate, JointStatus, Side
 from study.sphere.types import Floats
 
-_COMPARABLE = (*USABLE, JointStatus.UNSURE)
+COMPARABLE = (*USABLE, JointStatus.UNSURE)
 """Estimates whose covariance is valid, be it large."""
 _QUANTILE = 0.8
+_WAYS_QUANTILE = 0.975
 _AXES = np.radians(20.0)
 """Angle between two axes above which they are not axes of one hinge."""
 _ALONG = 0.05
@@ -78,7 +79,7 @@ class SideDifference:
 
 def side_differences(chosen: Estimate, others: Sequence[Estimate]) -> list[SideDifference]:
     """Differences of the other estimates from the chosen one; those that cannot be compared are left out."""
-    comparable = [e for e in others if e.status in _COMPARABLE and e.frames >= FEWEST_FRAMES]
+    comparable = [e for e in others if e.status in COMPARABLE and e.frames >= FEWEST_FRAMES]
     found = [_difference(chosen, other) for other in comparable]
     return [each for each in found if each is not None]
 
@@ -101,6 +102,69 @@ def check_against_sides(chosen: Estimate, others: Sequence[Estimate]) -> tuple[E
     worst = max(against, key=lambda each: each.distance)
     covariance = chosen.covariance + np.outer(worst.vector, worst.vector)
     return replace(chosen, covariance=covariance, status=JointStatus.DISAGREE), worst.text
+
+
+@dataclass(frozen=True)
+class WayDifference:
+    """Difference between the centres of the frames in which a joint turns one way and the other about one axis.
+
+    Attributes:
+        vector: from one to the other (3,), metres; across the axis of a hinge.
+        chi_square: squared distance in units of the standard errors.
+        directions: number of directions in which it is known.
+    """
+
+    vector: Floats
+    chi_square: float
+    directions: int
+
+    @property
+    def distance(self) -> float:
+        """Length of the difference, metres."""
+        return float(np.linalg.norm(self.vector))
+
+    @property
+    def contradicts(self) -> bool:
+        """True if not both centres can be as accurate as their errors say."""
+        return bool(self.distance > CENTIMETRE and self.chi_square > stats.chi2.ppf(_WAYS_QUANTILE, self.directions))
+
+    @property
+    def text(self) -> str:
+        """Description of the contradiction, for a user."""
+        return (
+            f"bending and straightening put it {1000 * self.distance:.0f} mm apart, beyond what the errors explain: "
+            "skin moves with it"
+        )
+
+
+def way_difference(first: tuple[Floats, Floats], second: tuple[Floats, Floats], axis: Floats | None) -> WayDifference:
+    """Difference of two centres (3,), each with its covariance (3, 3), across an axis (3,) if there is one."""
+    (one, covariance), (two, other) = first, second
+    basis = np.eye(3) if axis is None else np.linalg.svd(axis[None])[2][1:].T
+    across = basis.T @ (two - one)
+    errors = basis.T @ (covariance + other) @ basis
+    return WayDifference(basis @ across, float(across @ np.linalg.pinv(errors, hermitian=True) @ across), len(across))
+
+
+def check_both_ways(chosen: Estimate, ways: Sequence[WayDifference]) -> tuple[Estimate, str]:
+    """Flag an estimate of which bending and straightening contradict each other, and widen its covariance likewise.
+
+    Args:
+        chosen: estimate.
+        ways: differences about each axis, in its axes. The covariance grows by the square of each that contradicts.
+
+    Returns:
+        The estimate, and the reason to doubt it, or "".
+    """
+    against = [each for each in ways if each.contradicts]
+    if not against:
+        return chosen, ""
+    worst = max(against, key=lambda each: each.distance)
+    squares = sum(np.outer(each.vector, each.vector) for each in against)
+    status = JointStatus.REVERSES if chosen.status in USABLE else chosen.status
+    return replace(
+        chosen, covariance=chosen.covariance + squares, skin=chosen.skin + squares, status=status
+    ), worst.text
 
 
 def mean_difference(chosen: Estimate, x: Floats) -> Floats:

@@ -57,8 +57,13 @@ class SymmetricFit:
     effective_frames: float
 
 
-def symmetric_fit(parent: SegmentPoses, child: SegmentPoses) -> SymmetricFit | None:
+def symmetric_fit(parent: SegmentPoses, child: SegmentPoses, known_hinge: bool | None = None) -> SymmetricFit | None:
     """Fit the point in which two segments agree.
+
+    Args:
+        parent: poses of one segment.
+        child: poses of the other.
+        known_hinge: True if the joint is a hinge, False if not, None to decide by the data.
 
     Returns:
         The fit; None if the segments share fewer than four frames or do not rotate against each other.
@@ -74,7 +79,8 @@ def symmetric_fit(parent: SegmentPoses, child: SegmentPoses) -> SymmetricFit | N
     if angles.max() < _STILL:
         return None
     along = np.outer(u, v).ravel() @ each[:9] - s[0]
-    hinge = bool(1.0 - s[0] < _SIGNIFICANT * np.sqrt(long_run_covariance(along[None])[0][0, 0]) / n)
+    error = np.sqrt(long_run_covariance(along[None])[0][0, 0]) / n
+    hinge = bool(1.0 - s[0] < _SIGNIFICANT * error) if known_hinge is None else known_hinge
     c, inverse = system.solve(hinge)
     scores = np.empty((6, n))
     gap = _scores(each, _side(parent, 1.0), _side(child, 1.0), c, scores)

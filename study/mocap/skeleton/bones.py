@@ -43,3 +43,10 @@ def side(name: str) -> str:
     """Side of the body that a point's name tells: "left", "right", or "" if it tells none."""
     words = name.lower().replace("-", "_").replace(" ", "_").split("_")
     return next((word for word in ("left", "right") if word in words), "")
+
+
+def mirrored(name: str) -> str:
+    """A joint's name on the other side of the body; the same if it tells no side."""
+    if "left" in name:
+        return name.replace("left", "right")
+    return name.replace("right", "left")

@@ -12,6 +12,7 @@ from study.mocap.joints.segment_poses import SegmentPoses
 from study.mocap.markersets.marker_set import MarkerSet
 from study.mocap.skeleton.calibration import Calibration, JointPlace, SegmentShape
 from study.mocap.skeleton.draw_skeleton import draw_skeleton
+from study.mocap.skeleton.plausibility import plausibility
 
 
 def calibrate(recording: Recording, markerset: MarkerSet) -> Calibration:
@@ -32,9 +33,11 @@ def calibration_from(joints: FoundJoints, recording: Recording) -> Calibration:
     calibration = without_misfits(joints, recording)
     if not any(shape.has_own_pose for shape in calibration.shapes):
         return calibration
-    misfits = draw_skeleton(calibration, recording).misfits
-    shapes = (replace(shape, misfit=float(m)) for shape, m in zip(calibration.shapes, misfits, strict=True))
-    return replace(calibration, shapes=tuple(shapes))
+    drawn = draw_skeleton(calibration, recording)
+    warnings = plausibility(calibration, drawn, recording)
+    shapes = (replace(shape, misfit=float(m)) for shape, m in zip(calibration.shapes, drawn.misfits, strict=True))
+    places = (replace(place, warnings=warnings.get(place.joint.name, ())) for place in calibration.joints)
+    return replace(calibration, shapes=tuple(shapes), joints=tuple(places))
 
 
 def without_misfits(joints: FoundJoints, recording: Recording) -> Calibration:
@@ -110,4 +113,5 @@ def _place(found: FoundJoint, joints: FoundJoints) -> JointPlace:
         axis_in_parent=found.axis_in_parent,
         axis_in_child=found.axis_in_child,
         mean_rotation=rotation,
+        floor=float("nan") if found.estimate is None else found.estimate.floor,
     )

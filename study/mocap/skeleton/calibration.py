@@ -5,13 +5,17 @@ It belongs to a subject with its markers on. Fitted to one recording, it serves 
 Source: paper §10 ("calculations can be reused for the same actor and marker-set").
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from study.mocap.joints.estimates import JointStatus
+from study.mocap.joints.estimates import JointStatus, largest_error
+from study.mocap.joints.joint_table import SHORT_TEXTS
 from study.mocap.markersets.marker_set import Joint, MarkerSet
 from study.sphere.types import Floats
+from study.text.columns import columns
+from study.text.numbers import number
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +62,8 @@ class JointPlace:
         axis_in_child: axis of a hinge in the child's axes (3,); NaN for others.
         mean_rotation: of the child in the parent's axes (3, 3).
         trials: names of the recordings that the place comes from, if the calibration is merged from several.
+        floor: standard error from skin that shows in nothing, metres (see `Estimate`); part of no covariance.
+        warnings: reasons why it is unlike any body's joint (see `plausibility`); it is not judged by them.
     """
 
     joint: Joint
@@ -70,20 +76,23 @@ class JointPlace:
     axis_in_child: Floats
     mean_rotation: Floats
     trials: tuple[str, ...] = ()
-
-    @property
-    def standard_error(self) -> float:
-        """Largest standard error across the axis, metres; NaN if it is not known."""
-        if np.isnan(self.covariance).any():
-            return float("nan")
-        axis = np.nan_to_num(self.axis_in_parent)
-        across = np.eye(3) - np.outer(axis, axis)
-        return float(np.sqrt(max(np.linalg.eigvalsh(across @ self.covariance @ across)[-1], 0.0)))
+    floor: float = float("nan")
+    warnings: tuple[str, ...] = ()
 
     @property
     def known(self) -> bool:
         """True if its place in both of its segments is known."""
         return not (np.isnan(self.in_parent).any() or np.isnan(self.in_child).any())
+
+    @property
+    def standard_error(self) -> float:
+        """Largest standard error in the parent's axes, across the axis of a hinge, metres; NaN if unknown."""
+        return largest_error(self.covariance, None if np.isnan(self.axis_in_parent).any() else self.axis_in_parent)
+
+    @property
+    def accuracy(self) -> tuple[float, float]:
+        """Standard error and floor, metres; NaN where they are not known."""
+        return self.standard_error, self.floor
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,3 +120,17 @@ class Calibration:
     def __getitem__(self, joint: str) -> JointPlace:
         """The joint of a name (KeyError if there is none)."""
         return {place.joint.name: place for place in self.joints}[joint]
+
+    def warnings(self) -> Iterator[str]:
+        """Lay out what is unlike any body's, a line for each joint and warning."""
+        for place in self.joints:
+            yield from (f"{place.joint.name}: warning: {words}" for words in place.warnings)
+
+    def lines(self) -> Iterator[str]:
+        """Lay out status, error and floor of each joint as phase 1 found them, in millimetres, then the warnings."""
+        rows = [
+            (each.joint.name, SHORT_TEXTS[each.status], *(number(1000 * x, ".1f") for x in each.accuracy))
+            for each in self.joints
+        ]
+        yield from columns(map(list, rows), [f"joint in {self.source}", "status", "error / mm", "floor / mm"], "<<>")
+        yield from self.warnings()

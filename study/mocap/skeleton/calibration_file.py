@@ -91,6 +91,8 @@ def _joint_to_json(place: JointPlace) -> dict[str, Any]:
         "axis_in_child": _array_to_json(place.axis_in_child),
         "rest": _array_to_json(place.mean_rotation),
         "trials": place.trials,
+        "floor": None if np.isnan(place.floor) else place.floor,
+        "warnings": list(place.warnings),
     }
 
 
@@ -132,6 +134,8 @@ def _from_json(document: dict[str, Any]) -> Calibration:
                 axis_in_child=_array_from_json(each["axis_in_child"], (3,)),
                 mean_rotation=_array_from_json(each["rest"], (3, 3)),
                 trials=tuple(map(str, each.get("trials", ()))),
+                floor=float("nan") if each.get("floor") is None else float(each["floor"]),  # not in older files
+                warnings=tuple(map(str, each.get("warnings", ()))),
             )
         )
     if [shape.segment for shape in shapes] != [segment.name for segment in markerset.segments]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from study.mocap.geometry.moving_axes import to_world
 from study.mocap.io.recording import Recording, RecordingError
-from study.mocap.joints.estimates import USABLE, JointStatus
+from study.mocap.joints.estimates import DOUBTED, USABLE, JointStatus
 from study.mocap.markersets.marker_set import Segment
 from study.mocap.skeleton.bridge_gaps import expected_poses
 from study.mocap.skeleton.calibration import Calibration, JointPlace, SegmentShape
@@ -27,7 +27,7 @@ _FAR = 6.0
 """Scatters from its place beyond which a marker is rejected..."""
 _SLACK = 0.1
 """...if it is also this share of its segment's size away."""
-_PIVOTS = (*USABLE, JointStatus.DISAGREE, JointStatus.UNSURE, JointStatus.INSIGNIFICANT)
+_PIVOTS = (*USABLE, *DOUBTED, JointStatus.UNSURE, JointStatus.INSIGNIFICANT)
 """A joint that a segment rotates about even if its own markers fix its pose."""
 
 

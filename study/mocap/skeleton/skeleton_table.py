@@ -7,13 +7,12 @@ import pandas as pd
 from scipy.spatial.transform import Rotation
 
 from study.mocap.geometry.convex_hull import hull_distances
+from study.mocap.skeleton.bones import mirrored
+from study.mocap.skeleton.plausibility import UNEVEN
 from study.mocap.skeleton.scene import Flag, Scene
 from study.sphere.types import Floats
 from study.text.columns import columns
 from study.text.numbers import number
-
-UNEVEN = 0.08
-"""Difference of a bone's length from the other side's, relative to their mean, above which it is marked."""
 
 
 def skeleton_table(scene: Scene) -> pd.DataFrame:
@@ -77,7 +76,7 @@ def bone_table(scene: Scene) -> pd.DataFrame:
     table = pd.DataFrame(rows, columns=["start", "end", "length", "spread", "error"])
     pairs = [frozenset(pair) for pair in zip(table["start"], table["end"], strict=True)]
     lengths = dict(zip(pairs, table["length"], strict=True))
-    across = [frozenset(map(_mirrored, pair)) for pair in pairs]
+    across = [frozenset(map(mirrored, pair)) for pair in pairs]
     other = [lengths.get(b, np.nan) if a != b else np.nan for a, b in zip(pairs, across, strict=True)]
     table["uneven"] = (table["length"] - other) / (0.5 * (table["length"] + other))
     return table
@@ -116,10 +115,3 @@ def skeleton_lines(scene: Scene) -> Iterator[str]:
 
 def _millimetres(metres: float) -> str:
     return "-" if np.isnan(metres) else f"{1000 * metres:.1f} mm"
-
-
-def _mirrored(name: str) -> str:
-    """A joint's name on the other side of the body."""
-    if "left" in name:
-        return name.replace("left", "right")
-    return name.replace("right", "left")

@@ -6,8 +6,9 @@ from study.mocap.io.recording import Recording
 from study.mocap.synthetic import artefacts
 from study.mocap.synthetic.body_model import JOINTS, MARKERS, PARTS, nearest_pairs, unit
 from study.mocap.synthetic.body_truth import BodyTruth
-from study.mocap.synthetic.random_motion import draw_motion
+from study.mocap.synthetic.random_motion import Style, draw_motion
 from study.mocap.synthetic.recipe import Recipe
+from study.mocap.synthetic.skin import skin_motion
 from study.sphere.types import Floats
 
 
@@ -21,12 +22,11 @@ def synthesize(recipe: Recipe | None = None) -> tuple[Recording, BodyTruth]:
         recipe: the settings; their defaults if None.
     """
     r = recipe or Recipe()
-    motion = draw_motion(r.frames, r.rate, r.seed, height=r.height, reach=r.reach, independent=r.independent)
+    style: Style = "independent" if r.independent else "gait" if r.gait else "smooth"
+    motion = draw_motion(r.frames, r.rate, r.seed, height=r.height, reach=r.reach, style=style)
     segment_of = np.array([i for i, part in enumerate(PARTS) for _ in part.markers])
     offsets = r.height * np.array([place for part in PARTS for place in part.markers.values()])
-    # the pelvis has no joint to a parent; its skin follows the waist
-    phases = motion.phases[np.where(segment_of == 0, 1, segment_of)]
-    local = offsets[:, :, None] + artefacts.soft_tissue(phases, r.rate, r.soft_tissue, r.seed)
+    local = offsets[:, :, None] + skin_motion(r, motion, segment_of)
     positions = np.empty((len(MARKERS), 3, r.frames))
     for row, segment in enumerate(segment_of):
         positions[row] = np.einsum("tij,jt->it", motion.rotations[segment], local[row]) + motion.origins[segment]

@@ -16,7 +16,15 @@ NEAR, FAR = 0.002, 0.05
 def spreads(upto, above, recordings=1):
     """Spreads of joints (metres), a list for up to 200 samples and one for above, alike in all recordings."""
     rows = [
-        {"recording": r, "joint": f"joint {j}", "samples": n, "spread": s, "with_axes": s, "error": 2.0 * s}
+        {
+            "recording": r,
+            "joint": f"joint {j}",
+            "samples": n,
+            "spread": s,
+            "with_axes": s,
+            "error": 2.0 * s,
+            "doubted": False,
+        }
         for r in range(recordings)
         for values, sizes in ((upto, FEW), (above, MANY))
         for j, s in enumerate(values)
@@ -50,6 +58,17 @@ def test_verdicts(judged, upto, above, verdict):
     assert share.value == pytest.approx(np.mean(np.array(above) < 0.01))
     assert gain.value == pytest.approx(share.value - np.mean(np.array(upto) < 0.01))
     assert "14 joints of 1 recording " in share.words
+
+
+@pytest.mark.parametrize(("doubted", "verdict"), [(0, "REPRODUCED"), (2, "REPRODUCED"), (7, "PARTLY"), (14, "PARTLY")])
+def test_joints_in_doubt_carry_no_verdict(judged, doubted, verdict):
+    """Spreads of joints whose own errors are in doubt are shown, but the claim is not reproduced by them."""
+    table = spreads([FAR] * 14, [NEAR] * 14)
+    table["doubted"] = table["joint"].isin([f"joint {j}" for j in range(doubted)])
+    found = judged(table)
+    assert found.verdict.name == verdict
+    assert found.numbers[0].value == 1.0
+    assert found.numbers[2].value == pytest.approx(1 - doubted / 14)
 
 
 def test_a_share_of_its_spreads(judged):
@@ -110,7 +129,7 @@ def test_what_is_shown_besides(judged):
     """The whole answer's own error, and the axes of hinges, enter numbers of their own and no verdict."""
     table = spreads([FAR] * 10, [0.006] * 10).assign(with_axes=FAR)
     found = judged(table)
-    assert [n.value for n in found.numbers] == [1.0, 1.0, 0.0, 0.0]
+    assert [n.value for n in found.numbers] == [1.0, 1.0, 1.0, 0.0, 0.0]
     assert found.verdict is Verdict.REPRODUCED
 
 

@@ -52,6 +52,12 @@ def test_rows(folder):
     assert found.loc[("neck", 500), "with_axes"] == 0.002
 
 
+@pytest.mark.parametrize(("stored", "doubted"), [({}, True), ({"doubted": False}, False), ({"doubted": True}, True)])
+def test_doubts(folder, stored, doubted):
+    """A table of before doubts were stored rests on errors without skin, so that all its joints are in doubt."""
+    assert (read_case_studies([folder(scatter(**stored))])["doubted"] == doubted).all()
+
+
 def test_several(folder):
     """The digest of the file tells recordings apart, not its name."""
     one, seed = folder(scatter(), "a"), folder(scatter(median=0.3, recording="copy"), "b")

@@ -164,20 +164,16 @@ def test_nothing_but_missing_samples():
 
 
 def test_a_real_recording(kata_joints):
-    """Every joint of a karate kata is found or flagged with a reason; femora and tibiae of the sides agree to 8 %.
+    """Every joint of a karate kata is found, with an error that says whether it is known to a centimetre.
 
-    Forearms also rotate about their own axes, and an ankle's two sides are 12 mm apart: these joints are flagged.
+    Skin leaves none of them to a centimetre without doubt. Femora and tibiae of the sides agree to 8 %.
     """
     found = kata_joints
     assert len(found.joints) == 14
     assert all(each.estimate is not None and each.reason for each in found.joints)
     sure = {each.joint.name for each in found.joints if each.status in (JointStatus.OK, JointStatus.HINGE)}
-    sides = [f"{side}_{part}" for side in ("left", "right") for part in ("hip", "knee", "ankle", "shoulder", "elbow")]
-    parted = {each.joint.name for each in found.joints if each.status == JointStatus.DISAGREE}
-    assert sure | parted >= set(sides)
-    assert parted == {"waist", "left_elbow", "right_elbow", "right_ankle"}
-    assert all(found[name].estimate.standard_error < CENTIMETRE for name in sure)
-    assert all(found[name].estimate.standard_error > CENTIMETRE for name in parted)
+    assert all((each.estimate.standard_error < CENTIMETRE) == (each.joint.name in sure) for each in found.joints)
+    assert all(0.002 < each.estimate.floor < 0.02 for each in found.joints)
     places = {each.joint.name: each.estimate.poses.to_world(each.estimate.center) for each in found.joints}
     for above, below in (("hip", "knee"), ("knee", "ankle")):
         lengths = []

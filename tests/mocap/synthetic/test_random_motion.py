@@ -8,8 +8,8 @@ from study.mocap.synthetic.random_motion import draw_motion
 PLACE = {part.name: i for i, part in enumerate(PARTS)}
 
 
-def make(frames=3000, seed=5, reach=1.0, independent=False, rate=120.0):
-    return draw_motion(frames, rate, seed, height=1.75, reach=reach, independent=independent)
+def make(frames=3000, seed=5, reach=1.0, style="smooth", rate=120.0):
+    return draw_motion(frames, rate, seed, height=1.75, reach=reach, style=style)
 
 
 def turns(motion, part):
@@ -18,20 +18,20 @@ def turns(motion, part):
     return np.swapaxes(parent, 1, 2) @ child
 
 
-@pytest.mark.parametrize("independent", [False, True])
-def test_rotations_are_proper(independent):
-    rotations = make(independent=independent).rotations
+@pytest.mark.parametrize("style", ["smooth", "independent"])
+def test_rotations_are_proper(style):
+    rotations = make(style=style).rotations
     np.testing.assert_allclose(
         rotations @ np.swapaxes(rotations, 2, 3), np.broadcast_to(np.eye(3), rotations.shape), atol=1e-12
     )
     np.testing.assert_allclose(np.linalg.det(rotations), 1.0)
 
 
-@pytest.mark.parametrize("independent", [False, True])
+@pytest.mark.parametrize("style", ["smooth", "independent"])
 @pytest.mark.parametrize("part", [part for part in PARTS if part.joint], ids=lambda part: part.joint)
-def test_joints_stay_in_their_natural_range(part, independent):
+def test_joints_stay_in_their_natural_range(part, style):
     """Angles read back from the matrices stay in the range of motion, and use half of it at least."""
-    relative = turns(make(independent=independent), part)
+    relative = turns(make(style=style), part)
     if part.axis is None:
         angles = Rotation.from_matrix(relative).as_euler("YXZ", degrees=True).T
         limits = np.array(part.ranges)
@@ -59,7 +59,7 @@ def test_a_joint_stays_where_it_is_in_both_segments():
 def test_motion_is_smooth():
     """No angle changes faster than its range times the highest frequency; angles drawn anew do."""
     limit = 2 * np.pi * 0.7 / 120
-    smooth, anew = make(), make(independent=True)
+    smooth, anew = make(), make(style="independent")
     assert np.abs(np.diff(smooth.phases, axis=1)).max() < limit
     assert np.abs(np.diff(anew.phases, axis=1)).max() > 1.5
     assert np.abs(smooth.phases).max() <= 1.0
@@ -67,7 +67,7 @@ def test_motion_is_smooth():
 
 def test_independent_poses_are_independent():
     """The lag-one correlation of 15 phases over 3000 frames: each within 4.5 of its standard errors of zero."""
-    phases = make(independent=True).phases
+    phases = make(style="independent").phases
     correlation = [np.corrcoef(row[1:], row[:-1])[0, 1] for row in phases]
     assert np.abs(correlation).max() < 4.5 / np.sqrt(3000)
     # uniform over the range

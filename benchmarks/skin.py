@@ -1,0 +1,95 @@
+"""Coverage of the joints' errors on synthetic bodies whose skin moves, by law of the skin and range of motion.
+
+    python benchmarks/skin.py --bodies 200 --out results/skin.csv
+
+A body has 41 markers, 1 mm of noise, 10 % gaps, 16 seconds at 50 frames per second, and skin of 5 to 30 mm at the ends
+of its joints' ranges, evenly over the bodies of a cell. A row of the table is a cell: the share of joints whose 95 %
+region holds the truth, of all and of knees and elbows; the shares undoubted, and undoubted though more than 2 cm off;
+median error and median standard error, mm. A hinge is compared with its true axis. A joint without an estimate counts
+as doubted and has no region.
+"""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from scipy import stats
+
+from study.mocap.joints.estimates import USABLE
+from study.mocap.joints.fit_joints import find_joints
+from study.mocap.markersets.set_file import load_markerset
+from study.mocap.synthetic.recipe import Recipe
+from study.mocap.synthetic.synthesize import synthesize
+
+LAWS = ("none", "random", "angle", "velocity", "cluster")
+LEAST, GREATEST = 0.005, 0.030
+HINGES = ("left_elbow", "right_elbow", "left_knee", "right_knee")
+FAR = 0.02
+
+
+def compared(found, truth):
+    """A row for a joint: its name, its distance from the truth, whether its region holds it, its standard error."""
+    k, estimate = truth.joints.index(found.joint.name), found.estimate
+    row = {"joint": found.joint.name, "undoubted": found.status in USABLE}
+    if estimate is None:
+        return row | {"off": np.nan, "covered": np.nan, "error": np.nan}
+    off = estimate.center - estimate.poses.mean_place(truth.centers[k])
+    axis = estimate.axis
+    if axis is not None and not np.isnan(truth.axes[k]).any():
+        parent = truth.rotations[truth.segments.index(truth.parents[k])]
+        axis = np.nanmean(estimate.poses.to_local((parent @ truth.axes[k]).T + estimate.poses.origin), axis=1)
+    basis = np.eye(3) if axis is None else np.linalg.svd(axis[None])[2][1:].T
+    off = basis.T @ off
+    square = off @ np.linalg.pinv(basis.T @ estimate.covariance @ basis, hermitian=True) @ off
+    covered = float(square < stats.chi2.ppf(0.95, len(off)))
+    return row | {"off": np.linalg.norm(off), "covered": covered, "error": estimate.standard_error}
+
+
+def cell(law, gait, bodies):
+    """The joints of all bodies of a cell, a row each."""
+    cmu41, rows = load_markerset("cmu41"), []
+    for body in range(bodies):
+        amplitude = 0.0 if law == "none" else LEAST + (GREATEST - LEAST) * (body + 0.5) / bodies
+        skin = "mixed" if law == "none" else law
+        recipe = Recipe(800, 50.0, seed=1 + body, gaps=0.1, soft_tissue=amplitude, skin=skin, gait=gait)
+        recording, truth = synthesize(recipe)
+        rows += [compared(found, truth) for found in find_joints(cmu41, recording).joints]
+    return pd.DataFrame(rows)
+
+
+def summary(law, gait, bodies):
+    """The row of a cell."""
+    joints = cell(law, gait, bodies)
+    hinges = joints["joint"].isin(HINGES)
+    return {
+        "skin": law,
+        "motion": "gait" if gait else "functional",
+        "bodies": bodies,
+        "covered": joints["covered"].mean(),
+        "covered_hinges": joints.loc[hinges, "covered"].mean(),
+        "without_estimate": joints["covered"].isna().mean(),
+        "undoubted": joints["undoubted"].mean(),
+        "undoubted_far": (joints["undoubted"] & (joints["off"] > FAR)).mean(),
+        "median_off_mm": 1000 * joints["off"].median(),
+        "median_error_mm": 1000 * joints["error"].median(),
+    }
+
+
+def main():
+    parser = argparse.ArgumentParser(description="coverage of joints' errors where skin moves")
+    parser.add_argument("--bodies", type=int, default=200, help="bodies in each cell")
+    parser.add_argument("--skin", choices=LAWS, action="append", help="laws [default: all]")
+    parser.add_argument("--motion", choices=("functional", "gait"), action="append", help="ranges [default: both]")
+    parser.add_argument("--out", type=Path, help="CSV file, to which rows are added")
+    chosen = parser.parse_args()
+    for motion in chosen.motion or ("functional", "gait"):
+        for law in chosen.skin or LAWS:
+            row = pd.DataFrame([summary(law, motion == "gait", chosen.bodies)])
+            print(row.round(3).to_string(index=False), flush=True)
+            if chosen.out:
+                row.to_csv(chosen.out, mode="a", header=not chosen.out.exists(), index=False, float_format="%.4g")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,197 @@
+"""Errors of joints from skin that moves with them, as far as markers show it, and the floor below what any can show.
+
+The slope β of a segment's skin, m/rad, is measured where three markers of its own fix its pose (`skin_slope`), and
+drawn to the mean of those that were measured in the body so far; a segment without such a pose, as a thigh with two
+markers, gets that mean. `skin_response` makes a covariance of it. Skin that follows something else than the angle shows
+where the centre of the frames in which the joint bends is not that of the frames in which it straightens.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from study.mocap.geometry.joint_angles import angles_about_center, rotation_vectors, turning_ways
+from study.mocap.geometry.moving_axes import mean_rotated_covariance, relative_rotation
+from study.mocap.geometry.skin_response import Cluster, MarkerResponse, image_skin, pair_skin, sphere_skin
+from study.mocap.geometry.skin_slope import skin_slope
+from study.mocap.io.recording import Recording
+from study.mocap.joints.center import CONDITION_LIMIT, LocalMarker, fit_center
+from study.mocap.joints.estimates import SIGNIFICANT, Estimate
+from study.mocap.joints.segment_poses import SegmentPoses
+from study.mocap.joints.side_agreement import WayDifference, way_difference
+from study.mocap.joints.symmetric_fit import symmetric_fit
+from study.mocap.markersets.marker_set import Joint
+from study.sphere.types import Floats, Ints
+
+_FRAMES = 600
+"""Frames, spread over the recording, on which skin is measured."""
+_FEWEST = 10.0
+"""Frames for each second that are kept, whatever the length of the recording."""
+_LAG = 0.05
+"""Seconds before and after a frame by which the way is told in which a joint turns."""
+_PRIOR = 3.0
+"""Coordinates that a segment's markers must show for its own slope to weigh as much as the mean of the body's."""
+_UNSEEN = 1.5
+"""Factor on the mean for a segment that shows none of its slope, as the others scatter about their mean."""
+_FLOOR = 0.005
+"""m/rad: slope of skin that is common to the markers of a segment, half of it on the segment of the axes."""
+
+
+class _Slopes(NamedTuple):
+    """Mean square slopes β² of the skin on the segment of an estimate's axes, and on the other, (m/rad)²."""
+
+    own: float
+    other: float
+
+
+class SkinErrors:
+    """Skin of the segments of one recording, measured joint by joint.
+
+    Args:
+        recording: with the markers.
+        poses: of the segments whose own markers fix them.
+    """
+
+    def __init__(self, recording: Recording, poses: Mapping[str, SegmentPoses]) -> None:
+        self.recording, self.own = recording, dict(poses)
+        step = max(min(recording.frames // _FRAMES, int(recording.rate / _FEWEST)), 1)
+        self.part: Ints = np.arange(0, recording.frames, step)
+        self.lag = max(round(_LAG * recording.rate / step), 1)
+        self.departures = {name: self._departures(each) for name, each in self.own.items()}
+        self.measured: list[float] = []
+
+    def add(self, estimate: Estimate, joint: Joint, child: SegmentPoses | None) -> Estimate:
+        """Add the error from skin to an estimate's covariance, and find its floor.
+
+        Args:
+            estimate: of the joint.
+            joint: that it is of.
+            child: poses of the child, for an estimate from both segments.
+        """
+        angles = self._angles(estimate, joint, child)
+        frame = estimate.poses.segment
+        other = joint.parent if frame == joint.child else joint.child
+        slopes = _Slopes(self._slope(frame, angles), self._slope(other, angles))
+        limit = _Slopes((0.5 * _FLOOR) ** 2, _FLOOR**2)
+        skin, floor = self._covariances(estimate, child, angles, (slopes, limit))
+        return replace(
+            estimate,
+            covariance=estimate.covariance + skin,
+            skin=estimate.skin + skin,
+            floor=float(np.sqrt(max(np.linalg.eigvalsh(floor)[-1], 0.0))),
+        )
+
+    def ways(self, estimate: Estimate, joint: Joint, child: SegmentPoses | None) -> list[WayDifference]:
+        """Compare an estimate's centres from the frames in which the joint turns one way and the other.
+
+        Args:
+            estimate: of the joint.
+            joint: that it is of.
+            child: poses of the child, for an estimate from both segments.
+
+        Returns:
+            A difference for each axis about which the joint turns: two, one for a hinge, fewer where a fit fails.
+        """
+        found = []
+        both = turning_ways(self._angles(estimate, joint, child), self.lag, 2 if estimate.axis is None else 1)
+        for ways in both:
+            one, two = (self._refit(estimate, child, self.part[frames]) for frames in ways)
+            if one is not None and two is not None:
+                found.append(way_difference(one, two, estimate.axis))
+        return found
+
+    def _refit(self, estimate: Estimate, child: SegmentPoses | None, part: Ints) -> tuple[Floats, Floats] | None:
+        """Centre (3,) and covariance (3, 3) of an estimate from some of the frames; None if they do not give one."""
+        poses = estimate.poses.in_frames(part)
+        if estimate.pair is not None and child is not None:
+            pair = symmetric_fit(poses, child.in_frames(part), estimate.pair.hinge)
+            return None if pair is None else (pair.in_parent, pair.covariance)
+        markers = [
+            LocalMarker(poses.to_local(self.recording.of(name)[:, part]), used[part], poses.sigma**2)
+            for name, used in zip(estimate.markers, estimate.used, strict=True)
+        ]
+        noise = poses.noise if estimate.noise == "pose" else poses.noise.removed
+        hinge = estimate.sphere is not None and estimate.sphere.axis is not None
+        fit = fit_center(markers, noise, hinge, 0.0 if estimate.noise == "none" else None)
+        if fit is None or not (fit.condition < CONDITION_LIMIT and fit.significance > SIGNIFICANT):
+            return None
+        return fit.center, fit.covariance
+
+    def _angles(self, estimate: Estimate, joint: Joint, child: SegmentPoses | None) -> Floats:
+        """Rotation vectors of the joint (3, frames of the part) in the axes of an estimate, radians."""
+        one = estimate.poses.in_frames(self.part)
+        two = child or self.own.get(joint.parent if one.segment == joint.child else joint.child)
+        if two is not None:
+            return rotation_vectors(relative_rotation(one.rotation, two.in_frames(self.part).rotation))
+        y = one.to_local(np.stack([self.recording.of(name)[:, self.part] for name in estimate.markers]))
+        return angles_about_center(y, estimate.used[:, self.part], estimate.center)
+
+    def _slope(self, segment: str, angles: Floats) -> float:
+        """β² of a segment's skin with a joint, (m/rad)²; 0 if no segment showed any so far."""
+        found = skin_slope(self.departures[segment], angles) if segment in self.departures else float("nan")
+        if not np.isnan(found):
+            self.measured.append(found)
+        if not self.measured:
+            return 0.0
+        mean = float(np.mean(self.measured))
+        if np.isnan(found):
+            return _UNSEEN * mean
+        shown = 3 * len(self.departures[segment]) - 6
+        return (shown * found + _PRIOR * mean) / (shown + _PRIOR)
+
+    def _departures(self, poses: SegmentPoses) -> Floats:
+        """Distances of a segment's markers from its template (m, 3, frames of the part); NaN unless all are good."""
+        x = np.stack([self.recording.of(name)[:, self.part] for name in poses.points])
+        y = poses.in_frames(self.part).to_local(x) - poses.template[:, :, None]
+        return np.where(poses.good[:, self.part].all(axis=0), y, np.nan)
+
+    def _covariances(
+        self, estimate: Estimate, child: SegmentPoses | None, angles: Floats, several: tuple[_Slopes, ...]
+    ) -> list[Floats]:
+        """Covariance of an estimate's centre from skin (3, 3), m², for each of several slopes."""
+        frame = self._cluster(estimate.poses)
+        if estimate.pair is None or child is None:
+            response = self._response(estimate, angles)
+            return [sphere_skin(response, frame, slopes.other, slopes.own) for slopes in several]
+        x = angles[:, ~np.isnan(angles[0])]
+        x = x - x.mean(axis=1, keepdims=True)
+        one, two = estimate.poses.in_frames(self.part), child.in_frames(self.part)
+        both = one.known & two.known
+        rotation = relative_rotation(one.rotation[:, :, both], two.rotation[:, :, both])
+        images = image_skin(frame, estimate.center, 1.0)
+        others = mean_rotated_covariance(rotation, image_skin(self._cluster(two), estimate.pair.in_child, 0.5))
+        basis = _across(estimate.axis)
+        moved = [slopes.own * images + slopes.other * others for slopes in several]
+        return [pair_skin(x @ x.T / max(x.shape[1], 1), basis, each) for each in moved]
+
+    def _response(self, estimate: Estimate, angles: Floats) -> MarkerResponse:
+        """Response of a sphere fit to skin."""
+        fit, poses = estimate.sphere, estimate.poses.in_frames(self.part)
+        assert fit is not None
+        basis = _across(fit.axis)
+        within = basis @ basis.T
+        inverse = basis @ np.linalg.pinv(basis.T @ fit.normal @ basis, hermitian=True) @ basis.T
+        rows = []
+        for name, seen, weight in zip(estimate.markers, estimate.used, fit.weights, strict=True):
+            y = poses.to_local(self.recording.of(name)[:, self.part])
+            used = seen[self.part] & ~np.isnan(angles[0]) & ~np.isnan(y[0])
+            if not (weight > 0.0 and used.sum() > 1):
+                continue
+            place = y[:, used].mean(axis=1)
+            arm = within @ (place - estimate.center)
+            length = max(float(np.linalg.norm(arm)), 1e-300)
+            z = within @ (y[:, used] - place[:, None])
+            rows.append((weight * length * z @ angles[:, used].T / used.sum(), arm / length, place))
+        slopes, arms, places = (np.array([row[i] for row in rows]) for i in range(3))
+        return MarkerResponse(inverse, slopes.reshape(-1, 3, 3), arms.reshape(-1, 3), places.reshape(-1, 3))
+
+    def _cluster(self, poses: SegmentPoses) -> Cluster:
+        """Points of a segment's pose: markers on skin, and joints."""
+        return Cluster(poses.template, np.array([name in self.recording.markers for name in poses.points]))
+
+
+def _across(axis: Floats | None) -> Floats:
+    """Directions across an axis as columns (3, 2); all three, if there is none."""
+    return np.eye(3) if axis is None else np.asarray(np.linalg.svd(axis[None])[2][1:].T)
