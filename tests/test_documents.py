@@ -40,6 +40,15 @@ def test_dead_links_are_found():
     assert list(dead(page, text)) == ["nowhere.md#", "theory.md#nothing"]
 
 
+def test_outputs_in_the_readme_are_those_of_a_page_that_is_run():
+    """Each line that the README says a command prints stands in a page of the site, whose commands are run."""
+    pages = "\n".join(path.read_text(encoding="utf-8") for path in ROOT.glob("docs/*.md"))
+    blocks = re.findall(r"(?:^ {4}.*\n|^\n)+", (ROOT / "README.md").read_text(encoding="utf-8"), re.MULTILINE)
+    shown = [line.strip() for block in blocks if "    $ " in block for line in block.splitlines() if line.strip()]
+    assert len(shown) > 5
+    assert [line for line in shown if line.replace("$ .venv/bin/", "$ ") not in pages] == []
+
+
 def test_the_site_lists_every_page():
     """Every page of docs/ stands in the navigation, and everything there is a page."""
     listed = set(re.findall(r": ([\w-]+\.md)$", (ROOT / "mkdocs.yml").read_text(encoding="utf-8"), re.MULTILINE))

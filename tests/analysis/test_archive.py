@@ -2,10 +2,13 @@
 
 import hashlib
 import json
+import shutil
 import zipfile
 
 import pytest
+from typer.testing import CliRunner
 
+from study import cli
 from study.analysis.archive.archive import archive
 from study.runs.storage.run_folder import Run, RunError
 
@@ -107,8 +110,6 @@ def test_equal_runs_make_equal_archives(run, tmp_path):
 
 def test_a_damaged_run_is_refused(run, tmp_path):
     """With the command that makes the table again; no file is written."""
-    import shutil
-
     folder = shutil.copytree(run.folder, tmp_path / "damaged")
     path = folder / "errors.parquet"
     path.write_bytes(path.read_bytes()[:-1] + b"x")
@@ -117,6 +118,14 @@ def test_a_damaged_run_is_refused(run, tmp_path):
     ):
         archive([Run.open(folder)], tmp_path / "out.zip")
     assert not (tmp_path / "out.zip").exists()
+
+
+def test_the_command(run, tmp_path):
+    """It prints the file, and how much is in it."""
+    done = CliRunner().invoke(cli.app, ["archive", str(run.folder), "--out", str(tmp_path / "one.zip")])
+    assert done.exit_code == 0, done.output
+    assert done.output.startswith(f"{tmp_path / 'one.zip'}: 1 run, ")
+    assert zipfile.is_zipfile(tmp_path / "one.zip")
 
 
 def test_mistakes(run, tmp_path):

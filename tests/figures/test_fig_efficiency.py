@@ -185,6 +185,14 @@ def test_drawn(small):
     assert [text.get_text() for text in alone.axes[0].texts] == []
 
 
+def test_five_curves_at_most(small):
+    """The paper's and the default come first, others in the order of the config; the stamp names the rest."""
+    names = ["taubin", "pratt", "mle", "gdke", "als", "corrected"]
+    frame = fig_efficiency.prepare(small(names=names, angles=[45.0]))
+    assert set(frame.curves["estimator"]) == {"gdke", "mle", "als", "corrected", "taubin"}
+    assert "not drawn: Pratt" in frame.stamp
+
+
 @pytest.mark.parametrize(("count", "panels"), [(1, 1), (3, 3), (8, 6)])
 def test_panels(small, count, panels):
     """One panel per angle, six at most, and no empty ones."""

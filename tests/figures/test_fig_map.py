@@ -41,6 +41,12 @@ def grid(make_rows, make_tables):
     return make
 
 
+def test_noise_beyond_the_shown_range_is_left_out(grid):
+    """From 10⁻⁴ to 10²; a run with fewer than two levels there is shown as it is."""
+    assert set(fig_map.prepare(grid(levels=[1e-9, 1e-3, 10.0, 1e9])).ratios["level"]) == {1e-3, 10.0}
+    assert set(fig_map.prepare(grid(levels=[1e-9, 1e-7])).ratios["level"]) == {1e-9, 1e-7}
+
+
 def test_medians_of_the_first_radius(grid):
     """Failures count as worse than any; on the sphere the unit is the median length of a Gaussian, over √tr."""
     tables = grid()

@@ -114,5 +114,7 @@ def _json(content: object) -> str:
 def printed(runs: Sequence[Run], out: Path) -> Iterator[str]:
     """The archive in words."""
     with zipfile.ZipFile(out) as file:
-        size = sum(entry.file_size for entry in file.infolist())
-        yield f"{out}: {len(runs)} runs, {len(file.infolist())} files, {size / 1e6:.1f} MB unpacked"
+        entries = file.infolist()
+    size = sum(entry.file_size for entry in entries) / 1e6
+    count = "1 run" if len(runs) == 1 else f"{len(runs)} runs"
+    yield f"{out}: {count}, {len(entries)} files, {size:.1f} MB unpacked"

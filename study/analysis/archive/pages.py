@@ -48,8 +48,10 @@ Then, in this folder,
     study run configs/{first.name}.toml --out again/{first.name}
     study diff runs/{first.name} again/{first.name}
 
-compute the run again. The tables `errors` and `summary` have the same digests, on any number of workers; `timings` has
-the seconds of another time. A run with estimators of one's own needs `--plugin FILE`; its manifest names the file.
+compute the run again. The tables `errors` and `summary` have the same digests, on any number of workers. (A
+table names the commit that made it: another commit gives another digest, and `study diff` says if the numbers are equal
+to the bit.) `timings` has the seconds of another time. A run with estimators of one's own needs
+`--plugin FILE`; its manifest names the file.
 """
 
 

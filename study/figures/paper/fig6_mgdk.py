@@ -134,7 +134,7 @@ def _circles(ax: Axes, frame: MarkersFrame) -> None:
     ax.plot(0, 0, "+", color="black", markersize=8, zorder=6)
     span = 1.25 * frame.true_radii[0]
     ax.set(xlim=(-span, span), ylim=(-span, span), aspect="equal", xlabel="$x_1 - c_1$", ylabel="$x_2 - c_2$")
-    ax.text(0.02, 0.015, "dashed, +: truth", transform=ax.transAxes, va="bottom", fontsize=style.SMALL)
+    ax.text(0.02, 0.015, "grey, +: truth", transform=ax.transAxes, va="bottom", fontsize=style.SMALL)
     ax.set_title("one data set", loc="left")
 
 
