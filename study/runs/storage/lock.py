@@ -14,6 +14,8 @@ from study.runs.storage.atomic_write import RunError, explained
 _NAME = ".lock"
 _PATIENCE = 0.5
 """Seconds to wait, because `holder` holds the lock for a moment."""
+_NO_NAME: tuple[type[OSError], ...] = (PermissionError,) if os.name == "nt" else ()
+"""Windows lets nobody write to a locked file, so that its writer stays without a name."""
 
 
 @contextlib.contextmanager
@@ -33,7 +35,7 @@ def writing(folder: Path) -> Iterator[None]:
         with explained(folder):
             raise error
     try:
-        with explained(folder):
+        with explained(folder), contextlib.suppress(*_NO_NAME):
             path.write_text(json.dumps({"process": os.getpid(), "host": socket.gethostname()}), encoding="utf-8")
         yield
     finally:
