@@ -164,6 +164,26 @@ def stopping(tables: Tables) -> str:
     return _markdown(["", "normal", "Cauchy"], rows)
 
 
+SKIN = {
+    "none": "noise alone",
+    "random": "random in time",
+    "angle": "linear in the angle, each marker its own",
+    "velocity": "linear in the velocity",
+    "cluster": "linear in the angle, common to a segment",
+}
+
+
+def skin(tables: Tables) -> str:
+    """Errors of joints where skin moves the markers of synthetic bodies."""
+    rows = []
+    for row in tables("skin").to_dict("records"):
+        shares = [_short(row[key]) for key in ("covered", "covered_hinges", "undoubted")]
+        off = f"{row['median_off_mm']:.1f} / {row['median_error_mm']:.1f}"
+        rows.append([SKIN[row["skin"]], row["motion"], *shares, _short(row["undoubted_far"], 3), off])
+    head = ["skin", "motion", "covered", "knees, elbows", "undoubted", "undoubted, > 2 cm off", "off / stated"]
+    return _markdown(head, rows)
+
+
 def speed(tables: Tables) -> str:
     """Ratios of the stored benchmarks."""
     table = tables("bench").set_index(["group", "what"])["ratio"]
