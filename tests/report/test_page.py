@@ -128,7 +128,7 @@ def test_figures(document, page, feeds):
     assert len(document.of("img")) == page.count("data:image/png;base64,") == len(feeds)
     for name, run in feeds.items():
         assert f"{name}, run {run}" in document.text
-    assert "Look at: the straight line over most decades" in document.text
+    assert "Look at: above, the straight line over most decades" in document.text
     assert "Figure 7: median error against the number of samples, with the exponent" in document.text
     assert "The paper's figure 7 plots" not in document.text
 

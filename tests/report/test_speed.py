@@ -25,7 +25,7 @@ def stored(tmp_path):
 
 def test_a_table_for_each_group(stored):
     """In the order of the file, cells as they are stored, the machine named."""
-    (section,) = speed_section(Material([], None, {}, {}, read_bench(stored)))
+    (section,) = speed_section(Material([], None, {}, {}, None, [], read_bench(stored)))
     text, *tables = section.content
     assert "Some CPU" in text.content
     assert [table.caption for table in tables] == ["loop, per sample", "memory"]
@@ -38,7 +38,7 @@ def test_a_table_for_each_group(stored):
 
 def test_no_table_no_section():
     """A page about runs alone has none."""
-    assert list(speed_section(Material([], None, {}, {}))) == []
+    assert list(speed_section(Material([], None, {}, {}, None, []))) == []
 
 
 @pytest.mark.parametrize("content", [None, "", "a,b\n1,2\n", ",".join(COLUMNS) + "\n", "\xff\xfe"])
