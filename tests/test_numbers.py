@@ -9,6 +9,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from study.runs.storage.run_folder import Run
+
 ROOT = Path(__file__).parents[1]
 spec = importlib.util.spec_from_file_location("bound_numbers", ROOT / "docs" / "bound_numbers.py")
 bound_numbers = importlib.util.module_from_spec(spec)
@@ -56,6 +58,14 @@ def changed(bound, table, rows, columns, one):
         frame.loc[index, column] = 1.37 * frame.loc[index, column] + 0.37
     copy.table = lambda name: frame if name == table else bound.table(name)
     return copy
+
+
+def test_the_reference_run_is_whole():
+    """Its manifest and its tables have the digests that were stored with them: `make paper` compares with it."""
+    run = Run.open(ROOT / "results" / "paper")
+    assert run.manifest()["run"] == "paper-8689e37964"
+    assert len(run.table("summary")) > 100
+    assert len(run.table("claims")) == 23
 
 
 def test_every_number_is_that_of_its_table(bound):
