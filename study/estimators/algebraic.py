@@ -160,7 +160,8 @@ def fuller(samples: Samples) -> Estimates:
 
     Source: Fuller 1987 §2.5; theory §9.3, (9.4).
     """
-    return shrunk(samples, root(samples, 2.0 * samples.shape[1]))
+    eta = root(samples, 2.0 * samples.shape[1])
+    return shrunk(samples, eta, fuller_constant(samples, eta))
 
 
 def fuller_constant(samples: Samples, eta: Floats) -> Floats:
@@ -177,9 +178,9 @@ def fuller_constant(samples: Samples, eta: Floats) -> Floats:
     return np.asarray(few + (many - few) / (1.0 + np.where(known > 0.0, known, 0.0) / _KNOWN**2))
 
 
-def shrunk(samples: Samples, eta: Floats) -> Estimates:
-    """The fit of `fuller` from the root η (b,) of `als`."""
-    shrink = np.maximum(1.0 - fuller_constant(samples, eta) / samples.regression.n, 0.0)
+def shrunk(samples: Samples, eta: Floats, alpha: Floats) -> Estimates:
+    """The fit of `fuller` from the root η (b,) of `als` and Fuller's α (b,)."""
+    shrink = np.maximum(1.0 - alpha / samples.regression.n, 0.0)
     fit = member(samples, shrink * eta, -float(samples.shape[1]))
     fit.status[(fit.status == Status.OK) & ~_significant(samples, eta, 2.0)[:, 0]] = Status.INSIGNIFICANT
     return fit

@@ -98,7 +98,8 @@ def share_of_pair(eta: Floats, least: Floats) -> Floats:
 
 def _fit(samples: Samples, eta: Floats, pair: float | Floats) -> Estimates:
     """The root of the equations near the fit of `fuller`, given the root η (b,) of `als`, and ν."""
-    fit, regression = shrunk(samples, eta), samples.regression
+    alpha, regression = fuller_constant(samples, eta), samples.regression
+    fit = shrunk(samples, eta, alpha)
     fit.condition.fill(np.nan)
     d, n = fit.center.shape[1], regression.n
     variance = np.where(n > d + 1.0, np.maximum(eta, _ROUNDING * regression.square) * (n - 1.0) / n, 0.0)
@@ -108,7 +109,7 @@ def _fit(samples: Samples, eta: Floats, pair: float | Floats) -> Estimates:
         radius=fit.radius.copy(),
         variance=variance,
         pair=pair + np.zeros_like(eta),
-        fuller=fuller_constant(samples, eta),
+        fuller=alpha,
     )
     _fit_all(samples.rows, abreast(samples.source), start, fit, zeros(d), zeros(d, d))
     return fit
