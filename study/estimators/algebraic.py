@@ -25,8 +25,8 @@ _EPS = 2.0**-52
 _MAX_STEPS = 200
 _FULLER = (2.0, 7.0)
 """Fuller's constant α where the points determine the curvature well, and where they do not."""
-_KNOWN = 5.0
-"""Curvature over its standard error at which α is halfway."""
+_SEEN = 5.0
+"""Wald statistic of the curvature at which α is halfway: noise on a plane exceeds it once in forty times."""
 _THREE_SIGMA = 0.0027
 """Share of a Gaussian beyond three standard deviations on both sides."""
 
@@ -161,11 +161,11 @@ def fuller(samples: Samples) -> Estimates:
     Source: Fuller 1987 §2.5; theory §9.3, (9.4).
     """
     eta = root(samples, 2.0 * samples.shape[1])
-    return shrunk(samples, eta, fuller_constant(samples, eta))
+    return shrunk(samples, eta, fuller_constant(samples))
 
 
-def fuller_constant(samples: Samples, eta: Floats) -> Floats:
-    """Fuller's α for each set (b,), given the root η (b,) of `als`.
+def fuller_constant(samples: Samples) -> Floats:
+    """Fuller's α for each set (b,).
 
     The least mean square error needs more of his term where the points hardly determine the curvature, and none where
     they do.
@@ -173,9 +173,27 @@ def fuller_constant(samples: Samples, eta: Floats) -> Floats:
     Source: theory (9.4).
     """
     few, many = _FULLER
+    with np.errstate(over="ignore"):
+        return np.asarray(few + (many - few) / (1.0 + (wald_of_curvature(samples) / _SEEN) ** 2))
+
+
+def wald_of_curvature(samples: Samples) -> Floats:
+    """Wald statistic W of the curvature across the least extent, for each set (b,).
+
+    It tests whether |y|², regressed on y = x - x̄, depends on y along the least eigen-direction of C. By chance alone it
+    is about 1, as where noise hides the curvature of a cap; it is infinite where the regression leaves no residuals.
+
+    Source: theory (9.4).
+    """
+    regression, (values, cross, mean) = samples.regression, samples.spectrum.along
+    n = regression.n
     with np.errstate(all="ignore"):
-        known = samples.regression.n * (samples.spectrum.values[:, 0] - eta) / eta
-    return np.asarray(few + (many - few) / (1.0 + np.where(known > 0.0, known, 0.0) / _KNOWN**2))
+        # Correlations first: squares of the covariances would overflow in large units.
+        norm = np.sqrt(values) * np.sqrt(regression.variance)[:, None]
+        explained = np.nansum((cross / norm) ** 2, axis=1) * (n - 1.0) / n
+        least = (cross[:, 0] - 2.0 * values[:, 0] * mean[:, 0]) / norm[:, 0]
+        wald = (n - 1.0) * least**2 / (1.0 - explained)
+    return np.where(explained < 1.0, np.nan_to_num(wald, nan=0.0), np.inf)
 
 
 def shrunk(samples: Samples, eta: Floats, alpha: Floats) -> Estimates:

@@ -4,9 +4,12 @@ import numpy as np
 import pytest
 from scipy.optimize import root
 from scipy.special import erf
+from scipy.stats import norm
 
 import study
 from study import Status
+from study.estimators import algebraic
+from study.estimators.samples import Samples
 
 MEMBERS = {"corrected_01": 0.0, "corrected_02": 0.5, "corrected_12": 1.0}
 
@@ -32,10 +35,19 @@ def terms(unknowns, points, share):
     return np.column_stack([weight[:, None] * e, distance - mean, square])
 
 
+def wald_of_curvature(points):
+    """Squared t value of |y|² regressed on the coordinate along the least extent, with n degrees of freedom."""
+    y = points - points.mean(axis=0)
+    along = y @ np.linalg.eigh(y.T @ y)[1]
+    square = (y * y).sum(axis=1)
+    design = np.column_stack([np.ones(len(y)), along])
+    slopes, left = np.linalg.lstsq(design, square)[:2]
+    return float(slopes[1] ** 2 * (along[:, 0] ** 2).sum() / (left[0] / len(y)))
+
+
 def fuller_constant(points):
-    """Fuller's constant by theory (9.4), with the η of `als` and the least eigenvalue λ of C: their ratio is ρ."""
-    share = study.fit(points, "als").condition
-    return 2.0 + 5.0 / (1.0 + len(points) * (1.0 / share - 1.0) / 25.0)
+    """Fuller's constant by theory (9.4)."""
+    return 2.0 + 5.0 / (1.0 + (wald_of_curvature(points) / 5.0) ** 2)
 
 
 def equations(unknowns, points, share):
@@ -149,6 +161,28 @@ def test_fuller_formula(rng, on_cap):
     eta = float(study.fit(points, "als").condition) * np.linalg.eigvalsh(c)[0]
     center = points.mean(axis=0) + 0.5 * np.linalg.solve(c - eta * (1 - fuller_constant(points) / 30) * np.eye(3), s)
     np.testing.assert_allclose(study.fit(points, "fuller").center, center, rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize("unit", [1e-30, 1.0, 1e50])
+@pytest.mark.parametrize(("n", "angle", "noise"), [(10, 180.0, 0.3), (30, 45.0, 0.1), (1000, 5.0, 0.01)])
+def test_wald_of_curvature(rng, on_cap, n, angle, noise, unit):
+    """It is that of an ordinary regression, in every unit."""
+    points = on_cap(rng, n, angle, noise=noise, sets=20)[0]
+    found = algebraic.wald_of_curvature(Samples(points.swapaxes(1, 2) * unit))
+    np.testing.assert_allclose(found, [wald_of_curvature(one) for one in points], rtol=1e-9)
+
+
+def test_wald_of_curvature_on_a_plane(rng):
+    """Noise on a plane exceeds 5 once in forty times (a normal's square; 4.5 standard errors of 20,000 planes)."""
+    points = np.stack([*rng.uniform(-1, 1, (2, 20_000, 300)), 0.01 * rng.standard_normal((20_000, 300))], axis=1)
+    share = (algebraic.wald_of_curvature(Samples(points)) > 5.0).mean()
+    assert share == pytest.approx(2 * norm.sf(5.0**0.5), abs=4.5 * (0.025 / 20_000) ** 0.5)
+
+
+def test_wald_of_curvature_without_noise(rng, on_cap):
+    """Without noise α is 2, or the noise is nothing: `fuller` is exact."""
+    points = on_cap(rng, 20, 30.0, noise=0.0, center=2.0)[0]
+    np.testing.assert_allclose(study.fit(points, "fuller").center, 2.0, rtol=0, atol=1e-9)
 
 
 def test_fuller_has_no_heavy_tail(rng, on_cap):

@@ -98,7 +98,7 @@ def share_of_pair(eta: Floats, least: Floats) -> Floats:
 
 def _fit(samples: Samples, eta: Floats, pair: float | Floats) -> Estimates:
     """The root of the equations near the fit of `fuller`, given the root η (b,) of `als`, and ν."""
-    alpha, regression = fuller_constant(samples, eta), samples.regression
+    alpha, regression = fuller_constant(samples), samples.regression
     fit = shrunk(samples, eta, alpha)
     fit.condition.fill(np.nan)
     d, n = fit.center.shape[1], regression.n
