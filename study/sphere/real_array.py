@@ -16,8 +16,13 @@ def real_array(values: ArrayLike, name: str) -> NDArray[Any]:
     Raises:
         TypeError: if they are text, truth values, complex numbers or objects. The message names the dtype and, for a
             data frame, the columns.
+        ValueError: if they form no array, because rows have different lengths.
     """
-    array = np.asarray(values)
+    try:
+        array = np.asarray(values)
+    except ValueError as error:
+        remedy = "give rows equally many numbers, and sets equally many rows, NaN where some are missing"
+        raise ValueError(f"{name} form no array: {remedy}") from error
     if array.dtype.kind not in "fiu":
         array = _from_frame(values, array, name)
     if isinstance(values, np.ma.MaskedArray):  # a mask means missing, which is NaN here

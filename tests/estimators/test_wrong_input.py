@@ -26,6 +26,13 @@ def test_dtypes(call, kind):
 
 
 @pytest.mark.parametrize("call", CALLS.values(), ids=CALLS)
+def test_rows_of_different_lengths(call):
+    """They form no array, and the message says what would."""
+    with pytest.raises(ValueError, match=r"(points|directions) form no array: give rows equally many numbers"):
+        call([*POINTS.tolist(), [1.0, 2.0]])
+
+
+@pytest.mark.parametrize("call", CALLS.values(), ids=CALLS)
 def test_frames_with_text(call):
     """The columns that are not numbers are named, and the others are offered."""
     frame = pd.DataFrame(UNIT, columns=list("xyz")).assign(name="a", good=True)
