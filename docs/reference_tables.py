@@ -17,7 +17,7 @@ from study.analysis.summary_text import as_data
 from study.estimators.own.plugin_file import load
 from study.runs.commands import run_folder
 from study.runs.storage.run_folder import Run
-from study.sphere.cap import cap_moments
+from study.sphere.cap_moments import cap_moments
 
 RESULTS = Path(__file__).resolve().parents[1] / "results"
 KEPT = ["planned", "ok", "ratio_median_ok", "ratio_median_ok_error", "ratio_median_all", "ratio_median_all_error"]

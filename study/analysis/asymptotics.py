@@ -1,6 +1,6 @@
 """Expectations from theory on a cap: GDKE's bias, noise limits of estimators, and the median error at a bound.
 
-Directions u uniform on a cap have mean (m₁, 0, …) and covariance diag(Kₐ, Kₚ, …): `study.sphere.cap.cap_moments`. With
+Directions u uniform on a cap have mean (m₁, 0, …) and covariance diag(Kₐ, Kₚ, …): `study.sphere.cap_moments`. With
 the radius as the unit the points' variance along the axis, v, is Kₐ, and noise is σ/r.
 """
 
@@ -8,11 +8,11 @@ import math
 from functools import lru_cache
 
 import numpy as np
-from scipy import special
+import scipy
 
 from study.sphere.attainable import by_quadrature, cramer_rao
-from study.sphere.cap import CapMoments
 from study.sphere.cap_mixture import Cap, unit_rule
+from study.sphere.cap_moments import CapMoments
 from study.sphere.types import Floats
 
 _NODES = 24
@@ -115,7 +115,7 @@ def _median_length(along: float, across: float, dimension: int) -> float:
     def excess(length: float) -> float:
         limit = length / math.sqrt(along)
         z = limit * nodes
-        inside = special.gammainc(0.5 * (dimension - 1), 0.5 * (length**2 - along * z**2) / across)
+        inside = scipy.special.gammainc(0.5 * (dimension - 1), 0.5 * (length**2 - along * z**2) / across)
         return float(limit * np.sum(weights * np.exp(-0.5 * z**2) * inside)) / math.sqrt(2.0 * math.pi) - 0.5
 
     from scipy.optimize import brentq  # imported here, as it takes as long as the rest of the module

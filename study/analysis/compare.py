@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy import stats
+import scipy
 
 from study.analysis.error_groups import Grouped, Key
 from study.estimators import Status
@@ -64,7 +64,7 @@ class Comparison:
     @property
     def deviation(self) -> float:
         """The difference in standard errors: the normal deviate that is as improbable."""
-        size = float(stats.norm.isf(0.5 * max(self.chance, 1e-300)))
+        size = float(scipy.stats.norm.isf(0.5 * max(self.chance, 1e-300)))
         return math.copysign(size, self.other - self.one) if math.isfinite(self.other - self.one) else size
 
 
@@ -148,7 +148,8 @@ def _paired(key: Key, one: pd.DataFrame, other: pd.DataFrame, paired: bool) -> C
     medians = [float(np.median(v)) if len(v) else math.nan for v in values]
     blank = Comparison(key, words, "median over bound", medians[0], medians[1], 1.0, min(len(one), len(other)), False)
     if not len(both):
-        chance = stats.mannwhitneyu(values[0], values[1]).pvalue if len(np.unique(np.concatenate(values))) > 1 else 1.0
+        differ = len(np.unique(np.concatenate(values))) > 1
+        chance = scipy.stats.mannwhitneyu(values[0], values[1]).pvalue if differ else 1.0
         return replace(blank, chance=float(chance))
     same = len(both) == len(one) == len(other)
     for name in ("error", "radius_error", "status"):
@@ -157,7 +158,7 @@ def _paired(key: Key, one: pd.DataFrame, other: pd.DataFrame, paired: bool) -> C
     with np.errstate(invalid="ignore"):
         rounding = (np.abs(first - second) <= _ROUNDING) | (first == second)
     worse, better = int(np.sum(second[~rounding] > first[~rounding])), int(np.sum(second[~rounding] < first[~rounding]))
-    chance = stats.binomtest(worse, worse + better).pvalue if worse + better else 1.0
+    chance = scipy.stats.binomtest(worse, worse + better).pvalue if worse + better else 1.0
     return replace(
         blank,
         one=float(np.median(first)),
@@ -193,7 +194,7 @@ def _by_summary(one: Run, other: Run) -> tuple[list[Comparison], tuple[int, int]
 
 def _shares(one: "pd.Series[float]", other: "pd.Series[float]") -> tuple[float, float, float]:
     counts = [[int(row["ok"]), int(row["planned"] - row["ok"])] for row in (one, other)]
-    return one["ok"] / one["planned"], other["ok"] / other["planned"], float(stats.fisher_exact(counts)[1])
+    return one["ok"] / one["planned"], other["ok"] / other["planned"], float(scipy.stats.fisher_exact(counts)[1])
 
 
 def _medians(one: "pd.Series[float]", other: "pd.Series[float]") -> tuple[float, float, float]:
@@ -208,7 +209,7 @@ def _medians(one: "pd.Series[float]", other: "pd.Series[float]") -> tuple[float,
     if not away > 0.0 or not math.isfinite(error):
         return values[0], values[1], 1.0
     freedom = math.sqrt(min(one["ok"], other["ok"]))
-    return values[0], values[1], 2.0 * float(stats.t.sf(away / error, freedom)) if error > 0.0 else 0.0
+    return values[0], values[1], 2.0 * float(scipy.stats.t.sf(away / error, freedom)) if error > 0.0 else 0.0
 
 
 def _words(row: "pd.Series[float]", key: Key) -> str:
@@ -260,7 +261,7 @@ def printed(found: Difference, most: int = 5) -> Iterator[str]:
     yield f"  compared: {found.how}; {len(found.found):,} comparisons, {equal:,} of them equal to the bit"
     if found.identical:
         return
-    limit = float(stats.norm.isf(0.5 * found.threshold))
+    limit = float(scipy.stats.norm.isf(0.5 * found.threshold))
     beyond = sum(each.chance < found.threshold for each in found.found)
     yield f"  {beyond:,} deviate by more than {limit:.2f} standard errors (marked !), which makes runs different;"
     yield f"  equal runs deviate so far at most once in {1 / FALSE_ALARM:g} times"

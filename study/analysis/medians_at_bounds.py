@@ -6,7 +6,7 @@ from typing import NamedTuple
 from study.analysis.asymptotics import median_at_bound, median_attainable
 from study.experiment.conditions import ANGLE, NOISE_OVER_RADIUS, RowValues, bound_law
 from study.experiment.config import Study
-from study.sphere.cap import cap_moments
+from study.sphere.cap_moments import cap_moments
 
 
 class AtBounds(NamedTuple):

@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import scipy
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from scipy import stats
 
 from study.figures import style
 from study.figures.inputs import NotApplicable, Tables
@@ -127,7 +127,7 @@ def _fill(noise_is: str, color: str) -> str:
 
 
 def _draw_ranks(ax: Axes, frame: CalibrationFrame) -> None:
-    band = float(stats.kstwo.ppf(0.95, frame.trials))
+    band = float(scipy.stats.kstwo.ppf(0.95, frame.trials))
     ax.axhspan(-band, band, color="#ececec", zorder=0, linewidth=0.0)
     ax.axhline(0.0, color="black", linewidth=0.8)
     reach = band
@@ -148,7 +148,7 @@ def _draw_ranks(ax: Axes, frame: CalibrationFrame) -> None:
 def _draw_coverage(ax: Axes, frame: CalibrationFrame) -> None:
     several = frame.coverage["likelihood"].nunique() > 1
     for level in LEVELS:
-        low, high = stats.binom.ppf([0.025, 0.975], frame.trials, level) / frame.trials
+        low, high = scipy.stats.binom.ppf([0.025, 0.975], frame.trials, level) / frame.trials
         ax.axvspan(low, high, color="#ececec", zorder=0, linewidth=0.0)
         ax.axvline(level, color="black", linewidth=0.8, zorder=1)
     labels = []

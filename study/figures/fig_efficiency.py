@@ -27,7 +27,7 @@ from study.analysis.asymptotics import gdke_leaves, median_at_bound, median_atta
 from study.experiment.conditions import STORED
 from study.figures import style
 from study.figures.inputs import NotApplicable, Tables, at_first
-from study.sphere.cap import CapMoments, cap_moments
+from study.sphere.cap_moments import CapMoments, cap_moments
 from study.statistics.measures import quantile
 
 _LEAST_LEVELS = 4

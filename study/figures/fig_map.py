@@ -23,7 +23,7 @@ from matplotlib.figure import Figure
 from study.analysis.asymptotics import median_at_bound
 from study.figures import style
 from study.figures.inputs import NotApplicable, Tables, at_first
-from study.sphere.cap import cap_moments
+from study.sphere.cap_moments import cap_moments
 
 _LEAST = 2
 _FAR = 100.0

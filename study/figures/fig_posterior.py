@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import scipy
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Rectangle
-from scipy import stats
 
 from study.estimators import Status
 from study.experiment.posterior_config import ChainStatus
@@ -103,7 +103,7 @@ def _view(words: str, draws: pd.DataFrame, errors: pd.DataFrame, row: Any, colum
     shown = np.concatenate([cloud, answers, [-2.6 * sd, 2.6 * sd]])
     low, high = shown.min(axis=0) - 0.3 * sd, shown.max(axis=0) + 0.3 * sd
     x, y = (np.linspace(low[i], high[i], _GRID) for i in (0, 1))
-    density = stats.gaussian_kde(cloud.T, lambda kde: _SMOOTH * kde.scotts_factor())
+    density = scipy.stats.gaussian_kde(cloud.T, lambda kde: _SMOOTH * kde.scotts_factor())
     place = np.stack(np.meshgrid(x, y)).reshape(2, -1)
     here, at_draws = density(place).reshape(_GRID, _GRID), np.sort(density(cloud.T))
     denser = 1.0 - np.searchsorted(at_draws, here) / len(at_draws)
@@ -132,7 +132,7 @@ def _plane(ax: Axes, view: ParameterPlane, names: list[str]) -> None:
     for level, shade in zip(_LEVELS, _SHADES[::-1], strict=True):
         ax.add_patch(Rectangle((0.0, 0.0), 0.0, 0.0, color=shade, label=f"posterior, {level:.0%}".replace("%", " %")))
     values, vectors = np.linalg.eigh(view.bound)
-    long, short = 2.0 * np.sqrt(stats.chi2.ppf(_LEVELS[-1], 2) * values[::-1])
+    long, short = 2.0 * np.sqrt(scipy.special.chdtri(2, 1.0 - _LEVELS[-1]) * values[::-1])
     turn = float(np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1])))
     line = {"fill": False, "linestyle": (0, (4, 2.5)), "linewidth": 1.0, "zorder": 3, "label": "bound, 95 %"}
     ax.add_patch(Ellipse((0.0, 0.0), long, short, angle=turn, edgecolor="black", **line))

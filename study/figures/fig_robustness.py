@@ -29,7 +29,7 @@ from study.experiment.conditions import LAW, OUTLIER_SHARE, OUTLIER_SIZE
 from study.experiment.noise.laws import NORMAL, excess_kurtosis, freedom
 from study.figures import style
 from study.figures.inputs import NotApplicable, Tables, at_first
-from study.sphere.cap import cap_moments
+from study.sphere.cap_moments import cap_moments
 
 _LEAST = 3
 _MOST_ROWS = 4

@@ -12,10 +12,10 @@ from typing import Any
 
 import matplotlib
 import numpy as np
+import scipy
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
-from scipy.optimize import isotonic_regression
 
 from study.runs.storage.atomic_write import RunError, write
 from study.sphere.types import Floats
@@ -155,7 +155,7 @@ def spread(wanted: Sequence[float], heights: Sequence[float]) -> Floats:
     order = np.argsort(values, kind="stable")
     steps = np.concatenate([[0.0], np.cumsum(0.5 * (sizes[order][1:] + sizes[order][:-1]))])
     # minus the steps, places must not decrease: isotonic regression; clipping keeps the optimum
-    free = isotonic_regression(values[order] - steps).x
+    free = scipy.optimize.isotonic_regression(values[order] - steps).x
     low, high = 0.5 * sizes[order[0]], 1.0 - 0.5 * sizes[order[-1]] - steps[-1]
     placed = np.empty_like(values)
     placed[order] = np.clip(free, low, max(low, high)) + steps

@@ -10,7 +10,7 @@ give uniform ranks up to terms of the order of σ²/v, if the likelihood is that
 
 import numpy as np
 import pandas as pd
-from scipy import stats
+import scipy
 
 from study.estimators import Status
 from study.experiment.conditions import STORED
@@ -89,7 +89,7 @@ def coverage(found: pd.DataFrame) -> pd.DataFrame:
     for keys, part in found.groupby(["likelihood", "noise_is", "method"], sort=False, observed=True):
         inside, ok = part["level"].to_numpy(), part["ok"].to_numpy()
         for level in LEVELS:
-            test = stats.binomtest(int(np.sum(ok & (inside < level))), len(part), level)
+            test = scipy.stats.binomtest(int(np.sum(ok & (inside < level))), len(part), level)
             low, high = test.proportion_ci(0.95, method="exact")
             row: dict[str, object] = dict(zip(["likelihood", "noise_is", "method"], keys, strict=True))
             row |= {"level": level, "trials": len(part), "failed": int(np.sum(~ok)), "share": test.statistic}
@@ -114,7 +114,7 @@ def uniformity(found: pd.DataFrame) -> pd.DataFrame:
             ranks = part[name].dropna().to_numpy()
             if len(ranks) < 2:
                 continue
-            test = stats.kstest(ranks, "uniform")
+            test = scipy.stats.kstest(ranks, "uniform")
             row: dict[str, object] = dict(zip(["likelihood", "noise_is", "method"], keys, strict=True))
             row |= {"parameter": name.removeprefix("rank_"), "trials": len(ranks), "mean": float(ranks.mean())}
             rows.append(row | {"distance": float(test.statistic), "p": float(test.pvalue)})

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from scipy import stats
+import scipy
 
 from study.estimators import ESTIMATORS, Samples
 from study.estimators.registry import fit_samples
@@ -13,7 +13,7 @@ from study.experiment.config import Study
 from study.experiment.replay import Trial
 from study.posterior.sampler import Chain
 from study.runs.storage import schemas
-from study.sphere.cap import cap_moments
+from study.sphere.cap_moments import cap_moments
 from study.sphere.types import Floats
 
 Row = dict[str, Any]
@@ -104,7 +104,7 @@ def _answer(trial: Trial, name: str, draws: Floats, known: bool) -> Row:
     answer = np.append(fit.center[0] - np.array(trial.cell.center), fit.radius[0] - trial.cell.radius)
     error = fit.standard_errors[0]
     spare = samples.x.shape[2] - d - 1
-    law = stats.norm() if given else stats.t(spare) if spare > 0 else None
+    law = scipy.stats.norm() if given else scipy.stats.t(spare) if spare > 0 else None
     row: Row = {"estimator": name, "status": int(fit.own_status[0]), "distance": math.nan, "level": math.nan}
     mean, sd = np.full(d + 1, math.nan), np.full(d + 1, math.nan)
     if len(draws):
@@ -119,7 +119,7 @@ def _answer(trial: Trial, name: str, draws: Floats, known: bool) -> Row:
     covariance = fit.covariance[0, :d, :d]
     if law is not None and np.isfinite(covariance).all() and np.isfinite(answer[:d]).all():
         square = _squares(answer[None, :d], covariance)[0]
-        row["level"] = float(stats.chi2.cdf(square, d) if given else stats.f.cdf(square / d, d, spare))
+        row["level"] = float(scipy.stats.chi2.cdf(square, d) if given else scipy.stats.f.cdf(square / d, d, spare))
     return row
 
 

@@ -18,8 +18,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from study.sphere.cap import cap_moments
 from study.sphere.cap_mixture import Cap, Orders, Positions, derivatives, directions, kernels, polynomials, positions
+from study.sphere.cap_moments import cap_moments
 from study.sphere.types import Floats
 
 _NODES = 48

@@ -7,11 +7,9 @@ for cosines, so no digit is lost at tiny angles: 1 - cos φ is formed as 2 sin²
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import special
 
 from study.sphere.cap_quantile import CapLaw, cap_law, to_heights
 from study.sphere.jit import CHUNK, compiled, fill
@@ -220,30 +218,3 @@ def sample_cap(
     normal[0] -= sign
     normal /= np.linalg.norm(normal)
     return sign * (points - 2.0 * np.outer(points @ normal, normal))
-
-
-class CapMoments(NamedTuple):
-    """Moments of directions uniform on a cap."""
-
-    mean: float
-    along: float
-    across: float
-
-
-def cap_moments(half_angle: float, dimension: int) -> CapMoments:
-    """Mean m₁ and variances Kₐ along the axis, Kₚ across it.
-
-    Args:
-        half_angle: φ in radians.
-        dimension: d ≥ 2.
-
-    They follow from the moments of the height by quadrature, without cancellation at small angles.
-    """
-    nodes, weights = special.roots_legendre(64)
-    theta = 0.5 * half_angle * (nodes + 1.0)
-    share = weights * np.sin(theta) ** (dimension - 2)
-    share /= share.sum()
-    height = 2.0 * np.sin(0.5 * theta) ** 2
-    mean = float(share @ height)
-    across = float(share @ np.sin(theta) ** 2) / (dimension - 1)
-    return CapMoments(1.0 - mean, float(share @ (height - mean) ** 2), across)

@@ -10,7 +10,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from scipy import special
+import scipy
 
 from study.sphere.types import Floats
 
@@ -47,7 +47,7 @@ class Orders(NamedTuple):
 @lru_cache(maxsize=16)
 def unit_rule(nodes: int) -> tuple[Floats, Floats]:
     """Nodes and weights of Gauss and Legendre between -1 and 1; they take as long as what they are used for."""
-    return tuple(map(np.asarray, special.roots_legendre(nodes)))  # type: ignore[return-value]
+    return tuple(map(np.asarray, scipy.special.roots_legendre(nodes)))  # type: ignore[return-value]
 
 
 def rule(low: Floats | float, high: Floats | float, nodes: int) -> tuple[Floats, Floats]:
@@ -93,7 +93,7 @@ def _azimuth(kappa: Floats, d: int) -> Orders:
     if d == 2:  # w is a sign
         return Orders(0.5 + 0.5 * np.exp(-2.0 * kappa), -0.5 * np.expm1(-2.0 * kappa))
     if d == 3:
-        return Orders(special.i0e(kappa), special.i1e(kappa))
+        return Orders(scipy.special.i0e(kappa), scipy.special.i1e(kappa))
     order = 0.5 * (d - 3)
     return Orders(_bessel(order, kappa), kappa / (d - 1) * _bessel(order + 1.0, kappa))
 
@@ -102,8 +102,9 @@ def _bessel(order: float, x: Floats) -> Floats:
     """exp(-x) ₀F₁(; order + 1; x²/4) = Γ(order + 1) (2/x)^order exp(-x) I_order(x)."""
     value, small = np.empty_like(x), x < 30.0 * (1.0 + order)
     near, far = x[small], x[~small]  # to either side, a series and an expansion that lose nothing
-    value[small] = special.hyp0f1(order + 1.0, 0.25 * near * near) * np.exp(-near)
-    value[~small] = np.exp(special.gammaln(order + 1.0) - order * np.log(0.5 * far)) * special.ive(order, far)
+    value[small] = scipy.special.hyp0f1(order + 1.0, 0.25 * near * near) * np.exp(-near)
+    scale = np.exp(scipy.special.gammaln(order + 1.0) - order * np.log(0.5 * far))
+    value[~small] = scale * scipy.special.ive(order, far)
     return value
 
 
@@ -153,7 +154,7 @@ def _series(first: Floats, second: Floats, c: float, unit: float, terms: int) ->
     """Coefficients of hᵏ, k < terms, in exp(first h) ₀F₁(; c; second h (2 - unit h)); new last axis."""
     powers = [np.zeros_like(second) for _ in range(terms)]
     for j in range(terms):
-        factor = second**j / (math.factorial(j) * special.poch(c, j))
+        factor = second**j / (math.factorial(j) * scipy.special.poch(c, j))
         for i in range(min(j + 1, terms - j)):
             powers[i + j] += factor * math.comb(j, i) * 2.0 ** (j - i) * (-unit) ** i
     exponential = [first**k / math.factorial(k) for k in range(terms)]

@@ -14,7 +14,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from scipy import fft, special
+import scipy
 
 from study.sphere.jit import CHUNK, compiled, fill
 from study.sphere.types import Floats
@@ -48,7 +48,7 @@ def _series(function: Callable[[Floats], Floats], singularity: float) -> Floats:
     """
     count = 2 * math.ceil(0.5 * 53.0 * math.log(2.0) / math.acosh(abs(2.0 * singularity - 1.0)) + 0.5)
     z = np.cos(0.5 * math.pi * (np.arange(count) + 0.5) / count) ** 2
-    series: Floats = fft.dct(function(z)) / count
+    series: Floats = scipy.fft.dct(function(z)) / count
     series[0] *= 0.5
     return series
 
@@ -56,7 +56,7 @@ def _series(function: Callable[[Floats], Floats], singularity: float) -> Floats:
 @lru_cache
 def _rule(dimension: int) -> tuple[Floats, Floats]:
     """Nodes on (0, 1) and weights that integrate sin^(d-2) over any cap up to the hemisphere to rounding."""
-    nodes, weights = special.roots_legendre(32 + dimension)
+    nodes, weights = scipy.special.roots_legendre(32 + dimension)
     return 0.5 * (nodes + 1.0), 0.5 * weights
 
 

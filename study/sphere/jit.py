@@ -8,26 +8,26 @@ Every compiled function of the package is decorated with :func:`compiled` and so
 * ``forceinline``: a function that two others call is compiled into each. On its own it would have a version in each,
   and which of them runs would depend on whether they were just compiled or come from the cache: bits would differ.
 
+The compiler is loaded when a compiled function is first called: a program that calls none starts in half the time.
+
 A loop over samples keeps its sums in the value that :func:`zeros` returns: tuples in few dimensions, whose length the
 compiler knows, so that it unrolls the loops over coordinates and vectorises the one over samples; arrays in many.
 :func:`put` and :func:`fresh` work on both, so that each sum is written once for every dimension.
 """
 
+import functools
 import hashlib
+import threading
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Protocol, TypeVar, cast
+from typing import Any, Literal, Protocol, TypeVar, cast
 
 import numpy as np
-from llvmlite.ir import IRBuilder, Value
-from numba import njit, types
-from numba.core.typing.templates import Signature
-from numba.cpython.unsafe.tuple import tuple_setitem
-from numba.extending import intrinsic, overload
 
 from study.sphere.types import Floats
 
 F = TypeVar("F", bound=Callable[..., object])
+Inline = Literal["never", "always"]
 
 CHUNK = 256
 """Samples that a kernel handles at a time: d + 2 rows of 256 doubles, and the samples, stay in a first-level cache."""
@@ -69,22 +69,91 @@ def _discard_stale_code() -> None:
         return
 
 
-_discard_stale_code()
+_overloads: list[tuple[Callable[..., Any], Callable[..., Any], Inline]] = []
+"""Functions that the compiler does not know yet, what it shall compile in place of each, and if it inlines that."""
+_lock = threading.RLock()
+
+
+class Kernel:
+    """A function that is compiled, or read from the cache on disk, when it is first called.
+
+    Args:
+        function: the function.
+        fastmath: names of LLVM's flags for floating-point arithmetic, or False.
+    """
+
+    __name__: str
+    __qualname__: str
+
+    def __init__(self, function: Callable[..., object], fastmath: set[str] | bool) -> None:
+        functools.update_wrapper(self, function)
+        self.function = function
+        self.fastmath = fastmath
+        self._code: Callable[..., object] | None = None
+
+    def __call__(self, *arguments: object) -> object:
+        """Call the compiled function."""
+        return (self._code or self.code)(*arguments)
+
+    def __reduce__(self) -> str:
+        """Pickle the function by its name, as any function."""
+        return self.__qualname__
+
+    @property
+    def code(self) -> Any:
+        """Numba's function."""
+        if self._code is None:
+            with _lock:
+                self._code = self._code or _compiler()(
+                    cache=True, nogil=True, error_model="numpy", forceinline=True, fastmath=self.fastmath
+                )(self.function)
+        return self._code
+
+
+@functools.cache
+def _load_compiler() -> Any:
+    """Load Numba, and tell it what a kernel is that another one calls."""
+    _discard_stale_code()
+    from numba import njit, types
+    from numba.extending import typeof_impl
+
+    @typeof_impl.register(Kernel)
+    def _type_of(kernel: Kernel, _: object) -> Any:
+        return types.Dispatcher(kernel.code)
+
+    return njit
+
+
+def _compiler() -> Any:
+    """Numba's decorator; it has been told of all overloads."""
+    njit = _load_compiler()
+    from numba.extending import overload
+
+    while _overloads:
+        function, make, inline = _overloads.pop()
+        overload(function, inline=inline)(make)
+    return njit
+
+
+def overload(function: Callable[..., Any], inline: Inline = "never") -> Callable[[F], F]:
+    """Say what is compiled where a kernel calls a function, as `numba.extending.overload`, which this stands for."""
+
+    def note(make: F) -> F:
+        with _lock:
+            _overloads.append((function, make, inline))
+        return make
+
+    return note
 
 
 def compiled(function: F) -> F:
     """Compile a function with the package's options, and cache the code on disk."""
-    return _njit(function, {"reassoc", "contract", "arcp", "nsz"})
+    return cast(F, Kernel(function, {"reassoc", "contract", "arcp", "nsz"}))
 
 
 def compiled_as_written(function: F) -> F:
     """Compile a function without ``fastmath``: its numbers have the same bits wherever it is inlined."""
-    return _njit(function, False)
-
-
-def _njit(function: F, fastmath: set[str] | bool) -> F:
-    compiler = njit(cache=True, nogil=True, error_model="numpy", forceinline=True, fastmath=fastmath)
-    return cast(F, compiler(function))
+    return cast(F, Kernel(function, False))
 
 
 def zeros(dimension: int, per: int = 1) -> Sums:
@@ -103,20 +172,27 @@ def fresh(sums: Sums) -> Sums:
     return sums
 
 
-_replaced = cast(Callable[[Sums, int, float], Sums], tuple_setitem)
-
-
 # Numba calls an overload with types in place of values, and wants the same annotations in it and in what it returns.
 @overload(put, inline="always")
 def _put(sums: Any, i: int, value: float) -> Callable[[Any, int, float], Sums]:
+    from numba.cpython.unsafe.tuple import tuple_setitem
+
+    replaced = cast(Callable[[Sums, int, float], Sums], tuple_setitem)
+
     def unrolled(sums: Any, i: int, value: float) -> Sums:
-        return _replaced(sums, i, value)
+        return replaced(sums, i, value)
 
     def stored(sums: Any, i: int, value: float) -> Sums:
         sums[i] = value
         return sums  # type: ignore[no-any-return]
 
-    return unrolled if isinstance(sums, types.BaseTuple) else stored
+    return unrolled if _is_tuple(sums) else stored
+
+
+def _is_tuple(kind: object) -> bool:
+    from numba import types
+
+    return isinstance(kind, types.BaseTuple)
 
 
 @overload(fresh, inline="always")
@@ -127,21 +203,32 @@ def _fresh(sums: Any) -> Callable[[Any], Sums]:
     def copied(sums: Any) -> Sums:
         return sums.copy()  # type: ignore[no-any-return]
 
-    return same if isinstance(sums, types.BaseTuple) else copied
+    return same if _is_tuple(sums) else copied
 
 
-@intrinsic
-def _fma(
-    typing: object, factor: types.Type, other: types.Type, term: types.Type
-) -> tuple[Signature, Callable[..., Value]]:
-    def generate(context: object, builder: IRBuilder, signature: object, arguments: tuple[Value, ...]) -> Value:
-        return builder.fma(*arguments)
-
-    return types.float64(types.float64, types.float64, types.float64), generate
+def fma(factor: float, other: float, term: float) -> float:
+    """``factor * other + term``, rounded once: the same bits wherever it is inlined. For kernels alone."""
+    raise NotImplementedError
 
 
-fma = cast(Callable[[float, float, float], float], _fma)
-"""``factor * other + term``, rounded once: the same bits wherever it is inlined."""
+@overload(fma, inline="always")
+def _fma(factor: float, other: float, term: float) -> Callable[[float, float, float], float]:
+    from numba import types
+    from numba.extending import intrinsic
+
+    @intrinsic
+    def instruction(typing: object, factor: object, other: object, term: object) -> Any:
+        def generate(context: object, builder: Any, signature: object, arguments: tuple[Any, ...]) -> Any:
+            return builder.fma(*arguments)
+
+        return types.float64(types.float64, types.float64, types.float64), generate
+
+    at_once = cast(Callable[[float, float, float], float], instruction)
+
+    def once(factor: float, other: float, term: float) -> float:
+        return at_once(factor, other, term)
+
+    return once
 
 
 @compiled

@@ -11,9 +11,8 @@ from collections.abc import Callable
 from typing import Any, NamedTuple, cast
 
 import numpy as np
-from numba.extending import overload
 
-from study.sphere.jit import CHUNK, Sums, compiled, compiled_as_written, fma, fresh, put
+from study.sphere.jit import CHUNK, Sums, compiled, compiled_as_written, fma, fresh, overload, put
 from study.sphere.types import Floats
 
 BLOCK = 32 * CHUNK

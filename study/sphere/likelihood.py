@@ -16,7 +16,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy import special
+import scipy
 
 from study.sphere.jit import compiled
 from study.sphere.types import Floats
@@ -80,7 +80,7 @@ def _log_spread(k: Floats, dimension: int) -> Floats:
     if dimension == 3:
         return np.asarray(np.log(-np.expm1(-2.0 * k) / (2.0 * k)))
     order = 0.5 * dimension - 1.0
-    bessel = np.log(special.ive(order, np.minimum(k, 1e8)))
+    bessel = np.log(scipy.special.ive(order, np.minimum(k, 1e8)))
     large = -0.5 * np.log(2.0 * math.pi * k) + np.log1p((0.125 - 0.5 * order**2) / k)
     return np.asarray(np.where(k > 1e8, large, bessel) + math.lgamma(order + 1.0) + order * np.log(2.0 / k))
 

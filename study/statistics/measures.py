@@ -8,7 +8,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from study.sphere.types import Bools, Floats
 
@@ -81,7 +81,7 @@ def inside(errors: Floats, sd: Floats, level: float) -> Bools:
     Returns:
         True for each ellipsoid that contains the truth (trials,).
     """
-    return np.asarray(np.sum((errors / sd) ** 2, axis=1) <= stats.chi2.ppf(level, errors.shape[1]))
+    return np.asarray(np.sum((errors / sd) ** 2, axis=1) <= scipy.special.chdtri(errors.shape[1], 1.0 - level))
 
 
 def share(count: float, total: int) -> Measure:

@@ -18,7 +18,7 @@ from study.analysis.asymptotics import (
     ugdk_leaves,
     ugdk_variance,
 )
-from study.sphere.cap import cap_moments
+from study.sphere.cap_moments import cap_moments
 
 
 def test_gdke_bias():

@@ -5,7 +5,7 @@ import pytest
 
 import study
 from study import Status
-from study.sphere.cap import cap_moments as moments_of
+from study.sphere.cap_moments import cap_moments as moments_of
 
 
 def on_arcs(rng, sets, n, angle, noise, d=3):

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from study.sphere.cap import cap_moments, heights, sample_cap
+from study.sphere.cap import heights, sample_cap
+from study.sphere.cap_moments import cap_moments
 
 EPS = np.finfo(float).eps
 ANGLES = [20.0, 90.0, 150.0, 180.0]

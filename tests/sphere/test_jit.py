@@ -1,20 +1,23 @@
 """Compiled code in the cache never outlives a change in its sources, and computes the bits of code just compiled."""
 
 import os
+import pickle
 import shutil
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
 import study
+from study.sphere.jit import compiled, total
 
 PROGRAM = """
 import numpy as np
 from study.sphere.bounds import _scatter, weighted_scatter
 sums, _, _ = weighted_scatter(np.ones((1, 2, 4)), np.ones((1, 4)))
-print(sums[0], sum(_scatter.stats.cache_hits.values()))
+print(sums[0], sum(_scatter.code.stats.cache_hits.values()))
 """
 
 FITS = """
@@ -65,15 +68,16 @@ def test_change_in_a_called_function_reaches_its_caller(package):
 def test_changes_that_discard_the_cache(package, changed, discarded):
     """A change in any folder with compiled code discards that of all such folders; a change elsewhere does not."""
     copy, run = package
-    run("import study.sphere.jit")
+    used = "from study.sphere.jit import total; import numpy; total(numpy.ones(2))"
+    run(used)
     stale = copy / "mocap" / "geometry" / "__pycache__" / "kabsch.some_kernel.nbi"
     stale.parent.mkdir(exist_ok=True)
     stale.touch()
-    run("import study.sphere.jit")
+    run(used)
     assert stale.exists()
     with (copy / changed).open("a") as source:
         source.write("# changed\n")
-    run("import study.sphere.jit")
+    run(used)
     assert stale.exists() != discarded
 
 
@@ -81,3 +85,22 @@ def test_code_just_compiled_and_code_from_the_cache_have_the_same_bits(package):
     """LLS in the process that compiled it once differed in the last bit from LLS in all others."""
     _, run = package
     assert run(FITS) == run(FITS)
+
+
+def test_two_threads_that_call_first_share_one_compiled_function():
+    """Every call before the compiler is loaded comes to the same function, which answers as Python does."""
+
+    @compiled
+    def twice(x: float) -> float:
+        """Double a number."""
+        return 2.0 * x
+
+    with ThreadPoolExecutor(4) as pool:
+        assert list(pool.map(twice, range(8))) == [2.0 * k for k in range(8)]
+        assert len(set(pool.map(lambda _: id(twice.code), range(8)))) == 1
+    assert (twice.__name__, twice.__doc__) == ("twice", "Double a number.")
+
+
+def test_kernels_are_pickled_by_name():
+    """A worker process gets the function of its own package."""
+    assert pickle.loads(pickle.dumps(total)) is total

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pandas as pd
-from scipy import stats
+import scipy
 
 from study.analysis.claims.claim import Claim, Number, Verdict
 from study.analysis.claims.error_rows import (
@@ -19,7 +19,7 @@ from study.analysis.claims.error_rows import (
 )
 from study.analysis.claims.evidence import Evidence
 from study.analysis.claims.medians import exponent, median, ratio
-from study.sphere.cap import cap_moments
+from study.sphere.cap_moments import cap_moments
 from study.sphere.types import Floats
 from study.statistics.measures import UNKNOWN, Measure, mean, moments_exist, share
 
@@ -68,7 +68,7 @@ def _covered(vectors: Floats) -> Measure:
         return UNKNOWN
     inverse = np.linalg.inv(np.cov(vectors.T))
     distance = np.einsum("ti,ij,tj->t", vectors, inverse, vectors)
-    return share(int(np.sum(distance <= stats.chi2.ppf(_LEVEL, vectors.shape[1]))), len(vectors))
+    return share(int(np.sum(distance <= scipy.special.chdtri(vectors.shape[1], 1.0 - _LEVEL))), len(vectors))
 
 
 def _axis_bias(rows: pd.DataFrame) -> Measure:

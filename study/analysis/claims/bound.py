@@ -8,7 +8,7 @@ import math
 from itertools import pairwise
 
 import pandas as pd
-from scipy import stats
+import scipy
 
 from study.analysis.asymptotics import bound_shares, kappa, ugdk_variance
 from study.analysis.claims.claim import Claim, Number, Verdict
@@ -16,10 +16,10 @@ from study.analysis.claims.criteria import on_par
 from study.analysis.claims.error_rows import LEAST, WHOLE, cells, error_over, relative_noise, rows_of
 from study.analysis.claims.evidence import Evidence
 from study.analysis.claims.medians import At, furthest_from_one, greatest, median
-from study.sphere.cap import CapMoments, cap_moments
+from study.sphere.cap_moments import CapMoments, cap_moments
 from study.statistics.measures import Measure, mean, moments_exist, quantile, root_mean_square
 
-_NORMAL_MEDIAN = float(stats.norm.ppf(0.75))
+_NORMAL_MEDIAN = float(scipy.special.ndtri(0.75))
 """Median of the absolute value of a standard normal deviate."""
 
 
@@ -107,7 +107,7 @@ def _judge_bound(numbers: list[Number]) -> Verdict:
 
 def _measure_even(evidence: Evidence) -> list[Number]:
     errors = evidence.table("efficiency", "errors")
-    efficient = math.sqrt(stats.chi2.ppf(0.5, 3) / 3.0)  # three equal variances, as on the whole sphere
+    efficient = math.sqrt(scipy.special.chdtri(3, 0.5) / 3.0)  # three equal variances, as on the whole sphere
     rows = rows_of(errors, "gdke")
     rows = rows[relative_noise(rows) <= 0.32]
     words = "GDKE's median error over that of an efficient estimator, greatest for σ ≤ .3 r"

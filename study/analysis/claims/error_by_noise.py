@@ -25,7 +25,7 @@ from study.analysis.claims.error_rows import (
 from study.analysis.claims.evidence import Evidence
 from study.analysis.claims.medians import At, exponent, furthest_from_one, greatest, median, ratio
 from study.analysis.error_groups import decade
-from study.sphere.cap import cap_moments
+from study.sphere.cap_moments import cap_moments
 from study.sphere.types import Floats
 from study.statistics.measures import UNKNOWN
 

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import special
+import scipy
 
 from study.experiment.noise.further_numbers import FurtherNumbers
 from study.sphere.types import Floats
@@ -21,4 +21,4 @@ class LaplaceNoise:
 
     def applied(self, noise: Floats, numbers: FurtherNumbers) -> Floats:
         """The quantile of each normal number z in this law: -sign(z) (ln 2 + ln Φ(-|z|))/√2, exact in the tails."""
-        return np.asarray(-np.sign(noise) * (math.log(2.0) + special.log_ndtr(-np.abs(noise))) * math.sqrt(0.5))
+        return np.asarray(-np.sign(noise) * (math.log(2.0) + scipy.special.log_ndtr(-np.abs(noise))) * math.sqrt(0.5))

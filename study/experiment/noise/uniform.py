@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import special
+import scipy
 
 from study.experiment.noise.further_numbers import FurtherNumbers
 from study.sphere.types import Floats
@@ -21,4 +21,4 @@ class UniformNoise:
 
     def applied(self, noise: Floats, numbers: FurtherNumbers) -> Floats:
         """The quantile of each normal number z in this law: √3 (2Φ(z) - 1) = √3 erf(z/√2)."""
-        return np.asarray(math.sqrt(3.0) * special.erf(math.sqrt(0.5) * noise))
+        return np.asarray(math.sqrt(3.0) * scipy.special.erf(math.sqrt(0.5) * noise))

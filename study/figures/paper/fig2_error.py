@@ -18,10 +18,10 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import scipy
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from scipy import stats
 
 from study.analysis.error_groups import decade
 from study.estimators import Status
@@ -112,7 +112,7 @@ def _panel(name: str, part: pd.DataFrame, limits: tuple[int, int]) -> dict[str, 
     some = usable.iloc[:_MOST_FOR_SLOPE]  # trials are exchangeable
     slope = low = high = math.nan
     if len(some) >= 3:
-        slope, _, low, high = stats.theilslopes(np.log10(some["error"]), np.log10(some["noise"]), alpha=0.95)
+        slope, _, low, high = scipy.stats.theilslopes(np.log10(some["error"]), np.log10(some["noise"]), alpha=0.95)
     on_scale = (part["error"] >= 10.0 ** limits[0]) & (part["error"] <= 10.0 ** limits[1])
     return {
         "estimator": name,

@@ -26,7 +26,7 @@ from matplotlib.lines import Line2D
 from study.analysis.asymptotics import gdke_bias, median_at_bound
 from study.figures import style
 from study.figures.inputs import NotApplicable, Tables, at_first
-from study.sphere.cap import cap_moments
+from study.sphere.cap_moments import cap_moments
 from study.sphere.types import Bools, Floats
 from study.statistics.measures import power_law
 

@@ -29,7 +29,6 @@ import pyarrow.parquet as pq
 
 from study.experiment.config import Study, load
 from study.experiment.config_faults import ConfigError
-from study.experiment.replay import locate
 from study.runs.storage import digests, manifest, schemas
 from study.runs.storage.atomic_write import RunError, explained, join, write, write_table
 from study.runs.storage.manifest import Manifest, ManifestDamagedError, ManifestMissingError, ManifestNewerError
@@ -161,6 +160,8 @@ class Run:
             ReplayError: if there is no such cell.
             RunError: if the run did not finish.
         """
+        from study.experiment.replay import locate  # imported here, as few callers draw trials
+
         cell, where = locate(self.study, name)
         # a row group has the range of each column, so that groups without the cell are not read
         rows = [("cell", "==", cell.name), ("trial", ">=", where[0].first), ("trial", "<", where[-1].last)]
