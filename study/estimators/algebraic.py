@@ -172,28 +172,36 @@ def fuller_constant(samples: Samples) -> Floats:
 
     Source: theory (9.4).
     """
+    alpha = np.empty(len(samples.regression.n))
+    _constants(samples.regression, samples.spectrum, alpha)
+    return alpha
+
+
+@compiled
+def _constants(regression: Regression, spectrum: Spectrum, alpha: Floats) -> None:
     few, many = _FULLER
-    with np.errstate(over="ignore"):
-        return np.asarray(few + (many - few) / (1.0 + (wald_of_curvature(samples) / _SEEN) ** 2))
+    for t in range(alpha.size):
+        alpha[t] = few + (many - few) / (1.0 + (_wald_of_curvature(regression, spectrum, t) / _SEEN) ** 2)
 
 
-def wald_of_curvature(samples: Samples) -> Floats:
-    """Wald statistic W of the curvature across the least extent, for each set (b,).
+@compiled
+def _wald_of_curvature(regression: Regression, spectrum: Spectrum, t: int) -> float:
+    """Wald statistic W of the curvature across the least extent (theory 9.4), from set t of a batch.
 
     It tests whether |y|², regressed on y = x - x̄, depends on y along the least eigen-direction of C. By chance alone it
     is about 1, as where noise hides the curvature of a cap; it is infinite where the regression leaves no residuals.
-
-    Source: theory (9.4).
     """
-    regression, (values, cross, mean) = samples.regression, samples.spectrum.along
-    n = regression.n
-    with np.errstate(all="ignore"):
-        # Correlations first: squares of the covariances would overflow in large units.
-        norm = np.sqrt(values) * np.sqrt(regression.variance)[:, None]
-        explained = np.nansum((cross / norm) ** 2, axis=1) * (n - 1.0) / n
-        least = (cross[:, 0] - 2.0 * values[:, 0] * mean[:, 0]) / norm[:, 0]
-        wald = (n - 1.0) * least**2 / (1.0 - explained)
-    return np.where(explained < 1.0, np.nan_to_num(wald, nan=0.0), np.inf)
+    values, cross, mean = spectrum.along[0, t], spectrum.along[1, t], spectrum.along[2, t]
+    n, size, left = regression.numbers[0, t], math.sqrt(regression.numbers[1, t]), 1.0
+    for k in range(values.size):
+        if values[k] > 0.0:
+            # A correlation first: squares of covariances would overflow in large units.
+            correlation = cross[k] / (math.sqrt(values[k]) * size)
+            left -= correlation * correlation * (n - 1.0) / n
+    least = (cross[0] - 2.0 * values[0] * mean[0]) / (math.sqrt(values[0]) * size)
+    if not left > 0.0:
+        return math.inf
+    return (n - 1.0) * least * least / left if least == least else 0.0
 
 
 def shrunk(samples: Samples, eta: Floats, alpha: Floats) -> Estimates:

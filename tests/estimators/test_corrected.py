@@ -165,22 +165,28 @@ def test_fuller_formula(rng, on_cap):
 
 @pytest.mark.parametrize("unit", [1e-30, 1.0, 1e50])
 @pytest.mark.parametrize(("n", "angle", "noise"), [(10, 180.0, 0.3), (30, 45.0, 0.1), (1000, 5.0, 0.01)])
-def test_wald_of_curvature(rng, on_cap, n, angle, noise, unit):
+def test_fuller_constant(rng, on_cap, n, angle, noise, unit):
     """It is that of an ordinary regression, in every unit."""
     points = on_cap(rng, n, angle, noise=noise, sets=20)[0]
-    found = algebraic.wald_of_curvature(Samples(points.swapaxes(1, 2) * unit))
-    np.testing.assert_allclose(found, [wald_of_curvature(one) for one in points], rtol=1e-9)
+    found = algebraic.fuller_constant(Samples(points.swapaxes(1, 2) * unit))
+    np.testing.assert_allclose(found, [fuller_constant(one) for one in points], rtol=1e-9)
 
 
-def test_wald_of_curvature_on_a_plane(rng):
-    """Noise on a plane exceeds 5 once in forty times (a normal's square; 4.5 standard errors of 20,000 planes)."""
+def test_fuller_constant_on_a_plane(rng):
+    """Noise on a plane leaves α below 4.5 once in forty times (a normal's square; 4.5 standard errors, 20,000 sets)."""
     points = np.stack([*rng.uniform(-1, 1, (2, 20_000, 300)), 0.01 * rng.standard_normal((20_000, 300))], axis=1)
-    share = (algebraic.wald_of_curvature(Samples(points)) > 5.0).mean()
+    share = (algebraic.fuller_constant(Samples(points)) < 4.5).mean()
     assert share == pytest.approx(2 * norm.sf(5.0**0.5), abs=4.5 * (0.025 / 20_000) ** 0.5)
 
 
-def test_wald_of_curvature_without_noise(rng, on_cap):
-    """Without noise α is 2, or the noise is nothing: `fuller` is exact."""
+def test_fuller_constant_in_a_plane(rng, on_cap):
+    """Points without any extent across a plane tell nothing of the curvature: α is largest."""
+    flat = np.concatenate([on_cap(rng, 20, 60.0, d=2, noise=0.01)[0], np.zeros((20, 1))], axis=1)
+    assert algebraic.fuller_constant(Samples(flat.T[None])) == pytest.approx(7.0, abs=1e-9)
+
+
+def test_fuller_without_noise(rng, on_cap):
+    """Without noise the regression leaves no residuals, and `fuller` is exact."""
     points = on_cap(rng, 20, 30.0, noise=0.0, center=2.0)[0]
     np.testing.assert_allclose(study.fit(points, "fuller").center, 2.0, rtol=0, atol=1e-9)
 
