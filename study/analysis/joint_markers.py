@@ -1,13 +1,20 @@
-"""Stored points of a run as markers of joints: the cells of a grid of radii that share one centre."""
+"""Stored points of a run as markers of joints: the cells of a grid of radii that share one centre; and their fits.
 
-from collections.abc import Iterator
+The fits are those of `study.mgdk` for a noise that is known (theory §2), of all trials of a joint at once: one by one
+they would take a hundred times as long.
+"""
+
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from study.experiment.conditions import RADIUS, STORED
-from study.sphere.types import Floats
+from study.sphere.types import Bools, Floats
+
+_ROUNDS = 5
+"""Rounds in which weights are found, as in `study.mgdk`."""
 
 
 class JointMarkers(NamedTuple):
@@ -53,3 +60,57 @@ def joint_markers(errors: pd.DataFrame, points: pd.DataFrame) -> Iterator[JointM
             count = min(map(len, sets))
             markers = [each[:count] for each in sets]
             yield JointMarkers(float(mine["noise"].iloc[0]), mine["radius"].to_numpy(), markers)
+
+
+class JointFits(NamedTuple):
+    """One centre fitted to markers, in many trials.
+
+    Attributes:
+        center: ĉ (trials, d).
+        squares: r̂² of each marker (M, trials); negative where the noise hides the marker's extent.
+        definite: true where Σ w (C - Σ̂) is positive definite, without which a fit is not ok (trials,).
+    """
+
+    center: Floats
+    squares: Floats
+    definite: Bools
+
+    def distances(self) -> Floats:
+        """Errors of the fits that are ok, infinite for the others (trials,); the true centre is the origin."""
+        return np.where(self.definite, np.linalg.norm(self.center, axis=1), np.inf)
+
+
+def fit_joints(markers: Sequence[Floats], sigma: float, weighted: bool = False) -> JointFits:
+    """Fit one centre to markers by eq. 22, corrected, in each trial. For a single marker that is UGDK.
+
+    Args:
+        markers: points of each marker (trials, n, d), n ≥ 2.
+        sigma: standard deviation of a coordinate.
+        weighted: weigh markers by 1/r̂².
+    """
+    n = np.array([each.shape[1] for each in markers])
+    mean = np.stack([each.mean(axis=1) for each in markers])
+    c, third = _central_moments(markers, mean)
+    left = c - (sigma**2 * (n - 1) / n)[:, None, None, None] * np.eye(c.shape[-1])
+    origin = mean.mean(axis=0)
+    pulled = np.einsum("mtij,mtj->mti", left, mean - origin) + 0.5 * third
+
+    def solve(weights: Floats) -> tuple[Floats, Floats]:
+        matrix, right = np.einsum("mt,mtij->tij", weights, left), np.einsum("mt,mti->ti", weights, pulled)
+        return matrix, origin + (np.linalg.pinv(matrix) @ right[..., None])[..., 0]
+
+    def square_radii(center: Floats, matrices: Floats) -> Floats:
+        return np.asarray(np.trace(matrices, axis1=2, axis2=3) + np.sum((mean - center) ** 2, axis=2))
+
+    matrix, center = solve(np.broadcast_to(n[:, None], c.shape[:2]))
+    for _ in range(_ROUNDS if weighted else 0):
+        matrix, center = solve(n[:, None] / np.maximum(square_radii(center, c), 1e-300))
+    return JointFits(center, square_radii(center, left), np.linalg.eigvalsh(matrix)[:, 0] > 0.0)
+
+
+def _central_moments(markers: Sequence[Floats], mean: Floats) -> tuple[Floats, Floats]:
+    """Covariances (M, trials, d, d) and third moments, the mean of |y|²y (M, trials, d), with divisor n."""
+    away = [each - middle[:, None, :] for each, middle in zip(markers, mean, strict=True)]
+    c = np.stack([np.matmul(y.swapaxes(1, 2), y) / y.shape[1] for y in away])
+    third = np.stack([np.einsum("tni,tni,tnj->tj", y, y, y) / y.shape[1] for y in away])
+    return c, third

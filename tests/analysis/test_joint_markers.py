@@ -4,7 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from study.analysis.joint_markers import joint_markers, point_sets
+from study.analysis.joint_markers import fit_joints, joint_markers, point_sets
+from study.estimators import Status, fit, mgdk
 
 
 @pytest.fixture
@@ -57,3 +58,28 @@ def test_a_cell_without_points(tables):
     """A cell of which no points are stored has no sets."""
     _, points, _ = tables([(0.1, 1.0)])
     assert point_sets(points, "other").size == 0
+
+
+@pytest.mark.parametrize("noise", [0.01, 0.1, 0.6])
+@pytest.mark.parametrize("weighted", [False, True])
+def test_fits_are_those_of_the_library(on_cap, noise, weighted):
+    """Centres, radii and statuses of `study.mgdk`, trial by trial, noise that hides two markers of three included."""
+    rng = np.random.default_rng(4)
+    markers = [on_cap(rng, n, 60.0, 3, noise, radius, sets=20)[0] for n, radius in ((40, 0.1), (60, 0.5), (50, 2.0))]
+    found = fit_joints(markers, noise, weighted)
+    each = [mgdk(sets, noise=noise, weighted=weighted) for sets in zip(*markers, strict=True)]
+    np.testing.assert_allclose(found.center, [f.center for f in each], rtol=1e-9, atol=1e-9)
+    np.testing.assert_array_equal(found.definite, [f.status == Status.OK for f in each])
+    radii = np.sqrt(np.where(found.squares >= 0.0, found.squares, np.nan))
+    np.testing.assert_allclose(radii.T, [f.radii for f in each], rtol=1e-7)
+
+
+@pytest.mark.parametrize("noise", [0.05, 0.4])
+def test_one_marker_is_fitted_by_ugdk(on_cap, noise):
+    """Eq. 22 of one marker is eqs 15 to 21, and an error is infinite where UGDK itself says that it failed."""
+    points, _ = on_cap(np.random.default_rng(5), 50, 50.0, 3, noise, 1.0, sets=40)
+    found, expected = fit_joints([points], noise), fit(points, "ugdk", noise=noise)
+    np.testing.assert_allclose(found.center, expected.center, rtol=1e-9, atol=1e-9)
+    ok = expected.own_status == Status.OK
+    np.testing.assert_array_equal(np.isfinite(found.distances()), ok)
+    np.testing.assert_allclose(found.distances()[ok], np.linalg.norm(expected.center[ok], axis=1), rtol=1e-9)

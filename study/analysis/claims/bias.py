@@ -47,7 +47,7 @@ def _order(errors: pd.DataFrame, angle: float) -> Number:
 
 
 def _measure_order(evidence: Evidence) -> list[Number]:
-    errors = evidence.table("efficiency", "errors")
+    errors = evidence.errors("efficiency", "error_1")
     angles = sorted({float(angle) for angle in errors["angle"].unique()} - {WHOLE})
     if not (angles and has_estimators(errors, "gdke", "mle")):
         return [Number.unknown("exponent of σ in GDKE's bias")]
@@ -77,7 +77,8 @@ def _axis_bias(rows: pd.DataFrame) -> Measure:
 
 
 def _measure_lasting(evidence: Evidence) -> list[Number]:
-    ellipse, grid = evidence.table("ellipse", "errors"), rows_of(evidence.table("power-law", "errors"), "gdke")
+    ellipse = evidence.errors("ellipse", "error", "error_1", "error_2")
+    grid = rows_of(evidence.errors("power-law", "error_1"), "gdke")
     cell = rows_of(ellipse, "gdke")
     bias, of_gdke, of_mle = _axis_bias(cell), center_errors(cell), center_errors(rows_of(ellipse, "mle"))
     spread = float(np.std(cell["error_1"], ddof=1)) if len(cell) >= LEAST else math.nan

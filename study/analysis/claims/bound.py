@@ -39,7 +39,7 @@ def _variance_ratio(part: pd.DataFrame, moments: CapMoments) -> Measure:
 
 
 def _measure_efficiency(evidence: Evidence) -> list[Number]:
-    errors = evidence.table("efficiency", "errors")
+    errors = evidence.errors("efficiency", "error_1", "bound")
     samples = float(errors["samples"].max())
     found = []
     for angle, noise, part in cells(errors, "ugdk"):
@@ -72,7 +72,7 @@ _SIGNIFICANT = 3.0
 
 
 def _measure_bound(evidence: Evidence) -> list[Number]:
-    errors = evidence.table("efficiency", "errors")
+    errors = evidence.errors("efficiency", "error", "error_1", "bound")
     found: list[tuple[Measure, str, int, float]] = []
     for name in _COMPARED:
         for angle, noise, part in cells(errors, name):
@@ -106,7 +106,7 @@ def _judge_bound(numbers: list[Number]) -> Verdict:
 
 
 def _measure_even(evidence: Evidence) -> list[Number]:
-    errors = evidence.table("efficiency", "errors")
+    errors = evidence.errors("efficiency", "error", "error_1", "bound")
     efficient = math.sqrt(scipy.special.chdtri(3, 0.5) / 3.0)  # three equal variances, as on the whole sphere
     rows = rows_of(errors, "gdke")
     rows = rows[relative_noise(rows) <= 0.32]

@@ -51,7 +51,7 @@ class Number(NamedTuple):
 
     def __str__(self) -> str:
         """The name, the number and its error."""
-        if math.isnan(self.error) or self.error == 0.0:
+        if math.isnan(self.error) or self.error <= 1e-9 * abs(self.value):  # none, or rounding
             return f"{self.words}: {self.value:.4g}"
         return f"{self.words}: {self.value:.4g} ± {self.error:.2g}"
 

@@ -73,7 +73,7 @@ def _judge_incremental(numbers: list[Number]) -> Verdict:
 
 def _measure_speed(evidence: Evidence) -> list[Number]:
     costs, timings = evidence.costs(), evidence.table("paper", "timings")
-    fits = rows_of(evidence.table("paper", "errors"), "mle")
+    fits = rows_of(evidence.errors("paper", "iterations"), "mle")
     fits = fits[fits["noise"] < 1.0]
     passes = quantile(fits["iterations"].to_numpy(dtype=float), 0.5)
     a_pass = _over_gdke(costs, "mle", "flops_per_sample", "")

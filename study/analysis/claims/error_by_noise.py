@@ -45,7 +45,7 @@ def _slope(words: str, errors: pd.DataFrame, groups: Floats) -> Number:
 
 
 def _measure_slopes(evidence: Evidence) -> list[Number]:
-    paper, grid = evidence.table("paper", "errors"), evidence.table("efficiency", "errors")
+    paper, grid = evidence.errors("paper", "error"), evidence.errors("efficiency", "error")
     words = "exponent of σ in {}'s median error over r, {}"
     numbers = []
     for name in _PAPERS:
@@ -89,7 +89,7 @@ def _lead(one: "pd.Series[float]", other: "pd.Series[float]") -> float:
 
 
 def _measure_closest(evidence: Evidence) -> list[Number]:
-    errors = evidence.table("paper", "errors")
+    errors = evidence.errors("paper", "error", "bound")
     closer = "share of decades of σ/r in which UGDK is clearly closer to the truth than each other method"
     farther = "share of decades of σ/r in which UGDK is clearly farther from the truth than another method"
     if not has_estimators(errors, *_PAPERS):
@@ -129,7 +129,7 @@ def _judge_closest(numbers: list[Number]) -> Verdict:
 
 
 def _measure_par(evidence: Evidence) -> list[Number]:
-    grid = evidence.table("efficiency", "errors")
+    grid = evidence.errors("efficiency", "error")
     mle = {(angle, noise): median(error_over(part, "radius")) for angle, noise, part in cells(grid, "mle")}
     found = [
         At(ratio(median(error_over(part, "radius")), mle[angle, noise]), angle, noise, len(part))

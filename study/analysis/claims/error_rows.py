@@ -7,12 +7,13 @@ that is not ok counts as worse than any other.
 
 import math
 from collections.abc import Iterator
+from itertools import pairwise
 
 import numpy as np
 import pandas as pd
 
 from study.estimators import Status
-from study.sphere.types import Bools, Floats
+from study.sphere.types import Bools, Floats, Ints
 
 LEAST = 20
 """Least number of data sets behind a median that is shown."""
@@ -21,20 +22,34 @@ WHOLE = 180.0
 
 
 def rows_of(errors: pd.DataFrame, estimator: str) -> pd.DataFrame:
-    """The rows of one estimator."""
-    return errors[errors["estimator"] == estimator]
+    """The rows of one estimator; nothing is copied where they stand together."""
+    names = errors["estimator"].astype("category").cat
+    if estimator not in names.categories:
+        return errors.iloc[:0]
+    where = np.flatnonzero(names.codes == names.categories.get_loc(estimator))
+    return errors.iloc[where[0] : where[-1] + 1] if _together(where) else errors.iloc[where]
+
+
+def _together(places: Ints) -> bool:
+    return len(places) > 0 and int(places[-1] - places[0]) == len(places) - 1
 
 
 def has_estimators(errors: pd.DataFrame, *estimators: str) -> bool:
     """True if the table has rows of each of these estimators."""
-    return set(estimators) <= {str(name) for name in errors["estimator"].unique()}
+    return all(len(rows_of(errors, name)) for name in estimators)
 
 
 def cells(errors: pd.DataFrame, estimator: str) -> Iterator[tuple[float, float, pd.DataFrame]]:
-    """Angle, σ/r and rows of an estimator in each condition of a grid."""
+    """Angle, σ/r and rows of an estimator in each condition of a grid, in the order of angle and σ/r."""
     rows = rows_of(errors, estimator)
-    for _, part in rows.groupby([rows["angle"], relative_noise(rows)]):
-        yield float(part["angle"].iloc[0]), float(relative_noise(part).iloc[0]), part
+    angle, noise = rows["angle"].to_numpy(), relative_noise(rows).to_numpy()
+    changes = (angle[1:] != angle[:-1]) | (noise[1:] != noise[:-1])
+    places = [0, *np.flatnonzero(changes) + 1, len(rows)] if len(rows) else []
+    blocks: dict[tuple[float, float], list[pd.DataFrame]] = {}
+    for start, end in pairwise(places):
+        blocks.setdefault((float(angle[start]), float(noise[start])), []).append(rows.iloc[start:end])
+    for (at, level), parts in sorted(blocks.items(), key=lambda block: block[0]):
+        yield at, level, parts[0] if len(parts) == 1 else pd.concat(parts)
 
 
 def relative_noise(errors: pd.DataFrame) -> "pd.Series[float]":

@@ -1,11 +1,13 @@
 """The stored tables that claims are judged by."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import pandas as pd
 
+from study.analysis.joint_markers import JointMarkers, joint_markers
+from study.experiment.conditions import STORED
 from study.runs.storage import schemas
 from study.runs.storage.run_folder import Run, RunError
 
@@ -25,6 +27,8 @@ _NAMED = frozenset(
     )
 )
 """Estimators that a claim names. Rows of the others are not read: they are half of the largest table."""
+_ALWAYS = ("cell", "trial", *(condition.name for condition in STORED), "estimator", "status")
+"""Columns of an error table that every claim may use."""
 
 
 class TableMissing(Exception):  # noqa: N818  no error: most sets of runs lack some claim's tables
@@ -46,6 +50,7 @@ class Evidence:
     cost: pd.DataFrame | None = None
     recordings: pd.DataFrame | None = None
     _read: dict[tuple[str, str], pd.DataFrame] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _joints: dict[str, list[JointMarkers]] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @classmethod
     def of(cls, runs: Iterable[Run], cost: Path | None = None, recordings: pd.DataFrame | None = None) -> "Evidence":
@@ -63,21 +68,52 @@ class Evidence:
         return cls(named, None if cost is None else _read_cost(cost), recordings)
 
     def table(self, config: str, name: str) -> pd.DataFrame:
-        """A table of the run of a config, read once; of an error table, the estimators that claims name.
+        """A table of the run of a config, read once.
 
         Raises:
             TableMissing: if there is no such run, or it did not finish.
         """
+        if (config, name) not in self._read:
+            self._read[config, name] = self._stored(config, name)
+        return self._read[config, name]
+
+    def errors(self, config: str, *columns: str) -> pd.DataFrame:
+        """The error table of the run of a config: cell by cell for each of the estimators that claims name.
+
+        Args:
+            config: its name.
+            columns: columns beside the conditions, the estimator and the status. Each is read once, and the order of
+                the rows is the same for all: a table of millions of rows is not read whole.
+
+        Raises:
+            TableMissing: as `table`.
+        """
+        known = self._read.get((config, "errors"), pd.DataFrame())
+        missing = [name for name in (columns if len(known.columns) else [*_ALWAYS, *columns]) if name not in known]
+        if missing:
+            found = self._stored(config, "errors", {*missing, "cell", "estimator"}, _NAMED)
+            found = found.sort_values(["estimator", "cell"], kind="stable", ignore_index=True)
+            known = found if known.empty else known.assign(**{name: found[name] for name in missing})
+            self._read[config, "errors"] = known
+        return known
+
+    def _stored(self, config: str, name: str, *selection: Collection[str]) -> pd.DataFrame:
         if config not in self.runs:
             raise TableMissing(f"needs a run of configs/{config}.toml")
-        if (config, name) not in self._read:
-            try:
-                self._read[config, name] = self.runs[config].table(
-                    name, estimators=_NAMED if name == "errors" else None
-                )
-            except RunError as error:
-                raise TableMissing(str(error)) from None
-        return self._read[config, name]
+        try:
+            return self.runs[config].table(name, *selection)
+        except RunError as error:
+            raise TableMissing(str(error)) from None
+
+    def joints(self, config: str) -> list[JointMarkers]:
+        """The joints of a run with several radii, from its errors and points.
+
+        Raises:
+            TableMissing: as `table`.
+        """
+        if config not in self._joints:
+            self._joints[config] = list(joint_markers(self.errors(config), self.table(config, "points")))
+        return self._joints[config]
 
     def costs(self) -> pd.DataFrame:
         """The cost table.

@@ -61,7 +61,7 @@ def _mle_outliers(errors: pd.DataFrame) -> tuple["pd.Series[bool]", pd.DataFrame
 
 
 def _measure_mle(evidence: Evidence) -> list[Number]:
-    errors = evidence.table("starts", "errors")
+    errors = evidence.errors("starts", "error", "bound", "noise_variance")
     words = "share of trials, .1 r ≤ σ ≤ 10 r, in which MLE's error is .3 r to 3 r and above 10 bounds"
     starts = ("mle", "mle_centroid", "mle_mirror")
     if not has_estimators(errors, *starts, "gdke"):
@@ -124,7 +124,7 @@ def _numerical(errors: pd.DataFrame, estimator: str) -> "pd.Series[bool]":
 
 
 def _measure_small(evidence: Evidence) -> list[Number]:
-    errors, paper = evidence.table("outliers", "errors"), evidence.table("paper", "errors")
+    errors, paper = (evidence.errors(config, "error", "bound") for config in ("outliers", "paper"))
     if not (has_estimators(errors, *_VERSIONS, "gdke") and has_estimators(paper, "lls", "gdke")):
         return [Number.unknown("outliers of LLS")]
     noise = by_estimator(errors, relative_noise(errors))["gdke"]
@@ -154,7 +154,7 @@ def _judge_small(numbers: list[Number]) -> Verdict:
 
 
 def _measure_place(evidence: Evidence) -> list[Number]:
-    errors = evidence.table("outliers", "errors")
+    errors = evidence.errors("outliers", "error", "bound")
     if not has_estimators(errors, "lls_nr", "lls_nr_raw", "gdke"):
         return [Number.unknown("error of LLS outliers over the radius")]
     relative = by_estimator(errors, error_over(errors, "radius"))
@@ -177,7 +177,7 @@ def _judge_place(numbers: list[Number]) -> Verdict:
 
 
 def _measure_large(evidence: Evidence) -> list[Number]:
-    errors, paper = evidence.table("outliers", "errors"), evidence.table("paper", "errors")
+    errors, paper = (evidence.errors(config, "error", "bound") for config in ("outliers", "paper"))
     if not (has_estimators(errors, "lls", "lls_single", "gdke") and has_estimators(paper, "lls", "gdke")):
         return [Number.unknown("outliers of LLS")]
     noise = by_estimator(errors, relative_noise(errors))["gdke"]

@@ -10,7 +10,7 @@ from study.analysis.claims.medians import exponent
 
 
 def _measure_power(evidence: Evidence) -> list[Number]:
-    errors = evidence.table("power-law", "errors")
+    errors = evidence.errors("power-law", "error")
     return [_exponent(errors, "ugdk"), *only_known(_exponent(errors, name) for name in ("mle", "gdke"))]
 
 

@@ -7,17 +7,14 @@ import numpy as np
 from study.analysis.claims.claim import Claim, Number, Verdict, only_known
 from study.analysis.claims.evidence import Evidence
 from study.analysis.claims.medians import ratio
-from study.analysis.joint_markers import JointMarkers, joint_markers
-from study.estimators import Status, fit, mgdk
-from study.sphere.moments import Moments
+from study.analysis.joint_markers import JointMarkers, fit_joints
 from study.sphere.types import Bools, Floats
 from study.statistics.measures import Measure, quantile, share
 
 
 def _alone(joint: JointMarkers) -> Floats:
     """UGDK's errors of each marker (M, trials), infinite for fits that are not ok."""
-    fits = [fit(marker, "ugdk", noise=joint.sigma) for marker in joint.markers]
-    return np.array([np.where(f.status == Status.OK, np.linalg.norm(f.center, axis=1), np.inf) for f in fits])
+    return np.array([fit_joints([marker], joint.sigma).distances() for marker in joint.markers])
 
 
 def _together(joint: JointMarkers, weighted: bool = False, first: int = 0) -> Floats:
@@ -28,8 +25,7 @@ def _together(joint: JointMarkers, weighted: bool = False, first: int = 0) -> Fl
         weighted: weigh markers by 1/r̂².
         first: index of the innermost marker that is used.
     """
-    fits = [mgdk(sets, noise=joint.sigma, weighted=weighted) for sets in zip(*joint.markers[first:], strict=True)]
-    return np.array([np.linalg.norm(f.center) if f.status == Status.OK else np.inf for f in fits])
+    return fit_joints(joint.markers[first:], joint.sigma, weighted).distances()
 
 
 def _median(parts: list[Floats]) -> Measure:
@@ -38,8 +34,7 @@ def _median(parts: list[Floats]) -> Measure:
 
 
 def _measure_averaging(evidence: Evidence) -> list[Number]:
-    known = list(joint_markers(evidence.table("markers", "errors"), evidence.table("markers", "points")))
-    circles = list(joint_markers(evidence.table("mgdk", "errors"), evidence.table("mgdk", "points")))
+    known, circles = evidence.joints("markers"), evidence.joints("mgdk")
     trials = sum(len(joint.markers[0]) for joint in known)
     best, worst, both, outer = [], [], [], []
     little: tuple[list[Floats], list[Floats]] = ([], [])
@@ -96,17 +91,11 @@ def _judge_averaging(numbers: list[Number]) -> Verdict:
     return Verdict.REPRODUCED if over_best.value + 2.0 * over_best.error <= 0.9 else Verdict.PARTLY
 
 
-def _definite(matrices: Floats) -> Bools:
-    return np.asarray(np.linalg.eigvalsh(matrices)[..., 0] > 0.0)
-
-
 def _measure_definite(evidence: Evidence) -> list[Number]:
     summed, single, names = [], [], []
-    for sigma, _, markers in joint_markers(evidence.table("markers", "errors"), evidence.table("markers", "points")):
-        covariances = np.stack([Moments.of(np.ascontiguousarray(m.swapaxes(1, 2))).covariance for m in markers])
-        less = covariances - sigma**2 * np.eye(markers[0].shape[2])
-        summed.append(_definite(less.sum(axis=0)))
-        single.append(_definite(less))
+    for sigma, _, markers in evidence.joints("markers"):
+        summed.append(fit_joints(markers, sigma).definite)
+        single.append(np.array([fit_joints([marker], sigma).definite for marker in markers]))
         names.append(f"σ = {sigma:g}")
     if not summed:
         return [Number.unknown("share of trials in which the sum of matrices is positive definite")]

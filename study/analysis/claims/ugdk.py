@@ -11,8 +11,8 @@ from study.analysis.claims.error_rows import center_errors, error_over, failures
 from study.analysis.claims.evidence import Evidence
 from study.analysis.claims.medians import exponent, ratio
 from study.analysis.error_groups import decade
-from study.analysis.joint_markers import joint_markers
-from study.estimators import Status, fit
+from study.analysis.joint_markers import fit_joints
+from study.estimators import Status
 from study.statistics.measures import (
     UNKNOWN,
     inside,
@@ -46,7 +46,7 @@ def _bias_exponent(errors: pd.DataFrame, estimator: str) -> Number:
 
 
 def _measure_bias(evidence: Evidence) -> list[Number]:
-    errors = evidence.table("bias", "errors")
+    errors = evidence.errors("bias", "error", "error_1")
     ugdk = rows_of(errors, "ugdk")
     last = ugdk[ugdk["samples"] == ugdk["samples"].max()]
     ok = last[last["status"] == Status.OK]
@@ -69,8 +69,8 @@ def _judge_bias(numbers: list[Number]) -> Verdict:
 
 
 def _measure_error(evidence: Evidence) -> list[Number]:
-    grid = rows_of(evidence.table("power-law", "errors"), "ugdk")
-    paper = rows_of(evidence.table("paper", "errors"), "ugdk")
+    grid = rows_of(evidence.errors("power-law", "error"), "ugdk")
+    paper = rows_of(evidence.errors("paper", "error", "bound"), "ugdk")
     relative = np.asarray(relative_noise(paper), dtype=float)
     small, large = relative < 0.01, relative >= 1.0
     samples = paper["samples"].to_numpy(dtype=float)
@@ -103,7 +103,7 @@ def _judge_error(numbers: list[Number]) -> Verdict:
 
 
 def _measure_condition(evidence: Evidence) -> list[Number]:
-    cell = rows_of(evidence.table("ellipse", "errors"), "ugdk")
+    cell = rows_of(evidence.errors("ellipse", "error_1", "error_2", "condition"), "ugdk")
     condition, trials = cell["condition"].to_numpy(), len(cell)
     errors = center_errors(cell[cell["status"] == Status.OK])
     held = int(np.sum(inside(errors, np.array([robust_sd(e) for e in errors.T]), _LEVEL)))
@@ -127,8 +127,8 @@ def _judge_condition(numbers: list[Number]) -> Verdict:
 
 
 def _measure_noise(evidence: Evidence) -> list[Number]:
-    isotropic = rows_of(evidence.table("efficiency", "errors"), "als")
-    anisotropic = evidence.table("anisotropic", "errors")
+    isotropic = rows_of(evidence.errors("efficiency", "noise_variance"), "als")
+    anisotropic = evidence.errors("anisotropic", "error", "noise_variance")
     relative = relative_noise(isotropic)
     isotropic = isotropic[(relative >= 0.03) & (relative < 0.05)]  # one level is enough: the others share its draws
     many = anisotropic[anisotropic["samples"] == anisotropic["samples"].max()]
@@ -169,15 +169,14 @@ def _greatest(words: str, errors: pd.DataFrame, estimator: str) -> Number:
 def _fed_back(evidence: Evidence, factor: float) -> Number:
     """Trace of Σ by eq. 19 with UGDK's own centre and radius, over the wrong trace that UGDK was given."""
     words = f"trace of Σ by eq. 19 with the fitted sphere over the trace given to UGDK, {factor:g} times the true one"
-    known = list(joint_markers(evidence.table("markers", "errors"), evidence.table("markers", "points")))
+    known = evidence.joints("markers")
     if not known:
         return Number.unknown(words)
     sigma, _, markers = known[0]
     given, x = sigma * math.sqrt(factor), markers[-1]
-    found = fit(x, "ugdk", noise=given)
-    squares = np.sum((x - found.center[:, None, :]) ** 2, axis=2).mean(axis=1)
-    trace = squares - found.radius**2
-    return Number.of(words, quantile(trace[found.status == Status.OK] / (x.shape[2] * given**2), 0.5), len(x))
+    found = fit_joints([x], given)
+    trace = np.sum((x - found.center[:, None, :]) ** 2, axis=2).mean(axis=1) - found.squares[0]
+    return Number.of(words, quantile(trace[found.definite] / (x.shape[2] * given**2), 0.5), len(x))
 
 
 def _judge_noise(numbers: list[Number]) -> Verdict:

@@ -16,11 +16,12 @@ class Stored:
     def __init__(self, name, tables, asked):
         self.name, self.tables, self.asked = name, tables, asked
 
-    def table(self, name, estimators=None):
+    def table(self, name, columns=None, estimators=None):
         self.asked.add(f"{self.name}/{name}")
         if name not in self.tables:
             raise RunError(f"{self.name}/{name}.parquet: missing")
         frame = self.tables[name]
+        frame = frame if columns is None else frame[[each for each in frame.columns if each in columns]]
         return frame if estimators is None else frame[frame["estimator"].isin(estimators)]
 
 
