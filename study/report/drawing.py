@@ -6,10 +6,10 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from typing import Any
+from typing import ParamSpec, TypeVar
 
-Drawing = Callable[[], Any]
-"""Waits for what a function returns, and gives it."""
+P = ParamSpec("P")
+T = TypeVar("T")
 
 
 class Artist:
@@ -22,18 +22,21 @@ class Artist:
     def __init__(self, executor: Executor | None) -> None:
         self._executor = executor
 
-    def begin(self, function: Callable[..., Any], *arguments: Any) -> Drawing:
-        """Begin a call. The other process needs function and arguments that can be pickled; so must be the result."""
-        if self._executor is None:
-            found = function(*arguments)
-            return lambda: found
-        future = self._executor.submit(function, *arguments)
+    def begin(self, function: Callable[P, T], *arguments: P.args, **named: P.kwargs) -> Callable[[], T]:
+        """Begin a call; what it returns waits for the result, and gives it.
 
-        def wait() -> Any:
+        The other process needs a function and arguments that can be pickled, and so must be the result.
+        """
+        if self._executor is None:
+            found = function(*arguments, **named)
+            return lambda: found
+        future = self._executor.submit(function, *arguments, **named)
+
+        def wait() -> T:
             try:
                 return future.result()
             except BrokenProcessPool:  # for want of memory, perhaps
-                return function(*arguments)
+                return function(*arguments, **named)
 
         return wait
 

@@ -47,7 +47,7 @@ class _Judged:
 
 
 class _Cause(NamedTuple):
-    """What a claim's numbers say of the cause of a method's outliers: there are some of one kind, none of the other."""
+    """The cause of a method's outliers by the numbers of a claim: there are some of one kind, and none of the other."""
 
     claim: str
     outliers: str

@@ -4,21 +4,24 @@ import base64
 import inspect
 import io
 import re
+from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 from matplotlib.figure import Figure
 
 from study.figures import FIGURES, FigureModule, NotApplicable, Tables, style
 from study.figures.failure import failure
 from study.figures.fig_efficiency import EfficiencyFrame
-from study.report import lead_picture
 from study.report.blocks import Content, InlineCode, Link, Picture, Text
-from study.report.drawing import Artist, Drawing
+from study.report.drawing import Artist
 from study.report.findings import nearest_cap
 from study.report.words import count
 
 _DPI = 160
 """Pixels per inch of the figures on the page: sharp at twice the width that a phone has."""
+_SHOWN = ("gdke", "lls", "ugdk", "mle", "als", "corrected")
+"""Estimators of the paper, and those to use instead, in the order of drawing."""
 
 
 class Gallery:
@@ -34,8 +37,8 @@ class Gallery:
 
     def __init__(self, artist: Artist) -> None:
         self._artist = artist
-        self._begun: dict[str, tuple[str, Drawing]] = {}
-        self._lead: Drawing | None = None
+        self._begun: dict[str, tuple[str, Callable[[], Picture | str]]] = {}
+        self._lead: Callable[[], Picture] | None = None
         self.undrawn: dict[str, dict[str, str]] = {}
         self.efficiency: EfficiencyFrame | None = None
 
@@ -71,7 +74,7 @@ class Gallery:
             if isinstance(drawn, Picture):
                 found[name] = drawn
             else:
-                self.undrawn[name] = {run: str(drawn)}
+                self.undrawn[name] = {run: drawn}
         return found, self._lead() if self._lead is not None and "fig_efficiency" in found else None
 
 
@@ -85,7 +88,37 @@ def lead(efficiency: EfficiencyFrame) -> Picture:
         Text([words, advice]),
         Text([Link("The whole figure", "fig_efficiency"), f", {efficiency.stamp}"]),
     ]
-    return embedded("lead", lead_picture.draw(efficiency, angle), words, caption)
+    return embedded("lead", draw_lead(efficiency, angle), words, caption)
+
+
+@style.journal()
+def draw_lead(frame: EfficiencyFrame, angle: float) -> Figure:
+    """Draw the picture at the top of the page, one panel: few estimators, both bounds, the legend where no curve is.
+
+    Args:
+        frame: medians over the bound.
+        angle: half-angle of the cap, in degrees, one of the frame's.
+    """
+    figure = Figure(figsize=(4.7, 3.7), layout="constrained")
+    ax = figure.subplots()
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    mine = frame.curves[frame.curves["angle"] == angle]
+    names = [name for name in _SHOWN if name in set(mine["estimator"])] or list(dict.fromkeys(mine["estimator"]))[:6]
+    for name in names:
+        curve = mine[mine["estimator"] == name].sort_values("level")
+        (line,) = ax.plot(curve["level"], curve["ratio"], linewidth=1.3, label=style.label(name))
+        line.set(color=style.color(name), marker=style.marker(name), markersize=4, markeredgewidth=0.0)
+    reached = frame.attainable[frame.attainable["angle"] == angle].sort_values("level")
+    (line,) = ax.plot(reached["level"], reached["ratio"], color="black", zorder=4, label="attainable bound")
+    line.set(linewidth=1.3, linestyle=(0, (4, 2)))
+    ax.axhline(1.0, color="black", linewidth=0.9, label="Cramér-Rao bound", zorder=1)
+    shown = mine["ratio"][mine["estimator"].isin(names) & np.isfinite(mine["ratio"])]
+    ax.set_ylim(min(0.7, 0.8 * shown.min()), 1.5 * shown.max())
+    ax.set_xlabel("noise over radius, $σ/r$")
+    ax.set_ylabel("median error, Cramér-Rao bound = 1")
+    ax.legend(loc="upper left", fontsize=8.0)
+    return figure
 
 
 def _picture(name: str, frame: Any, run: str) -> Picture | str:
