@@ -24,6 +24,7 @@ from study.mocap.commands.markersets import markersets
 from study.mocap.commands.recording import recording
 from study.mocap.commands.skeleton import skeleton
 from study.mocap.commands.synthetic import synthetic
+from study.report.commands import claims, report
 from study.runs.commands import (
     CONFIG_HELP,
     EXIT_CODES,
@@ -31,10 +32,8 @@ from study.runs.commands import (
     ExitCode,
     Folder,
     Jobs,
-    Json,
     configs,
     plan,
-    run_folder,
     worker,
 )
 from study.runs.plugin_option import with_plugins
@@ -68,18 +67,9 @@ Version = Annotated[
     bool, typer.Option("--version", is_eager=True, callback=_print_version, help="Print the version and exit.")
 ]
 Configs = Annotated[list[Path], typer.Argument(metavar="CONFIG…", help=CONFIG_HELP)]
-Folders = Annotated[
-    list[Path],
-    typer.Argument(metavar="RUN", parser=run_folder, help="folders of runs, or their configs, each of another config"),
-]
-Cost = Annotated[Path | None, typer.Option("--cost", help="table that `study cost` stores, for the claims on cost")]
-_RECORDING = "folder that `study case-study` wrote; may be given several times"
-Recordings = Annotated[list[Path] | None, typer.Option("--recording", metavar="DIR", help=_RECORDING)]
-Bench = Annotated[Path | None, typer.Option("--bench", help="table that `make bench` stores")]
 Figures = Annotated[list[str] | None, typer.Argument(metavar="FIGURE…", help="such as fig2_error [default: all]")]
 Out = Annotated[Path | None, typer.Option("--out", help="folder of the run [default: results/<name>-<digest>]")]
 Pictures = Annotated[Path | None, typer.Option("--out", help="folder for the pictures [default: RUN/figures]")]
-Page = Annotated[Path | None, typer.Option("--out", help="file of the page [default: RUN/report.html]")]
 _BACKEND = "threads, loky (processes) or dask (a cluster) [default: threads; loky for long studies]"
 Backend = Annotated[str | None, typer.Option("--backend", help=_BACKEND)]
 Scheduler = Annotated[str | None, typer.Option("--scheduler", help="address of a Dask scheduler: tcp://host:8786")]
@@ -187,46 +177,6 @@ def figures(folder: Folder, names: Figures = None, out: Pictures = None) -> None
         typer.echo(f"{name}: {'' if reason.startswith(FAILED) else 'not drawn: '}{reason}", err=True)
     if any(reason.startswith(FAILED) for reason in skipped.values()):
         raise typer.Exit(ExitCode.FAILURE)
-
-
-def claims(folders: Folders, cost: Cost = None, recording: Recordings = None, as_json: Json = False) -> None:
-    """Judge the paper's claims by runs.
-
-    The verdicts and the numbers behind them are printed, and stored in the first run's folder.
-
-    With --json: runs, a list of names; verdicts, the count of each; claims, a list of the columns of the stored table:
-    number, name, section, statement, quantity, value, error, trials, verdict, finding, criterion, remark, reads, runs
-    and figure.
-    """
-    from study.analysis.claims import as_data, judge_all, printed, save
-    from study.mocap.case_study.stored_case_studies import read_case_studies
-    from study.runs.storage.run_folder import Run
-    from study.text.json_text import json_text
-
-    runs = [Run.open(folder) for folder in folders]
-    judged = judge_all(runs, cost, read_case_studies(recording) if recording else None)
-    save(runs[0], judged)
-    lines = [json_text(as_data(runs, judged))] if as_json else printed(judged)
-    for line in lines:
-        typer.echo(line)
-
-
-def report(
-    folders: Folders, out: Page = None, cost: Cost = None, recording: Recordings = None, bench: Bench = None
-) -> None:
-    """Write one HTML page about runs.
-
-    It has the claims, figures, tables and provenance, and needs no other file.
-    """
-    from study.analysis.claims import judge_all
-    from study.mocap.case_study.stored_case_studies import read_case_studies
-    from study.report import read_bench, render, save
-    from study.runs.storage.run_folder import Run
-
-    runs = [Run.open(folder) for folder in folders]
-    measured = read_bench(bench) if bench else None
-    judged = judge_all(runs, cost, read_case_studies(recording) if recording else None)
-    typer.echo(str(save(render(runs, judged, measured), out or runs[0].folder / "report.html")))
 
 
 def fit(

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -43,6 +44,38 @@ class _Judged:
     number: int
     verdict: Verdict
     values: list[float]
+
+
+class _Cause(NamedTuple):
+    """The cause of a method's outliers by the numbers of a claim: there are some of one kind, and none of the other."""
+
+    claim: str
+    outliers: str
+    finding: str
+    numbers: str
+    some: int
+    none: int
+
+
+_CAUSES = (
+    _Cause(
+        "lls-outliers-small",
+        "LLS's outliers",
+        "come from a cut of small singular values",
+        "On tiny caps with tiny noise {some} of its fits are outliers with the cut, {none} without.",
+        some=1,
+        none=0,
+    ),
+    _Cause(
+        "mle-outliers",
+        "MLE's outliers",
+        "are no other minima",
+        "With noise around the radius {some} of its fits are off by about the radius; the best of three starts mends "
+        "{none} of them.",
+        some=0,
+        none=1,
+    ),
+)
 
 
 def findings(claims: pd.DataFrame, efficiency: EfficiencyFrame | None) -> list[Headline]:
@@ -137,18 +170,11 @@ def _others(judged: Mapping[str, _Judged]) -> Iterator[Headline]:
             f"the truth. It grows as σ to the power {' to '.join(powers)}.",
             stays.number,
         )
-    if found := judged.get("lls-outliers-small"):
-        n = found.values
-        yield Headline(
-            "LLS's outliers come from a cut of small singular values." if n[1] > 0.0 == n[0] else "LLS's outliers.",
-            f"On tiny caps with tiny noise {parts(n[1])} of its fits are outliers with the cut, {parts(n[0])} without.",
-            found.number,
-        )
-    if found := judged.get("mle-outliers"):
-        n = found.values
-        yield Headline(
-            "MLE's outliers are no other minima." if n[0] > 0.0 == n[1] else "MLE's outliers.",
-            f"With noise around the radius {parts(n[0])} of its fits are off by about the radius; the best of three "
-            f"starts mends {parts(n[1])} of them.",
-            found.number,
-        )
+    for cause in _CAUSES:
+        if found := judged.get(cause.claim):
+            some, none = found.values[cause.some], found.values[cause.none]
+            yield Headline(
+                f"{cause.outliers} {cause.finding}." if some > 0.0 == none else f"{cause.outliers}.",
+                cause.numbers.format(some=parts(some), none=parts(none)),
+                found.number,
+            )

@@ -8,8 +8,9 @@ import pandas as pd
 from pydantic import BaseModel, ValidationError
 
 from study.analysis.worst import worst, worst_of_groups
-from study.figures import FIGURES, Tables
+from study.figures import Tables
 from study.report.blocks import Picture
+from study.report.drawing import artist
 from study.report.findings import Headline, findings
 from study.report.pictures import Gallery
 from study.runs.storage.run_folder import Run, RunError
@@ -145,20 +146,23 @@ class Material:
     bench: pd.DataFrame | None = None
 
     @classmethod
-    def of(cls, runs: Sequence[Run], claims: pd.DataFrame, bench: pd.DataFrame | None = None) -> Self:
+    def of(cls, runs: Sequence[Run], claims: pd.DataFrame, bench: pd.DataFrame | None = None, jobs: int = 1) -> Self:
         """Read runs, one after the other, so that no two error tables are in memory together.
+
+        With two jobs, and runs, figures are drawn in a second process meanwhile.
 
         Raises:
             RunError: if a run did not finish, or is given twice.
         """
         records: list[Record] = []
-        gallery = Gallery()
-        for run in runs:
-            tables = Tables.of(run)
-            if tables.name in {record.name for record in records}:
-                raise RunError(f"{run.folder}: {tables.name} is given twice")
-            records.append(Record.of(run, tables))
-            gallery.add(tables)
-        pictures = {name: gallery.pictures[name] for name in FIGURES if name in gallery.pictures}
-        found = findings(claims, gallery.efficiency)
-        return cls(records, claims, pictures, gallery.undrawn, gallery.lead(), found, bench)
+        with artist(min(jobs, len(runs))) as drawn_by:
+            gallery = Gallery(drawn_by)
+            for run in runs:
+                tables = Tables.of(run)
+                if tables.name in {record.name for record in records}:
+                    raise RunError(f"{run.folder}: {tables.name} is given twice")
+                gallery.add(tables)
+                records.append(Record.of(run, tables))
+            found = findings(claims, gallery.efficiency)
+            pictures, lead = gallery.finish()
+        return cls(records, claims, pictures, gallery.undrawn, lead, found, bench)

@@ -53,13 +53,14 @@ SECTIONS: list[Callable[[Material], Iterable[Section]]] = [
 """The page, in order. Each entry gives one section, several, or none where the runs have nothing for it."""
 
 
-def render(runs: Sequence[Run], claims: pd.DataFrame, bench: pd.DataFrame | None = None) -> str:
+def render(runs: Sequence[Run], claims: pd.DataFrame, bench: pd.DataFrame | None = None, jobs: int = 1) -> str:
     """Write the page about runs: one HTML document that needs no other file.
 
     Args:
         runs: finished runs, at least one, no two of the same name.
         claims: the claims table; columns as `study.runs.storage.schemas.CLAIMS`, perhaps without rows.
         bench: the table that `make bench` stores, if it is to be shown; see `study.report.speed`.
+        jobs: number of processes; in the second one figures are drawn.
 
     Returns:
         The document. The same runs and claims give the same bytes.
@@ -67,7 +68,7 @@ def render(runs: Sequence[Run], claims: pd.DataFrame, bench: pd.DataFrame | None
     Raises:
         RunError: if a run did not finish, is given twice, or a table cannot be read.
     """
-    material = Material.of(runs, claims, bench)
+    material = Material.of(runs, claims, bench, jobs)
     sections = [section for make in SECTIONS for section in make(material)]
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent, encoding="utf-8"),

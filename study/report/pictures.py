@@ -4,67 +4,129 @@ import base64
 import inspect
 import io
 import re
+from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 from matplotlib.figure import Figure
 
 from study.figures import FIGURES, FigureModule, NotApplicable, Tables, style
 from study.figures.failure import failure
 from study.figures.fig_efficiency import EfficiencyFrame
-from study.report import lead_picture
 from study.report.blocks import Content, InlineCode, Link, Picture, Text
+from study.report.drawing import Artist
 from study.report.findings import nearest_cap
 from study.report.words import count
 
 _DPI = 160
 """Pixels per inch of the figures on the page: sharp at twice the width that a phone has."""
+_SHOWN = ("gdke", "lls", "ugdk", "mle", "als", "corrected")
+"""Estimators of the paper, and those to use instead, in the order of drawing."""
 
 
 class Gallery:
     """The figures that runs can feed, each drawn from the first run that can.
 
+    Args:
+        artist: draws the pictures; see `study.report.drawing`.
+
     Attributes:
-        pictures: the figures, by name.
-        undrawn: for each figure not drawn so far the reasons, by the run's name. A figure that fails does not cost the
-            others; its reason says where in the code it failed.
+        undrawn: for each figure that no run could feed so far the reasons, by the run's name.
         efficiency: content of the figure that the top of the page has a part of; None where no run can feed it.
     """
 
-    def __init__(self) -> None:
-        self.pictures: dict[str, Picture] = {}
+    def __init__(self, artist: Artist) -> None:
+        self._artist = artist
+        self._begun: dict[str, tuple[str, Callable[[], Picture | str]]] = {}
+        self._lead: Callable[[], Picture] | None = None
         self.undrawn: dict[str, dict[str, str]] = {}
         self.efficiency: EfficiencyFrame | None = None
 
     def add(self, tables: Tables) -> None:
-        """Draw the figures that a run can feed and no earlier run could."""
+        """Begin to draw the figures that a run can feed and no earlier run could."""
         for name, figure in FIGURES.items():
-            if name in self.pictures:
+            if name in self._begun:
                 continue
             try:
                 frame = figure.prepare(tables)
-                self.pictures[name] = picture(name, figure, frame, tables.name)
             except NotApplicable as reason:
                 self.undrawn.setdefault(name, {})[tables.name] = str(reason)
             except Exception as error:  # a figure that fails must not cost the page
                 self.undrawn.setdefault(name, {})[tables.name] = failure(error)
             else:
                 self.undrawn.pop(name, None)
+                self._begun[name] = tables.name, self._artist.begin(_picture, name, frame, tables.name)
                 if isinstance(frame, EfficiencyFrame):
                     self.efficiency = frame
+                    self._lead = self._artist.begin(lead, frame)
 
-    def lead(self) -> Picture | None:
-        """The picture at the top of the page; None where no run can feed it."""
-        if self.efficiency is None:
-            return None
-        angle = nearest_cap(self.efficiency)
-        at = f"Cap of {angle:g}°, N\u00a0=\u00a0{count(self.efficiency.samples)}."
-        words = f"Median error of each estimator over the Cramér-Rao bound, against noise. {at}"
-        advice = " The closer to the lines, the better. Below them only a biased estimator can be."
-        caption = [
-            Text([words, advice]),
-            Text([Link("The whole figure", "fig_efficiency"), f", {self.efficiency.stamp}"]),
-        ]
-        return embedded("lead", lead_picture.draw(self.efficiency, angle), words, caption)
+    def finish(self) -> tuple[dict[str, Picture], Picture | None]:
+        """Wait for the pictures.
+
+        Returns:
+            The figures, by name and in their order, and the picture at the top of the page; None where no run can feed
+            it. A figure that fails does not cost the others; ``undrawn`` has its reason, with its place in the code.
+        """
+        found = {}
+        for name in (name for name in FIGURES if name in self._begun):
+            run, drawing = self._begun[name]
+            drawn = drawing()
+            if isinstance(drawn, Picture):
+                found[name] = drawn
+            else:
+                self.undrawn[name] = {run: drawn}
+        return found, self._lead() if self._lead is not None and "fig_efficiency" in found else None
+
+
+def lead(efficiency: EfficiencyFrame) -> Picture:
+    """The picture at the top of the page."""
+    angle = nearest_cap(efficiency)
+    at = f"Cap of {angle:g}°, N\u00a0=\u00a0{count(efficiency.samples)}."
+    words = f"Median error of each estimator over the Cramér-Rao bound, against noise. {at}"
+    advice = " The closer to the lines, the better. Below them only a biased estimator can be."
+    caption = [
+        Text([words, advice]),
+        Text([Link("The whole figure", "fig_efficiency"), f", {efficiency.stamp}"]),
+    ]
+    return embedded("lead", draw_lead(efficiency, angle), words, caption)
+
+
+@style.journal()
+def draw_lead(frame: EfficiencyFrame, angle: float) -> Figure:
+    """Draw the picture at the top of the page, one panel: few estimators, both bounds, the legend where no curve is.
+
+    Args:
+        frame: medians over the bound.
+        angle: half-angle of the cap, in degrees, one of the frame's.
+    """
+    figure = Figure(figsize=(4.7, 3.7), layout="constrained")
+    ax = figure.subplots()
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    mine = frame.curves[frame.curves["angle"] == angle]
+    names = [name for name in _SHOWN if name in set(mine["estimator"])] or list(dict.fromkeys(mine["estimator"]))[:6]
+    for name in names:
+        curve = mine[mine["estimator"] == name].sort_values("level")
+        (line,) = ax.plot(curve["level"], curve["ratio"], linewidth=1.3, label=style.label(name))
+        line.set(color=style.color(name), marker=style.marker(name), markersize=4, markeredgewidth=0.0)
+    reached = frame.attainable[frame.attainable["angle"] == angle].sort_values("level")
+    (line,) = ax.plot(reached["level"], reached["ratio"], color="black", zorder=4, label="attainable bound")
+    line.set(linewidth=1.3, linestyle=(0, (4, 2)))
+    ax.axhline(1.0, color="black", linewidth=0.9, label="Cramér-Rao bound", zorder=1)
+    shown = mine["ratio"][mine["estimator"].isin(names) & np.isfinite(mine["ratio"])]
+    ax.set_ylim(min(0.7, 0.8 * shown.min()), 1.5 * shown.max())
+    ax.set_xlabel("noise over radius, $σ/r$")
+    ax.set_ylabel("median error, Cramér-Rao bound = 1")
+    ax.legend(loc="upper left", fontsize=8.0)
+    return figure
+
+
+def _picture(name: str, frame: Any, run: str) -> Picture | str:
+    """Draw a figure; its failure in words if it fails."""
+    try:
+        return picture(name, FIGURES[name], frame, run)
+    except Exception as error:  # a figure that fails must not cost the page
+        return failure(error)
 
 
 def picture(name: str, figure: FigureModule, frame: Any, run: str) -> Picture:

@@ -18,7 +18,7 @@ compiler knows, so that it unrolls the loops over coordinates and vectorises the
 import functools
 import hashlib
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Literal, Protocol, TypeVar, cast
 
@@ -118,7 +118,7 @@ def _load_compiler() -> Any:
     from numba.extending import typeof_impl
 
     @typeof_impl.register(Kernel)
-    def _type_of(kernel: Kernel, _: object) -> Any:
+    def _type_of(kernel: Kernel, _: object) -> object:
         return types.Dispatcher(kernel.code)
 
     return njit
@@ -217,8 +217,8 @@ def _fma(factor: float, other: float, term: float) -> Callable[[float, float, fl
     from numba.extending import intrinsic
 
     @intrinsic
-    def instruction(typing: object, factor: object, other: object, term: object) -> Any:
-        def generate(context: object, builder: Any, signature: object, arguments: tuple[Any, ...]) -> Any:
+    def instruction(typing: object, factor: object, other: object, term: object) -> object:
+        def generate(context: object, builder: Any, signature: object, arguments: Sequence[object]) -> object:
             return builder.fma(*arguments)
 
         return types.float64(types.float64, types.float64, types.float64), generate

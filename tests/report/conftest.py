@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from study.analysis.claims.claim import Verdict
-from study.report import render
+from study.report.page import render
 from study.runs.storage import schemas
 
 MANY = """

@@ -2,7 +2,7 @@
 
 import pytest
 
-from study.report import render
+from study.report.page import render
 
 WIDTHS = (1280, 768, 375)
 PAPER = 680  # the width between the margins of an A4 page, in pixels of 1/96 inch

@@ -13,9 +13,9 @@ import pytest
 
 from study.estimators import Status
 from study.figures import Tables
-from study.report import render
 from study.report.explorer.packed import packed
 from study.report.material import Record
+from study.report.page import render
 from study.statistics.performance import MEASURES
 
 POINTS = """document.querySelector('#explorer-chart [aria-label="dot"]').querySelectorAll('path, circle').length"""

@@ -12,7 +12,7 @@ from study.figures.fig_efficiency import EfficiencyFrame
 from study.report import findings as found
 from study.report import words
 from study.report.answers import ANSWERS, answer, parts, power, times
-from study.report.lead_picture import draw
+from study.report.pictures import draw_lead
 
 
 def finding(*values):
@@ -134,7 +134,7 @@ def test_gdke_and_lls():
 
 def test_the_picture_has_both_bounds(efficiency):
     """A curve for each estimator, the attainable bound where it is, the Cramér-Rao bound at 1."""
-    (axes,) = draw(efficiency, 60.0).axes
+    (axes,) = draw_lead(efficiency, 60.0).axes
     lines = {line.get_label(): np.asarray(line.get_ydata()) for line in axes.lines}
     assert list(lines) == ["UGDK", "MLE", "ALS", "attainable bound", "Cramér-Rao bound"]
     assert np.array_equal(lines["attainable bound"], [2.0, 2.0, 2.0])

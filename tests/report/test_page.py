@@ -13,13 +13,12 @@ from types import SimpleNamespace
 import pytest
 from matplotlib.figure import Figure
 
-from study import report
 from study.analysis.claims.claim import Verdict
 from study.estimators import Status
 from study.figures import FIGURES, NotApplicable, Tables
 from study.report import page as pages
-from study.report import render, save
 from study.report.blocks import Badge, Row, Section, Table, Text
+from study.report.page import render, save
 from study.report.words import timed
 from study.runs.storage.run_folder import Run, RunError
 
@@ -148,8 +147,7 @@ def test_the_first_run_that_can_feed_a_figure_does(circles, random, claims, read
         return Figure((3.0, 2.0))
 
     figures = {"fig7_power_law": FIGURES["fig7_power_law"], "either": SimpleNamespace(prepare=either, draw=either)}
-    for module in ("study.report.pictures", "study.report.material"):
-        monkeypatch.setattr(f"{module}.FIGURES", figures)
+    monkeypatch.setattr("study.report.pictures.FIGURES", figures)
     document = read(render([random, circles], claims))
     assert [tag["id"] for tag in document.of("figure")] == list(figures)
     assert f"either, run {random.study.run_name()}" in document.text
@@ -166,8 +164,7 @@ def test_a_broken_figure_does_not_cost_the_page(random, claims, monkeypatch, rea
         def prepare(self, tables):
             raise ZeroDivisionError("no such luck")
 
-    for module in ("study.report.pictures", "study.report.material"):
-        monkeypatch.setattr(f"{module}.FIGURES", {"broken": Broken(), "fig2_error": FIGURES["fig2_error"]})
+    monkeypatch.setattr("study.report.pictures.FIGURES", {"broken": Broken(), "fig2_error": FIGURES["fig2_error"]})
     document = read(render([random], claims))
     assert "broken: failed: ZeroDivisionError('no such luck')" in document.text
     assert [tag["id"] for tag in document.of("figure")] == ["fig2_error"]
@@ -339,7 +336,7 @@ AGAIN = """
 import sys
 from pathlib import Path
 import pandas as pd
-from study.report import render, save
+from study.report.page import render, save
 from study.runs.storage.run_folder import Run
 *folders, claims, out = map(Path, sys.argv[1:])
 save(render([Run.open(folder) for folder in folders], pd.read_pickle(claims)), out)
@@ -407,8 +404,3 @@ def test_a_row_that_does_not_fit():
     """A table's row with a cell too few is refused, instead of shifting columns."""
     with pytest.raises(ValueError, match="numbers: a row has not 2 cells"):
         Table("numbers", "", ["a", "b"], [Row(["1"])])
-
-
-def test_the_rooms_interface():
-    """The package offers what the command needs."""
-    assert report.__all__ == ["read_bench", "render", "save"]

@@ -3,10 +3,10 @@
 import pytest
 
 from study.analysis.claims import judge_all
-from study.report import read_bench, render
 from study.report.blocks import Table
 from study.report.material import Material
-from study.report.speed import COLUMNS, speed_section
+from study.report.page import render
+from study.report.speed import COLUMNS, read_bench, speed_section
 from study.runs.storage.atomic_write import RunError
 
 ROWS = """group,what,cost,measured,ratio,aim,machine

@@ -87,6 +87,19 @@ def read(folder: Path, keep: str) -> Manifest:
     return checked
 
 
+def own_estimators(folder: Path) -> list[str]:
+    """Files or packages whose estimators a run has, by its manifest, whatever else is wrong with that.
+
+    Returns:
+        Their names; none if all estimators were shipped, or the manifest does not say.
+    """
+    try:
+        found = json.loads((folder / NAME).read_text(encoding="utf-8"))
+        return [str(entry["from"]) for entry in found["own_estimators"]]
+    except (OSError, ValueError, KeyError, TypeError):
+        return []
+
+
 def _digest_fault(found: Mapping[str, Any]) -> str | None:
     """Compare a manifest with its own digest, if it has one."""
     rest = {key: value for key, value in found.items() if key != DIGEST}

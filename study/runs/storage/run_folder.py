@@ -16,7 +16,6 @@ Workers compute and write nothing; the parent alone writes, and only while it ho
 only if its digest is the one in the manifest, and its columns are those declared.
 """
 
-import json
 import os
 import sys
 from collections.abc import Callable, Collection, Iterable, Mapping
@@ -102,19 +101,10 @@ class Run:
             return cls(folder, load(folder / "config.toml"))
         except ConfigError as error:
             words = "; ".join(line.strip() for line in str(error).splitlines())
-            own = cls._own_estimators(folder)
+            own = ", ".join(manifest.own_estimators(folder))
             hint = f"; it was made with estimators of {own}: give --plugin FILE" if own else ""
             again = f"`study run CONFIG --out {folder}`, with the config that it was made of, writes it again"
             raise RunError(f"{folder}: its config cannot be read any more: {words}; {again}{hint}") from None
-
-    @staticmethod
-    def _own_estimators(folder: Path) -> str:
-        """Names of the files or packages whose estimators a run has, by its manifest; empty if all were shipped."""
-        try:
-            manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
-            return ", ".join(str(entry["from"]) for entry in manifest["own_estimators"])
-        except (OSError, ValueError, KeyError, TypeError):
-            return ""
 
     def begin(self, config: str) -> "Run":
         """Store the config's text, remove the temporary files of a killed writer, and return the run."""

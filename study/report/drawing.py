@@ -1,0 +1,64 @@
+"""The drawing of pictures beside other work: in a second process if there may be one, else at once."""
+
+import multiprocessing
+import signal
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from typing import ParamSpec, TypeVar
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+class Artist:
+    """Calls functions, and gives their results when asked.
+
+    Args:
+        executor: another process; None to call each function at once.
+    """
+
+    def __init__(self, executor: Executor | None) -> None:
+        self._executor = executor
+
+    def begin(self, function: Callable[P, T], *arguments: P.args, **named: P.kwargs) -> Callable[[], T]:
+        """Begin a call; what it returns waits for the result, and gives it.
+
+        The other process needs a function and arguments that can be pickled, and so must be the result.
+        """
+        if self._executor is None:
+            found = function(*arguments, **named)
+            return lambda: found
+        future = self._executor.submit(function, *arguments, **named)
+
+        def wait() -> T:
+            try:
+                return future.result()
+            except BrokenProcessPool:  # for want of memory, perhaps
+                return function(*arguments, **named)
+
+        return wait
+
+
+@contextmanager
+def artist(jobs: int) -> Iterator[Artist]:
+    """An artist with a process of its own if there may be two, which ends with it.
+
+    The other process loads the libraries by itself; that takes as long as two figures.
+    """
+    if jobs < 2:
+        yield Artist(None)
+        return
+    context = multiprocessing.get_context("spawn")  # a fork of a process with threads may wait for ever
+    with ProcessPoolExecutor(1, context, _ignore_interrupt) as executor:
+        try:
+            yield Artist(executor)
+        except BaseException:
+            executor.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+def _ignore_interrupt() -> None:
+    """Leave Ctrl-C, which a terminal sends to both processes, to the other one."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
