@@ -9,6 +9,7 @@ from study.analysis.summary import summarise
 from study.estimators import Status
 from study.estimators.estimator import Estimator
 from study.experiment.config import parse
+from study.experiment.units import spans
 from study.runs import runner
 from study.runs.storage.atomic_write import RunError
 from study.runs.storage.run_folder import Run
@@ -39,6 +40,16 @@ def test_the_summary_is_that_of_the_errors(start, keep, files, route):
     assert short.table("summary").equals(whole.table("summary"))
     assert set(files(short.folder)) == {"config.toml", "manifest.json", "timings.parquet", "summary.parquet"}
     assert short.manifest()["tables"].keys() == {"timings", "summary"}
+
+
+@pytest.mark.parametrize("route", ["points", "moments"])
+def test_cells_too_large_for_memory_are_apart(keep, monkeypatch, route):
+    """Cells of many trials are units of their own, which make the same draws: the summary keeps its bytes."""
+    top = {"route": route, "estimators": ["gdke", "ugdk"]} if route == "moments" else {}
+    whole = keep("whole", top)
+    monkeypatch.setattr("study.experiment.units._FITS_IN_MEMORY", 3 * 70 * len(whole.study.estimators))
+    assert [len(span.group.cells) for span in spans(whole.study)] == [3, 1] * 4
+    assert keep("apart", top).path("summary").read_bytes() == whole.path("summary").read_bytes()
 
 
 @pytest.mark.parametrize("draws", ["shared", "independent"])
