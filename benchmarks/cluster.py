@@ -2,7 +2,7 @@
 
 Not run by `make bench`, because it takes minutes: ``python benchmarks/cluster.py`` stores results/cluster.csv, which
 docs/cluster.md quotes. Scheduler and parent are those of ``study run --backend dask``, and each is a process. So are
-the workers Dask's, but hundreds share a process, and a task that computes for some seconds sleeps for them instead. It
+the workers Dask's, but all share a process, and a task that would compute for some seconds sleeps for them instead. It
 then returns as many random rows as it would return. So there may be more workers than this machine has cores.
 """
 
@@ -10,6 +10,7 @@ import asyncio
 import csv
 import json
 import os
+import pickle
 import resource
 import signal
 import subprocess
@@ -22,7 +23,7 @@ from functools import partial
 from importlib import import_module
 from itertools import islice
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from study.runs.workers import instruction_set
 
@@ -40,6 +41,7 @@ from study.runs import jobs, runner  # noqa: E402
 from study.runs.storage.parts import Packet, Parts  # noqa: E402
 from study.runs.workers import dask_cluster  # noqa: E402
 from study.runs.workers.choose import Workers  # noqa: E402
+from study.runs.workers.worker_entry import Parent  # noqa: E402
 
 TABLE = Path(__file__).resolve().parents[1] / "results" / "cluster.csv"
 CONFIG = """name = "cluster"
@@ -57,7 +59,7 @@ _packets: dict[tuple[int, ...], Packet] = {}
 """What tasks of some sizes return, made once, because many workers share a core here."""
 THREADS = 10
 """Threads of a Dask worker, like the cores of a machine; all Dask workers share a process."""
-_SECONDS, _TASKS, _EACH = 20.0, 4000, 2
+_SECONDS, _TASKS, _EACH = 20.0, 3000, 2
 """Work of each worker in seconds; but no more tasks than so many, and no fewer than so many for each worker."""
 
 
@@ -67,26 +69,30 @@ class Case(NamedTuple):
     Attributes:
         workers: number of workers, of one thread each.
         samples: of each trial; the fewer, the more rows a second.
-        seconds: least length of a task.
+        task: least length of a task, in seconds.
     """
 
     workers: int
     samples: int
-    seconds: float
+    task: float
 
 
-CASES = [Case(workers, 1_000_000, seconds) for seconds in (0.5, 5.0, 30.0) for workers in (10, 100, 1000)]
+CASES = [Case(workers, 1_000_000, task) for task in (0.5, 10.0) for workers in (10, 100, 1000)]
 CASES += [Case(10, 1000, 0.5)]
 
 
-def asleep(pace: float, study: Study, some: tuple[jobs.Job, ...]) -> Packet:
-    """Sleep for the seconds that jobs take, and return as many rows; in place of `study.runs.jobs.execute`."""
+async def asleep(pace: float, number: int, _: Parent, call: bytes) -> tuple[int, Packet]:
+    """Sleep for as long as jobs take, and return as many rows; in place of `study.runs.workers.worker_entry.enter`.
+
+    A coroutine, so that a thousand of them need no thousand threads.
+    """
     began = time.monotonic()
+    study, some = pickle.loads(call)[1]
     shape = tuple(job.span.rows for job in some)
     if shape not in _packets:
         _packets[shape] = jobs._packed(study, some, _random)
-    time.sleep(max(0.0, began + pace * sum(job.weight for job in some) - time.monotonic()))
-    return replace(_packets[shape], keys=[(job.key, job.outputs) for job in some])
+    await asyncio.sleep(began + pace * sum(job.weight for job in some) - time.monotonic())
+    return number, replace(_packets[shape], keys=[(job.key, job.outputs) for job in some])
 
 
 def _random(study: Study, unit: Unit) -> Result:
@@ -157,11 +163,11 @@ def parent(address: str, case: Case, speed: float, folder: Path) -> dict[str, fl
         speed: seconds to the weight of a job.
         folder: of the run.
     """
-    whole = max(_EACH * case.workers, min(_TASKS, case.workers * _SECONDS / case.seconds)) * case.seconds / speed
+    whole = max(_EACH * case.workers, min(_TASKS, case.workers * _SECONDS / case.task)) * case.task / speed
     text = config(case.samples, whole)
     study = parse(text)
-    dask_cluster.DaskCluster.enough = case.seconds / speed
-    runner.execute = partial(import_module("cluster").asleep, speed)  # by a name that the workers can import
+    dask_cluster.DaskCluster.enough = case.task / speed
+    dask_cluster.enter = partial(import_module("cluster").asleep, speed)  # by a name that the workers can import
     sent, came, times = [], [], {}
     dask_cluster.seal = counted(dask_cluster.seal, lambda call, *_: sent.append(len(call)))
     Parts.add = counted(Parts.add, lambda _, parts, packet: came.append(sum(map(len, packet.tables.values()))))
@@ -209,7 +215,9 @@ def measure(case: Case, speed: float, folder: Path) -> dict[str, float]:
     """Start a cluster, run a study on it from a process of its own, and end the cluster."""
     place, me, started = folder / "scheduler.json", [sys.executable, __file__], []
     words = ["--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--no-jupyter", "--scheduler-file", str(place)]
-    quiet = {"stderr": subprocess.DEVNULL, "text": True, "stdout": subprocess.PIPE}
+    path = os.pathsep.join([*sys.path[:1], *os.environ.get("PYTHONPATH", "").split(os.pathsep)])  # where this file is
+    quiet: dict[str, Any] = {"stderr": subprocess.DEVNULL, "text": True, "stdout": subprocess.PIPE}
+    quiet["env"] = os.environ | {"PYTHONPATH": path}
     try:
         started.append(subprocess.Popen([sys.executable, "-m", "distributed.cli.dask_scheduler", *words], **quiet))
         while not (place.is_file() and place.read_text().rstrip().endswith("}")):
@@ -220,7 +228,7 @@ def measure(case: Case, speed: float, folder: Path) -> dict[str, float]:
         scheduler, workers = (psutil.Process(process.pid) for process in started)
         before = _cpu(scheduler), _cpu(workers)
         told = [json.dumps(case), repr(speed), str(folder / "run")]
-        found = json.loads(subprocess.run([*me, "parent", address, *told], check=True, capture_output=True).stdout)
+        found = json.loads(subprocess.run([*me, "parent", address, *told], check=True, stdout=subprocess.PIPE).stdout)
         found |= {"scheduler_cpu": _cpu(scheduler) - before[0], "workers_cpu": _cpu(workers) - before[1]}
         return found | {"scheduler_mib": scheduler.memory_info().rss / 2**20}
     finally:
