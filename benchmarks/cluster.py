@@ -1,6 +1,6 @@
 """A cluster that only waits: what a scheduler and the parent of a run take with 10, 100 and 1000 workers.
 
-Not run by `make bench`, because it takes minutes: ``python benchmarks/cluster.py`` stores results/cluster.csv, which
+Not run by `make bench`, because it takes minutes: ``python benchmarks/cluster.py`` stores results/cluster*.csv, which
 docs/cluster.md quotes. Scheduler and parent are those of ``study run --backend dask``, and each is a process. So are
 the workers Dask's, but all share a process, and a task that would compute for some seconds sleeps for them instead. It
 then returns as many random rows as it would return. So there may be more workers than this machine has cores.
@@ -8,10 +8,10 @@ then returns as many random rows as it would return. So there may be more worker
 
 import asyncio
 import csv
+import heapq
 import json
 import os
 import pickle
-import resource
 import signal
 import subprocess
 import sys
@@ -40,17 +40,18 @@ from study.experiment.units import spans  # noqa: E402
 from study.runs import jobs, runner  # noqa: E402
 from study.runs.storage.parts import Packet, Parts  # noqa: E402
 from study.runs.workers import dask_cluster  # noqa: E402
+from study.runs.workers.backend import PER_SECOND  # noqa: E402
 from study.runs.workers.choose import Workers  # noqa: E402
 from study.runs.workers.worker_entry import Parent  # noqa: E402
 
-TABLE = Path(__file__).resolve().parents[1] / "results" / "cluster.csv"
+RESULTS = Path(__file__).resolve().parents[1] / "results"
 CONFIG = """name = "cluster"
 seed = 2009
 estimators = ["mle", "lls", "gdke", "ugdk"]
 [design]
 kind = "grid"
 trials = {trials}
-samples = {samples}
+samples = 1_000_000
 noise_over_radius = {{ logspace = [1e-13, 1e14, 28] }}
 angle = [5, 15, 30, 60, 90, 135, 180]
 radius = [0.1, 1, 10]
@@ -63,22 +64,35 @@ _SECONDS, _TASKS, _EACH = 20.0, 3000, 2
 """Work of each worker in seconds; but no more tasks than so many, and no fewer than so many for each worker."""
 
 
+LARGE = """name = "large"
+seed = 2009
+estimators = ["mle", "lls", "gdke", "ugdk"]
+keep = "summary"
+[design]
+kind = "grid"
+trials = 1_000_000
+most_samples = 5_000_000_000
+samples = [4, 10, 100, 1_000, 10_000, 100_000, 1_000_000]
+noise_over_radius = { logspace = [1e-13, 1e14, 28] }
+angle = [5, 15, 30, 60, 90, 135, 180]
+radius = [0.1, 1, 10]
+"""
+"""The factorial of configs/factorial.toml with a million trials a cell, fewer for large N."""
+
+
 class Case(NamedTuple):
     """A cluster and the tasks that it computes.
 
     Attributes:
         workers: number of workers, of one thread each.
-        samples: of each trial; the fewer, the more rows a second.
         task: least length of a task, in seconds.
     """
 
     workers: int
-    samples: int
     task: float
 
 
-CASES = [Case(workers, 1_000_000, task) for task in (0.5, 10.0) for workers in (10, 100, 1000)]
-CASES += [Case(10, 1000, 0.5)]
+CASES = [Case(workers, task) for task in (0.5, 10.0) for workers in (10, 100, 1000)]
 
 
 async def asleep(pace: float, number: int, _: Parent, call: bytes) -> tuple[int, Packet]:
@@ -119,10 +133,9 @@ def _random(study: Study, unit: Unit) -> Result:
     return Result((errors,), clock, {}, {})
 
 
-def config(samples: int, weight: float) -> str:
+def config(weight: float) -> str:
     """Config of a study of about so much work; see `study.runs.jobs.Job`."""
-    few = parse(CONFIG.format(trials=1000, samples=samples))
-    return CONFIG.format(trials=max(1, round(1000 * weight / _weight(few))), samples=samples)
+    return CONFIG.format(trials=max(1, round(100 * weight / _weight(parse(CONFIG.format(trials=100))))))
 
 
 def _weight(study: Study) -> float:
@@ -130,9 +143,9 @@ def _weight(study: Study) -> float:
     return sum(found.job(span).weight for span in spans(study))
 
 
-def pace(samples: int) -> float:
-    """Seconds of one core to the weight of a job, measured on some units of a study."""
-    study = parse(CONFIG.format(trials=1000, samples=samples))
+def pace() -> float:
+    """Seconds of one core to the weight of a job, measured on some units of the study."""
+    study = parse(CONFIG.format(trials=100))
     found = jobs.Jobs(study)
     some = [found.job(span) for span in islice(spans(study), 5)]
     seconds = []
@@ -164,7 +177,7 @@ def parent(address: str, case: Case, speed: float, folder: Path) -> dict[str, fl
         folder: of the run.
     """
     whole = max(_EACH * case.workers, min(_TASKS, case.workers * _SECONDS / case.task)) * case.task / speed
-    text = config(case.samples, whole)
+    text = config(whole)
     study = parse(text)
     dask_cluster.DaskCluster.enough = case.task / speed
     dask_cluster.enter = partial(import_module("cluster").asleep, speed)  # by a name that the workers can import
@@ -179,12 +192,12 @@ def parent(address: str, case: Case, speed: float, folder: Path) -> dict[str, fl
         times["seconds"], times["parent_cpu"] = time.perf_counter() - began, time.process_time() - busy
         files = list((folder / "parts").glob("*.part"))
         times["files"], times["parts_mb"] = len(files), sum(path.stat().st_size for path in files) / 1e6
-        times["parent_mib"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+        times["parent_mib"] = _peak()
 
     def timed_finish(*arguments: object) -> None:
         began = time.perf_counter()
         finish(*arguments)
-        times["finish"] = time.perf_counter() - began
+        times["finish"], times["finish_mib"] = time.perf_counter() - began, _peak()
 
     runner._Computation.compute, runner.finish = timed_compute, timed_finish
     runner.run(study, text, folder, Workers("dask", scheduler=address))
@@ -197,6 +210,12 @@ def parent(address: str, case: Case, speed: float, folder: Path) -> dict[str, fl
         "came_kb": sum(came) / len(sent) / 1e3,
         **times,
     }
+
+
+def _peak() -> float:
+    """Peak memory of this program in MiB; `resource` would count that of the program that started it, too."""
+    line = next(line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmHWM"))
+    return int(line.split()[1]) / 1024
 
 
 async def host(address: str, count: int, folder: str) -> None:
@@ -242,21 +261,51 @@ def _cpu(process: psutil.Process) -> float:
     return float(times.user + times.system)
 
 
-def main() -> None:
-    """Measure all cases, print them, and store them."""
-    paces = {samples: pace(samples) for samples in {case.samples for case in CASES}}
-    rows = []
-    for case in CASES:
-        with tempfile.TemporaryDirectory() as name:
-            found = measure(case, paces[case.samples], Path(name))
-        busiest = max(found["parent_cpu"], found["scheduler_cpu"])
-        row = case._asdict() | found | {"most_tasks_a_second": found["tasks"] / busiest}
-        rows.append({key: value if isinstance(value, int) else float(f"{value:.4g}") for key, value in row.items()})
-        print(rows[-1], flush=True)
-    with open(TABLE, "w", newline="", encoding="utf-8") as file:
+def schedule() -> list[dict[str, float]]:
+    """Seconds that the study of 10¹³ samples takes by the weights of its units, the heaviest first; nothing is run."""
+    study, rows = parse(LARGE), []
+    found = jobs.Jobs(study)
+    some = [found.job(span) for span in spans(study)]
+    seconds = sorted((job.weight / PER_SECOND for job in some), reverse=True)
+    fits = study.design.groups(study.seed, study.dimension)
+    data_sets = sum(group.width * study.design.trials_of(group.samples) for group in fits)
+    for workers in (10, 100, 1000):
+        busy = [0.0] * workers
+        for each in seconds:
+            heapq.heapreplace(busy, busy[0] + each)
+        rows.append(
+            {
+                "workers": workers,
+                "units": len(some),
+                "samples": sum((j.span.last - j.span.first) * j.span.group.samples * j.span.group.width for j in some),
+                "rows": data_sets * len(study.estimators),
+                "core_hours": sum(seconds) / 3600,
+                "longest": seconds[0],
+                "seconds": max(busy),
+                "efficiency": sum(seconds) / workers / max(busy),
+            }
+        )
+    return rows
+
+
+def store(rows: list[dict[str, float]], name: str) -> None:
+    """Write rows to a table of the results, with four digits."""
+    with open(RESULTS / name, "w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
         writer.writeheader()
-        writer.writerows(rows)
+        for row in rows:
+            writer.writerow({k: v if isinstance(v, int) else float(f"{v:.4g}") for k, v in row.items()})
+
+
+def main() -> None:
+    """Measure all cases, print them, and store them."""
+    store(schedule(), "cluster-study.csv")
+    speed, rows = pace(), []
+    for case in CASES:
+        with tempfile.TemporaryDirectory() as name:
+            rows.append(case._asdict() | measure(case, speed, Path(name)))
+        print(rows[-1], flush=True)
+    store(rows, "cluster.csv")
 
 
 if __name__ == "__main__":

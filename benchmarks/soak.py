@@ -52,25 +52,26 @@ CONFIGS = {
     "posterior": 'name = "posterior"\n' + _GRID.format(trials=30) + _POSTERIOR,
 }
 CASES = {
-    ("errors", "threads", "parent"): 10,
-    ("errors", "threads", "group"): 10,
-    ("errors", "loky", "worker"): 10,
-    ("errors", "loky", "parent"): 4,
-    ("errors", "loky", "group"): 4,
-    ("precision", "threads", "parent"): 10,
-    ("precision", "loky", "worker"): 10,
-    ("precision", "loky", "group"): 4,
-    ("posterior", "loky", "parent"): 4,
-    ("posterior", "loky", "group"): 4,
+    ("errors", "threads", "parent"): 14,
+    ("errors", "threads", "group"): 14,
+    ("precision", "threads", "parent"): 12,
+    ("posterior", "threads", "group"): 8,
+    ("errors", "loky", "worker"): 4,
+    ("errors", "loky", "parent"): 3,
+    ("errors", "loky", "group"): 3,
+    ("precision", "loky", "worker"): 4,
+    ("precision", "loky", "group"): 3,
+    ("posterior", "loky", "parent"): 3,
+    ("posterior", "loky", "group"): 3,
     ("errors", "dask", "worker"): 10,
     ("errors", "dask", "parent"): 5,
-    ("precision", "dask", "worker"): 10,
+    ("precision", "dask", "worker"): 8,
     ("posterior", "dask", "parent"): 5,
 }
 """Cases, each with its number of kills in a hundred: fewer where each kill costs the start of several processes."""
-_APART = 12
-"""Parts between two kills of a run's workers. A unit that meets two of them is given up, as it may have caused them;
-the units that were sent when a worker died are tried again first."""
+_APART = 30
+"""Parts between two kills of a run's workers. A unit whose worker dies twice is given up, since it may be the cause;
+the units that were sent when a worker was killed are tried again first."""
 _PATIENCE = 120.0
 _started: list[subprocess.Popen[str]] = []
 

@@ -127,7 +127,7 @@ def run(
     if (backend == "dask") != (scheduler is not None) or backend not in (None, "threads", "loky", "dask"):
         raise typer.BadParameter("--backend is threads, loky or dask; --scheduler goes with dask, and only with it")
     if task is not None and (backend != "dask" or not task > 0.0):
-        raise typer.BadParameter(f"--task {task:g}: seconds of a task, above 0, go with --backend dask, and only with it")
+        raise typer.BadParameter(f"--task {task:g}: seconds above 0 go with --backend dask, and only with it")
     if out is not None and len(configs) > 1:
         raise typer.BadParameter(f"--out {out} is a folder for one config, but {len(configs)} are given; leave it out")
     complaints, code = [], ExitCode.TOO_MANY_FAILURES

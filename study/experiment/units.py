@@ -6,8 +6,10 @@ from study.experiment.config import Study
 from study.experiment.designs.cells import Unit
 from study.experiment.designs.groups import Group, Span
 
-_FITS_IN_MEMORY = 8_000_000
-"""Fits of a unit whose summary is kept alone: at some 110 bytes each while their errors are joined, .9 GB."""
+_FITS_IN_MEMORY = 4_000_000
+"""Fits of a unit whose summary alone is kept: their errors take some 190 bytes each until they are summed up."""
+_SAMPLES_IN_SUMMARY = 20_000_000_000
+"""Samples that such a unit draws and fits, over its levels: some minutes, which a kill costs."""
 
 
 def groups(study: Study) -> Iterator[Group]:
@@ -42,12 +44,14 @@ def spans_of(study: Study, group: Group, below: int | None = None) -> Iterator[S
 
 
 def _few(study: Study, group: Group) -> Iterator[Group]:
-    """Cut a group to so few cells that the errors of all their trials fit in memory, since a summary is made of them.
+    """Cut a group to so few cells that all their trials, of which a summary is made, are few enough for one unit.
 
     Each of these groups makes the draws of all trials again.
     """
-    cells = group.cells
-    at_once = max(1, _FITS_IN_MEMORY // (trials_of(study, group) * max(1, len(study.estimators))))
+    trials, cells, levels = trials_of(study, group), group.cells, group.levels
+    at_once = max(1, _FITS_IN_MEMORY // (trials * max(1, len(study.estimators))))
+    if study.route == "points":  # a level costs as much as the draw
+        at_once = min(at_once, max(1, _SAMPLES_IN_SUMMARY // (trials * group.samples) - 1) * (len(cells) // levels))
     if at_once >= len(cells):
         yield group
         return
