@@ -116,9 +116,10 @@ $(VENV)/.run: $(VENV)/bin/python pyproject.toml constraints.txt
 	$(BIN)/python -m study.runs.compile_loops configs/smoke.toml
 	touch $@
 
-# ... and those of the paper's studies.
+# ... and those of the paper's studies, and scalar code for the table of costs.
 $(VENV)/.compiled: $(VENV)/.run
 	$(BIN)/python -m study.runs.compile_loops $(CONFIGS)
+	$(BIN)/python -m study.analysis.cost scalar 3 20 >/dev/null
 	touch $@
 
 $(VENV)/.mocap: $(VENV)/.run

@@ -51,19 +51,27 @@ CONFIGS = {
     "precision": 'name = "precision"\n' + _GRID.format(trials=6000) + _PRECISION,
     "posterior": 'name = "posterior"\n' + _GRID.format(trials=30) + _POSTERIOR,
 }
-CASES = [
-    *(("errors", backend, target) for backend in ("threads", "loky") for target in ("parent", "group")),
-    ("errors", "loky", "worker"),
-    ("precision", "threads", "parent"),
-    ("precision", "loky", "worker"),
-    ("precision", "loky", "group"),
-    ("posterior", "loky", "parent"),
-    ("posterior", "loky", "group"),
-    ("errors", "dask", "parent"),
-    ("errors", "dask", "worker"),
-    ("precision", "dask", "worker"),
-    ("posterior", "dask", "parent"),
-]
+CASES = {
+    ("errors", "threads", "parent"): 14,
+    ("errors", "threads", "group"): 14,
+    ("precision", "threads", "parent"): 12,
+    ("posterior", "threads", "group"): 8,
+    ("errors", "loky", "worker"): 4,
+    ("errors", "loky", "parent"): 3,
+    ("errors", "loky", "group"): 3,
+    ("precision", "loky", "worker"): 4,
+    ("precision", "loky", "group"): 3,
+    ("posterior", "loky", "parent"): 3,
+    ("posterior", "loky", "group"): 3,
+    ("errors", "dask", "worker"): 10,
+    ("errors", "dask", "parent"): 5,
+    ("precision", "dask", "worker"): 8,
+    ("posterior", "dask", "parent"): 5,
+}
+"""Cases, each with its number of kills in a hundred: fewer where each kill costs the start of several processes."""
+_APART = 30
+"""Parts between two kills of a run's workers. A unit whose worker dies twice is given up, since it may be the cause;
+the units that were sent when a worker was killed are tried again first."""
 _PATIENCE = 120.0
 _started: list[subprocess.Popen[str]] = []
 
@@ -149,11 +157,11 @@ def _tables(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in (folder / "out").glob("*.parquet") if path.stem != "timings"}
 
 
-def _wait(process: subprocess.Popen[str], folder: Path, known: set[str]) -> bool:
-    """Wait until a process has stored a new part; false if it ended before."""
+def _wait(process: subprocess.Popen[str], folder: Path, known: set[str], count: int) -> bool:
+    """Wait until a process has stored so many new parts; false if it ended before."""
     last = time.monotonic() + _PATIENCE
     while process.poll() is None:
-        if _files(folder) - known:
+        if len(_files(folder) - known) >= count:
             return True
         assert time.monotonic() < last, f"{folder}: no part in {_PATIENCE} s"
         time.sleep(0.005)
@@ -167,10 +175,10 @@ def _finish(folder: Path, kind: str, backend: str) -> None:
     assert process.returncode == 0, said
 
 
-def _kill(process: subprocess.Popen[str], target: str) -> bool:
+def _kill(process: subprocess.Popen[str], backend: str, target: str) -> bool:
     """Kill a process, its group or a worker of it; false if there is no worker."""
     below = psutil.Process(process.pid).children(recursive=True)
-    if target == "worker" and cluster.workers:
+    if target == "worker" and backend == "dask":
         cluster.kill_worker()
         return True
     if target == "worker":
@@ -197,9 +205,10 @@ def soak(kind: str, backend: str, target: str, kills: int, whole: dict[str, byte
             folder = Path(name)
             while done < kills:
                 process, known = _start(folder, kind, backend), _files(folder)
-                while done < kills and _wait(process, folder, known):
-                    known = _files(folder)
-                    done += _kill(process, target)
+                count = 1
+                while done < kills and _wait(process, folder, known, count):
+                    known, count = _files(folder), _APART
+                    done += _kill(process, backend, target)
                     if target != "worker":
                         break
                 said = process.communicate()[1]
@@ -245,17 +254,16 @@ def full_disk(text: str) -> int:
 
 def main(kills: int, kinds: list[str]) -> None:
     """Print the tally of all cases, or of those that have all of some words: a kind, a backend, a target."""
-    cases = [case for case in CASES if not kinds or set(kinds) <= set(case)]
-    each = -(-kills // len(cases))
+    cases = {case: share for case, share in CASES.items() if set(kinds) <= set(case)}
     wholes: dict[str, dict[str, bytes]] = {}
     total = 0
-    for kind, backend, target in cases[: -(-kills // each)]:
+    for (kind, backend, target), share in cases.items():
         began = time.monotonic()
         if kind not in wholes:
             with tempfile.TemporaryDirectory() as name:
                 _finish(Path(name), kind, "threads")
                 wholes[kind] = _tables(Path(name))
-        done, runs = soak(kind, backend, target, each, wholes[kind])
+        done, runs = soak(kind, backend, target, max(1, round(kills * share / sum(cases.values()))), wholes[kind])
         total += done
         seconds = time.monotonic() - began
         print(f"{kind:10} {backend:8} {target:7} {done:4} kills of {runs:3} runs, {seconds:6.0f} s", flush=True)

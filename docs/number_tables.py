@@ -184,6 +184,36 @@ def skin(tables: Tables) -> str:
     return _markdown(head, rows)
 
 
+def cluster(tables: Tables) -> str:
+    """A simulated cluster: how busy its workers are, and what the scheduler and the parent take."""
+    rows = []
+    for row in tables("cluster").to_dict("records"):
+        busy = {name: row[f"{name}_cpu"] / row["tasks"] for name in ("scheduler", "parent")}
+        most = min(1.0, row["task_seconds"] / max(busy.values()) / row["workers"])
+        rows.append(
+            [
+                f"{row['workers']:,}",
+                f"{row['task_seconds']:.1f} s",
+                f"{100 * most:.0f} %",
+                f"{100 * row['efficiency']:.0f} %",
+                f"{1e3 * busy['scheduler']:.1f} / {1e3 * busy['parent']:.1f} ms",
+                f"{row['sent_kb']:.0f} / {row['came_kb']:.0f} kB",
+                f"{row['parent_mib']:.0f} MiB",
+            ]
+        )
+    head = ["workers", "task", "at most", "efficiency here", "scheduler / parent, a task", "sent / back"]
+    return _markdown([*head, "parent's peak"], rows)
+
+
+def cluster_study(tables: Tables) -> str:
+    """The study of 10¹³ samples: its time by the number of workers."""
+    rows = [
+        [f"{row['workers']:,}", f"{row['seconds'] / 60:.0f} min", f"{100 * row['efficiency']:.0f} %"]
+        for row in tables("cluster_study").to_dict("records")
+    ]
+    return _markdown(["workers", "time", "efficiency"], rows)
+
+
 def speed(tables: Tables) -> str:
     """Ratios of the stored benchmarks."""
     table = tables("bench").set_index(["group", "what"])["ratio"]

@@ -72,6 +72,8 @@ Out = Annotated[Path | None, typer.Option("--out", help="folder of the run [defa
 Pictures = Annotated[Path | None, typer.Option("--out", help="folder for the pictures [default: RUN/figures]")]
 _BACKEND = "threads, loky (processes) or dask (a cluster) [default: threads; loky for long studies]"
 Backend = Annotated[str | None, typer.Option("--backend", help=_BACKEND)]
+_TASK = "with dask: seconds of work in a task; long ones for many workers [default: 0.2]"
+Task = Annotated[float | None, typer.Option("--task", metavar="SECONDS", help=_TASK)]
 Scheduler = Annotated[str | None, typer.Option("--scheduler", help="address of a Dask scheduler: tcp://host:8786")]
 _BUDGET = "start no new work after this many seconds; for configs with [precision]"
 Seconds = Annotated[float | None, typer.Option("--budget", min=0.0, help=_BUDGET)]
@@ -96,6 +98,7 @@ def run(
     backend: Backend = None,
     scheduler: Scheduler = None,
     budget: Seconds = None,
+    task: Task = None,
 ) -> None:
     """Run studies; resume unfinished ones.
 
@@ -113,6 +116,8 @@ def run(
 
     if (backend == "dask") != (scheduler is not None) or backend not in (None, "threads", "loky", "dask"):
         raise typer.BadParameter("--backend is threads, loky or dask; --scheduler goes with dask, and only with it")
+    if task is not None and (backend != "dask" or not task > 0.0):
+        raise typer.BadParameter(f"--task {task:g}: seconds above 0 go with --backend dask, and only with it")
     if out is not None and len(configs) > 1:
         raise typer.BadParameter(f"--out {out} is a folder for one config, but {len(configs)} are given; leave it out")
     complaints, code = [], ExitCode.TOO_MANY_FAILURES
@@ -122,7 +127,7 @@ def run(
             reason = f"{config} has no [precision] and cannot stop early; leave --budget out"
             raise typer.BadParameter(f"--budget {budget:g}: {reason}")
     for study, text in studies:
-        workers = Workers(backend or ("loky" if jobs > 1 and takes_long(study) else "threads"), jobs, scheduler)
+        workers = Workers(backend or ("loky" if jobs > 1 and takes_long(study) else "threads"), jobs, scheduler, task)
         with _progress(study.run_name()) as advance:
             folder = out or RUNS / study.run_name()
             end = None if budget is None else TimeBudget(budget)

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from study.analysis.paper_cost import PAPER
 from study.estimators.estimates import blank
 from study.experiment.streams import stream
+from study.sphere.jit import SCALAR_CODE
 
 Objects = NDArray[np.object_]
 """Arrays of `Counted` numbers."""
@@ -169,10 +170,25 @@ def timed(dimension: int, samples: int) -> dict[str, float]:
 
 
 def timed_scalar(dimension: int, samples: int) -> dict[str, float]:
-    """Seconds as in `timed`, without vector instructions, like code of 2008."""
-    with tempfile.TemporaryDirectory() as cache:
+    """Seconds as in `timed`, without vector instructions, like code of 2008; it is compiled the first time."""
+    with _scalar_code() as cache:
         off = {"NUMBA_LOOP_VECTORIZE": "0", "NUMBA_SLP_VECTORIZE": "0", "NUMBA_CACHE_DIR": cache}
         return _elsewhere(["time", str(dimension), str(samples)], off)
+
+
+@contextmanager
+def _scalar_code() -> Iterator[str]:
+    """A folder for scalar code; one that does not last, where the package cannot be written to."""
+    try:
+        SCALAR_CODE.mkdir(parents=True, exist_ok=True)
+        lasts = os.access(SCALAR_CODE, os.W_OK)
+    except OSError:
+        lasts = False
+    if lasts:
+        yield str(SCALAR_CODE)
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        yield folder
 
 
 def _elsewhere(arguments: list[str], environment: dict[str, str]) -> dict[str, float]:
@@ -184,5 +200,5 @@ def _elsewhere(arguments: list[str], environment: dict[str, str]) -> dict[str, f
 
 
 if __name__ == "__main__":
-    work = count if sys.argv[1] == "count" else timed
-    print(json.dumps(work(*map(int, sys.argv[2:]))))
+    works: dict[str, Callable[..., dict[str, float]]] = {"count": count, "time": timed, "scalar": timed_scalar}
+    print(json.dumps(works[sys.argv[1]](*map(int, sys.argv[2:]))))

@@ -6,6 +6,11 @@ from study.experiment.config import Study
 from study.experiment.designs.cells import Unit
 from study.experiment.designs.groups import Group, Span
 
+_FITS_IN_MEMORY = 4_000_000
+"""Fits of a unit whose summary alone is kept: their errors take some 190 bytes each until they are summed up."""
+_SAMPLES_IN_SUMMARY = 20_000_000_000
+"""Samples that such a unit draws and fits, over its levels: some minutes, which a kill costs."""
+
 
 def groups(study: Study) -> Iterator[Group]:
     """The study's groups of cells that share draws, in the order of its tables."""
@@ -30,7 +35,25 @@ def spans(study: Study) -> Iterator[Span]:
 def spans_of(study: Study, group: Group, below: int | None = None) -> Iterator[Span]:
     """The units of a group as spans; only those with trials below a number, if one is given."""
     trials = trials_of(study, group)
-    levels = 1 if study.route == "moments" else group.levels
-    step = trials if study.keep == "summary" else group.trials_per_unit(levels)  # a summary is made of whole cells
+    if study.keep == "summary":
+        yield from (Span(some, 0, trials if below is None else min(below, trials)) for some in _few(study, group))
+        return
+    step = group.trials_per_unit(1 if study.route == "moments" else group.levels)
     for first in range(0, trials if below is None else min(below, trials), step):
         yield Span(group, first, min(trials, first + step))
+
+
+def _few(study: Study, group: Group) -> Iterator[Group]:
+    """Cut a group to so few cells that all their trials, of which a summary is made, are few enough for one unit.
+
+    Each of these groups makes the draws of all trials again.
+    """
+    trials, cells, levels = trials_of(study, group), group.cells, group.levels
+    at_once = max(1, _FITS_IN_MEMORY // (trials * max(1, len(study.estimators))))
+    if study.route == "points":  # a level costs as much as the draw
+        at_once = min(at_once, max(1, _SAMPLES_IN_SUMMARY // (trials * group.samples) - 1) * (len(cells) // levels))
+    if at_once >= len(cells):
+        yield group
+        return
+    for first in range(0, len(cells), at_once):
+        yield group.only(cells[first : first + at_once])

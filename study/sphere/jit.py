@@ -17,6 +17,7 @@ compiler knows, so that it unrolls the loops over coordinates and vectorises the
 
 import functools
 import hashlib
+import shutil
 import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -33,6 +34,9 @@ CHUNK = 256
 """Samples that a kernel handles at a time: d + 2 rows of 256 doubles, and the samples, stay in a first-level cache."""
 _UNROLLED = 4
 """Dimensions up to which sums are tuples; beyond, the compiler would take too long."""
+
+SCALAR_CODE = Path(__file__).parent / "__pycache__" / "scalar"
+"""Cache of code without vector instructions, which numba would take for the other: `study cost` times it."""
 
 _PACKAGE = Path(__file__).parent.parent
 
@@ -61,6 +65,7 @@ def _discard_stale_code() -> None:
         return
     try:
         stamp.parent.mkdir(exist_ok=True)
+        shutil.rmtree(SCALAR_CODE, ignore_errors=True)
         for pattern in ("*.nbi", "*.nbc", "compiled-*"):
             for stale in (path for name in rooms for path in (_PACKAGE / name).rglob(f"__pycache__/{pattern}")):
                 stale.unlink(missing_ok=True)

@@ -198,7 +198,13 @@ def test_failures_above_the_tolerance(call_here, config, tmp_path):
 
 @pytest.mark.parametrize(
     "words",
-    [["--backend", "slurm"], ["--backend", "dask"], ["--scheduler", "tcp://127.0.0.1:9"]],
+    [
+        ["--backend", "slurm"],
+        ["--backend", "dask"],
+        ["--scheduler", "tcp://127.0.0.1:9"],
+        ["--task", "10"],
+        ["--backend", "dask", "--scheduler", "tcp://127.0.0.1:9", "--task", "0"],
+    ],
     ids=str,
 )
 def test_wrong_backends(call_here, config, tmp_path, words):

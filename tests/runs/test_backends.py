@@ -139,7 +139,9 @@ def test_dask_with_an_estimator_of_ones_own(start, one_unit_in_a_task, cluster, 
         monkeypatch.setattr("study.runs.workers.dask_cluster._PATIENCE", 600.0)
         alone = start(jobs=1, **entries)
         (tmp_path / "mine.py").unlink()
-        run = start(jobs=Workers("dask", 2, cluster[0]), **entries)
+        run = start(jobs=Workers("dask", 2, cluster[0], task=1e-6), **entries)
+        with Workers("dask", 2, cluster[0], task=30.0).open() as backend:
+            assert backend.enough == 3e9
     finally:
         for path, _ in plugin_file.loaded():
             plugin_file.unload(path)

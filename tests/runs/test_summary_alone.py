@@ -9,6 +9,7 @@ from study.analysis.summary import summarise
 from study.estimators import Status
 from study.estimators.estimator import Estimator
 from study.experiment.config import parse
+from study.experiment.units import spans
 from study.runs import runner
 from study.runs.storage.atomic_write import RunError
 from study.runs.storage.run_folder import Run
@@ -39,6 +40,34 @@ def test_the_summary_is_that_of_the_errors(start, keep, files, route):
     assert short.table("summary").equals(whole.table("summary"))
     assert set(files(short.folder)) == {"config.toml", "manifest.json", "timings.parquet", "summary.parquet"}
     assert short.manifest()["tables"].keys() == {"timings", "summary"}
+
+
+LIMITS = {
+    "memory": ("_FITS_IN_MEMORY", 3 * 70 * 4, [3, 1] * 4),
+    "time": ("_SAMPLES_IN_SUMMARY", 3 * 70 * 700, [4, 4, 2, 2, 2, 2]),
+    "least": ("_FITS_IN_MEMORY", 1, [1] * 16),
+}
+
+
+@pytest.mark.parametrize(("limit", "most", "cells"), LIMITS.values(), ids=LIMITS)
+def test_large_summaries_are_cut_by_cells(keep, monkeypatch, limit, most, cells):
+    """Cells of many trials are units of their own, which make the same draws: the summary keeps its bytes."""
+    whole = keep("whole")
+    assert [len(span.group.cells) for span in spans(whole.study)] == [4] * 4
+    monkeypatch.setattr(f"study.experiment.units.{limit}", most)
+    assert [len(span.group.cells) for span in spans(whole.study)] == cells
+    assert keep("apart").path("summary").read_bytes() == whole.path("summary").read_bytes()
+
+
+def test_moments_cut_by_cells(keep, monkeypatch):
+    """So are those that are fitted from joint moments, where a level costs next to nothing."""
+    top = {"route": "moments", "estimators": ["gdke", "ugdk"]}
+    whole = keep("whole", top)
+    monkeypatch.setattr("study.experiment.units._SAMPLES_IN_SUMMARY", 1)
+    assert [len(span.group.cells) for span in spans(whole.study)] == [4] * 4
+    monkeypatch.setattr("study.experiment.units._FITS_IN_MEMORY", 3 * 70 * 2)
+    assert [len(span.group.cells) for span in spans(whole.study)] == [3, 1] * 4
+    assert keep("apart", top).path("summary").read_bytes() == whole.path("summary").read_bytes()
 
 
 @pytest.mark.parametrize("draws", ["shared", "independent"])

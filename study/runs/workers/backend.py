@@ -16,6 +16,9 @@ from study.runs.workers.worker_entry import Parent, attempt
 Call = tuple[Callable[..., object], tuple[object, ...], dict[str, object]]
 """A call as `joblib.delayed` has it."""
 
+PER_SECOND = 1e8
+"""Weight that one worker computes in about a second."""
+
 
 class Backend:
     """Workers of one kind.

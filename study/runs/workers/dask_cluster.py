@@ -19,7 +19,7 @@ from joblib import delayed
 from joblib.parallel import ParallelBackendBase
 
 from study.runs.storage.atomic_write import RunError
-from study.runs.workers.backend import Backend, Call, introduction
+from study.runs.workers.backend import PER_SECOND, Backend, Call, introduction
 from study.runs.workers.worker_entry import Death, enter, seal
 
 _PATIENCE = 10.0
@@ -31,6 +31,8 @@ class DaskCluster(Backend):
 
     Args:
         address: the scheduler's, such as ``tcp://login-node:8786``.
+        task: seconds of work from which a task takes no more items. The scheduler and the parent take milliseconds
+            for each task, so many workers need long ones.
 
     Raises:
         RunError: if Dask is not installed, or nothing answers there.
@@ -39,7 +41,9 @@ class DaskCluster(Backend):
     alone = False  # a dead worker ends its own tasks, and the scheduler gives them to others
     enough = 2e7
 
-    def __init__(self, address: str) -> None:
+    def __init__(self, address: str, task: float | None = None) -> None:
+        if task is not None:
+            self.enough = task * PER_SECOND
         distributed, failure = _imported(), ""
         try:
             self._client = distributed.Client(address, timeout=_PATIENCE, set_as_default=False)

@@ -48,6 +48,8 @@ class Death(NamedTuple):
 
 
 _agreed: list[Parent] = []
+_agreeing = threading.Lock()
+"""A Dask worker with many threads gets as many first tasks at once."""
 _SYNCHRONIZE, _FOREVER = 0x00100000, 0xFFFFFFFF
 """Windows: the right to wait for a process, and a wait without an end."""
 
@@ -69,12 +71,13 @@ def enter(number: int, parent: Parent, call: bytes) -> tuple[int, object]:
         The number, and the result as `attempt` has it, or a `DisagreementError` if this process would compute other
         bytes than its parent.
     """
-    if parent not in _agreed:
-        try:
-            _agree(parent)
-        except DisagreementError as error:
-            return number, error
-        _agreed.append(parent)
+    with _agreeing:
+        if parent not in _agreed:
+            try:
+                _agree(parent)
+            except DisagreementError as error:
+                return number, error
+            _agreed.append(parent)
     function, arguments = pickle.loads(call)
     found = attempt(number, function, *arguments)
     if isinstance(found[1], Exception):
