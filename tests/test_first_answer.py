@@ -40,3 +40,11 @@ def test_on_the_command_line(tmp_path):
     found, said = loaded(tmp_path, code)
     assert found <= {"pydantic"}
     assert "radius" in said
+
+
+def test_commands_that_fit_nothing(tmp_path):
+    """To judge claims, or to open a run, neither the compiler nor scipy's distributions, nor a figure's library."""
+    code = "import study.analysis.claims, study.analysis.worst, study.analysis.summary_text"
+    code += "\nimport sys\nassert 'numba' not in sys.modules"
+    found, _ = loaded(tmp_path, code)
+    assert found <= {"pandas", "pyarrow", "pydantic"}
