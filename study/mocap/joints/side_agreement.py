@@ -40,7 +40,7 @@ _AXIS_ERROR = np.radians(10.0)
 
 
 @dataclass(frozen=True)
-class Difference:
+class PlaceDifference:
     """Difference between two places of one joint.
 
     Attributes:
@@ -64,7 +64,7 @@ class Difference:
 
 
 @dataclass(frozen=True)
-class SideDifference(Difference):
+class SideDifference(PlaceDifference):
     """Difference of another side's estimate from the chosen one, in the chosen one's axes.
 
     Attributes:
@@ -118,7 +118,7 @@ def check_against_sides(chosen: Estimate, others: Sequence[Estimate]) -> tuple[E
 
 
 @dataclass(frozen=True)
-class WayDifference(Difference):
+class WayDifference(PlaceDifference):
     """Difference between the centres of the frames in which a joint turns one way and the other about one axis."""
 
     @property
