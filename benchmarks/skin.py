@@ -5,8 +5,8 @@
 A body has 41 markers, 1 mm of noise, 10 % gaps, 16 seconds at 50 frames per second, and skin of 5 to 30 mm at the ends
 of its joints' ranges, evenly over the bodies of a cell. A row of the table is a cell: the share of joints whose 95 %
 region holds the truth, of all and of knees and elbows; the shares undoubted, and undoubted though more than 2 cm off;
-median error and median standard error, mm. A hinge is compared with its true axis. A joint without an estimate counts
-as doubted and has no region.
+median error and median standard error, mm; and the standard errors of the shares, from the scatter between bodies. A
+hinge is compared with its true axis. A joint without an estimate counts as doubted and has no region.
 """
 
 import argparse
@@ -46,46 +46,61 @@ def compared(found, truth):
     return row | {"off": np.linalg.norm(off), "covered": covered, "error": estimate.standard_error}
 
 
-def cell(law, gait, bodies):
-    """The joints of all bodies of a cell, a row each."""
+def cell(law, gait, bodies, every=1):
+    """The joints of the bodies of a cell, or of every fifth, say, a row each."""
     cmu41, rows = load_markerset("cmu41"), []
-    for body in range(bodies):
+    for body in range(0, bodies, every):
         amplitude = 0.0 if law == "none" else LEAST + (GREATEST - LEAST) * (body + 0.5) / bodies
         skin = "mixed" if law == "none" else law
         recipe = Recipe(800, 50.0, seed=1 + body, gaps=0.1, soft_tissue=amplitude, skin=skin, gait=gait)
         recording, truth = synthesize(recipe)
-        rows += [compared(found, truth) for found in find_joints(cmu41, recording).joints]
+        rows += [{"body": body} | compared(found, truth) for found in find_joints(cmu41, recording).joints]
     return pd.DataFrame(rows)
 
 
-def summary(law, gait, bodies):
-    """The row of a cell."""
-    joints = cell(law, gait, bodies)
+def mean_by_body(joints, values):
+    """Mean of a value of each joint, and its standard error: joints of one body are not independent."""
+    values = values.astype(float)
+    mean, bodies = values.mean(), joints["body"].nunique()
+    residuals = (values - mean).groupby(joints["body"]).sum() / values.notna().sum()
+    return mean, np.sqrt((residuals**2).sum() * bodies / max(bodies - 1, 1))
+
+
+def summary(law, gait, joints):
+    """The row of a cell, from its joints."""
     hinges = joints["joint"].isin(HINGES)
+    covered, covered_se = mean_by_body(joints, joints["covered"])
+    undoubted, undoubted_se = mean_by_body(joints, joints["undoubted"])
+    far, far_se = mean_by_body(joints, joints["undoubted"] & (joints["off"] > FAR))
     return {
         "skin": law,
         "motion": "gait" if gait else "functional",
-        "bodies": bodies,
-        "covered": joints["covered"].mean(),
+        "bodies": joints["body"].nunique(),
+        "covered": covered,
         "covered_hinges": joints.loc[hinges, "covered"].mean(),
         "without_estimate": joints["covered"].isna().mean(),
-        "undoubted": joints["undoubted"].mean(),
-        "undoubted_far": (joints["undoubted"] & (joints["off"] > FAR)).mean(),
+        "undoubted": undoubted,
+        "undoubted_far": far,
         "median_off_mm": 1000 * joints["off"].median(),
         "median_error_mm": 1000 * joints["error"].median(),
+        "covered_se": covered_se,
+        "undoubted_se": undoubted_se,
+        "undoubted_far_se": far_se,
     }
 
 
 def main():
     parser = argparse.ArgumentParser(description="coverage of joints' errors where skin moves")
     parser.add_argument("--bodies", type=int, default=200, help="bodies in each cell")
+    parser.add_argument("--every", type=int, default=1, help="take every fifth of these bodies, say")
     parser.add_argument("--skin", choices=LAWS, action="append", help="laws [default: all]")
     parser.add_argument("--motion", choices=("functional", "gait"), action="append", help="ranges [default: both]")
     parser.add_argument("--out", type=Path, help="CSV file, to which rows are added")
     chosen = parser.parse_args()
     for motion in chosen.motion or ("functional", "gait"):
         for law in chosen.skin or LAWS:
-            row = pd.DataFrame([summary(law, motion == "gait", chosen.bodies)])
+            joints = cell(law, motion == "gait", chosen.bodies, chosen.every)
+            row = pd.DataFrame([summary(law, motion == "gait", joints)])
             print(row.round(3).to_string(index=False), flush=True)
             if chosen.out:
                 row.to_csv(chosen.out, mode="a", header=not chosen.out.exists(), index=False, float_format="%.4g")

@@ -9,6 +9,7 @@ The covariance is the sandwich of the estimating functions of (c, η), frame by 
 variance, as long as there are many times more frames than their autocorrelation time.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -18,7 +19,7 @@ from study.mocap.geometry.long_run_covariance import long_run_covariance
 from study.mocap.geometry.pose_noise import PoseNoise
 from study.mocap.joints.marker_moments import marker_moments
 from study.mocap.joints.marker_scores import add_scores
-from study.mocap.joints.pooled_moments import PooledMoments
+from study.mocap.joints.pooled_moments import SHAPE_ERROR, PooledMoments
 from study.mocap.joints.solve_center import TINY
 from study.sphere.types import Bools, Floats
 
@@ -30,6 +31,8 @@ _RADIUS = 5.0
 """Least radius, in standard deviations of the noise, that shows a sphere and not a cloud of noise."""
 _WORSE = 1.5
 """Growth of the noise's size, from what it was or should be, above which no direction may be dropped."""
+_LINE = 2.0 / math.sqrt(5.0)
+"""Relative standard deviation of the variance along a random direction, for soft tissue that slides along one line."""
 CONDITION_LIMIT = 0.999
 """A condition ρ above this counts as 1: at the limit of `solve_center`."""
 
@@ -64,11 +67,13 @@ class CenterFit:
         size: η, the variance of the noise in units of what was expected.
         condition: ρ, the share of the smallest extent that is noise; below 1 for a centre to exist.
         covariance: of ĉ (3, 3), m²; 0 along a dropped axis.
+        shape: part of the error that comes from the noise's shape, which is not in ``covariance`` (3, 3), m².
         frames: number of frames used.
         effective_frames: effective number of independent frames.
         axis: dropped direction (3,), or None.
         least: direction of least extent (3,), dropped or not.
-        significance: standard errors by which the extent along that direction exceeds the noise.
+        significance: standard errors by which the least extent that was not dropped exceeds the noise.
+        clear: True if the extent along ``least`` exceeds the noise even if that has another shape than expected.
         rms_angles: root mean square angles of the markers' motion about the centre, along their principal directions
             (3,), ascending, radians; noise taken off.
         normal: matrix of the normal equations A = Σ w (C - ηF) (3, 3), see `solve_center`.
@@ -81,11 +86,13 @@ class CenterFit:
     size: float
     condition: float
     covariance: Floats
+    shape: Floats
     frames: int
     effective_frames: float
     axis: Floats | None
     least: Floats
     significance: float
+    clear: bool
     rms_angles: Floats
     normal: Floats
     weights: Floats
@@ -123,24 +130,28 @@ def fit_center(
     covariance, share = _covariance(scores, pooled, size, center, everything)
     frames = int((scores != 0.0).any(axis=0).sum())
     effective = share * frames
-    significance = pooled.significance(size, effective, everything)
+    tissue = _LINE * pooled.slow_share(center) / math.sqrt(len(pooled.markers))
+    significance = pooled.significance(size, effective, everything, tissue)
+    clear = pooled.significance(size, effective, everything, SHAPE_ERROR) > _SIGNIFICANT
     if hinge is None and pooled.exactly_planar():
         hinge = True
     least, across = pooled.least_direction(size)
-    if hinge or (significance < _SIGNIFICANT and hinge is None):
+    if hinge or (not clear and hinge is None):
         planar_size, planar_center = pooled.solve(across, given)
         planar_scores = _scores(pooled, planar_size, planar_center, across)
         # sizes, not residuals: moving the centre to where the pose itself rotates least makes any residual smaller
         before = size if size < CONDITION_LIMIT * pooled.largest_size(everything) else 0.0
         if hinge or (
             planar_size < _WORSE * max(before, 1.0)
-            and pooled.significance(planar_size, effective, across) > _SIGNIFICANT
+            and pooled.significance(planar_size, effective, across, max(SHAPE_ERROR, tissue)) > _SIGNIFICANT
             and _sum_is_noise(least @ planar_scores[:3])
         ):
             size, center, basis, axis = planar_size, planar_center, across, least
+            significance = pooled.significance(size, effective, basis, max(SHAPE_ERROR, tissue))
             covariance, share = _covariance(planar_scores, pooled, size, center, basis)
         else:
             pooled.reweight(center, everything)
+    shape = pooled.shape_covariance(size, center, basis, math.hypot(SHAPE_ERROR, tissue))
     radii, weights = np.full(len(markers), np.nan), np.zeros(len(markers))
     weights[pooled.present] = pooled.w
     squares = pooled.square_radii(center, size, basis)
@@ -152,11 +163,13 @@ def fit_center(
         size=size,
         condition=size / max(pooled.largest_size(basis), 1e-300),
         covariance=covariance,
+        shape=shape,
         frames=frames,
         effective_frames=share * frames,
         axis=axis,
         least=least,
         significance=significance,
+        clear=clear,
         rms_angles=pooled.rms_angles(size),
         normal=pooled.matrix(size, everything),
         weights=weights,

@@ -147,7 +147,7 @@ def estimate_from_spheres(
     Returns:
         The estimate, without its status; None if the markers do not move.
     """
-    found = _fit_with_noise(markers, poses)
+    found = _fit_with_noise(markers, poses, hinge)
     if found is None:
         return None
     noise, fit, kept = found
@@ -156,7 +156,7 @@ def estimate_from_spheres(
         poses=poses,
         markers=tuple(names),
         center=fit.center,
-        covariance=fit.covariance + _doubt_of_noise(noise, fit, kept, poses),
+        covariance=fit.covariance + fit.shape + _doubt_of_noise(noise, fit, kept, poses),
         axis=fit.least if hinge and fit.axis is None else fit.axis,
         noise=noise,
         frames=fit.frames,
@@ -195,7 +195,7 @@ def local_marker(poses: SegmentPoses, x: Floats, accepted: Bools) -> LocalMarker
 
 
 def _fit_with_noise(
-    markers: Sequence[LocalMarker], poses: SegmentPoses
+    markers: Sequence[LocalMarker], poses: SegmentPoses, hinge: bool
 ) -> tuple[NoiseModel, CenterFit, list[LocalMarker]] | None:
     """Fit a centre without outliers, with the first noise model that leaves the markers' motion significant."""
     clean, exact = reject_outliers(markers), poses.noise.removed
@@ -205,13 +205,17 @@ def _fit_with_noise(
     models = (("pose", poses.noise, None), ("isotropic", exact, None), ("none", exact, 0.0))
     for name, pose_noise, size in models:
         fit = fit_center(clean, pose_noise, size=size)
+        if fit is not None and hinge and fit.axis is None and not fit.clear and size is None:
+            planar = fit_center(clean, pose_noise, True)
+            fit = planar if planar is not None and planar.significance > SIGNIFICANT else fit
         if fit is None:
             return None
         kept = [reject_off_sphere(marker, fit.center, fit.axis) for marker in clean]
         if any(a.used.sum() < b.used.sum() for a, b in zip(kept, clean, strict=True)):
-            fit = fit_center(kept, pose_noise, size=size) or fit
-        significant = fit.condition < CONDITION_LIMIT and fit.significance > SIGNIFICANT
-        if name == "none" or fit.axis is not None or significant:
+            fit = fit_center(kept, pose_noise, (hinge and fit.axis is not None) or None, size) or fit
+        determined = fit.clear or fit.axis is not None or not hinge
+        significant = fit.condition < CONDITION_LIMIT and fit.significance > SIGNIFICANT and fit.exceeds_noise
+        if name == "none" or (significant and determined):
             return name, fit, kept
     return None
 

@@ -237,5 +237,5 @@ def _without_missing(markerset: MarkerSet, recording: Recording) -> MarkerSet:
 def _as_point(name: str, estimate: Estimate, step: Floats | float = 0.0) -> PosePoint:
     """A joint as a point of a segment's pose, moved by a step (3,) in the axes of its estimate."""
     place, poses = estimate.center + step, estimate.poses
-    # skin moves a joint alike in every frame, so that it is no noise of the pose
-    return PosePoint(name, poses.to_world(place), poses.world_covariance(place, estimate.covariance - estimate.skin))
+    # the joint's own error is the same in every frame, so that it is no noise of the pose; it is propagated apart
+    return PosePoint(name, poses.to_world(place), poses.world_covariance(place))

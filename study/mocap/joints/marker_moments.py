@@ -98,6 +98,36 @@ def squared_noise(center: Floats, mean: Floats, pivot: Floats, shift: Floats, ti
         result[p] = total
 
 
+@compiled
+def lagged_products(z: Floats, used: Bools, offset: Floats) -> tuple[float, float]:
+    """Sums of the products of squared distances from a centre, less their mean: with the next frame, and squares.
+
+    Args:
+        z: samples of a marker less their mean (3, frames), metres.
+        used: samples that count (frames,).
+        offset: of the centre from the mean (3,), metres.
+
+    Returns:
+        The sum over pairs of successive frames, as if no pair were missing; and the sum of the squares; m⁴.
+    """
+    n = z.shape[1]
+    count, pairs, level, products, squares, before = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for t in range(n):
+        if used[t]:
+            count += 1.0
+            level += (z[0, t] - offset[0]) ** 2 + (z[1, t] - offset[1]) ** 2 + (z[2, t] - offset[2]) ** 2
+    level /= max(count, 1.0)
+    for t in range(n):
+        if used[t]:
+            residual = (z[0, t] - offset[0]) ** 2 + (z[1, t] - offset[1]) ** 2 + (z[2, t] - offset[2]) ** 2 - level
+            squares += residual * residual
+            if t > 0 and used[t - 1]:
+                products += residual * before
+                pairs += 1.0
+            before = residual
+    return products * count / max(pairs, 1.0), squares
+
+
 def marker_moments(y: Floats, used: Bools, pose: PoseNoise, own: float, size: float) -> MarkerMoments:
     """Compute the moments of a marker.
 

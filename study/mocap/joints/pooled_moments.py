@@ -10,11 +10,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from study.mocap.geometry.generalised_eigen import smallest_generalised_eigenvalue
-from study.mocap.joints.marker_moments import MarkerMoments, squared_noise
+from study.mocap.joints.marker_moments import MarkerMoments, lagged_products, squared_noise
 from study.mocap.joints.solve_center import TINY, StackedMoments, solve_center
 from study.sphere.types import Floats
 
-_SHAPE_ERROR = 0.1
+SHAPE_ERROR = 0.1
 """Relative uncertainty of the noise's variance in one direction: the shape of its covariance is known to this."""
 
 
@@ -84,13 +84,44 @@ class PooledMoments:
         square = np.trace(self.stacked.c, axis1=1, axis2=2) + np.einsum("pi,pi->p", o, o)
         return float(np.sqrt(max(size * (self.w @ self._mean_vfv(o)) / (self.w @ square), 0.0)))
 
-    def significance(self, size: float, effective: float, basis: Floats) -> float:
+    def significance(self, size: float, effective: float, basis: Floats, shape_error: float = 0.0) -> float:
         """Significance of the smallest eigenvalue: standard errors by which it exceeds the noise.
 
         Its standard error is η√(2/n), n the effective number of independent frames, and a share of η.
         """
-        error = size * (np.sqrt(2.0 / max(effective, 1.0)) + _SHAPE_ERROR)
+        error = size * (np.sqrt(2.0 / max(effective, 1.0)) + shape_error)
         return float((self.largest_size(basis) - size) / max(error, 1e-300))
+
+    def slow_share(self, center: Floats) -> float:
+        """Share of the residuals' variance that a frame has in common with the next one.
+
+        Soft tissue is slow, and noise of markers and poses is new in each frame.
+        """
+        common, total = 0.0, 0.0
+        for marker, weight in zip(self.markers, self.w / self.stacked.n, strict=True):
+            used = marker.used & (marker.by_pattern.pattern >= 0)
+            one, two = lagged_products(marker.z, used, center - marker.mean)
+            common, total = common + weight * one, total + weight * two
+        return min(max(common / total, 0.0), 1.0) if 0.0 < total < math.inf else 1.0
+
+    def shape_covariance(self, size: float, center: Floats, basis: Floats, error: float) -> Floats:
+        """Covariance of the centre (3, 3), m², as the shape of the noise's covariance is known to `SHAPE_ERROR`.
+
+        The noise along each principal direction e of the motion is off by that share, independently of the others: F
+        changes by a share of eᵀFe eeᵀ. The estimating functions (see `add_scores`) change with it, and (c, η) by the
+        inverse of their Jacobian. Where the noise shows along e itself, as the residual of one marker's sphere, η
+        takes it up.
+        """
+        m, o = self.stacked, self._offsets(center, basis)
+        directions = basis @ np.linalg.eigh(self.matrix(size, basis))[1]
+        along = np.einsum("ik,pij,jk->kp", directions, m.f, directions)
+        offset, extent = directions.T @ o.T, np.einsum("ik,pij,jk->kp", directions, m.c, directions)
+        weighted = error * size * self.w * along
+        scores = np.empty((basis.shape[1] + 1, directions.shape[1]))
+        scores[:-1] = basis.T @ directions * (weighted * offset).sum(axis=1)
+        scores[-1] = (4.0 * weighted * (size * along - extent - offset**2)).sum(axis=1)
+        shifts = basis @ np.linalg.pinv(self.jacobian(size, center, basis))[:-1] @ scores
+        return np.asarray(shifts @ shifts.T)
 
     def least_direction(self, size: float) -> tuple[Floats, Floats]:
         """Direction of least extent (3,), and the two across it as columns (3, 2)."""

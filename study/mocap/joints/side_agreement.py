@@ -27,8 +27,10 @@ from study.sphere.types import Floats
 
 COMPARABLE = (*USABLE, JointStatus.UNSURE)
 """Estimates whose covariance is valid, be it large."""
-_QUANTILE = 0.8
-_WAYS_QUANTILE = 0.975
+_SIDES_LEVEL = 0.2
+"""Chance at which two sides of like accuracy would count as apart if their errors were independent."""
+_WAYS_LEVEL = 0.0125
+"""Chance at which a joint without skin would count as reversing about an axis; most are tried about two."""
 _AXES = np.radians(20.0)
 """Angle between two axes above which they are not axes of one hinge."""
 _ALONG = 0.05
@@ -38,34 +40,45 @@ _AXIS_ERROR = np.radians(10.0)
 
 
 @dataclass(frozen=True)
-class SideDifference:
-    """Difference of another side's estimate from the chosen one.
+class PlaceDifference:
+    """Difference between two places of one joint.
 
     Attributes:
-        side: of the other estimate.
-        vector: from the chosen place to the other, in the chosen one's axes (3,), metres; across the axis, if either
-            has one.
+        vector: from one to the other (3,), metres; across the axis of a hinge.
         chi_square: squared distance in units of the standard errors.
-        directions: number of directions in which both are known.
-        angle: between their axes, radians; 0 if not both have one.
+        directions: number of directions in which it is known.
     """
 
-    side: Side
     vector: Floats
     chi_square: float
     directions: int
-    angle: float
 
     @property
     def distance(self) -> float:
         """Length of the difference, metres."""
         return float(np.linalg.norm(self.vector))
 
+    def is_beyond(self, level: float) -> bool:
+        """True if it is more than a centimetre, and errors would make it as large with less than this probability."""
+        return bool(self.distance > CENTIMETRE and stats.chi2.sf(self.chi_square, self.directions) < level)
+
+
+@dataclass(frozen=True)
+class SideDifference(PlaceDifference):
+    """Difference of another side's estimate from the chosen one, in the chosen one's axes.
+
+    Attributes:
+        side: of the other estimate.
+        angle: between their axes, radians; 0 if not both have one.
+    """
+
+    side: Side
+    angle: float
+
     @property
     def contradicts(self) -> bool:
         """True if not both estimates can be as accurate as their errors say."""
-        beyond = self.chi_square > stats.chi2.ppf(_QUANTILE, self.directions)
-        return bool((self.distance > CENTIMETRE and beyond) or self.angle > _AXES)
+        return self.is_beyond(_SIDES_LEVEL) or self.angle > _AXES
 
     @property
     def text(self) -> str:
@@ -105,28 +118,13 @@ def check_against_sides(chosen: Estimate, others: Sequence[Estimate]) -> tuple[E
 
 
 @dataclass(frozen=True)
-class WayDifference:
-    """Difference between the centres of the frames in which a joint turns one way and the other about one axis.
-
-    Attributes:
-        vector: from one to the other (3,), metres; across the axis of a hinge.
-        chi_square: squared distance in units of the standard errors.
-        directions: number of directions in which it is known.
-    """
-
-    vector: Floats
-    chi_square: float
-    directions: int
-
-    @property
-    def distance(self) -> float:
-        """Length of the difference, metres."""
-        return float(np.linalg.norm(self.vector))
+class WayDifference(PlaceDifference):
+    """Difference between the centres of the frames in which a joint turns one way and the other about one axis."""
 
     @property
     def contradicts(self) -> bool:
         """True if not both centres can be as accurate as their errors say."""
-        return bool(self.distance > CENTIMETRE and self.chi_square > stats.chi2.ppf(_WAYS_QUANTILE, self.directions))
+        return self.is_beyond(_WAYS_LEVEL)
 
     @property
     def text(self) -> str:
@@ -143,7 +141,8 @@ def way_difference(first: tuple[Floats, Floats], second: tuple[Floats, Floats], 
     basis = np.eye(3) if axis is None else np.linalg.svd(axis[None])[2][1:].T
     across = basis.T @ (two - one)
     errors = basis.T @ (covariance + other) @ basis
-    return WayDifference(basis @ across, float(across @ np.linalg.pinv(errors, hermitian=True) @ across), len(across))
+    chi_square = float(across @ np.linalg.pinv(errors, hermitian=True) @ across)
+    return WayDifference(basis @ across, chi_square, len(across))
 
 
 def check_both_ways(chosen: Estimate, ways: Sequence[WayDifference]) -> tuple[Estimate, str]:
@@ -204,4 +203,4 @@ def _difference(chosen: Estimate, other: Estimate) -> SideDifference | None:
         errors = errors + (_AXIS_ERROR * along) ** 2 * np.eye(3)
     across = basis.T @ off
     chi_square = float(across @ np.linalg.pinv(basis.T @ errors @ basis, hermitian=True) @ across)
-    return SideDifference(other.side, basis @ across, chi_square, len(across), angle)
+    return SideDifference(basis @ across, chi_square, len(across), other.side, angle)

@@ -97,7 +97,7 @@ def difference(one: JointPlace, other: JointPlace) -> SideDifference:
     errors = basis.T @ (one.covariance + other.covariance) @ basis
     angle = float(np.arccos(np.minimum(np.abs(axes[0] @ axes[1]), 1.0))) if len(axes) == 2 else 0.0
     chi_square = float(off @ np.linalg.pinv(errors, hermitian=True) @ off)
-    return SideDifference("parent", basis @ off, chi_square, len(off), angle)
+    return SideDifference(basis @ off, chi_square, len(off), "parent", angle)
 
 
 def _contradiction(best: str, other: str, found: SideDifference) -> str:
