@@ -10,6 +10,8 @@ import pandas as pd
 
 from study.coverage import coverage_text
 
+MANY_POINTS = 10_000
+"""From here on false alarms were measured in a few cells only."""
 Tables = Callable[[str], pd.DataFrame]
 
 TAKE = {
@@ -120,6 +122,22 @@ def outliers_robust(tables: Tables) -> str:
     table = tables("robust")
     shares = sorted(table["outlier_share"].unique())
     return _by_angle(table, "outlier_share", shares, ["mle", "corrected", "robust"], [])
+
+
+def false_alarms(tables: Tables) -> str:
+    """Share of clean data sets in which the outlier rule names a point, in per cent: a column per number of points."""
+    table = tables("false_alarms")
+    numbers = [n for n in sorted(table["samples"].unique()) if n < MANY_POINTS]
+    rows = []
+    for (angle, noise), part in table[table["samples"] < MANY_POINTS].groupby(["angle", "noise_over_radius"]):
+        cells = part.set_index("samples")
+        shares = [_percent(cells.loc[n, "share"], cells.loc[n, "share_error"]) for n in numbers]
+        rows.append([f"{angle:g}°, {_short(noise)}", *shares])
+    return _markdown(["cap, σ/r", *[f"N = {n}" for n in numbers]], rows)
+
+
+def _percent(share: float, error: float) -> str:
+    return f"{100.0 * share:.2f} ± {_short(100.0 * error)}"
 
 
 def laws(tables: Tables) -> str:

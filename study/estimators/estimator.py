@@ -24,6 +24,8 @@ class Estimator:
             in memory.
         covariance: covariance of (ĉ, r̂) (b, d+1, d+1), unit squared, of its answers, from samples without missing ones;
             None for the Cramér-Rao bound with the estimates plugged in.
+        without_outliers: the function leaves out the points that `study.estimators.robust.outliers.outliers` names, so
+            that intervals are to be formed without them.
         version: to be raised with every change of its numbers, so that runs do not mix old rows with new ones; a digest
             of its code, for an estimator that is not shipped.
     """
@@ -37,6 +39,7 @@ class Estimator:
     moments_suffice: bool = False
     by_window: bool = False
     covariance: Callable[[Samples, Estimates], Floats] | None = None
+    without_outliers: bool = False
     version: int | str = 1
 
     def __call__(self, samples: Samples) -> Estimates:

@@ -59,6 +59,8 @@ ESTIMATORS: dict[str, Estimator] = {
         robust,
         "Rousseeuw & Van Driessen 2006; Hadi & Simonoff 1993: mle without the outliers",
         covariance=robust_covariance,
+        without_outliers=True,
+        version=2,
     ),
     "lls": Estimator(lls, "paper §4.4", flops=lambda d: 2 * d * d + 10 * d + 5, caution=_BIASED, by_window=True),
     "lls_nr": Estimator(lls_nr, "paper §4.4; Press et al. 1992: centred, singular values cut at 1e-5", caution=_BIASED),
@@ -131,10 +133,10 @@ def fit(
     else:
         samples = Samples(np.array(samples.x, order="C"), noise)  # moments that are not finite show no change
         found = careful_fit(entry, samples)
-    return Fit(found.reshape(*lead), samples, estimator, entry.covariance)
+    return Fit(found.reshape(*lead), samples, estimator, entry.covariance, entry.without_outliers)
 
 
 def fit_samples(samples: Samples, estimator: str) -> Fit:
     """Fit each set of a batch without missing samples by a named estimator; leading axes (b,)."""
     entry = ESTIMATORS[estimator]
-    return Fit(entry(samples), samples, estimator, entry.covariance)
+    return Fit(entry(samples), samples, estimator, entry.covariance, entry.without_outliers)

@@ -27,7 +27,7 @@ def doubts(fit: Fit) -> Iterator[str]:
             else f"{len(rows)} of {samples} points are outliers (rows"
         )
         it = "it" if one else "them"
-        use = f"leaves {it} out" if fit.estimator == "robust" else f"uses {it}; -e robust leaves {it} out"
+        use = f"leaves {it} out" if fit.without_outliers else f"uses {it}; -e robust leaves {it} out"
         yield f"{points} {named}): the fit {use}"
     copies = int(fit.copies)
     if copies:

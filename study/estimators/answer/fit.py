@@ -37,6 +37,7 @@ class Fit:
         estimator: name of the estimator.
         covariance_of: covariance of (ĉ, r̂) by the estimator's own rule, from samples without missing ones; None for
             the Cramér-Rao bound with the estimates plugged in.
+        without_outliers: the estimator leaves ``outliers`` out.
     """
 
     def __init__(
@@ -45,11 +46,13 @@ class Fit:
         samples: Samples | None = None,
         estimator: str = "",
         covariance_of: Callable[[Samples, Estimates], Floats] | None = None,
+        without_outliers: bool = False,
     ) -> None:
         self._estimates = estimates
         self._samples = samples
         self._estimator = estimator
         self._covariance_of = covariance_of
+        self._without_outliers = without_outliers
 
     @property
     def estimates(self) -> Estimates:
@@ -65,6 +68,11 @@ class Fit:
     def estimator(self) -> str:
         """Name of the estimator."""
         return self._estimator
+
+    @property
+    def without_outliers(self) -> bool:
+        """True if the estimator leaves ``outliers`` out; intervals are then formed without them, too."""
+        return self._without_outliers
 
     @property
     def center(self) -> Floats:
@@ -157,8 +165,8 @@ class Fit:
 
     @property
     def _samples_used(self) -> Samples:
-        """The points that the fit stands on: for `robust`, those that are no outliers."""
-        if self._estimator != "robust":
+        """The points that the fit stands on: all, or those that are no outliers."""
+        if not self._without_outliers:
             return self._points
         left_out = self.outliers.reshape(self._points.shape[0], 1, -1)
         return Samples(np.where(left_out, np.nan, self._points.x), self._points.noise)
@@ -194,7 +202,7 @@ class Fit:
         flat = self._estimates.reshape(-1)
         part = Estimates._make([np.asarray(array[places]) for array in flat])
         samples = None if self._samples is None else self._samples.take(np.atleast_1d(places).ravel())
-        return type(self)(part, samples, self._estimator, self._covariance_of)
+        return type(self)(part, samples, self._estimator, self._covariance_of, self._without_outliers)
 
     def __iter__(self) -> Iterator[Self]:
         return (self[i] for i in range(len(self)))

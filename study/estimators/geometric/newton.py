@@ -119,7 +119,7 @@ def _trace(square: Floats, d: int) -> float:
 
 
 @compiled
-def _half_hessian(n: int, radius: float, mean: Floats, curve: Floats, matrix: Floats) -> None:
+def half_hessian(n: int, radius: float, mean: Floats, curve: Floats, matrix: Floats) -> None:
     """½∇²F from the sums of a pass."""
     d, inverse = len(mean), _trace(curve, len(mean))
     for i in range(d):
@@ -132,11 +132,11 @@ def _half_hessian(n: int, radius: float, mean: Floats, curve: Floats, matrix: Fl
 def _downhill(n: int, radius: float, mean: Floats, curve: Floats, room: Room, step: Floats) -> bool:
     """Write the step from ``room.descent``: Newton's, or with absolute eigenvalues, and then False is returned."""
     descent, matrix, vectors = room
-    _half_hessian(n, radius, mean, curve, matrix)
+    half_hessian(n, radius, mean, curve, matrix)
     _copy(descent, step)
     if cholesky_solve(matrix, step):
         return True
-    _half_hessian(n, radius, mean, curve, matrix)
+    half_hessian(n, radius, mean, curve, matrix)
     diagonalise(matrix, vectors)
     fill(step, 0.0)
     for j in range(len(step)):

@@ -17,7 +17,7 @@ _EXACT = 2000
 """Limits of larger point sets are interpolated between this many set sizes."""
 _FEW = 40
 """Degrees of freedom beyond which the choice of the clean points does not matter, and quantiles have a series."""
-_CHOICE = 0.03
+_CHOICE = 0.01
 """Share of α for each number of outliers but one."""
 _FURTHEST = 37.0
 """Standard deviations beyond which the normal tail is its asymptote."""

@@ -2,9 +2,10 @@
 
 import numpy as np
 
-from study.estimators.algebraic import taubin
+from study.estimators.geometric.mle import mle
 from study.estimators.robust.concentration import FINALISTS, concentrate, elemental_spheres
 from study.estimators.robust.copies import repeated
+from study.estimators.robust.curvature import extra_parameters
 from study.estimators.robust.forward import Limits, grow
 from study.estimators.robust.limits import limits_of
 from study.estimators.robust.subsets import SUBSAMPLE, elemental, spread_out
@@ -77,21 +78,29 @@ def _among(x: Floats) -> Bools:
 def _search(y: Floats, spheres: Floats, floor: Floats) -> Bools:
     """Outliers of sets (b, d, n) by forward searches.
 
-    The first starts from the spheres of least trimmed squares. Where it finds outliers, a second one starts from
-    Taubin's fit of all points, and the more likely result is taken: points of which more than half lie close together
+    The first starts from the spheres of least trimmed squares. Where it finds outliers, a second one starts from the
+    geometric fit of all points, and the more likely result is taken: points of which more than half lie close together
     have a small sphere among those, which the others do not belong to.
+
+    False alarms are promised for points that are all clean, so how far the sphere is from linear is taken from the fit
+    of all points: a few that were chosen for being near one sphere show less noise than there is.
     """
     b, d, n = y.shape
-    quantiles = limits_of(n, d)
+    whole = mle(Samples(y))
+    extra = np.empty(b)
+    extra_parameters(y, whole.center, whole.radius, extra)
+    with np.errstate(all="ignore"):
+        share = whole.noise_variance * (n - d - 1) / np.maximum(n - d - 1 - extra, 1.0) / whole.radius**2
+    share[~(share < np.inf)] = 0.0
+    limits = Limits(limits_of(n, d), floor, extra, share)
     outside, cost = np.empty((b, n), dtype=np.bool_), np.empty(b)
-    grow(y, np.ascontiguousarray(spheres), _half(n, d), Limits(quantiles, floor), outside, cost)
+    grow(y, np.ascontiguousarray(spheres), _half(n, d), limits, outside, cost)
     again = np.flatnonzero(outside.any(axis=1))
     if len(again):
-        points = y[again]
-        whole = taubin(Samples(points))
-        starts = np.concatenate([whole.center, whole.radius[:, None]], axis=1)
+        starts = np.concatenate([whole.center, whole.radius[:, None]], axis=1)[again]
+        limits = Limits(limits.quantiles, floor[again], extra[again], share[again])
         other, other_cost = np.empty((len(again), n), dtype=np.bool_), np.empty(len(again))
-        grow(points, starts, _half(n, d), Limits(quantiles, floor[again]), other, other_cost)
+        grow(y[again], starts, _half(n, d), limits, other, other_cost)
         better = other_cost < cost[again]
         outside[again[better]] = other[better]
     return outside
