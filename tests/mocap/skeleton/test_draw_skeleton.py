@@ -173,7 +173,9 @@ def test_joints_stay_inside_the_markers(kata, kata_calibration):
     for joint, center in zip(skeleton.joints, skeleton.centers, strict=True):
         beyond = np.maximum(low - center, center - high).max(axis=0)
         assert np.nanmax(beyond) < 0.05, joint
-        assert (beyond > 0.01).mean() < (0.25 if "elbow" in joint else 0.03), joint
+        # noise hides the wrists, whose hands have one marker: they are doubted, and drawn towards that marker
+        most = 0.25 if "elbow" in joint else 0.05 if "wrist" in joint else 0.03
+        assert (beyond > 0.01).mean() < most, joint
     found = dict(zip(skeleton.joints, hull_distances(kata.recording.positions, skeleton.centers), strict=True))
     for joint, hull in found.items():
         assert hull.distance < (0.035 if "elbow" in joint else 0.025), joint
