@@ -56,7 +56,7 @@ CASES = {
     ("errors", "threads", "group"): 14,
     ("precision", "threads", "parent"): 12,
     ("posterior", "threads", "group"): 8,
-    ("errors", "loky", "worker"): 4,
+    ("errors", "loky", "worker"): 5,
     ("errors", "loky", "parent"): 3,
     ("errors", "loky", "group"): 3,
     ("precision", "loky", "worker"): 4,
