@@ -29,6 +29,7 @@ QUOTED = {
     "outliers": ("robustness", "law == 'normal' and estimator in ['mle', 'als', 'gdke']", ["ratio_median_all"], True),
     "outliers_robust": ("robust", "law == 'normal' and estimator == 'robust'", ["ratio_median_all"], True),
     "laws": ("robustness", "outlier_share == 0 and estimator == 'als'", ["ratio_median_all"], True),
+    "false_alarms": ("false_alarms", "samples <= 1000", ["share"], True),
     "regret": ("regret", "samples == 0 and estimator in ['als', 'mle', 'gdke']", ["median", "q95", "q95_error"], True),
     "speed": ("bench", "what.str.contains('in a loop')", ["ratio"], True),
     "stopping": ("stopping", "", ["value"], True),
@@ -51,8 +52,7 @@ def changed(bound, table, rows, columns, one):
     copy = bound_numbers.Bound()
     frame = bound.table(table).copy()
     index = (frame.query(rows, engine="python") if rows else frame).index
-    rng = np.random.default_rng(abs(hash((table, rows))) % 2**32) if one else None
-    index = [rng.choice(index)] if one else index
+    index = [np.random.default_rng(len(table) + len(rows)).choice(index)] if one else index
     if not columns:
         frame = frame.drop(index[:1])
     for column in columns[:1]:
