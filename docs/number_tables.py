@@ -197,8 +197,10 @@ def skin(tables: Tables) -> str:
     for row in tables("skin").to_dict("records"):
         shares = [_short(row[key]) for key in ("covered", "covered_hinges", "undoubted")]
         off = f"{row['median_off_mm']:.1f} / {row['median_error_mm']:.1f}"
-        rows.append([SKIN[row["skin"]], row["motion"], *shares, _short(row["undoubted_far"], 3), off])
-    head = ["skin", "motion", "covered", "knees, elbows", "undoubted", "undoubted, > 2 cm off", "off / stated"]
+        far, without = _short(row["undoubted_far"], 3), _short(row["without_estimate"])
+        rows.append([SKIN[row["skin"]], row["motion"], *shares, far, without, off])
+    head = ["skin", "motion", "covered", "knees, elbows", "undoubted", "undoubted, > 2 cm off"]
+    head += ["no estimate", "off / stated"]
     return _markdown(head, rows)
 
 

@@ -20,7 +20,12 @@ spec.loader.exec_module(bound_numbers)
 QUOTED = {
     "cluster": ("cluster", "", ["parent_mib"], True),
     "cluster_study": ("cluster_study", "", ["seconds"], True),
-    "skin": ("skin", "", ["covered", "covered_hinges", "undoubted", "undoubted_far", "median_off_mm"], False),
+    "skin": (
+        "skin",
+        "",
+        ["covered", "covered_hinges", "undoubted", "undoubted_far", "without_estimate", "median_off_mm"],
+        False,
+    ),
     "coverage_short": ("coverage", "method == 'mle' and ok >= .2 and sigma < .35", ["radius_ok"], False),
     "coverage_summary": ("coverage", "method == 'als' and sigma < .2", ["radius", "radius_ok"], False),
     "coverage_cells": ("coverage", "method != 'corrected'", ["radius"], True),

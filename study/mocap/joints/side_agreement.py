@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from study.mocap.geometry.moving_axes import mean_rotated_covariance, relative_rotation
 from study.mocap.joints.estimates import CENTIMETRE, FEWEST_FRAMES, USABLE, Estimate, JointStatus, Side
@@ -60,7 +60,7 @@ class PlaceDifference:
 
     def is_beyond(self, level: float) -> bool:
         """True if it is more than a centimetre, and errors would make it as large with less than this probability."""
-        return bool(self.distance > CENTIMETRE and stats.chi2.sf(self.chi_square, self.directions) < level)
+        return bool(self.distance > CENTIMETRE and special.chdtrc(self.directions, self.chi_square) < level)
 
 
 @dataclass(frozen=True)
