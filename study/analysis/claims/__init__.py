@@ -62,7 +62,9 @@ def judge_all(runs: Iterable[Run], cost: Path | None = None, spreads: pd.DataFra
 
 
 def save(run: Run, claims: pd.DataFrame) -> None:
-    """Store the claims table in a run's folder."""
+    """Store the claims table in a run's folder; a stored one stays where no claim could be judged."""
+    if run.valid("claims") and bool((claims["verdict"] == Verdict.NOT_EVALUATED).all()):
+        return
     data = {column.name: claims[column.name].to_numpy() for column in schemas.CLAIMS}
     with writing(run.folder):
         run.save("claims", schemas.table(schemas.CLAIMS, data))

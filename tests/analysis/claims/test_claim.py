@@ -2,13 +2,14 @@
 
 import inspect
 import math
+import shutil
 from pathlib import Path
 
 import pandas as pd
 import pytest
 
 import study
-from study.analysis.claims import CLAIMS
+from study.analysis.claims import CLAIMS, judge_all, save
 from study.analysis.claims.claim import Claim, Number, Verdict, only_known
 from study.analysis.claims.evaluate import evaluate, frame
 from study.analysis.claims.evidence import Evidence
@@ -227,3 +228,16 @@ def test_names_are_unique():
     """A claim is found by its name."""
     names = [claim.name for claim in CLAIMS]
     assert len(set(names)) == len(names)
+
+
+def test_verdicts_stay_where_no_claim_can_be_judged(tmp_path):
+    """The reference run keeps its verdicts, but not its rows: judging it again changes none but damaged ones."""
+    folder = shutil.copytree(ROOT / "results" / "paper", tmp_path / "paper")
+    stored, run = (folder / "claims.parquet").read_bytes(), Run.open(folder)
+    judged = judge_all([run])
+    assert set(judged["verdict"]) == {"not evaluated"}
+    save(run, judged)
+    assert (folder / "claims.parquet").read_bytes() == stored
+    (folder / "claims.parquet").write_bytes(stored[:-9])
+    save(run, judged)
+    assert set(run.table("claims")["verdict"]) == {"not evaluated"}
