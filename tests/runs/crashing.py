@@ -14,10 +14,12 @@ import os
 import signal
 import sys
 import threading
+import time
 import traceback
 from pathlib import Path
 
 import psutil
+from joblib.externals.loky import reusable_executor
 
 from study.experiment.config import parse
 from study.experiment.designs import grid
@@ -65,15 +67,27 @@ def is_worker(process):
     return False
 
 
+def sending():
+    """The lock that a worker holds while it sends a result; none is held before there are workers."""
+    executor = reusable_executor._executor
+    return contextlib.nullcontext() if executor is None else executor._result_queue._wlock
+
+
 def killer(numbers, log):
-    """A progress callback that kills a worker after these numbers of results."""
+    """A progress callback that kills a worker after these numbers of results.
+
+    It is not killed while it sends one: half a result would keep loky waiting for the rest for ever.
+    """
     told, waiting = [], list(numbers)
 
     def progress(share):
         told.append(share)
         if waiting and len(told) >= waiting[0]:
             for process in list(filter(is_worker, psutil.Process().children()))[:1]:  # none while all are replaced
-                process.kill()
+                with sending():
+                    process.kill()
+                    while is_worker(process):  # loky waits for it itself
+                        time.sleep(0.001)
                 os.write(log, b"worker\n")
                 waiting.pop(0)
 
