@@ -11,6 +11,7 @@ from study.estimators import Status
 from study.runs import jobs as module
 from study.runs import runner
 from study.runs.finish import failure_message
+from study.runs.workers import dispatch, processes
 from study.runs.workers.choose import Workers
 
 pytestmark = pytest.mark.usefixtures("same_software", "small_units")
@@ -69,14 +70,20 @@ def test_no_failures_no_table(start):
     assert not run.has("failures")
 
 
-@pytest.fixture(params=["killed", "killed, one process", "out of memory"])
+@pytest.fixture(params=["killed", "killed, one process", "killed while it sends", "out of memory"])
 def deadly(request, monkeypatch, start, tmp_path):
     """Let workers end at one cell of a study; the cell's name, its workers, and a folder with a file for each end."""
     import deadly as module
 
     cell = start({"estimators": ["lls"]}, draws="independent").table("errors")["cell"].astype(str).iloc[10]
-    function = module.starve if request.param == "out of memory" else module.kill
-    workers = {"killed": Workers("loky", 2), "killed, one process": Workers("loky", 1)}.get(request.param, 2)
+    function, workers = {
+        "killed": (module.kill, Workers("loky", 2)),
+        "killed, one process": (module.kill, Workers("loky", 1)),
+        "killed while it sends": (module.kill_while_sending, Workers("loky", 2)),
+        "out of memory": (module.starve, 2),
+    }[request.param]
+    monkeypatch.setattr(processes, "_GRACE", 0.2)
+    monkeypatch.setattr(dispatch, "_WATCH", 0.1)
     (tmp_path / "ends").mkdir()
 
     def limit(most):

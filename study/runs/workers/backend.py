@@ -68,6 +68,9 @@ class Backend:
         """Tell whether there are many more workers than the dispatcher counted when its call began."""
         return False
 
+    def check(self) -> None:
+        """Look after the workers; called now and then while results are awaited."""
+
     def stop(self) -> None:
         """Begin no task any more, and end those that run, if they can be ended."""
         self.close()

@@ -8,7 +8,8 @@ Three things are done here because joblib does not do them:
   the main thread can write what waits while nothing comes, and Ctrl-C strikes no code of joblib's. Whatever ends the
   work, what was finished is stored.
 - When a process dies, joblib gives up all tasks that it was sent. They become suspects: each of their items is tried
-  once more while nothing else runs, and given up if a process dies of it again.
+  once more while nothing else runs, and given up if a process dies of it again. A death that joblib does not notice is
+  the backend's to find; it is asked every second in which no result comes.
 """
 
 from collections import deque
@@ -25,6 +26,8 @@ from study.runs.workers.worker_entry import Death, DisagreementError
 
 T = TypeVar("T")
 S = TypeVar("S")
+_WATCH = 1.0
+"""Seconds after which the backend looks after its workers, if no result came."""
 Ended = Callable[[tuple[T, ...], str], None]
 """Called with the items of a task that ended, and with why they were given up; that is empty if they are stored."""
 
@@ -88,10 +91,13 @@ class Dispatch(Generic[S, T]):
         call = fetcher.submit(self._fetch, self._next_tasks(over))
         call.add_done_callback(self._results.put)
         while True:
+            patience = self._parts.patience()
             try:
-                result = self._results.get(timeout=self._parts.patience())
+                result = self._results.get(timeout=_WATCH if patience is None else min(patience, _WATCH))
             except Empty:
-                self._parts.commit()
+                self._backend.check()
+                if self._parts.patience() == 0:
+                    self._parts.commit()
                 continue
             if isinstance(result, Future):
                 break
