@@ -1,6 +1,7 @@
 """Work that ends its worker. Not a test: worker processes import it by its name.
 
-`kill`, `kill_while_sending` and `starve` stand in for `study.runs.jobs.execute`. They leave a file in a folder each time that a worker ends.
+`kill`, `kill_while_sending` and `starve` stand in for `study.runs.jobs.execute`. They leave a file in a folder
+each time that a worker ends.
 """
 
 import os

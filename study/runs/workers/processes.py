@@ -55,7 +55,7 @@ class Processes(Backend):
         elif time.monotonic() - self._dead_since > _GRACE:
             for process in processes:
                 kill_process_tree(process)
-            with open(os.devnull, "wb") as null:  # in place of the pipe's last writer, so that loky reads the pipe's end
+            with open(os.devnull, "wb") as null:  # in place of the last writer: loky reads the end
                 os.dup2(null.fileno(), executor._result_queue._writer.fileno())
 
     def close(self) -> None:
