@@ -1,7 +1,7 @@
 """Stored points of a run as markers of joints: the cells of a grid of radii that share one centre; and their fits.
 
-The fits are those of `study.mgdk` for a noise that is known (theory §2), of all trials of a joint at once: one by one
-they would take a hundred times as long.
+The fits are those of `study.mgdk` for a noise that is known (theory §2), without its covariances: of all trials of a
+joint at once.
 """
 
 from collections.abc import Iterator, Sequence
@@ -10,11 +10,10 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
+from study.estimators.common_center import MarkersMoments
 from study.experiment.conditions import RADIUS, STORED
+from study.sphere.moments import Moments
 from study.sphere.types import Bools, Floats
-
-_ROUNDS = 5
-"""Rounds in which weights are found, as in `study.mgdk`."""
 
 
 class JointMarkers(NamedTuple):
@@ -88,29 +87,9 @@ def fit_joints(markers: Sequence[Floats], sigma: float, weighted: bool = False) 
         sigma: standard deviation of a coordinate.
         weighted: weigh markers by 1/r̂².
     """
-    n = np.array([each.shape[1] for each in markers])
-    mean = np.stack([each.mean(axis=1) for each in markers])
-    c, third = _central_moments(markers, mean)
-    left = c - (sigma**2 * (n - 1) / n)[:, None, None, None] * np.eye(c.shape[-1])
-    origin = mean.mean(axis=0)
-    pulled = np.einsum("mtij,mtj->mti", left, mean - origin) + 0.5 * third
-
-    def solve(weights: Floats) -> tuple[Floats, Floats]:
-        matrix, right = np.einsum("mt,mtij->tij", weights, left), np.einsum("mt,mti->ti", weights, pulled)
-        return matrix, origin + (np.linalg.pinv(matrix) @ right[..., None])[..., 0]
-
-    def square_radii(center: Floats, matrices: Floats) -> Floats:
-        return np.asarray(np.trace(matrices, axis1=2, axis2=3) + np.sum((mean - center) ** 2, axis=2))
-
-    matrix, center = solve(np.broadcast_to(n[:, None], c.shape[:2]))
-    for _ in range(_ROUNDS if weighted else 0):
-        matrix, center = solve(n[:, None] / np.maximum(square_radii(center, c), 1e-300))
-    return JointFits(center, square_radii(center, left), np.linalg.eigvalsh(matrix)[:, 0] > 0.0)
-
-
-def _central_moments(markers: Sequence[Floats], mean: Floats) -> tuple[Floats, Floats]:
-    """Covariances (M, trials, d, d) and third moments, the mean of |y|²y (M, trials, d), with divisor n."""
-    away = [each - middle[:, None, :] for each, middle in zip(markers, mean, strict=True)]
-    c = np.stack([np.matmul(y.swapaxes(1, 2), y) / y.shape[1] for y in away])
-    third = np.stack([np.einsum("tni,tni,tnj->tj", y, y, y) / y.shape[1] for y in away])
-    return c, third
+    joint = MarkersMoments.of([Moments.of(each.swapaxes(1, 2)) for each in markers])
+    noise = sigma**2 * np.eye(joint.mean.shape[2])
+    center, weights = joint.known(noise, weighted)
+    subtracted = joint.subtracted(noise)
+    matrix = np.einsum("mt,mtij->tij", weights, joint.c - subtracted)
+    return JointFits(center, joint.square_radii(center, subtracted), np.linalg.eigvalsh(matrix)[:, 0] > 0.0)

@@ -1,10 +1,8 @@
 """Several markers about one centre (MGDK): the joint fit of markers at different distances from it.
 
-    ĉ = [Σ_p w_p (C_p - Σ̂)]⁻¹ Σ_p w_p [(C_p - Σ̂) x̄_p + ½ S_p]                            (paper eq. 22, corrected)
-
-In print the sum closes before ½S_p; both ways of reading it are wrong (theory §2). As derived, w_p = n_p - 1. But a
-marker's algebraic residual grows with its radius, and so its weight should fall: w_p = n_p/r̂_p². Where the noise is not
-known, one η for all markers is found from their residuals together (theory §5.5).
+The centre is that of the corrected equation 22 (`common_center`). As derived, w_p = n_p - 1. But a marker's algebraic
+residual grows with its radius, and so its weight should fall: w_p = n_p/r̂_p². Where the noise is not known, one η for
+all markers is found from their residuals together (theory §5.5).
 """
 
 from collections.abc import Callable, Sequence
@@ -16,16 +14,14 @@ from numpy.typing import ArrayLike
 
 from study.estimators.answer.joint_fit import JointFit
 from study.estimators.careful_fit import FARTHEST, binary_size, scaled_noise
+from study.estimators.common_center import ROUNDS, MarkersMoments, solved
 from study.estimators.incremental import Incremental
 from study.estimators.status import Status
 from study.sphere.bounds import noise_covariance
-from study.sphere.jit import compiled_as_written
 from study.sphere.linalg import eigenbasis
 from study.sphere.moments import Moments
 from study.sphere.real_array import real_array
 from study.sphere.types import Floats, Ints
-
-_ROUNDS = 5
 
 
 def mgdk(markers: Sequence[ArrayLike], noise: ArrayLike | None = None, weighted: bool = True) -> JointFit:
@@ -86,8 +82,8 @@ def mgdk_so_far(markers: Sequence[Incremental]) -> JointFit:
     count = np.array([0 if m is None else int(m.n[0]) for m in moments])
     used = [m for m in moments if m is not None and m.n[0] >= 2]
 
-    def bound(joint: _Joint, solution: _Solution) -> Floats:
-        information = np.einsum("p,pij->ij", solution.weights, joint.c - solution.subtracted)
+    def bound(joint: MarkersMoments, solution: _Solution) -> Floats:
+        information = np.einsum("p,pij->ij", solution.weights, joint.c[:, 0] - solution.subtracted)
         return np.asarray(np.linalg.pinv(information, hermitian=True))
 
     return _fit_moments(_Sets(used, count, markers[0].dimension), None, True, bound)
@@ -120,7 +116,7 @@ class _Solution(NamedTuple):
 
 
 def _fit_moments(
-    sets: _Sets, known: Floats | None, weighted: bool, bound: "Callable[[_Joint, _Solution], Floats]"
+    sets: _Sets, known: Floats | None, weighted: bool, bound: Callable[[MarkersMoments, _Solution], Floats]
 ) -> JointFit:
     """Fit moments; ``bound`` gives the covariance of the centre for the noise as given, or for noise of size 1."""
     moments, count, d = sets.moments, sets.samples, sets.dimension
@@ -128,21 +124,22 @@ def _fit_moments(
         return _nothing(d, count, Status.TOO_FEW_POINTS)
     if not all(np.isfinite(m.fourth[0]) for m in moments):
         return _nothing(d, count, Status.NOT_FINITE)
-    joint = _Joint(moments, d)
-    spread = np.einsum("p,pij->ij", joint.n, joint.c)
+    joint = MarkersMoments.of(moments)
+    n, c = joint.n[:, 0], joint.c[:, 0]
+    spread = np.einsum("p,pij->ij", n, c)
     values = np.linalg.eigvalsh(spread)
     if not values[0] > d * np.finfo(float).eps * values[-1]:
         return _nothing(d, count, Status.SINGULAR)
-    solution = joint.solve(known, weighted)
+    solution = _solve(joint, known, weighted)
     center, subtracted, weights = solution
-    total = np.einsum("p,pij->ij", weights, joint.c)
-    share = _solved(total, np.einsum("p,pij->ij", weights, subtracted))
+    total = np.einsum("p,pij->ij", weights, c)
+    share = solved(total, np.einsum("p,pij->ij", weights, subtracted))
     condition = float(np.linalg.eigvals(share).real.max())
     squares = np.full(len(count), np.nan)
-    squares[count >= 2] = joint.square_radii(center, subtracted)
+    squares[count >= 2] = joint.square_radii(center[None], subtracted[:, None])[:, 0]
     if known is None:
-        spare = joint.n.sum() - d - len(moments)
-        variance = float(subtracted[0, 0, 0] * joint.n.sum() / spare) if spare > 0 else np.nan
+        spare = n.sum() - d - len(moments)
+        variance = float(subtracted[0, 0, 0] * n.sum() / spare) if spare > 0 else np.nan
         covariance = variance * bound(joint, solution)
     else:
         variance, covariance = float(np.trace(known)) / d, bound(joint, solution)
@@ -157,110 +154,53 @@ def _fit_moments(
     )
 
 
-@compiled_as_written
-def add_marker(weight: float, left: Floats, mean: Floats, third: Floats, matrix: Floats, right: Floats) -> None:
-    """Add a marker to the normal equations of the corrected eq. 22, matrix · ĉ = right.
+def _solve(joint: MarkersMoments, known: Floats | None, weighted: bool) -> _Solution:
+    """Solve for the centre of one data set, with the noise as known or found."""
+    if known is not None:
+        center, weights = joint.known(known, weighted)
+        return _Solution(center[0], joint.subtracted(known)[:, 0], weights[:, 0])
+    weights, subtracted = joint.n, np.zeros_like(joint.c)
+    center = joint.center(subtracted, weights)
+    for _ in range(ROUNDS):
+        if weighted:
+            weights = joint.weights(center)
+        subtracted = np.zeros_like(joint.c) + _root(joint, weights[:, 0]) * np.eye(len(center[0]))
+        center = joint.center(subtracted, weights)
+    return _Solution(center[0], subtracted[:, 0], weights[:, 0])
 
-    Args:
-        weight: w_p.
-        left: C_p - Σ̂ (d, d).
-        mean: x̄_p (d,), relative to any origin, which the centre then is relative to as well.
-        third: S_p (d,).
-        matrix: Σ w_p (C_p - Σ̂) (d, d), in place.
-        right: Σ w_p [(C_p - Σ̂) x̄_p + ½ S_p] (d,), in place.
+
+def _root(joint: MarkersMoments, weights: Floats) -> float:
+    """η for which the residuals' variances are those that such noise gives: Σ w (Var f - 4r²η - 2dη²) = 0.
+
+    About the weighted mean of the centroids, with b the right-hand side of eq. 22 and λ_k the extents, that is
+
+        g(η) = Σ w Var |y|² - 4η Σ w mean |y|² + 2dη² - Σ 4b_k²/(λ_k - η),
+
+    written from g(0), which is rounding if there is no noise. Where all of the least extent is not enough, η is
+    just above it: the noise hides how far the markers moved, and the fit is not positive definite.
     """
-    for i in range(len(mean)):
-        even = odd = 0.0  # two sums, in the order of NumPy's einsum
-        for j in range(len(mean)):
-            matrix[i, j] += weight * left[i, j]
-            if j % 2 == 0:
-                even += left[i, j] * mean[j]
-            else:
-                odd += left[i, j] * mean[j]
-        right[i] += weight * (even + odd + 0.5 * third[i])
+    w, (_, mean, c, s, fourth) = weights / weights.sum(), (part[:, 0] for part in joint)
+    away = mean - w @ mean
+    moved = np.einsum("pij,pj->pi", c, away)
+    extents, vectors = (part[0] for part in eigenbasis(np.einsum("p,pij->ij", w, c)[None]))
+    squares = (2.0 * (w @ (moved + 0.5 * s)) @ vectors) ** 2
+    m2 = np.trace(c, axis1=1, axis2=2)
+    variance = fourth - m2**2 + 4.0 * np.einsum("pi,pi->p", away, s + moved)
+    start = float(w @ variance - (squares / extents).sum())
+    size = float(w @ (m2 + np.einsum("pi,pi->p", away, away)))
 
+    def excess(eta: float) -> float:
+        drawn = float((squares / (extents * (extents - eta))).sum())
+        return start - eta * (4.0 * size - 2.0 * len(extents) * eta + drawn)
 
-@compiled_as_written
-def _add_markers(weights: Floats, left: Floats, mean: Floats, third: Floats, matrix: Floats, right: Floats) -> None:
-    for p in range(len(weights)):
-        add_marker(weights[p], left[p], mean[p], third[p], matrix, right)
+    from scipy.optimize import brentq  # imported here, as it takes as long as the rest of the library
 
-
-class _Joint:
-    """The markers' moments, stacked, in weights of 1/n."""
-
-    def __init__(self, moments: Sequence[Moments], dimension: int) -> None:
-        self.d = dimension
-        self.n = np.array([m.n[0] for m in moments])
-        self.mean = np.array([m.mean[0] for m in moments])
-        self.c = np.array([m.second[0] for m in moments]) / self.n[:, None, None]
-        self.s = np.array([m.third[0] for m in moments]) / self.n[:, None]
-        self.fourth = np.array([m.fourth[0] for m in moments]) / self.n
-
-    def solve(self, known: Floats | None, weighted: bool) -> _Solution:
-        """Solve for the centre, with the noise as known or found."""
-        weights, none = self.n, np.zeros_like(self.c)
-        subtracted = none if known is None else known * ((self.n - 1.0) / self.n)[:, None, None]
-        center = self.center(subtracted, weights)
-        for _ in range(_ROUNDS):
-            if weighted:
-                weights = self.n / np.maximum(self.square_radii(center, none), 1e-300)
-            if known is None:
-                subtracted = none + self.root(weights) * np.eye(self.d)
-            center = self.center(subtracted, weights)
-        return _Solution(center, subtracted, weights)
-
-    def center(self, subtracted: Floats, weights: Floats) -> Floats:
-        """Eq. 22, corrected, about the mean of the markers' centroids."""
-        origin, matrix, right = self.mean.mean(axis=0), np.zeros((self.d, self.d)), np.zeros(self.d)
-        _add_markers(weights, self.c - subtracted, self.mean - origin, self.s, matrix, right)
-        return np.asarray(origin + _solved(matrix, right))
-
-    def square_radii(self, center: Floats, subtracted: Floats) -> Floats:
-        """Eq. 23, squared."""
-        away = self.mean - center
-        return np.asarray(np.trace(self.c - subtracted, axis1=1, axis2=2) + np.einsum("pi,pi->p", away, away))
-
-    def root(self, weights: Floats) -> float:
-        """η for which the residuals' variances are those that such noise gives: Σ w (Var f - 4r²η - 2dη²) = 0.
-
-        About the weighted mean of the centroids, with b the right-hand side of eq. 22 and λ_k the extents, that is
-
-            g(η) = Σ w Var |y|² - 4η Σ w mean |y|² + 2dη² - Σ 4b_k²/(λ_k - η),
-
-        written from g(0), which is rounding if there is no noise. Where all of the least extent is not enough, η is
-        just above it: the noise hides how far the markers moved, and the fit is not positive definite.
-        """
-        w = weights / weights.sum()
-        away = self.mean - w @ self.mean
-        moved = np.einsum("pij,pj->pi", self.c, away)
-        extents, vectors = (part[0] for part in eigenbasis(np.einsum("p,pij->ij", w, self.c)[None]))
-        squares = (2.0 * (w @ (moved + 0.5 * self.s)) @ vectors) ** 2
-        m2 = np.trace(self.c, axis1=1, axis2=2)
-        variance = self.fourth - m2**2 + 4.0 * np.einsum("pi,pi->p", away, self.s + moved)
-        start = float(w @ variance - (squares / extents).sum())
-        size = float(w @ (m2 + np.einsum("pi,pi->p", away, away)))
-
-        def excess(eta: float) -> float:
-            drawn = float((squares / (extents * (extents - eta))).sum())
-            return start - eta * (4.0 * size - 2.0 * self.d * eta + drawn)
-
-        from scipy.optimize import brentq  # imported here, as it takes as long as the rest of the library
-
-        if not start > 0.0:
-            return 0.0
-        high = float(extents[0]) * (1.0 - 1e-12)
-        if excess(high) >= 0.0:
-            return float(extents[0]) * (1.0 + 1e-9)
-        return float(brentq(excess, 0.0, high, xtol=1e-15 * high, rtol=1e-13))
-
-
-def _solved(matrix: Floats, right: Floats) -> Floats:
-    """Solution of a linear system (d, d), the least one if the matrix is singular to the last bit."""
-    try:
-        return np.asarray(np.linalg.solve(matrix, right))
-    except np.linalg.LinAlgError:
-        return np.asarray(np.linalg.pinv(matrix) @ right)
+    if not start > 0.0:
+        return 0.0
+    high = float(extents[0]) * (1.0 - 1e-12)
+    if excess(high) >= 0.0:
+        return float(extents[0]) * (1.0 + 1e-9)
+    return float(brentq(excess, 0.0, high, xtol=1e-15 * high, rtol=1e-13))
 
 
 def _unit_bound(arrays: list[Floats], center: Floats, noise: Floats) -> Floats:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from study.estimators.multi_marker import add_marker
+from study.estimators.common_center import add_marker
 from study.mocap.geometry.range_of_motion import cap_angle
 from study.mocap.joints.estimates import Estimate
 from study.sphere.jit import compiled

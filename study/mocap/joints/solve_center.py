@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from study.estimators.multi_marker import add_marker
+from study.estimators.common_center import add_marker
 from study.mocap.geometry.generalised_eigen import diagonalise_pair
 from study.mocap.joints.marker_moments import squared_noise
 from study.sphere.jit import compiled, dot
