@@ -38,9 +38,27 @@ def spans_of(study: Study, group: Group, below: int | None = None) -> Iterator[S
     if study.keep == "summary":
         yield from (Span(some, 0, trials if below is None else min(below, trials)) for some in _few(study, group))
         return
-    step = group.trials_per_unit(1 if study.route == "moments" else group.levels)
+    step = _step(study, group)
     for first in range(0, trials if below is None else min(below, trials), step):
         yield Span(group, first, min(trials, first + step))
+
+
+def sizes_of(study: Study, group: Group) -> Iterator[tuple[Span, int]]:
+    """The units of a group, of equal ones the first alone; each with the number of those that are equal in size."""
+    if study.keep == "summary" or study.design.one_trial_a_cell:
+        yield from ((span, 1) for span in spans_of(study, group))
+        return
+    trials, step = trials_of(study, group), _step(study, group)
+    whole, rest = divmod(trials, step)
+    if whole:
+        yield Span(group, 0, step), whole
+    if rest:
+        yield Span(group, trials - rest, trials), 1
+
+
+def _step(study: Study, group: Group) -> int:
+    """Number of trials of each unit of a group, but the last, in a study that keeps its errors."""
+    return group.trials_per_unit(1 if study.route == "moments" else group.levels)
 
 
 def _few(study: Study, group: Group) -> Iterator[Group]:

@@ -1,13 +1,15 @@
 """Cost of a study before it runs: counts, bytes, and seconds predicted from a short calibration."""
 
+from collections import Counter
 from dataclasses import dataclass
+from itertools import chain, islice
 
 from study.experiment.config import Study
 from study.experiment.designs.cells import Cell
-from study.experiment.errors import levels
-from study.experiment.units import units
+from study.experiment.designs.groups import Span
+from study.experiment.units import groups, sizes_of, trials_of
 from study.runs.jobs import takes_long
-from study.runs.speed_probe import measure
+from study.runs.speed_probe import Kind, measure
 from study.runs.storage.atomic_write import RunError
 
 _ROW_BYTES = 75.0
@@ -72,40 +74,29 @@ def plan(study: Study, jobs: int) -> Plan:
     """
     if study.cells() > _MOST_COUNTED:
         return _extrapolated(study, jobs)
-    cells: dict[int, tuple[Cell, ...]] = {}
-    counted: dict[int, int] = {}
-    work: dict[tuple[int, int], int] = {}
-    shares: list[list[tuple[int, int, int]]] = []
-    n_units = trials = draws = samples = 0
-    for unit in units(study):
-        n_units += 1
-        share: dict[tuple[int, int], int] = {}
-        for batch in unit.batches:
-            key = id(batch.cells)
-            if cells.setdefault(key, batch.cells) is not batch.cells or key not in counted:
-                counted[key] = len(list(levels(batch.cells)))
-            kind = (batch.samples, counted[key])
-            share[kind] = share.get(kind, 0) + batch.trials
-            size = batch.trials * batch.samples
-            trials += batch.trials * len(batch.cells)
-            draws += size
-            samples += size * len(batch.cells)
-        for kind, count in share.items():
-            work[kind] = work.get(kind, 0) + count
-        shares.append([(*kind, count) for kind, count in share.items()])
+    portions: Counter[frozenset[tuple[Kind, int]]] = Counter()
+    for group in groups(study):
+        for span, units in sizes_of(study, group):
+            portions[frozenset(_portion(span).items())] += units
+    work: Counter[Kind] = Counter()
+    for portion, units in portions.items():
+        work.update({kind: units * trials for kind, trials in portion})
+    trials = sum(count * kind.cells for kind, count in work.items())
+    samples = sum(count * kind.cells * kind.samples for kind, count in work.items())
+    n_units = portions.total()
     processes = jobs > 1 and takes_long(study)  # they do not wait for one interpreter, but take a while to start
-    pace = measure(study, _spread(list(cells.values())), 1 if processes else jobs)
-    seconds = sum(pace.seconds(n, count, level) for (n, level), count in work.items())
-    longest = max(sum(pace.seconds(n, count, level) for n, level, count in share) for share in shares)
+    pace = measure(study, _some_cells(study), 1 if processes else jobs)
+    longest = max(pace.of(dict(portion)) for portion in portions)
     fits = trials * len(study.estimators)
     rows = study.cells() * len(study.estimators) if study.keep == "summary" else fits
     kept = min(study.keep_points, study.design.trials) * samples / study.design.trials
+    seconds = pace.of(work)
     seconds += pace.summary * study.cells() if study.keep == "summary" else 0.0
     return Plan(
         cells=study.cells(),
         units=n_units,
         trials=trials,
-        draws=draws,
+        draws=sum(count * kind.samples for kind, count in work.items()),
         samples=samples,
         fits=fits,
         bytes=_ROW_BYTES * rows + _POINT_BYTES * kept,
@@ -135,7 +126,16 @@ def _extrapolated(study: Study, jobs: int) -> Plan:
     return Plan(**counts, fits=round(found.fits * times), bytes=found.bytes * times, seconds=found.seconds * times)
 
 
-def _spread(groups: list[tuple[Cell, ...]]) -> list[Cell]:
-    """Thin out the cells of all groups, evenly, to some thousands."""
-    every = max(1, sum(map(len, groups)) // _MOST_CELLS)
-    return [cell for group in groups for cell in group][::every]
+def _portion(span: Span) -> Counter[Kind]:
+    """Numbers of trials of a unit by their kind."""
+    group, found = span.group, Counter[Kind]()
+    for samples, trials in group.sizes(span.first, span.last):
+        found[Kind(samples, group.levels, group.width)] += trials
+    return found
+
+
+def _some_cells(study: Study) -> list[Cell]:
+    """Some thousands of the study's cells, evenly spread."""
+    places = (group.places(0, trials_of(study, group)) for group in groups(study))
+    cells = (cell for cell, _, _ in chain.from_iterable(places))
+    return list(islice(cells, 0, None, max(1, study.cells() // _MOST_CELLS)))

@@ -1,10 +1,11 @@
 """Calibration for `study plan`: seconds per trial on this machine, measured on a study's own conditions."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from time import perf_counter
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,7 +22,19 @@ _MOST_PROBED = 250_000
 _CELLS = 6
 _LEVELS = 5
 _REPEATS = 3
+_LONG = 0.05
+"""Seconds from which a measurement is not repeated."""
+_MOST_SUMMARISED = 20_000
+"""Largest number of trials whose summary is measured; beyond it, time is proportional to the number."""
 _PER_TRIAL = ("draw", "bound")
+
+
+class Kind(NamedTuple):
+    """What a trial's cost depends on: its number of samples N, and of levels and cells that share its draw."""
+
+    samples: int
+    levels: int
+    cells: int
 
 
 @dataclass(frozen=True)
@@ -40,9 +53,12 @@ class Pace:
     level: Floats
     summary: float
 
-    def seconds(self, samples: int, trials: int, count: int) -> float:
-        """Predict the seconds of trials with so many samples each, at ``count`` levels."""
-        return trials * (self._at(self.draw, samples) + count * self._at(self.level, samples))
+    def of(self, work: Mapping[Kind, int]) -> float:
+        """Predict the seconds of some work: numbers of trials by their kind."""
+        return sum(
+            trials * (self._at(self.draw, kind.samples) + kind.levels * self._at(self.level, kind.samples))
+            for kind, trials in work.items()
+        )
 
     def _at(self, seconds: Floats, samples: int) -> float:
         """Interpolate linearly between the measured sizes, and in proportion beyond the last."""
@@ -104,6 +120,8 @@ def _timed(study: Study, units: list[Unit]) -> tuple[float, float]:
             whole = perf_counter() - began
             drawing = timings["seconds"][np.isin(timings["step"].astype(str), list(shared))].sum()
             best = min(best, (whole - drawing, drawing))
+            if whole > _LONG:
+                break
         count = len(list(levels(batch.cells)))
         found.append((best[1] / batch.trials, best[0] / (batch.trials * count)))
     draw, level = np.mean(found, axis=0)
@@ -113,9 +131,11 @@ def _timed(study: Study, units: list[Unit]) -> tuple[float, float]:
 def _time_of_summary(study: Study, cells: Sequence[Cell]) -> float:
     """Seconds to summarise a cell, measured at the smallest number of samples."""
     smallest = min(cells, key=lambda cell: cell.samples)
-    unit = Unit((Batch(("probe", 0), 0, study.design.trials_of(smallest.samples), (smallest,)),))
+    trials = study.design.trials_of(smallest.samples)
+    few = min(trials, _MOST_SUMMARISED)
+    unit = Unit((Batch(("probe", 0), 0, few, (smallest,)),))
     best = np.inf
     for _ in range(_REPEATS):
         timings = tables(study, unit, compute(study, unit))["timings"]
         best = min(best, timings["seconds"][timings["step"] == "summary"].sum())
-    return float(best)
+    return float(best) * trials / few

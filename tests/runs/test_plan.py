@@ -1,6 +1,7 @@
 """The counts of a plan are those of the run."""
 
 import math
+from types import SimpleNamespace
 
 import pytest
 
@@ -43,6 +44,25 @@ def test_counts_are_those_of_the_run(start, make_text, name):
     drawn = timings[timings["step"] == "draw"]
     assert made.draws == (drawn["samples"] * drawn["fits"]).sum()
     assert made.units == len(list(units(study)))
+
+
+def test_units_of_equal_size_are_counted_at_once(make_text):
+    """A last unit that is smaller than the others is one more; the sums are those over all units."""
+    study = parse(make_text({"estimators": ["lls"]}, samples=[5, 400], trials=12_345))
+    made, every = plan(study, 1), [batch for unit in units(study) for batch in unit.batches]
+    assert made.units == len(list(units(study))) > 2
+    assert made.draws == sum(batch.trials * batch.samples for batch in every)
+    assert made.samples == sum(batch.trials * batch.samples * len(batch.cells) for batch in every)
+
+
+def test_a_study_of_millions_of_units(make_text, monkeypatch):
+    """The counts are those of arithmetic: eight million samples and more are a unit, at three levels of noise here."""
+    pace = SimpleNamespace(of=lambda work: float(sum(work.values())), summary=0.0)
+    monkeypatch.setattr("study.runs.plan.measure", lambda *_: pace)
+    made = plan(parse(make_text(samples=1_000_000, trials=10_000_000, noise=[0.1, 0.2, 0.3], angle=90)), 2)
+    assert made.draws == 10**13
+    assert made.samples == 3 * 10**13
+    assert made.units == math.ceil(10**7 / 3)
 
 
 def test_shared_draws_are_drawn_once(make_text):

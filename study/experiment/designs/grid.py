@@ -145,6 +145,10 @@ class GridGroup:
         """Every cell, each with all of these trials."""
         return ((cell, first, last) for cell in self.cells)
 
+    def sizes(self, first: int, last: int) -> Iterator[tuple[int, int]]:
+        """The one number of samples, with the number of trials from first to before last."""
+        yield self.samples, last - first
+
     def load(self, first: int, last: int) -> tuple[int, int]:
         """Numbers of samples and of batches that are drawn for the trials from first to before last."""
         return (last - first) * self.samples, -(-last // self.size) - first // self.size

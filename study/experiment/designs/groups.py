@@ -48,6 +48,9 @@ class Group(Protocol):
     def places(self, first: int, last: int) -> Iterator[tuple[Cell, int, int]]:
         """The cells of the trials from first to before last, each with its first trial and the one after its last."""
 
+    def sizes(self, first: int, last: int) -> Iterator[tuple[int, int]]:
+        """Numbers of samples of the trials from first to before last, each with the number of such trials."""
+
     def load(self, first: int, last: int) -> tuple[int, int]:
         """Numbers of samples and of batches that are drawn for the trials from first to before last."""
 

@@ -105,9 +105,13 @@ class RandomGroup:
         """The cell of each trial, with that trial alone."""
         return ((self.cell(i), i, i + 1) for i in range(first, last))
 
+    def sizes(self, first: int, last: int) -> Iterator[tuple[int, int]]:
+        """Number of samples of each of the trials from first to before last."""
+        return ((int(self._drawn(SAMPLES, i)), 1) for i in range(first, last))
+
     def load(self, first: int, last: int) -> tuple[int, int]:
         """Numbers of samples and of batches that are drawn for the trials from first to before last."""
-        return sum(int(self._drawn(SAMPLES, i)) for i in range(first, last)), last - first
+        return sum(samples for samples, _ in self.sizes(first, last)), last - first
 
     def only(self, cells: Collection[Cell]) -> "RandomGroup":
         """The group itself: its cells are drawn."""
