@@ -30,7 +30,7 @@ _PER_TRIAL = ("draw", "bound")
 
 
 class Kind(NamedTuple):
-    """What a trial's cost depends on: its number of samples N, and of levels and cells that share its draw."""
+    """Trials of equal cost: they have as many samples N, and as many levels and cells share the draw of each."""
 
     samples: int
     levels: int

@@ -7,7 +7,7 @@ import pytest
 
 from study.experiment.config import parse
 from study.experiment.units import units
-from study.runs.speed_probe import Pace, measure
+from study.runs.speed_probe import Kind, Pace, measure
 
 PACE = Pace(np.array([10.0, 110.0, 1000.0]), np.array([1.0, 2.0, 4.0]), np.array([0.5, 1.5, 2.5]), 0.0)
 
@@ -22,8 +22,9 @@ PACE = Pace(np.array([10.0, 110.0, 1000.0]), np.array([1.0, 2.0, 4.0]), np.array
     ],
 )
 def test_seconds(samples, trials, count, seconds):
-    """A trial costs its draw and its levels, linear between the sizes."""
-    assert math.isclose(PACE.seconds(samples, trials, count), seconds, rel_tol=1e-12)
+    """A trial costs its draw and its levels, linear between the sizes; trials of several kinds add up."""
+    found = PACE.of({Kind(samples, count, 1): trials, Kind(110, 1, 1): 2})
+    assert math.isclose(found, seconds + 2 * 3.5, rel_tol=1e-12)
 
 
 def test_sizes_are_the_studys(make_text):

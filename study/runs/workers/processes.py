@@ -47,6 +47,8 @@ class Processes(Backend):
         if sys.platform == "win32":  # messages are whole there
             return
         executor = self.parallel._backend._workers
+        if executor is None:  # loky noticed, and joblib is about to replace it
+            return
         processes = list(executor._processes.values())  # a copy, since loky's thread changes it
         if executor._flags.broken is not None or not wait([process.sentinel for process in processes], timeout=0):
             self._dead_since = None
