@@ -29,7 +29,8 @@ def coverage(config: Config, jobs: Jobs = 2, out: Out = None) -> None:
     table = measure(design, jobs)
     for suffix in ("parquet", "csv"):
         save_frame(table, folder / f"coverage.{suffix}")
-    stamp = f"{design.name} · seed {design.seed} · {int(table['trials'].max()):,} trials a cell, fewer for large N"
+    fewer = ", fewer for large N" if table["trials"].nunique() > 1 else ""
+    stamp = f"{design.name} · seed {design.seed} · {int(table['trials'].max()):,} trials a cell{fewer}"
     for path in save(draw(table, stamp), folder / "fig_coverage"):
         typer.echo(str(path))
     for line in printed(table):

@@ -51,9 +51,9 @@ def summary(table: pd.DataFrame, name: str) -> list[str]:
     """Coverage by one method over the cells, in the order of `TITLES`."""
     part = table[table["method"] == name]
     little, some = part[part["sigma"] < _LITTLE], part[part["sigma"] <= _MUCH]
-    inside = little["radius"].between(0.93 - 2.0 * little["radius_error"], 0.97 + 2.0 * little["radius_error"])
+    inside = little["radius"].between(0.93, 0.97)
     often = part[(part["ok"] >= 0.2) & (part["sigma"] < 0.35)]
-    clear = part[(part["kappa"] == 100.0) & (part["samples"] >= 40) & (part["sigma"] < _LITTLE)]
+    clear = part[(part["kappa"] == 100.0) & (part["samples"] >= 40) & (part["sigma"] < _LITTLE)]["width_attainable"]
     center = np.minimum(some["axis"], some["across"])
     return [
         "interval" if name == INTERVAL else f"{name} ± t s.e.",
@@ -64,7 +64,7 @@ def summary(table: pd.DataFrame, name: str) -> list[str]:
         _share(center.min()),
         _share(often["radius_ok"].mean()),
         _share(often["radius_ok"].min()),
-        f"{clear['width'].min():.2f}-{clear['width'].max():.2f}" if len(clear) else "-",
+        f"{clear.min():.2f}-{clear.max():.2f}" if len(clear) else "-",
     ]
 
 

@@ -13,7 +13,9 @@ from study.estimators.intervals import intervals
 from study.estimators.registry import fit_samples
 from study.experiment.streams import lanes
 from study.sphere import cap
+from study.sphere.attainable import attainable_bound, cramer_rao
 from study.sphere.bounds import crlb
+from study.sphere.cap_mixture import Cap
 from study.sphere.types import Bools, Floats
 
 INTERVAL = "interval"
@@ -34,8 +36,9 @@ def measure(design: CoverageDesign, jobs: int = 2) -> pd.DataFrame:
         ``radius``, ``axis``, ``across``: share of all trials in which the truth is covered, of the radius, of the
         centre along the cap's axis and across it; ``ok``: share of fits that are ok, by the estimator's own status,
         and for the interval by `Intervals.identified`; ``radius_ok``: coverage of the radius of those; ``open``: share
-        without an upper end; ``width``: median width over that of an efficient estimate ± t standard errors. Beside
-        each share and width its Monte-Carlo standard error, ``…_error``.
+        without an upper end; ``width``: median width over that of ± t standard deviations of the Cramér-Rao bound;
+        ``width_attainable``: over those of the attainable bound. Beside each share and width its Monte-Carlo standard
+        error, ``…_error``.
     """
     cells = design.cells()
     order = sorted(cells, key=lambda cell: -cell.samples * cell.trials)  # long ones first, so that threads end together
@@ -99,9 +102,23 @@ def _row(cell: CoverageCell, name: str, outcome: Floats) -> dict[str, object]:
     reach = 0.5 * math.sqrt(len(ordered))  # of the median's rank
     low, middle, high = (ordered[int(0.5 * len(ordered) + by)] for by in (-reach, 0.0, reach))
     bounded = high < _LARGEST_WIDTH
-    row["width"] = float(middle) if middle < _LARGEST_WIDTH else math.inf
-    row["width_error"] = float(0.5 * (high - low)) if bounded else math.nan
-    return row
+    width = float(middle) if middle < _LARGEST_WIDTH else math.inf
+    width_error = float(0.5 * (high - low)) if bounded else math.nan
+    larger = _attainable_ratio(cell)
+    widths = {"width": width, "width_error": width_error}
+    return row | widths | {"width_attainable": width / larger, "width_attainable_error": width_error / larger}
+
+
+def _attainable_ratio(cell: CoverageCell) -> float:
+    """Standard deviation of the radius at the attainable bound over that at the Cramér-Rao bound; NaN if out of reach.
+
+    The attainable bound does not know the directions, as no interval does.
+    """
+    try:
+        reached = attainable_bound(cell.angle, cell.sigma)[3, 3]
+    except ValueError:  # noise hides the cap
+        return math.nan
+    return math.sqrt(reached / cramer_rao(Cap(math.radians(cell.angle), cell.sigma, 3))[3, 3])
 
 
 def _share(hits: Floats) -> tuple[float, float]:

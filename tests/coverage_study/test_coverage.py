@@ -44,14 +44,13 @@ def table(design):
 
 
 def test_shipped_config():
-    """The shipped design has every cap, number and κ of the study, none with σ above .9 r, and few trials at 10⁴."""
+    """The shipped design has every cap, number and κ of the study, none with σ above .9 r, and 4000 trials a cell."""
     design = read_design(SHIPPED)
     cells = design.cells()
     assert {cell.angle for cell in cells} == {2, 5, 20, 45, 90, 180}
     assert {cell.samples for cell in cells} == {10, 40, 200, 1000, 10_000}
     assert max(cell.sigma for cell in cells) <= 0.9
-    assert {cell.trials for cell in cells if cell.samples <= 1000} == {4000}
-    assert {cell.trials for cell in cells if cell.samples == 10_000} == {400}
+    assert {cell.trials for cell in cells} == {4000}
 
 
 @pytest.mark.parametrize("angle", [5.0, 70.0, 150.0, 180.0])

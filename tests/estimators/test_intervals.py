@@ -67,13 +67,17 @@ def scores(x, r, start, s):
     jacobian = np.mean(1.0 - ratio) * np.eye(d) + (e * ratio) @ e.T / n
     b = np.linalg.solve(jacobian, e.mean(axis=1))
     total, weight = rest.sum(), np.sum((1.0 - b @ e) ** 2)
-    explained = total**2 / weight
-    first = np.sign(total) * np.sqrt(explained / ((rest @ rest - explained) / (n - d - 1)))
     by_s = [by_difference(lambda q, f=f: f(r, q, d), s, 1e-3 * s) for f in (mean_radius, curvature)]
     mean = mean_radius(r, s, d)
     g = (by_s[0] - by_s[1] * (b @ e.mean(axis=1))) / (d - 2.0 * mean * by_s[0])
     psi = rest - (b @ e) * away - g * (rest**2 - variance)
-    second = total * np.sqrt((n - d - 1) / n / (psi @ psi - total**2 / n))
+    inverse = np.linalg.inv(jacobian)
+    error = inverse @ (e @ e.T / n) @ inverse.T * variance / n
+    across = np.array([np.trace((np.eye(d) - np.outer(e[:, k], e[:, k])) @ error) / distance[k] for k in range(n)])
+    longer = (1.0 - b @ e) @ (across - across.mean()) + weight * across.mean()
+    clean = total - 0.5 * longer - g * variance * n / (n - d)
+    first = clean / np.sqrt(weight * (rest @ rest - total**2 / weight) / (n - d - 1))
+    second = clean * np.sqrt((n - d - 1) / n / (psi @ psi - total**2 / n))
     return first, second, np.sqrt(s) / r
 
 
@@ -199,6 +203,18 @@ def test_coverage(dimension, shape, degrees, sigma):
     bounded = found.identified
     assert np.isfinite(found.radius[bounded]).all()
     assert np.isfinite(found.center[bounded]).all()
+
+
+@pytest.mark.parametrize(("dimension", "n", "sigma"), [(2, 12, 0.12), (3, 12, 0.1), (3, 40, 0.12)])
+def test_misses_are_as_often_below_as_above(dimension, n, sigma):
+    """Intervals of level .5 miss as often above as below, on a whole sphere with few points.
+
+    Without the score's bias β, which is (d² - 1)σ/2r√N here and more with few points, some 5 to 10 % more miss on one
+    side. Within 4.5 standard errors: false alarms 2e-5.
+    """
+    found = of(caps(15, (8000, n), 180.0, sigma, dimension), 0.5).radius
+    side = 1.0 * (found[:, 0] > 1.0) - (found[:, 1] < 1.0)
+    assert abs(side.mean()) < 4.5 * side.std() / np.sqrt(len(side))
 
 
 def test_width_is_that_of_an_efficient_estimator():

@@ -146,7 +146,7 @@ def _compute_all(
     sphere = Sphere(np.empty(3), np.empty(d))
     room = ProfileRoom(np.empty(2 + 2 * d + d * d), np.empty((d, 2 * d)), np.empty((d, d)), np.empty(d))
     matrices = np.empty((3, d, d))
-    beside = Beside(np.empty(d * d), products, matrices[0], matrices[1], matrices[2], np.empty(d), np.empty(d))
+    beside = Beside(np.empty((2, d * d)), products, matrices[0], matrices[1], matrices[2], np.empty(d), np.empty(d))
     trail, start, states = Trail(np.empty((MOST, 4)), np.empty((MOST, 4, d))), np.empty((2, d)), np.empty(1, STATE)
     state = states[0]
     for t in range(b):

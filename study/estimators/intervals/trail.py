@@ -16,7 +16,7 @@ GOOD, WEAK, FAILED = 0, 1, 2
 """A profile was found; the centre is not identified given the radius; there is no profile."""
 MOST = 100
 """Largest number of evaluations for one set."""
-_IDENTIFIED = 0.15
+_IDENTIFIED = 0.2
 """Largest standard error of the centre given the radius, in radii: beyond, plug-in nuisances do not serve."""
 _LINEAR = 2.5
 """Ratio of radii up to which the centre is extrapolated along its derivative."""
