@@ -1,8 +1,8 @@
 """False alarms of the outlier rule on clean data; `python benchmarks/false_alarms.py` stores their share.
 
-Points lie on spherical caps with normal noise and no outliers. A false alarm is a data set in which some point is
-named; the rule promises them in 1 % of the data sets. Cells of 20° with σ ≥ .1 r show no sphere at all: there the noise
-is as large as the cap is wide.
+Points lie on caps in two to four dimensions, with normal noise and no outliers. A false alarm is a data set in which
+some point is named; the rule promises them in 1 % of the data sets. Cells of 20° with σ = .2 r show no sphere at all:
+there the noise is three times the depth of the cap.
 """
 
 import math
@@ -18,20 +18,27 @@ from study.sphere import cap
 
 SEED = 17
 ANGLES, NOISES = (20.0, 60.0, 180.0), (0.01, 0.05, 0.1, 0.2)
-SETS = {10: 4000, 30: 4000, 100: 2500, 1000: 500}
-"""Data sets in each cell, by the number of points."""
-LARGE = [(10_000, 60.0, 0.05, 200), (10_000, 180.0, 0.2, 200), (100_000, 60.0, 0.05, 80), (1_000_000, 60.0, 0.05, 25)]
-"""Points, angle, noise and data sets of the few cells with many points."""
+SETS = {10: 10_000, 30: 10_000, 100: 10_000, 1000: 4000}
+"""Data sets in each cell in space, by the number of points."""
+OTHERS = [(d, n, angle, 0.05, 10_000) for d in (2, 4) for n in (10, 100) for angle in ANGLES]
+"""Dimension, points, angle, noise and data sets of the cells in the plane and in four dimensions."""
+LARGE = [
+    (3, 10_000, 60.0, 0.05, 2000),
+    (3, 10_000, 180.0, 0.2, 2000),
+    (3, 100_000, 60.0, 0.05, 500),
+    (3, 1_000_000, 60.0, 0.05, 100),
+]
+"""Dimension, points, angle, noise and data sets of the few cells with many points."""
 TOGETHER = 200_000
 """Points that are drawn at a time."""
 
 
-def alarms(n, angle, noise, sets):
+def alarms(d, n, angle, noise, sets):
     """Number of data sets in which a point is named."""
-    state, found = lanes(SEED, "false alarms", n, angle, noise), 0
+    state, found = lanes(SEED, "false alarms", d, n, angle, noise), 0
     for begun in range(0, sets, max(TOGETHER // n, 1)):
         size = min(max(TOGETHER // n, 1), sets - begun)
-        directions, unit_noise = np.empty((size, 3, n)), np.empty((size, 3, n))
+        directions, unit_noise = np.empty((size, d, n)), np.empty((size, d, n))
         cap.draw(state, math.radians(angle), directions, unit_noise)
         directions[:, 0] = 1.0 - directions[:, 0]  # heights to cosines
         found += int(outliers(Samples(directions + noise * unit_noise)).any(axis=1).sum())
@@ -40,14 +47,14 @@ def alarms(n, angle, noise, sets):
 
 def main():
     """Measure every cell, and store a row for each as soon as it is known."""
-    cells = [(n, angle, noise, sets) for n, sets in SETS.items() for angle in ANGLES for noise in NOISES]
+    cells = [(3, n, angle, noise, sets) for n, sets in SETS.items() for angle in ANGLES for noise in NOISES]
     rows = []
-    for n, angle, noise, sets in cells + LARGE:
-        found = alarms(n, angle, noise, sets)
+    for d, n, angle, noise, sets in cells + OTHERS + LARGE:
+        found = alarms(d, n, angle, noise, sets)
         share = found / sets
         error = math.sqrt(max(share, 1.0 / sets) * (1.0 - share) / sets)
-        row = {"samples": n, "angle": angle, "noise_over_radius": noise, "sets": sets, "alarms": found}
-        rows.append({**row, "share": share, "share_error": error})
+        row = {"dimension": d, "samples": n, "angle": angle, "noise_over_radius": noise, "sets": sets}
+        rows.append({**row, "alarms": found, "share": share, "share_error": error})
         path = Path(__file__).parents[1] / "results" / "false-alarms.csv"
         pd.DataFrame(rows).to_csv(path, index=False, lineterminator="\n")
 

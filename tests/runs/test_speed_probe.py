@@ -5,8 +5,10 @@ import math
 import numpy as np
 import pytest
 
+from study.experiment.compute_unit import compute
 from study.experiment.config import parse
 from study.experiment.units import units
+from study.runs import speed_probe
 from study.runs.speed_probe import Kind, Pace, measure
 
 PACE = Pace(np.array([10.0, 110.0, 1000.0]), np.array([1.0, 2.0, 4.0]), np.array([0.5, 1.5, 2.5]), 0.0)
@@ -38,3 +40,19 @@ def test_sizes_are_the_studys(make_text):
         assert pace.samples[-1] == samples[-1]
         assert np.all(pace.draw > 0.0)
         assert np.all(pace.level > 0.0)
+
+
+def test_the_first_measurement_does_not_count_alone(make_text, monkeypatch):
+    """A first call of ten seconds, which loads compiled code, leaves the pace at the tenth of a second of the others."""
+    study = parse(make_text({"estimators": ["gdke"]}, samples=[10]))
+    cells = [cell for unit in units(study) for batch in unit.batches for cell in batch.cells]
+    calls = [0.0]
+
+    def slow_at_first(study, unit):
+        calls.append(calls[-1] + (10.0 if len(calls) == 1 else 0.1))
+        return compute(study, unit)
+
+    monkeypatch.setattr(speed_probe, "compute", slow_at_first)
+    monkeypatch.setattr(speed_probe, "perf_counter", lambda: calls[-1])
+    pace = measure(study, cells, 1)
+    assert pace.level[0] * study.design.trials_of(10) < 0.11
