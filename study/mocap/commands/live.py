@@ -1,5 +1,6 @@
 """The command `study live`: joints from a stream of frames, which improve as the frames come."""
 
+import signal
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -40,6 +41,7 @@ def live(
         raise typer.BadParameter(f"--unit {unit}: give one of {', '.join(UNITS)}")
     joints = _joints(parent, child, markerset)
     lines = lines_of_input() if udp is None else lines_of_port(udp, lambda words: typer.echo(words, err=True))
+    before = signal.signal(signal.SIGINT, _interrupt_once)
     try:
         for number, line in enumerate(lines, start=1):
             if not line.strip():
@@ -52,12 +54,20 @@ def live(
             joints.add(frame)
             if joints.frames % every == 0:
                 _print(joints)
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C that ended the sender first must not take the answer
     except KeyboardInterrupt:  # the usual end of a stream
         pass
     if joints.frames % every or not joints.frames:
         _print(joints)
+    signal.signal(signal.SIGINT, before)
     if not all(answer.ok for answer in joints.answers().values()):
         raise typer.Exit(ExitCode.TOO_MANY_FAILURES)
+
+
+def _interrupt_once(number: int, frame: object) -> None:
+    """Interrupt the loop over frames, and nothing after it."""
+    signal.signal(number, signal.SIG_IGN)
+    raise KeyboardInterrupt
 
 
 def _joints(parent: str, child: str, markerset: str | None) -> "LiveJoints":

@@ -14,6 +14,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from study import cli
+from study.mocap.commands import live
 
 PELVIS = {"A": (120, 100, 0), "B": (-120, 100, 0), "C": (50, -100, 20), "D": (-50, -100, 20)}
 THIGH = {"E": (60, 50, -150), "F": (-40, 70, -200), "G": (20, -60, -280)}
@@ -106,6 +107,22 @@ def test_a_joint_that_is_not_known(call):
     code, said, complained = call('{"LASI": [1, 2, 3]}\n', "--markerset", "cast")
     assert (code, complained) == (3, "")
     assert "frame 1: left_hip: fewer than d + 1 points" in said
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no SIGINT to send to a process")
+def test_ctrl_c_after_the_last_frame(call, monkeypatch):
+    """Where Ctrl-C ends the sender of the frames first, its own interrupt does not take the last answer."""
+
+    def interrupted(joints):
+        os.kill(os.getpid(), signal.SIGINT)
+        printed(joints)
+
+    printed, before = live._print, signal.getsignal(signal.SIGINT)
+    monkeypatch.setattr(live, "_print", interrupted)
+    code, said, complained = call('{"LASI": [1, 2, 3]}\n', "--markerset", "cast")
+    assert (code, complained) == (3, "")
+    assert "frame 1: left_hip" in said
+    assert signal.getsignal(signal.SIGINT) is before
 
 
 def test_segments_of_two_markers_hold_no_joint(call):
