@@ -125,11 +125,11 @@ def outliers_robust(tables: Tables) -> str:
 
 
 def false_alarms(tables: Tables) -> str:
-    """Share of clean data sets in which the outlier rule names a point, in per cent: a column per number of points."""
-    table = tables("false_alarms")
-    numbers = [n for n in sorted(table["samples"].unique()) if n < MANY_POINTS]
+    """Share of clean data sets in space in which the outlier rule names a point, in per cent, by number of points."""
+    table = tables("false_alarms").query("dimension == 3 and samples < @MANY_POINTS")
+    numbers = sorted(table["samples"].unique())
     rows = []
-    for (angle, noise), part in table[table["samples"] < MANY_POINTS].groupby(["angle", "noise_over_radius"]):
+    for (angle, noise), part in table.groupby(["angle", "noise_over_radius"]):
         cells = part.set_index("samples")
         shares = [_percent(cells.loc[n, "share"], cells.loc[n, "share_error"]) for n in numbers]
         rows.append([f"{angle:g}°, {_short(noise)}", *shares])

@@ -34,7 +34,7 @@ QUOTED = {
     "outliers": ("robustness", "law == 'normal' and estimator in ['mle', 'als', 'gdke']", ["ratio_median_all"], True),
     "outliers_robust": ("robust", "law == 'normal' and estimator == 'robust'", ["ratio_median_all"], True),
     "laws": ("robustness", "outlier_share == 0 and estimator == 'als'", ["ratio_median_all"], True),
-    "false_alarms": ("false_alarms", "samples <= 1000", ["share"], True),
+    "false_alarms": ("false_alarms", "dimension == 3 and samples <= 1000", ["share"], True),
     "regret": ("regret", "samples == 0 and estimator in ['als', 'mle', 'gdke']", ["median", "q95", "q95_error"], True),
     "speed": ("bench", "what.str.contains('in a loop')", ["ratio"], True),
     "stopping": ("stopping", "", ["value"], True),
