@@ -6,6 +6,7 @@ any. Means over cells are geometric. Monte-Carlo errors are those of a jackknife
 share draws are left out together, in all cells.
 """
 
+import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -89,7 +90,8 @@ def regret(cells: pd.DataFrame) -> pd.DataFrame:
     Returns:
         A row per number of samples and estimator: ``samples`` (0 for all), ``estimator``, ``cells``, and of the
         ``median`` and the ``q95`` the geometric mean over the cells, its Monte-Carlo standard error (``…_error``) and
-        the largest (``…_worst``).
+        the largest (``…_worst``). They are infinite for an estimator without an answer in a cell in which another has
+        one.
     """
     rows = []
     for samples in [0, *sorted(cells["samples"].unique())]:
@@ -97,10 +99,12 @@ def regret(cells: pd.DataFrame) -> pd.DataFrame:
         for estimator, part in chosen.groupby("estimator", observed=True, sort=False):
             row: dict[str, float | str] = {"samples": int(samples), "estimator": str(estimator), "cells": len(part)}
             for name in QUANTILES:
-                used = part[np.isfinite(part[name])]
+                used = part[part[name].notna()]
                 means = np.array([_geometric(used[column]) for column in [name, *_left_out(name)]])
-                spread = np.sum((means[1:] - means[1:].mean()) ** 2) * (_GROUPS - 1.0) / _GROUPS
-                row |= {name: means[0], f"{name}_error": float(np.sqrt(spread)), f"{name}_worst": used[name].max()}
+                error = math.inf
+                if np.isfinite(means).all():
+                    error = math.sqrt(np.sum((means[1:] - means[1:].mean()) ** 2) * (_GROUPS - 1.0) / _GROUPS)
+                row |= {name: means[0], f"{name}_error": error, f"{name}_worst": used[name].max()}
             rows.append(row)
     return pd.DataFrame(rows)
 

@@ -55,6 +55,10 @@ def test_fits_without_a_number_count_as_worse_than_any():
     assert cells.loc["y", "median"] == 3.0
     assert cells.loc["y", "q95"] == 1.0
     assert cells.loc["x", "q95"] == np.inf
+    whole = table(a=(10, {"x": [1.0] * 20, "y": [2.0] * 20}), b=(10, {"x": [np.nan] * 20, "y": [1.0] * 20}))
+    means = regret(by_cell(whole, ["x", "y"])).set_index(["samples", "estimator"])
+    assert list(means.loc[(0, "x"), ["median", "median_error", "median_worst"]]) == [np.inf] * 3
+    assert means.loc[(0, "y"), "median"] == pytest.approx(math.sqrt(2.0))
 
 
 def test_standard_error_is_that_of_repetitions():
