@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from study.estimators.algebraic import taubin
 from study.estimators.samples import Samples
+from study.sphere.real_array import real_array
 from study.sphere.types import Bools, Floats, Ints
 
 _MOST_STEPS = 200
@@ -53,15 +54,17 @@ def minimum_zone(points: ArrayLike) -> MinimumZone:
     the width is a large share of the radius.
 
     Args:
-        points: coordinates (…, n, d) of n ≥ d + 1 points in d ≥ 2 dimensions; points with a NaN are left out.
+        points: coordinates (…, n, d) of n ≥ d + 1 points in d ≥ 2 dimensions; points with a NaN, or masked, are left
+            out.
 
     Raises:
+        TypeError: if the points are not real numbers.
         ValueError: if the shape is another.
 
     Source: Anthony, Anthony, Bittner et al., Reference algorithms for Chebyshev and one-sided data fitting, Numer.
     Algorithms 1996.
     """
-    array = np.asarray(points, dtype=float)
+    array = real_array(points, "points").astype(float, copy=False)
     if array.ndim < 2 or array.shape[-1] < 2 or array.shape[-2] < array.shape[-1] + 1:
         raise ValueError(f"points have shape {array.shape}: expected (…, n, d) with d ≥ 2 and n ≥ d + 1")
     *lead, n, d = array.shape
