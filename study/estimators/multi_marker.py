@@ -51,6 +51,8 @@ def mgdk(markers: Sequence[ArrayLike], noise: ArrayLike | None = None, weighted:
         raise ValueError(f"markers of shapes {[a.shape for a in arrays]}: give at least one, all of the same dimension")
     d = arrays[0].shape[1]
     known = None if noise is None else noise_covariance(noise, d)
+    if not all(np.isfinite(array).all() for array in arrays):
+        return replace(_nothing(d, np.array([len(array) for array in arrays]), Status.NOT_FINITE), markers=given)
     # in a unit of their size, a power of two, if the points are so large or small that their powers leave float64
     power = int(binary_size(np.concatenate(arrays).T[None])[0]) if any(map(len, arrays)) else 0
     if power == 0:
@@ -208,9 +210,10 @@ def _unit_bound(arrays: list[Floats], center: Floats, noise: Floats) -> Floats:
     d = len(center)
     information = np.zeros((d, d))
     for array in arrays:
-        if len(array):
-            u = array - center
-            u /= np.linalg.norm(u, axis=1, keepdims=True)
+        away = array - center
+        distance = np.linalg.norm(away, axis=1)
+        u = away[distance > 0.0] / distance[distance > 0.0, None]  # a point at the centre has no direction
+        if len(u):
             weights = 1.0 / np.einsum("ni,ij,nj->n", u, noise, u)
             u = u - weights @ u / weights.sum()
             information += np.einsum("n,ni,nj->ij", weights, u, u)

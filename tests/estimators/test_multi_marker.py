@@ -6,7 +6,8 @@ from scipy import stats
 
 import study
 from study import Status
-from study.estimators import mgdk
+from study.estimators import Incremental, mgdk
+from study.estimators.multi_marker import mgdk_so_far
 from study.sphere.cap import sample_cap
 
 SIGMA = 1e-4 * np.array([[2.0, 0.5, -0.3], [0.5, 1.0, 0.2], [-0.3, 0.2, 0.5]])
@@ -237,6 +238,7 @@ def test_statuses(rng):
         ([line, line + 1.0], Status.SINGULAR),
         ([np.ones((9, 3)), np.zeros((9, 3))], Status.SINGULAR),
         ([good, infinite], Status.NOT_FINITE),
+        ([good, infinite[4:5]], Status.NOT_FINITE),
         ([1e150 * good], Status.NOT_FINITE),
     ]
     for markers, status in cases:
@@ -249,6 +251,27 @@ def test_statuses(rng):
     hidden = mgdk([good, 2 * good], 3.0)
     assert hidden.status is Status.NOT_POSITIVE_DEFINITE
     assert hidden.condition > 1.0
+
+
+def test_a_point_at_the_center(rng):
+    """It has no direction, and so tells nothing: the covariance is that without it."""
+    poles = np.vstack([np.eye(3), -np.eye(3)])
+    alone, beside = mgdk([poles], 0.1), mgdk([poles, np.zeros((1, 3))], 0.1)
+    np.testing.assert_array_equal(beside.covariance, alone.covariance)
+    assert beside.status is Status.OK
+    with_it = study.fit(np.vstack([poles, np.zeros((1, 3))]), "gdke", 0.1)
+    np.testing.assert_allclose(with_it.standard_errors, study.fit(poles, "gdke", 0.1).standard_errors, rtol=1e-12)
+
+
+def test_a_fit_of_moments_holds_no_points(rng):
+    """Its table has no residuals, and they are refused in words."""
+    (points,), _ = drawn(rng, [30], [1.0])
+    grown = Incremental(3)
+    grown.update(points)
+    fit = mgdk_so_far([grown])
+    assert fit.to_frame()["residual_rms"].isna().all()
+    with pytest.raises(ValueError, match="does not hold its points"):
+        _ = fit.residuals
 
 
 @pytest.mark.parametrize(

@@ -60,7 +60,12 @@ class JointFit:
         """Signed distance of each marker's points from its sphere, M arrays (n_p,), in the unit of the points.
 
         It is |x - ĉ| - r̂_p, positive outside; NaN where a sample is missing.
+
+        Raises:
+            ValueError: if the fit does not hold its points, because it is from `study.mgdk_so_far`.
         """
+        if not self.markers:
+            raise ValueError("this fit does not hold its points: use study.mgdk, which stores them in the fit")
         with np.errstate(all="ignore"):
             away = [np.sqrt(np.sum((points - self.center) ** 2, axis=1)) for points in self.markers]
         return [np.asarray(distance - radius) for distance, radius in zip(away, self.radii, strict=True)]
@@ -69,12 +74,13 @@ class JointFit:
         """A row per marker.
 
         Returns:
-            Columns: radius, residual_rms, samples used; then, the same in all rows, each coordinate of the centre
+            Columns: radius, residual_rms (NaN if the fit does not hold its points), samples used; then, the same in all rows, each coordinate of the centre
             (center_1) and its standard error (error_1), noise (σ̂), condition (ρ), status in words.
         """
         import pandas as pd
 
-        squares = [residuals[np.isfinite(residuals)] ** 2 for residuals in self.residuals]
+        held = self.residuals if self.markers else [np.empty(0)] * len(self.radii)
+        squares = [residuals[np.isfinite(residuals)] ** 2 for residuals in held]
         rms = [float(np.sqrt(square.mean())) if len(square) else np.nan for square in squares]
         columns: dict[str, object] = {"radius": self.radii, "residual_rms": rms, "samples": self.count}
         for i, (value, error) in enumerate(zip(self.center, self.standard_errors, strict=True)):
