@@ -23,13 +23,13 @@ def points(trial: Trial) -> pd.DataFrame:
 def fits(study: Study, trial: Trial) -> dict[str, Fit]:
     """The true sphere under the name "truth", and every estimator's fit, each of shape ()."""
     cell = trial.cell
-    found = {name: attempt(name, trial.samples)[0] for name in study.estimators}
     truth = blank(1, study.dimension)
     truth.center[:], truth.radius[:] = cell.center, cell.radius
-    return {
-        name: Fit(fit.reshape(), trial.samples, name, ESTIMATORS[name].covariance if name in ESTIMATORS else None)
-        for name, fit in ({"truth": truth} | found).items()
-    }
+    found = {"truth": Fit(truth.reshape(), trial.samples, "truth")}
+    for name in study.estimators:
+        entry, fit = ESTIMATORS[name], attempt(name, trial.samples)[0]
+        found[name] = Fit(fit.reshape(), trial.samples, name, entry.covariance, entry.without_outliers)
+    return found
 
 
 def fit_table(study: Study, trial: Trial) -> pd.DataFrame:

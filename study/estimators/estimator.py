@@ -22,8 +22,8 @@ class Estimator:
         moments_suffice: the function reads ``Samples.moments`` alone.
         by_window: the function reads samples only through `study.sphere.layouts.window`, so that points need not lie
             in memory.
-        covariance: covariance of (ĉ, r̂) (b, d+1, d+1), unit squared, of its answers, from samples without missing ones;
-            None for the Cramér-Rao bound with the estimates plugged in.
+        covariance: covariance of (ĉ, r̂) (b, d+1, d+1), unit squared, of its answers, from samples without missing ones
+            and with the noise that they show; None for the Cramér-Rao bound with the estimates plugged in.
         without_outliers: the function leaves out the points that `study.estimators.robust.outliers.outliers` names, so
             that intervals are to be formed without them.
         version: to be raised with every change of its numbers, so that runs do not mix old rows with new ones; a digest

@@ -19,7 +19,7 @@ from study.estimators.incremental import igdk
 from study.estimators.kasa import gdke, ugdk
 from study.estimators.lls import lls
 from study.estimators.lls_historical import lls_nr, lls_nr_raw, lls_single
-from study.estimators.robust.robust import robust, robust_covariance
+from study.estimators.robust.robust import robust
 from study.estimators.samples import Samples
 from study.estimators.unknown_covariance import ugdk_cov
 from study.sphere.bounds import noise_covariance
@@ -58,7 +58,6 @@ ESTIMATORS: dict[str, Estimator] = {
     "robust": Estimator(
         robust,
         "Rousseeuw & Van Driessen 2006; Hadi & Simonoff 1993: mle without the outliers",
-        covariance=robust_covariance,
         without_outliers=True,
         version=2,
     ),

@@ -103,7 +103,7 @@ def _answer(trial: Trial, name: str, draws: Floats, known: bool) -> Row:
     fit = fit_samples(samples, name)
     answer = np.append(fit.center[0] - np.array(trial.cell.center), fit.radius[0] - trial.cell.radius)
     error = fit.standard_errors[0]
-    spare = samples.x.shape[2] - d - 1
+    spare, given = samples.x.shape[2] - d - 1, fit.noise_is_known
     law = scipy.stats.norm() if given else scipy.stats.t(spare) if spare > 0 else None
     row: Row = {"estimator": name, "status": int(fit.own_status[0]), "distance": math.nan, "level": math.nan}
     mean, sd = np.full(d + 1, math.nan), np.full(d + 1, math.nan)

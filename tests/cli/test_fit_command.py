@@ -215,7 +215,7 @@ def test_outliers_and_copies(say, rng, on_cap, tmp_path):
     said = say("fit", "p.npy")[1]
     named = "3 of 39 points are outliers (rows 5, 17, 22): the fit "
     assert f"\n{named}uses them; -e robust leaves them out\n" in said
-    assert "\n4 of 39 rows repeat earlier ones: every ± and interval is too small\n" in said
+    assert "\n4 of 39 rows repeat earlier ones: every ± is too small; the intervals count copies once\n" in said
     code, said, _ = say("fit", "p.npy", "-e", "robust")
     assert code == 0
     assert f"\n{named}leaves them out\n" in said

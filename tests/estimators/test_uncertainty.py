@@ -54,6 +54,28 @@ def test_nominal_coverage(d, n, known, level):
         assert covered(fit, level) == pytest.approx(level, abs=slack(level))
 
 
+def test_corrected_does_not_take_a_given_noise():
+    """Its ellipsoid is the same with the noise given, since it estimates the noise: 95 % cover the centre at N = 10."""
+    points = half_spheres(7, 10)
+    given, own = study.fit(points, "corrected", 0.01), study.fit(points, "corrected")
+    assert not given.noise_is_known
+    np.testing.assert_array_equal(given.ellipsoid(0.95), own.ellipsoid(0.95))
+    assert covered(given, 0.95) > 0.92  # by χ², as if the noise were known, it would be .82
+
+
+def test_robust_ellipsoid_counts_the_points_that_are_left():
+    """With three of ten points left out its ellipsoid is that of `mle` of the seven."""
+    points = half_spheres(8, 13)[:300]
+    points[:, 10:] *= 3.0
+    fit = study.fit(points, "robust")
+    all_three = (fit.outliers == (np.arange(13) > 9)).all(axis=1)
+    assert all_three.sum() > 200
+    alone = study.fit(points[all_three, :10], "mle")
+    np.testing.assert_allclose(fit[all_three].covariance, alone.covariance, rtol=1e-9)
+    axes = [np.abs(each.ellipsoid(0.95)) for each in (fit[all_three], alone)]  # their signs are free
+    np.testing.assert_allclose(axes[0], axes[1], rtol=1e-6, atol=1e-12)
+
+
 @pytest.mark.parametrize(("n", "rounded"), [(6, 0.71), (10, 0.85)])
 def test_chi_squared_would_not_do(n, rounded):
     """With σ estimated an ellipsoid by χ² would cover 85 % instead of 95 % at N = 10, and 71 % at N = 6.

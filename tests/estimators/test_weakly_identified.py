@@ -57,6 +57,19 @@ def test_intervals_of_a_fit(on_cap):
         fit.interval("diameter")
 
 
+@pytest.mark.parametrize("estimator", ["corrected", "robust"])
+def test_copies_count_once(on_cap, estimator):
+    """Copies narrow no interval, and four points remain four however often they are repeated: they bound no radius."""
+    points = on_cap(np.random.default_rng(44), 30, 60.0, noise=0.02)[0]
+    alone, often = (study.fit(x, estimator) for x in (points, np.repeat(points, 20, axis=0)))
+    for of in ("radius", "center"):
+        np.testing.assert_array_equal(often.interval(of), alone.interval(of))
+    assert often.ok
+    four = study.fit(np.repeat(points[:4], 20, axis=0), estimator)
+    assert four.status == Status.WEAKLY_IDENTIFIED
+    np.testing.assert_array_equal(four.interval("radius"), [0.0, np.inf])
+
+
 def test_nothing_is_computed_unasked(monkeypatch, on_cap):
     """A fit whose status and interval are never read computes no interval."""
     points = on_cap(np.random.default_rng(44), 30, 60.0, noise=0.02)[0]

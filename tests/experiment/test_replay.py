@@ -210,3 +210,15 @@ def test_what_is_printed(make_study, d):
         assert cells[1:7] == [f"{value:.3g}" if np.isfinite(value) else "-" for value in numbers]
         assert cells[7] == str(row["iterations"] or "-")
         assert line.endswith(row["status"])
+
+
+def test_robust_is_settled_without_its_outliers(make_study):
+    """A fit of a replayed trial has the status and the interval that `study.fit` gives its points."""
+    made = make_study({"estimators": ["robust", "mle"]}, noise=0.001, samples=40, angle=60, radius=1.0, trials=1)
+    trial = replay(made, next(addresses(made)))
+    trial.samples.x[0, :, :4] *= 5.0
+    for name, found in trial_report.fits(made, trial).items():
+        if name != "truth":
+            own = study.fit(trial.samples.points[0], name)
+            assert found.status == own.status, name
+            np.testing.assert_array_equal(found.interval("radius"), own.interval("radius"))

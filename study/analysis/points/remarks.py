@@ -32,7 +32,7 @@ def doubts(fit: Fit) -> Iterator[str]:
     copies = int(fit.copies)
     if copies:
         repeat = "repeats an earlier one" if copies == 1 else "repeat earlier ones"
-        yield f"{copies} of {samples} rows {repeat}: every ± and interval is too small"
+        yield f"{copies} of {samples} rows {repeat}: every ± is too small; the intervals count copies once"
 
 
 def intervals_in_words(fit: Fit, names: list[str]) -> Iterator[str]:

@@ -12,7 +12,7 @@ from study.estimators.covariance import plug_in_bound, unless_missing
 from study.estimators.estimates import Estimates
 from study.estimators.form.minimum_zone import MinimumZone, minimum_zone
 from study.estimators.intervals import Intervals, intervals
-from study.estimators.robust.copies import copies
+from study.estimators.robust.copies import copies, repeated
 from study.estimators.robust.outliers import outliers
 from study.estimators.samples import Samples
 from study.estimators.status import Status
@@ -130,8 +130,8 @@ class Fit:
         """Confidence interval of the radius, or one of each coordinate of the centre.
 
         It depends on the points alone, not on the estimator; that of `robust` leaves the outliers out, as the fit
-        does. It assumes isotropic noise of unknown size, and covers
-        where an estimate ± its standard error does not: on small caps, under large noise, and with few points.
+        does. Copies of a point count once. It assumes isotropic noise of unknown size, and covers where an estimate ±
+        its standard error does not: on small caps, under large noise, and with few points.
 
         Args:
             of: "radius" or "center".
@@ -160,16 +160,22 @@ class Fit:
         """Intervals of the flat batch, computed once for each level."""
         known: dict[float, Intervals] = self.__dict__.setdefault("_known_intervals", {})
         if level not in known:
-            known[level] = intervals(self._samples_used, level)
+            known[level] = intervals(self._different, level)
         return known[level]
 
     @property
-    def _samples_used(self) -> Samples:
-        """The points that the fit stands on: all, or those that are no outliers."""
-        if not self._without_outliers:
-            return self._points
-        left_out = self.outliers.reshape(self._points.shape[0], 1, -1)
-        return Samples(np.where(left_out, np.nan, self._points.x), self._points.noise)
+    def _different(self) -> Samples:
+        """The points that the fit stands on, copies once."""
+        points, again = self._points, repeated(self._points.x)
+        if not self._without_outliers and not again.any():
+            return points
+        return Samples(np.where((self._used & ~again)[:, None], points.x, np.nan), points.noise)
+
+    @cached_property
+    def _used(self) -> Bools:
+        """True for the points (b, n) that the fit stands on: those that are not missing, and no outliers left out."""
+        _, _, present = self._distances
+        return present & ~self.outliers.reshape(present.shape) if self._without_outliers else present
 
     @property
     def ok(self) -> Bools:
@@ -264,7 +270,10 @@ class Fit:
 
     @cached_property
     def copies(self) -> Ints:
-        """Number of points (…) that repeat an earlier one exactly, which makes the standard errors too small."""
+        """Number of points (…) that repeat an earlier one exactly, which makes the standard errors too small.
+
+        Intervals, and with them the status, count copies once.
+        """
         return copies(self._points).reshape(self.shape)
 
     @cached_property
@@ -313,16 +322,17 @@ class Fit:
         """Covariance of (ĉ, r̂) (…, d+1, d+1), unit squared.
 
         It is the estimator's own where it has one (`Estimator.covariance`), else the Cramér-Rao bound with the
-        estimates plugged in: the noise as given or estimated, and the directions of the points from ĉ. The bound
-        includes neither an estimator's bias (`gdke`, `lls`) nor the excess of one that does not attain it. NaN or
+        estimates plugged in: the noise as given or estimated, and the directions of the points from ĉ, without outliers
+        if the estimator leaves them out. The bound includes neither an estimator's bias (`gdke`, `lls`) nor the excess of one that does not attain it. NaN or
         infinite where it cannot be formed.
         """
         d = self.center.shape[-1]
         if self._covariance_of is not None:
             found = unless_missing(self._covariance_of, self._points, self._estimates.reshape(-1))
         else:
-            _, directions, present = self._distances
-            found = plug_in_bound(directions, present, self._given_noise, self.noise_variance.reshape(-1))
+            distance, directions, _ = self._distances
+            away = self._used & (distance > 0.0)  # a point at the centre has no direction
+            found = plug_in_bound(directions, away, self._given_noise, self.noise_variance.reshape(-1))
         return found.reshape(*self.shape, d + 1, d + 1)
 
     @property
@@ -361,7 +371,7 @@ class Fit:
 
         Returns:
             Semi-axes as columns (…, d, d), in the unit of the points. Their length comes from the χ² distribution
-            where the noise was given, and from F with n - d - 1 degrees of freedom where it was estimated.
+            where `noise_is_known`, else from F with n - d - 1 degrees of freedom.
 
         Raises:
             ValueError: if the level is not in (0, 1), or if the fit does not hold its points, because it is not from
@@ -372,13 +382,18 @@ class Fit:
         from scipy.special import chdtri, fdtri  # imported here, as it takes as long as the rest of the library
 
         d = self.center.shape[-1]
-        spare = np.maximum(self.count - d - 1, 1).reshape(-1)
-        known = self._given_noise is not None
-        scale = np.full(len(spare), chdtri(d, 1.0 - level)) if known else d * fdtri(d, spare, level)
+        spare = np.maximum(self._used.sum(axis=1) - d - 1, 1)
+        known = np.full(len(spare), chdtri(d, 1.0 - level))
+        scale = known if self.noise_is_known else d * fdtri(d, spare, level)
         values, vectors = eigenbasis(self.covariance[..., :d, :d].reshape(-1, d, d))
         with np.errstate(all="ignore"):  # NaN where the covariance is not finite
             lengths = np.sqrt(np.maximum(values, 0.0) * scale[:, None])
             return np.asarray((vectors * lengths[:, None, :]).reshape(*self.center.shape, d))
+
+    @property
+    def noise_is_known(self) -> bool:
+        """True if the covariance stands on a noise that was given. `corrected` always estimates it."""
+        return self._given_noise is not None and self._covariance_of is None
 
     @property
     def _given_noise(self) -> float | Floats | None:

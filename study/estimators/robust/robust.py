@@ -2,12 +2,10 @@
 
 import numpy as np
 
-from study.estimators.covariance import plug_in_bound
 from study.estimators.estimates import Estimates, blank
 from study.estimators.geometric.mle import mle
 from study.estimators.robust.outliers import outliers
 from study.estimators.samples import Samples
-from study.sphere.types import Floats
 
 
 def robust(samples: Samples) -> Estimates:
@@ -32,11 +30,3 @@ def robust(samples: Samples) -> Estimates:
         for whole, part in zip(result, mle(Samples(kept)), strict=True):
             whole[sets] = part
     return result
-
-
-def robust_covariance(samples: Samples, estimates: Estimates) -> Floats:
-    """The Cramér-Rao bound (b, d+1, d+1) with the estimates plugged in, for the points that are not outliers."""
-    with np.errstate(all="ignore"):
-        away = samples.x - estimates.center[:, :, None]
-        directions = away / np.sqrt(np.einsum("bdn,bdn->bn", away, away))[:, None]
-    return plug_in_bound(directions, ~outliers(samples), samples.noise, estimates.noise_variance)

@@ -51,4 +51,6 @@ def test_outliers_and_copies(cap):
     others = study.fit(np.delete(wrong, 7, axis=0))
     np.testing.assert_allclose(robust.interval("radius"), others.interval("radius"), rtol=1e-6)
     twice = np.repeat(cap, 5, axis=0)
-    assert list(doubts(study.fit(twice))) == ["160 of 200 rows repeat earlier ones: every ± and interval is too small"]
+    assert list(doubts(study.fit(twice))) == [
+        "160 of 200 rows repeat earlier ones: every ± is too small; the intervals count copies once"
+    ]
