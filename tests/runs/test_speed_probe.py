@@ -43,7 +43,7 @@ def test_sizes_are_the_studys(make_text):
 
 
 def test_the_first_measurement_does_not_count_alone(make_text, monkeypatch):
-    """A first call of ten seconds, which loads compiled code, leaves the pace at the tenth of a second of the others."""
+    """A first call of ten seconds, which loads compiled code, leaves the pace at the tenth of one of the others."""
     study = parse(make_text({"estimators": ["gdke"]}, samples=[10]))
     cells = [cell for unit in units(study) for batch in unit.batches for cell in batch.cells]
     calls = [0.0]

@@ -322,9 +322,9 @@ class Fit:
         """Covariance of (ĉ, r̂) (…, d+1, d+1), unit squared.
 
         It is the estimator's own where it has one (`Estimator.covariance`), else the Cramér-Rao bound with the
-        estimates plugged in: the noise as given or estimated, and the directions of the points from ĉ, without outliers
-        if the estimator leaves them out. The bound includes neither an estimator's bias (`gdke`, `lls`) nor the excess of one that does not attain it. NaN or
-        infinite where it cannot be formed.
+        estimates plugged in: the noise as given or estimated, and the directions of the points from ĉ, without
+        outliers if the estimator leaves them out. The bound includes neither an estimator's bias (`gdke`, `lls`) nor
+        the excess of one that does not attain it. NaN or infinite where it cannot be formed.
         """
         d = self.center.shape[-1]
         if self._covariance_of is not None:

@@ -74,8 +74,9 @@ class JointFit:
         """A row per marker.
 
         Returns:
-            Columns: radius, residual_rms (NaN if the fit does not hold its points), samples used; then, the same in all rows, each coordinate of the centre
-            (center_1) and its standard error (error_1), noise (σ̂), condition (ρ), status in words.
+            Columns: radius, residual_rms (NaN if the fit does not hold its points), samples used; then, the same in all
+            rows, each coordinate of the centre (center_1) and its standard error (error_1), noise (σ̂), condition (ρ),
+            status in words.
         """
         import pandas as pd
 
