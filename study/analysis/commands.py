@@ -82,11 +82,12 @@ def diff(
 ) -> None:
     """Compare two runs.
 
-    They are identical, the same within Monte-Carlo error, or different (exit code 1).
+    They are identical, identical in the trials that both have, the same within Monte-Carlo error, or different (exit
+    code 1).
 
     With --json: verdict, runs (folder, run, made_by, only_here), test, threshold of the chance, and comparisons, each
-    with group, estimator, conditions, measure, first, second, deviation in standard errors, chance, trials, equal and
-    different.
+    with group, estimator, conditions, measure, first, second, deviation in standard errors, chance, trials, equal,
+    same_trials and different.
     """
     from study.analysis.compare import as_data, compare, printed
     from study.runs.storage.run_folder import Run

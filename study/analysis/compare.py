@@ -49,7 +49,8 @@ class Comparison:
         one, other: the measure in the two runs.
         chance: probability of so large a difference between equal runs.
         trials: the smaller of the two numbers of trials.
-        equal: true if all numbers are the same to the bit.
+        equal: true if all numbers of the trials that both runs have are the same to the bit.
+        whole: true if both runs have the same trials.
     """
 
     key: Key
@@ -60,6 +61,7 @@ class Comparison:
     chance: float
     trials: int
     equal: bool
+    whole: bool
 
     @property
     def deviation(self) -> float:
@@ -97,14 +99,19 @@ class Difference:
     @property
     def verdict(self) -> str:
         """The result in words."""
-        if self.identical:
-            return "identical"
-        return "different" if self.different else "the same within Monte-Carlo error"
+        if not self.identical:
+            return "different" if self.different else "the same within Monte-Carlo error"
+        return "identical" if self.whole else "identical in the trials that both have"
 
     @property
     def identical(self) -> bool:
         """True if everything that both runs have is the same to the bit."""
         return all(each.equal for each in self.found)
+
+    @property
+    def whole(self) -> bool:
+        """True if the runs have the same groups, estimators and trials."""
+        return self.only == (0, 0) and all(each.whole for each in self.found)
 
 
 def compare(one: Run, other: Run) -> Difference:
@@ -146,12 +153,12 @@ def _paired(key: Key, one: pd.DataFrame, other: pd.DataFrame, paired: bool) -> C
     words = _words(one.iloc[0], key)
     values = [_over_bound(frame, suffix) for frame, suffix in ((one, ""), (other, ""))]
     medians = [float(np.median(v)) if len(v) else math.nan for v in values]
-    blank = Comparison(key, words, "median over bound", medians[0], medians[1], 1.0, min(len(one), len(other)), False)
+    blank = Comparison(key, words, "median over bound", medians[0], medians[1], 1.0, min(len(one), len(other)), False, False)
     if not len(both):
         differ = len(np.unique(np.concatenate(values))) > 1
         chance = scipy.stats.mannwhitneyu(values[0], values[1]).pvalue if differ else 1.0
         return replace(blank, chance=float(chance))
-    same = len(both) == len(one) == len(other)
+    same = True
     for name in ("error", "radius_error", "status"):
         same = same and both[f"{name}_a"].equals(both[f"{name}_b"].rename(f"{name}_a"))
     first, second = _over_bound(both, "_a"), _over_bound(both, "_b")
@@ -166,6 +173,7 @@ def _paired(key: Key, one: pd.DataFrame, other: pd.DataFrame, paired: bool) -> C
         chance=float(chance),
         trials=len(both),
         equal=same,
+        whole=len(both) == len(one) == len(other),
     )
 
 
@@ -188,7 +196,7 @@ def _by_summary(one: Run, other: Run) -> tuple[list[Comparison], tuple[int, int]
         equal = bool(mine[columns].equals(theirs[columns]))
         words, trials = _words(mine, key), int(min(mine["planned"], theirs["planned"]))
         for measure, values in (("share ok", _shares(mine, theirs)), ("median over bound", _medians(mine, theirs))):
-            found.append(Comparison(key, words, measure, *values, trials, equal))
+            found.append(Comparison(key, words, measure, *values, trials, equal, equal))
     return found, (len(a) - len(shared), len(b) - len(shared)), "summaries; one run has no error table"
 
 
@@ -214,7 +222,7 @@ def _medians(one: "pd.Series[float]", other: "pd.Series[float]") -> tuple[float,
 
 def _words(row: "pd.Series[float]", key: Key) -> str:
     """A group in words: a decade of σ/r, or a cell's conditions and its name."""
-    if key[0].startswith("1e"):
+    if key[0].startswith(("1e+", "1e-")):  # a cell's name has no sign
         return f"σ/r = {key[0]} …"
     return f"{label(row)}, cell {key[0]}"
 
@@ -237,6 +245,7 @@ def as_data(found: Difference) -> dict[str, Any]:
             "chance": each.chance,
             "trials": each.trials,
             "equal": each.equal,
+            "same_trials": each.whole,
             "different": each.chance < found.threshold,
         }
         for each in found.found

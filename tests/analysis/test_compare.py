@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 
 import study
+from study.analysis import compare as compare_module
 from study.analysis.compare import compare, printed
 from study.analysis.summary import summarise
 from study.experiment.config import parse
@@ -66,11 +67,17 @@ def test_identical(make):
 @pytest.mark.parametrize("by_summary", [False, True])
 @pytest.mark.parametrize("change", [("seed = 1", "seed = 2"), ("trials = 200", "trials = 500")], ids=str)
 def test_the_same_within_monte_carlo_error(make, change, by_summary):
-    """Another seed, or more trials: the same, not identical. That fails once in a thousand seeds; these are fixed."""
+    """Another seed, or more trials where errors are not stored: the same, which fails once in a thousand seeds.
+
+    With more trials, those that both have are identical by their errors.
+    """
     one, other = make("one"), make("other", change)
     found = compare(without_errors(one) if by_summary else one, other)
     assert not found.different
-    assert verdict(found) == "the same within Monte-Carlo error"
+    grown = change[0] == "trials = 200" and not by_summary
+    words = "identical in the trials that both have" if grown else "the same within Monte-Carlo error"
+    assert verdict(found) == words
+    assert {each.equal for each in found.found} == {grown}
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -126,11 +133,19 @@ def test_more_failures_are_a_difference(make, monkeypatch):
     assert compare(one, make("other")).different
 
 
+def test_names_of_cells_and_decades(make):
+    """A cell whose name begins like a power of ten is no decade."""
+    row = make("one").table("summary").iloc[0]
+    assert compare_module._words(row, ("1e45ab0c12", "als")).endswith(", cell 1e45ab0c12")
+    assert compare_module._words(row, ("1e-03", "als")) == "σ/r = 1e-03 …"
+
+
 def test_cells_that_one_run_lacks(make):
     """Cells of one run alone are counted; two runs with nothing in common are refused."""
     one, other = make("one"), make("other", ("[20, 60]", "[60, 80]"))
     found = compare(one, other)
     assert found.only == (4, 4)
     assert found.identical
+    assert verdict(found) == "identical in the trials that both have"
     with pytest.raises(RunError, match="no cell and estimator is in both"):
         compare(one, make("third", ("[20, 60]", "[10, 80]")))
