@@ -195,7 +195,7 @@ def fit(
 ) -> None:
     """Fit a sphere, or a circle, to the points in each file.
 
-    The exit code is 3 if a fit is not ok.
+    The exit code is 3 if a fit is not ok, or uses outliers.
     """
     from study.analysis.points import fit_output
     from study.analysis.points.fitting import choose, fit_all
@@ -214,7 +214,7 @@ def fit(
     if as_json or as_csv:
         typer.echo(fit_output.as_json(found) if as_json else fit_output.as_csv(found))
     else:
-        for line in fit_output.as_text(found):
+        for line in fit_output.as_text(found, noise):
             typer.echo(line)
     if plot is not None:
         from study.figures.fit_plot import draw, prepare

@@ -153,7 +153,9 @@ def _paired(key: Key, one: pd.DataFrame, other: pd.DataFrame, paired: bool) -> C
     words = _words(one.iloc[0], key)
     values = [_over_bound(frame, suffix) for frame, suffix in ((one, ""), (other, ""))]
     medians = [float(np.median(v)) if len(v) else math.nan for v in values]
-    blank = Comparison(key, words, "median over bound", medians[0], medians[1], 1.0, min(len(one), len(other)), False, False)
+    blank = Comparison(
+        key, words, "median over bound", medians[0], medians[1], 1.0, min(len(one), len(other)), False, False
+    )
     if not len(both):
         differ = len(np.unique(np.concatenate(values))) > 1
         chance = scipy.stats.mannwhitneyu(values[0], values[1]).pvalue if differ else 1.0

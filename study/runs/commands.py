@@ -46,7 +46,7 @@ EXIT_CODES: dict[int, str] = {
     ExitCode.COMPLETE: "complete",
     ExitCode.FAILURE: "failed: no such run, a damaged table, runs that differ, a property violated, a figure",
     ExitCode.USAGE: "wrong usage, or a fault in a config or another file that was given",
-    ExitCode.TOO_MANY_FAILURES: "complete, but more fits failed than the config tolerates, or a fit is not ok",
+    ExitCode.TOO_MANY_FAILURES: "complete, but too many fits failed; or a fit is not ok, or uses outliers",
     ExitCode.BUDGET: "stopped by --budget before every cell had enough trials",
     ExitCode.INTERRUPTED: "interrupted by Ctrl-C or SIGTERM; `study run` resumes",
     ExitCode.NO_READER: "the reader of standard output, such as `head`, has gone",

@@ -212,15 +212,31 @@ def test_outliers_and_copies(say, rng, on_cap, tmp_path):
     points[[4, 16, 21]] += 5.0
     points[8] = np.nan
     np.save(tmp_path / "p.npy", np.concatenate([points, points[30:34]]))
-    said = say("fit", "p.npy")[1]
+    code, said, _ = say("fit", "p.npy")
+    assert code == 3
+    assert "\n1 of 40 rows lack a coordinate and are left out\n" in said
     named = "3 of 39 points are outliers (rows 5, 17, 22): the fit "
     assert f"\n{named}uses them; -e robust leaves them out\n" in said
-    assert "\n4 of 39 rows repeat earlier ones: every ± is too small; the intervals count copies once\n" in said
+    assert "\n4 of 39 rows repeat earlier ones; if they are no new measurement, every ± is too small\n" in said
     code, said, _ = say("fit", "p.npy", "-e", "robust")
     assert code == 0
     assert f"\n{named}leaves them out\n" in said
     found = json.loads(say("fit", "p.npy", "--json")[1])[0]
     assert (found["outliers"], found["copies"]) == ([4, 16, 21], 4)
+
+
+def test_what_is_not_used_or_may_be_meant_otherwise(say, rng, on_cap, tmp_path):
+    """A noise that no estimator uses, and a fourth column, are told; `mle` takes the noise for its standard errors."""
+    points, _ = on_cap(rng, 36, angle=120.0, noise=0.01)
+    np.save(tmp_path / "p.npy", points)
+    told = "--noise 0.3 is not used by corrected: the noise is found in the points"
+    assert told in say("fit", "p.npy", "--noise", "0.3")[1]
+    assert "--noise" not in say("fit", "p.npy", "--noise", "0.3", "-e", "mle")[1]
+    assert "dimensions" not in say("fit", "p.npy")[1]
+    np.save(tmp_path / "timed.npy", np.column_stack([np.arange(36) / 100.0, points]))
+    assert (
+        "\n4 columns are a sphere in as many dimensions; --columns chooses some of them\n" in say("fit", "timed.npy")[1]
+    )
 
 
 def test_json(say, cap, tmp_path):

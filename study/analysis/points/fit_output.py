@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from study.analysis.points.fitting import STANDARD_UNCERTAINTY, Row, all_ok, fit_rows, printed
 from study.analysis.points.point_file import PointTable
-from study.analysis.points.remarks import LEVEL, doubts, intervals_in_words
+from study.analysis.points.remarks import LEVEL, doubts, intervals_in_words, uses_outliers
 from study.estimators import Fit, Status
 
 
@@ -32,12 +32,17 @@ class FileFits(NamedTuple):
         return fit_rows(self.fits, self.table.names)
 
     def ok(self) -> bool:
-        """True if every fit is ok."""
-        return all_ok(self.rows())
+        """True if every fit is ok and uses no outliers."""
+        return all_ok(self.rows()) and not any(map(uses_outliers, self.fits.values()))
 
 
-def as_text(files: list[FileFits]) -> Iterator[str]:
-    """Lines for a terminal: the fits of each file, and what the numbers are."""
+def as_text(files: list[FileFits], noise: float | None = None) -> Iterator[str]:
+    """Lines for a terminal: the fits of each file, and what the numbers are.
+
+    Args:
+        files: the fits.
+        noise: the noise that was given.
+    """
     for place, each in enumerate(files):
         if len(files) > 1:
             yield from [""] * (place > 0)
@@ -46,8 +51,13 @@ def as_text(files: list[FileFits]) -> Iterator[str]:
         first = next(iter(each.fits.values()))
         yield from intervals_in_words(first, each.table.names)
         yield from doubts(first)
+        if len(each.table.names) > 3:
+            yield f"{len(each.table.names)} columns are a sphere in as many dimensions; --columns chooses some of them"
         if each.table.left:
             yield f"coordinates are {', '.join(each.table.names)}; columns left out: {', '.join(each.table.left)}"
+    idle = [] if noise is None else [name for name, fit in files[0].fits.items() if not fit.noise_is_known]
+    if idle:
+        yield f"--noise {noise:g} is not used by {', '.join(idle)}: the noise is found in the points"
     yield STANDARD_UNCERTAINTY
 
 

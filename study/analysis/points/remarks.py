@@ -3,6 +3,8 @@
 import math
 from collections.abc import Iterator
 
+import numpy as np
+
 from study.estimators import Fit
 from study.sphere.types import Floats
 
@@ -10,14 +12,22 @@ LEVEL = 0.95
 """Coverage of the intervals."""
 _NAMED = 5
 """Rows of outliers that are named."""
+_SPARE = 6
+"""Points more than d + 1 from which on intervals were measured to cover in ok fits (docs/coverage.md)."""
+_ACROSS = 0.3
+"""Standard error across a belt, in rms distances of its points from its plane, beyond which intervals are too short."""
+_NEAR = 0.3
+"""Distance of that plane from the centre, in radii, up to which points are a belt and not a cap."""
 
 
 def doubts(fit: Fit) -> Iterator[str]:
-    """Lines about points that a fit should not be trusted with: outliers, and rows that repeat earlier ones.
+    """Lines about points that a fit should not be trusted with: outliers, rows that repeat earlier ones, few points.
 
     Rows are counted from 1 and include those with missing coordinates.
     """
-    rows, samples = (fit.outliers.nonzero()[0] + 1).tolist(), int(fit.count)
+    rows, samples, planned = (fit.outliers.nonzero()[0] + 1).tolist(), int(fit.count), fit.residuals.shape[0]
+    if samples < planned:
+        yield f"{planned - samples} of {planned} rows lack a coordinate and are left out"
     if rows:
         named = ", ".join(str(row) for row in rows[:_NAMED]) + (" …" if len(rows) > _NAMED else "")
         one = len(rows) == 1
@@ -31,8 +41,34 @@ def doubts(fit: Fit) -> Iterator[str]:
         yield f"{points} {named}): the fit {use}"
     copies = int(fit.copies)
     if copies:
-        repeat = "repeats an earlier one" if copies == 1 else "repeat earlier ones"
-        yield f"{copies} of {samples} rows {repeat}: every ± is too small; the intervals count copies once"
+        repeat, they = ("repeats an earlier one", "it is") if copies == 1 else ("repeat earlier ones", "they are")
+        yield f"{copies} of {samples} rows {repeat}; if {they} no new measurement, every ± is too small"
+        yield "intervals count rows that repeat an earlier one as one"
+    spare = samples - copies - fit.center.shape[0] - 1
+    if fit.ok and spare < _SPARE:
+        more = (
+            "1 point more than a sphere needs tells" if spare == 1 else f"{spare} points more than a sphere needs tell"
+        )
+        yield f"{more} the noise, which can look small by chance: ok may be luck"
+    if fit.ok and _is_belt(fit):
+        yield "the points lie close to a plane through the centre: its interval across that plane is too short"
+
+
+def uses_outliers(fit: Fit) -> bool:
+    """True if some points are outliers and the fit does not leave them out."""
+    return not fit.without_outliers and bool(fit.outliers.any())
+
+
+def _is_belt(fit: Fit) -> bool:
+    """True if the centre is least certain across a plane through it, as far as the points are from that plane."""
+    d = fit.center.shape[0]
+    covariance = fit.covariance[:d, :d]
+    if fit.samples is None or not np.isfinite(covariance).all():
+        return False
+    values, vectors = np.linalg.eigh(covariance)
+    heights = (fit.samples.points[0] - fit.center) @ vectors[:, -1]
+    about = abs(np.nanmean(heights)) < _NEAR * fit.radius
+    return bool(about and math.sqrt(values[-1]) > _ACROSS * np.nanstd(heights))
 
 
 def intervals_in_words(fit: Fit, names: list[str]) -> Iterator[str]:

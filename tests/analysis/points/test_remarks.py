@@ -52,5 +52,28 @@ def test_outliers_and_copies(cap):
     np.testing.assert_allclose(robust.interval("radius"), others.interval("radius"), rtol=1e-6)
     twice = np.repeat(cap, 5, axis=0)
     assert list(doubts(study.fit(twice))) == [
-        "160 of 200 rows repeat earlier ones: every ± is too small; the intervals count copies once"
+        "160 of 200 rows repeat earlier ones; if they are no new measurement, every ± is too small",
+        "intervals count rows that repeat an earlier one as one",
     ]
+
+
+@pytest.mark.parametrize(("n", "told"), [(5, "1 point more than a sphere needs tells"), (9, "5 points more")])
+def test_few_points(on_cap, n, told):
+    """An ok fit of fewer than ten points says that its noise may be small by chance; one of ten does not."""
+    fit = study.fit(on_cap(np.random.default_rng(3), n, 180.0, noise=1e-4)[0])
+    assert fit.ok
+    (line,) = doubts(fit)
+    assert line.startswith(told)
+    assert list(doubts(study.fit(on_cap(np.random.default_rng(3), 10, 180.0, noise=1e-4)[0]))) == []
+
+
+@pytest.mark.parametrize(("width", "expected"), [(5.0, True), (20.0, False)])
+def test_belts(width, expected):
+    """Points about an equator, whose centre is as uncertain as they are high, are told; wide belts and caps are not."""
+    rng = np.random.default_rng(4)
+    z, turn = np.sin(np.radians(width)) * rng.uniform(-1, 1, 40), rng.uniform(0, 2 * np.pi, 40)
+    across = np.sqrt(1 - z**2)
+    points = np.column_stack([across * np.cos(turn), across * np.sin(turn), z]) + 0.02 * rng.standard_normal((40, 3))
+    fit = study.fit(points)
+    assert fit.ok
+    assert any("close to a plane through the centre" in line for line in doubts(fit)) == expected
