@@ -124,6 +124,32 @@ def outliers_robust(tables: Tables) -> str:
     return _by_angle(table, "outlier_share", shares, ["mle", "corrected", "robust"], [])
 
 
+def coverage_few(tables: Tables) -> str:
+    """Fits of few points: the share that is ok, and how often the radius is held, over all and among the ok ones."""
+    table = tables("coverage_limits").query("kind == 'few'")
+    kinds = {
+        (angle, noise): part.set_index("samples")
+        for (angle, noise), part in table.groupby(["angle", "noise_over_radius"])
+    }
+    rows = []
+    for n in sorted(table["samples"].unique()):
+        cells = [part.loc[n] for part in kinds.values()]
+        rows.append(
+            [str(n), *(f"{_short(c['ok'], 3)} {_short(c['radius'], 3)}/{_short(c['radius_ok'], 3)}" for c in cells)]
+        )
+    return _markdown(["N", *(f"{angle:g}°, σ = {_short(noise)} r" for angle, noise in kinds)], rows)
+
+
+def coverage_belts(tables: Tables) -> str:
+    """Belts: how often the interval of the centre across the belt holds it, by the standard error there."""
+    table = tables("coverage_limits").query("kind == 'belt'")
+    kinds = {(n, angle): part.set_index("ratio") for (n, angle), part in table.groupby(["samples", "angle"])}
+    rows = []
+    for ratio in sorted(table["ratio"].unique()):
+        rows.append([_short(ratio, 1), *(_short(part.loc[ratio, "across"], 3) for part in kinds.values())])
+    return _markdown(["standard error", *(f"N = {n}, ±{angle:g}°" for n, angle in kinds)], rows)
+
+
 def false_alarms(tables: Tables) -> str:
     """Share of clean data sets in space in which the outlier rule names a point, in per cent, by number of points."""
     table = tables("false_alarms").query("dimension == 3 and samples < @MANY_POINTS")
