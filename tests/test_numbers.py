@@ -29,6 +29,8 @@ QUOTED = {
     "coverage_short": ("coverage", "method == 'mle' and ok >= .2 and sigma < .35", ["radius_ok"], False),
     "coverage_summary": ("coverage", "method == 'als' and sigma < .2", ["radius", "radius_ok"], False),
     "coverage_cells": ("coverage", "method != 'corrected'", ["radius"], True),
+    "coverage_few": ("coverage_limits", "kind == 'few'", ["ok", "radius", "radius_ok"], True),
+    "coverage_belts": ("coverage_limits", "kind == 'belt'", ["across"], True),
     "decades": ("paper", "decade in [-13, -9, -5, -3, -2, -1] ", ["ratio_median_ok"], True),
     "em_vmf": ("em_vmf", "noise_over_radius == .1 and estimator != 'als' and angle < 180", ["ratio_median_ok"], True),
     "outliers": ("robustness", "law == 'normal' and estimator in ['mle', 'als', 'gdke']", ["ratio_median_all"], True),

@@ -200,5 +200,5 @@ def _elsewhere(arguments: list[str], environment: dict[str, str]) -> dict[str, f
 
 
 if __name__ == "__main__":
-    works: dict[str, Callable[..., dict[str, float]]] = {"count": count, "time": timed, "scalar": timed_scalar}
+    works: dict[str, Callable[..., dict[str, float]]] = {"count": count, "time": timed}
     print(json.dumps(works[sys.argv[1]](*map(int, sys.argv[2:]))))

@@ -8,6 +8,7 @@ from typing import Self
 import numpy as np
 import pandas as pd
 
+from study.analysis.error_groups import decade
 from study.experiment.conditions import CENTER, CONDITIONS, NOISE, NOISE_OVER_RADIUS, RADIUS, Condition, Value
 from study.runs.storage.run_folder import Run
 from study.text.nearest import did_you_mean
@@ -65,8 +66,8 @@ class RowChoice:
         for name, wanted in self.where.items():
             condition = CONDITIONS[name]
             if len(summary) and condition is NOISE_OVER_RADIUS and np.isfinite(summary["decade"]).all():
-                found = pd.Series([f"1e{decade:+03.0f}" for decade in summary["decade"]], index=summary.index)
-                here = found.isin([f"1e{math.floor(math.log10(float(value))):+03d}" for value in wanted])
+                found = pd.Series([f"1e{power:+03.0f}" for power in summary["decade"]], index=summary.index)
+                here = found.isin([f"1e{power:+03.0f}" for power in decade([float(value) for value in wanted])])
             else:
                 found = pd.Series([condition.written(value) for value in _values(condition, summary)], summary.index)
                 here = found.isin([condition.written(value) for value in wanted])

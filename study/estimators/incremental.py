@@ -22,7 +22,7 @@ from study.sphere.bounds import noise_covariance
 from study.sphere.jit import compiled
 from study.sphere.moments import Moments
 from study.sphere.real_array import real_array
-from study.sphere.types import Floats
+from study.sphere.types import Floats, Ints
 
 
 class Running(NamedTuple):
@@ -66,13 +66,13 @@ def _step(point: Floats, n: float, running: Running, delta: Floats, w: Floats) -
 
 
 @compiled
-def _stream_all(x: Floats, first: int, running: Running) -> None:
-    """Run each set of a batch (b, d, n) through the recurrences, from its sample number ``first`` on."""
+def _stream_all(x: Floats, first: Ints, running: Running) -> None:
+    """Run each set of a batch (b, d, n) through the recurrences, from its sample number ``first`` (b,) on."""
     b, d, n = x.shape
     delta, w, point = np.empty(d), np.empty(d), np.empty(d)
     for t in range(b):
         one = Running(running.mean[t], running.covariance[t], running.third[t], running.inverse[t])
-        for k in range(first, n):
+        for k in range(first[t], n):
             for i in range(d):
                 point[i] = x[t, i, k]
             _step(point, float(k), one, delta, w)
@@ -86,15 +86,16 @@ def igdk(samples: Samples) -> Estimates:
     Source: paper eqs 24-25; the recurrences are theory §1.1.
     """
     b, d, n = samples.shape
-    first = min(n, d + 5)
-    while True:
-        start = Moments.of(samples.x[:, :, :first])
-        mean, c, s = start.mean, start.covariance, start.third_central
-        values = np.linalg.eigvalsh(np.where(np.isfinite(c), c, 0.0))
-        regular = values[:, 0] > d * np.finfo(float).eps * values[:, -1]
-        if regular.all() or first == n:
-            break
-        first = min(n, 2 * first)  # so far they lie in a plane
+    first, regular = np.full(b, min(n, d + 5)), np.zeros(b, dtype=np.bool_)
+    mean, c, s = np.empty((b, d)), np.empty((b, d, d)), np.empty((b, d))
+    waiting = np.arange(b)
+    while len(waiting):
+        start = Moments.of(samples.x[waiting, :, : first[waiting[0]]])
+        mean[waiting], c[waiting], s[waiting] = start.mean, start.covariance, start.third_central
+        values = np.linalg.eigvalsh(np.where(np.isfinite(start.covariance), start.covariance, 0.0))
+        regular[waiting] = values[:, 0] > d * np.finfo(float).eps * values[:, -1]
+        waiting = waiting[~regular[waiting] & (first[waiting] < n)]  # so far they lie in a plane
+        first[waiting] = np.minimum(n, 2 * first[waiting])
     fit = blank(b, d)
     inverse = np.linalg.inv(np.where(regular[:, None, None], c, np.eye(d)))
     _stream_all(samples.x, first, Running(mean, c, s, inverse))

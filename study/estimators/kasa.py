@@ -55,8 +55,7 @@ def ugdk(samples: Samples) -> Estimates:
     if noise.ndim == 2:
         return subtracting(samples, np.broadcast_to(noise, (b, d, d)))
     fit = member(samples, np.zeros(b) + noise**2, -float(d))
-    fit.noise_variance[:] = noise**2
-    return fit
+    return _with_noise(fit, np.zeros(b) + noise**2)
 
 
 def member(samples: Samples, eta: Floats, radius_weight: float | Floats, kept: Bools | None = None) -> Estimates:
@@ -99,8 +98,13 @@ def subtracting(samples: Samples, noise: Floats) -> Estimates:
     fit.condition[:] = _spectral_radius(noise, spectrum)
     trace = np.trace(noise, axis1=1, axis2=2)
     _conclude(r, spectrum, offset, -(r.n - 1.0) / r.n * trace, kept, fit)
+    return _with_noise(fit, trace / d)
+
+
+def _with_noise(fit: Estimates, variance: Floats) -> Estimates:
+    """Put a known noise variance (b,) in place of that of the residuals, where there is a sphere."""
     known = (fit.status != Status.SINGULAR) & (fit.status != Status.NOT_FINITE)
-    fit.noise_variance[known] = trace[known] / d
+    fit.noise_variance[known] = variance[known]
     return fit
 
 

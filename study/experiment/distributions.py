@@ -47,7 +47,7 @@ class Constant(Distribution):
         return (self.value,)
 
 
-def _nonempty_tuple(value: object) -> object:
+def _tuple(value: object) -> object:
     return tuple(value) if isinstance(value, list) else value
 
 
@@ -56,7 +56,7 @@ class Choice(Distribution):
 
     law: Literal["choice"]
     name = "choice"
-    values: Annotated[tuple[float, ...], BeforeValidator(_nonempty_tuple), Field(min_length=1)]
+    values: Annotated[tuple[float, ...], BeforeValidator(_tuple), Field(min_length=1)]
 
     def at(self, u: float) -> float:
         """The value at quantile u in [0, 1)."""

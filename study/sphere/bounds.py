@@ -9,6 +9,8 @@ which bounds unbiased estimators. J is inverted through the centred directions, 
 singular to rounding while the scatter about the mean direction is not.
 """
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -85,7 +87,7 @@ def weighted_scatter(directions: Floats, weights: Floats) -> tuple[Floats, Float
 
 @compiled
 def _invert(sums: Floats, mean: Floats, values: Floats, vectors: Floats, bound: Floats) -> None:
-    """SampleBlock inversion of J, given the eigenbasis of the scatter K, where that is regular."""
+    """Block inversion of J, given the eigenbasis of the scatter K, where that is regular."""
     b, d = mean.shape
     for t in range(b):
         if not values[t, 0] > d * _FLAT * values[t, d - 1]:
@@ -144,7 +146,8 @@ def crlb(directions: ArrayLike, noise: ArrayLike) -> Floats:
     present = np.logical_not(np.isnan(u).any(axis=-1))
     _assert_unit(u, present)
     covariance, unit = unit_covariance(noise, d)
-    u, present = np.where(present[..., None], u, 0.0).reshape(-1, n, d), present.reshape(-1, n)
+    sets = math.prod(lead)
+    u, present = np.where(present[..., None], u, 0.0).reshape(sets, n, d), present.reshape(sets, n)
     with np.errstate(divide="ignore", invalid="ignore"):  # a set may have no direction at all
         weights = np.where(present, normal_weights(u, covariance), 0.0)
     sums, mean, scatter = weighted_scatter(u.swapaxes(1, 2), weights)

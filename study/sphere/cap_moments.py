@@ -1,5 +1,6 @@
 """Moments of directions uniform by area on a spherical cap: their mean and variances, along the axis and across it."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -25,7 +26,8 @@ def cap_moments(half_angle: float, dimension: int) -> CapMoments:
     """
     nodes, weights = scipy.special.roots_legendre(64)
     theta = 0.5 * half_angle * (nodes + 1.0)
-    share = weights * np.sin(theta) ** (dimension - 2)
+    widest = math.sin(min(half_angle, 0.5 * math.pi))  # in its power of two, high powers do not vanish
+    share = weights * np.ldexp(np.sin(theta), -math.frexp(widest)[1]) ** (dimension - 2)
     share /= share.sum()
     height = 2.0 * np.sin(0.5 * theta) ** 2
     mean = float(share @ height)

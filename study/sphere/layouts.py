@@ -22,7 +22,7 @@ _FEW = 1 << 12
 """Smaller arrays are copied rather than wrapped."""
 
 _NEAR = 32
-"""Samples whose mean is near enough to all of them."""
+"""Number of first samples whose mean serves as an origin near all."""
 
 
 class Placed(NamedTuple):

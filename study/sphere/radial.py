@@ -35,8 +35,6 @@ class RadialMeans(NamedTuple):
         excess01: λ₀₁ - r with λ₀₁ = r / E e·u, the radius at which E (R - λ) e = 0.
         excess12: λ₁₂ - r with λ₁₂ = E R² e·u / r, the radius at which E (R - λ) R e = 0.
         mean_by_s: ∂E R/∂s.
-        shortening_by_r: ∂(E e·u)/∂r.
-        shortening_by_s: ∂(E e·u)/∂s.
         variance_by_r: ∂Var R/∂r.
         variance_by_s: ∂Var R/∂s.
         excess01_by_r: ∂λ₀₁/∂r - 1.
@@ -51,8 +49,6 @@ class RadialMeans(NamedTuple):
     excess01: float
     excess12: float
     mean_by_s: float
-    shortening_by_r: float
-    shortening_by_s: float
     variance_by_r: float
     variance_by_s: float
     excess01_by_r: float
@@ -120,8 +116,6 @@ def radial_means(radius: float, variance: float, dimension: int) -> RadialMeans:
         -r * shortening / direction,
         lengthening + s * direction / r,
         mean_by_s,
-        by_r,
-        by_s,
         -2.0 * (r * shortening + lengthening * direction),
         d - 2.0 * mean * mean_by_s,
         -shortening / direction - r * by_r / (direction * direction),

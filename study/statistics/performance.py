@@ -59,9 +59,10 @@ class Fits:
 
     @cached_property
     def axis(self) -> Floats:
-        """Error along the cap's axis over bound, of the fits that are ok."""
+        """Error along the cap's axis over bound, of the fits that are ok; infinite where there is no bound."""
+        bound = self.columns["bound"][self.ok]
         with np.errstate(all="ignore"):
-            return np.asarray((self.columns["error_1"] / self.columns["bound"])[self.ok])
+            return np.where(np.isfinite(bound), self.columns["error_1"][self.ok] / bound, np.inf)
 
     @cached_property
     def tail(self) -> Measure:

@@ -107,7 +107,8 @@ def test_conditions(by_hand):
 def test_an_infinite_bound_is_no_perfect_fit():
     """If the directions do not determine the centre, an error over the bound is unknown, not zero."""
     found = summary(HAND.assign(bound=INF), by_decade=False).set_index(["group", "estimator"])
-    assert found.loc["bb", "lls"]["ratio_median_ok"] != 0.0
+    assert found.loc["bb", "lls"]["ratio_median_ok"] == INF
+    assert found.loc["bb", "lls"]["axis_median_ok"] == INF
 
 
 @pytest.mark.parametrize("power", range(-13, 15))

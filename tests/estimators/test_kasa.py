@@ -47,11 +47,13 @@ def test_ugdk_is_equations_15_to_21(rng, on_cap, noise):
 
 
 def test_scalar_noise_is_an_isotropic_covariance(rng, on_cap):
-    """σ and σ²I are the same noise."""
+    """σ and σ²I are the same noise, which is not known where there is no sphere."""
     points = on_cap(rng, 25, 70.0, noise=0.05, sets=10)[0]
+    points[3, :, 2] = 0.0
     one, two = study.fit(points, "ugdk", 0.05), study.fit(points, "ugdk", 0.05**2 * np.eye(3))
     for name in ("center", "radius", "noise_variance", "own_status", "condition"):
         np.testing.assert_allclose(getattr(one, name), getattr(two, name), rtol=1e-11, atol=1e-12)
+    assert np.isnan(one.noise_variance[3])
 
 
 def test_ugdk_is_the_limit_of_bias_compensation(rng, on_cap):

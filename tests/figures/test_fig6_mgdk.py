@@ -129,6 +129,12 @@ def test_a_fit_without_a_number_counts_as_worst(two):
     fig6_mgdk.draw(frame).draw_without_rendering()
 
 
+def test_a_method_without_an_answer_chooses_no_trial():
+    """Where most errors of a method are infinite, the trial is that which is typical of the others."""
+    distances = np.array([[1.0, 2.0, 4.0], [np.inf, np.inf, 1.0], [1.0, 2.1, 4.0]])
+    assert fig6_mgdk._typical(distances) == 1
+
+
 def test_reasons(two, markers, power_tables, circle_tables):
     """Each thing that is missing is told in a sentence that names the remedy."""
     tables, _ = two

@@ -98,6 +98,8 @@ def test_batches(rng):
     for i, j in [(0, 0), (0, 1), (0, 2), (1, 0), (1, 1)]:
         np.testing.assert_allclose(bound[i, j], study.crlb(u[i, j], 0.2), rtol=1e-12)
     np.testing.assert_allclose(study.crlb(u[0], 0.2 * 0.2 * np.eye(3)), bound[0], rtol=1e-12)
+    assert np.all(np.isposinf(study.crlb(np.empty((0, 3)), 0.2)))
+    assert study.crlb(np.empty((0, 8, 3)), 0.2).shape == (0, 4, 4)
 
 
 @pytest.mark.parametrize("shape", [(3,), (5, 1), ()])

@@ -154,3 +154,5 @@ def test_cap_moments_in_closed_form():
     m1, m2 = (1 + math.cos(phi)) / 2, (1 + math.cos(phi) + math.cos(phi) ** 2) / 3
     np.testing.assert_allclose(cap_moments(phi, 3), [m1, m2 - m1**2, (1 - m2) / 2], rtol=1e-12)
     np.testing.assert_allclose(cap_moments(1e-6, 3).along, 1e-24 / 48, rtol=1e-9)
+    # on a small cap θ²/φ² has the mean (d - 1)/(d + 1), d - 1 of it across; sin θ to the power 148 is below float64
+    np.testing.assert_allclose(cap_moments(1e-3, 150).across, 1e-6 / 151, rtol=1e-5)

@@ -41,8 +41,6 @@ def exact(r, s, d):
         first(r, s) - r,
         second(r, s) - r,
         by_s(mean),
-        by_r(direction),
-        by_s(direction),
         by_r(variance),
         by_s(variance),
         by_r(first) - 1,

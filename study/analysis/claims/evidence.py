@@ -43,7 +43,7 @@ class Evidence:
         runs: runs by the name of their config: ``paper`` of configs/paper.toml.
         cost: the table of `study cost`, or None.
         recordings: spreads of joints from case studies, or None; columns as in
-            `study.mocap.case_study.stored_tables`.
+            `study.mocap.case_study.stored_case_studies`.
     """
 
     runs: Mapping[str, Run]

@@ -158,7 +158,6 @@ def _compute_all(
         first = unit / radii[t] if radii[t] > 0.0 else 1.0 / math.sqrt(distance)
         if not (unit > 0.0 and 0.0 < first < math.inf and distance < math.inf):
             continue
-        sphere.numbers[2] = 0.0
         least = rounding * rounding
         sphere.numbers[2] = max(_first_variance(rows, n, start, 1.0 / first), least)
         task = Task(Cloud(rows, n, zero, square), sphere, room, beside, start, least)

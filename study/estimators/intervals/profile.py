@@ -154,7 +154,7 @@ def _jacobian(n: int, curvature: float, sums: Floats, matrix: Floats) -> None:
 
 
 @compiled
-def _variance_step(cloud: Cloud, variance: float, means: RadialMeans, sums: Floats) -> tuple[float, float, float]:
+def _variance_step(cloud: Cloud, means: RadialMeans, sums: Floats) -> tuple[float, float, float]:
     """Excess of the second equation and its derivative by s, and the factor of Σ(R - ρ)e in that by the centre."""
     n, d = cloud.size, len(cloud.zero)
     spare = n - d
@@ -189,7 +189,7 @@ def profile(cloud: Cloud, sphere: Sphere, room: ProfileRoom, least: float) -> tu
             break
         _pass(cloud, sphere, sums)
         shift = means.excess01
-        excess, slope, factor = _variance_step(cloud, numbers[2], means, sums)
+        excess, slope, factor = _variance_step(cloud, means, sums)
         if not (abs(slope) > 1e-3 and sums[1] < math.inf):
             break
         _jacobian(n, r + shift, sums, matrix)

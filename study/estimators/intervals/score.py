@@ -6,7 +6,7 @@ At the profile of r₀ (`profile.py`) with b = J⁻¹ē, w = 1 - b·e and S = Σ
     T_H² = (N - d - 1)/N · (S - β)²/(Σψ² - S²/N),                                                  (theory 10.2)
     ψ = (R - ρ) - b·e (R - λ) - g [(R - ρ)² - V],    g = (∂ρ - ∂λ b·ē)/∂V,    ∂ = ∂/∂s.
 
-β is what the errors of centre and noise add to S/√V on average, in units of √V. T has the sign of S - β. It is T_F
+β is the bias that the errors of centre and noise give S. T has the sign of S - β. It is T_F
 where σ is below a fifth of r₀, else the one of T_F and T_H that is closer to zero.
 """
 

@@ -29,7 +29,7 @@ def limits_of(n: int, d: int) -> Floats:
 
     It is the quantile of Student's t at level α/(2(m + 1)) on either side with m - d - 1 degrees of freedom. Where
     these are few, the m points can have been chosen for the small distances that they have by chance; then the limit is
-    raised to where the union over all choices of the n - m others has a probability below .03 α.
+    raised to where the union over all choices of the n - m others has a probability below .01 α.
 
     Returns:
         The limit beside m points at place m; NaN where m < d + 2.

@@ -103,9 +103,14 @@ def prepare(tables: Tables) -> MarkersFrame:
 
 
 def _typical(distances: Floats) -> int:
-    """The trial whose three errors are nearest to their medians, in ratio: neither the best nor the worst."""
-    off = np.abs(np.log(distances / np.median(distances, axis=1, keepdims=True)))
-    return int(off.max(axis=0).argmin())
+    """The trial whose three errors are nearest to their medians, in ratio: neither the best nor the worst.
+
+    Errors whose median is infinite do not count.
+    """
+    medians = np.median(distances, axis=1, keepdims=True)
+    known = np.isfinite(medians[:, 0])
+    off = np.abs(np.log(distances[known] / medians[known]))
+    return int(off.max(axis=0, initial=0.0).argmin())
 
 
 @style.journal()

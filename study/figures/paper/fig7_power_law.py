@@ -242,7 +242,7 @@ def _law_words(law: "pd.Series[Any]", short: bool) -> str:
 
 
 def _label_ends(ax: Axes, ends: list[tuple[float, str, str]], line: float) -> None:
-    """Write names to the right of the curves' ends; ``height`` of a line is a share of the axis."""
+    """Write names to the right of the curves' ends; ``line`` is the height of a line, a share of the axis."""
     low, high = np.log10(ax.get_ylim())
     wanted = [(math.log10(value) - low) / (high - low) for value, _, _ in ends]
     places = style.spread(wanted, [line * (1 + words.count("\n")) for _, words, _ in ends])
