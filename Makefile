@@ -86,7 +86,8 @@ tables: paper
 	for name in regret robustness map; do $(DRAW) configs/$$name.toml fig_$$name; done; \
 	$(BIN)/python docs/reference_tables.py; \
 	$(BIN)/python benchmarks/stopping.py; \
-	$(BIN)/python benchmarks/false_alarms.py
+	$(BIN)/python benchmarks/false_alarms.py; \
+	$(BIN)/python benchmarks/coverage_limits.py
 
 # Speed as ratios to the limits of this machine and to other packages; stored in results/bench.csv.
 bench: $(VENV)/.bench

@@ -191,7 +191,9 @@ def save(figure: Figure, path: Path) -> list[Path]:
     Returns:
         The paths written.
     """
-    return [save_picture(figure, path.with_name(f"{path.name}.{suffix}")) for suffix in ("png", "svg")]
+    drawn = save_picture(figure, path.with_name(f"{path.name}.png"))
+    figure.set_layout_engine("none")  # it stays, for making it takes as long as the picture
+    return [drawn, save_picture(figure, path.with_name(f"{path.name}.svg"))]
 
 
 @journal()
