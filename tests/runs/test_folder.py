@@ -68,6 +68,16 @@ def test_a_foreign_folder(start, tmp_path, files):
     assert files(other) == {"thesis.tex": b"mine"}
 
 
+def test_a_folder_of_a_run_that_was_killed_in_its_first_write(start, tmp_path, files):
+    """A lock and a temporary file of the config make no foreign folder; the temporary file is removed."""
+    folder = tmp_path / "killed"
+    folder.mkdir()
+    (folder / ".config.toml.123.tmp").write_text("name = ")
+    (folder / ".lock").touch()
+    assert start(folder=folder).valid("errors")
+    assert not list(folder.glob(".*.tmp"))
+
+
 def test_a_folder_whose_config_is_broken(start, files):
     """A config that cannot be read any more is reported, not replaced, where no manifest says whose run it is."""
     run = start()

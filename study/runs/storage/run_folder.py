@@ -36,6 +36,8 @@ from study.runs.storage.parts import DAMAGED, FORMAT
 __all__ = ["Run", "RunError"]
 
 T = TypeVar("T")
+_TEMPORARY = ".*.tmp"
+"""Pattern of the temporary files that a killed writer leaves."""
 _remarked: set[Path] = set()
 """Tables without a digest, of which the user has been told."""
 
@@ -68,7 +70,7 @@ class Run:
             if (folder / "config.toml").exists():
                 cls(folder, study).refuse_newer()
                 cls._refuse_another(folder, study)
-            elif any(path.name != ".lock" for path in folder.iterdir()):
+            elif any(path.name != ".lock" and not path.match(_TEMPORARY) for path in folder.iterdir()):
                 raise RunError(f"{folder}: is not empty and no run folder; choose another with --out")
         with explained(folder):
             folder.mkdir(parents=True, exist_ok=True)
@@ -110,7 +112,7 @@ class Run:
         """Store the config's text, remove the temporary files of a killed writer, and return the run."""
         with explained(self.folder):
             for place in (self.folder, self.folder / "parts"):
-                for path in place.glob(".*.tmp"):
+                for path in place.glob(_TEMPORARY):
                     path.unlink()
             path = self.folder / "config.toml"
             if not path.is_file() or path.read_bytes() != config.encode():
