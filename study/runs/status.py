@@ -142,8 +142,12 @@ def _layout(run: Run, parts: Parts) -> Layout:
     if run.study.precision is None:
         return ReuseLayout(run.study, Study.model_validate_json(parts.note) if parts.note else None)
     rounds = Rounds(run.study)
-    while rounds.advance(parts):
-        pass
+    try:
+        while rounds.advance(parts):
+            pass
+    except FileNotFoundError:  # the run has finished meanwhile: its manifest has what the parts had
+        parts.load(set_aside=False)
+        return Rounds(run.study)
     return rounds
 
 

@@ -15,6 +15,7 @@ from study.runs.adaptive.checkpoint_rounds import Rounds
 from study.runs.adaptive.time_budget import TimeBudget
 from study.runs.status import printed as lines_of
 from study.runs.status import status
+from study.runs.storage.parts import Parts
 from study.runs.storage.run_folder import RunError
 from study.runs.workers.choose import Workers
 
@@ -392,3 +393,20 @@ def test_units_are_known_from_the_rounds():
     assert {span.group.stream for span in pending} == set(rounds.progress)
     assert sum(span.rows for span in pending) == 12 * 100
     assert rounds.ahead() == pytest.approx(1 / 8)
+
+
+@pytest.mark.usefixtures("small")
+def test_status_of_a_run_that_finishes_meanwhile(go, monkeypatch):
+    """A run that finishes while its parts are read is finished, and no part is missed."""
+    run, load, loaded = stopped_after(go, 40), Parts.load, []
+
+    def load_and_finish(parts, set_aside=True):
+        load(parts, set_aside)
+        loaded.append(parts)
+        if len(loaded) == 1:
+            go()
+
+    monkeypatch.setattr(Parts, "load", load_and_finish)
+    found = status(run.folder)
+    assert found.finished
+    assert found.units["missing"] == found.parts["whole"] == found.cells["open"] == 0

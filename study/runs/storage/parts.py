@@ -128,6 +128,8 @@ class Parts:
             try:
                 with open(path, "rb", buffering=0) as file:
                     data = file.readall()
+            except FileNotFoundError:  # a run that finishes removes its parts
+                continue
             except OSError as error:
                 raise RunError(f"{path}: cannot be read: {error.strerror or error}") from None
             if hashlib.sha256(data).hexdigest() == name.removeprefix(f"{self.kind}-").removesuffix(_SUFFIX):
