@@ -20,6 +20,7 @@ from study.figures.paper import (
     fig6_mgdk,
     fig7_power_law,
 )
+from study.runs.storage.atomic_write import RunError, explained
 from study.runs.storage.run_folder import Run
 
 
@@ -64,10 +65,13 @@ def draw_all(run: Run, folder: Path, names: Collection[str] = ()) -> tuple[list[
         others; its reason starts with `FAILED`, and says where in the code it failed.
 
     Raises:
-        RunError: if the run did not finish.
+        RunError: if the run did not finish, or the folder is a file or cannot be made.
     """
     tables = Tables.of(run)
-    folder.mkdir(parents=True, exist_ok=True)
+    with explained(folder):
+        if folder.exists() and not folder.is_dir():
+            raise RunError(f"{folder}: is a file, not a folder; choose another with --out")
+        folder.mkdir(parents=True, exist_ok=True)
     drawn: list[Path] = []
     skipped: dict[str, str] = {}
     for name in names or FIGURES:

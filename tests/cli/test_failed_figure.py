@@ -70,3 +70,13 @@ def test_a_figure_that_does_not_apply_is_no_failure(finished, call_here, tmp_pat
     code, _, complained = call_here(finished[0], "figures", "out", "fig2_error", "--out", tmp_path / "drawn")
     assert code == 0
     assert complained.startswith("fig2_error: not drawn: ")
+
+
+def test_a_file_in_place_of_the_folder(finished, call_here, tmp_path):
+    """A file, or a path below one, is refused in one line, and stays as it is."""
+    (tmp_path / "mine").write_text("text")
+    for path, words in [("mine", "is a file, not a folder; choose another with --out"), ("mine/below", "cannot be")]:
+        code, said, complained = call_here(finished[0], "figures", "out", "fig2_error", "--out", tmp_path / path)
+        assert (code, said, len(complained.splitlines())) == (1, "", 1)
+        assert complained.startswith(f"{tmp_path / path}: {words}")
+    assert (tmp_path / "mine").read_text() == "text"
