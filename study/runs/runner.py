@@ -124,6 +124,7 @@ class _Computation:
             return
         self.layout = ReuseLayout(self.study, source.run.study)
         self.parts.note = source.run.study.canonical()
+        self.parts.sources = source.run.makers()
         taken = total = 0
         for job in self.missing():
             total += 1
@@ -131,8 +132,12 @@ class _Computation:
                 taken += 1
                 self.parts.add(packet)
         self.parts.commit()
+        others = [provenance.described(made) for made in self.parts.sources if made != self.parts.software]
+        self.parts.sources = []
         if taken:
-            self.warn(f"{self.store.folder}: rows of {taken:,} of {total:,} units are taken from {source.run.folder}")
+            words = f"rows of {taken:,} of {total:,} units are taken from {source.run.folder}"
+            by = f", made by {', '.join(others)}" if others else ""
+            self.warn(f"{self.store.folder}: {words}{by}")
 
     def _source(self) -> EarlierRun | None:
         """The run whose rows are reused; a resumed run stays with the one that it began with."""

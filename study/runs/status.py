@@ -86,7 +86,7 @@ def status(folder: Path) -> RunStatus:
         failures=_failures(run),
         tables=sorted(path.stem for path in run.folder.glob("*.parquet")),
         damaged=sorted(broken),
-        made_by=[made for made in [run.maker(), *parts.made_by] if made],
+        made_by=_made_by(run, parts),
     )
 
 
@@ -167,6 +167,12 @@ def _cells(run: Run, layout: Layout) -> dict[str, int]:
         found = layout.reasons()
     total = run.study.cells()
     return {"total": total, "target": found[TARGET], "cap": found[CAP], "open": total - found.total()}
+
+
+def _made_by(run: Run, parts: Parts) -> list[dict[str, Any]]:
+    """The software of the tables, and that of the parts, each once."""
+    found = run.makers()
+    return found + [made for made in parts.made_by if made and made not in found]
 
 
 def _failures(run: Run) -> dict[str, int] | None:

@@ -6,6 +6,7 @@ import pytest
 
 import study
 from study.experiment.config import parse
+from study.runs.status import status
 
 pytestmark = pytest.mark.usefixtures("same_software", "small_units")
 
@@ -191,3 +192,32 @@ def test_failures_are_taken_too(named, monkeypatch, computed):
     failures = grown.table("failures")
     assert len(failures) == grown.manifest()["failures"] == 2 * 11
     assert sorted(failures["trial"]) == sorted(2 * list(range(11)))
+
+
+@pytest.mark.parametrize("stopped", [False, True], ids=["at once", "with a stop"])
+def test_rows_that_are_taken_have_their_software(named, start, make_text, tmp_path, stopped):
+    """The manifest and the status name the software that made the earlier run, and any other that computed for it."""
+    run = named(TWO, **GRID)
+    old, older = (
+        {**run.maker(), "study": version, "commit": digit * 40} for version, digit in [("0.9", "9"), ("0.8", "8")]
+    )
+    run.save_manifest(run.manifest() | {"software": old, "also_computed_by": [older]})
+    design = GRID | {"trials": 11}
+    if stopped:
+        folder = tmp_path / "results" / parse(make_text(TWO, **design)).run_name()
+        with pytest.raises(ZeroDivisionError):
+            start(TWO, folder=folder, progress=lambda share: 1 / 0, warn=str, **design)
+        assert old in status(folder).made_by
+    grown = named(TWO, **design)
+    assert grown.manifest()["also_computed_by"] == [old, older]
+    assert status(grown.folder).made_by == [grown.maker(), old, older]
+    assert ("0.9" in named.told[-1]) is not stopped
+
+
+def test_a_run_that_is_completed_again_keeps_its_software(named, monkeypatch):
+    """A newer version of an estimator leaves the other rows to the software that computed them."""
+    run = named(TWO, **GRID)
+    old = {**run.maker(), "study": "0.9"}
+    run.save_manifest(run.manifest() | {"software": old})
+    monkeypatch.setitem(study.ESTIMATORS, "lls", replace(study.ESTIMATORS["lls"], version=7))
+    assert named(TWO, **GRID).manifest()["also_computed_by"] == [old]

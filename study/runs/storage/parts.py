@@ -1,7 +1,8 @@
 """Part files: the finished rows of a run that is not finished. A part has a header, and is named by its own digest.
 
     parts/units-<SHA-256 of the file's bytes>.part
-        one line of JSON: the format, the software, seconds since the part before, and the packets with their keys
+        one line of JSON: the format, the software, seconds since the part before, and the packets with their keys;
+            where rows were taken from another run, the software that computed them
         the packets, one after the other: each a stream of Arrow's IPC format for each of its tables
 
 A *key* is a digest of all that determines some rows, except their place in the grid, so that a part means the same to
@@ -100,6 +101,7 @@ class Parts:
         seconds: time in which the stored rows were computed.
         made_by: other software that computed some of them.
         note: a text stored in each file; read from the files if one has it.
+        sources: software that computed the rows that are added now, if they are taken from another run.
         count: number of files.
     """
 
@@ -109,6 +111,7 @@ class Parts:
         self.software = dict(software or {})
         self.damaged: list[str] = []
         self.note = ""
+        self.sources: list[dict[str, Any]] = []
         self._forget()
         self._waiting: list[Packet] = []
         self._since = self._began = time.monotonic()
@@ -207,6 +210,7 @@ class Parts:
             "software": self.software,
             "seconds": round(now - self._since, 3),
             "note": self.note,
+            **({"sources": self.sources} if self.sources else {}),
             "packets": [
                 {
                     "keys": [[key, list(outputs)] for key, outputs in packet.keys],
@@ -244,8 +248,9 @@ class Parts:
         self.count += 1
         self.note = self.note or header["note"]
         self.seconds += header["seconds"]
-        if header["software"] != self.software and header["software"] not in self.made_by:
-            self.made_by.append(header["software"])
+        for software in (header["software"], *header.get("sources", ())):
+            if software != self.software and software not in self.made_by:
+                self.made_by.append(software)
         if header["format"] < FORMAT:
             return
         begin = length

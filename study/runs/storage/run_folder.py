@@ -325,6 +325,14 @@ class Run:
             return {}
         return found if isinstance(found, dict) else {}
 
+    def makers(self) -> list[dict[str, Any]]:
+        """The software that finished the run, and any other that computed some of its rows; none if it is not known."""
+        try:
+            others = self.manifest().get("also_computed_by", [])
+        except RunError:
+            return []
+        return [each for each in (self.maker(), *others) if each]
+
     def refuse_newer(self) -> None:
         """Raise a RunError if a newer program finished the run, whose files this one might read wrongly."""
         try:
