@@ -263,6 +263,8 @@ _GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
     "Recordings": (recording, joint, joints, skeleton, live, case_study, synthetic, fetch, markersets),
 }
 _NEEDS_NO_ESTIMATOR: set[Callable[..., None]] = {configs, check, cost, coverage, worker, *_GROUPS["Recordings"]}
+_RESUMED = {"run", "posterior"}
+"""Commands that go on where an interruption stopped them."""
 for _title, _commands in _GROUPS.items():
     for _command in _commands:  # those that read configs, runs or names of estimators take --plugin
         _entry = _command if _command in _NEEDS_NO_ESTIMATOR else with_plugins(_command)
@@ -300,7 +302,8 @@ def main(command: Callable[..., Any] = app) -> None:
         if type(sys.stdout).__name__ == "PacifyFlushWrapper":  # set where a reader such as `head` has gone
             raise SystemExit(ExitCode.NO_READER) from None
         if end.code == ExitCode.INTERRUPTED:
-            _complain("interrupted; run the same command again to resume", ExitCode.INTERRUPTED)
+            resumed = bool(_RESUMED.intersection(sys.argv[1:2]))
+            _complain(f"interrupted{'; run the same command again to resume' if resumed else ''}")
         raise
     except Exception as error:
         from study.analysis.points.source import PointFileError

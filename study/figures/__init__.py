@@ -68,7 +68,7 @@ def draw_all(run: Run, folder: Path, names: Collection[str] = ()) -> tuple[list[
         RunError: if the run did not finish, or the folder is a file or cannot be made.
     """
     tables = Tables.of(run)
-    with explained(folder):
+    with explained(folder, of_run=False):
         if folder.exists() and not folder.is_dir():
             raise RunError(f"{folder}: is a file, not a folder; choose another with --out")
         folder.mkdir(parents=True, exist_ok=True)

@@ -29,8 +29,8 @@ def set_damaged_aside(run: Run, warn: Callable[[str], None]) -> None:
         run.set_aside(name)
     for name in damaged(run):
         ours = name != "claims"  # which may need other runs
-        maker = ", and made again" if ours else f"; {run.again(name)} makes it again"
-        warn(f"{run.path(name)}: damaged; set aside in parts/damaged{maker}")
+        words = "damaged; set aside in parts/damaged" if run.has(name) else "missing"
+        warn(f"{run.path(name)}: {words}{', and made again' if ours else f'; {run.again(name)} makes it again'}")
         run.set_aside(name)
         if not ours:
             run.forget(name)

@@ -41,7 +41,7 @@ class RunStatus:
         failures: numbers of ``fits``, of those that ``failed``, and of those ``lost`` because a worker died; None until
             the run is finished.
         tables: names of the stored tables.
-        damaged: those of them that are damaged.
+        damaged: those of them that are damaged, and tables that are missing.
         made_by: the software of each part of it, as `study.runs.provenance.software` has it.
     """
 
@@ -73,7 +73,7 @@ def status(folder: Path) -> RunStatus:
     parts = Parts(folder, "units")
     parts.load(set_aside=False)
     layout, broken = _layout(run, parts), damaged(run)
-    aside = len(list((parts.folder / DAMAGED).glob("*"))) if parts.folder.is_dir() else 0
+    aside = len(list((parts.folder / DAMAGED).glob("*.part"))) if parts.folder.is_dir() else 0
     return RunStatus(
         run=run.study.run_name(),
         folder=folder,
@@ -114,6 +114,7 @@ def _facts(found: RunStatus) -> Iterator[tuple[str, str]]:
     yield "parts", f"{parts['whole']:,} whole, {damage}"
     yield "failures", _failures_in_words(found.failures)
     names = [f"{name} (damaged)" if name in found.damaged else name for name in found.tables]
+    names += [f"{name} (missing)" for name in found.damaged if name not in found.tables]
     yield "tables", ", ".join(names) or "none"
     for made in found.made_by or [{}]:
         yield "made by", described(made) + (", not this one" if other_version(made) else "")
@@ -127,7 +128,7 @@ def _state(run: Run, parts: Parts, broken: bool) -> str:
     except RunError:
         pass
     if finished(run) and broken:
-        return "finished, but a table is damaged; `study run` makes it again"
+        return "finished, but a table is damaged or missing; `study run` makes it again"
     if finished(run):
         return "finished" if up_to_date(run) else "finished, but `study run` would compute some of it again"
     if broken:

@@ -9,6 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 import psutil
 import pytest
 
+from study import cli
 from study.runs.storage.parts import Parts
 from study.runs.workers.backend import leave_interrupts
 
@@ -46,6 +47,19 @@ def test_interrupt(hold, tmp_path, backend, jobs, number):
     assert kept.count == len(list(parts.iterdir())) > 0
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["config.toml", "parts"]
     assert complained.splitlines() == ["interrupted; run the same command again to resume"]
+
+
+@pytest.mark.parametrize(("verb", "words"), [("run", "; run the same command again to resume"), ("estimators", "")])
+def test_a_command_that_starts_anew_does_not_say_that_it_resumes(monkeypatch, capsys, verb, words):
+    """The line of an interruption promises to resume for commands that store what is finished, and for no others."""
+    monkeypatch.setattr(sys, "argv", ["study", verb])
+
+    def interrupted():
+        raise SystemExit(130)
+
+    with pytest.raises(SystemExit):
+        cli.main(interrupted)
+    assert capsys.readouterr().err == f"interrupted{words}\n"
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no masks of signals")

@@ -176,6 +176,9 @@ def test_regret(call_here, run):
     assert {line.split()[0] for line in said.splitlines()[3:]} == {"lls", "ugdk"}
     assert (run / "regret.csv").read_text().startswith("samples,estimator,cells,median")
     refused(call_here(run, "regret", "out", "--csv", "regret.txt"), 1, "give a name that ends in .csv or .parquet")
+    complained = call_here(run, "regret", "out", "--csv", "regret.csv/below.csv")[2]
+    assert complained.startswith("regret.csv/below.csv: cannot be written: ")
+    assert "kept" not in complained
 
 
 @pytest.mark.usefixtures("raises")

@@ -9,6 +9,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from study.analysis.summary import summarise
+from study.runs.repair import set_damaged_aside
+from study.runs.status import printed, status
 from study.runs.storage import digests, manifest
 from study.runs.storage.manifest import ManifestDamagedError, ManifestMissingError, ManifestNewerError
 from study.runs.storage.parts import DAMAGED, FORMAT
@@ -90,14 +92,30 @@ def test_a_scaled_summary_is_made_again(run):
     alter(run, "summary", scaled)
     assert not run.valid("summary")
     told = []
-    from study.runs.repair import set_damaged_aside
-
     set_damaged_aside(run, told.append)
     assert "summary.parquet: damaged; set aside in parts/damaged, and made again" in told[0]
     assert (run.folder / "parts" / DAMAGED / "summary.parquet").exists()
     summarise(run)
     assert run.path("summary").read_bytes() == before
     assert run.valid("summary")
+
+
+def test_a_missing_table_is_made_again(run):
+    """A table that is gone is said to be missing, by a repair and by the status; nothing is set aside."""
+    run.path("summary").unlink()
+    assert any(line.endswith("timings, summary (missing)") for line in printed(status(run.folder)))
+    told = []
+    set_damaged_aside(run, told.append)
+    assert told == [f"{run.path('summary')}: missing, and made again"]
+    assert not (run.folder / "parts").exists()
+
+
+def test_a_table_that_was_set_aside_is_no_part(run):
+    """The status counts the parts that were set aside, and not the tables beside them."""
+    run.set_aside("summary")
+    assert status(run.folder).parts["set_aside"] == 0
+    (run.folder / "parts" / DAMAGED / "units-0.part").touch()
+    assert status(run.folder).parts["set_aside"] == 1
 
 
 @pytest.mark.parametrize(

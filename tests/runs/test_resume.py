@@ -119,14 +119,14 @@ def test_damaged_parts_are_computed_again(start, stopped, computed, harm):
 @pytest.mark.parametrize("name", ["errors", "points", "timings"])
 @pytest.mark.parametrize("harm", ["torn", "gone"])
 def test_damaged_tables_are_made_again(start, name, harm):
-    """A table whose digest is not that of the manifest is named, set aside and made again."""
+    """A table whose digest is not that of the manifest is named, set aside and made again; one that is gone, too."""
     run = start(**ENTRIES)
     before = tables(run)
     path = run.folder / f"{name}.parquet"
     path.write_bytes(path.read_bytes()[:-7]) if harm == "torn" else path.unlink()
     told = []
     again = start(folder=run.folder, warn=told.append, **ENTRIES)
-    assert f"{path}: damaged" in told[0]
+    assert f"{path}: {'damaged; set aside in parts/damaged' if harm == 'torn' else 'missing'}, and made" in told[0]
     assert tables(again) == before
     assert start(folder=run.folder, warn=pytest.fail, **ENTRIES).has(name)
 

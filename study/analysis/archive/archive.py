@@ -48,7 +48,7 @@ def archive(runs: Sequence[Run], out: Path) -> Path:
     }
     sizes = {name: len(text.encode()) for name, text in texts.items()}
     texts = {"ro-crate-metadata.json": _json(metadata(found, sizes)), **texts}
-    with explained(out):
+    with explained(out, of_run=False):
         out.parent.mkdir(parents=True, exist_ok=True)
         with replacing(out) as temporary, zipfile.ZipFile(temporary, "w") as file:
             for name, text in texts.items():

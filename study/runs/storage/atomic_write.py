@@ -19,12 +19,18 @@ class RunError(Exception):
 
 
 @contextlib.contextmanager
-def explained(place: Path) -> Iterator[None]:
-    """Turn a failure to write into a `RunError` of one clear line."""
+def explained(place: Path, of_run: bool = True) -> Iterator[None]:
+    """Turn a failure to write into a `RunError` of one clear line.
+
+    Args:
+        place: the file or folder.
+        of_run: true for the files of a run, which keeps what was finished before.
+    """
     try:
         yield
     except OSError as error:
-        raise RunError(f"{place}: cannot be written: {error.strerror or error}; what was finished is kept") from None
+        kept = "; what was finished is kept" if of_run else ""
+        raise RunError(f"{place}: cannot be written: {error.strerror or error}{kept}") from None
     except UnicodeEncodeError:
         raise RunError(f"{place}: cannot be written: its name is not UTF-8; choose another") from None
 
@@ -111,7 +117,7 @@ def save_frame(frame: pd.DataFrame, path: Path) -> None:
     """
     if path.suffix not in (".csv", ".parquet"):
         raise RunError(f"{path}: give a name that ends in .csv or .parquet")
-    with explained(path):
+    with explained(path, of_run=False):
         path.parent.mkdir(parents=True, exist_ok=True)
         with replacing(path) as temporary:
             if path.suffix == ".csv":
