@@ -1,5 +1,7 @@
 """Reuse of an earlier run: only new fits are computed, and the tables are those of a run from nothing."""
 
+import gc
+import weakref
 from dataclasses import replace
 
 import pytest
@@ -7,6 +9,7 @@ import pytest
 import study
 from study.experiment.config import parse
 from study.runs.status import status
+from study.runs.storage.table_rows import TableRows
 
 pytestmark = pytest.mark.usefixtures("same_software", "small_units")
 
@@ -173,6 +176,17 @@ def test_a_grown_run_that_stops_goes_on(named, start, computed, make_text, tmp_p
     assert not set(computed) & (before | set(first))
     computed.clear()
     assert done.path("errors").read_bytes() == start(TWO, **design).path("errors").read_bytes()
+
+
+def test_a_table_that_is_no_longer_read_is_closed(start):
+    """Rows that were read by their numbers keep no file open."""
+    run = start(TWO, **GRID)
+    rows = TableRows(run.path("errors"))
+    assert rows.rows(3, 5).num_rows == 2
+    there = weakref.ref(rows)
+    del rows
+    gc.collect()
+    assert there() is None
 
 
 def test_failures_are_taken_too(named, monkeypatch, computed):

@@ -20,6 +20,7 @@ class TableRows:
 
     def __init__(self, path: Path) -> None:
         self._file = pq.ParquetFile(path)
+        self._group = lru_cache(maxsize=2)(self._file.read_row_group)  # the instance's, so that the file is closed
         groups = range(self._file.num_row_groups)
         self._ends = list(accumulate(self._file.metadata.row_group(i).num_rows for i in groups))
         self.count: int = self._file.metadata.num_rows
@@ -31,7 +32,3 @@ class TableRows:
             return self._file.schema_arrow.empty_table()
         start = self._ends[groups[0] - 1] if groups[0] else 0
         return pa.concat_tables([self._group(i) for i in groups]).slice(begin - start, end - begin)
-
-    @lru_cache(maxsize=2)  # noqa: B019  lives as long as the file is read
-    def _group(self, index: int) -> pa.Table:
-        return self._file.read_row_group(index)
