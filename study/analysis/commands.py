@@ -131,7 +131,8 @@ def archive(
     """Write runs into one file to deposit.
 
     The zip file has the tables, their schemas, the configs, how to rerun them, the studies by ADEMP, how to cite, and
-    metadata as RO-Crate and CodeMeta. A run with a damaged table is refused with the command that makes it again.
+    metadata as RO-Crate and CodeMeta. A run with a damaged table, or one that its budget stopped, is refused with
+    the command that mends it.
     """
     from study.analysis.archive.archive import archive as write
     from study.analysis.archive.archive import printed

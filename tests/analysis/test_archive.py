@@ -10,6 +10,9 @@ from typer.testing import CliRunner
 
 from study import cli
 from study.analysis.archive.archive import archive
+from study.experiment.config import parse
+from study.runs.adaptive.time_budget import TimeBudget
+from study.runs.runner import run as compute
 from study.runs.storage.run_folder import Run, RunError
 
 CONFIG = """# A small grid.
@@ -117,6 +120,15 @@ def test_a_damaged_run_is_refused(run, tmp_path):
         RunError, match=r"errors\.parquet: damaged: .*`study run .*config\.toml --out .*` makes it again"
     ):
         archive([Run.open(folder)], tmp_path / "out.zip")
+    assert not (tmp_path / "out.zip").exists()
+
+
+def test_a_run_that_its_budget_stopped_is_refused(tmp_path):
+    """The config would compute other tables; the command in the message finishes the run."""
+    text = CONFIG.replace("trials = 6", "trials = 400") + "[precision]\nrelative_target = 0.08\nfirst = 100\n"
+    stopped = compute(parse(text), text, tmp_path / "run", jobs=1, budget=TimeBudget(0.0))
+    with pytest.raises(RunError, match=r"stopped by its budget of 0 s: 0 of 2 cells .*; `study run .*` resumes it"):
+        archive([stopped], tmp_path / "out.zip")
     assert not (tmp_path / "out.zip").exists()
 
 

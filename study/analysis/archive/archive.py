@@ -9,6 +9,7 @@ from pathlib import Path
 from study.analysis.archive import pages
 from study.analysis.archive.crate import ArchivedRun, metadata
 from study.analysis.verification.verify import verify
+from study.runs.finish import budget_message
 from study.runs.storage import schemas
 from study.runs.storage.atomic_write import RunError, explained, replacing
 from study.runs.storage.run_folder import Run
@@ -28,8 +29,8 @@ def archive(runs: Sequence[Run], out: Path) -> Path:
         The file.
 
     Raises:
-        RunError: if a run is not finished, or a table is missing or damaged (the message has the command that makes it
-            again); if two runs have one name; or if the file cannot be written.
+        RunError: if a run is not finished, or its budget stopped it, or a table is missing or damaged (the message has
+            the command that mends it); if two runs have one name; or if the file cannot be written.
     """
     if out.suffix != ".zip":
         raise RunError(f"{out}: give a name that ends in .zip")
@@ -61,6 +62,8 @@ def archive(runs: Sequence[Run], out: Path) -> Path:
 
 def _archived(run: Run) -> ArchivedRun:
     """A run whose tables are all as they were written."""
+    if (stopped := budget_message(run)) is not None:  # the config alone would compute other tables
+        raise RunError(stopped)
     checked = verify(run, share=0.0)
     if checked.faults:
         raise RunError(checked.faults[0])
