@@ -105,6 +105,27 @@ def test_a_run_of_the_unpacked_config_has_the_same_digests(unpacked, run, make_r
     assert Run.open(unpacked / "runs" / run.study.run_name()).table("errors").equals(run.table("errors"))
 
 
+@pytest.mark.parametrize(
+    ("top", "design", "words"),
+    [
+        ("", 'law = ["normal", "student(5)"]', "z of covariance I, by the law of the noise. Every"),
+        ("", "outlier_share = [0.0, 0.1]", "z normal; some samples are outliers, displaced in a random direction. "),
+        (
+            "noise_shape = [[2, 0, 0], [0, 0.5, 0], [0, 0, 0.5]]",
+            "",
+            "z normal with the covariance [[2, 0, 0], [0, 0.5, 0], [0, 0, 0.5]].",
+        ),
+    ],
+    ids=["law", "outliers", "shape"],
+)
+def test_the_noise_in_words(make_run, tmp_path, top, design, words):
+    """The page has the law of the noise that the study has."""
+    run = make_run(CONFIG.replace("[design]", f"{top}\n[design]") + design, tmp_path / "run")
+    with zipfile.ZipFile(archive([run], tmp_path / "runs.zip")) as file:
+        page = file.read("ADEMP.md").decode()
+    assert f"u uniform on a cap, {words}" in page
+
+
 def test_equal_runs_make_equal_archives(run, tmp_path):
     """No time of the writing is in the file."""
     one, other = (archive([run], tmp_path / f"{name}.zip").read_bytes() for name in "ab")

@@ -5,7 +5,8 @@ from typing import Any
 
 from study.analysis.archive.crate import LICENCE, ArchivedRun
 from study.estimators.registry import ESTIMATORS
-from study.experiment.conditions import CONDITIONS
+from study.experiment.conditions import CONDITIONS, LAW, OUTLIER_SHARE
+from study.experiment.config import Study
 from study.statistics.performance import MEASURES
 
 _PERFORMANCE = (
@@ -66,11 +67,11 @@ def ademp(runs: Sequence[ArchivedRun]) -> str:
         study = run.study
         comments = [line.lstrip("# ") for line in run.config.splitlines() if line.startswith("#")]
         trials = getattr(study.design, "trials", None)
-        data = f"Points on a sphere in {study.dimension} dimensions, x = c + r u + σ z: u uniform on a cap, z normal."
+        data = f"Points on a sphere in {study.dimension} dimensions, x = c + r u + σ z: u uniform on a cap, "
         parts += [
             f"## {run.name}",
             "**Aims.** " + (comments[0] if comments else "As the config says."),
-            f"**Data.** {data} {_conditions(run)} Trials: {trials:,}. Seed: {study.seed}.",
+            f"**Data.** {data}{_noise(study)}. {_conditions(run)} Trials: {trials:,}. Seed: {study.seed}.",
             "**Estimands.** The centre c; radius and noise beside it.",
             "**Methods.** " + "; ".join(f"`{name}` ({_reference(name)})" for name in study.estimators) + ".",
             f"**Performance.** {_PERFORMANCE} {run.manifest['failures']:,} of {run.manifest['fits']:,} fits raised.",
@@ -80,6 +81,18 @@ def ademp(runs: Sequence[ArchivedRun]) -> str:
 
 def _reference(name: str) -> str:
     return ESTIMATORS[name].reference if name in ESTIMATORS else "the user's own"
+
+
+def _noise(study: Study) -> str:
+    """The law of the noise z."""
+    given = study.design.given()
+    if study.noise_shape is not None:
+        rows = ", ".join(f"[{_values(list(row))}]" for row in study.noise_shape)
+        words = f"z normal with the covariance [{rows}]"
+    else:
+        words = "z of covariance I, by the law of the noise" if LAW.name in given else "z normal"
+    outliers = "; some samples are outliers, displaced in a random direction" if OUTLIER_SHARE.name in given else ""
+    return words + outliers
 
 
 def _conditions(run: ArchivedRun) -> str:
