@@ -100,7 +100,7 @@ def _main(judged: Mapping[str, _Judged]) -> Iterator[Headline]:
             f"The paper's main claim {_HOLDS[found.verdict]}.",
             f"It says that UGDK comes closest to the Cramér-Rao bound. UGDK is clearly the closest in {parts(n[0])} of "
             f"the decades of noise; another method is clearly closer in {parts(n[1])}. With noise above the radius it "
-            f"errs {times(n[2])} as far as LLS.",
+            f"errs {times(n[2])} as far as the best of the others.",
             found.number,
         )
 
