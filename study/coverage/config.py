@@ -6,6 +6,7 @@ how well the extent along the cap's axis stands out of the noise. Curvature is l
 
 import math
 import tomllib
+from collections.abc import Iterator
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
@@ -13,7 +14,7 @@ from typing import Annotated, Any, NamedTuple
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationError
 
 from study.estimators import ESTIMATORS
-from study.experiment.config_faults import ConfigError, report
+from study.experiment.config_faults import ConfigError, Fault, report
 from study.experiment.distributions import Frozen
 from study.text.nearest import did_you_mean
 
@@ -26,10 +27,15 @@ def _known(names: tuple[str, ...]) -> tuple[str, ...]:
     unknown = [name for name in names if name not in ESTIMATORS]
     if unknown:
         raise ValueError(f"{', '.join(map(repr, unknown))} unknown; {did_you_mean(unknown, ESTIMATORS)}")
+    if given := [name for name in names if ESTIMATORS[name].needs]:
+        raise ValueError(f"{', '.join(map(repr, given))}: needs the noise, which no interval is given; leave it out")
     return names
 
 
-_Numbers = Annotated[tuple[Annotated[float, Field(gt=0.0)], ...], BeforeValidator(_tuple), Field(min_length=1)]
+_LEAST_TRIALS = 20
+"""Trials of a cell from which shares and medians have errors."""
+_Positive = Annotated[float, Field(gt=0.0)]
+_Degrees = Annotated[float, Field(gt=0.0, le=180.0)]
 
 
 class CoverageCell(NamedTuple):
@@ -61,9 +67,9 @@ class CoverageDesign(Frozen):
     name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]{0,60}$")]
     seed: Annotated[int, Field(ge=0)]
     estimators: Annotated[tuple[str, ...], BeforeValidator(_tuple), Field(min_length=1), AfterValidator(_known)]
-    angle: _Numbers
+    angle: Annotated[tuple[_Degrees, ...], BeforeValidator(_tuple), Field(min_length=1)]
     samples: Annotated[tuple[Annotated[int, Field(ge=6)], ...], BeforeValidator(_tuple), Field(min_length=1)]
-    kappa: _Numbers
+    kappa: Annotated[tuple[_Positive, ...], BeforeValidator(_tuple), Field(min_length=1)]
     largest_noise: Annotated[float, Field(gt=0.0)] = 0.9
     level: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.95
     trials: Annotated[int, Field(ge=100)] = 4000
@@ -73,10 +79,15 @@ class CoverageDesign(Frozen):
         """All conditions whose noise is not too large."""
         found = []
         for n, angle, kappa in product(self.samples, self.angle, self.kappa):
-            sigma = math.sqrt(least_variance(angle) / kappa * math.sqrt(n / 2.0))
+            sigma = relative_noise(n, angle, kappa)
             if sigma <= self.largest_noise:
                 found.append(CoverageCell(n, angle, kappa, sigma, min(self.trials, self.most_samples // n)))
         return found
+
+
+def relative_noise(samples: int, angle: float, kappa: float) -> float:
+    """The noise σ in radii that has a κ."""
+    return math.sqrt(least_variance(angle) / kappa * math.sqrt(samples / 2.0))
 
 
 def least_variance(angle: float) -> float:
@@ -99,7 +110,23 @@ def read_design(path: Path) -> CoverageDesign:
     except (OSError, ValueError) as error:
         raise ConfigError(f"{path}: cannot be read as TOML: {error}") from None
     try:
-        return CoverageDesign.model_validate(raw)
+        design = CoverageDesign.model_validate(raw)
     except ValidationError as error:
         known: dict[tuple[str, ...], list[str]] = {(): list(CoverageDesign.model_fields)}
         raise ConfigError.listing(str(path), text, report(error, known)) from None
+    if faults := list(_faults(design)):
+        raise ConfigError.listing(str(path), text, faults)
+    return design
+
+
+def _faults(design: CoverageDesign) -> Iterator[Fault]:
+    """Faults of a design whose entries are fine by themselves."""
+    least = min(relative_noise(*each) for each in product(design.samples, design.angle, design.kappa))
+    if least > design.largest_noise:
+        words = f"leaves no cell, as the least noise is {least:.3g} radii; raise it, or kappa"
+        yield Fault(("largest_noise",), words, design.largest_noise)
+    most = max(design.samples)
+    if design.most_samples < _LEAST_TRIALS * most:
+        trials = f"{design.most_samples // most:,} of the {_LEAST_TRIALS} trials that a cell with N = {most:,} needs"
+        words = f"is enough for {trials}; give at least {_LEAST_TRIALS * most:,}, or smaller samples"
+        yield Fault(("most_samples",), words, design.most_samples)

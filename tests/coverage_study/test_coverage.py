@@ -70,6 +70,33 @@ def test_faults(tmp_path):
         read_design(tmp_path / "none.toml")
 
 
+@pytest.mark.parametrize(
+    ("line", "other", "words"),
+    [
+        ('"als"', '"ugdk"', r"line 4: estimators = .*: 'ugdk': needs the noise, .*; leave it out"),
+        ("angle = [5, 60]", "angle = [5, 270]", r"line 5: angle\[1\] = 270: .* less than or equal to 180"),
+        ("kappa = [1, 100]", "kappa = [inf]", r"line 7: kappa\[0\] = inf: .* finite"),
+        (
+            "kappa = [1, 100]",
+            "kappa = [1e-6]",
+            r"largest_noise = 0\.9: leaves no cell, .* noise is .*; raise it, or kappa",
+        ),
+        (
+            "[40]",
+            "[40, 9000]\nmost_samples = 10_000",
+            r"line 7: .* 1 of the 20 trials .* N = 9,000 .* at least 180,000",
+        ),
+        ("[40]", "[40, 20_000]\nmost_samples = 10_000", r"most_samples = 10000: is enough for 0 of the 20 trials"),
+    ],
+)
+def test_designs_that_cannot_be_measured(tmp_path, line, other, words):
+    """Entries that would end in no table are refused with their value, their place and a remedy."""
+    path = tmp_path / "wrong.toml"
+    path.write_text(SMALL.replace(line, other), encoding="utf-8")
+    with pytest.raises(ConfigError, match=rf"1 fault\n.*{words}"):
+        read_design(path)
+
+
 def test_shares_by_hand(design):
     """Coverage counts ends that hold the truth; a missing end holds nothing; a share's error is binomial."""
     ends = np.array([[[-1.0, 1.0], [-1.0, 1.0], [0.5, 1.0], [0.9, 1.2]]] * 8)
