@@ -10,6 +10,7 @@ from study.figures import style
 from study.report import words
 from study.report.blocks import Block, Content, Facts, Folded, InlineCode, Row, Table, Text, Verbatim
 from study.report.material import Record
+from study.runs.storage.manifest import plugins
 
 _MANY_SAMPLES = 12
 _STEPS = {
@@ -94,7 +95,8 @@ def provenance(record: Record) -> list[Block]:
         ("Digest of the config", InlineCode(record.run.study.digest())),
         (f"SHA-256 of {record.main}.parquet", InlineCode(record.fingerprint)),
     ]
-    again = shlex.join(["study", "run", str(folder / "config.toml"), "--jobs", str(manifest.jobs)])
+    command = ["study", "run", str(folder / "config.toml"), "--jobs", str(manifest.jobs), *plugins(record.run.own())]
+    again = shlex.join(command)
     other = shlex.quote(f"{folder}-again")
     return [
         Facts(facts),

@@ -97,8 +97,7 @@ def budget_message(run: Run) -> str | None:
         return None
     found, all_cells = run.manifest()["precision"], run.manifest()["cells"]
     done = f"{found.get(TARGET, 0):,} of {all_cells:,} cells reached the target"
-    again = f"`study run {run.folder / 'config.toml'} --out {run.folder}` resumes it"
-    return f"{run.folder}: stopped by its budget of {seconds:g} s: {done}; {again}"
+    return f"{run.folder}: stopped by its budget of {seconds:g} s: {done}; {run.again()} resumes it"
 
 
 def failure_message(run: Run) -> str | None:

@@ -79,6 +79,25 @@ def test_without_the_file(call_here, folder):
     assert "it was made with estimators of my.py: give --plugin FILE" in complained
 
 
+def test_the_commands_that_make_a_run_again(call_here, folder):
+    """A message and the report name the file, so that the command in them works as it stands."""
+    call_here(folder, "run", "own.toml", "--plugin", "my.py", "--out", "out")
+    assert call_here(folder, "report", "out", "--plugin", "my.py")[0] == 0
+    page = (folder / "out" / "report.html").read_text(encoding="utf-8")
+    assert "study run out/config.toml --jobs 2 --plugin my.py --out out-again" in page
+    (folder / "out" / "errors.parquet").unlink()
+    command = call_here(folder, "worst", "out", "--plugin", "my.py")[2].split("`")[1]
+    assert command == "study run out/config.toml --out out --plugin my.py"
+    path = folder / "out" / "manifest.json"
+    path.write_text(path.read_text(encoding="utf-8").replace('"jobs": 2', '"jobs": 3'), encoding="utf-8")
+    assert command in call_here(folder, "verify", "out", "--plugin", "my.py")[2]
+    path.unlink()
+    assert command in call_here(folder, "verify", "out", "--plugin", "my.py")[2]
+    for loaded, _ in plugin_file.loaded():
+        plugin_file.unload(loaded)
+    assert call_here(folder, *command.split()[1:])[0] == 0
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [

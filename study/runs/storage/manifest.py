@@ -5,7 +5,7 @@ Manifests written before they had a digest of their own are read as far as their
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -53,12 +53,13 @@ def save(folder: Path, content: Manifest) -> None:
     write(folder / NAME, (json.dumps(whole, indent=2, ensure_ascii=False) + "\n").encode())
 
 
-def read(folder: Path, keep: str) -> Manifest:
+def read(folder: Path, keep: str, own: Collection[str] = ()) -> Manifest:
     """Read the manifest of a run.
 
     Args:
         folder: the run's.
         keep: name of the table whose presence means that the run has been finished.
+        own: files or packages whose estimators the run has, for messages.
 
     Raises:
         ManifestMissingError: if it is not there.
@@ -66,11 +67,10 @@ def read(folder: Path, keep: str) -> Manifest:
         ManifestNewerError: if a newer version of this program wrote it.
     """
     path = folder / NAME
-    again = f"`study run {folder / 'config.toml'} --out {folder}`"
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
-        raise ManifestMissingError(f"{path}: missing; finish the run with {again}") from None
+        raise ManifestMissingError(f"{path}: missing; finish the run with {rerun(folder, own)}") from None
     except OSError as error:
         raise RunError(f"{path}: cannot be read: {error.strerror or error}") from None
     except (ValueError, RecursionError):
@@ -82,9 +82,24 @@ def read(folder: Path, keep: str) -> Manifest:
         raise ManifestNewerError(f"{folder}: {words}; update it, or choose another folder with --out")
     fault = fault or _field_fault(found, keep)
     if fault:
-        raise ManifestDamagedError(f"{path}: damaged: {fault}; {again} makes it again")
+        raise ManifestDamagedError(f"{path}: damaged: {fault}; {rerun(folder, own)} makes it again")
     checked: Manifest = found
     return checked
+
+
+def rerun(folder: Path, own: Collection[str]) -> str:
+    """The command that makes a run again, or resumes it.
+
+    Args:
+        folder: the run's.
+        own: files or packages whose estimators it has; packages are found without an option.
+    """
+    return f"`{' '.join(['study run', str(folder / 'config.toml'), '--out', str(folder), *plugins(own)])}`"
+
+
+def plugins(own: Collection[str]) -> list[str]:
+    """The options that give the files among the origins of estimators."""
+    return [word for name in own if name.endswith(".py") for word in ("--plugin", name)]
 
 
 def own_estimators(folder: Path) -> list[str]:
@@ -96,7 +111,7 @@ def own_estimators(folder: Path) -> list[str]:
     try:
         found = json.loads((folder / NAME).read_text(encoding="utf-8"))
         return [str(entry["from"]) for entry in found["own_estimators"]]
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return []
 
 

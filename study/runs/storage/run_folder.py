@@ -26,6 +26,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from study.estimators.own.register import origins
 from study.experiment.config import Study, load
 from study.experiment.config_faults import ConfigError
 from study.runs.storage import digests, manifest, schemas
@@ -205,8 +206,12 @@ class Run:
     def again(self, name: str = "") -> str:
         """The command that makes a table again, or all of them."""
         if name == "claims":
-            return f"`study claims {self.folder}`"
-        return f"`study run {self.folder / 'config.toml'} --out {self.folder}`"
+            return f"`{' '.join(['study claims', str(self.folder), *manifest.plugins(self.own())])}`"
+        return manifest.rerun(self.folder, self.own())
+
+    def own(self) -> list[str]:
+        """Files or packages whose estimators the run has."""
+        return [str(origin["from"]) for origin in origins(self.study.estimators)]
 
     def valid(self, name: str) -> bool:
         """True if a table is stored, and has the digest that its manifest says."""
@@ -295,7 +300,7 @@ class Run:
             ManifestDamagedError: if it was changed since it was written, or is of another run.
             ManifestNewerError: if a newer version of this program wrote it.
         """
-        found = manifest.read(self.folder, self.study.keep)
+        found = manifest.read(self.folder, self.study.keep, self.own())
         if found["run"] != self.study.run_name():
             words = f"damaged: of {found['run']}, where config.toml is of {self.study.run_name()}"
             again = f"`study run CONFIG --out {self.folder}`, with the config that it was made of, mends it"
