@@ -124,6 +124,20 @@ def test_a_newer_format(tmp_path, monkeypatch):
         assert opened(tmp_path).outputs("k") == set()
 
 
+def test_files_of_an_older_format_do_not_count(tmp_path, monkeypatch, clock):
+    """Their rows are computed again, so their seconds, software and note are not those of the run; they are removed."""
+    parts = Parts(tmp_path, "units", {"study": "0"})
+    parts.note = "an earlier run"
+    clock[0] = 1000.0
+    parts.add(packet("k"))
+    parts.commit()
+    monkeypatch.setattr(module, "FORMAT", FORMAT + 1)
+    found = opened(tmp_path)
+    assert (found.count, found.seconds, found.made_by, found.note) == (0, 0.0, [], "")
+    found.remove()
+    assert not (tmp_path / "parts").exists()
+
+
 def test_header_is_one_line_that_can_be_read(tmp_path):
     """The first line describes the file in JSON, and reading the file runs no code of it."""
     stored(tmp_path, packet("k"))

@@ -102,7 +102,7 @@ class Parts:
         made_by: other software that computed some of them.
         note: a text stored in each file; read from the files if one has it.
         sources: software that computed the rows that are added now, if they are taken from another run.
-        count: number of files.
+        count: number of files of this format; others are not used.
     """
 
     def __init__(self, folder: Path, kind: str, software: Mapping[str, Any] | None = None) -> None:
@@ -245,14 +245,14 @@ class Parts:
         if header["format"] > FORMAT:
             words = f"made by a newer version of this program ({header['software'].get('study', 'unknown')})"
             raise RunError(f"{path}: {words}; update it, or choose another folder with --out")
+        if header["format"] < FORMAT:  # its rows are not used, so it does not count
+            return
         self.count += 1
         self.note = self.note or header["note"]
         self.seconds += header["seconds"]
         for software in (header["software"], *header.get("sources", ())):
             if software != self.software and software not in self.made_by:
                 self.made_by.append(software)
-        if header["format"] < FORMAT:
-            return
         begin = length
         for packet in header["packets"]:
             tables = {}
