@@ -1,4 +1,4 @@
-"""Covariances of fits: the Cramér-Rao bound with the estimates plugged in, or an estimator's own rule."""
+"""Covariances of fits: the Cramér-Rao bound with the estimates plugged in, or an estimator's own rule; ellipsoids."""
 
 from collections.abc import Callable
 
@@ -7,7 +7,8 @@ import numpy as np
 from study.estimators.estimates import Estimates
 from study.estimators.samples import Samples
 from study.sphere.bounds import bound_from_scatter, normal_weights, unit_covariance, weighted_scatter
-from study.sphere.types import Bools, Floats
+from study.sphere.linalg import eigenbasis
+from study.sphere.types import Bools, Floats, Ints
 
 
 def plug_in_bound(directions: Floats, present: Bools, noise: float | Floats | None, variance: Floats) -> Floats:
@@ -38,3 +39,22 @@ def unless_missing(
             if present.shape[2] > d:
                 found[sets] = covariance_of(present, Estimates._make([array[sets] for array in estimates]))
     return found
+
+
+def semi_axes(covariance: Floats, level: float, spare: Ints | None) -> Floats:
+    """Semi-axes of confidence ellipsoids, as columns (b, d, d).
+
+    Args:
+        covariance: of each estimate (b, d, d); where it is not finite, the axes are NaN.
+        level: nominal coverage, in (0, 1).
+        spare: degrees of freedom of the noise that the covariance stands on (b,), at least 1, for lengths by F; None
+            where the noise is known, for lengths by χ².
+    """
+    from scipy.special import chdtri, fdtri  # imported here, as it takes as long as the rest of the library
+
+    b, d, _ = covariance.shape
+    scale = np.full(b, chdtri(d, 1.0 - level)) if spare is None else d * fdtri(d, spare, level)
+    values, vectors = eigenbasis(covariance)
+    with np.errstate(all="ignore"):
+        lengths = np.sqrt(np.maximum(values, 0.0) * scale[:, None])
+        return np.asarray(vectors * lengths[:, None, :])

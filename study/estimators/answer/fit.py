@@ -8,7 +8,7 @@ import numpy as np
 
 from study.estimators.answer.settled_status import settled_status
 from study.estimators.answer.table import as_html, as_text, frame
-from study.estimators.covariance import plug_in_bound, unless_missing
+from study.estimators.covariance import plug_in_bound, semi_axes, unless_missing
 from study.estimators.estimates import Estimates
 from study.estimators.form.minimum_zone import MinimumZone, minimum_zone
 from study.estimators.intervals import Intervals, intervals
@@ -16,7 +16,6 @@ from study.estimators.robust.copies import copies, repeated
 from study.estimators.robust.outliers import outliers
 from study.estimators.samples import Samples
 from study.estimators.status import Status
-from study.sphere.linalg import eigenbasis
 from study.sphere.types import Bools, Floats, Ints
 
 if TYPE_CHECKING:
@@ -303,19 +302,12 @@ class Fit:
 
         The minimum-zone sphere has the least form error of all; a least-squares one has a slightly larger.
         """
-        return self._over_present(np.max, -np.inf) - self._over_present(np.min, np.inf)
+        return np.asarray(np.fmax.reduce(self.residuals, axis=-1) - np.fmin.reduce(self.residuals, axis=-1))
 
     @property
     def largest_deviation(self) -> Floats:
         """Largest distance of a point from the sphere (…), in the unit of the points."""
-        return np.asarray(np.maximum(self._over_present(np.max, -np.inf), -self._over_present(np.min, np.inf)))
-
-    def _over_present(self, reduce: Callable[..., Any], empty: float) -> Floats:
-        """An extreme of the residuals that are not missing (…); NaN where there is none."""
-        _, _, present = self._distances
-        flat = self.residuals.reshape(present.shape)
-        found = reduce(np.where(present, flat, empty), axis=1, initial=empty)
-        return np.asarray(np.where(present.any(axis=1), found, np.nan).reshape(self.shape))
+        return np.asarray(np.fmax.reduce(np.abs(self.residuals), axis=-1))
 
     @cached_property
     def covariance(self) -> Floats:
@@ -379,16 +371,10 @@ class Fit:
         """
         if not 0.0 < level < 1.0:
             raise ValueError(f"level = {level!r}: a coverage must lie between 0 and 1, such as 0.95")
-        from scipy.special import chdtri, fdtri  # imported here, as it takes as long as the rest of the library
-
         d = self.center.shape[-1]
-        spare = np.maximum(self._used.sum(axis=1) - d - 1, 1)
-        known = np.full(len(spare), chdtri(d, 1.0 - level))
-        scale = known if self.noise_is_known else d * fdtri(d, spare, level)
-        values, vectors = eigenbasis(self.covariance[..., :d, :d].reshape(-1, d, d))
-        with np.errstate(all="ignore"):  # NaN where the covariance is not finite
-            lengths = np.sqrt(np.maximum(values, 0.0) * scale[:, None])
-            return np.asarray((vectors * lengths[:, None, :]).reshape(*self.center.shape, d))
+        spare = None if self.noise_is_known else np.maximum(self._used.sum(axis=1) - d - 1, 1)
+        found = semi_axes(self.covariance[..., :d, :d].reshape(-1, d, d), level, spare)
+        return found.reshape(*self.center.shape, d)
 
     @property
     def noise_is_known(self) -> bool:
