@@ -92,7 +92,7 @@ class _Search:
             self.found[joint.name] = self.fit(joint)
             self.complete_segments(joint)
         for joint in waiting:
-            why = "; ".join(str(self.poses[name]) for name in (joint.parent, joint.child))
+            why = "; ".join(self.why_no_own_pose(name) for name in (joint.parent, joint.child))
             self.found[joint.name] = FoundJoint(joint, JointStatus.NO_FRAME, f"{JointStatus.NO_FRAME.text} ({why})")
         poses = {name: each for name, each in self.poses.items() if isinstance(each, SegmentPoses)}
         without = {name: each for name, each in self.poses.items() if isinstance(each, str)}
@@ -134,6 +134,11 @@ class _Search:
         """Status of a joint that has poses but no estimate."""
         samples = sum(int((~np.isnan(self.recording.of(name)[0])).sum()) for name in self.markerset.markers_for(joint))
         return JointStatus.STILL if samples > 3 else JointStatus.UNSEEN
+
+    def why_no_own_pose(self, segment: str) -> str:
+        """Reason, in words, why a segment has no pose of its own."""
+        poses = self.poses[segment]
+        return f"{segment} has one only by the joint {poses.points[0]}" if isinstance(poses, SegmentPoses) else poses
 
     def fit_spheres(self, joint: Joint, side: Side, poses: SegmentPoses, names: Sequence[str]) -> Estimate | None:
         """Fit a joint to markers in the axes of one of its segments."""

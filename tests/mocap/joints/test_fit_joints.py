@@ -139,6 +139,16 @@ def test_missing_marker(figure):
     assert found["right_ankle"].status == JointStatus.OK
 
 
+def test_a_joint_between_a_segment_without_poses_and_one_with_poses_by_the_joint_below():
+    """The reason says in one short line why neither segment shows the knee."""
+    recording, _ = synthesize(Recipe(frames=40, seed=8))
+    knee = find_joints(CMU41, recording)["left_knee"]
+    assert knee.status == JointStatus.NO_FRAME
+    assert knee.reason.endswith("; left_shank has one only by the joint left_ankle)")
+    assert "left_thigh has 2 points (LTHI, LKNE); its pose needs 3" in knee.reason
+    assert "\n" not in knee.reason
+
+
 def test_a_figure_that_does_not_move():
     """Where no marker moves, with noise or without, no joint is called found."""
     for noise in (0.0, 0.001):
