@@ -42,18 +42,19 @@ class JointStatus(Worded):
     HINGE = 1, "hinge: known across its axis; its place along the axis shows in nothing, or in soft tissue alone"
     DISAGREE = 2, "its two segments contradict each other by more than 1 cm or 20°, beyond what their errors explain"
     REVERSES = 3, "bending and straightening put it more than 1 cm apart, beyond what their errors explain"
-    UNSURE = 4, "moved too little for its noise and its skin, or was seen too briefly: a standard error may exceed 1 cm"
-    INSIGNIFICANT = 5, "along some direction the noise of the segment's pose would explain how far the markers moved"
-    NOT_POSITIVE_DEFINITE = 6, "the noise hides how far the markers moved: the centre is biased towards them"
-    STILL = 7, "did not move: the markers stay in place in the segment's axes"
-    NO_FRAME = 8, "neither of its segments has a pose"
-    UNSEEN = 9, "its markers were not seen, or never together with a pose"
+    ONE_AXIS = 4, "a ball joint that moved about one axis: its place along it shows in nothing, or in soft tissue alone"
+    UNSURE = 5, "moved too little for its noise and its skin, or was seen too briefly: a standard error may exceed 1 cm"
+    INSIGNIFICANT = 6, "along some direction the noise of the segment's pose would explain how far the markers moved"
+    NOT_POSITIVE_DEFINITE = 7, "the noise hides how far the markers moved: the centre is biased towards them"
+    STILL = 8, "did not move: the markers stay in place in the segment's axes"
+    NO_FRAME = 9, "neither of its segments has a pose"
+    UNSEEN = 10, "its markers were not seen, or never together with a pose"
 
 
 USABLE = (JointStatus.OK, JointStatus.HINGE)
 """A joint that a skeleton can be built on without reservation."""
-DOUBTED = (JointStatus.DISAGREE, JointStatus.REVERSES)
-"""A joint whose estimates contradict each other; its error covers both."""
+DOUBTED = (JointStatus.DISAGREE, JointStatus.REVERSES, JointStatus.ONE_AXIS)
+"""A joint that is drawn, and doubted: its estimates contradict each other, or it moved about one axis only."""
 
 
 def largest_error(covariance: Floats, axis: Floats | None) -> float:
@@ -118,6 +119,10 @@ class Estimate:
         if self.axis is None or np.isnan(place).any():
             return self
         return replace(self, center=self.center + ((place - self.center) @ self.axis) * self.axis)
+
+    def as_ball(self) -> "Estimate":
+        """The estimate of a joint that is known to be a ball: a hinge's is not reliable along its axis."""
+        return replace(self, status=JointStatus.ONE_AXIS) if self.status == JointStatus.HINGE else self
 
     def with_status(self) -> "Estimate":
         """The same estimate with the status that follows from its noise, error and frames."""

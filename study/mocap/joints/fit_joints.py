@@ -117,6 +117,7 @@ class _Search:
         chosen, sides = check_against_sides(estimates[0], estimates[1:])
         chosen, ways = check_both_ways(chosen, self.turning_ways(joint, estimates))
         chosen = chosen.placed_along_axis(_midway(joint, self.recording))
+        chosen = chosen.as_ball() if joint.kind == "ball" else chosen
         own = sides or ("" if chosen.status in (*USABLE, JointStatus.REVERSES) else chosen.status.text)
         reason = "; ".join(filter(None, (own, ways))) or chosen.status.text
         return FoundJoint(joint, chosen.status, reason, chosen, tuple(estimates[1:]))

@@ -12,6 +12,7 @@ SHORT_TEXTS = {
     JointStatus.HINGE: "hinge",
     JointStatus.DISAGREE: "sides disagree",
     JointStatus.REVERSES: "ways disagree",
+    JointStatus.ONE_AXIS: "one axis",
     JointStatus.UNSURE: "unsure",
     JointStatus.INSIGNIFICANT: "insignificant",
     JointStatus.NOT_POSITIVE_DEFINITE: "hidden by noise",

@@ -4,9 +4,14 @@ from scipy import stats
 
 from study.mocap.geometry.range_of_motion import rotation_range
 from study.mocap.io.recording import Recording
-from study.mocap.joints.estimates import CENTIMETRE, JointStatus
+from study.mocap.joints.estimates import CENTIMETRE, USABLE, JointStatus
 from study.mocap.joints.fit_joints import find_joints
+from study.mocap.joints.joint_report import joint_lines
 from study.mocap.markersets.set_file import load_markerset
+from study.mocap.skeleton.calibrate import calibration_from
+from study.mocap.skeleton.draw_skeleton import draw_skeleton
+from study.mocap.skeleton.skeleton_scene import skeleton_scene
+from study.mocap.skeleton.skeleton_table import skeleton_lines
 from study.mocap.synthetic.recipe import Recipe
 from study.mocap.synthetic.synthesize import synthesize
 
@@ -147,6 +152,21 @@ def test_a_joint_between_a_segment_without_poses_and_one_with_poses_by_the_joint
     assert knee.reason.endswith("; left_shank has one only by the joint left_ankle)")
     assert "left_thigh has 2 points (LTHI, LKNE); its pose needs 3" in knee.reason
     assert "\n" not in knee.reason
+
+
+def test_a_ball_that_moved_about_one_axis_is_doubted():
+    """Joints that are balls in the marker set are no hinges: they are centimetres off along the axis, and say so."""
+    recording, _ = synthesize(Recipe(frames=40, seed=11))
+    found = find_joints(CMU41, recording)
+    assert found["neck"].estimate.axis is not None
+    assert not [each.joint.name for each in found.joints if each.status in USABLE and each.joint.kind == "ball"]
+    assert found["right_elbow"].status == JointStatus.HINGE
+    scene = skeleton_scene(draw_skeleton(calibration_from(found, recording), recording), recording)
+    words = "a ball joint that moved about one axis: its place along it shows in nothing"
+    lines = [*joint_lines(found), *skeleton_lines(scene)]
+    assert any(line.startswith(f"neck: {words}") for line in lines)
+    assert any(line.startswith(f"neck: not to be relied on: {words}") for line in lines)
+    assert not any(line.startswith("right_elbow:") for line in lines)
 
 
 def test_a_figure_that_does_not_move():
