@@ -26,6 +26,8 @@ def test_a_frame():
         ('{"LASI": "here"}', "'LASI' is not at three finite numbers"),
         ('{"LASI": [1, 2, NaN]}', "'LASI' is not at three finite numbers"),
         ('{"LASI": [1, 2, 1e400]}', "'LASI' is not at three finite numbers"),
+        (f'{{"LASI": [1, 2, 1{"0" * 320}]}}', "'LASI' is not at three finite numbers"),
+        (f'{{"LASI": [1, 2, 1{"0" * 5000}]}}', "no JSON"),
         ('{"LASI": [1, 2, true]}', "'LASI' is not at three finite numbers"),
         ('{"LASI": [1, 2, null]}', "'LASI' is not at three finite numbers"),
     ],
