@@ -49,4 +49,6 @@ def _along_axis(place: JointPlace, middle: Floats) -> JointPlace:
         return place
     step = float((middle - place.in_parent) @ axis)
     in_child = place.axis_in_child * np.sign((place.mean_rotation @ place.axis_in_child) @ axis)
+    if np.isnan(in_child).any():  # a child without a pose
+        in_child = place.mean_rotation.T @ axis
     return replace(place, in_parent=place.in_parent + step * axis, in_child=place.in_child + step * in_child)

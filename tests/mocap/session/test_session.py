@@ -93,8 +93,12 @@ def test_a_trial_without_a_segment(trial, markerset, in_pelvis):
         assert np.linalg.norm(found[f"{side}_hip"].in_parent - in_pelvis(found, side)) < 0.003
 
 
-def test_a_hinge_is_placed_by_the_static_trial():
-    """The medial marker is on in the static trial alone; the knee is midway between it and the lateral one there."""
+@pytest.mark.parametrize("count", [3, 1])
+def test_a_hinge_is_placed_by_the_static_trial(count):
+    """The medial marker is on in the static trial alone; the knee is midway between it and the lateral one there.
+
+    A shank of one marker has no pose, and the knee's place in it is that in the thigh.
+    """
     rng, frames = np.random.default_rng(8), 300
     axis, knee = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, -0.4])
     thigh = np.array([[0.07, 0.05, -0.1], [-0.06, 0.04, -0.2], [0.05, -0.06, -0.3]])
@@ -114,7 +118,7 @@ def test_a_hinge_is_placed_by_the_static_trial():
         name="leg",
         segments=(
             Segment(name="thigh", markers=("T1", "T2", "T3")),
-            Segment(name="shank", markers=("S1", "S2", "S3"), parent="thigh"),
+            Segment(name="shank", markers=("S1", "S2", "S3")[:count], parent="thigh"),
         ),
         joints=(Joint(name="knee", parent="thigh", child="shank", kind="hinge", across=("LAT", "MED")),),
     )
@@ -124,6 +128,9 @@ def test_a_hinge_is_placed_by_the_static_trial():
     true = turn.apply(knee + np.array([0.0, 0.01, 0.0]) - thigh.mean(axis=0)) + shape.places.mean(axis=0)
     assert place.trials == ("bend",)
     assert np.linalg.norm(place.in_parent - true) < 0.002
+    if count == 1:
+        np.testing.assert_allclose(place.in_child, place.in_parent, atol=1e-9)
+        return
     other = found.shape("shank").places
     turn, _ = Rotation.align_vectors(other - other.mean(axis=0), shank - shank.mean(axis=0))
     assert (
