@@ -57,6 +57,7 @@ def skeleton(
     from study.mocap.export.motion import ExportedMotion
     from study.mocap.export.rest_pose import RestPose
     from study.mocap.export.write_files import planned_files
+    from study.mocap.io.labels import printable
     from study.mocap.session.session import refit_shapes
     from study.mocap.skeleton.draw_skeleton import draw_skeleton
     from study.mocap.skeleton.skeleton_data import skeleton_data
@@ -69,8 +70,9 @@ def skeleton(
     given.require_sense()
     if output.video:
         encoder()  # so that a missing one is reported before the work is done
-    folder = results_folder(file.stem, out)
-    further = planned_files(output.write or "", folder, file.stem, file)
+    name = printable(file.stem)
+    folder = results_folder(name, out)
+    further = planned_files(output.write or "", folder, name, file)
     match, used = _calibrated(file, reading, given.calibration, markerset)
     if not output.json:
         print_match(match)

@@ -34,7 +34,7 @@ def name_points(labels: Sequence[str], subject: str | None = None, prefixes: Seq
     Raises:
         RecordingError: if there are several subjects and none is chosen, or the chosen one is missing.
     """
-    parts = [_split(_printable(label), [_printable(prefix) for prefix in prefixes]) for label in labels]
+    parts = [_split(printable(label.strip()), [printable(each.strip()) for each in prefixes]) for label in labels]
     rows = _of_subject([owner for owner, _ in parts], subject)
     names = [parts[row][1] or f"point {row + 1}" for row in rows]
     notes = []
@@ -52,13 +52,13 @@ def name_points(labels: Sequence[str], subject: str | None = None, prefixes: Seq
     return MarkerNames(tuple(rows), tuple(names), tuple(notes))
 
 
-def _printable(label: str) -> str:
-    """A label without surrounding spaces and unprintable characters."""
+def printable(text: str) -> str:
+    """A label, or the name of a file, without unprintable characters."""
     try:
-        label.encode()
+        text.encode()
     except UnicodeEncodeError:  # surrogates stand for bytes that are not UTF-8, such as é or ü in an old file
-        label = label.encode("utf-8", "surrogateescape").decode("latin-1")
-    return "".join(c if c.isprintable() else "�" for c in label.strip())
+        text = text.encode("utf-8", "surrogateescape").decode("latin-1")
+    return "".join(c if c.isprintable() else "�" for c in text)
 
 
 def _split(label: str, prefixes: Sequence[str]) -> tuple[str, str]:

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from study.mocap.io.assembly import assemble
+from study.mocap.io.labels import printable
 from study.mocap.io.recording import Recording, RecordingError
 from study.mocap.io.text_file import is_known_text, read_text
 
@@ -36,13 +37,14 @@ def read_recording(
         RecordingError: one line with the file, the fault and the remedy.
     """
     path = Path(path)
+    name = printable(path.stem)
     try:
         if _is_c3d(path):
             from study.mocap.io.c3d_file import read_c3d  # its libraries come with the extra mocap
 
             # C3D files without a unit are usually in millimetres
-            return assemble(read_c3d(path), path.stem, unit=unit, rate=rate, subject=subject, usual_unit="mm")
-        return assemble(read_text(path), path.stem, unit=unit, rate=rate, subject=subject)
+            return assemble(read_c3d(path), name, unit=unit, rate=rate, subject=subject, usual_unit="mm")
+        return assemble(read_text(path), name, unit=unit, rate=rate, subject=subject)
     except ModuleNotFoundError as error:
         raise RecordingError(f"{path}: reading it needs {error.name}: pip install '.[mocap]'") from None
     except OSError as error:

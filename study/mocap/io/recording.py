@@ -20,7 +20,7 @@ class Recording:
     """
 
     name: str
-    """The stem of the file's name."""
+    """The stem of the file's name, without unprintable characters."""
     markers: tuple[str, ...]
     """Labels without the subject's prefix, each different."""
     positions: Floats

@@ -1,6 +1,8 @@
 """The commands on recordings, as a user calls them: output, files and refusals."""
 
 import json
+import os
+import shutil
 import sys
 
 import numpy as np
@@ -49,6 +51,17 @@ def drawn(body, tmp_path_factory):
             cli.main()
     assert end.value.code == 0
     return folder / "out"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems have no file names but of text")
+def test_a_file_name_that_is_no_text(call, body, tmp_path):
+    """An old name, whose é is one byte, is read as it was meant; every file is written."""
+    shutil.copy(body[0], tmp_path / os.fsdecode(b"h\xe9.c3d"))
+    code, said, complained = call("skeleton", os.fsdecode(b"h\xe9.c3d"), "--out", "out", "--write", "trc,mot")
+    assert (code, complained) == (0, "")
+    assert sorted(each.name for each in (tmp_path / "out").iterdir()) == sorted([*FILES, "hé.trc", "hé.mot"])
+    assert (tmp_path / "out" / "hé.trc").read_text(encoding="utf-8").splitlines()[0].endswith("\thé.trc")
+    assert json.loads((tmp_path / "out" / "motion.json").read_text(encoding="utf-8"))["name"] == "hé"
 
 
 def refused(result, *words, code=2):
