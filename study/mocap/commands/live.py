@@ -52,11 +52,15 @@ def live(
                 typer.echo(f"line {number} is skipped: {error}", err=True)
                 continue
             joints.add(frame)
+            if joints.frames == every:
+                _print_lacking(joints)
             if joints.frames % every == 0:
                 _print(joints)
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C that ended the sender first must not take the answer
     except KeyboardInterrupt:  # the usual end of a stream
         pass
+    if joints.frames < every:
+        _print_lacking(joints)
     if joints.frames % every or not joints.frames:
         _print(joints)
     signal.signal(signal.SIGINT, before)
@@ -79,9 +83,14 @@ def _joints(parent: str, child: str, markerset: str | None) -> "LiveJoints":
     if (markerset is None) == (not any(given)):
         raise typer.BadParameter("give --parent and --child for one joint, or --markerset for all of a set")
     if markerset is None:
-        if len(set(given[0])) < 3 or not given[1] or set(given[0]) & set(given[1]):
+        every = given[0] + given[1]
+        if twice := [label for label in dict.fromkeys(every) if every.count(label) > 1]:
+            raise typer.BadParameter(
+                f"{', '.join(twice)} is named twice; name each marker once, on the segment that it is on"
+            )
+        if len(given[0]) < 3 or not given[1]:
             raise typer.BadParameter("--parent needs three markers, and --child one or more that are not among them")
-        return LiveJoints([("joint", *(tuple(dict.fromkeys(labels)) for labels in given))])  # type: ignore[list-item]
+        return LiveJoints([("joint", given[0], given[1])])
     found = load_markerset(markerset)
     joints = [
         (j.name, [m for m in found.segment(j.parent).markers if m not in found.optional], found.markers_for(j))
@@ -99,3 +108,13 @@ def _joints(parent: str, child: str, markerset: str | None) -> "LiveJoints":
 def _print(joints: "LiveJoints") -> None:
     for name, answer in joints.answers().items():
         typer.echo(f"frame {joints.frames}: {name}: {answer.words}")
+
+
+def _print_lacking(joints: "LiveJoints") -> None:
+    """Name the markers that have not come, with the nearest of those that have."""
+    from study.text.nearest import did_you_mean
+
+    if joints.lacking and joints.frames:
+        names, frames = ", ".join(map(repr, joints.lacking)), f"{joints.frames} frame{'s' if joints.frames > 1 else ''}"
+        remedy = did_you_mean(joints.lacking, joints.labels) if joints.labels else "no frame has any marker"
+        typer.echo(f"no marker of this name in {frames}: {names}; {remedy}", err=True)

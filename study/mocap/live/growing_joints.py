@@ -17,6 +17,7 @@ import numpy as np
 from study.estimators.answer.joint_fit import JointFit
 from study.estimators.incremental import Incremental
 from study.estimators.multi_marker import mgdk_so_far
+from study.estimators.status import Status
 from study.mocap.geometry.kabsch import fit_rigid_motion
 from study.mocap.geometry.moving_axes import to_local
 from study.mocap.joints.estimates import CENTIMETRE
@@ -26,6 +27,8 @@ _BLOCKS = 16
 """Most blocks of frames; a jackknife takes half as many."""
 _BATCH = 25
 """Frames that are added at once: one by one takes ten times as long."""
+_LABELS = 300
+"""Labels that are remembered: a stream may have any number of them."""
 _MOVED = np.radians(2.0)
 """Least root mean square angle of motion, along every direction, of a joint that is known."""
 
@@ -91,14 +94,29 @@ class GrowingJoint:
             centers = np.array([mgdk_so_far(other).center for other in others])
             off = centers - centers.mean(axis=0)
             covariance = (1.0 - 1.0 / len(self.blocks)) * (off.T @ off)
-        return LiveAnswer(replace(found, covariance=covariance), rms_angles(whole, found))
+        return LiveAnswer(replace(found, covariance=covariance), rms_angles(whole, found), self._lack(found))
+
+    def _lack(self, found: JointFit) -> str:
+        """Reason why there are too few points for a fit; empty if there are enough."""
+        if self.parent.template is None:
+            return "no frame has all markers of its parent"
+        if not found.count.any():
+            return "no frame has a marker of its child and enough of its parent's"
+        return "too few frames" if found.status == Status.TOO_FEW_POINTS else ""
 
 
 class LiveAnswer(NamedTuple):
-    """A joint so far: its fit in the parent's axes, metres, and root mean square angles of motion (3,), ascending."""
+    """A joint so far.
+
+    Attributes:
+        fit: in the parent's axes, metres.
+        angles: root mean square angles of motion (3,), ascending.
+        lack: reason why there are too few points, or "".
+    """
 
     fit: JointFit
     angles: Floats
+    lack: str = ""
 
     @property
     def error(self) -> float:
@@ -110,16 +128,30 @@ class LiveAnswer(NamedTuple):
     @property
     def ok(self) -> bool:
         """True if the joint moved, its fit is ok, and its standard error is below a centimetre in each direction."""
-        return bool(self.fit.ok and self.error < CENTIMETRE and self.angles[0] > _MOVED)
+        return not self.doubt
+
+    @property
+    def doubt(self) -> str:
+        """Reason why the joint is not ok, in words; empty if it is."""
+        if self.lack or not self.fit.ok:
+            return self.lack or self.fit.status.text
+        reasons = []
+        if not np.isfinite(self.error):
+            reasons.append("too few frames to know its error")
+        elif not self.error < CENTIMETRE:
+            reasons.append("its error is above 1 cm")
+        if not self.angles[0] > _MOVED:
+            reasons.append("it moved by less than 2° about some direction")
+        return " and ".join(reasons)
 
     @property
     def words(self) -> str:
         """The answer in words, in millimetres and degrees."""
         if not np.isfinite(self.fit.center).all():
-            return self.fit.status.text
+            return self.doubt
         place = ", ".join(f"{1000 * x:.1f}" for x in self.fit.center)
         moved = "-".join(f"{np.degrees(angle):.0f}°" for angle in self.angles[[0, 2]])
-        verdict = "ok" if self.ok else "unsure" if self.fit.ok else self.fit.status.text
+        verdict = "ok" if self.ok else f"unsure: {self.doubt}" if self.fit.ok else self.doubt
         noise = f"noise {1000 * self.fit.sigma:.1f} mm; moved {moved}"
         return f"({place}) ± {1000 * self.error:.1f} mm; {noise}; {int(self.fit.count.sum())} samples; {verdict}"
 
@@ -133,21 +165,30 @@ class LiveJoints:
     Attributes:
         frames: number of frames so far.
         joints: in the given order.
+        labels: those that came, the first few hundred of them.
+        lacking: those of the joints that have not come.
     """
 
     def __init__(self, joints: Iterable[tuple[str, Sequence[str], Sequence[str]]]) -> None:
         segments: dict[tuple[str, ...], GrowingSegment] = {}
         self.frames = 0
         self.joints: list[GrowingJoint] = []
+        self.labels: dict[str, None] = {}
+        self.lacking: dict[str, None] = {}
         for name, parent, child in joints:
             segment = segments.setdefault(tuple(parent), GrowingSegment(parent))
             self.joints.append(GrowingJoint(name, segment, child))
+            self.lacking |= dict.fromkeys((*parent, *child))
         self._segments = list(segments.values())
         self._waiting: list[Mapping[str, Floats]] = []
 
     def add(self, frame: Mapping[str, Floats]) -> None:
         """Add a frame: the place of each marker seen (3,), metres."""
         self.frames += 1
+        for label in self.lacking.keys() & frame.keys():
+            del self.lacking[label]
+        if len(self.labels) < _LABELS:
+            self.labels |= dict.fromkeys(frame)
         self._waiting.append(frame)
         if len(self._waiting) == _BATCH:
             self._settle()

@@ -103,12 +103,32 @@ def test_a_joint_improves_in_constant_memory():
 
 def test_too_little_is_not_ok():
     """Neither a joint that hardly turned, nor one of few frames, nor one without frames."""
-    assert not grown(frames(600, sweep=0.02))[0].ok
+    still = grown(frames(600, sweep=0.02, noise=1e-4))[0]
+    assert not still.ok
+    assert still.words.endswith("unsure: it moved by less than 2° about some direction")
+    noisy = grown(frames(600, sweep=0.1, noise=0.01))[0]
+    assert noisy.error > 0.01
+    assert "; unsure: its error is above 1 cm" in noisy.words
     few = grown(frames(30))[0]
     assert (few.ok, few.error) == (False, np.inf)
-    assert few.words.endswith("unsure")
+    assert few.words.endswith("unsure: too few frames to know its error")
     nothing = LiveJoints([("hip", tuple(PELVIS), tuple(THIGH))]).answers()["hip"]
-    assert (nothing.ok, nothing.words) == (False, "fewer than d + 1 points")
+    assert (nothing.ok, nothing.words) == (False, "no frame has all markers of its parent")
+
+
+def test_segments_that_never_come():
+    """The answer says whose markers lack, and the stream knows their labels."""
+    for labels, words in (
+        (tuple(PELVIS), "no frame has a marker of its child and enough of its parent's"),
+        (tuple(THIGH), "no frame has all markers of its parent"),
+    ):
+        joints = LiveJoints([("hip", tuple(PELVIS), tuple(THIGH))])
+        for frame in frames(60):
+            joints.add({label: frame[label] for label in labels})
+        answer = joints.answers()["hip"]
+        assert (answer.ok, answer.words) == (False, words)
+        assert tuple(joints.labels) == labels
+        assert {*joints.lacking, *labels} == {*PELVIS, *THIGH}
 
 
 def test_gaps():
