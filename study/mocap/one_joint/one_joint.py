@@ -12,6 +12,7 @@ from study.mocap.joints.estimates import CENTIMETRE, JointStatus
 from study.mocap.joints.fit_joints import find_joints
 from study.mocap.joints.found_joints import FoundJoint, FoundJoints
 from study.mocap.joints.joint_table import accuracy_columns
+from study.mocap.one_joint.across_axis import misplaced_across
 from study.mocap.one_joint.clusters import CHILD, JOINT, PARENT, Clusters
 from study.mocap.one_joint.left_centres import NEAR, LeftCentre, is_centre, left_centres
 from study.sphere.types import Floats
@@ -38,7 +39,8 @@ class OneJoint:
         frames: number of frames used.
         effective_frames: effective number of independent frames.
         compared: centres that other programs left in the recording, the nearest first.
-        doubts: reasons not to rely on the joint.
+        misplaced: reasons why the points across its axis cannot be there.
+        doubts: all reasons not to rely on the joint.
     """
 
     recording: str
@@ -53,12 +55,13 @@ class OneJoint:
     frames: int
     effective_frames: float
     compared: tuple[LeftCentre, ...]
+    misplaced: tuple[str, ...]
     doubts: tuple[str, ...]
 
     @property
     def ok(self) -> bool:
         """True if the joint is of the kind that was asked for, and reliable."""
-        return self.found.status == _wanted(self.found)
+        return self.found.status == _wanted(self.found) and not self.misplaced
 
 
 def fit_one_joint(recording: Recording, clusters: Clusters, hinge: bool = False) -> OneJoint:
@@ -88,7 +91,8 @@ def fit_one_joint(recording: Recording, clusters: Clusters, hinge: bool = False)
         turn = float(np.degrees(rotation_range(relative_rotation(parent.rotation, child.rotation))))
     accuracy = accuracy_columns(found)
     compared = left_centres(recording, world, axis)
-    doubts = [*_doubts(found, joints, recording, world), *_contradictions(compared, accuracy["error"])]
+    misplaced = misplaced_across(found, joints.poses, clusters.markers, recording)
+    doubts = [*misplaced, *_doubts(found, joints, recording, world), *_contradictions(compared, accuracy["error"])]
     return OneJoint(
         recording=recording.name,
         clusters=clusters,
@@ -102,6 +106,7 @@ def fit_one_joint(recording: Recording, clusters: Clusters, hinge: bool = False)
         frames=0 if found.estimate is None else found.estimate.frames,
         effective_frames=accuracy["worth"],
         compared=compared,
+        misplaced=misplaced,
         doubts=tuple(doubts),
     )
 

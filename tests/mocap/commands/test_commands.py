@@ -57,7 +57,7 @@ def drawn(body, tmp_path_factory):
 def test_a_file_name_that_is_no_text(call, body, tmp_path):
     """An old name, whose é is one byte, is read as it was meant; every file is written."""
     shutil.copy(body[0], tmp_path / os.fsdecode(b"h\xe9.c3d"))
-    code, said, complained = call("skeleton", os.fsdecode(b"h\xe9.c3d"), "--out", "out", "--write", "trc,mot")
+    code, _, complained = call("skeleton", os.fsdecode(b"h\xe9.c3d"), "--out", "out", "--write", "trc,mot")
     assert (code, complained) == (0, "")
     assert sorted(each.name for each in (tmp_path / "out").iterdir()) == sorted([*FILES, "hé.trc", "hé.mot"])
     assert (tmp_path / "out" / "hé.trc").read_text(encoding="utf-8").splitlines()[0].endswith("\thé.trc")

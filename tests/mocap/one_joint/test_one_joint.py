@@ -169,6 +169,28 @@ def test_a_hinge_is_midway_between_two_points():
         find_clusters(recording, PARENT, CHILD, "LFC")
 
 
+def test_points_that_are_not_at_the_joint():
+    """A hip is no hinge: two points do not place it by being named, be they on other segments or far along an axis."""
+    child, (first, _) = "RTH1,RTH2", body()
+    free = fit_one_joint(first, find_clusters(first, PARENT, child), hinge=True)
+    turn, _ = Rotation.align_vectors(free.places, PELVIS - PELVIS.mean(axis=0))
+    axis = turn.inv().apply(free.found.estimate.axis)  # along which the place is not asked for
+    ends = [("A", 0.04 * axis), ("B", -0.04 * axis), ("C", 0.25 * axis), ("D", 0.35 * axis)]
+    recording, _ = body(left=ends)
+    moving = np.concatenate([recording.positions, 0.1 * np.random.default_rng(1).standard_normal((1, 3, FRAMES))])
+    recording = Recording("walk", (*recording.markers, "FOOT"), moving, 100.0)
+    placed, far, strange = (
+        fit_one_joint(recording, find_clusters(recording, PARENT, child, across), hinge=True)
+        for across in ("A,B", "C,D", "A,FOOT")
+    )
+    assert (placed.ok, placed.misplaced) == (True, ())
+    assert (far.ok, len(far.misplaced)) == (False, 1)
+    assert "it is no hinge: it rotated about every direction, and its centre is 30" in joint_line(far)
+    assert not strange.ok
+    assert "doubts: FOOT is on neither segment: it moves by " in joint_line(strange)
+    assert json.loads(joint_json(far))["ok"] is False
+
+
 def test_a_knee_is_where_another_program_has_it_along_its_axis(shared_file):
     """The toolbox puts the knee midway between the epicondyles; without these it is centimetres away along its axis."""
     recording = read_recording(shared_file("gait_same_session.c3d"))
@@ -178,6 +200,7 @@ def test_a_knee_is_where_another_program_has_it_along_its_axis(shared_file):
         joints = find_joints(clusters.markerset(True), recording.select(clusters.every))
         local = joints.poses["parent"].to_local(recording.of("LKJC"))
         found = joints["joint"]
+        assert fit_one_joint(recording, clusters, hinge=True).misplaced == ()
         along.append(abs(np.nanmean((local - found.in_parent[:, None]).T @ found.axis_in_parent)))
     assert along[0] > 0.05
     assert along[1] < 0.001
