@@ -1,5 +1,6 @@
 """Bones of a skeleton: the lines between its joints and ends of limbs, from the segments that they are fixed in."""
 
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -46,7 +47,12 @@ def side(name: str) -> str:
 
 
 def mirrored(name: str) -> str:
-    """A joint's name on the other side of the body; the same if it tells no side."""
-    if "left" in name:
-        return name.replace("left", "right")
-    return name.replace("right", "left")
+    """A joint's name on the other side of the body, with its capitals; the same if it tells no side."""
+    own = side(name)
+    return re.sub(rf"(?<![^_ -])({own})(?![^_ -])", _other_side, name, flags=re.IGNORECASE) if own else name
+
+
+def _other_side(word: re.Match[str]) -> str:
+    found = word[0]
+    other = "right" if found.lower() == "left" else "left"
+    return other.upper() if found.isupper() else other.capitalize() if found[0].isupper() else other

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from study.mocap.skeleton.bones import bones, side
+from study.mocap.skeleton.bones import bones, mirrored, side
 
 
 def test_bones():
@@ -24,3 +24,21 @@ def test_bones():
 def test_side(name, found):
     """A side is a whole word of the name."""
     assert side(name) == found
+
+
+@pytest.mark.parametrize(
+    ("name", "other"),
+    [
+        ("left_knee", "right_knee"),
+        ("Left_Knee", "Right_Knee"),
+        ("KNEE RIGHT", "KNEE LEFT"),
+        ("leftover_hip", "leftover_hip"),
+        ("right_cleft", "left_cleft"),
+        ("waist", "waist"),
+    ],
+)
+def test_the_other_side(name, other):
+    """The same words tell a side and are exchanged, capital letters or small, and back again."""
+    assert mirrored(name) == other
+    assert mirrored(other) == name
+    assert (side(name) == side(other)) == (name == other)
