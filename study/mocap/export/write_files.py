@@ -1,6 +1,5 @@
 """Write a skeleton to files for other programs; the end of a file's name decides its format."""
 
-import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -9,7 +8,7 @@ from study.mocap.export.mot import write_mot
 from study.mocap.export.motion import ExportedMotion
 from study.mocap.export.points_files import write_csv, write_trc
 from study.mocap.io.recording import RecordingError
-from study.runs.storage.atomic_write import replacing
+from study.mocap.io.writing import replacing_named
 
 Writer = Callable[[ExportedMotion, Path], None]
 
@@ -83,17 +82,12 @@ def write_file(motion: ExportedMotion, path: Path) -> Path:
     writer, _ = WRITERS[path.suffix.lower()]
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(path) as temporary:
-            named = temporary.with_suffix(path.suffix.lower())  # ezc3d wants a name that ends in .c3d
-            try:
-                writer(motion, named)
-                os.replace(named, temporary)
-            finally:
-                named.unlink(missing_ok=True)
+        with replacing_named(path) as temporary:
+            writer(motion, temporary)
     except ModuleNotFoundError as error:
         raise RecordingError(f"{path}: writing it needs {error.name}: pip install '.[mocap]'") from None
     except OSError as error:
         raise RecordingError(f"{path}: cannot be written: {error.strerror or error}") from None
     except RecordingError as error:
-        raise RecordingError(str(error).replace(str(named), str(path))) from None
+        raise RecordingError(str(error).replace(str(temporary), str(path))) from None
     return path

@@ -1,6 +1,8 @@
 """Write a recording to a file: C3D, TRC, or a table with a column per coordinate."""
 
-from collections.abc import Callable
+import contextlib
+import os
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -8,12 +10,13 @@ import pandas as pd
 
 from study.mocap.io.c3d_header import LONG
 from study.mocap.io.recording import Recording, RecordingError
+from study.runs.storage.atomic_write import replacing
 
 
 def write_recording(recording: Recording, path: str | Path) -> Path:
     """Write a recording as C3D, TRC or CSV; the suffix of the path decides.
 
-    The folder is made if there is none.
+    The folder is made if there is none. The file is there whole, or as it was.
 
     Returns:
         The path.
@@ -26,15 +29,27 @@ def write_recording(recording: Recording, path: str | Path) -> Path:
         raise RecordingError(f"{path}: a recording is written to a file whose name ends in {', '.join(WRITERS)}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with open(path, "wb"):  # ezc3d does not say why it cannot write
-            pass
-        WRITERS[path.suffix.lower()](recording, path)
+        with replacing_named(path) as temporary:
+            WRITERS[path.suffix.lower()](recording, temporary)
     except ModuleNotFoundError as error:
-        path.unlink()
         raise RecordingError(f"{path}: writing it needs {error.name}: pip install '.[mocap]'") from None
     except OSError as error:
         raise RecordingError(f"{path}: cannot be written: {error.strerror or error}") from None
     return path
+
+
+@contextlib.contextmanager
+def replacing_named(path: Path) -> Iterator[Path]:
+    """Give a temporary name with the same end, in small letters; see `replacing`."""
+    with replacing(path) as temporary:
+        named = temporary.with_suffix(path.suffix.lower())  # ezc3d wants a name that ends in .c3d
+        try:
+            with open(named, "wb"):  # ezc3d does not say why it cannot write
+                pass
+            yield named
+            os.replace(named, temporary)
+        finally:
+            named.unlink(missing_ok=True)
 
 
 def _write_c3d(recording: Recording, path: Path) -> None:

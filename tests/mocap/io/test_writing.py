@@ -1,3 +1,4 @@
+import sys
 import warnings
 
 import c3d
@@ -77,3 +78,23 @@ def test_where_nothing_can_be_written(tmp_path, small):
     (tmp_path / "folder.csv").mkdir()
     with pytest.raises(RecordingError, match="cannot be written: Is a directory"):
         write_recording(small(), tmp_path / "folder.csv")
+
+
+def test_a_file_that_was_there_stays_if_the_new_one_fails(tmp_path, small, monkeypatch):
+    """A missing library, and a writer that breaks off, leave the old file and nothing else."""
+    path = write_recording(small(), tmp_path / "walk.c3d")
+    before = path.read_bytes()
+    with monkeypatch.context() as patch:
+        patch.setitem(sys.modules, "ezc3d", None)
+        with pytest.raises(RecordingError, match="writing it needs ezc3d"):
+            write_recording(small(seed=4), path)
+
+    def breaks_off(recording, path):
+        path.write_bytes(b"half")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setitem(WRITERS, ".c3d", breaks_off)
+    with pytest.raises(RecordingError, match="cannot be written: No space left on device"):
+        write_recording(small(seed=4), path)
+    assert path.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [path]
