@@ -392,9 +392,11 @@ def test_fetch(call, monkeypatch, tmp_path):
     refused(call("fetch", "cmu", "60_08"), "the server cannot be reached", code=1)
 
 
-@pytest.mark.parametrize("options", [["--frames", "1"], ["--gaps", "2"], ["--noise", "-1"], ["--out", "x.txt"]])
+@pytest.mark.parametrize(
+    "options", [["--frames", "1"], ["--gaps", "2"], ["--noise", "-1"], ["--out", "x.txt"], ["--skin", "angle"]]
+)
 def test_a_body_that_cannot_be(call, options):
-    """A setting out of its limits gives one line and code 2."""
+    """A setting out of its limits, or a law of skin that does not move, gives one line and code 2."""
     refused(call("synthetic", *options))
 
 
