@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from study.mocap.joints.joint_report import agreement_lines
+from study.mocap.joints.joint_report import agreement_lines, joint_lines
 from study.mocap.skeleton.skeleton_table import bone_table, skeleton_lines, skeleton_table
 
 
@@ -60,3 +60,15 @@ def test_agreed():
     head, line = agreement_lines(table)
     assert head.split() == ["distance", "to", "/", "mm", "gdke", "two-sided"]
     assert line.split() == ["neck", "12.3", "-"]
+
+
+def test_a_joint_without_a_place_in_its_parent(figure):
+    """Where no frame shows both segments, dashes stand for the place, and a line says why."""
+    found = figure[2]
+    words = "left_ankle: no place in its parent: no frame has poses of both left_shank and left_foot"
+    lost = [
+        replace(each, in_parent=np.full(3, np.nan)) if each.joint.name == "left_ankle" else each
+        for each in found.joints
+    ]
+    assert words not in joint_lines(found)
+    assert words in joint_lines(replace(found, joints=tuple(lost)))

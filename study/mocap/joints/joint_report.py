@@ -38,6 +38,9 @@ def joint_lines(joints: FoundJoints) -> Iterator[str]:
             yield f"{found.joint.name}: along its axis midway between {' and '.join(found.joint.across)}"
         if found.status not in USABLE:
             yield f"{found.joint.name}: {found.reason}"
+        if found.estimate is not None and np.isnan(found.in_parent).any():
+            two = f"{found.joint.parent} and {found.joint.child}"
+            yield f"{found.joint.name}: no place in its parent: no frame has poses of both {two}"
     for segment, reason in joints.without_pose.items():
         yield f"no pose of its own: {segment}: {reason}"
 
