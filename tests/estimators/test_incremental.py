@@ -80,7 +80,7 @@ def test_recurrences_after_a_singular_start(rng, on_cap, still):
         np.testing.assert_allclose(one.center, two.center, rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize("d", [2, 3, 4])
+@pytest.mark.parametrize("d", [2, 3, 5])
 def test_one_by_one_in_lumps_and_in_parts(rng, on_cap, d):
     """However the samples arrive - single, in lumps, in parts merged in any order - the moments are the batch's."""
     points = on_cap(rng, 1500, 70.0, d, 0.05, center=2.0)[0]

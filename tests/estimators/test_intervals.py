@@ -81,7 +81,7 @@ def scores(x, r, start, s):
     return first, second, np.sqrt(s) / r
 
 
-@pytest.mark.parametrize("dimension", [2, 3, 4])
+@pytest.mark.parametrize("dimension", [2, 3, 5])
 @pytest.mark.parametrize(("degrees", "sigma"), [(45.0, 0.05), (180.0, 0.22)])
 def test_ends_are_quantiles_of_the_score(dimension, degrees, sigma):
     """At each end |T| is Student's quantile: T_F where the noise is small, else the smaller of T_F and T_H."""
@@ -129,7 +129,7 @@ def test_a_batch_is_its_sets():
     np.testing.assert_array_equal(found.radius[4], [0.0, np.inf])  # three points are left
 
 
-@pytest.mark.parametrize("dimension", [2, 3, 4])
+@pytest.mark.parametrize("dimension", [2, 3, 5])
 def test_exact_points_leave_no_width(dimension):
     """Without noise an interval is a point, also far from the origin."""
     x = caps(7, (3, 12), 70.0, 0.0, dimension)

@@ -44,7 +44,7 @@ def registered(monkeypatch):
 
 
 @pytest.mark.usefixtures("registered")
-@pytest.mark.parametrize("d", [2, 3, 4])
+@pytest.mark.parametrize("d", [2, 3, 5])
 def test_through_the_library(rng, on_cap, d):
     """`study.fit` calls it by name, and adds batches, missing samples and errors, which it does not handle itself."""
     points = on_cap(rng, 30, 100.0, d, 0.02, radius=2.0, center=1.0, sets=6)[0].reshape(2, 3, 30, d)

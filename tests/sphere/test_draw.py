@@ -30,7 +30,7 @@ def test_first_trials_do_not_depend_on_how_many_follow(d):
 
 
 @pytest.mark.parametrize("angle", [1e-7, 0.3, math.pi])
-@pytest.mark.parametrize("d", [2, 3, 4, 6])
+@pytest.mark.parametrize("d", [2, 3, 4, 5])
 def test_height_and_distance_from_the_axis_belong_together(d, angle):
     """Row 0 is the height t, and the others have the length √(t(2 - t)), at tiny angles too."""
     u, _ = drawn("rows", 2, 300, d, angle)
@@ -39,7 +39,7 @@ def test_height_and_distance_from_the_axis_belong_together(d, angle):
     np.testing.assert_allclose(np.sum(u[:, 1:] ** 2, axis=1), t * (2 - t), rtol=16 * EPS, atol=0)
 
 
-@pytest.mark.parametrize("d", [2, 3, 4, 6])
+@pytest.mark.parametrize("d", [2, 3, 4, 5])
 @pytest.mark.parametrize("degrees", [1e-3, 40, 130, 180])
 def test_heights_follow_their_law(d, degrees):
     """t/2 is Beta((d-1)/2, (d-1)/2), cut off. Sixteen Kolmogorov-Smirnov tests at 1e-5: false alarm 2e-4."""
@@ -50,7 +50,7 @@ def test_heights_follow_their_law(d, degrees):
     assert stats.kstest(share, "uniform").pvalue > 1e-5
 
 
-@pytest.mark.parametrize("d", [2, 3, 4, 6])
+@pytest.mark.parametrize("d", [2, 3, 4, 5])
 def test_directions_across_the_axis_are_uniform(d):
     """First and second moments of the unit vectors across; the angle itself, where it is one. False alarm 1e-4."""
     u, _ = drawn("across", 40, 500, d)
