@@ -54,7 +54,7 @@ skeleton: $(VENV)/.mocap
 
 # On two workers; the tests of a file stay together, because they share fixtures.
 JOBS ?= 2
-test: $(VENV)/.dev
+test: $(VENV)/.dev $(VENV)/.run
 	$(BIN)/python -m pytest -q -n $(JOBS) --dist loadfile
 
 # A small study of everything, for continuous integration.
@@ -110,9 +110,12 @@ $(VENV)/bin/python:
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "needs Python 3.11 or newer; set PYTHON=…")'
 	$(PYTHON) -m venv $(VENV)
 
-# The loops are compiled once, so that no study waits for the compiler: those of fits and of a small study ...
-$(VENV)/.run: $(VENV)/bin/python pyproject.toml constraints.txt
+$(VENV)/.installed: $(VENV)/bin/python pyproject.toml constraints.txt
 	$(INSTALL) -e .
+	touch $@
+
+# The loops are compiled once, so that no study waits for the compiler: those of fits and of a small study ...
+$(VENV)/.run: $(VENV)/.installed
 	$(BIN)/python -m study.runs.compile_loops configs/smoke.toml
 	touch $@
 
@@ -134,6 +137,6 @@ $(VENV)/.docs: $(VENV)/.mocap
 	$(INSTALL) -e '.[docs]'
 	touch $@
 
-$(VENV)/.dev: $(VENV)/.run
+$(VENV)/.dev: $(VENV)/.installed
 	$(INSTALL) -e '.[dev]'
 	touch $@
