@@ -1,8 +1,9 @@
 """Coverage of the 95 % intervals where it ends; `python benchmarks/coverage_limits.py` stores it.
 
-Two kinds of data that `configs/coverage.toml` does not have: fewer than ten points, whose noise can look small by
-chance, and belts, which are points about an equator. Across a belt the centre is known by the points' distances from
-the belt's plane alone, and its interval takes them to be large beside its standard error.
+Three kinds of data that `configs/coverage.toml` does not have: fewer than ten points, whose noise can look small by
+chance; belts, which are points about an equator; and outliers, some of which are too near to be noticed. Across a belt
+the centre is known by the points' distances from the belt's plane alone, and its interval takes them to be large beside
+its standard error.
 """
 
 import math
@@ -21,6 +22,9 @@ FEW = [(n, angle, noise) for n in (5, 6, 7, 8) for angle in (60.0, 180.0) for no
 BELTS = [(n, width, ratio) for n in (40, 1000) for width in (5.0, 20.0) for ratio in (0.1, 0.2, 0.3, 0.5, 1.0)]
 """Points, largest latitude, and the standard error across over the rms distance of the points from the plane."""
 
+NEAR = [(n, 60.0, share) for n in (40, 100) for share in (0.0, 0.1, 0.2)]
+"""Points, half angle of the cap, and share of points displaced by a normal step of one radius in each coordinate."""
+
 
 def belt(rng, n, width):
     """Sets of directions (SETS, n, 3), uniform by area between two latitudes."""
@@ -35,9 +39,9 @@ def noise_of(n, width, ratio):
     return brentq(lambda s: s * math.sqrt((extent + s * s) / n) / extent - ratio * math.sqrt(extent), 1e-9, 10.0)
 
 
-def covered(points):
+def covered(points, estimator="corrected"):
     """Share of ok fits, and of intervals that hold the radius, 1, and the last coordinate of the centre, 0."""
-    fit = study.fit(points)
+    fit = study.fit(points, estimator)
     radius, across = fit.interval("radius"), fit.interval("center")[:, -1]
     hits = {
         "radius": (radius[:, 0] <= 1.0) & (radius[:, 1] >= 1.0),
@@ -50,16 +54,19 @@ def covered(points):
 def main():
     """Measure every cell, and store a row for each as soon as it is known."""
     rng, rows = np.random.default_rng(SEED), []
-    for kind, cells in (("few", FEW), ("belt", BELTS)):
+    for kind, cells in (("few", FEW), ("belt", BELTS), ("near outliers", NEAR)):
         for n, angle, third in cells:
-            noise = third if kind == "few" else noise_of(n, angle, third)
-            if kind == "few":
-                directions = sample_cap(rng, SETS * n, math.radians(angle)).reshape(SETS, n, 3)
+            if kind == "belt":
+                noise, directions = noise_of(n, angle, third), belt(rng, n, angle)
             else:
-                directions = belt(rng, n, angle)
+                noise = third if kind == "few" else 0.02
+                directions = sample_cap(rng, SETS * n, math.radians(angle)).reshape(SETS, n, 3)
+            points = directions + noise * rng.standard_normal(directions.shape)
+            moved = round(third * n) if kind == "near outliers" else 0
+            points[:, :moved] += rng.standard_normal((SETS, moved, 3))
             row = {"kind": kind, "samples": n, "angle": angle, "noise_over_radius": noise}
             row |= {"ratio": math.nan if kind == "few" else third, "sets": SETS}
-            rows.append(row | covered(directions + noise * rng.standard_normal(directions.shape)))
+            rows.append(row | covered(points, "robust" if kind == "near outliers" else "corrected"))
             path = Path(__file__).parents[1] / "results" / "coverage-limits.csv"
             pd.DataFrame(rows).to_csv(path, index=False, lineterminator="\n")
 
