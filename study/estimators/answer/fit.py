@@ -178,7 +178,7 @@ class Fit:
 
     @property
     def ok(self) -> Bools:
-        """True for each fit (…) whose status is ok."""
+        """True for each fit (…) whose status is ok, whatever `outliers` it uses."""
         return np.asarray(self.status == Status.OK)
 
     @property
