@@ -138,7 +138,7 @@ def count(dimension: int) -> dict[str, float]:
         running = igdk.Running(_objects(1, d), _objects(1, d, d), _objects(1, d), _objects(1, d, d))
         for i in range(d):
             running.inverse[0, i, i] = Counted(1.0)
-        igdk._stream_all(x, d + 5, running)
+        igdk._stream_all(x, np.array([d + 5]), running)
 
     kernels = {"moments": closed, "lls": linear, "mle": one_pass, "igdk": incremental}
     return {name: _slope(run, d) for name, run in kernels.items()}
@@ -200,5 +200,5 @@ def _elsewhere(arguments: list[str], environment: dict[str, str]) -> dict[str, f
 
 
 if __name__ == "__main__":
-    works: dict[str, Callable[..., dict[str, float]]] = {"count": count, "time": timed}
+    works: dict[str, Callable[..., dict[str, float]]] = {"count": count, "time": timed, "scalar": timed_scalar}
     print(json.dumps(works[sys.argv[1]](*map(int, sys.argv[2:]))))

@@ -78,7 +78,7 @@ def test_beside_a_fixed_run(call_here, folder):
     assert call_here(folder, "run", "fixed.toml", "--out", "fixed")[0] == 0
     code, said, _ = call_here(folder, "diff", "need", "fixed")
     assert code == 0
-    assert said.splitlines()[0] == "need and fixed: the same within Monte-Carlo error"
+    assert said.splitlines()[0] == "need and fixed: identical in the trials that both have"
     assert "errors, trial by trial" in said
 
 
