@@ -102,7 +102,7 @@ def fit(
         that determine no sphere have a status, and raise nothing.
 
     Raises:
-        TypeError: if the points or the noise are not real numbers.
+        TypeError: if the points or the noise are not real numbers, or the estimator is no name.
         ValueError: if the shape, the noise or the estimator's name cannot be used. The message says which and why.
 
     Example:
@@ -112,6 +112,8 @@ def fit(
 
     Source: the paper of each estimator is in its `Estimator.reference`.
     """
+    if not isinstance(estimator, str):
+        raise TypeError(f"estimator = {estimator!r}: expected a name, such as 'corrected'")
     if estimator not in ESTIMATORS:
         raise ValueError(f"estimator = {estimator!r}: unknown; {did_you_mean(estimator, ESTIMATORS)}")
     array = real_array(points, "points")

@@ -84,6 +84,12 @@ def test_unknown_estimator(name):
     assert all(known in str(caught.value) for known in study.ESTIMATORS)
 
 
+def test_an_estimator_that_is_no_name():
+    """Anything but a name is a type error that says so."""
+    with pytest.raises(TypeError, match="estimator = 3: expected a name"):
+        study.fit(np.eye(4, 3), 3)
+
+
 def test_ugdk_without_noise():
     """The estimator that needs the noise raises an error that says how to pass it."""
     with pytest.raises(ValueError, match="noise="):

@@ -26,6 +26,9 @@ def doubts(fit: Fit) -> Iterator[str]:
     Rows are counted from 1 and include those with missing coordinates.
     """
     rows, samples, planned = (fit.outliers.nonzero()[0] + 1).tolist(), int(fit.count), fit.residuals.shape[0]
+    infinite = [] if fit.samples is None else np.isinf(fit.samples.points[0]).any(axis=1).nonzero()[0] + 1
+    if len(infinite):
+        yield f"not finite in {len(infinite)} of {planned} rows, the first of which is row {infinite[0]}"
     if samples < planned:
         yield f"{planned - samples} of {planned} rows lack a coordinate and are left out"
     if rows:

@@ -1,6 +1,7 @@
 """Points from text: a row per point, with the row and column of a value that is no number."""
 
 import csv
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import BinaryIO
@@ -14,6 +15,8 @@ from study.sphere.types import Floats
 _MISSING = {"", "na", "null", "none", "n/a", "-"}
 """Cells without a number, besides nan, which is a float."""
 _BLANKS = " "
+_SPREADSHEET = re.compile('"?sep=.?"?')
+"""First line by which a spreadsheet names the delimiter."""
 
 
 def read_text(path: Path, file: BinaryIO, columns: Sequence[str] | None) -> tuple[Floats, list[str], list[str]]:
@@ -24,6 +27,8 @@ def read_text(path: Path, file: BinaryIO, columns: Sequence[str] | None) -> tupl
         raise PointFileError(f"{path}: neither UTF-8 text nor .npy nor .parquet") from None
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     rows = [(n, row) for n, row in enumerate(lines, 1) if row.strip() and not row.lstrip().startswith("#")]
+    if rows and _SPREADSHEET.fullmatch(rows[0][1].strip()):
+        rows = rows[1:]
     if not rows:
         raise PointFileError(f"{path}: empty: no row with a number in it")
     delimiter = _delimiter([row for _, row in rows[1:21] or rows])
@@ -46,7 +51,9 @@ def read_text(path: Path, file: BinaryIO, columns: Sequence[str] | None) -> tupl
         cells = _cells(row, delimiter)
         if len(cells) != len(names):
             found = f"{len(cells)} column{'s' * (len(cells) != 1)}"
-            raise PointFileError(f"{path}: row {number} has {found}, the first has {len(names)}")
+            twice = delimiter == "," and len(cells) == 2 * len(names)
+            why = "; where decimals are commas, columns need semicolons or tabs between them" if twice else ""
+            raise PointFileError(f"{path}: row {number} has {found}, the first has {len(names)}{why}")
         for i in chosen:
             value = _number(cells[i], comma)
             if value is None:

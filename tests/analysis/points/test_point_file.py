@@ -92,6 +92,17 @@ def test_missing_cells(tmp_path, word):
     np.testing.assert_array_equal(points, expected)
 
 
+@pytest.mark.parametrize("first", ["sep=;", '"sep=;"', "sep=\t"])
+def test_a_spreadsheets_first_line(tmp_path, first):
+    """The line by which a spreadsheet names the delimiter is no row."""
+    mark = "\t" if "\t" in first else ";"
+    path = tmp_path / "points.csv"
+    path.write_text("\n".join([first, *(mark.join(row) for row in (["x", "y"], *(["1", "2,5"],) * 3))]))
+    points, names, _ = read_points(path)
+    assert names == ["x", "y"]
+    np.testing.assert_array_equal(points, [[1.0, 2.5]] * 3)
+
+
 def test_infinite_and_scientific_numbers(tmp_path):
     """Exponents, signs, bare points and infinities are numbers."""
     points, *_ = read_points(written(tmp_path, "1e3 -2.5E-4\n+.5 5.\ninf -Infinity\n007 1e-320\n"))

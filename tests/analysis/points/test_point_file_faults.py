@@ -99,6 +99,16 @@ def test_decimal_points_among_decimal_commas(tmp_path):
     refused(written(tmp_path, "\n".join(rows)), "row 3, column 1")
 
 
+def test_decimal_commas_between_commas(tmp_path):
+    """Twice as many cells as names in the header are told to be decimal commas, with the remedy."""
+    path = tmp_path / "points.csv"
+    path.write_text("x,y,z\n1,5,2,1,3,0\n")
+    with pytest.raises(
+        PointFileError, match="the first has 3; where decimals are commas, columns need"
+    ):
+        read_points(path)
+
+
 def test_a_quote_that_does_not_end(tmp_path):
     """An unclosed quote swallows its own row at most, and the message names the row."""
     refused(written(tmp_path, "\n".join([*ROWS[:2], '1,"2,3', *ROWS])), "row 3 has 2 columns")

@@ -67,6 +67,12 @@ def test_few_points(on_cap, n, told):
     assert list(doubts(study.fit(on_cap(np.random.default_rng(3), 10, 180.0, noise=1e-4)[0]))) == []
 
 
+def test_infinite_rows(cap):
+    """A coordinate that is not finite is told with its row."""
+    cap[[6, 20], 1] = np.inf
+    assert next(doubts(study.fit(cap))) == "not finite in 2 of 40 rows, the first of which is row 7"
+
+
 @pytest.mark.parametrize(("width", "expected"), [(5.0, True), (20.0, False)])
 def test_belts(width, expected):
     """Points about an equator, whose centre is as uncertain as they are high, are told; wide belts and caps are not."""
