@@ -71,6 +71,10 @@ def report(error: ValidationError, known: Mapping[tuple[str, ...], list[str]]) -
             words, wants = "required, but missing", (path,)
         elif entry["type"] == "tuple_type":
             words = f"must be a list, such as [{json.dumps(value)}]" if isinstance(value, str) else "must be a list"
+        elif entry["type"] == "too_short":
+            words = "must have a value"
+        elif entry["type"] == "string_pattern_mismatch":  # of a name, which becomes one of a folder
+            words = "must be small letters, digits and hyphens, 61 at most, such as 'my-study'"
         elif entry["type"] in ("union_tag_invalid", "union_tag_not_found"):
             context = entry["ctx"]
             path = (*path, str(context["discriminator"]).strip("'"))

@@ -37,10 +37,10 @@ def test_templates_are_right():
 
 
 COMMON = [
-    (1, 'name = "../x"', "name = '../x'", "pattern"),
-    (1, 'name = "a/b"', "name = 'a/b'", "pattern"),
-    (1, 'name = ""', "name = ''", "pattern"),
-    (1, 'name = "a\\n"', r"name = 'a\n'", "pattern"),
+    (1, 'name = "../x"', "name = '../x'", "small letters, digits and hyphens"),
+    (1, 'name = "a/b"', "name = 'a/b'", "small letters, digits and hyphens"),
+    (1, 'name = ""', "name = ''", "small letters, digits and hyphens"),
+    (1, 'name = "a\\n"', r"name = 'a\n'", "small letters, digits and hyphens"),
     (1, "name = 7", "name = 7", "string"),
     (2, "seed = -1", "seed = -1", "greater than or equal to 0"),
     (2, "seed = 1.5", "seed = 1.5", "integer"),
@@ -50,7 +50,7 @@ COMMON = [
     (3, "dimension = 1", "dimension = 1", "greater than or equal to 2"),
     (3, 'dimension = "3"', "dimension = '3'", "integer"),
     (3, "keep_points = -1", "keep_points = -1", "greater than or equal to 0"),
-    (4, "estimators = []", "estimators = []", "at least 1"),
+    (4, "estimators = []", "estimators = []", "must have a value"),
     (4, 'estimators = "lls"', "estimators = 'lls'", "must be a list, such as"),
     (4, 'estimators = ["lsl"]', "estimators = ['lsl']", "'lsl' unknown; did you mean 'lls'? Known are mle, "),
     (4, 'estimators = ["lls", "lls"]', "estimators", "twice"),
@@ -125,7 +125,7 @@ IN_RANDOM = [
     (10, 'noise = { law = "uniform", low = 1 }', "design.noise.high", "required, but missing"),
     (10, 'noise = { law = "uniform", low = -1, high = 2 }', "-1 not allowed", "above 0"),
     (10, 'noise = { law = "log_uniform", low = 0, high = 2 }', "design.noise.low = 0", "greater than 0"),
-    (10, 'noise = { law = "choice", values = [] }', "design.noise.values = []", "at least 1"),
+    (10, 'noise = { law = "choice", values = [] }', "design.noise.values = []", "must have a value"),
     (10, 'noise = { law = "choice", values = [1, "a"] }', "design.noise.values[1] = 'a'", "number"),
     (10, 'noise = { law = "uniform", low = true, high = 2 }', "design.noise.low = True", "number"),
     (10, 'noise = { law = "uniform", low = 0, high = inf }', "design.noise.high = inf", "finite"),

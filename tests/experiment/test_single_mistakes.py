@@ -77,6 +77,7 @@ def test_one_estimator_that_is_no_list():
     line = only(GRID.replace('["lls"]', '"lls"'))
     assert line == "line 3: estimators = 'lls': must be a list, such as [\"lls\"]"
     assert "must be a list" in only(GRID.replace('["lls"]', "5"))
+    assert only(GRID.replace('["lls"]', "[]")) == "line 3: estimators = []: must have a value"
 
 
 def test_a_noise_shape_that_is_no_matrix():

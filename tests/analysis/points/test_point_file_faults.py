@@ -103,9 +103,7 @@ def test_decimal_commas_between_commas(tmp_path):
     """Twice as many cells as names in the header are told to be decimal commas, with the remedy."""
     path = tmp_path / "points.csv"
     path.write_text("x,y,z\n1,5,2,1,3,0\n")
-    with pytest.raises(
-        PointFileError, match="the first has 3; where decimals are commas, columns need"
-    ):
+    with pytest.raises(PointFileError, match="the first has 3; where decimals are commas, columns need"):
         read_points(path)
 
 
