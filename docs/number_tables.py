@@ -244,11 +244,11 @@ def cluster(tables: Tables) -> str:
                 f"{100 * row['efficiency']:.0f} %",
                 f"{1e3 * busy['scheduler']:.1f} / {1e3 * busy['parent']:.1f} ms",
                 f"{row['sent_kb']:.0f} / {row['came_kb']:.0f} kB",
-                f"{row['parent_mib']:.0f} MiB",
+                f"{row['parent_mib']:.0f} / {row['finish_mib']:.0f} MiB",
             ]
         )
     head = ["workers", "task", "at most", "efficiency here", "scheduler / parent, a task", "sent / back"]
-    return _markdown([*head, "parent's peak"], rows)
+    return _markdown([*head, "parent's peak, computing / joining"], rows)
 
 
 def cluster_study(tables: Tables) -> str:
