@@ -50,7 +50,7 @@ class Comparison:
         chance: probability of so large a difference between equal runs.
         trials: the smaller of the two numbers of trials.
         equal: true if all numbers of the trials that both runs have are the same to the bit.
-        whole: true if both runs have the same trials.
+        whole: true if both runs have the same trials; of summaries, as many.
     """
 
     key: Key
@@ -197,8 +197,9 @@ def _by_summary(one: Run, other: Run) -> tuple[list[Comparison], tuple[int, int]
         mine, theirs = a.loc[key], b.loc[key]
         equal = bool(mine[columns].equals(theirs[columns]))
         words, trials = _words(mine, key), int(min(mine["planned"], theirs["planned"]))
+        whole = bool(mine["planned"] == theirs["planned"])
         for measure, values in (("share ok", _shares(mine, theirs)), ("median over bound", _medians(mine, theirs))):
-            found.append(Comparison(key, words, measure, *values, trials, equal, equal))
+            found.append(Comparison(key, words, measure, *values, trials, equal, whole))
     return found, (len(a) - len(shared), len(b) - len(shared)), "summaries; one run has no error table"
 
 

@@ -5,8 +5,9 @@ from collections.abc import Iterator
 import numpy as np
 import pandas as pd
 
-from study.estimators import ESTIMATORS, Fit
+from study.estimators import Fit
 from study.estimators.estimates import blank
+from study.estimators.registry import as_fit
 from study.estimators.status import explain
 from study.experiment.conditions import CONDITIONS, bound_law
 from study.experiment.config import Study
@@ -27,8 +28,7 @@ def fits(study: Study, trial: Trial) -> dict[str, Fit]:
     truth.center[:], truth.radius[:] = cell.center, cell.radius
     found = {"truth": Fit(truth.reshape(), trial.samples, "truth")}
     for name in study.estimators:
-        entry, fit = ESTIMATORS[name], attempt(name, trial.samples)[0]
-        found[name] = Fit(fit.reshape(), trial.samples, name, entry.covariance, entry.without_outliers)
+        found[name] = as_fit(attempt(name, trial.samples)[0].reshape(), trial.samples, name)
     return found
 
 

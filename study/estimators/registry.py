@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from study.estimators.algebraic import als, fuller, hinge, hyper, pratt, taubin
 from study.estimators.answer.fit import Fit
 from study.estimators.careful_fit import careful_fit, is_ordinary
+from study.estimators.estimates import Estimates
 from study.estimators.estimator import Estimator
 from study.estimators.geometric.corrected import corrected, corrected_01, corrected_02, corrected_12
 from study.estimators.geometric.mle import mle, mle_centroid, mle_mirror
@@ -134,10 +135,15 @@ def fit(
     else:
         samples = Samples(np.array(samples.x, order="C"), noise)  # moments that are not finite show no change
         found = careful_fit(entry, samples)
-    return Fit(found.reshape(*lead), samples, estimator, entry.covariance, entry.without_outliers)
+    return as_fit(found.reshape(*lead), samples, estimator)
 
 
 def fit_samples(samples: Samples, estimator: str) -> Fit:
     """Fit each set of a batch without missing samples by a named estimator; leading axes (b,)."""
+    return as_fit(ESTIMATORS[estimator](samples), samples, estimator)
+
+
+def as_fit(estimates: Estimates, samples: Samples, estimator: str) -> Fit:
+    """The answer of a named estimator, from its numbers, with the leading axes, and the flat samples."""
     entry = ESTIMATORS[estimator]
-    return Fit(entry(samples), samples, estimator, entry.covariance, entry.without_outliers)
+    return Fit(estimates, samples, estimator, entry.covariance, entry.without_outliers)

@@ -78,6 +78,7 @@ def test_the_same_within_monte_carlo_error(make, change, by_summary):
     words = "identical in the trials that both have" if grown else "the same within Monte-Carlo error"
     assert verdict(found) == words
     assert {each.equal for each in found.found} == {grown}
+    assert {each.whole for each in found.found} == {by_summary and change[0] == "seed = 1"}
 
 
 @pytest.mark.parametrize("seed", [1, 2])

@@ -12,7 +12,7 @@ from study.estimators.covariance import plug_in_bound, semi_axes, unless_missing
 from study.estimators.estimates import Estimates
 from study.estimators.form.minimum_zone import MinimumZone, minimum_zone
 from study.estimators.intervals import Intervals, intervals
-from study.estimators.robust.copies import copies, repeated
+from study.estimators.robust.copies import repeated
 from study.estimators.robust.outliers import outliers
 from study.estimators.samples import Samples
 from study.estimators.status import Status
@@ -165,10 +165,15 @@ class Fit:
     @property
     def _different(self) -> Samples:
         """The points that the fit stands on, copies once."""
-        points, again = self._points, repeated(self._points.x)
-        if not self._without_outliers and not again.any():
+        points = self._points
+        if not self._without_outliers and not self._repeated.any():
             return points
-        return Samples(np.where((self._used & ~again)[:, None], points.x, np.nan), points.noise)
+        return Samples(np.where((self._used & ~self._repeated)[:, None], points.x, np.nan), points.noise)
+
+    @cached_property
+    def _repeated(self) -> Bools:
+        """True for the points (b, n) that repeat an earlier one."""
+        return repeated(self._points.x)
 
     @cached_property
     def _used(self) -> Bools:
@@ -273,7 +278,7 @@ class Fit:
 
         Intervals, and with them the status, count copies once.
         """
-        return copies(self._points).reshape(self.shape)
+        return np.asarray(self._repeated.sum(axis=1).reshape(self.shape))
 
     @cached_property
     def minimum_zone(self) -> MinimumZone:
@@ -324,7 +329,7 @@ class Fit:
         else:
             distance, directions, _ = self._distances
             away = self._used & (distance > 0.0)  # a point at the centre has no direction
-            found = plug_in_bound(directions, away, self._given_noise, self.noise_variance.reshape(-1))
+            found = plug_in_bound(directions, away, self._points.noise, self.noise_variance.reshape(-1))
         return found.reshape(*self.shape, d + 1, d + 1)
 
     @property
@@ -379,11 +384,8 @@ class Fit:
     @property
     def noise_is_known(self) -> bool:
         """True if the covariance stands on a noise that was given. `corrected` always estimates it."""
-        return self._given_noise is not None and self._covariance_of is None
-
-    @property
-    def _given_noise(self) -> float | Floats | None:
-        return None if self._samples is None else self._samples.noise
+        given = self._samples is not None and self._samples.noise is not None
+        return given and self._covariance_of is None
 
     @cached_property
     def _distances(self) -> tuple[Floats, Floats, Bools]:

@@ -2,23 +2,17 @@
 
 import numpy as np
 
-from study.estimators.samples import Samples
-from study.sphere.types import Bools, Floats, Ints, Words
+from study.sphere.types import Bools, Floats, Words
 
 _FACTOR = np.uint64(0x9E3779B97F4A7C15)
 
 
-def copies(samples: Samples) -> Ints:
-    """Number of points of each set (b,) that repeat an earlier one exactly. Missing samples are none.
-
-    Points of a continuous law never do: copies mean that a file holds the same measurement several times, and then
-    the standard errors, which take the points to be independent, are too small.
-    """
-    return np.asarray(repeated(samples.x).sum(axis=1))
-
-
 def repeated(x: Floats) -> Bools:
-    """True for each point of the sets (b, d, n) that repeats an earlier one: (b, n)."""
+    """True for each point of the sets (b, d, n) that repeats an earlier one: (b, n). Missing samples repeat none.
+
+    Points of a continuous law never do: copies mean that a file holds the same measurement several times, or rounds,
+    and then the standard errors, which take the points to be independent, may be too small.
+    """
     b, _, n = x.shape
     found = np.zeros((b, n), dtype=np.bool_)
     words = _words(x)
