@@ -119,9 +119,10 @@ $(VENV)/.run: $(VENV)/.installed
 	$(BIN)/python -m study.runs.compile_loops configs/smoke.toml
 	touch $@
 
-# ... and those of the paper's studies, and scalar code for the table of costs.
+# ... and those of the paper's studies, and vector and scalar code for the table of costs.
 $(VENV)/.compiled: $(VENV)/.run
 	$(BIN)/python -m study.runs.compile_loops $(CONFIGS)
+	$(BIN)/python -m study.analysis.cost time 3 20 >/dev/null
 	$(BIN)/python -m study.analysis.cost scalar 3 20 >/dev/null
 	touch $@
 

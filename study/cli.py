@@ -107,7 +107,6 @@ def run(
     from study.analysis.summary import summarise
     from study.experiment.config import read
     from study.experiment.shipped_configs import config_file
-    from study.posterior.run import compute
     from study.runs import runner
     from study.runs.adaptive.time_budget import TimeBudget
     from study.runs.finish import budget_message, failure_message
@@ -138,6 +137,8 @@ def run(
             complaints.append(words)
             code = ExitCode.BUDGET
         elif study.posterior is not None:
+            from study.posterior.run import compute  # imported here, since it loads emcee and scipy.stats
+
             with _progress("posteriors") as advance:
                 compute(done, workers, advance)
         typer.echo(str(done.folder))

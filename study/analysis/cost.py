@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from study.analysis.paper_cost import PAPER
 from study.estimators.estimates import blank
 from study.experiment.streams import stream
+from study.runs.workers import instruction_set
 from study.sphere.jit import SCALAR_CODE
 
 Objects = NDArray[np.object_]
@@ -200,5 +201,6 @@ def _elsewhere(arguments: list[str], environment: dict[str, str]) -> dict[str, f
 
 
 if __name__ == "__main__":
+    instruction_set.fix()  # as in the command, so that what an installation compiles is what the command calls
     works: dict[str, Callable[..., dict[str, float]]] = {"count": count, "time": timed, "scalar": timed_scalar}
     print(json.dumps(works[sys.argv[1]](*map(int, sys.argv[2:]))))

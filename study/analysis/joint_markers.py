@@ -87,7 +87,8 @@ def fit_joints(markers: Sequence[Floats], sigma: float, weighted: bool = False) 
         sigma: standard deviation of a coordinate.
         weighted: weigh markers by 1/r̂².
     """
-    joint = MarkersMoments.of([Moments.of(each.swapaxes(1, 2)) for each in markers])
+    # contiguous, as a study's points are: its compiled code serves here, too
+    joint = MarkersMoments.of([Moments.of(np.ascontiguousarray(each.swapaxes(1, 2))) for each in markers])
     noise = sigma**2 * np.eye(joint.mean.shape[2])
     center, weights = joint.known(noise, weighted)
     subtracted = joint.subtracted(noise)
