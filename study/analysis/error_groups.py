@@ -9,11 +9,11 @@ import pyarrow.parquet as pq
 from numpy.typing import ArrayLike
 
 from study.runs.storage.run_folder import Run
-from study.sphere.types import Floats
+from study.sphere.types import Floats, Ints
 
 Key = tuple[str, str]
 """Names of a group and an estimator."""
-ROWS = 1 << 18
+ROWS = 1 << 19
 """Rows in memory at a time, or those of one group if it has more."""
 _CONDITIONS = ["cell", "noise", "radius", "estimator"]
 
@@ -58,8 +58,9 @@ class Grouped:
         self.counts: dict[Key, int] = {}
         self._where: dict[Key, tuple[int, int]] = {}
         for index in range(self._file.num_row_groups):
-            for key, rows in self._places(self._chunk(index, [])).items():
-                self.counts[key] = self.counts.get(key, 0) + len(rows)
+            keys, key_of_row = self._keys(self._chunk(index, []))
+            for key, rows in zip(keys, np.bincount(key_of_row).tolist(), strict=True):
+                self.counts[key] = self.counts.get(key, 0) + rows
                 self._where[key] = self._where.get(key, (index, index))[0], index
         if self.by_decade:
             self.counts = dict(sorted(self.counts.items(), key=lambda item: int(item[0][0][2:])))
@@ -88,30 +89,33 @@ class Grouped:
             keys: names of groups and estimators; one that is not in the table has no entry in the result.
             columns: columns of the error table; ``decade`` is added.
         """
-        known = {key for key in keys if key in self.counts}
-        if not known:
+        places = {key: place for place, key in enumerate(key for key in dict.fromkeys(keys) if key in self.counts)}
+        if not places:
             return {}
-        places = [self._where[key] for key in known]
-        found = []
-        for index in range(min(first for first, _ in places), max(last for _, last in places) + 1):
+        span, parts, place_of_row = [self._where[key] for key in places], [], []
+        for index in range(min(first for first, _ in span), max(last for _, last in span) + 1):
             chunk = self._chunk(index, columns)
-            use = np.zeros(len(chunk), dtype=bool)
-            for key, rows in self._places(chunk).items():
-                use[rows] = key in known
-            found.append(chunk[use])
-        words = {"group": str, "estimator": str}  # the parts have other codes
-        whole = pd.concat([part.astype(words) for part in found], ignore_index=True)
-        of_key = self._places(whole)
-        whole = whole[[*columns, "decade"]]  # rows of words take far longer to choose than rows of numbers
-        return {key: whole.iloc[rows] for key, rows in of_key.items()}
+            here, key_of_row = self._keys(chunk)
+            place = np.array([places.get(key, -1) for key in here])[key_of_row]
+            parts.append(chunk.loc[place >= 0, [*columns, "decade"]])
+            place_of_row.append(place[place >= 0])
+        words = {name: str for name in columns if isinstance(parts[0][name].dtype, pd.CategoricalDtype)}
+        whole = pd.concat([part.astype(words) for part in parts], ignore_index=True)  # the parts have other codes
+        whole = whole.iloc[np.argsort(np.concatenate(place_of_row), kind="stable")]
+        ends = np.cumsum([self.counts[key] for key in places])
+        return {key: whole.iloc[end - self.counts[key] : end] for key, end in zip(places, ends, strict=True)}
 
     def _chunk(self, index: int, columns: list[str]) -> pd.DataFrame:
         wanted = list(dict.fromkeys([*columns, *_CONDITIONS]))
         return label(self._file.read_row_group(index, columns=wanted).to_pandas(), self.by_decade)
 
     @staticmethod
-    def _places(rows: pd.DataFrame) -> dict[Key, Any]:
-        """Positions of the rows of each key, in the order in which the keys first appear."""
-        groups = rows.groupby(["group", "estimator"], sort=False, observed=True)
-        places: Any = groups.indices
-        return {key: places[key] for key in groups.size().index}
+    def _keys(rows: pd.DataFrame) -> tuple[list[Key], Ints]:
+        """Keys in the order in which they first appear, and the place of each row's key among them (rows,)."""
+        groups, estimators = (rows[name].cat for name in ("group", "estimator"))
+        code = groups.codes.to_numpy(dtype=np.int64) * len(estimators.categories) + estimators.codes.to_numpy()
+        found = pd.unique(code)
+        place = np.zeros(len(groups.categories) * len(estimators.categories), dtype=np.int64)
+        place[found] = np.arange(len(found))
+        keys = [divmod(int(each), len(estimators.categories)) for each in found]
+        return [(str(groups.categories[g]), str(estimators.categories[e])) for g, e in keys], place[code]
