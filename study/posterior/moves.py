@@ -50,7 +50,9 @@ class MirrorMove(emcee.moves.RedBlueMove):  # type: ignore[misc]
 
 def _drawn(s: Floats, others: Floats, random: OldStream) -> tuple[Floats, Floats]:
     """Student's draws (k, p) with others' mean and covariance, and the log-density at ``s`` less that at the draws."""
-    mean, root = others.mean(axis=0), np.linalg.cholesky(np.cov(others.T))
+    mean = others.mean(axis=0)
+    away = others - mean
+    root = np.linalg.cholesky(away.T @ away * (1.0 / (len(others) - 1)))  # as np.cov has it, in a third of its time
     stretch = np.sqrt(_FREEDOM / random.chisquare(_FREEDOM, len(s)))
     unit = random.standard_normal(s.shape) * stretch[:, None]
     back = np.linalg.solve(root, (s - mean).T).T

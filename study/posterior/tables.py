@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import scipy
+from scipy import special
 
 from study.estimators import ESTIMATORS, Samples
 from study.estimators.registry import fit_samples
@@ -104,7 +104,7 @@ def _answer(trial: Trial, name: str, draws: Floats, known: bool) -> Row:
     answer = np.append(fit.center[0] - np.array(trial.cell.center), fit.radius[0] - trial.cell.radius)
     error = fit.standard_errors[0]
     spare, given = samples.x.shape[2] - d - 1, fit.noise_is_known
-    law = scipy.stats.norm() if given else scipy.stats.t(spare) if spare > 0 else None
+    known_law = given or spare > 0
     row: Row = {"estimator": name, "status": int(fit.own_status[0]), "distance": math.nan, "level": math.nan}
     mean, sd = np.full(d + 1, math.nan), np.full(d + 1, math.nan)
     if len(draws):
@@ -115,11 +115,12 @@ def _answer(trial: Trial, name: str, draws: Floats, known: bool) -> Row:
         away, spread, ranks = (answer - mean) / sd, error / sd, -answer / error
     for i, ending in enumerate(names(d)[: d + 1]):
         row |= {f"away_{ending}": away[i], f"spread_{ending}": spread[i]}
-        row[f"rank_{ending}"] = float(law.cdf(ranks[i])) if law is not None else math.nan
+        rank = special.ndtr(ranks[i]) if given else special.stdtr(spare, ranks[i]) if known_law else math.nan
+        row[f"rank_{ending}"] = float(rank)
     covariance = fit.covariance[0, :d, :d]
-    if law is not None and np.isfinite(covariance).all() and np.isfinite(answer[:d]).all():
+    if known_law and np.isfinite(covariance).all() and np.isfinite(answer[:d]).all():
         square = _squares(answer[None, :d], covariance)[0]
-        row["level"] = float(scipy.stats.chi2.cdf(square, d) if given else scipy.stats.f.cdf(square / d, d, spare))
+        row["level"] = float(special.chdtr(d, square) if given else special.fdtr(d, spare, square / d))
     return row
 
 
