@@ -12,11 +12,11 @@ from study.runs.jobs import takes_long
 from study.runs.speed_probe import Kind, measure
 from study.runs.storage.atomic_write import RunError
 
-_ROW_BYTES = 75.0
+_ROW_BYTES = 51.0
 """Typical measured size of a row of a compressed error table, whose doubles hardly compress."""
-_POINT_BYTES = 26.0
+_POINT_BYTES = 25.0
 _ROW_SECONDS = 1e-6
-"""Typical time to write a row: a tenth of a second for a hundred thousand."""
+"""Typical time to write a row and to summarise it: five seconds for five million."""
 _START_SECONDS = 2.0
 """Typical time in which worker processes start."""
 _MOST_COUNTED = 300_000
