@@ -72,3 +72,13 @@ def test_a_joint_without_a_place_in_its_parent(figure):
     ]
     assert words not in joint_lines(found)
     assert words in joint_lines(replace(found, joints=tuple(lost)))
+
+
+def test_an_error_of_any_size(figure, monkeypatch):
+    """A joint that may lie anywhere along its axis has no digits of an error of kilometres."""
+    found = figure[2]
+    assert "> 10000" not in " ".join(joint_lines(found))
+    monkeypatch.setattr(type(found.joints[0]), "standard_error", 5.6e6)
+    lines = [line for line in joint_lines(found) if line.startswith("waist")]
+    assert "> 10000" in lines[0]
+    assert "5600000000.0" not in lines[0]

@@ -99,7 +99,8 @@ def _joints(parent: str, child: str, markerset: str | None) -> "LiveJoints":
     wide = [joint for joint in joints if len(joint[1]) > 2]
     for name, markers, _ in joints:
         if len(markers) < 3:
-            typer.echo(f"{name} is left out: its parent has {len(markers)} markers; its pose needs 3", err=True)
+            has = f"{len(markers)} marker{'s' * (len(markers) != 1)}"
+            typer.echo(f"{name} is left out: its parent has {has}; its pose needs 3", err=True)
     if not wide:
         raise typer.BadParameter(f"--markerset {markerset}: no segment that holds a joint has three markers")
     return LiveJoints(wide)

@@ -11,6 +11,9 @@ from study.mocap.joints.joint_table import SHORT_TEXTS, accuracy_columns
 from study.text.columns import columns
 from study.text.numbers import number
 
+_FAR = 10.0
+"""Error, metres, from which its digits say nothing: the joint moved about one axis, and may lie anywhere along it."""
+
 
 def agreement_lines(table: pd.DataFrame) -> Iterator[str]:
     """Lay out the agreement of methods, a line per joint, in millimetres.
@@ -41,8 +44,7 @@ def joint_lines(joints: FoundJoints) -> Iterator[str]:
         if found.estimate is not None and np.isnan(found.in_parent).any():
             two = f"{found.joint.parent} and {found.joint.child}"
             yield f"{found.joint.name}: no place in its parent: no frame has poses of both {two}"
-    for segment, reason in joints.without_pose.items():
-        yield f"no pose of its own: {segment}: {reason}"
+    yield from (f"no pose of its own: {reason}" for reason in joints.without_pose.values())
 
 
 def _joint_row(found: FoundJoint) -> list[str]:
@@ -53,7 +55,8 @@ def _joint_row(found: FoundJoint) -> list[str]:
     return [
         *(found.joint.name, SHORT_TEXTS[found.status], side),
         *(_millimetres(float(x)) for x in found.in_parent),
-        *(_millimetres(n[key]) for key in ("error", "floor", "sigma")),
+        f"> {1000 * _FAR:.0f}" if n["error"] > _FAR else _millimetres(n["error"]),
+        *(_millimetres(n[key]) for key in ("floor", "sigma")),
         *(moved, number(n["rho"], ".3f")),
         *(number(n[key], ".0f") for key in ("frames", "worth")),
         _millimetres(n["apart"]),

@@ -127,7 +127,7 @@ def fit_poses(segment: str, points: Sequence[PosePoint], reference: int = 0) -> 
     """
     names = ", ".join(point.name for point in points) or "none"
     if len(points) < 3:
-        return f"{segment} has {len(points)} points ({names}); its pose needs 3"
+        return f"{segment} has {len(points)} point{'s' * (len(points) != 1)} ({names}); its pose needs 3"
     x = np.ascontiguousarray(np.stack([point.x for point in points]))
     shape = fit_template(x)
     if np.isnan(shape.points).any():

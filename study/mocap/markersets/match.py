@@ -192,7 +192,7 @@ def _lost(markerset: MarkerSet, seen: set[str]) -> dict[str, str]:
         if not any(marker in seen for marker in markerset.markers_for(joint)):
             lost[joint.name] = f"{joint.child} has none of {', '.join(markerset.markers_for(joint))}"
         elif len(has) + helped < 3:
-            words = f"{parent.name} has {len(has)} markers ({', '.join(has) or 'none'})"
+            words = f"{parent.name} has {len(has)} marker{'s' * (len(has) != 1)} ({', '.join(has) or 'none'})"
             lost[joint.name] = f"{words}; its pose needs 3" + (f", or 2 and {above.name}" if above else "")
     return {joint.name: lost[joint.name] for joint in markerset.joints if joint.name in lost}
 

@@ -28,7 +28,7 @@ def test_poses_from_markers(figure):
     assert {name for name, each in poses.items() if isinstance(each, SegmentPoses)} == {
         "pelvis", "thorax", "head", "left_forearm", "right_forearm", "left_foot", "right_foot",
     }  # fmt: skip
-    assert poses["left_hand"] == "left_hand has 1 points (LFIN); its pose needs 3"
+    assert poses["left_hand"] == "left_hand has 1 point (LFIN); its pose needs 3"
     assert "2 points (RTHI, RKNE)" in poses["right_thigh"]
 
 

@@ -34,7 +34,7 @@ def test_what_is_lacking_and_what_can_still_be_found():
     assert found.lacking == {"pelvis": ("RBWT",), "left_hand": ("LFIN",), "right_thigh": ("RTHI",)}
     assert found.lost == {
         "left_wrist": "left_hand has none of LFIN",
-        "right_knee": "right_thigh has 1 markers (RKNE); its pose needs 3, or 2 and right_hip",
+        "right_knee": "right_thigh has 1 marker (RKNE); its pose needs 3, or 2 and right_hip",
         "right_ankle": "right_shank has 2 markers (RSHN, RANK); its pose needs 3, or 2 and right_knee",
     }
     assert len(found.joints) == 11
