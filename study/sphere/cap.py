@@ -12,15 +12,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from study.sphere.cap_quantile import CapLaw, cap_law, to_heights
-from study.sphere.jit import CHUNK, compiled, fill
-from study.sphere.random.sfc64 import LANES, fill_words, put_back, spare, to_uniform
+from study.sphere.jit import CHUNK, aligned, compiled, compiled_as_written, fill, fma
+from study.sphere.random.sfc64 import LANES, fill_words, from_one, put_back, spare, to_uniform
 from study.sphere.random.ziggurat import to_normals
 from study.sphere.types import Floats, Words
 
-_EIGHTH = 0.25 * math.pi
-_S3, _S5, _S7, _S9, _S11, _S13, _S15 = ((-1.0) ** k / math.factorial(2 * k + 1) for k in range(1, 8))
-_C2, _C4, _C6, _C8, _C10, _C12, _C14, _C16 = ((-1.0) ** k / math.factorial(2 * k) for k in range(1, 9))
-"""Terms of sine and cosine; the next ones are below 1e-16 up to π/4."""
+_EIGHTH = 0.125 * math.pi
+_S3, _S5, _S7, _S9, _S11, _S13 = ((-1.0) ** k / math.factorial(2 * k + 1) for k in range(1, 7))
+_C2, _C4, _C6, _C8, _C10, _C12 = ((-1.0) ** k / math.factorial(2 * k) for k in range(1, 7))
+"""Terms of sine and cosine; the next ones are below 3e-17 up to π/8."""
 _1, _2, _4 = (np.uint64(k) for k in (1, 2, 4))
 
 
@@ -55,20 +55,28 @@ def _to_sign(words: Words, row: Floats) -> None:
         row[k] = 1.0 if words[k] & _1 else -1.0
 
 
-@compiled
-def _to_circle(words: Words, x: Floats, y: Floats) -> None:
-    """Write points of the unit circle: an angle in [0, π/4), its sine and cosine by short series, and three mirrors."""
-    to_uniform(words, x)
-    for k in range(x.size):
-        angle, word = _EIGHTH * x[k], words[k]
-        q = angle * angle
-        sine = angle + angle * q * (_S3 + q * (_S5 + q * (_S7 + q * (_S9 + q * (_S11 + q * (_S13 + q * _S15))))))
-        cosine = _C4 + q * (_C6 + q * (_C8 + q * (_C10 + q * (_C12 + q * (_C14 + q * _C16)))))
-        cosine = 1.0 + q * (_C2 + q * cosine)
-        across = sine if word & _1 else cosine
-        along = cosine if word & _1 else sine
-        x[k] = across if word & _2 else -across
-        y[k] = along if word & _4 else -along
+@compiled_as_written
+def _circle_point(word: np.uint64) -> tuple[float, float]:
+    """A point of the unit circle: half an angle in [0, π/8), its sine and cosine doubled, and three mirrors."""
+    half = _EIGHTH * (from_one(word) - 1.0)
+    q = half * half
+    sine = fma(q, fma(q, fma(q, fma(q, fma(q, _S13, _S11), _S9), _S7), _S5), _S3)
+    sine = fma(half * q, sine, half)
+    cosine = fma(q, fma(q, fma(q, fma(q, fma(q, _C12, _C10), _C8), _C6), _C4), _C2)
+    cosine = fma(q, cosine, 1.0)
+    sine, cosine = 2.0 * sine * cosine, fma(-2.0 * sine, sine, 1.0)
+    across, along = (sine, cosine) if word & _1 else (cosine, sine)
+    return across if word & _2 else -across, along if word & _4 else -along
+
+
+@compiled_as_written
+def _to_cap(words: Words, height: float, t: Floats, x: Floats, y: Floats) -> None:
+    """Write directions in three dimensions, from two words each: a uniform number times ``height``, and the rest."""
+    for k in range(t.size):
+        t[k] = (from_one(words[k]) - 1.0) * height
+        length = math.sqrt(t[k] * (2.0 - t[k]))
+        across, along = _circle_point(words[t.size + k])
+        x[k], y[k] = across * length, along * length
 
 
 @compiled
@@ -108,24 +116,22 @@ def _draw(state: Words, height: float, directions: Floats, normals: Floats) -> N
     """
     b, d, n = directions.shape
     per_sample = d + (d - 1 if d < 4 else d)
-    words, length, lane = np.empty(per_sample * CHUNK, dtype=np.uint64), np.empty(CHUNK), spare(state)
-    outside = np.empty(CHUNK, dtype=np.int64)
+    words, lane = aligned(per_sample * CHUNK).view(np.uint64), spare(state)
+    outside = aligned(CHUNK).view(np.int64)
     for trial in range(b):
         for start in range(0, n, CHUNK):
             m = min(CHUNK, n - start)
             fill_words(state, words[: -(-per_sample * m // LANES) * LANES])
-            t = directions[trial, 0, start : start + m]
-            to_uniform(words, t)
-            for k in range(m):
-                t[k] *= height
+            t, across = directions[trial, 0, start : start + m], directions[trial, 1, start : start + m]
             used = m
-            if d == 2:
-                _to_sign(words, directions[trial, 1, start : start + m])
-            elif d == 3:
-                _to_circle(words[m:], directions[trial, 1, start : start + m], directions[trial, 2, start : start + m])
-                _aim(directions, trial, start, length[:m])
+            if d == 3:
+                _to_cap(words, height, t, across, directions[trial, 2, start : start + m])
                 used += m
             else:
+                to_uniform(words, t)
+            if d == 2:
+                _to_sign(words, across)
+            elif d > 3:
                 for i in range(1, d):
                     lane = to_normals(words[used:], directions[trial, i, start : start + m], lane, outside)
                     used += m

@@ -9,6 +9,8 @@ from scipy import stats
 
 from study.experiment.streams import lanes
 from study.sphere.cap import draw, sample_cap
+from study.sphere.jit import CHUNK
+from study.sphere.random.sfc64 import fill_words
 
 EPS = np.finfo(float).eps
 
@@ -71,6 +73,34 @@ def test_points_of_the_circle_are_sines_and_cosines():
             angle = mpmath.atan2(y, x)
             assert abs(length * mpmath.cos(angle) - x) < 4 * EPS * length
             assert abs(length * mpmath.sin(angle) - y) < 4 * EPS * length
+
+
+@pytest.mark.parametrize("angle", [1e-7, 1.0, math.pi])
+def test_directions_are_accurate_to_the_last_bits(angle):
+    """In three dimensions: t = 2 sin²(φ/2) v, and √(t(2 - t)) times a sine and a cosine, of 40 digits.
+
+    v and the angle come from the upper 52 bits of two words, and the quadrant's half and the signs from the lowest
+    three. 257 samples, so that the last one is in a chunk of its own.
+    """
+    n = 257
+    u, z = np.empty((2, 1, 3, n))
+    draw(lanes(1, "digits"), angle, u, z)
+    state, words = lanes(1, "digits"), np.empty((2, 5 * CHUNK), dtype=np.uint64)
+    for row in words:
+        fill_words(state, row)
+    chunks = ((words[0, :CHUNK], words[0, CHUNK : 2 * CHUNK]), (words[1, :1], words[1, 1:2]))
+    pairs = [pair for chunk in chunks for pair in zip(*(row.tolist() for row in chunk), strict=True)]
+    for (first, second), found in zip(pairs, u[0].T, strict=True):
+        with mpmath.workdps(40):
+            t = 2 * mpmath.sin(mpmath.mpf(angle) / 2) ** 2 * mpmath.mpf(first >> 12) / 2**52
+            turn = mpmath.pi / 4 * mpmath.mpf(second >> 12) / 2**52
+            across, along = mpmath.sin(turn), mpmath.cos(turn)
+            if not second & 1:
+                across, along = along, across
+            length = mpmath.sqrt(t * (2 - t))
+            expected = t, across * length * (1 if second & 2 else -1), along * length * (1 if second & 4 else -1)
+            for one, other in zip(found.tolist(), expected, strict=True):
+                assert abs(one - other) <= 4 * EPS * abs(other)
 
 
 def test_normals_are_normal_and_do_not_follow_one_another():

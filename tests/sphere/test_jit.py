@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import study
-from study.sphere.jit import compiled, total
+from study.sphere.jit import aligned, compiled, total
 
 PROGRAM = """
 import numpy as np
@@ -99,6 +99,16 @@ def test_two_threads_that_call_first_share_one_compiled_function():
         assert list(pool.map(twice, range(8))) == [2.0 * k for k in range(8)]
         assert len(set(pool.map(lambda _: id(twice.code), range(8)))) == 1
     assert (twice.__name__, twice.__doc__) == ("twice", "Double a number.")
+
+
+@pytest.mark.parametrize("count", [1, 5, 256])
+def test_aligned_memory_begins_with_a_cache_line(count):
+    """Its address is a multiple of 64 bytes, and it has as many numbers as asked for, which are its own."""
+    rows = [aligned(count) for _ in range(20)]
+    assert all(row.ctypes.data % 64 == 0 and row.shape == (count,) and row.flags.c_contiguous for row in rows)
+    for k, row in enumerate(rows):
+        row[:] = k
+    assert [row.sum() for row in rows] == [count * k for k in range(20)]
 
 
 def test_kernels_are_pickled_by_name():

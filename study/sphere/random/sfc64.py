@@ -8,7 +8,7 @@ Source: SFC64 by C. Doty-Humphrey (PractRand).
 
 import numpy as np
 
-from study.sphere.jit import compiled
+from study.sphere.jit import compiled, float_of
 from study.sphere.types import Floats, Words
 
 Lane = tuple[np.uint64, np.uint64, np.uint64, np.uint64]
@@ -18,6 +18,8 @@ LANES = 32
 WORDS = 3 * (LANES + 1)
 """Number of random words of 64 bits that seed a state."""
 _WARM_UP = 12
+_STEPS = 4
+"""Steps that a generator takes while its state is in registers."""
 _1, _3, _11, _12, _24, _40 = (np.uint64(k) for k in (1, 3, 11, 12, 24, 40))
 _ONE = np.uint64(0x3FF0000000000000)
 """The bits of 1.0."""
@@ -52,21 +54,24 @@ def put_back(state: Words, lane: Lane) -> None:
 
 
 @compiled
+def _step(state: Words, words: Words, steps: int) -> None:
+    """Take some steps with each generator, whose number the compiler knows: LANES words, and so on."""
+    first, second, third, counts = state[0, :LANES], state[1, :LANES], state[2, :LANES], state[3, :LANES]
+    for k in range(LANES):
+        lane = first[k], second[k], third[k], counts[k]
+        for step in range(steps):
+            words[step * LANES + k], lane = next_word(lane)
+        first[k], second[k], third[k], counts[k] = lane
+
+
+@compiled
 def fill_words(state: Words, words: Words) -> None:
     """Fill a row with words, LANES at a time; its length is a multiple of that."""
-    a, b, c, count = state[0, :LANES], state[1, :LANES], state[2, :LANES], state[3, 0]  # all have the same counter
-    for start in range(0, words.size, LANES):
-        out = words[start : start + LANES]
-        for k in range(LANES):
-            old, other = b[k], c[k]
-            bits = a[k] + old + count
-            out[k] = bits
-            a[k] = old ^ (old >> _11)
-            b[k] = other + (other << _3)
-            c[k] = ((other << _24) | (other >> _40)) + bits
-        count += _1
-    for k in range(LANES):
-        state[3, k] = count
+    whole = words.size - words.size % (_STEPS * LANES)
+    for start in range(0, whole, _STEPS * LANES):
+        _step(state, words[start : start + _STEPS * LANES], _STEPS)
+    for start in range(whole, words.size, LANES):
+        _step(state, words[start : start + LANES], 1)
 
 
 @compiled
@@ -76,16 +81,19 @@ def uniform(word: np.uint64) -> float:
 
 
 @compiled
-def to_uniform(words: Words, row: Floats) -> None:
-    """Turn words into as many numbers in [0, 1), by their upper 52 bits.
+def from_one(word: np.uint64) -> float:
+    """A number in [1, 2), of which the upper 52 bits of a word are the fraction.
 
-    As the fraction of a float in [1, 2): processors that turn several integers into floats at once are rare.
+    Processors that turn several integers into floats at once are rare.
     """
-    bits = row.view(np.uint64)
+    return float_of((word >> _12) | _ONE)
+
+
+@compiled
+def to_uniform(words: Words, row: Floats) -> None:
+    """Turn words into as many numbers in [0, 1)."""
     for k in range(row.size):
-        bits[k] = (words[k] >> _12) | _ONE
-    for k in range(row.size):
-        row[k] -= 1.0
+        row[k] = from_one(words[k]) - 1.0
 
 
 @compiled
