@@ -54,7 +54,7 @@ def _scatter(
     rows = np.empty((1, d, CHUNK))
     for t in range(b):
         weight = weights[t % len(weights)]
-        part = weight[:CHUNK]
+        part = weight[: min(CHUNK, n)]
         view = window(directions, t, 0, part.size, rows, zero)
         middle, _ = _sums(view, part, zero, square)
         whole = total(part)
@@ -62,7 +62,8 @@ def _scatter(
             middle = put(middle, i, middle[i] / whole)
         whole, first, second = 0.0, fresh(zero), fresh(square)
         for start in range(0, n, CHUNK):
-            part = weight[start : start + CHUNK]
+            place = start % weight.size
+            part = weight[place : place + min(CHUNK, n - start)]
             view = window(directions, t, start, part.size, rows, zero)
             more, squares = _sums(view, part, middle, square)
             whole += total(part)
@@ -78,7 +79,10 @@ def _scatter(
 
 
 def weighted_scatter(directions: Floats, weights: Floats) -> tuple[Floats, Floats, Floats]:
-    """Σω, ū = Σωu/Σω and Σω(u-ū)(u-ū)ᵀ for a batch of directions (b, d, n) and weights (b, n), or (1, n) for all."""
+    """Σω, ū = Σωu/Σω and Σω(u-ū)(u-ū)ᵀ for a batch of directions (b, d, n) and weights (b, n), or (1, n) for all.
+
+    Weights (1, CHUNK), or (b, CHUNK), are those of each chunk of samples: equal weights need no row of their own.
+    """
     b, d, _ = directions.shape
     sums, mean, scatter = np.empty(b), np.empty((b, d)), np.empty((b, d, d))
     _scatter(np.ascontiguousarray(directions), weights, sums, mean, scatter, zeros(d), zeros(d, d))

@@ -5,7 +5,9 @@ import numpy as np
 import pytest
 
 import study
+from study.sphere.bounds import weighted_scatter
 from study.sphere.cap import heights, sample_cap
+from study.sphere.jit import CHUNK
 
 
 def full_bound(directions, covariance, radius):
@@ -42,6 +44,14 @@ def test_eliminated_directions(rng, d, radius):
     covariance = a @ a.T + 0.1 * np.eye(d)
     expected = full_bound(u, covariance, radius)
     assert np.abs(study.crlb(u, covariance) - expected).max() < 1e-10 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("n", [4, CHUNK - 1, CHUNK, CHUNK + 1, 1000])
+def test_equal_weights_need_no_row_of_their_own(rng, n):
+    """Weights of one chunk stand for those of all, to the bit."""
+    u, ones = sample_cap(rng, 2 * n, 1.0).T.reshape(3, 2, n).swapaxes(0, 1), np.ones((1, n))
+    for few, many in zip(weighted_scatter(u, ones[:, :CHUNK]), weighted_scatter(u, ones), strict=True):
+        np.testing.assert_array_equal(few, many)
 
 
 @pytest.mark.parametrize("d", [2, 3])

@@ -7,6 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from study.sphere.bounds import bound_from_scatter, normal_weights, weighted_scatter
+from study.sphere.jit import CHUNK
 from study.sphere.types import Floats
 
 
@@ -64,7 +65,7 @@ class IsotropicGaussian:
 
     def unit_bound(self, directions: Floats) -> Floats:
         """The bound with equal weights of all samples."""
-        return _bound(directions, np.ones((1, directions.shape[2])))
+        return _bound(directions, np.ones((1, CHUNK)))  # a row of n would be read from memory
 
 
 @dataclass(frozen=True)
