@@ -96,7 +96,8 @@ class Study(Frozen):
 
     def conditions(self) -> tuple[Condition, ...]:
         """The conditions that have a column in the study's tables."""
-        return tuple(c for c in STORED if not c.silent or c.name in self.design.given())
+        given = self.design.given()
+        return tuple(c for c in STORED if not c.silent or c.name in given)
 
     def canonical(self) -> str:
         """The config as JSON, as far as it determines the error table.

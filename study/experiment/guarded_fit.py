@@ -42,9 +42,10 @@ def attempt(name: str, samples: Samples) -> tuple[Estimates, dict[int, str]]:
 def _called(name: str, samples: Samples) -> Estimates:
     """Call an estimator; ValueError if it does not answer once for each set of points."""
     fit, (b, d, _) = ESTIMATORS[name](samples), samples.shape
-    for field, expected in zip(Estimates._fields, blank(b, d), strict=True):
-        if getattr(fit, field).shape != expected.shape:
-            raise ValueError(f"{field} has shape {getattr(fit, field).shape}, expected {expected.shape}")
+    for field in Estimates._fields:
+        expected, shape = (b, d) if field == "center" else (b,), getattr(fit, field).shape
+        if shape != expected:
+            raise ValueError(f"{field} has shape {shape}, expected {expected}")
     return fit
 
 
