@@ -2,7 +2,7 @@
 
 In exact arithmetic this is Kåsa's fit, `gdke` (theory 0.1); it differs in its rounding errors. The columns are
 (1, y₁ … y_d) with y relative to a point near the data, so that a distant origin costs no digits; the reflection
-of the first column then is the centring. The data are appended to the triangle R chunk by chunk, so one pass suffices.
+of the first column then is the centring. Rows are appended to the triangle R some at a time, so one pass suffices.
 """
 
 import math
@@ -13,12 +13,14 @@ from study.estimators.estimates import Estimates, blank
 from study.estimators.kasa import noise_of_residuals
 from study.estimators.samples import Samples
 from study.estimators.status import Status
-from study.sphere.jit import CHUNK, Sums, compiled, compiled_as_written, dot, fill, fresh, put, total, zeros
+from study.sphere.jit import CHUNK, Sums, aligned, compiled, compiled_as_written, dot, fill, fresh, put, total, zeros
 from study.sphere.layouts import PointSets, View, abreast, at, extent, near, readable, window
 from study.sphere.linalg import eigenbasis
 from study.sphere.types import Floats
 
 _EPS = 2.0**-52
+_AT_ONCE = 2 * CHUNK
+"""Rows that are appended at once: more in a loop cost less, as long as they stay in a first-level cache."""
 
 
 def lls(samples: Samples) -> Estimates:
@@ -132,7 +134,8 @@ def _fit_all(x: PointSets, group: int, fit: Estimates, residual: Floats, scatter
     """
     b, d, n = extent(x)
     q = d + 2
-    rows, copy, products, beta = np.empty((q, CHUNK)), np.empty((1, d, CHUNK)), np.empty(q), np.empty(d + 1)
+    rows, copy = aligned(q * _AT_ONCE).reshape((q, _AT_ONCE)), np.empty((1, d, _AT_ONCE))
+    products, beta = np.empty(q), np.empty(d + 1)
     origins, triangles = np.empty((group, d)), np.empty((group, q, q))
     fill(rows[0], 1.0)
     for head in range(0, b, group):
@@ -141,8 +144,8 @@ def _fit_all(x: PointSets, group: int, fit: Estimates, residual: Floats, scatter
             point = near(x, head + g, n, copy, zero)
             for i in range(d):
                 origins[g, i] = point[i]
-        for start in range(0, n, CHUNK):
-            m = min(CHUNK, n - start)
+        for start in range(0, n, _AT_ONCE):
+            m = min(_AT_ONCE, n - start)
             for g in range(group):
                 origin = fresh(zero)
                 for i in range(d):
