@@ -3,23 +3,16 @@
 To add one, write such a module and a line in `FIGURES`. All computing is in ``prepare``; ``draw`` reads no files.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator, Mapping
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Protocol
 
 from matplotlib.figure import Figure
 
-from study.figures import fig_calibration, fig_efficiency, fig_map, fig_posterior, fig_regret, fig_robustness, style
+from study.figures import style
 from study.figures.failure import FAILED, failure
 from study.figures.inputs import NotApplicable, Tables
-from study.figures.paper import (
-    fig2_error,
-    fig3_gdke_ellipse,
-    fig4_ugdk_ellipse,
-    fig5_methods,
-    fig6_mgdk,
-    fig7_power_law,
-)
 from study.runs.storage.atomic_write import RunError, explained
 from study.runs.storage.run_folder import Run
 
@@ -34,20 +27,47 @@ class FigureModule(Protocol):
         """Draw the frame."""
 
 
-FIGURES: dict[str, FigureModule] = {
-    "fig2_error": fig2_error,
-    "fig3_gdke_ellipse": fig3_gdke_ellipse,
-    "fig4_ugdk_ellipse": fig4_ugdk_ellipse,
-    "fig5_methods": fig5_methods,
-    "fig6_mgdk": fig6_mgdk,
-    "fig7_power_law": fig7_power_law,
-    "fig_efficiency": fig_efficiency,
-    "fig_regret": fig_regret,
-    "fig_map": fig_map,
-    "fig_robustness": fig_robustness,
-    "fig_posterior": fig_posterior,
-    "fig_calibration": fig_calibration,
-}
+class FigureModules(Mapping[str, FigureModule]):
+    """Modules of figures by the figures' names, each loaded when it is first asked for.
+
+    Args:
+        rooms: folders of the modules, relative to this one, by the figures' names.
+    """
+
+    def __init__(self, rooms: Mapping[str, str]) -> None:
+        self._rooms = rooms
+
+    def __getitem__(self, name: str) -> FigureModule:
+        """The module of a figure."""
+        return import_module(f"{__name__}{self._rooms[name]}.{name}")
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._rooms)
+
+    def __len__(self) -> int:
+        return len(self._rooms)
+
+    def __contains__(self, name: object) -> bool:
+        """True if there is such a figure; nothing is loaded."""
+        return name in self._rooms
+
+
+FIGURES: Mapping[str, FigureModule] = FigureModules(
+    {
+        "fig2_error": ".paper",
+        "fig3_gdke_ellipse": ".paper",
+        "fig4_ugdk_ellipse": ".paper",
+        "fig5_methods": ".paper",
+        "fig6_mgdk": ".paper",
+        "fig7_power_law": ".paper",
+        "fig_efficiency": "",
+        "fig_regret": "",
+        "fig_map": "",
+        "fig_robustness": "",
+        "fig_posterior": "",
+        "fig_calibration": "",
+    }
+)
 
 __all__ = ["FAILED", "FIGURES", "FigureModule", "NotApplicable", "Tables", "draw_all"]
 

@@ -24,7 +24,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from study.analysis.asymptotics import gdke_leaves, median_at_bound, median_attainable, noise_at_kappa, ugdk_leaves
-from study.experiment.conditions import STORED
 from study.figures import style
 from study.figures.inputs import NotApplicable, Tables, at_first
 from study.sphere.cap_moments import CapMoments, cap_moments
@@ -68,27 +67,26 @@ def prepare(tables: Tables) -> EfficiencyFrame:
         raise NotApplicable('needs many trials of each condition: kind = "grid" in the config')
     if not tables.noise_law.isotropic:
         raise NotApplicable("compares with an isotropic bound: needs a config without noise_shape")
-    errors = tables.errors
-    used = {*(condition.name for condition in STORED), "estimator", "error", "bound"}
-    errors = errors[[name for name in errors if name in used]]
-    if (many := errors["samples"] == errors["samples"].max()).sum() < len(errors):
-        errors = errors[many]
-    errors = at_first(errors, besides=("noise", "angle"))
-    level = errors["noise"] / errors["radius"]
+    if "errors" not in tables.stored:
+        raise NotApplicable('needs every error: keep = "errors" in the config')
+    cells = tables.summary.drop_duplicates("group")  # the conditions of each cell, where the error table repeats them
+    cells = at_first(cells[cells["samples"] == cells["samples"].max()], besides=("noise", "angle"))
+    level = cells["noise"] / cells["radius"]
     if level.nunique() < _LEAST_LEVELS:
         raise NotApplicable(f"needs at least {_LEAST_LEVELS} levels of noise in the grid, not {level.nunique()}")
-    samples = int(errors["samples"].iloc[0])
-    ratio = (errors["error"] / errors["bound"]).fillna(np.inf)
-    rows = []
-    needed = errors[["angle", "estimator"]].assign(level=level, ratio=ratio)
-    groups = needed.groupby(["angle", "estimator", "level"], observed=True, sort=False)
-    caps = {angle: cap_moments(math.radians(angle), tables.dimension) for angle in errors["angle"].unique()}
+    samples = int(cells["samples"].iloc[0])
+    place = dict(zip(cells["group"], zip(cells["angle"], level, strict=True), strict=True))
+    caps = {angle: cap_moments(math.radians(angle), tables.dimension) for angle in cells["angle"].unique()}
     shown = _shown(tables.estimators)
-    for (angle, estimator, noise), part in groups:
-        if estimator not in shown:
+    errors = tables.some_errors(["cell", "estimator", "error", "bound"], shown)
+    ratios = (errors["error"] / errors["bound"]).fillna(np.inf)
+    rows = []
+    for (cell, estimator), part in ratios.groupby([errors["cell"], errors["estimator"]], observed=True, sort=False):
+        if cell not in place:
             continue
+        angle, noise = place[cell]
         unit = median_at_bound(caps[angle], tables.dimension)
-        median = quantile(part["ratio"].to_numpy(), 0.5)
+        median = quantile(part.to_numpy(), 0.5)
         rows.append((angle, str(estimator), noise, median.value / unit, median.error / unit, len(part)))
     columns = ["angle", "estimator", "level", "ratio", "error", "trials"]
     curves = pd.DataFrame(rows, columns=columns)

@@ -1,8 +1,9 @@
-"""Input of a figure: a run's tables in memory; `NotApplicable` says why a run cannot feed a figure."""
+"""Input of a figure: a run's tables; `NotApplicable` says why a run cannot feed a figure."""
 
 from collections.abc import Collection
 from dataclasses import dataclass
-from typing import Self
+from functools import cached_property
+from typing import Protocol, Self
 
 import pandas as pd
 
@@ -15,22 +16,27 @@ class NotApplicable(Exception):  # noqa: N818  not an error: most runs cannot fe
     """A figure that cannot be drawn from a run; the message is the reason, in words for a user."""
 
 
+class TableReader(Protocol):
+    """Reader of stored tables, as a run is."""
+
+    def table(
+        self, name: str, columns: Collection[str] | None = None, estimators: Collection[str] | None = None
+    ) -> pd.DataFrame:
+        """Read a table, or some of its columns and some estimators' rows."""
+
+
 @dataclass(frozen=True)
 class Tables:
-    """Tables of a run in memory.
+    """Tables of a run, each read when it is first asked for, and once.
 
     Attributes:
         name: the run's name, which is printed on every figure, and the law that the bound is of, if that is in doubt.
         dimension: d of the spheres.
         design: "grid" or "random".
         noise_law: the law of the noise of a sample.
-        rows: the error table, `errors` to the figures, of a run without points or posteriors without the columns of
-            parameters other than the centre; None if the study kept its summary alone.
-        summary: the summary table; see `study.runs.storage.schemas.summary`.
-        points: the points of the trials that were kept; None if none were.
-        posterior: a row per chain; None if none was run. See `study.runs.storage.schemas.posterior`.
-        answers: the estimators' answers beside the chains, likewise.
-        draws: draws of the chains that were kept, likewise.
+        reader: the run.
+        stored: names of its tables.
+        used: columns of the error table that `errors` has; all if None.
         independent: True if no two cells share their directions and noise.
     """
 
@@ -38,17 +44,14 @@ class Tables:
     dimension: int
     design: str
     noise_law: NoiseLaw
-    rows: pd.DataFrame | None
-    summary: pd.DataFrame
-    points: pd.DataFrame | None = None
-    posterior: pd.DataFrame | None = None
-    answers: pd.DataFrame | None = None
-    draws: pd.DataFrame | None = None
+    reader: TableReader
+    stored: frozenset[str]
+    used: tuple[str, ...] | None = None
     independent: bool = True
 
     @classmethod
     def of(cls, run: Run) -> Self:
-        """Load a finished run.
+        """Find the tables of a finished run, and check all of them.
 
         Raises:
             RunError: if a table is missing, because the run did not finish, or its budget ended before any trial.
@@ -56,17 +59,21 @@ class Tables:
         study = run.study
         # figures of single trials read every column; the others these, which are a third of a large table
         every = study.keep_points or study.posterior is not None
-        used = ["cell", "trial", *(c.name for c in study.conditions()), "estimator", "error", "bound", "status"]
+        used = ("cell", "trial", *(c.name for c in study.conditions()), "estimator", "error", "bound", "status")
+        names = ["errors"] if study.keep == "errors" else []
+        names += ["summary", *(["points"] if study.keep_points else [])]
+        names += ["posterior", "answers", "draws"] if run.has("posterior") else []
+        for name in names:
+            run.require(name)
         tables = cls(
             name=" · ".join(filter(None, [study.run_name(), bound_law(study.design.given())])),
             dimension=study.dimension,
             design=study.design.kind,
             independent=study.independent(),
             noise_law=study.noise_law,
-            rows=run.table("errors", None if every else used) if study.keep == "errors" else None,
-            summary=run.table("summary"),
-            points=run.table("points") if study.keep_points else None,
-            **{name: run.table(name) for name in ("posterior", "answers", "draws") if run.has("posterior")},
+            reader=run,
+            stored=frozenset(names),
+            used=None if every else used,
         )
         if tables.summary.empty:
             raise RunError(
@@ -74,22 +81,59 @@ class Tables:
             )
         return tables
 
-    @property
+    @cached_property
     def errors(self) -> pd.DataFrame:
         """The error table; see `study.runs.storage.schemas.errors`.
+
+        Of a run without points or posteriors it has no columns of parameters other than the centre.
 
         Raises:
             NotApplicable: if the study kept its summary alone.
         """
-        if self.rows is None:
+        return self.some_errors(self.used)
+
+    def some_errors(self, columns: Collection[str] | None, estimators: Collection[str] | None = None) -> pd.DataFrame:
+        """Read some columns of the error table, and some estimators' rows: of a large table a small part is read sooner.
+
+        Raises:
+            NotApplicable: if the study kept its summary alone.
+        """
+        if "errors" not in self.stored:
             raise NotApplicable('needs every error: keep = "errors" in the config')
-        return self.rows
+        return self.reader.table("errors", columns, estimators)
+
+    @cached_property
+    def summary(self) -> pd.DataFrame:
+        """The summary table; see `study.runs.storage.schemas.summary`."""
+        return self.reader.table("summary")
+
+    @cached_property
+    def points(self) -> pd.DataFrame | None:
+        """The points of the trials that were kept; None if none were."""
+        return self._if_stored("points")
+
+    @cached_property
+    def posterior(self) -> pd.DataFrame | None:
+        """A row per chain; None if none was run. See `study.runs.storage.schemas.posterior`."""
+        return self._if_stored("posterior")
+
+    @cached_property
+    def answers(self) -> pd.DataFrame | None:
+        """The estimators' answers beside the chains, likewise."""
+        return self._if_stored("answers")
+
+    @cached_property
+    def draws(self) -> pd.DataFrame | None:
+        """Draws of the chains that were kept, likewise."""
+        return self._if_stored("draws")
+
+    def _if_stored(self, name: str) -> pd.DataFrame | None:
+        return self.reader.table(name) if name in self.stored else None
 
     @property
     def estimators(self) -> list[str]:
         """Names of the estimators, in the order of the config."""
-        table = self.summary if self.rows is None else self.rows
-        return [str(name) for name in table["estimator"].unique()]
+        return [str(name) for name in self.summary["estimator"].unique()]
 
 
 def at_first(table: pd.DataFrame, besides: Collection[str]) -> pd.DataFrame:

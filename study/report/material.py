@@ -103,8 +103,9 @@ class Record:
         """
         one = tables.summary[tables.summary["estimator"] == tables.estimators[0]]
         samples = int((one["planned"] * one["samples"]).sum())
-        if tables.rows is not None:  # in a random design a row of the summary has many numbers of samples
-            samples = int(tables.rows.loc[tables.rows["estimator"] == tables.estimators[0], "samples"].sum())
+        rows = tables.errors if "errors" in tables.stored else None
+        if rows is not None:  # in a random design a row of the summary has many numbers of samples
+            samples = int(rows.loc[rows["estimator"] == tables.estimators[0], "samples"].sum())
         main, by_decade = run.study.keep, run.study.design.one_trial_a_cell
         return cls(
             run=run,
@@ -116,8 +117,8 @@ class Record:
             samples=samples,
             summary=tables.summary,
             timings=run.table("timings"),
-            worst=None if tables.rows is None else worst(tables.rows),
-            worst_of_groups=None if tables.rows is None else worst_of_groups(tables.rows, by_decade),
+            worst=None if rows is None else worst(rows),
+            worst_of_groups=None if rows is None else worst_of_groups(rows, by_decade),
             main=main,
             fingerprint=run.fingerprint(main) or "",
         )

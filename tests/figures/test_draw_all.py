@@ -1,5 +1,4 @@
 import builtins
-import dataclasses
 import hashlib
 import os
 import subprocess
@@ -225,7 +224,29 @@ def test_figures_carry_the_runs_name_and_trials(runs, frames, kind, name):
 def test_tables_are_left_alone(circles, name):
     """A figure changes none of the tables that the next one is drawn from."""
     tables = Tables.of(circles)
-    before = dataclasses.replace(tables, rows=tables.errors.copy(), summary=tables.summary.copy())
+    errors, summary = tables.errors.copy(), tables.summary.copy()
     FIGURES[name].draw(FIGURES[name].prepare(tables)).draw_without_rendering()
-    assert tables.errors.equals(before.errors)
-    assert tables.summary.equals(before.summary)
+    assert tables.errors.equals(errors)
+    assert tables.summary.equals(summary)
+
+
+def test_other_figures_are_not_loaded(random, tmp_path):
+    """A figure alone is drawn without the others' modules, and without a library that takes longer than the figure."""
+    code = (
+        "import sys; from pathlib import Path; from study.figures import draw_all; "
+        "from study.runs.storage.run_folder import Run; "
+        f"draw_all(Run.open(Path({str(random.folder)!r})), Path({str(tmp_path)!r}), ['fig2_error']); "
+        "print(*(m for m in sys.modules if '.fig' in m or m in ('scipy.stats', 'numba')))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded = [name for name in done.stdout.split() if name.startswith(("study.figures.", "scipy", "numba"))]
+    assert loaded == ["study.figures.paper.fig2_error"]
+
+
+def test_some_errors_are_those_of_the_table(circles):
+    """Some columns of some estimators are the same rows that the whole table has."""
+    tables = Tables.of(circles)
+    some = tables.some_errors(["cell", "estimator", "error"], ["gdke", "mle"])
+    whole = tables.errors
+    told = whole.loc[whole["estimator"].isin(["gdke", "mle"]), ["cell", "estimator", "error"]]
+    assert some.reset_index(drop=True).equals(told.reset_index(drop=True))

@@ -135,8 +135,10 @@ def test_marks(small, samples):
 def test_other_axes(small, make_tables):
     """Shown are the greatest number of samples, and the first radius and centre."""
     base = small(samples=1000)
-    others = [small(samples=10, change=lambda e: e.assign(cell=e["cell"] + "n")), small(radius=3.0, samples=1000)]
-    others.append(small(samples=1000, center=7.0))
+    others = [
+        small(change=lambda e, ending=ending: e.assign(cell=e["cell"] + ending), **{"samples": 1000} | columns)
+        for ending, columns in {"n": {"samples": 10}, "r": {"radius": 3.0}, "c": {"center": 7.0}}.items()
+    ]
     spoiled = [tables.errors.assign(error=1e9) for tables in others]
     frame = fig_efficiency.prepare(make_tables(pd.concat([base.errors, *spoiled], ignore_index=True), "grid"))
     pd.testing.assert_frame_equal(frame.curves, fig_efficiency.prepare(base).curves)

@@ -18,7 +18,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import scipy
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -29,6 +28,7 @@ from study.figures import style
 from study.figures.inputs import NotApplicable, Tables
 from study.sphere.types import Floats
 from study.statistics.performance import FAR
+from study.statistics.theil_sen import theil_sen
 
 _MOST_COLUMNS = 4
 _MOST_FOR_SLOPE = 2000  # Theil and Sen's slope takes memory of their square
@@ -112,7 +112,7 @@ def _panel(name: str, part: pd.DataFrame, limits: tuple[int, int]) -> dict[str, 
     some = usable.iloc[:_MOST_FOR_SLOPE]  # trials are exchangeable
     slope = low = high = math.nan
     if len(some) >= 3:
-        slope, _, low, high = scipy.stats.theilslopes(np.log10(some["error"]), np.log10(some["noise"]), alpha=0.95)
+        slope, low, high = theil_sen(np.log10(some["noise"].to_numpy()), np.log10(some["error"].to_numpy()))
     on_scale = (part["error"] >= 10.0 ** limits[0]) & (part["error"] <= 10.0 ** limits[1])
     return {
         "estimator": name,

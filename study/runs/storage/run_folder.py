@@ -169,6 +169,15 @@ class Run:
 
     def read(self, name: str, read: Callable[[Path], T]) -> T:
         """Read a table's file with a function; see `table`."""
+        path = self.require(name)
+        try:
+            return read(path)
+        except (OSError, pa.ArrowException, ValueError, KeyError) as error:
+            words = " ".join(str(error).split())
+            raise RunError(f"{path}: cannot be read: {words}; {self.again(name)} makes it again") from None
+
+    def require(self, name: str) -> Path:
+        """Give the path of a table that is there and as its manifest says; see `table`."""
         path = self.path(name)
         if name == "errors" and self.study.keep == "summary":
             raise RunError(
@@ -177,11 +186,7 @@ class Run:
         if not path.is_file():
             raise RunError(f"{path}: missing; finish the run with {self.again()}")
         self.check(name)
-        try:
-            return read(path)
-        except (OSError, pa.ArrowException, ValueError, KeyError) as error:
-            words = " ".join(str(error).split())
-            raise RunError(f"{path}: cannot be read: {words}; {self.again(name)} makes it again") from None
+        return path
 
     def check(self, name: str) -> None:
         """Raise a RunError unless a stored table has the digest that its manifest says, and the columns declared."""
