@@ -93,7 +93,7 @@ class Tables:
         return self.some_errors(self.used)
 
     def some_errors(self, columns: Collection[str] | None, estimators: Collection[str] | None = None) -> pd.DataFrame:
-        """Read some columns of the error table, and some estimators' rows: of a large table a small part is read sooner.
+        """Read some columns of the error table, and some estimators' rows: a part is read sooner.
 
         Raises:
             NotApplicable: if the study kept its summary alone.
