@@ -28,14 +28,18 @@ def claims(folders: Folders, cost: Cost = None, recording: Recordings = None, as
     number, name, section, statement, quantity, value, error, trials, verdict, finding, criterion, remark, reads, runs
     and figure.
     """
-    from study.analysis.claims import as_data, judge_all, printed, save
+    from study.analysis.claims import as_data, judge_all, key, printed, save, stored
     from study.mocap.case_study.stored_case_studies import read_case_studies
     from study.runs.storage.run_folder import Run
     from study.text.json_text import json_text
 
     runs = [Run.open(folder) for folder in folders]
-    judged = judge_all(runs, cost, read_case_studies(recording) if recording else None)
-    save(runs[0], judged)
+    spreads = read_case_studies(recording) if recording else None
+    known = key(runs, cost, spreads)
+    judged = stored(runs[0], known)
+    if judged is None:
+        judged = judge_all(runs, cost, spreads)
+        save(runs[0], judged, known)
     lines = [json_text(as_data(runs, judged))] if as_json else printed(judged)
     for line in lines:
         typer.echo(line)
@@ -53,7 +57,7 @@ def report(
 
     It has the claims, figures, tables and provenance, and needs no other file.
     """
-    from study.analysis.claims import judge_all
+    from study.analysis.claims import judge_all, key, stored
     from study.mocap.case_study.stored_case_studies import read_case_studies
     from study.report.page import render, save
     from study.report.speed import read_bench
@@ -61,5 +65,8 @@ def report(
 
     runs = [Run.open(folder) for folder in folders]
     measured = read_bench(bench) if bench else None
-    judged = judge_all(runs, cost, read_case_studies(recording) if recording else None)
+    spreads = read_case_studies(recording) if recording else None
+    judged = stored(runs[0], key(runs, cost, spreads))
+    if judged is None:
+        judged = judge_all(runs, cost, spreads)
     typer.echo(str(save(render(runs, judged, measured, jobs), out or runs[0].folder / "report.html")))

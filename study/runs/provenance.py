@@ -26,9 +26,14 @@ def software() -> dict[str, Any]:
         "commit": _git("rev-parse", "HEAD"),
         "dirty": bool(_git("status", "--porcelain", "--untracked-files=no")),
         "python": platform.python_version(),
-        "packages": {name: _version(name) for name in _PACKAGES},
+        "packages": packages(),
         "code_generated_for": os.environ.get("NUMBA_CPU_NAME", "native"),
     }
+
+
+def packages() -> dict[str, str | None]:
+    """Versions of the libraries that numbers and pictures depend on."""
+    return {name: _version(name) for name in _PACKAGES}
 
 
 def described(software: Mapping[str, Any]) -> str:

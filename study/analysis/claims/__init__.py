@@ -3,7 +3,7 @@
 To add a claim, write a `Claim` in the file of its subject: the tables it reads, its measure, and its rule.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,8 @@ from study.analysis.claims import (
 from study.analysis.claims.claim import Claim, Verdict
 from study.analysis.claims.evaluate import evaluate, frame
 from study.analysis.claims.evidence import Evidence
-from study.runs.storage import schemas
+from study.runs import kept
+from study.runs.storage import digests, schemas
 from study.runs.storage.lock import writing
 from study.runs.storage.run_folder import Run
 from study.text.columns import columns
@@ -40,7 +41,7 @@ CLAIMS: tuple[Claim, ...] = (
     *recordings.CLAIMS,
 )
 
-__all__ = ["CLAIMS", "Claim", "Evidence", "Verdict", "as_data", "judge_all", "printed", "save"]
+__all__ = ["CLAIMS", "Claim", "Evidence", "Verdict", "as_data", "judge_all", "key", "printed", "save", "stored"]
 
 
 def judge_all(runs: Iterable[Run], cost: Path | None = None, spreads: pd.DataFrame | None = None) -> pd.DataFrame:
@@ -61,13 +62,42 @@ def judge_all(runs: Iterable[Run], cost: Path | None = None, spreads: pd.DataFra
     return frame(evaluate(CLAIMS, evidence), evidence)
 
 
-def save(run: Run, claims: pd.DataFrame) -> None:
-    """Store the claims table in a run's folder; a stored one stays where no claim could be judged."""
+def key(runs: Sequence[Run], cost: Path | None = None, spreads: pd.DataFrame | None = None) -> str | None:
+    """Key of all that claims are judged by; see `study.runs.kept.key`, and `judge_all` for the arguments."""
+    digest = None if cost is None else digests.of_file(cost)
+    if (digest is None) != (cost is None):
+        return None
+    table = None if spreads is None else spreads.to_csv(float_format="%.17g")
+    return kept.key(runs, "claims", digest, table)
+
+
+def stored(run: Run, known: str | None) -> pd.DataFrame | None:
+    """The claims table that a run's folder has, if it was judged by the same tables and the same program, else None.
+
+    Args:
+        run: the run in whose folder the table was stored.
+        known: the key; see `key`.
+    """
+    digest = kept.find(run, "claims", known)
+    if digest is None or not run.valid("claims") or digest.decode() != run.fingerprint("claims"):
+        return None
+    return run.table("claims")
+
+
+def save(run: Run, claims: pd.DataFrame, known: str | None = None) -> None:
+    """Store the claims table in a run's folder; a stored one stays where no claim could be judged.
+
+    Args:
+        run: the run.
+        claims: the claims table.
+        known: the key of what the claims were judged by; see `key`.
+    """
     if run.valid("claims") and bool((claims["verdict"] == Verdict.NOT_EVALUATED).all()):
         return
     data = {column.name: claims[column.name].to_numpy() for column in schemas.CLAIMS}
     with writing(run.folder):
         run.save("claims", schemas.table(schemas.CLAIMS, data))
+    kept.keep(run, "claims", known, str(run.fingerprint("claims")).encode())
 
 
 def as_data(runs: Iterable[Run], claims: pd.DataFrame) -> dict[str, Any]:

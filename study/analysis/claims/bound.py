@@ -6,6 +6,7 @@ nearly equal. If a claim's number is the extreme over many cells, its criterion 
 
 import math
 from itertools import pairwise
+from statistics import NormalDist
 
 import pandas as pd
 import scipy
@@ -19,7 +20,7 @@ from study.analysis.claims.medians import At, furthest_from_one, greatest, media
 from study.sphere.cap_moments import CapMoments, cap_moments
 from study.statistics.measures import Measure, mean, moments_exist, quantile, root_mean_square
 
-_NORMAL_MEDIAN = float(scipy.special.ndtri(0.75))
+_NORMAL_MEDIAN = NormalDist().inv_cdf(0.75)
 """Median of the absolute value of a standard normal deviate."""
 
 
