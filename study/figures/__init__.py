@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from study.figures import style
 from study.figures.failure import FAILED, failure
 from study.figures.inputs import NotApplicable, Tables
+from study.figures.kept_pictures import KeptPictures
 from study.runs.storage.atomic_write import RunError, explained
 from study.runs.storage.run_folder import Run
 
@@ -69,11 +70,11 @@ FIGURES: Mapping[str, FigureModule] = FigureModules(
     }
 )
 
-__all__ = ["FAILED", "FIGURES", "FigureModule", "NotApplicable", "Tables", "draw_all"]
+__all__ = ["FAILED", "FIGURES", "FigureModule", "KeptPictures", "NotApplicable", "Tables", "draw_all"]
 
 
 def draw_all(run: Run, folder: Path, names: Collection[str] = ()) -> tuple[list[Path], dict[str, str]]:
-    """Draw every figure that a run has the tables for.
+    """Draw every figure that a run has the tables for; one that was drawn from the same tables before is copied.
 
     Args:
         run: a finished run.
@@ -87,7 +88,7 @@ def draw_all(run: Run, folder: Path, names: Collection[str] = ()) -> tuple[list[
     Raises:
         RunError: if the run did not finish, or the folder is a file or cannot be made.
     """
-    tables = Tables.of(run)
+    tables, pictures = Tables.of(run), KeptPictures(run)
     with explained(folder, of_run=False):
         if folder.exists() and not folder.is_dir():
             raise RunError(f"{folder}: is a file, not a folder; choose another with --out")
@@ -97,7 +98,11 @@ def draw_all(run: Run, folder: Path, names: Collection[str] = ()) -> tuple[list[
     for name in names or FIGURES:
         figure = FIGURES[name]
         try:
-            drawn += style.save(figure.draw(figure.prepare(tables)), folder / name)
+            found = pictures.find(name, figure)
+            if found is None:
+                found = style.encoded(figure.draw(figure.prepare(tables)))
+                pictures.keep(name, figure, found)
+            drawn += [style.save_bytes(folder / f"{name}.{kind}", data) for kind, data in found.items()]
         except NotApplicable as reason:
             skipped[name] = str(reason)
         except Exception as error:  # a figure that fails must not cost the others

@@ -180,7 +180,6 @@ _ANONYMOUS: dict[str, dict[str, Any]] = {
 """Metadata fields of each format that hold time and software; they are left empty."""
 
 
-@journal()
 def save(figure: Figure, path: Path) -> list[Path]:
     """Write a figure as PNG and SVG, without date or software in them, so that equal figures are equal files.
 
@@ -191,12 +190,24 @@ def save(figure: Figure, path: Path) -> list[Path]:
     Returns:
         The paths written.
     """
-    drawn = save_picture(figure, path.with_name(f"{path.name}.png"))
+    return [save_bytes(path.with_name(f"{path.name}.{kind}"), data) for kind, data in encoded(figure).items()]
+
+
+def encoded(figure: Figure) -> dict[str, bytes]:
+    """Encode a figure as PNG and SVG; the bytes by format."""
+    png = encode(figure, "png")
     figure.set_layout_engine("none")  # it stays, for making it takes as long as the picture
-    return [drawn, save_picture(figure, path.with_name(f"{path.name}.svg"))]
+    return {"png": png, "svg": encode(figure, "svg")}
 
 
 @journal()
+def encode(figure: Figure, kind: str) -> bytes:
+    """Encode a figure as png, svg or pdf, without date or software, so that equal figures are equal bytes."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format=kind, metadata=_ANONYMOUS[kind])
+    return buffer.getvalue()
+
+
 def save_picture(figure: Figure, path: Path) -> Path:
     """Write a figure to one file, in the format that its suffix names: png, svg or pdf.
 
@@ -206,11 +217,14 @@ def save_picture(figure: Figure, path: Path) -> Path:
     kind = path.suffix.lower().removeprefix(".")
     if kind not in _ANONYMOUS:
         raise RunError(f"{path}: cannot be drawn: give a name that ends in .{', .'.join(_ANONYMOUS)}")
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format=kind, metadata=_ANONYMOUS[kind])
+    return save_bytes(path, encode(figure, kind))
+
+
+def save_bytes(path: Path, data: bytes) -> Path:
+    """Write an encoded picture to a file; see `save_picture`."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        write(path, buffer.getvalue())
+        write(path, data)
     except OSError as error:
         raise RunError(f"{path}: cannot be written: {error.strerror or error}") from None
     return path

@@ -8,7 +8,7 @@ import pandas as pd
 from pydantic import BaseModel, ValidationError
 
 from study.analysis.worst import worst, worst_of_groups
-from study.figures import Tables
+from study.figures import KeptPictures, Tables
 from study.report.blocks import Picture
 from study.report.drawing import artist
 from study.report.findings import Headline, findings
@@ -162,7 +162,7 @@ class Material:
                 tables = Tables.of(run)
                 if tables.name in {record.name for record in records}:
                     raise RunError(f"{run.folder}: {tables.name} is given twice")
-                gallery.add(tables)
+                gallery.add(tables, KeptPictures(run))
                 records.append(Record.of(run, tables))
             found = findings(claims, gallery.efficiency)
             pictures, lead = gallery.finish()

@@ -2,7 +2,6 @@
 
 import base64
 import inspect
-import io
 import re
 from collections.abc import Callable
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from study.figures import FIGURES, FigureModule, NotApplicable, Tables, style
+from study.figures import FIGURES, FigureModule, KeptPictures, NotApplicable, Tables, style
 from study.figures.failure import failure
 from study.figures.fig_efficiency import EfficiencyFrame
 from study.report.blocks import Content, InlineCode, Link, Picture, Text
@@ -18,14 +17,14 @@ from study.report.drawing import Artist
 from study.report.findings import nearest_cap
 from study.report.words import count
 
-_DPI = 160
-"""Pixels per inch of the figures on the page: sharp at twice the width that a phone has."""
+_LEAD = "fig_efficiency"
+"""Figure that the top of the page has a part of."""
 _SHOWN = ("gdke", "lls", "ugdk", "mle", "als", "corrected")
 """Estimators of the paper, and those to use instead, in the order of drawing."""
 
 
 class Gallery:
-    """The figures that runs can feed, each drawn from the first run that can.
+    """The figures that runs can feed, each drawn from the first run that can, unless its picture was kept.
 
     Args:
         artist: draws the pictures; see `study.report.drawing`.
@@ -37,28 +36,47 @@ class Gallery:
 
     def __init__(self, artist: Artist) -> None:
         self._artist = artist
-        self._begun: dict[str, tuple[str, Callable[[], Picture | str]]] = {}
-        self._lead: Callable[[], Picture] | None = None
+        self._begun: dict[str, tuple[str, Callable[[], bytes | str]]] = {}
+        self._lead: Callable[[], bytes | str] | None = None
         self.undrawn: dict[str, dict[str, str]] = {}
         self.efficiency: EfficiencyFrame | None = None
 
-    def add(self, tables: Tables) -> None:
-        """Begin to draw the figures that a run can feed and no earlier run could."""
+    def add(self, tables: Tables, pictures: KeptPictures) -> None:
+        """Begin to draw the figures that a run can feed and no earlier run could.
+
+        Args:
+            tables: the run's.
+            pictures: those that were drawn from them before.
+        """
         for name, figure in FIGURES.items():
             if name in self._begun:
                 continue
+            found = pictures.find(name, figure, ["png"])
             try:
-                frame = figure.prepare(tables)
+                frame = figure.prepare(tables) if found is None or name == _LEAD else None
             except NotApplicable as reason:
                 self.undrawn.setdefault(name, {})[tables.name] = str(reason)
             except Exception as error:  # a figure that fails must not cost the page
                 self.undrawn.setdefault(name, {})[tables.name] = failure(error)
             else:
                 self.undrawn.pop(name, None)
-                self._begun[name] = tables.name, self._artist.begin(_picture, name, frame, tables.name)
+                self._begun[name] = tables.name, self._begin(pictures, name, figure, frame)
                 if isinstance(frame, EfficiencyFrame):
                     self.efficiency = frame
-                    self._lead = self._artist.begin(lead, frame)
+                    self._lead = self._begin(pictures, "lead", figure, frame)
+
+    def _begin(self, pictures: KeptPictures, name: str, figure: FigureModule, frame: Any) -> Callable[[], bytes | str]:
+        """Begin to draw a picture, unless it was kept; what it returns waits for it, and keeps it."""
+        if found := pictures.find(name, figure, ["png"]):
+            return lambda: found["png"]
+        drawing = self._artist.begin(_drawn, name, frame)
+
+        def wait() -> bytes | str:
+            if isinstance(drawn := drawing(), bytes):
+                pictures.keep(name, figure, {"png": drawn})
+            return drawn
+
+        return wait
 
     def finish(self) -> tuple[dict[str, Picture], Picture | None]:
         """Wait for the pictures.
@@ -71,15 +89,16 @@ class Gallery:
         for name in (name for name in FIGURES if name in self._begun):
             run, drawing = self._begun[name]
             drawn = drawing()
-            if isinstance(drawn, Picture):
-                found[name] = drawn
+            if isinstance(drawn, bytes):
+                found[name] = picture(name, FIGURES[name], drawn, run)
             else:
                 self.undrawn[name] = {run: drawn}
-        return found, self._lead() if self._lead is not None and "fig_efficiency" in found else None
+        top = self._lead() if self._lead is not None and _LEAD in found else None
+        return found, lead(self.efficiency, top) if self.efficiency is not None and isinstance(top, bytes) else None
 
 
-def lead(efficiency: EfficiencyFrame) -> Picture:
-    """The picture at the top of the page."""
+def lead(efficiency: EfficiencyFrame, data: bytes) -> Picture:
+    """The picture at the top of the page, given as PNG."""
     angle = nearest_cap(efficiency)
     at = f"Cap of {angle:g}°, N\u00a0=\u00a0{count(efficiency.samples)}."
     words = f"Median error of each estimator over the Cramér-Rao bound, against noise. {at}"
@@ -88,17 +107,13 @@ def lead(efficiency: EfficiencyFrame) -> Picture:
         Text([words, advice]),
         Text([Link("The whole figure", "fig_efficiency"), f", {efficiency.stamp}"]),
     ]
-    return embedded("lead", draw_lead(efficiency, angle), words, caption)
+    return embedded("lead", data, words, caption)
 
 
 @style.journal()
-def draw_lead(frame: EfficiencyFrame, angle: float) -> Figure:
-    """Draw the picture at the top of the page, one panel: few estimators, both bounds, the legend where no curve is.
-
-    Args:
-        frame: medians over the bound.
-        angle: half-angle of the cap, in degrees, one of the frame's.
-    """
+def draw_lead(frame: EfficiencyFrame) -> Figure:
+    """Draw the picture at the top of the page, one panel: few estimators, both bounds, the legend where no curve is."""
+    angle = nearest_cap(frame)
     figure = Figure(figsize=(4.7, 3.7), layout="constrained")
     ax = figure.subplots()
     ax.set_xscale("log")
@@ -121,24 +136,23 @@ def draw_lead(frame: EfficiencyFrame, angle: float) -> Figure:
     return figure
 
 
-def _picture(name: str, frame: Any, run: str) -> Picture | str:
-    """Draw a figure; its failure in words if it fails."""
+def _drawn(name: str, frame: Any) -> bytes | str:
+    """Draw a figure as PNG; its failure in words if it fails."""
     try:
-        return picture(name, FIGURES[name], frame, run)
+        return style.encode(draw_lead(frame) if name == "lead" else FIGURES[name].draw(frame), "png")
     except Exception as error:  # a figure that fails must not cost the page
         return failure(error)
 
 
-def picture(name: str, figure: FigureModule, frame: Any, run: str) -> Picture:
-    """Draw a figure from its frame, with its title, its advice and the name of the run as caption."""
+def picture(name: str, figure: FigureModule, data: bytes, run: str) -> Picture:
+    """A figure's PNG with its title, its advice and the name of the run as caption."""
     title, look = described(figure)
     caption = [Text(title), *([Text(look)] if look else []), Text([InlineCode(name), f", run {run}"])]
-    return embedded(name, figure.draw(frame), f"{title} Run {run}.", caption)
+    return embedded(name, data, f"{title} Run {run}.", caption)
 
 
-def embedded(name: str, figure: Figure, alt: str, caption: Content) -> Picture:
-    """A figure as a picture that needs no other file."""
-    data = png(figure)
+def embedded(name: str, data: bytes, alt: str, caption: Content) -> Picture:
+    """A PNG as a picture that needs no other file."""
     # a PNG begins with a signature, a length and "IHDR"; then come width and height
     width, height = (int.from_bytes(data[i : i + 4], "big") for i in (16, 20))
     return Picture(name, f"data:image/png;base64,{base64.b64encode(data).decode()}", alt, width, height, caption)
@@ -149,11 +163,3 @@ def described(figure: FigureModule) -> tuple[str, str]:
     paragraphs = [" ".join(part.split()) for part in re.split(r"\n\s*\n", inspect.getdoc(figure) or "")]
     paragraphs = [part.replace("``", "") for part in paragraphs]
     return paragraphs[0], next((part for part in paragraphs[1:] if part.startswith("Look at")), "")
-
-
-@style.journal()
-def png(figure: Figure) -> bytes:
-    """Encode a figure as PNG without the software's name, so that equal figures are equal bytes."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=_DPI, metadata={"Software": None})
-    return buffer.getvalue()
