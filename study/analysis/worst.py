@@ -1,10 +1,11 @@
 """The worst trials of a run: the largest errors among the fits whose status is ok."""
 
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+import pyarrow.parquet as pq
 
 from study.analysis.error_groups import decade, label
 from study.estimators import Status
@@ -61,7 +62,7 @@ def worst_of_groups(errors: pd.DataFrame, by_decade: bool) -> pd.DataFrame:
     keys = [groups[ratio.index], pd.factorize(errors["estimator"])[0][ratio.index]]
     where = ratio.groupby(keys, sort=True).idxmax().to_numpy()
     named = errors[["cell", "trial", "estimator", "noise", "radius"]].iloc[where]
-    found = label(named, by_decade).astype({"cell": str, "estimator": str})
+    found = label(named, by_decade).astype({"group": str, "cell": str, "estimator": str})
     return found.assign(ratio=ratio[where].to_numpy())[["group", "estimator", "cell", "trial", "ratio"]]
 
 
@@ -82,9 +83,36 @@ def of_run(run: Run, count: int, estimator: str | None = None) -> pd.DataFrame:
     known = run.study.estimators
     if estimator is not None and estimator not in known:
         raise RunError(f"{run.folder}: no estimator {estimator!r} in this run; {did_you_mean(estimator, known)}")
+    return worst(pd.concat([worst(part, count, estimator) for part in _parts(run)], ignore_index=True), count)
+
+
+class WorstOfRun(NamedTuple):
+    """The worst trials of a run, and the worst of each group and estimator; see `worst` and `worst_of_groups`."""
+
+    trials: pd.DataFrame
+    of_groups: pd.DataFrame
+
+
+def worst_of_run(run: Run, count: int = 5) -> WorstOfRun:
+    """Find the worst trials in one pass through a run's error table.
+
+    Raises:
+        RunError: if the run did not finish.
+    """
+    by_decade = run.study.design.one_trial_a_cell
+    found = [WorstOfRun(worst(part, count), worst_of_groups(part, by_decade)) for part in _parts(run)]
+    groups = pd.concat([part.of_groups for part in found], ignore_index=True)
+    first = groups.groupby(["group", "estimator"], sort=False)["ratio"].idxmax()
+    return WorstOfRun(worst(pd.concat([part.trials for part in found], ignore_index=True), count), groups.loc[first])
+
+
+def _parts(run: Run) -> Iterator[pd.DataFrame]:
+    """A run's error table, some rows at a time: new memory for millions of rows takes longer than reading them."""
     conditions = [condition.name for condition in run.study.conditions()]
-    used = ["cell", "trial", *conditions, "estimator", "error", "bound", "status"]
-    return worst(run.table("errors", used), count, estimator)
+    columns = ["cell", "trial", *conditions, "estimator", "error", "bound", "status"]
+    file: Any = run.read("errors", pq.ParquetFile)
+    for index in range(file.num_row_groups):
+        yield file.read_row_group(index, columns=columns).to_pandas()
 
 
 def as_data(run: Run, found: pd.DataFrame) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from typing import Self
 import pandas as pd
 from pydantic import BaseModel, ValidationError
 
-from study.analysis.worst import worst, worst_of_groups
+from study.analysis.worst import worst_of_run
 from study.figures import KeptPictures, Tables
 from study.report.blocks import Picture
 from study.report.drawing import artist
@@ -103,10 +103,9 @@ class Record:
         """
         one = tables.summary[tables.summary["estimator"] == tables.estimators[0]]
         samples = int((one["planned"] * one["samples"]).sum())
-        rows = tables.errors if "errors" in tables.stored else None
-        if rows is not None:  # in a random design a row of the summary has many numbers of samples
-            samples = int(rows.loc[rows["estimator"] == tables.estimators[0], "samples"].sum())
-        main, by_decade = run.study.keep, run.study.design.one_trial_a_cell
+        if tables.design == "random" and "errors" in tables.stored:  # a row of the summary has many numbers of samples
+            samples = int(tables.some_errors(["samples"], tables.estimators[:1])["samples"].sum())
+        main, found = run.study.keep, worst_of_run(run) if "errors" in tables.stored else None
         return cls(
             run=run,
             name=tables.name,
@@ -117,8 +116,8 @@ class Record:
             samples=samples,
             summary=tables.summary,
             timings=run.table("timings"),
-            worst=None if rows is None else worst(rows),
-            worst_of_groups=None if rows is None else worst_of_groups(rows, by_decade),
+            worst=None if found is None else found.trials,
+            worst_of_groups=None if found is None else found.of_groups,
             main=main,
             fingerprint=run.fingerprint(main) or "",
         )

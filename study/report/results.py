@@ -58,8 +58,11 @@ def efficiency(record: Record) -> list[Block]:
     titles, conditions, fixed = _conditions(frame, by_decade)
     shown = [name for name in record.estimators if name in set(frame["estimator"])]
     bounded, rows = has_bounds(record.run.study), []
-    for _, part in frame.groupby("group", sort=False):
-        found = {str(row["estimator"]): row for row in part.to_dict("records")}
+    groups: dict[object, list[RowValues]] = {}
+    for row in frame.to_dict("records"):
+        groups.setdefault(row["group"], []).append(row)
+    for part in groups.values():
+        found = {str(row["estimator"]): row for row in part}
         first = next(iter(found.values()))
         cells: list[Content] = [*(make(first) for make in conditions), words.count(int(first["planned"]))]
         if bounded:

@@ -135,7 +135,7 @@ def test_gdke_and_lls():
 
 def test_the_picture_has_both_bounds(efficiency):
     """A curve for each estimator, the attainable bound where it is, the Cramér-Rao bound at 1."""
-    (axes,) = draw_lead(efficiency, 60.0).axes
+    (axes,) = draw_lead(efficiency).axes
     lines = {line.get_label(): np.asarray(line.get_ydata()) for line in axes.lines}
     assert list(lines) == ["UGDK", "MLE", "ALS", "attainable bound", "Cramér-Rao bound"]
     assert np.array_equal(lines["attainable bound"], [2.0, 2.0, 2.0])

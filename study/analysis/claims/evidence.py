@@ -10,6 +10,7 @@ from study.analysis.joint_markers import JointMarkers, joint_markers
 from study.experiment.conditions import STORED
 from study.runs.storage import schemas
 from study.runs.storage.run_folder import Run, RunError
+from study.sphere.types import Ints
 
 _NAMED = frozenset(
     (
@@ -50,6 +51,7 @@ class Evidence:
     cost: pd.DataFrame | None = None
     recordings: pd.DataFrame | None = None
     _read: dict[tuple[str, str], pd.DataFrame] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _order: dict[str, Ints] = field(default_factory=dict, init=False, repr=False, compare=False)
     _joints: dict[str, list[JointMarkers]] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @classmethod
@@ -91,8 +93,11 @@ class Evidence:
         known = self._read.get((config, "errors"), pd.DataFrame())
         missing = [name for name in (columns if len(known.columns) else [*_ALWAYS, *columns]) if name not in known]
         if missing:
-            found = self._stored(config, "errors", {*missing, "cell", "estimator"}, _NAMED)
-            found = found.sort_values(["estimator", "cell"], kind="stable", ignore_index=True)
+            found = self._stored(config, "errors", missing, _NAMED)
+            if config not in self._order:
+                keys = found[["estimator", "cell"]].reset_index(drop=True)
+                self._order[config] = keys.sort_values(["estimator", "cell"], kind="stable").index.to_numpy()
+            found = found.take(self._order[config]).reset_index(drop=True)
             known = found if known.empty else known.assign(**{name: found[name] for name in missing})
             self._read[config, "errors"] = known
         return known

@@ -21,8 +21,8 @@ class Stored:
         if name not in self.tables:
             raise RunError(f"{self.name}/{name}.parquet: missing")
         frame = self.tables[name]
-        frame = frame if columns is None else frame[[each for each in frame.columns if each in columns]]
-        return frame if estimators is None else frame[frame["estimator"].isin(estimators)]
+        frame = frame if estimators is None else frame[frame["estimator"].isin(estimators)]
+        return frame if columns is None else frame[[each for each in frame.columns if each in columns]]
 
 
 @pytest.fixture(scope="session")
