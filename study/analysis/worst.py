@@ -16,6 +16,9 @@ from study.sphere.types import Floats
 from study.text.columns import columns
 from study.text.nearest import did_you_mean
 
+_GROUPS = 8
+"""Row groups of an error table in memory at a time: a million rows."""
+
 
 def worst(errors: pd.DataFrame, count: int = 5, estimator: str | None = None) -> pd.DataFrame:
     """The trials with the largest error over the bound, among the fits that are ok.
@@ -111,8 +114,9 @@ def _parts(run: Run) -> Iterator[pd.DataFrame]:
     conditions = [condition.name for condition in run.study.conditions()]
     columns = ["cell", "trial", *conditions, "estimator", "error", "bound", "status"]
     file: Any = run.read("errors", pq.ParquetFile)
-    for index in range(file.num_row_groups):
-        yield file.read_row_group(index, columns=columns).to_pandas()
+    for first in range(0, file.num_row_groups, _GROUPS):
+        groups = range(first, min(first + _GROUPS, file.num_row_groups))
+        yield file.read_row_groups(list(groups), columns=columns).to_pandas()
 
 
 def as_data(run: Run, found: pd.DataFrame) -> dict[str, Any]:

@@ -1,7 +1,6 @@
 """Pictures of a run's figures, kept beside its tables: `study figures` and the page draw each of them once."""
 
 from collections.abc import Collection, Mapping
-from types import ModuleType
 
 from study.runs import kept
 from study.runs.storage.run_folder import Run
@@ -26,13 +25,13 @@ class KeptPictures:
 
         Args:
             name: the figure's.
-            figure: its module; a figure that is not a module has sources that the key does not know.
+            figure: its module; nothing is kept of one from elsewhere, since the key does not know its source.
             kinds: the formats that are needed.
 
         Returns:
             The pictures by format; None if one of them was not kept.
         """
-        if not isinstance(figure, ModuleType):
+        if not _shipped(figure):
             return None
         found = {kind: kept.find(self._run, f"{name}.{kind}", self._key) for kind in kinds}
         known = {kind: picture for kind, picture in found.items() if picture is not None}
@@ -40,6 +39,11 @@ class KeptPictures:
 
     def keep(self, name: str, figure: object, pictures: Mapping[str, bytes]) -> None:
         """Keep a figure's pictures, given by format; for the other arguments see `find`."""
-        if isinstance(figure, ModuleType):
+        if _shipped(figure):
             for kind, picture in pictures.items():
                 kept.keep(self._run, f"{name}.{kind}", self._key, picture)
+
+
+def _shipped(figure: object) -> bool:
+    """True if a figure is a module of this package."""
+    return str(getattr(figure, "__name__", "")).startswith("study.")

@@ -2,6 +2,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from study.analysis import worst as module
 from study.analysis.worst import worst
 from study.estimators import Status
 
@@ -61,3 +62,18 @@ def test_the_table_is_left_as_it_is():
     assert [*ERRORS.columns, "ratio"] == list(worst(ERRORS).columns)
     assert before.equals(ERRORS)
     assert worst(ERRORS[:0]).empty
+
+
+def test_part_by_part(circles, random, monkeypatch):
+    """The worst trials of a run, found some rows at a time, are those of its whole error table."""
+    for run in (circles, random):
+        errors, by_decade = run.table("errors"), run.study.design.one_trial_a_cell
+        parts = np.array_split(np.arange(len(errors)), 7)
+        monkeypatch.setattr(module, "_parts", lambda _, e=errors, p=parts: (e.iloc[rows] for rows in p))
+        found = module.worst_of_run(run, 6)
+        told = worst(errors, 6)
+        pd.testing.assert_frame_equal(found.trials[told.columns], told, check_dtype=False)
+        pd.testing.assert_frame_equal(module.of_run(run, 6)[told.columns], told, check_dtype=False)
+        keys = ["group", "estimator"]
+        whole = module.worst_of_groups(errors, by_decade).sort_values(keys, ignore_index=True)
+        pd.testing.assert_frame_equal(found.of_groups.sort_values(keys, ignore_index=True), whole)
