@@ -42,15 +42,15 @@ def key(runs: Sequence[Run], *asked: str | int | None) -> str | None:
     return digests.of_json(found)
 
 
-def _content(run: Run) -> tuple[str, str, dict[str, str]]:
-    """Folder, config and digests of a run's tables, each compared with its file; verdicts are results themselves."""
+def _content(run: Run) -> tuple[str, dict[str, str]]:
+    """Config and digests of a run's tables, each compared with its file; verdicts are results themselves."""
     tables = {name: digest for name, digest in run.manifest()["tables"].items() if name != "claims"}
     there = {path.stem for path in run.folder.glob("*.parquet")} - {"claims"}
     if there != set(tables):
         raise RunError(f"{run.folder}: tables without a digest, or digests without a table")
     for name in tables:
         run.check(name)
-    return str(run.folder), (run.folder / "config.toml").read_text(encoding="utf-8"), tables
+    return (run.folder / "config.toml").read_text(encoding="utf-8"), tables
 
 
 @cache

@@ -87,7 +87,7 @@ def test_without_a_key_nothing_is_kept(run):
     assert kept.find(run, "a", "key") is None
 
 
-def test_another_run(run, circles):
-    """The same tables in another folder have another key, since texts name the folder."""
-    assert kept.key([run]) != kept.key([circles])
-    assert kept.key([run, circles]) != kept.key([circles, run])
+def test_other_runs(run, circles, random):
+    """The same tables in another folder have the same key; other runs, and another order of them, have others."""
+    assert kept.key([run]) == kept.key([circles])
+    assert len({kept.key(runs) for runs in ([run], [random], [run, random], [random, run])}) == 4

@@ -68,7 +68,7 @@ def key(runs: Sequence[Run], cost: Path | None = None, spreads: pd.DataFrame | N
     if (digest is None) != (cost is None):
         return None
     table = None if spreads is None else spreads.to_csv(float_format="%.17g")
-    return kept.key(runs, "claims", digest, table)
+    return kept.key(runs, "claims", digest, table, *(str(run.folder) for run in runs))  # reasons name folders
 
 
 def stored(run: Run, known: str | None) -> pd.DataFrame | None:

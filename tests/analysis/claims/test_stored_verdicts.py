@@ -81,6 +81,12 @@ def test_another_cost_table(run, judged, tmp_path):
     assert claims.key([run], path) is None
 
 
+def test_another_folder(run, judged, tmp_path):
+    """A copy of the run elsewhere is judged again: reasons name the folder."""
+    other = Run.open(shutil.copytree(run.folder, tmp_path / "other"))
+    assert claims.stored(other, claims.key([other])) is None
+
+
 def test_another_program(run, judged, monkeypatch):
     """Verdicts of other sources or libraries are judged again."""
     monkeypatch.setattr(kept, "_program", lambda: ("other",))
