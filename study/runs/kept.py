@@ -15,14 +15,13 @@ from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 
-import study
 from study.runs.provenance import packages
 from study.runs.storage import digests
 from study.runs.storage.atomic_write import RunError, write
 from study.runs.storage.run_folder import Run
 
 FOLDER = "kept"
-_PACKAGE = Path(study.__file__).parent
+_PACKAGE = Path(__file__).parents[1]
 
 
 def key(runs: Sequence[Run], *asked: str | int | None) -> str | None:
