@@ -114,7 +114,7 @@ def _parts(run: Run) -> Iterator[pd.DataFrame]:
     conditions = [condition.name for condition in run.study.conditions()]
     columns = ["cell", "trial", *conditions, "estimator", "error", "bound", "status"]
     file: Any = run.read("errors", pq.ParquetFile)
-    for first in range(0, file.num_row_groups, _GROUPS):
+    for first in range(0, max(1, file.num_row_groups), _GROUPS):  # a table without rows is a part without rows
         groups = range(first, min(first + _GROUPS, file.num_row_groups))
         yield file.read_row_groups(list(groups), columns=columns).to_pandas()
 

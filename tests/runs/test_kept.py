@@ -11,7 +11,8 @@ from study.runs.storage.run_folder import Run
 @pytest.fixture
 def run(circles, tmp_path):
     """A run of its own, whose files a test may change."""
-    return Run.open(shutil.copytree(circles.folder, tmp_path / "run"))
+    folder = shutil.copytree(circles.folder, tmp_path / "run", ignore=shutil.ignore_patterns(kept.FOLDER))
+    return Run.open(folder)
 
 
 def test_what_was_kept_is_found(run):

@@ -20,7 +20,8 @@ def fail(*_):
 @pytest.fixture
 def run(circles, tmp_path):
     """A run of its own, whose files a test may change."""
-    return Run.open(shutil.copytree(circles.folder, tmp_path / "run"))
+    folder = shutil.copytree(circles.folder, tmp_path / "run", ignore=shutil.ignore_patterns(kept.FOLDER))
+    return Run.open(folder)
 
 
 @pytest.fixture
