@@ -146,7 +146,7 @@ def test_diff_of_a_changed_estimator(call_here, run, config, monkeypatch):
         fit.center[:] *= 2.0
         return fit
 
-    monkeypatch.setitem(study.ESTIMATORS, "lls", replace(good, function=worse, version=2))
+    monkeypatch.setitem(study.ESTIMATORS, "lls", replace(good, function=worse, version=good.version + 1))
     assert call_here(run, "run", "many.toml", "--out", "other")[0] == 0
     code, said, _ = call_here(run, "diff", "one", "other")
     assert (code, said.splitlines()[0]) == (1, "one and other: different")
