@@ -20,6 +20,8 @@ import numpy as np  # noqa: E402
 import pytest  # noqa: E402
 
 import study  # noqa: E402
+from study.runs import kept  # noqa: E402
+from study.runs.storage.run_folder import Run  # noqa: E402
 from study.sphere.cap import sample_cap  # noqa: E402
 
 CIRCLES = """
@@ -58,6 +60,16 @@ BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 FLAGS = ["--no-sandbox", "--no-first-run", "--disable-sync", "--disable-quic"]
 FLAGS += ["--disable-background-networking", "--disable-component-update"]
 FLAGS += ["--use-angle=swiftshader", "--enable-unsafe-swiftshader"]  # three dimensions without a graphics card
+
+
+@pytest.fixture
+def copied(tmp_path):
+    """A function that copies a run, without the results that were kept of it."""
+
+    def copy(run):
+        return Run.open(shutil.copytree(run.folder, tmp_path / "run", ignore=shutil.ignore_patterns(kept.FOLDER)))
+
+    return copy
 
 
 @pytest.fixture(scope="module")

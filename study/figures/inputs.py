@@ -98,9 +98,13 @@ class Tables:
         Raises:
             NotApplicable: if the study kept its summary alone.
         """
+        self.require_errors()
+        return self.reader.table("errors", columns, estimators)
+
+    def require_errors(self) -> None:
+        """Raise `NotApplicable` if the study kept its summary alone."""
         if "errors" not in self.stored:
             raise NotApplicable('needs every error: keep = "errors" in the config')
-        return self.reader.table("errors", columns, estimators)
 
     @cached_property
     def summary(self) -> pd.DataFrame:

@@ -1,15 +1,15 @@
 """Small tables with known contents, for the figures to draw."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from study.analysis.summary import summary
-from study.experiment.noise.gaussian import IsotropicGaussian, NoiseLaw
-from study.figures.inputs import NotApplicable
+from study.experiment.noise.gaussian import IsotropicGaussian
+from study.figures.inputs import Tables
 
 ESTIMATORS = ["mle", "lls", "gdke", "ugdk"]
 
@@ -45,41 +45,27 @@ def make_rows() -> Callable[..., pd.DataFrame]:
 
 
 @dataclass(frozen=True)
-class MadeTables:
-    """Tables in memory, which figures use as they use a run's (`study.figures.inputs.Tables`)."""
+class MadeTables(Tables):
+    """Tables that were made in memory, None for one that is not stored. All else is as of a run's."""
 
-    name: str
-    dimension: int
-    design: str
-    noise_law: NoiseLaw
-    rows: pd.DataFrame | None
-    summary: pd.DataFrame
+    reader: "MadeTables" = field(init=False)
+    stored: frozenset[str] = field(init=False)
+    rows: pd.DataFrame | None = None
+    summary: pd.DataFrame | None = None
     points: pd.DataFrame | None = None
     posterior: pd.DataFrame | None = None
     answers: pd.DataFrame | None = None
     draws: pd.DataFrame | None = None
-    independent: bool = True
 
-    @property
-    def stored(self):
-        return {"summary", *(["errors"] if self.rows is not None else [])}
+    def __post_init__(self):
+        object.__setattr__(self, "reader", self)
+        object.__setattr__(self, "stored", frozenset({"summary"} | ({"errors"} if self.rows is not None else set())))
 
-    @property
-    def errors(self):
-        return self.some_errors(None)
-
-    def some_errors(self, columns, estimators=None):
-        if self.rows is None:
-            raise NotApplicable('keep = "errors"')
-        found = self.rows
-        if estimators is not None:
-            found = found[found["estimator"].isin(estimators)]
+    def table(self, name, columns=None, estimators=None):
+        """The error table's rows of some estimators; all other tables are there already."""
+        assert name == "errors"
+        found = self.rows if estimators is None else self.rows[self.rows["estimator"].isin(estimators)]
         return found if columns is None else found[[each for each in found if each in columns]]
-
-    @property
-    def estimators(self):
-        table = self.summary if self.rows is None else self.rows
-        return [str(name) for name in table["estimator"].unique()]
 
 
 @pytest.fixture
@@ -89,7 +75,7 @@ def make_tables() -> Callable[..., MadeTables]:
     def make(errors: pd.DataFrame, design: str, points: pd.DataFrame | None = None) -> MadeTables:
         d = 3 if "error_3" in errors else 2
         law, short = IsotropicGaussian(d), summary(errors, design == "random")
-        return MadeTables("test-0123456789", d, design, law, errors, short, points)
+        return MadeTables("test-0123456789", d, design, law, rows=errors, summary=short, points=points)
 
     return make
 

@@ -117,8 +117,10 @@ def test_reasons(circle_tables, power_tables, figure):
     with pytest.raises(NotApplicable, match="keep_points"):
         figure.prepare(dataclasses.replace(circle_tables, points=None))
     errors = circle_tables.errors
+    both = {"rows": errors, "summary": circle_tables.summary}
+    without = {name: table[table["estimator"] != "ugdk"] for name, table in both.items()}
     with pytest.raises(NotApplicable, match="estimator ugdk"):
-        figure.prepare(dataclasses.replace(circle_tables, rows=errors[errors["estimator"] != "ugdk"]))
+        figure.prepare(dataclasses.replace(circle_tables, **without))
     with pytest.raises(NotApplicable, match="at least 50 trials"):
         figure.prepare(dataclasses.replace(circle_tables, rows=errors[errors["trial"] < 20]))
     failed = errors.assign(status=int(Status.SINGULAR))

@@ -2,7 +2,6 @@
 
 import base64
 import re
-import shutil
 from types import ModuleType
 
 import pytest
@@ -15,10 +14,9 @@ from study.runs.storage.run_folder import Run
 
 
 @pytest.fixture
-def run(random, tmp_path):
+def run(random, copied):
     """A run of its own, whose files a test may change."""
-    folder = shutil.copytree(random.folder, tmp_path / "run", ignore=shutil.ignore_patterns(kept.FOLDER))
-    return Run.open(folder)
+    return copied(random)
 
 
 @pytest.fixture

@@ -1,18 +1,14 @@
 """What is made of a run's tables is used again while all that it was made of is the same, and no longer."""
 
-import shutil
-
 import pytest
 
 from study.runs import kept
-from study.runs.storage.run_folder import Run
 
 
 @pytest.fixture
-def run(circles, tmp_path):
+def run(circles, copied):
     """A run of its own, whose files a test may change."""
-    folder = shutil.copytree(circles.folder, tmp_path / "run", ignore=shutil.ignore_patterns(kept.FOLDER))
-    return Run.open(folder)
+    return copied(circles)
 
 
 def test_what_was_kept_is_found(run):

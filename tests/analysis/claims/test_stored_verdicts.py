@@ -18,10 +18,9 @@ def fail(*_):
 
 
 @pytest.fixture
-def run(circles, tmp_path):
+def run(circles, copied):
     """A run of its own, whose files a test may change."""
-    folder = shutil.copytree(circles.folder, tmp_path / "run", ignore=shutil.ignore_patterns(kept.FOLDER))
-    return Run.open(folder)
+    return copied(circles)
 
 
 @pytest.fixture
