@@ -7,9 +7,9 @@ evolution (ter Braak 2006), which also works for posteriors that are not normal.
 best sphere, half of the walkers start there, places are proposed in coordinates in which the modes are neighbours
 (`ray_coordinates`), and one move in five is to the other side of the points.
 
-A chain is long enough when what remains after its first fifth is 50 τ long, and τ is stable to 1 %. emcee's τ is a mean
-over walkers, each about its own mean, so it does not notice walkers that stay at one mode each. Therefore a chain must
-be mixed as well, by the variance between the walkers' means; otherwise its status says so.
+A chain is long enough when what remains after its first fifth is 50 τ long, and τ is stable to 1 %. As τ does not
+notice walkers that stay at one mode each (`autocorrelation`), they must be mixed as well, by the variance between their
+means; otherwise the chain's status says so.
 """
 
 import math
@@ -22,6 +22,7 @@ from study.estimators import Samples, Status
 from study.estimators.registry import fit_samples
 from study.experiment.posterior_config import ChainStatus
 from study.experiment.streams import OldStream
+from study.posterior.autocorrelation import autocorrelation_times
 from study.posterior.density import NOISE_RANGE, LogPosterior, Prior
 from study.posterior.moves import FittedMove, MirrorMove
 from study.posterior.other_modes import other_modes_possible, spread_out
@@ -73,6 +74,14 @@ class Chain:
         return self.draws.reshape(-1, self.draws.shape[2])
 
 
+class _Sampler(emcee.EnsembleSampler):  # type: ignore[misc]
+    """emcee's sampler, for a log-posterior of all walkers at once that never returns NaN."""
+
+    def compute_log_prob(self, coords: Floats) -> tuple[Floats, None]:
+        """Log-posteriors of walkers (k, p), without emcee's search of each walker's answer for further data."""
+        return self.log_prob_fn(coords), None
+
+
 def sample(samples: Samples, prior: Prior, name: str, random: OldStream, walkers: int, max_steps: int) -> Chain:
     """Run a chain.
 
@@ -101,7 +110,7 @@ def sample(samples: Samples, prior: Prior, name: str, random: OldStream, walkers
         first = spread_out(rays, first, prior.width, random)
         moves = [(FittedMove(rays), _FITTED - _MIRRORED), (MirrorMove(rays), _MIRRORED), moves[1]]
     first = _inside(first, log_posterior)
-    sampler = emcee.EnsembleSampler(walkers, parameters, log_posterior, moves=moves, vectorize=True)
+    sampler = _Sampler(walkers, parameters, log_posterior, moves=moves)
     state = emcee.State(first, random_state=random.get_state())
     status, tau = _until_long_enough(sampler, state, max_steps)
     taken = sampler.get_chain().shape[0]
@@ -125,7 +134,7 @@ def _until_long_enough(
         taken = target
         chain = sampler.get_chain(discard=int(_WARM_UP * taken))
         with np.errstate(all="ignore"):  # walkers that never moved have no autocorrelation
-            tau = float(np.max(emcee.autocorr.integrated_time(chain, tol=0, quiet=True)))
+            tau = float(np.max(autocorrelation_times(chain)))
         needed = _LENGTH * tau
         enough = len(chain) >= needed
         if enough and abs(before - tau) < _STABLE * tau and _mixed(chain):

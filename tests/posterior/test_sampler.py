@@ -10,9 +10,7 @@ by chance, and all that are made here in 3 of 1000. Seeds are fixed.
 """
 
 import math
-import types
 
-import emcee
 import numpy as np
 import pytest
 from scipy import fft, optimize, special, stats
@@ -275,19 +273,13 @@ def test_noise_far_below_the_radius(on_cap, noise):
 
 
 class Looks:
-    """A stand-in for emcee's estimate of τ: it gives the times in turn and counts the calls."""
+    """A stand-in for the estimate of τ: it gives the times in turn and counts the calls."""
 
     def __init__(self, monkeypatch, times):
         self.times, self.steps = list(times), []
-        module = types.SimpleNamespace(autocorr=types.SimpleNamespace(integrated_time=self), **dict(self.rest()))
-        monkeypatch.setattr(sampler, "emcee", module)
+        monkeypatch.setattr(sampler, "autocorrelation_times", self)
 
-    @staticmethod
-    def rest():
-        """The other parts of emcee that are used."""
-        return ((name, getattr(emcee, name)) for name in ("EnsembleSampler", "State", "moves"))
-
-    def __call__(self, kept, **options):
+    def __call__(self, kept):
         """Give the next time for all parameters, the last one for ever."""
         self.steps.append(len(kept))
         time = self.times.pop(0) if len(self.times) > 1 else self.times[0]
