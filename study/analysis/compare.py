@@ -137,7 +137,7 @@ def _by_errors(one: Run, other: Run) -> tuple[list[Comparison], tuple[int, int],
     found = []
     for keys in a.batches(shared):
         mine, theirs = a.read(keys, columns), b.read(keys, _COLUMNS)
-        found += [_paired(key, mine[key], theirs[key], paired) for key in keys]
+        found += [_paired(key, pd.DataFrame(mine[key]), pd.DataFrame(theirs[key]), paired) for key in keys]
     only = len(a.counts) - len(shared), len(b.counts) - len(shared)
     return found, only, "errors, trial by trial" if paired else "errors over bound; the draws are not shared"
 

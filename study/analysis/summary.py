@@ -11,7 +11,6 @@ import pyarrow as pa
 
 from study.analysis.error_groups import Grouped, Key, label
 from study.experiment.conditions import STORED
-from study.experiment.errors import Columns
 from study.runs.storage import schemas
 from study.runs.storage.lock import writing
 from study.runs.storage.run_folder import Run
@@ -38,7 +37,7 @@ def rows_of_groups(run: Run, grouped: Grouped, keys: Collection[Key] | None = No
     columns, needed = schemas.summary(conditions), [*(condition.name for condition in conditions), *NEEDED]
     for some in grouped.batches(keys):
         found = grouped.read(some, needed)
-        yield schemas.table(columns, as_columns([row(*key, _arrays(found[key], needed)) for key in some]))
+        yield schemas.table(columns, as_columns([row(*key, found[key]) for key in some]))
 
 
 def summary(errors: pd.DataFrame, by_decade: bool) -> pd.DataFrame:
@@ -55,10 +54,7 @@ def summary(errors: pd.DataFrame, by_decade: bool) -> pd.DataFrame:
     errors = label(errors, by_decade)
     if by_decade:
         errors = errors.sort_values("decade", kind="stable")
-    needed = [*(condition.name for condition in STORED if condition.name in errors), *NEEDED]
+    needed = [*(condition.name for condition in STORED if condition.name in errors), *NEEDED, "decade"]
     groups = errors.groupby(["group", "estimator"], sort=False, observed=True)
-    return pd.DataFrame([row(str(group), str(estimator), _arrays(part, needed)) for (group, estimator), part in groups])
-
-
-def _arrays(part: pd.DataFrame, names: list[str]) -> Columns:
-    return {name: part[name].to_numpy() for name in [*names, "decade"]}
+    parts = (((str(g), str(e)), {name: part[name].to_numpy() for name in needed}) for (g, e), part in groups)
+    return pd.DataFrame([row(*key, columns) for key, columns in parts])
