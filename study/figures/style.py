@@ -195,17 +195,24 @@ def save(figure: Figure, path: Path) -> list[Path]:
 
 def encoded(figure: Figure) -> dict[str, bytes]:
     """Encode a figure as PNG and SVG; the bytes by format."""
-    png = encode(figure, "png")
-    figure.set_layout_engine("none")  # it stays, for making it takes as long as the picture
-    return {"png": png, "svg": encode(figure, "svg")}
+    return {kind: encode(figure, kind) for kind in ("png", "svg")}
 
 
 @journal()
 def encode(figure: Figure, kind: str) -> bytes:
     """Encode a figure as png, svg or pdf, without date or software, so that equal figures are equal bytes."""
+    _fix_layout(figure)
     buffer = io.BytesIO()
     figure.savefig(buffer, format=kind, metadata=_ANONYMOUS[kind])
     return buffer.getvalue()
+
+
+def _fix_layout(figure: Figure) -> None:
+    """Make a figure's layout, and remove the engine: it would draw the figure once more for each format."""
+    if (engine := figure.get_layout_engine()) is not None:
+        figure.set_dpi(_SETTINGS["savefig.dpi"])
+        engine.execute(figure)
+        figure.set_layout_engine(None)
 
 
 def save_picture(figure: Figure, path: Path) -> Path:
