@@ -5,12 +5,14 @@ import os
 from collections import deque
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
+
+if TYPE_CHECKING:
+    import pandas as pd  # not loaded by a command that reads no table into a data frame
 
 _ROWS_PER_GROUP = 1 << 17
 
@@ -120,7 +122,7 @@ def _encoded(table: pa.Table, schema: pa.Schema) -> pa.Table:
     return table.cast(schema)
 
 
-def save_frame(frame: pd.DataFrame, path: Path) -> None:
+def save_frame(frame: "pd.DataFrame", path: Path) -> None:
     """Write a data frame to a file of the user's choice, whole or not at all, as CSV or parquet by its suffix.
 
     Raises:

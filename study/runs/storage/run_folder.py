@@ -22,9 +22,8 @@ import os
 import sys
 from collections.abc import Callable, Collection, Iterable, Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
-import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -35,6 +34,9 @@ from study.runs.storage import digests, manifest, schemas
 from study.runs.storage.atomic_write import RunError, explained, join, write, write_table
 from study.runs.storage.manifest import Manifest, ManifestDamagedError, ManifestMissingError, ManifestNewerError
 from study.runs.storage.parts import DAMAGED, FORMAT
+
+if TYPE_CHECKING:
+    import pandas as pd  # not loaded by a command that reads no table into a data frame
 
 __all__ = ["Run", "RunError"]
 
@@ -132,7 +134,7 @@ class Run:
 
     def table(
         self, name: str, columns: Collection[str] | None = None, estimators: Collection[str] | None = None
-    ) -> pd.DataFrame:
+    ) -> "pd.DataFrame":
         """Read a stored table into a data frame.
 
         Args:
@@ -145,7 +147,7 @@ class Run:
         """
         return self.read(name, lambda path: schemas.read(path, columns, estimators))
 
-    def cell(self, name: str) -> pd.DataFrame:
+    def cell(self, name: str) -> "pd.DataFrame":
         """Read the error table's rows of one cell into a data frame, without the others.
 
         Args:

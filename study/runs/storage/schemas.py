@@ -2,9 +2,8 @@
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -12,6 +11,9 @@ from study.estimators import Status
 from study.experiment.conditions import COLUMNS, Condition, bound_law
 from study.experiment.posterior_config import ChainStatus
 from study.statistics.performance import MEASURES
+
+if TYPE_CHECKING:
+    import pandas as pd  # not loaded by a command that reads no table into a data frame
 
 
 class Column(NamedTuple):
@@ -286,7 +288,9 @@ def table(columns: list[Column], data: Mapping[str, Any]) -> pa.Table:
     return pa.table([pa.array(data[c.name], type=c.type) for c in columns], schema=schema(columns))
 
 
-def read(path: Path, columns: Collection[str] | None = None, estimators: Collection[str] | None = None) -> pd.DataFrame:
+def read(
+    path: Path, columns: Collection[str] | None = None, estimators: Collection[str] | None = None
+) -> "pd.DataFrame":
     """Read a stored table into a data frame.
 
     Args:
