@@ -25,10 +25,10 @@ COLUMNS = ("group", "what", "cost", "measured", "ratio", "aim", "machine")
 def timed(benchmark):
     """Time a function: ``timed(group, what, function, items=…, unit=…, aim=…)``; its result comes back."""
 
-    def run(group, what, function, *arguments, items=1, unit=False, aim="", rounds=15):
+    def run(group, what, function, *arguments, items=1, unit=False, aim="", rounds=15, warmup=2, setup=None):
         benchmark.group = group
         benchmark.extra_info.update(what=what, items=items, unit=unit, aim=aim)
-        return benchmark.pedantic(function, args=arguments, rounds=rounds, warmup_rounds=2)
+        return benchmark.pedantic(function, args=arguments, setup=setup, rounds=rounds, warmup_rounds=warmup)
 
     return run
 
