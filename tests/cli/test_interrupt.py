@@ -90,3 +90,28 @@ def test_workers_end_with_a_killed_parent(hold, wait_for, tmp_path):
     assert len(workers) == 2
     process.kill()
     wait_for(lambda: all(map(is_gone, workers)))
+
+
+IDLE = """
+import time
+from study.runs.workers.choose import Workers
+with Workers(backend="loky", jobs=2).open() as backend:
+    backend._options["idle_worker_timeout"] = 1e6  # in place of loky's five minutes
+    backend.restart()
+    for _ in backend.parallel([backend.call(1, time.sleep, 1000)]):
+        pass
+"""
+
+
+def test_workers_without_a_task_end_with_a_killed_parent(wait_for):
+    """A worker process that still waits for its first task ends, too, and not only when loky's patience ends."""
+
+    def workers():
+        children = psutil.Process(process.pid).children()
+        return [child for child in children if "popen_loky" in " ".join(child.cmdline())]
+
+    with subprocess.Popen([sys.executable, "-c", IDLE]) as process:
+        wait_for(lambda: len(workers()) == 2)
+        found = workers()
+        process.kill()
+    wait_for(lambda: all(map(is_gone, found)))

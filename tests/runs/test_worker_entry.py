@@ -27,7 +27,7 @@ def fail(words):
 
 def test_a_result_comes_back_with_its_number():
     """A worker that is as its parent calls the function."""
-    assert enter(7, introduction(None), seal(divmod, 17, 5)) == (7, (3, 2))
+    assert enter(7, introduction(), seal(divmod, 17, 5)) == (7, (3, 2))
 
 
 def test_want_of_memory_is_a_death():
@@ -37,7 +37,7 @@ def test_want_of_memory_is_a_death():
 
 def test_an_exception_comes_back_with_its_traceback():
     """It is a value, because joblib gives up all tasks for one that raises; its notes survive pickling."""
-    number, error = pickle.loads(pickle.dumps(enter(3, introduction(None), seal(fail, "my own mistake"))))
+    number, error = pickle.loads(pickle.dumps(enter(3, introduction(), seal(fail, "my own mistake"))))
     assert number == 3
     assert isinstance(error, ZeroDivisionError)
     assert str(error) == "my own mistake"
@@ -47,7 +47,7 @@ def test_an_exception_comes_back_with_its_traceback():
 @pytest.mark.parametrize("name", ["numpy", "code generated for", "sources"])
 def test_a_worker_that_differs_refuses(name):
     """It says what differs, and calls nothing; a later task from a parent that agrees is computed."""
-    parent = introduction(None)
+    parent = introduction()
     other = parent._replace(fingerprint=parent.fingerprint | {name: "another"})
     number, error = enter(1, other, b"this cannot be unpickled")
     assert number == 1

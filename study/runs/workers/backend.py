@@ -81,13 +81,9 @@ class Backend:
         self._open.close()
 
 
-def introduction(process: int | None) -> Parent:
-    """Describe this process to worker processes.
-
-    Args:
-        process: its number, if the workers are on the same machine and are to end with it.
-    """
-    return Parent(instruction_set.environment(), provenance.fingerprint(), process, plugin_file.loaded())
+def introduction() -> Parent:
+    """Describe this process to worker processes."""
+    return Parent(instruction_set.environment(), provenance.fingerprint(), plugin_file.loaded())
 
 
 def leave_interrupts() -> None:

@@ -54,7 +54,7 @@ class DaskCluster(Backend):
             # thread whose start another client waits for, which then waits for ever
             gc.collect()
             raise RunError(f"--scheduler {address}: no scheduler answers there: {failure}")
-        self._parent = introduction(None)
+        self._parent = introduction()
         self._scheduler = _SchedulerBackend(self._client, distributed.KilledWorker)
         super().__init__("2 * n_jobs", backend=self._scheduler)
 

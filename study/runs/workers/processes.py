@@ -1,7 +1,7 @@
 """Processes of this machine as workers, by joblib's loky backend.
 
 joblib keeps the processes for the next run of the same program, and ends them after five idle minutes or with the
-program. If the program is killed, they end themselves (`worker_entry`).
+program. If the program is killed, they end themselves (`worker_entry.follow`).
 
 loky notices the death of a process, unless it dies while it sends a result: then loky waits for the other half of the
 result for ever, and the other processes for the lock that the dead one holds. `Processes.check` ends that.
@@ -19,7 +19,7 @@ from joblib import delayed
 from joblib.externals.loky.backend.utils import kill_process_tree
 
 from study.runs.workers.backend import Backend, Call, introduction
-from study.runs.workers.worker_entry import enter, seal
+from study.runs.workers.worker_entry import enter, follow, seal
 
 _GRACE = 3.0
 """Seconds that loky has to notice that a process died. It is woken by that, and takes milliseconds."""
@@ -34,8 +34,9 @@ class Processes(Backend):
     """
 
     def __init__(self, jobs: int) -> None:
-        super().__init__(2 * jobs if jobs > 1 else 1, backend="loky", n_jobs=max(2, jobs))
-        self._parent = introduction(os.getpid())
+        slots = 2 * jobs if jobs > 1 else 1
+        super().__init__(slots, backend="loky", n_jobs=max(2, jobs), initializer=follow, initargs=(os.getpid(),))
+        self._parent = introduction()
         self._dead_since: float | None = None
 
     def call(self, number: int, function: Callable[..., object], *arguments: object) -> Call:

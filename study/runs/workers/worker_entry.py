@@ -31,13 +31,11 @@ class Parent(NamedTuple):
     Attributes:
         environment: variables that choose the machine instructions.
         fingerprint: what determines the bytes of a run; see `study.runs.provenance.fingerprint`.
-        process: its number, if it is on the worker's machine, and the worker is to end when it does.
         plugins: paths and texts of the files of estimators that it has loaded.
     """
 
     environment: dict[str, str]
     fingerprint: dict[str, str | None]
-    process: int | None
     plugins: tuple[tuple[str, str], ...] = ()
 
 
@@ -52,6 +50,19 @@ _agreeing = threading.Lock()
 """A Dask worker with many threads gets as many first tasks at once."""
 _SYNCHRONIZE, _FOREVER = 0x00100000, 0xFFFFFFFF
 """Windows: the right to wait for a process, and a wait without an end."""
+
+
+def follow(parent: int) -> None:
+    """Bind this process to its parent's life; the first thing that a process of this machine does.
+
+    A terminal sends Ctrl-C to the workers, too; they ignore it, and the parent ends them. If it is killed, they end
+    themselves, also while they wait for a first task.
+
+    Args:
+        parent: number of the parent process.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
 
 
 def seal(function: Callable[..., object], *arguments: object) -> bytes:
@@ -105,12 +116,9 @@ def attempt(number: int, function: Callable[..., R], *arguments: object) -> tupl
 
 
 def _agree(parent: Parent) -> None:
-    """Set up this process as its parent is, and end with it; DisagreementError if that cannot be."""
+    """Set up this process as its parent is; DisagreementError if that cannot be."""
     if "numba" not in sys.modules:
         os.environ.update(parent.environment)
-    if parent.process is not None:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends Ctrl-C to the workers too; the parent ends them
-        threading.Thread(target=_end_with, args=(parent.process,), daemon=True).start()
     from threadpoolctl import threadpool_limits
 
     from study.runs.provenance import fingerprint
