@@ -34,6 +34,7 @@ from study.runs.commands import (
     Jobs,
     configs,
     plan,
+    run_folder,
     worker,
 )
 from study.runs.plugin_option import with_plugins
@@ -66,8 +67,9 @@ def _print_version(asked: bool) -> None:
 Version = Annotated[
     bool, typer.Option("--version", is_eager=True, callback=_print_version, help="Print the version and exit.")
 ]
-Configs = Annotated[list[Path], typer.Argument(metavar="CONFIG…", help=CONFIG_HELP)]
-Figures = Annotated[list[str] | None, typer.Argument(metavar="FIGURE…", help="such as fig2_error [default: all]")]
+Configs = Annotated[list[Path], typer.Argument(metavar="CONFIG", help=CONFIG_HELP)]
+_DRAWN = "folders of runs, or their configs; then names of figures, such as fig2_error [default: all figures]"
+Drawn = Annotated[list[str], typer.Argument(metavar="RUN|FIGURE", help=_DRAWN)]
 Out = Annotated[Path | None, typer.Option("--out", help="folder of the run [default: results/<name>-<digest>]")]
 Pictures = Annotated[Path | None, typer.Option("--out", help="folder for the pictures [default: RUN/figures]")]
 _BACKEND = "threads, loky (processes) or dask (a cluster) [default: threads; loky for long studies]"
@@ -78,7 +80,7 @@ Scheduler = Annotated[str | None, typer.Option("--scheduler", help="address of a
 _BUDGET = "start no new work after this many seconds; for configs with [precision]"
 Seconds = Annotated[float | None, typer.Option("--budget", min=0.0, help=_BUDGET)]
 _POINTS = "CSV, TSV or other text, .npy, or .parquet; - for standard input"
-Points = Annotated[list[Path], typer.Argument(metavar="POINTS…", help=_POINTS, allow_dash=True)]
+Points = Annotated[list[Path], typer.Argument(metavar="POINTS", help=_POINTS, allow_dash=True)]
 FitsAsJson = Annotated[bool, typer.Option("--json", help="print the fits as JSON")]
 Csv = Annotated[bool, typer.Option("--csv", help="print the fits as CSV")]
 Estimator = Annotated[str, typer.Option("--estimator", "-e", help="name of an estimator, or all")]
@@ -163,8 +165,8 @@ def posterior(folder: Folder, jobs: Jobs = 2) -> None:
         typer.echo(line)
 
 
-def figures(folder: Folder, names: Figures = None, out: Pictures = None) -> None:
-    """Draw a run's figures from its tables, as PNG and SVG.
+def figures(words: Drawn, out: Pictures = None) -> None:
+    """Draw figures of runs from their tables, as PNG and SVG, each from the first run that has the tables for it.
 
     A figure that fails does not cost the others; its place in the code is printed, and the exit code is 1.
     """
@@ -172,16 +174,19 @@ def figures(folder: Folder, names: Figures = None, out: Pictures = None) -> None
     from study.runs.storage.run_folder import Run
     from study.text.nearest import did_you_mean
 
-    unknown = [name for name in names or [] if name not in FIGURES]
+    names = [word for word in words if word in FIGURES]
+    unknown = [word for word in words if word.startswith("fig") and word not in names and not Path(word).exists()]
     if unknown:
         raise typer.BadParameter(f"{', '.join(unknown)}: unknown; {did_you_mean(unknown, FIGURES)}")
-    run = Run.open(folder)
-    drawn, skipped = draw_all(run, out or run.folder / "figures", names or [])
+    runs = [Run.open(run_folder(word)) for word in words if word not in names]
+    if not runs:
+        raise typer.BadParameter(f"{' '.join(names)}: no run is given; give one before the figures")
+    drawn, undrawn = draw_all(runs, out, names)
     for path in drawn:
         typer.echo(str(path))
-    for name, reason in skipped.items():
+    for name, reason in undrawn.items():
         typer.echo(f"{name}: {'' if reason.startswith(FAILED) else 'not drawn: '}{reason}", err=True)
-    if any(reason.startswith(FAILED) for reason in skipped.values()):
+    if any(reason.startswith(FAILED) for reason in undrawn.values()):
         raise typer.Exit(ExitCode.FAILURE)
 
 

@@ -66,8 +66,8 @@ FLAGS += ["--use-angle=swiftshader", "--enable-unsafe-swiftshader"]  # three dim
 def copied(tmp_path):
     """A function that copies a run, without the results that were kept of it."""
 
-    def copy(run):
-        return Run.open(shutil.copytree(run.folder, tmp_path / "run", ignore=shutil.ignore_patterns(kept.FOLDER)))
+    def copy(run, name="run"):
+        return Run.open(shutil.copytree(run.folder, tmp_path / name, ignore=shutil.ignore_patterns(kept.FOLDER)))
 
     return copy
 

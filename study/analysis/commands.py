@@ -124,7 +124,7 @@ def verify(
 
 def archive(
     folders: Annotated[
-        list[Path], typer.Argument(metavar="RUN…", parser=run_folder, help="folders of runs, or their configs")
+        list[Path], typer.Argument(metavar="RUN", parser=run_folder, help="folders of runs, or their configs")
     ],
     out: Annotated[Path, typer.Option("--out", help="file of the archive, which ends in .zip")] = Path("archive.zip"),
 ) -> None:

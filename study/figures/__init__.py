@@ -3,15 +3,15 @@
 To add one, write such a module and a line in `FIGURES`. All computing is in ``prepare``; ``draw`` reads no files.
 """
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from matplotlib.figure import Figure
 
 from study.figures import style
-from study.figures.failure import FAILED, failure
+from study.figures.failure import FAILED, failure, gathered
 from study.figures.inputs import NotApplicable, Tables
 from study.figures.kept_pictures import KeptPictures
 from study.runs.storage.atomic_write import RunError, explained
@@ -70,15 +70,28 @@ FIGURES: Mapping[str, FigureModule] = FigureModules(
     }
 )
 
-__all__ = ["FAILED", "FIGURES", "FigureModule", "KeptPictures", "NotApplicable", "Tables", "draw_all"]
+
+class Drawn(NamedTuple):
+    """What was drawn.
+
+    Attributes:
+        paths: the files written.
+        undrawn: for each figure that was not drawn the reason.
+    """
+
+    paths: list[Path]
+    undrawn: dict[str, str]
 
 
-def draw_all(run: Run, folder: Path, names: Collection[str] = ()) -> tuple[list[Path], dict[str, str]]:
-    """Draw every figure that a run has the tables for; one that was drawn from the same tables before is copied.
+__all__ = ["FAILED", "FIGURES", "Drawn", "FigureModule", "KeptPictures", "NotApplicable", "Tables", "draw_all"]
+
+
+def draw_all(runs: Sequence[Run], folder: Path | None = None, names: Collection[str] = ()) -> Drawn:
+    """Draw figures, each from the first run that has the tables for it; pictures kept of the same tables are copied.
 
     Args:
-        run: a finished run.
-        folder: where the pictures go, as PNG and SVG; made if it is not there.
+        runs: finished runs.
+        folder: where the pictures go, as PNG and SVG; made if it is not there. The run's own, if None.
         names: figures to draw; all, if none is named.
 
     Returns:
@@ -86,25 +99,49 @@ def draw_all(run: Run, folder: Path, names: Collection[str] = ()) -> tuple[list[
         others; its reason starts with `FAILED`, and says where in the code it failed.
 
     Raises:
-        RunError: if the run did not finish, or the folder is a file or cannot be made.
+        RunError: if a run did not finish, or the folder is a file or cannot be made.
     """
-    tables, pictures = Tables.of(run), KeptPictures(run)
-    with explained(folder, of_run=False):
-        if folder.exists() and not folder.is_dir():
-            raise RunError(f"{folder}: is a file, not a folder; choose another with --out")
-        folder.mkdir(parents=True, exist_ok=True)
-    drawn: list[Path] = []
-    skipped: dict[str, str] = {}
+    sources = [(run, Tables.of(run), KeptPictures(run)) for run in runs]
+    for place in {folder} if folder is not None else {_own(run) for run in runs}:
+        with explained(place, of_run=False):
+            if place.exists() and not place.is_dir():
+                raise RunError(f"{place}: is a file, not a folder; choose another with --out")
+            place.mkdir(parents=True, exist_ok=True)
+    found = Drawn([], {})
     for name in names or FIGURES:
-        figure = FIGURES[name]
-        try:
-            found = pictures.find(name, figure)
-            if found is None:
-                found = style.encoded(figure.draw(figure.prepare(tables)))
-                pictures.keep(name, figure, found)
-            drawn += [style.save_bytes(folder / f"{name}.{kind}", data) for kind, data in found.items()]
-        except NotApplicable as reason:
-            skipped[name] = str(reason)
-        except Exception as error:  # a figure that fails must not cost the others
-            skipped[name] = failure(error)
-    return drawn, skipped
+        reasons: dict[str, str] = {}
+        for run, tables, pictures in sources:
+            try:
+                drawn = _draw(name, tables, pictures, folder or _own(run))
+            except NotApplicable as reason:
+                reasons[tables.name] = str(reason)
+                continue
+            if isinstance(drawn, str):
+                reasons = {tables.name: drawn}
+            else:
+                reasons = {}
+                found.paths.extend(drawn)
+            break
+        if reasons:
+            found.undrawn[name] = gathered(reasons, len(runs))
+    return found
+
+
+def _own(run: Run) -> Path:
+    """A run's own folder of pictures."""
+    return run.folder / "figures"
+
+
+def _draw(name: str, tables: Tables, pictures: KeptPictures, folder: Path) -> list[Path] | str:
+    """Write a figure's pictures, drawn unless they were kept; its failure in words if it fails."""
+    figure = FIGURES[name]
+    try:
+        found = pictures.find(name, figure)
+        if found is None:
+            found = style.encoded(figure.draw(figure.prepare(tables)))
+            pictures.keep(name, figure, found)
+        return [style.save_bytes(folder / f"{name}.{kind}", data) for kind, data in found.items()]
+    except NotApplicable:
+        raise
+    except Exception as error:  # a figure that fails must not cost the others
+        return failure(error)

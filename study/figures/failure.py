@@ -1,6 +1,7 @@
-"""Place of a figure's failure: the line of this package in which an exception arose."""
+"""Reasons why figures were not drawn: the place of a failure in this package, and what runs lack."""
 
 import traceback
+from collections.abc import Mapping
 from pathlib import Path
 
 PACKAGE = Path(__file__).parents[1]
@@ -27,3 +28,12 @@ def failure(error: Exception) -> str:
     path = Path(place.filename)
     name = path.relative_to(PACKAGE.parent).as_posix() if own else path.name
     return f"{words} at {name}, line {place.lineno}, in {place.name}"
+
+
+def gathered(reasons: Mapping[str, str], runs: int) -> str:
+    """Reasons by the runs' names in words, each once, with its runs unless it holds for all of so many."""
+    found: dict[str, list[str]] = {}
+    for name, reason in reasons.items():
+        found.setdefault(reason, []).append(name)
+    each = (reason if len(names) == runs else f"{reason} ({', '.join(names)})" for reason, names in found.items())
+    return "; ".join(each)

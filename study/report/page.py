@@ -7,6 +7,7 @@ import pandas as pd
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
+from study.figures.failure import gathered
 from study.report.blocks import Block, Folded, Items, Section, Text
 from study.report.claims import claims_section, tally
 from study.report.explorer import explorer_section
@@ -27,10 +28,8 @@ def figures_section(material: Material) -> Iterable[Section]:
     if not content:
         content.append(Text("These runs can feed none of the figures."))
     if material.undrawn:
-        reasons = [
-            f"{name}: {'; '.join(_unique(reasons, len(material.records)))}"
-            for name, reasons in material.undrawn.items()
-        ]
+        runs = len(material.records)
+        reasons = [f"{name}: {gathered(reasons, runs)}" for name, reasons in material.undrawn.items()]
         some = f"{len(reasons)} figure{'s' * (len(reasons) > 1)} not drawn, and why"
         content.append(Folded(some, Items(reasons)))
     yield Section("Figures", "figures", content)
@@ -104,11 +103,3 @@ def save(page: str, path: Path) -> Path:
     except OSError as error:
         raise RunError(f"{path}: cannot be written: {error.strerror or error}") from None
     return path
-
-
-def _unique(reasons: dict[str, str], runs: int) -> list[str]:
-    """Reasons without repetition, each with its runs unless it holds for all."""
-    found: dict[str, list[str]] = {}
-    for name, reason in reasons.items():
-        found.setdefault(reason, []).append(name)
-    return [reason if len(names) == runs else f"{reason} ({', '.join(names)})" for reason, names in found.items()]

@@ -72,6 +72,19 @@ def test_a_figure_that_does_not_apply_is_no_failure(finished, call_here, tmp_pat
     assert complained.startswith("fig2_error: not drawn: ")
 
 
+def test_figures_of_several_runs(finished, call_here, tmp_path):
+    """Runs and figures are told apart by the figures' names; a name that is neither, or no run, is refused."""
+    code, said, complained = call_here(finished[0], "figures", "out", "out", "fig2_error", "--out", tmp_path / "drawn")
+    assert (code, said) == (0, "")
+    assert complained.startswith("fig2_error: not drawn: ")
+    code, _, complained = call_here(finished[0], "figures", "out", "fig_eficiency")
+    assert code == 2
+    assert "fig_eficiency: unknown; did you mean 'fig_efficiency'?" in " ".join(complained.split())
+    code, _, complained = call_here(finished[0], "figures", "fig_efficiency")
+    assert code == 2
+    assert "no run is given" in complained
+
+
 def test_a_file_in_place_of_the_folder(finished, call_here, tmp_path):
     """A file, or a path below one, is refused in one line, and stays as it is."""
     (tmp_path / "mine").write_text("text")

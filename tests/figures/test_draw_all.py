@@ -79,7 +79,7 @@ from pathlib import Path
 from study.figures import draw_all
 from study.runs.storage.run_folder import Run
 for folder in sys.argv[2:]:
-    draw_all(Run.open(Path(folder)), Path(sys.argv[1]))
+    draw_all([Run.open(Path(folder))], Path(sys.argv[1]))
 sys.exit("pyplot is not needed" if "matplotlib.pyplot" in sys.modules else 0)
 """
 
@@ -107,7 +107,7 @@ def elsewhere(runs, tmp_path_factory):
 def drawn(runs, elsewhere, tmp_path_factory):
     """What each of them said that it drew, and did not, into one folder below another that is not there."""
     folder = tmp_path_factory.mktemp("figures")
-    return {kind: figures.draw_all(store, folder / "a" / "b") for kind, store in runs.items()}
+    return {kind: figures.draw_all([store], folder / "a" / "b") for kind, store in runs.items()}
 
 
 @pytest.fixture(scope="module")
@@ -149,10 +149,33 @@ def test_draws_what_applies_and_says_why_the_rest_does_not(drawn, kind):
 
 def test_draws_what_is_asked_for(circles, tmp_path):
     """Named figures are drawn, in that order, and no other; one that does not apply is told."""
-    paths, reasons = figures.draw_all(circles, tmp_path, ["fig7_power_law", "fig6_mgdk", "fig5_methods"])
+    paths, reasons = figures.draw_all([circles], tmp_path, ["fig7_power_law", "fig6_mgdk", "fig5_methods"])
     assert [path.stem for path in paths[::2]] == ["fig7_power_law", "fig5_methods"]
     assert list(reasons) == ["fig6_mgdk"]
     assert {path.name for path in tmp_path.iterdir()} == {path.name for path in paths}
+
+
+def test_several_runs_feed_a_figure_each(circles, random, drawn, tmp_path):
+    """A figure comes from the first run that has the tables for it; where none has them, each run's reason is told."""
+    names = ["fig2_error", "fig5_methods", "fig6_mgdk", "fig_posterior"]
+    paths, reasons = figures.draw_all([random, circles], tmp_path, names)
+    alone = {path.name: path.read_bytes() for kind in ("random", "circles") for path in drawn[kind][0]}
+    assert [path.stem for path in paths[::2]] == names[:2]
+    assert all(path.read_bytes() == alone[path.name] for path in paths)
+    assert list(reasons) == names[2:]
+    apart = [
+        f"{drawn[kind][1]['fig6_mgdk']} ({Tables.of(run).name})"
+        for kind, run in (("random", random), ("circles", circles))
+    ]
+    assert reasons["fig6_mgdk"] in ("; ".join(apart), drawn["random"][1]["fig6_mgdk"])
+    assert reasons["fig_posterior"] == drawn["random"][1]["fig_posterior"] == drawn["circles"][1]["fig_posterior"]
+
+
+def test_pictures_go_to_the_run_that_fed_them(circles, random, copied):
+    """Without a folder each run's own has its pictures."""
+    one, two = copied(random), copied(circles, "other")
+    paths, _ = figures.draw_all([one, two], None, ["fig2_error", "fig5_methods"])
+    assert [path.parent for path in paths[::2]] == [one.folder / "figures", two.folder / "figures"]
 
 
 def test_files_are_equal_to_the_byte(elsewhere, drawn):
@@ -177,7 +200,7 @@ def test_a_broken_figure_does_not_cost_the_others(circles, tmp_path, monkeypatch
             raise AssertionError
 
     monkeypatch.setattr(figures, "FIGURES", {"broken": Broken(), "fig5_methods": FIGURES["fig5_methods"]})
-    paths, reasons = figures.draw_all(circles, tmp_path)
+    paths, reasons = figures.draw_all([circles], tmp_path)
     assert [path.name for path in paths] == ["fig5_methods.png", "fig5_methods.svg"]
     assert list(reasons) == ["broken"]
     place = "test_draw_all.py, line "
@@ -235,7 +258,7 @@ def test_other_figures_are_not_loaded(random, tmp_path):
     code = (
         "import sys; from pathlib import Path; from study.figures import draw_all; "
         "from study.runs.storage.run_folder import Run; "
-        f"draw_all(Run.open(Path({str(random.folder)!r})), Path({str(tmp_path)!r}), ['fig2_error']); "
+        f"draw_all([Run.open(Path({str(random.folder)!r}))], Path({str(tmp_path)!r}), ['fig2_error']); "
         "print(*sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

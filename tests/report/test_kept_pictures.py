@@ -40,9 +40,9 @@ def on_page(run, claims):
 
 def test_the_page_has_the_pictures_of_the_command(run, claims, tmp_path, forbidden):
     """After the command nothing is drawn for the page, nor by the command again; the bytes are those of its files."""
-    first, _ = figures.draw_all(run, tmp_path / "first")
+    first, _ = figures.draw_all([run], tmp_path / "first")
     forbidden()
-    again, _ = figures.draw_all(run, tmp_path / "again")
+    again, _ = figures.draw_all([run], tmp_path / "again")
     assert [path.read_bytes() for path in first] == [path.read_bytes() for path in again]
     assert on_page(run, claims) == {path.stem: path.read_bytes() for path in first if path.suffix == ".png"}
 
@@ -87,5 +87,5 @@ def test_only_figures_of_the_package_are_kept(run):
 def test_a_folder_that_cannot_be_written(run, claims, tmp_path):
     """The page and the pictures are made where nothing can be kept."""
     (run.folder / kept.FOLDER).write_text("a file in its place")
-    assert len(figures.draw_all(run, tmp_path / "out")[0]) == 2
+    assert len(figures.draw_all([run], tmp_path / "out")[0]) == 2
     assert list(on_page(run, claims)) == ["fig2_error"]
