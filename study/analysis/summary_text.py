@@ -46,7 +46,7 @@ def printed(run: Run, choice: RowChoice | None = None, every: bool = False) -> I
     named, bounded = distinguishing(chosen), has_bounds(run.study)
     yield _legend(chosen, named)
     if bounded:
-        yield "CRLB and attainable: what Gaussian errors at the Cramér-Rao and at the attainable bound would have."
+        yield "CRLB and attainable: the median of Gaussian errors at the Cramér-Rao bound and at the attainable bound."
     rows, at_bounds = [], _AtBounds(run.study)
     for _, part in chosen.groupby("group", sort=False):
         fits = part.to_dict("records")
