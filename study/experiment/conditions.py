@@ -225,7 +225,7 @@ def named_in(columns: Container[str]) -> list[Condition]:
 
 
 def bound_law(conditions: Container[str]) -> str:
-    """The law of noise of which a Cramér-Rao bound is, where that goes without saying if the noise is normal.
+    """Words for the law of noise that the Cramér-Rao bound assumes; empty if the study's noise is normal.
 
     Args:
         conditions: names of the conditions that a study gives, or columns of its tables.
