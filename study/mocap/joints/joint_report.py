@@ -33,7 +33,7 @@ def joint_lines(joints: FoundJoints) -> Iterator[str]:
     titles += ["ρ", "frames", "worth", "apart"]
     yield from columns(map(_joint_row, joints.joints), titles, "<<<>")
     yield "x, y, z: centre in its parent; error: largest standard error; noise: of a coordinate; all in mm"
-    yield "floor: what 5 mm/rad of skin common to a segment's markers adds to the error and no marker shows, mm"
+    yield "floor: error from skin that moves all markers of a segment alike, by 5 mm/rad, which no marker shows, mm"
     yield "apart: distance to the farthest other side with an error, mm; worth: effective number of independent frames"
     yield "moved: least and greatest root mean square angle of motion"
     for found in joints.joints:
