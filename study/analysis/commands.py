@@ -82,8 +82,8 @@ def diff(
 ) -> None:
     """Compare two runs.
 
-    They are identical, identical in the trials that both have, the same within Monte-Carlo error, or different (exit
-    code 1).
+    The verdict is identical, identical in the trials that both have, the same within Monte-Carlo error, or different
+    (exit code 1).
 
     With --json: verdict, runs (folder, run, made_by, only_here), test, threshold of the chance, and comparisons, each
     with group, estimator, conditions, measure, first, second, deviation in standard errors, chance, trials, equal,
