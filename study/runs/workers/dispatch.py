@@ -80,7 +80,7 @@ class Dispatch(Generic[S, T]):
             except BaseException as error:
                 self._backend.stop()
                 fetcher.shutdown()
-                if not isinstance(error, RunError):  # then the disk takes no more, or the results are not to be had
+                if not isinstance(error, RunError):  # then the disk is full, or the results cannot be fetched
                     self._store_rest()
                 raise
         self._parts.commit()
