@@ -106,7 +106,7 @@ def _bound(frame: pd.DataFrame) -> str:
 
 
 def _fitting(run: Run, frame: pd.DataFrame) -> tuple[pd.DataFrame, list[str]]:
-    """The rows that fit a screen, and lines that tell of the others."""
+    """The rows that fit a screen, and lines about the rows that are left out."""
     total, notes = frame["group"].nunique(), []
     if not run.study.design.one_trial_a_cell:
         frame = once_by_scaling(frame)
