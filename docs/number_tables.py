@@ -28,7 +28,7 @@ PLAIN = ["mle", "corrected", "als", "taubin", "gdke"]
 
 
 def regret(tables: Tables) -> str:
-    """Which estimator: regret over all cells in space, the least median first."""
+    """Regret of the estimators over all cells in space, the least median first."""
     table = tables("regret")
     whole = table[(table["samples"] == 0) & table["estimator"].isin(list(TAKE))]
     rows = []
