@@ -39,7 +39,7 @@ TABLE = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 UNMEASURED = re.compile(r"^```.*?^```|^(?: {4}|\t).*?$|`[^`\n]*`|<!-- (?:made|table).*?<!-- end -->", re.M | re.S)
 """Blocks and commands, whose outputs are compared by running them, and tables that are made."""
 MEASURED = re.compile(r"[\d.]+ ± [\d.]+|[\d.,]+ %|[\d.]+(?: to [\d.]+)? times\b")
-"""What a measured number looks like in prose."""
+"""Pattern of a measured number in prose."""
 
 
 class NumbersError(Exception):

@@ -28,7 +28,7 @@ PLAIN = ["mle", "corrected", "als", "taubin", "gdke"]
 
 
 def regret(tables: Tables) -> str:
-    """Which estimator: regret over all cells in space, the least median first."""
+    """Regret of the estimators over all cells in space, the least median first."""
     table = tables("regret")
     whole = table[(table["samples"] == 0) & table["estimator"].isin(list(TAKE))]
     rows = []
@@ -41,8 +41,8 @@ def regret(tables: Tables) -> str:
 
 
 def coverage_short(tables: Tables) -> str:
-    """How often intervals hold the radius: the least over all kinds of data, and the mean and the least of ok fits."""
-    names = {"interval": 'the interval, `fit.interval("radius")`'}
+    """Coverage of the radius: the least over all kinds of data, and the mean and the least of ok fits."""
+    names = {"interval": '`fit.interval("radius")`'}
     names |= {name: f"`{name}` ± t standard errors" for name in ("corrected", "als", "mle")}
     rows = []
     for method, title in names.items():
@@ -50,7 +50,7 @@ def coverage_short(tables: Tables) -> str:
         often = part.query("ok >= .2 and sigma < .35")
         least = part.query("sigma <= .5")["radius"].min()
         rows.append([title, *map(_short, (least, often["radius_ok"].mean(), often["radius_ok"].min()))])
-    head = ["the radius is held by", "all fits: least over all kinds", "ok fits: mean", "ok fits: least"]
+    head = ["interval", "all fits: least over all kinds", "ok fits: mean", "ok fits: least"]
     return _markdown(head, rows)
 
 

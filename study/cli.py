@@ -74,7 +74,7 @@ Out = Annotated[Path | None, typer.Option("--out", help="folder of the run [defa
 Pictures = Annotated[Path | None, typer.Option("--out", help="folder for the pictures [default: RUN/figures]")]
 _BACKEND = "threads, loky (processes) or dask (a cluster) [default: threads; loky for long studies]"
 Backend = Annotated[str | None, typer.Option("--backend", help=_BACKEND)]
-_TASK = "with dask: seconds of work in a task; long ones for many workers [default: 0.2]"
+_TASK = "with dask: seconds of work in a task; give more for many workers [default: 0.2]"
 Task = Annotated[float | None, typer.Option("--task", metavar="SECONDS", help=_TASK)]
 Scheduler = Annotated[str | None, typer.Option("--scheduler", help="address of a Dask scheduler: tcp://host:8786")]
 _BUDGET = "start no new work after this many seconds; for configs with [precision]"

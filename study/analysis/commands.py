@@ -47,8 +47,8 @@ def summary(
 ) -> None:
     """Print a run's median errors over the bound.
 
-    The table fits a screen: of many cells some are printed, evenly spread over the conditions, and cells that differ
-    by scaling alone once. A condition of --where that is given several times may have any of its values.
+    The table fits a screen: of many cells it has some that are evenly spread over the conditions, and cells that differ
+    by scaling alone are printed once. If --where gives a condition several times, cells with any of the values count.
 
     --csv and --json have every cell that --where and --estimators choose. With --json: run, bound, conditions (their
     names), and rows, each with the columns of the summary table and, where they are known, noise_over_radius and the
@@ -82,8 +82,8 @@ def diff(
 ) -> None:
     """Compare two runs.
 
-    They are identical, identical in the trials that both have, the same within Monte-Carlo error, or different (exit
-    code 1).
+    The verdict is identical, identical in the trials that both have, the same within Monte-Carlo error, or different
+    (exit code 1).
 
     With --json: verdict, runs (folder, run, made_by, only_here), test, threshold of the chance, and comparisons, each
     with group, estimator, conditions, measure, first, second, deviation in standard errors, chance, trials, equal,
@@ -172,7 +172,7 @@ def regret(
 ) -> None:
     """Compare each estimator with the best in every cell.
 
-    Geometric means over the cells of a grid, of the median error and of its 95 % quantile.
+    The numbers are geometric means, over the cells of a grid, of the median error and of its 95 % quantile.
     """
     from study.analysis.regret import of_run, printed
     from study.analysis.regret import regret as means
@@ -200,7 +200,7 @@ def check(
 ) -> None:
     """Check the properties that an estimator should have.
 
-    Equivariance, exactness without noise and the like; what is violated is said in words (exit code 1).
+    These are equivariance, exactness without noise and the like. Each violation is described (exit code 1).
     """
     from study.estimators.own.check import check_file, printed
 

@@ -29,7 +29,7 @@ from study.sphere.jit import SCALAR_CODE
 Objects = NDArray[np.object_]
 """Arrays of `Counted` numbers."""
 _TURNS = 20
-"""Turns in which each fit is timed three times; the least time counts."""
+"""Rounds in which each fit is timed three times; the least time counts."""
 
 
 class Counted(float):
@@ -160,7 +160,7 @@ def timed(dimension: int, samples: int) -> dict[str, float]:
     u = np.stack([sample_cap(rng, samples, math.radians(60.0), dimension) for _ in range(sets)])
     x = np.ascontiguousarray((u + 0.05 * rng.standard_normal(u.shape)).swapaxes(1, 2))
     best = dict.fromkeys(PAPER, math.inf)
-    for _ in range(_TURNS):  # in turns, because a machine's pace changes while others use it
+    for _ in range(_TURNS):  # round after round, because a machine's speed changes while others use it
         for name in PAPER:
             for _ in range(3):
                 samples_of = Samples(x, 0.05)

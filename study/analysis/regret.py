@@ -1,9 +1,9 @@
 """Regret of an estimator: its error over that of the best estimator in each cell of a grid, and the mean over cells.
 
-Nothing is the best in every cell, and nobody knows the cell that their data are from. An estimator of small regret is
-never far from the best. Errors are taken as they come, whatever the status; a fit without a number counts as worse than
-any. Means over cells are geometric. Monte-Carlo errors are those of a jackknife over groups of trials: trials that
-share draws are left out together, in all cells.
+No estimator is the best in every cell, and a user does not know which cell the data are from. An estimator of small
+regret is never far from the best. Errors are taken as they come, whatever the status; a fit without a number counts as
+worse than any. Means over cells are geometric. Monte-Carlo errors are those of a jackknife over groups of trials:
+trials that share draws are left out together, in all cells.
 """
 
 import math

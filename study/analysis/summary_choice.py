@@ -142,7 +142,7 @@ def evenly_spread(keys: Sequence[tuple[Value, ...]], most: int, weights: Sequenc
 
 
 def _spread(values: Sequence[Value], count: int) -> list[Value]:
-    """So many of some values, with the first and the last one, in equal steps."""
+    """Choose so many of some values in equal steps, the first and the last one included."""
     return [values[int(place)] for place in np.linspace(0, len(values) - 1, count).round()]
 
 

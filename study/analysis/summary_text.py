@@ -46,7 +46,7 @@ def printed(run: Run, choice: RowChoice | None = None, every: bool = False) -> I
     named, bounded = distinguishing(chosen), has_bounds(run.study)
     yield _legend(chosen, named)
     if bounded:
-        yield "CRLB and attainable: what Gaussian errors at the Cramér-Rao and at the attainable bound would have."
+        yield "CRLB and attainable: the median of Gaussian errors at the Cramér-Rao bound and at the attainable bound."
     rows, at_bounds = [], _AtBounds(run.study)
     for _, part in chosen.groupby("group", sort=False):
         fits = part.to_dict("records")
@@ -106,7 +106,7 @@ def _bound(frame: pd.DataFrame) -> str:
 
 
 def _fitting(run: Run, frame: pd.DataFrame) -> tuple[pd.DataFrame, list[str]]:
-    """The rows that fit a screen, and lines that tell of the others."""
+    """The rows that fit a screen, and lines about the rows that are left out."""
     total, notes = frame["group"].nunique(), []
     if not run.study.design.one_trial_a_cell:
         frame = once_by_scaling(frame)

@@ -1,1 +1,1 @@
-"""Coverage study: do intervals hold the truth as often as they say, over all fits and over those called ok?"""
+"""Coverage study: the share of data sets in which intervals hold the truth, over all fits and over the ok ones."""

@@ -1,7 +1,7 @@
-"""The config of a coverage study: caps, numbers of samples, and noise from far below to where nothing can be told.
+"""The config of a coverage study: caps, numbers of samples, and noise up to the level at which curvature is lost.
 
-Noise is given by κ = (v/σ²)√(N/2), the least variance v of the directions over the standard error of the noise's own:
-how well the extent along the cap's axis stands out of the noise. Curvature is lost near κ = 1, whatever the cap.
+Noise is given by κ = (v/σ²)√(N/2), the least variance v of the directions over the standard error of the noise's
+variance. It compares the extent along the cap's axis with the noise. Curvature is lost near κ = 1, whatever the cap.
 """
 
 import math

@@ -8,7 +8,7 @@ from study.sphere.types import Floats, Ints
 
 
 class Estimates(NamedTuple):
-    """Numbers of a batch of fits: the centre, then an entry per point set, floating-point numbers before integers.
+    """Results of a batch of fits: the centres, then arrays with a number per point set, floating-point ones first.
 
     An estimator returns them. Everything that handles fits field by field reads this list.
 

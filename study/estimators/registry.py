@@ -33,7 +33,7 @@ def _moments(d: int) -> float:
     return d * d + 8 * d + 2
 
 
-_BIASED = "pulled towards the points by the noise, which its standard errors do not show; als is not"
+_BIASED = "biased towards the points by the noise, which its standard errors do not include; als has no such bias"
 
 ESTIMATORS: dict[str, Estimator] = {
     "mle": Estimator(
@@ -72,7 +72,7 @@ ESTIMATORS: dict[str, Estimator] = {
     "ugdk": Estimator(ugdk, "paper eqs 15-21", needs="noise", flops=_moments, moments_suffice=True),
     "als": Estimator(als, "Kukush, Markovsky & Van Huffel 2004", flops=_moments, moments_suffice=True),
     "fuller": Estimator(fuller, "Fuller 1987, for als", flops=_moments, moments_suffice=True),
-    "hinge": Estimator(hinge, "als without the directions of no extent", flops=_moments, moments_suffice=True),
+    "hinge": Estimator(hinge, "als, without directions of insignificant extent", flops=_moments, moments_suffice=True),
     "taubin": Estimator(taubin, "Taubin 1991", flops=_moments, moments_suffice=True),
     "pratt": Estimator(pratt, "Pratt 1987", flops=_moments, moments_suffice=True),
     "hyper": Estimator(hyper, "Al-Sharadqah & Chernov 2009", flops=_moments, moments_suffice=True),

@@ -39,7 +39,7 @@ class Clock:
         self._last = perf_counter()
 
     def columns(self) -> Columns:
-        """The rows, summed over what only differs by time; no columns if there are none."""
+        """The rows, with the seconds of equal steps and sizes added up; no columns if there are none."""
         if not self.rows:
             return {}
         totals: dict[tuple[str, int], list[float]] = {}

@@ -1,8 +1,8 @@
 """The conditions of an experiment in one table: configs, cells, stored tables and labels are made from it.
 
-A condition that has a default and is *silent* leaves no trace at it: not in the digest of a config, not in the names of
-cells and streams, not in the columns of the tables. So a study that does not use it is, to the byte, what it was before
-the condition existed.
+A *silent* condition leaves no trace where it has its default value: not in the digest of a config, not in the names of
+cells and streams, not in the columns of the tables. So the tables of a study that does not use it are, to the byte,
+what they were before the condition was added.
 """
 
 import math
@@ -225,7 +225,7 @@ def named_in(columns: Container[str]) -> list[Condition]:
 
 
 def bound_law(conditions: Container[str]) -> str:
-    """The law of noise of which a Cramér-Rao bound is, where that goes without saying if the noise is normal.
+    """Words for the law of noise that the Cramér-Rao bound assumes; empty if the study's noise is normal.
 
     Args:
         conditions: names of the conditions that a study gives, or columns of its tables.

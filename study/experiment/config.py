@@ -66,16 +66,16 @@ class Study(Frozen):
     ]
     """Names of the estimators that fit each data set."""
     noise_shape: Annotated[tuple[tuple[float, ...], ...], BeforeValidator(_tuples)] | None = None
-    """Covariance of a sample in units of σ² (d, d); the identity if absent."""
+    """Covariance matrix (d, d) of a sample's noise in units of σ²; the identity if absent."""
     keep_points: Annotated[int, Field(ge=0)] = 0
     """Number of trials of each cell whose points are stored: the first ones."""
     tolerate_failures: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
-    """Share of the fits that may raise or kill their worker before a finished run ends with an error status."""
+    """Largest share of fits that may raise or kill their worker; above it a finished run ends with exit code 3."""
     route: Literal["points", "moments"] = "points"
-    """Fits are computed from points, as the paper did, rounding included; or, closed forms only, from the joint moments
-    of directions and noise, which gives the statistical error alone and all noise levels at once."""
+    """Fits are computed from points, with rounding, as in the paper; or from the joint moments of directions and noise,
+    for closed forms only, which gives the statistical error without rounding, and all noise levels at once."""
     keep: Literal["errors", "summary"] = "errors"
-    """The table that is stored: the error of every fit, or their summary alone."""
+    """The table that is stored: the error of every fit, or only their summary."""
     design: Annotated[SerializeAsAny[Design], PlainValidator(_DESIGNS.validate_python)]
     posterior: Posterior | None = None
     precision: Precision | None = None

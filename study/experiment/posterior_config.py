@@ -58,11 +58,11 @@ class Posterior(Frozen):
     Attributes:
         trials: number of trials of each chosen cell: the first ones.
         where: conditions that choose cells, each with the values chosen; all cells, if empty.
-        noise: known or unknown, where σ is one more parameter, or both, with a chain of each.
-        likelihood: geometric; or whole_sphere, or both, where every chosen cell's angle is 180°.
+        noise: known; unknown, so that σ is one more parameter; or both, with a chain for each.
+        likelihood: geometric; if the angle of every chosen cell is 180°, also whole_sphere, or both.
         box: half-width of the prior box on the centre, about the true one, in true radii.
-        walkers: of the ensemble.
-        max_steps: of a chain that has not converged before.
+        walkers: number of walkers of the ensemble.
+        max_steps: most steps of a chain, which ends earlier if it has converged.
         keep_draws: number of trials of each chosen cell whose draws are stored, thinned: the first ones.
     """
 

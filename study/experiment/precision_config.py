@@ -53,8 +53,8 @@ class Precision(Frozen):
     Attributes:
         measure: the measure of the summary whose Monte-Carlo error decides.
         target: the error that is small enough, in the measure's own unit.
-        relative_target: the same as a fraction of the measure; one of the two is given.
-        estimators: those whose error must be so small; all of the study's, if None.
+        relative_target: the same as a fraction of the measure; give one of the two.
+        estimators: the estimators whose error must be so small; all of the study's, if None.
         first: trials at the first checkpoint. From 100 trials, the error of a quantile is itself known to 30 %.
         seconds: time after which one `study run` starts no new work; the finished tables do not depend on it.
     """

@@ -1,12 +1,14 @@
-"""Calibration: do posteriors, and the estimators' own error ellipsoids, cover the truth as often as stated?
+"""Calibration: coverage of the truth by posteriors, and by the estimators' own error ellipsoids.
 
-Left: ranks of the truth in its posteriors, as the share of trials whose rank is below p, less p; within the band that
-95 of 100 sets of so many uniform ranks keep to (Kolmogorov's). Right: the share of trials whose true centre lies in
-sets of nominal 68 % and 95 %, with exact binomial 95 % intervals; the band has 95 % of the shares that so many trials
-give where the nominal level is true. Fits that are not ok count as outside.
+Left: the share of trials in which the rank of the truth in its posterior is below p, minus p. Of 100 sets of as many
+uniform ranks 95 stay within the band (Kolmogorov's). Right: the share of trials whose true centre lies in
+sets of nominal 68 % and 95 %, with exact binomial 95 % intervals. If the nominal level is true, the band holds the
+share with a probability of 95 %. Fits that are not ok count as outside.
 
-Only cells with σ²/v < 0.02 count, where the likelihood is nearly quadratic. Look at: posteriors within the band, and
-every method on its line but GDKE, whose ellipsoids do not know of its bias.
+Only cells with σ²/v < 0.02 count, where the likelihood is nearly quadratic.
+
+Look at: posteriors lie within the band, and every method on its line but GDKE, whose ellipsoids do not include its
+bias.
 """
 
 from dataclasses import dataclass

@@ -1,17 +1,16 @@
 """Efficiency: median error over the Cramér-Rao bound against relative noise, per estimator.
 
-One panel per cap angle. The unit is what an estimator with Gaussian errors at the Cramér-Rao bound would have. That
-bound treats the directions as known; the dashed line is the attainable bound, which does not: an estimator on it is
-efficient.
-Medians are of all fits as they come, whatever their status, for the paper's UGDK among them; a fit without a number
-counts as worse than any. Of a run with many estimators five are drawn, the default and the paper's first; the stamp
-names the others, which `study summary` has. Marks below the curves are where theory puts the changes: GDKE's bias
-overtakes its scatter at s* = r √(Kₐ/N) / m₁, UGDK leaves the bound at σ² = v/2, and UGDK's matrix begins to fail at
-κ = (v/σ²) √(N/2) = 3, with v = r²Kₐ the variance of the points along the axis.
+One panel per cap angle. The unit is the median of an estimator with Gaussian errors at the Cramér-Rao bound. That
+bound treats the directions as known. The dashed line is the attainable bound, which does not: an estimator on it is
+efficient. Medians are of all fits, whatever their status; a fit without a number counts as worse than any. Of a run
+with many estimators five are drawn, the default and the paper's first; the stamp names the others, which `study
+summary` has. Marks below the curves are where theory puts the changes: GDKE's bias exceeds its scatter at
+s* = r √(Kₐ/N) / m₁, UGDK leaves the bound at σ² = v/2, and UGDK's matrix begins to fail at κ = (v/σ²) √(N/2) = 3, with
+v = r²Kₐ the variance of the points along the axis.
 
-Look at: GDKE parts first, by a factor that grows as √N; knowing the noise (UGDK) costs more than measuring it in the
-same points (ALS); where the noise hides the sphere, past κ = 3, nothing works, and what is bounded is least bad: the
-curves there fall below 1 only because the bound does not bound a biased estimator.
+Look at: GDKE leaves the bound first, by a factor that grows as √N. To subtract the known noise (UGDK) costs more than
+to estimate it from the same points (ALS). Past κ = 3 the noise hides the sphere, and no estimator works; those whose
+errors are bounded err least. Curves fall below 1 there only because the bound does not hold for biased estimators.
 """
 
 import math

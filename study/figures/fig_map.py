@@ -2,12 +2,13 @@
 
 A row of panels per estimator, a panel per number of samples N; in each, relative noise to the right and the cap's
 half-angle upwards. Relative noise is shown from 10⁻⁴, below which all are efficient but for rounding, to 10², above
-which nothing changes any more. The unit is what an estimator with Gaussian errors at the bound would have: white is
-efficient, red is worse, and pale blue beats the bound by being biased: do not read it as good. Medians count every fit
-without an answer as worse than any; hatched is where more than half have none, or where the bound itself is infinite.
+which nothing changes any more. The unit is the median of an estimator with Gaussian errors at the bound. White is
+efficient, red is worse; pale blue beats the bound by being biased: do not read it as good. Medians count every fit
+without an answer as worse than any. In hatched cells more than half of the fits have no answer, or the bound itself is
+infinite.
 
-Look at: white ends where the noise reaches the cap's height, at small angles first; GDKE and LLS leave the bound
-before, the earlier the more samples there are, for a bias does not average out.
+Look at: white ends where the noise reaches the cap's height, at small angles first. GDKE and LLS leave the bound at
+less noise, and at even less with more samples, because a bias does not average out.
 """
 
 import math

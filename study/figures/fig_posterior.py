@@ -1,11 +1,11 @@
 """Posterior of one trial, beside the fits and the bound.
 
 Shaded: 68 % and 95 % of emcee's draws, σ known, geometric likelihood. Dashed: the Cramér-Rao bound's 95 % ellipse
-about the truth, for this trial's directions. Of the trials whose draws were kept the one is shown that lies on the
-flattest cap, where the answers differ most.
+about the truth, for this trial's directions. The trial shown is the one on the flattest cap, where the answers differ
+most, of those whose draws were stored.
 
 Look at: the posterior has the size and the tilt of the bound, and the MLE sits in its middle: two independent ways to
-the same answer. GDKE lies off it by its bias. Along the axis and in the radius the posterior is a ridge: a larger
+the same answer. GDKE is off by its bias. Along the axis and in the radius the posterior is a ridge: a larger
 sphere farther away fits a cap almost as well.
 """
 

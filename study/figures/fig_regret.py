@@ -4,8 +4,9 @@ One row per estimator, the best on top; a point per cell, in a lane for each num
 the median error, right its 95 % quantile; a cross is the geometric mean over all cells, written beside it. Points at
 the right edge lie beyond it.
 
-Look at: an estimator to rely on without knowing the cell has all of its points near 1, in both panels. A small mean on
-the left with a long row on the right is an estimator that is good as long as it is not bad.
+Look at: an estimator that is safe to use without knowing the cell has all of its points near 1, in both panels. If its
+mean is small on the left but its points reach far on the right, it is usually good and sometimes much worse than the
+best.
 """
 
 from dataclasses import dataclass

@@ -2,16 +2,16 @@
 
 One row of panels per cap angle. Left, the noise is normal and a share of the samples is displaced in random directions;
 right, there are no outliers, and the laws of the noise stand in the order of their excess kurtosis, all with the same
-covariance σ² I. The unit is what an estimator with Gaussian errors at the Gaussian bound of the same σ would have, so 1
+covariance σ² I. The unit is the median of an estimator with Gaussian errors at the Gaussian bound of the same σ, so 1
 is efficient with normal noise. A fit that is not ok counts as worse than any. Bars are 95 % intervals of the median;
 every law has the same normal numbers behind it, so that differences between laws are more precise than the bars.
 
 The dashed line is the error of an efficient estimator that takes the outliers for noise: a share p of displacements by
 s σ makes the variance of a coordinate σ² (1 + p s²/d).
 
-Look at: on the left, least-squares fits follow the dashed line, as if all samples had become noisier, and the biased
-ones (GDKE, LLS) leave it on a cap, because their bias grows as the variance does; on the right, on an axis of its own,
-next to nothing happens: least squares sees the covariance alone.
+Look at: on the left, least-squares fits follow the dashed line, as if all samples had become noisier. The biased
+ones (GDKE, LLS) leave it on a cap, because their bias grows as the variance does. On the right, on an axis of its own,
+next to nothing changes: the error of least squares depends on the covariance alone.
 """
 
 import math

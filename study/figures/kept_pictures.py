@@ -25,7 +25,7 @@ class KeptPictures:
 
         Args:
             name: the figure's.
-            figure: its module; nothing is kept of one from elsewhere, since the key does not know its source.
+            figure: its module; pictures of a module outside this package are not kept, as the key lacks its source.
             kinds: the formats that are needed.
 
         Returns:

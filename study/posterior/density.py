@@ -1,7 +1,8 @@
 """The prior of a sphere's parameters, and the log-posterior that the sampler evaluates.
 
-The prior is flat on the centre in a box and on the radius, and 1/σ on an unknown noise. A box, because a flat prior on
-the whole space makes the posterior of a partial cap improper: towards a plane the likelihood tends to a constant.
+The prior is flat on the centre in a box and on the radius, and 1/σ on an unknown noise. The box is needed, as a flat
+prior on the whole space makes the posterior of a partial cap improper: towards a plane the likelihood tends to a
+constant.
 """
 
 import math

@@ -1,7 +1,7 @@
 """One sentence of answer to each claim, made from the numbers that its verdict was computed from.
 
-A sentence says the same whatever the numbers are; they and the verdict decide what a reader learns from it. To answer a
-new claim, write an entry in `ANSWERS`; a claim without one is answered by the first of its numbers.
+The words of a sentence do not depend on the numbers: only its numbers and the verdict change. To answer a new claim,
+write an entry in `ANSWERS`; a claim without one is answered by the first of its numbers.
 """
 
 import math

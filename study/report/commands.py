@@ -21,8 +21,8 @@ Bench = Annotated[Path | None, typer.Option("--bench", help="table that `make be
 def claims(folders: Folders, cost: Cost = None, recording: Recordings = None, as_json: Json = False) -> None:
     """Judge the paper's claims by runs.
 
-    The verdicts and the numbers behind them are printed, and stored in the first run's folder, unless no claim can be
-    judged: then the verdicts stored before stay.
+    The verdicts and the numbers behind them are printed, and stored in the first run's folder. If no claim can be
+    judged, nothing is stored, and earlier verdicts stay.
 
     With --json: runs, a list of names; verdicts, the count of each; claims, a list of the columns of the stored table:
     number, name, section, statement, quantity, value, error, trials, verdict, finding, criterion, remark, reads, runs

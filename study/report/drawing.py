@@ -1,4 +1,4 @@
-"""The drawing of pictures beside other work: in a second process if there may be one, else at once."""
+"""Draw pictures in parallel with other work: in a second process if one is allowed, else at once."""
 
 import multiprocessing
 import signal
@@ -13,7 +13,7 @@ T = TypeVar("T")
 
 
 class Artist:
-    """Calls functions, and gives their results when asked.
+    """Call functions, in another process if there is one, and return their results later.
 
     Args:
         executor: another process; None to call each function at once.
@@ -23,9 +23,9 @@ class Artist:
         self._executor = executor
 
     def begin(self, function: Callable[P, T], *arguments: P.args, **named: P.kwargs) -> Callable[[], T]:
-        """Begin a call; what it returns waits for the result, and gives it.
+        """Begin a call; the function that is returned waits for the result and returns it.
 
-        The other process needs a function and arguments that can be pickled, and so must be the result.
+        For another process the function, its arguments and its result must be such that they can be pickled.
         """
         if self._executor is None:
             found = function(*arguments, **named)
@@ -43,7 +43,7 @@ class Artist:
 
 @contextmanager
 def artist(jobs: int) -> Iterator[Artist]:
-    """An artist with a process of its own if there may be two, which ends with it.
+    """An artist with a process of its own, if two are allowed; the process ends with the artist.
 
     The other process loads the libraries by itself; that takes as long as two figures.
     """

@@ -47,7 +47,7 @@ class _Judged:
 
 
 class _Cause(NamedTuple):
-    """The cause of a method's outliers by the numbers of a claim: there are some of one kind, and none of the other."""
+    """The cause of a method's outliers, shown by two numbers of a claim: one that is above 0, and one that is 0."""
 
     claim: str
     outliers: str
@@ -69,7 +69,7 @@ _CAUSES = (
     _Cause(
         "mle-outliers",
         "MLE's outliers",
-        "are no other minima",
+        "do not come from other minima",
         "With noise around the radius {some} of its fits are off by about the radius; the best of three starts mends "
         "{none} of them.",
         some=0,
@@ -126,7 +126,7 @@ def _instead(efficiency: EfficiencyFrame | None) -> Iterator[Headline]:
     cells = len(curves[["angle", "level"]].drop_duplicates())
     yield Headline(
         f"Use the estimator {style.label(first)}{' instead' if 'ugdk' in found.index else ''}.",
-        f"It need not be told the noise. Over {cells} conditions with {words.count(efficiency.samples)} points and "
+        f"It does not need the noise level. Over {cells} conditions with {words.count(efficiency.samples)} points and "
         f"noise below the radius, its median error is on average {_three(found[first])} times the least of all "
         "estimators" + "".join(f", {style.label(name)}'s {_three(found[name])} times" for name in beside) + ".",
     )

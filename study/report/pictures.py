@@ -102,7 +102,7 @@ def lead(efficiency: EfficiencyFrame, data: bytes) -> Picture:
     angle = nearest_cap(efficiency)
     at = f"Cap of {angle:g}°, N\u00a0=\u00a0{count(efficiency.samples)}."
     words = f"Median error of each estimator over the Cramér-Rao bound, against noise. {at}"
-    advice = " The closer to the lines, the better. Below them only a biased estimator can be."
+    advice = " The closer to the lines, the better. Only a biased estimator can lie below them."
     caption = [
         Text([words, advice]),
         Text([Link("The whole figure", "fig_efficiency"), f", {efficiency.stamp}"]),

@@ -27,9 +27,9 @@ def precision(record: Record) -> list[Block]:
             least, most = words.count(int(part["trials"].min())), words.count(int(part["trials"].max()))
             rows.append(Row([meaning, words.count(len(part)), least if least == most else f"{least} to {most}"]))
     caption = (
-        "A cell stops at the first checkpoint where the Monte-Carlo error is small enough. Because it stops where the "
-        "error was estimated small, 2 targets on either side hold the truth in 97 % of cells that reached "
-        "theirs, 2 of the errors shown in 93 %."
+        "A cell stops at the first checkpoint where the Monte-Carlo error is small enough. A cell stops early if that "
+        "error is estimated too small, so quote the target instead: 2 targets on either side hold the truth in 97 % "
+        "of the cells that reached theirs, 2 of the errors shown in 93 %."
     )
     head = ["Why there are no more trials", "cells", "trials of each"]
     table = Table(f"Trials by need, {record.name}", caption, head, rows, numeric=frozenset({1, 2}))

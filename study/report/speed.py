@@ -34,8 +34,8 @@ def speed_section(material: Material) -> Iterable[Section]:
     machine = material.bench["machine"].iloc[0]
     content: list[Block] = [
         Text(
-            f"Measured on {machine}. A ratio is to the row of its group that has 1, the best of many rounds of each, "
-            "in one run; where a group has no such row there are times alone."
+            f"Measured on {machine}, in one run. A ratio compares a row with the row of its group whose ratio is 1, by "
+            "the best of many rounds of each. A group without such a row has times alone."
         )
     ]
     for group, part in material.bench.groupby("group", sort=False):

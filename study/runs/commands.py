@@ -44,12 +44,12 @@ class ExitCode(IntEnum):
 
 EXIT_CODES: dict[int, str] = {
     ExitCode.COMPLETE: "complete",
-    ExitCode.FAILURE: "failed: no such run, a damaged table, runs that differ, a property violated, a figure",
+    ExitCode.FAILURE: "failed: no such run, a damaged table, runs that differ, a violated property, a failed figure",
     ExitCode.USAGE: "wrong usage, or a fault in a config or another file that was given",
     ExitCode.TOO_MANY_FAILURES: "complete, but too many fits failed; or a fit is not ok, or uses outliers",
     ExitCode.BUDGET: "stopped by --budget before every cell had enough trials",
     ExitCode.INTERRUPTED: "interrupted by Ctrl-C or SIGTERM; `study run` resumes",
-    ExitCode.NO_READER: "the reader of standard output, such as `head`, has gone",
+    ExitCode.NO_READER: "the program that reads the standard output, such as `head`, has ended",
 }
 """Meaning of each exit code."""
 
@@ -93,7 +93,7 @@ def worker(
     scheduler: Annotated[str, typer.Argument(metavar="ADDRESS", help="address of a Dask scheduler: tcp://host:8786")],
     options: Annotated[list[str] | None, typer.Argument(metavar="-- OPTION…", help="see `dask worker --help`")] = None,
 ) -> None:
-    """Start a Dask worker that gives the results of this machine.
+    """Start a Dask worker whose results equal those of this machine.
 
     They are equal to the last bit.
     """

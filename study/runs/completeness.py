@@ -6,7 +6,7 @@ from study.runs.storage.parts import FORMAT
 from study.runs.storage.run_folder import Run
 
 DERIVED = ("posterior", "answers", "draws", "claims")
-"""Tables that are not computed of units, and so survive when units are computed again."""
+"""Tables that are not made from units, and so stay when units are computed again."""
 
 
 def finished(run: Run) -> bool:

@@ -1,4 +1,4 @@
-"""Results that are made of a run's tables alone, such as pictures, kept in its folder so that they are made once.
+"""Results that are made from a run's tables alone, such as pictures; its folder keeps them, so they are made once.
 
     RUN/kept/<name>    a line with the key and the SHA-256 of the rest, then the rest
 

@@ -37,7 +37,7 @@ class Plan:
         samples: samples fitted, per estimator: the draws, times the cells that share them.
         fits: data sets times estimators.
         bytes: predicted size of the tables.
-        seconds: predicted time on the workers asked for, compiled code ready.
+        seconds: predicted time on so many workers, with compiled code ready.
     """
 
     cells: int

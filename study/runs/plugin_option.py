@@ -26,7 +26,7 @@ Plugins = Annotated[
 
 
 def with_plugins(command: Callable[..., None]) -> Callable[..., None]:
-    """The same command with the option ``--plugin``, which does its work when it is read."""
+    """The same command with the option ``--plugin``, whose files are loaded when the option is read."""
 
     @functools.wraps(command)
     def called(*arguments: Any, plugin: object = None, **named: Any) -> None:

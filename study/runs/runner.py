@@ -64,7 +64,7 @@ def run(
 
     Raises:
         RunError: if the folder belongs to another config, is being written to, or cannot be written, or the workers
-            cannot be had. What was finished is kept.
+            cannot be started. What was finished is kept.
         ValueError: if the study has a budget and no precision.
     """
     if study.precision is None and budget is not None:

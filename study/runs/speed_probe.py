@@ -23,14 +23,14 @@ _CELLS = 6
 _LEVELS = 5
 _REPEATS = 3
 _LONG = 0.05
-"""Seconds from which a measurement, but the first, is not repeated."""
+"""A measurement that takes longer than so many seconds is not repeated, unless it is the first."""
 _MOST_SUMMARISED = 20_000
 """Largest number of trials whose summary is measured; beyond it, time is proportional to the number."""
 _PER_TRIAL = ("draw", "bound")
 
 
 class Kind(NamedTuple):
-    """Trials of equal cost: they have as many samples N, and as many levels and cells share the draw of each."""
+    """Trials of equal cost: with the same number of samples N, and of levels and cells that share each draw."""
 
     samples: int
     levels: int

@@ -30,7 +30,7 @@ _CLEAR = 1e-4
 _HIDDEN = 0.8
 """Noise above this multiple of the half-angle needs the family of derivatives."""
 _GONE = 1e3
-"""Noise above this multiple of the half-angle leaves rounding alone."""
+"""With noise above this multiple of the half-angle only rounding would be left in the numbers."""
 _RANK = 1e-14
 """Singular values of E[a(u)|y] below this share of the largest are rounding."""
 _LOST = 1e-7

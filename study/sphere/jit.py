@@ -77,7 +77,7 @@ def _discard_stale_code() -> None:
 
 
 _overloads: list[tuple[Callable[..., Any], Callable[..., Any], Inline]] = []
-"""Functions that the compiler does not know yet, what it shall compile in place of each, and if it inlines that."""
+"""Overloads that Numba does not know yet: a function, the maker of what is compiled for it, and when to inline that."""
 _lock = threading.RLock()
 
 
@@ -119,7 +119,7 @@ class Kernel:
 
 @functools.cache
 def _load_compiler() -> Any:
-    """Load Numba, and tell it what a kernel is that another one calls."""
+    """Load Numba, and register kernels as functions that other kernels can call."""
     _discard_stale_code()
     from numba import njit, types
     from numba.extending import typeof_impl
@@ -132,7 +132,7 @@ def _load_compiler() -> Any:
 
 
 def _compiler() -> Any:
-    """Numba's decorator; it has been told of all overloads."""
+    """Numba's decorator, after all overloads are registered with Numba."""
     njit = _load_compiler()
     from numba.extending import overload
 
@@ -143,7 +143,7 @@ def _compiler() -> Any:
 
 
 def overload(function: Callable[..., Any], inline: Inline = "never") -> Callable[[F], F]:
-    """Say what is compiled where a kernel calls a function, as `numba.extending.overload`, which this stands for."""
+    """Declare the code that kernels compile for a call of a function; it reaches `numba.extending.overload` later."""
 
     def note(make: F) -> F:
         with _lock:

@@ -22,7 +22,7 @@ class Measure(NamedTuple):
 
 UNKNOWN = Measure(math.nan, math.nan)
 _FURTHER = 0.005
-"""Share of a sample in which a tail may show that begins far out."""
+"""Share of a sample that shows a tail which begins far out."""
 _ONE_SIGMA = 0.5 * (1.0 + math.erf(math.sqrt(0.5)))  # probability below +1 sd of a Gaussian
 
 

@@ -1,4 +1,4 @@
-"""Rows of the summary table: per group of fits and estimator, the counts of each status and the performance measures.
+"""Rows of the summary table: for each group of fits and estimator, counts of each status and performance measures.
 
 A group is a cell, or, in a random design, a decade of σ/r. Failures count: no planned fit is left out, and a measure of
 all fits counts those that are not ok as infinite.

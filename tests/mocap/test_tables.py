@@ -43,7 +43,7 @@ def test_uneven_bones_are_said(scene):
     marked = [line for line in lines if line.endswith("uneven")]
     assert [line.split("  ")[0] for line in marked] == ["left_knee - left_ankle", "right_knee - right_ankle"]
     assert "+9.5 %" in marked[0]
-    assert any(line.startswith("neck: not to be relied on: moved too little") for line in lines)
+    assert any(line.startswith("neck: not reliable: moved too little") for line in lines)
     assert any(line == f"{scene.joints[3]}: bridged in 11.1% of the frames" for line in lines)
     assert lines[-1] == "note: right_wrist is not shown: known in no frame"
 

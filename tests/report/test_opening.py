@@ -106,7 +106,7 @@ def test_the_main_claim_comes_first(efficiency, verdict, says):
     assert "1.00 times the least of all estimators, UGDK's 4.00 times." in second.rest
     assert "noise of 0.3\u00a0r the attainable bound" in third.rest
     assert "is 2.0\u00a0times the Cramér-Rao bound; UGDK reaches 6.0\u00a0times." in third.rest
-    assert last.head == "MLE's outliers are no other minima."
+    assert last.head == "MLE's outliers do not come from other minima."
 
 
 def test_findings_without_tables(efficiency):

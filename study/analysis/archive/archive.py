@@ -61,7 +61,7 @@ def archive(runs: Sequence[Run], out: Path) -> Path:
 
 
 def _archived(run: Run) -> ArchivedRun:
-    """A run whose tables are all as they were written."""
+    """Check that a run's tables are as they were written, and return it for the archive."""
     if (stopped := budget_message(run)) is not None:  # the config alone would compute other tables
         raise RunError(stopped)
     checked = verify(run, share=0.0)

@@ -1,4 +1,4 @@
-"""The columns of a table that hold coordinates: as asked for, by the names x, y, z, or all."""
+"""The columns of a table that hold coordinates: those that the user names, those called x, y and z, or all."""
 
 import re
 from collections.abc import Sequence

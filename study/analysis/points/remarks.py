@@ -46,13 +46,11 @@ def doubts(fit: Fit) -> Iterator[str]:
     if copies:
         repeat, they = ("repeats an earlier one", "it is") if copies == 1 else ("repeat earlier ones", "they are")
         yield f"{copies} of {samples} rows {repeat}; if {they} no new measurement, every ± is too small"
-        yield "intervals count rows that repeat an earlier one as one"
+        yield "for the intervals, rows that repeat an earlier one count once"
     spare = samples - copies - fit.center.shape[0] - 1
     if fit.ok and spare < _SPARE:
-        more = (
-            "1 point more than a sphere needs tells" if spare == 1 else f"{spare} points more than a sphere needs tell"
-        )
-        yield f"{more} the noise, which can look small by chance: ok may be luck"
+        more = "1 point" if spare == 1 else f"{spare} points"
+        yield f"only {more} more than a sphere needs, so that the noise can look small by chance: ok may be luck"
     if fit.ok and _is_belt(fit):
         yield "the points lie close to a plane through the centre: its interval across that plane is too short"
 

@@ -1,4 +1,4 @@
-"""Contents of a point file: of a regular file or of standard input, and no more than can be held."""
+"""Contents of a point file, a regular file or standard input, up to a size that memory can hold."""
 
 import os
 import stat

@@ -14,9 +14,9 @@ from study.runs.storage.run_folder import Run
 from study.text.columns import columns
 
 DIGEST_ONLY = {
-    "timings": "seconds of another time cannot be computed again",
-    "precision": "decided while the run grew; its numbers of trials are those of the errors",
-    "claims": "by the runs that `study claims` was given",
+    "timings": "measured times cannot be computed again",
+    "precision": "written while trials were added; the numbers of trials are checked with the errors",
+    "claims": "depends on all the runs that `study claims` was given",
 }
 
 

@@ -138,7 +138,7 @@ class Fit:
 
         Returns:
             Lower and upper ends, (…, 2) for the radius and (…, d, 2) for the centre, in the unit of the points. Ends
-            that the points do not tell are 0 or infinite for the radius; the centre then is anywhere.
+            that the points do not determine are 0 or infinite for the radius; the centre then may be anywhere.
 
         Raises:
             ValueError: if the level is not in (0, 1), or the fit does not hold its points.

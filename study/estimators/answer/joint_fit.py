@@ -62,7 +62,7 @@ class JointFit:
         It is |x - ĉ| - r̂_p, positive outside; NaN where a sample is missing.
 
         Raises:
-            ValueError: if the fit does not hold its points, because it is from `study.mgdk_so_far`.
+            ValueError: if the fit does not hold its points, because it is from `mgdk_so_far`.
         """
         if not self.markers:
             raise ValueError("this fit does not hold its points: use study.mgdk, which stores them in the fit")

@@ -11,10 +11,10 @@ from study.sphere.types import Ints
 def settled_status(estimates: Estimates, ends: Intervals) -> Ints:
     """Status of each fit (b,), given the intervals of its points at 95 %.
 
-    A rule that admits only fits far from the noise selects those whose curvature came out too large, and their
-    intervals do not cover; intervals of the fits that are bounded do (theory 10.5). So "ok" and "insignificant" give
-    way to this rule, but for an estimate outside its own interval, which stays insignificant. Failures stay, and so
-    does "hinge", whose centre is of another kind.
+    A rule that admits only fits far from the noise selects those whose curvature came out too large, and intervals of
+    such fits do not cover. Intervals of the fits that are bounded do (theory 10.5). So this rule replaces the
+    estimator's "ok" and "insignificant"; only an estimate outside its own interval stays insignificant. Failures stay,
+    and so does "hinge", whose centre is of another kind.
     """
     own, radius = estimates.status.reshape(-1), estimates.radius.reshape(-1)
     inside = (ends.radius[:, 0] <= radius) & (radius <= ends.radius[:, 1])

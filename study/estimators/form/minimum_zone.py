@@ -47,7 +47,7 @@ class MinimumZone(NamedTuple):
 
 
 def minimum_zone(points: ArrayLike) -> MinimumZone:
-    """The sphere between whose neighbours at equal distances all points lie as closely as possible.
+    """Minimum-zone sphere: midway between the two closest concentric spheres that hold all points between them.
 
     Unlike a least-squares fit it depends on the extreme points alone: a description of form (ISO 12180, ISO 12181),
     not an estimate of a true sphere. The minimum is the one reached from Taubin's fit, which is the global one unless

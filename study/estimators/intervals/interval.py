@@ -46,7 +46,7 @@ def intervals(samples: Samples, level: float = 0.95) -> Intervals:
 
     The score of a hypothetical radius, with centre and noise profiled out, is inverted in signed curvature. It is free
     of the noise's bias for every law of directions, so that intervals cover on small caps and under large noise, where
-    an estimate ± a standard error does not. They are asymmetric, and open where the points cannot tell the end.
+    an estimate ± a standard error does not. They are asymmetric, and an end that the points do not determine is open.
 
     Args:
         samples: the batch, in d ≥ 2 dimensions; isotropic noise is assumed, and its size is found in the points.

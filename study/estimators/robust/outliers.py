@@ -79,8 +79,8 @@ def _search(y: Floats, spheres: Floats, floor: Floats) -> Bools:
     """Outliers of sets (b, d, n) by forward searches.
 
     The first starts from the spheres of least trimmed squares. Where it finds outliers, a second one starts from the
-    geometric fit of all points, and the more likely result is taken: points of which more than half lie close together
-    have a small sphere among those, which the others do not belong to.
+    geometric fit of all points, and the more likely result is taken: if more than half of the points lie close
+    together, the first search may find a small sphere among those, and take all others for outliers.
 
     False alarms are promised for points that are all clean, so how far the sphere is from linear is taken from the fit
     of all points: a few that were chosen for being near one sphere show less noise than there is.

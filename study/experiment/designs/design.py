@@ -17,7 +17,7 @@ class Design(Frozen):
 
     kind: str
     trials: Annotated[int, Field(ge=1, le=MAX_CELLS)]
-    """Number of data sets: of each cell of a grid, or of a random design in all."""
+    """Number of data sets: in each cell of a grid, or in all cells of a random design together."""
     one_trial_a_cell: ClassVar[bool]
     """Every trial is a cell of its own, so that measures of performance combine many cells."""
 

@@ -31,7 +31,7 @@ class Grid(Design):
     kind: Literal["grid"]
     """Every combination of the values is a cell."""
     draws: Literal["shared", "independent"] = "shared"
-    """Cells of equal samples and angle share their draws, so that differences are precise; or each has its own."""
+    """Cells of equal samples and angle share their draws, so that differences are precise; or each cell has its own."""
     most_samples: Annotated[int, Field(ge=1)] | None = None
     """Limit of trials times samples: cells of many samples have fewer trials."""
     one_trial_a_cell = False

@@ -20,7 +20,7 @@ class Source(NamedTuple):
 
 @dataclass(frozen=True)
 class FurtherNumbers:
-    """Further random numbers of a batch of trials, which those who need none do not change.
+    """Further random numbers of a batch of trials. Drawing them changes no other numbers.
 
     Attributes:
         seed: the study's.

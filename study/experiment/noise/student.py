@@ -1,4 +1,4 @@
-"""Student's t: heavy tails, and as likely in every direction."""
+"""Student's t law: heavy tails, the same in every direction."""
 
 import math
 from dataclasses import dataclass

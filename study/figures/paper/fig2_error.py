@@ -1,11 +1,11 @@
 """Figure 2: relative error against relative noise, over 28 decades; below, each error over its own bound.
 
-The paper's figure 2 overlays four estimators and rings the outliers; it is read there as one straight line, error =
+The paper's figure 2 overlays four estimators and rings the outliers. The paper reads it as one straight line, error =
 noise, for all of them, with UGDK closest to the Cramér-Rao bound. Here every trial is a dot, every estimator has its
 panels, and nothing is left out: a fit whose error is beyond ten times its own bound is ringed, one whose status is not
-ok is a cross, and what lies off the scale is counted. Above is the paper's view. Each trial has its own N and φ, and so
-its own bound: a dot above the line of the bound's median need not be far from its own. Below is the error over the
-trial's own √tr CRLB, with its median in each decade.
+ok is a cross, and fits off the scale are counted. Above is the paper's view. Each trial has its own N and φ, and so
+its own bound: a dot above the line of the bound's median need not be far from its own bound. Below is the error over
+the trial's own √tr CRLB, with its median in each decade.
 
 Look at: above, the straight line over most decades; UGDK's crosses to the right of σ ≈ r, where the noise exceeds the
 extent of the sphere; and the slopes, which are of the ok fits alone. Below, the shoulder of LLS and GDKE for σ from

@@ -1,13 +1,13 @@
 """Figure 7: median error against the number of samples, with the exponent of the power law that describes it.
 
 The paper's figure 7 plots the spread of joint centres from motion capture against the number of samples analysed, and
-reads a power law close to 1/√N. Here it is a Monte-Carlo experiment with the truth known: for each estimator the median
-of error over radius, of all fits, those that are not ok counted as worse than any. Error bars are Monte-Carlo standard
+reads a power law close to 1/√N. Here it is a Monte-Carlo experiment with known truth. A curve is the median of error
+over radius of an estimator's fits; those that are not ok count as worse than any. Error bars are Monte-Carlo standard
 errors. A run with other axes than N is shown at its first angle, radius and centre, and at up to four levels of
 relative noise from the lowest to the highest.
 
-Look at: the slopes of the curves against the bound's, and GDKE, which is LLS: it leaves the others where its bias
-overtakes its scatter, and more samples do not help it; the dashed line is where theory puts it. An exponent is printed
+Look at: the slopes of the curves against the bound's, and GDKE, which is LLS. It leaves the others where its bias
+exceeds its scatter, and more samples do not help it; theory puts its limit at the dashed line. An exponent is printed
 where a power law describes the medians, that is, where each is within 15 % or three Monte-Carlo errors of it.
 
 The bound is a root mean square: an efficient estimator's median runs below it, by the factor in the key.

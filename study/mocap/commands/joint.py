@@ -8,12 +8,17 @@ from study.mocap.commands.options import File, Reading, grouped
 from study.runs.commands import ExitCode
 
 Parent = Annotated[
-    str, typer.Option("--parent", metavar="A,B,C", help="labels of three or more markers of the segment that holds it")
+    str, typer.Option("--parent", metavar="A,B,C", help="labels of three or more markers of the parent segment")
 ]
-Child = Annotated[str, typer.Option("--child", metavar="D,E,F", help="labels of markers of the segment that moves")]
-Hinge = Annotated[bool, typer.Option("--hinge", help="a knee, an elbow: its place along its axis is not asked for")]
+Child = Annotated[
+    str,
+    typer.Option(
+        "--child", metavar="D,E,F", help="labels of markers of the child segment, which rotates about the joint"
+    ),
+]
+Hinge = Annotated[bool, typer.Option("--hinge", help="the joint is a hinge, such as a knee or an elbow")]
 Across = Annotated[
-    str, typer.Option("--across", metavar="G,H", help="lateral and medial point: a hinge is midway between them")
+    str, typer.Option("--across", metavar="G,H", help="lateral and medial point, midway between which a hinge lies")
 ]
 Json = Annotated[bool, typer.Option("--json", help="print the joint as JSON, in metres and degrees")]
 

@@ -24,8 +24,12 @@ class Given:
     calibration: Path | None = field(
         default=None, metadata={"help": "calibration.json of the same subject, or its folder [default: calibrate here]"}
     )
-    force: bool = field(default=False, metadata={"help": "use it even if it seems to be of another subject"})
-    refit: bool = field(default=False, metadata={"help": "fit its segment shapes to this recording; its joints stay"})
+    force: bool = field(
+        default=False, metadata={"help": "use the calibration even if it seems to be of another subject"}
+    )
+    refit: bool = field(
+        default=False, metadata={"help": "fit the calibration's segment shapes to this recording; its joints stay"}
+    )
 
     def require_sense(self) -> None:
         """Refuse options that say how to use a calibration where none is given."""

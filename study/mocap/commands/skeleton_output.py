@@ -26,7 +26,9 @@ class Output:
     )
     rest: Literal["t-pose", "recorded"] = field(
         default="t-pose",
-        metadata={"help": "the pose without rotations in .bvh and .glb: a T-pose, or one of the recording"},
+        metadata={
+            "help": "the pose of .bvh and .glb in which all rotations are zero: a T-pose, or one of the recording"
+        },
     )
     video: bool = field(default=False, metadata={"help": "also write motion.mp4"})
     json: bool = field(default=False, metadata={"help": "print one JSON object, with null where there is no number"})

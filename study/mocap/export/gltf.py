@@ -105,7 +105,7 @@ class _Document:
             if not len(faces):
                 continue
             material = gltf.Material(
-                name="bone" if colour is _PLAIN else "bone of a joint not to be relied on",
+                name="bone" if colour is _PLAIN else "bone of an unreliable joint",
                 pbrMetallicRoughness=gltf.PbrMetallicRoughness(
                     baseColorFactor=colour, metallicFactor=0.0, roughnessFactor=0.9
                 ),

@@ -64,9 +64,9 @@ class _Pose:
 def joint_tree(motion: ExportedMotion) -> JointNode:
     """Build the hierarchy of a skeleton.
 
-    A segment that is known in no frame is left out, with all below it. Formats with a hierarchy have no unknown: in
-    frames in which a segment is unknown it stays as it was; the skeleton's flags show these frames. A segment without a
-    parent, other than the first, moves freely below the first.
+    A segment that is known in no frame is left out, with all below it. Formats with a hierarchy cannot mark a pose as
+    unknown: in such frames the segment keeps its last pose, and the skeleton's flags show these frames. A segment
+    without a parent, other than the first, moves freely below the first.
 
     Returns:
         The first segment's node.

@@ -12,8 +12,8 @@ from study.mocap.export.motion import ExportedMotion
 def write_mot(motion: ExportedMotion, path: Path) -> None:
     """Write joint angles in degrees, and the root's place in metres.
 
-    OpenSim's readers know no missing number, and lose their place at one. So angles that are known in no frame are left
-    out, and in frames in which one is unknown it stays as it was; the table of angles shows these frames.
+    OpenSim's readers cannot read a missing number, nor the numbers after it. So angles that are known in no frame are
+    left out, and an angle that is unknown in a frame keeps its last value; the table of angles shows these frames.
 
     Raises:
         OSError: if the file cannot be written.

@@ -1,4 +1,4 @@
-"""Angles of a joint over time, as rotation vectors about its mean position, and the frames in which it turns each way.
+"""Angles of a joint over time, as rotation vectors about its mean position, and the frames of rotation each way.
 
 They come from the rotations of one segment in the other's axes; or, where only one segment has a pose, from the markers
 of the other about the joint's centre, to first order.
@@ -68,11 +68,11 @@ def angles_about_center(y: Floats, used: Bools, center: Floats) -> Floats:
 
 
 def turning_ways(angles: Floats, lag: int, most: int) -> list[tuple[Bools, Bools]]:
-    """Frames in which a joint turns one way and the other, about each of the axes about which it rotates most.
+    """Frames in which a joint rotates one way and the other, about each of the axes about which it rotates most.
 
     Args:
         angles: rotation vectors (3, frames), NaN where unknown.
-        lag: frames before and after, by whose angles the way is told, so that a frame's own noise does not decide.
+        lag: the angles so many frames before and after decide the way, so that a frame's own noise does not.
         most: number of axes, one or two.
 
     Returns:

@@ -39,10 +39,10 @@ class JointStatus(Worded):
     """Reliability of a joint, with the text that a user reads."""
 
     OK = 0, "ok"
-    HINGE = 1, "hinge: known across its axis; its place along the axis shows in nothing, or in soft tissue alone"
+    HINGE = 1, "hinge: known across its axis; its place along the axis is not known, or from soft tissue alone"
     DISAGREE = 2, "its two segments contradict each other by more than 1 cm or 20°, beyond what their errors explain"
     REVERSES = 3, "bending and straightening put it more than 1 cm apart, beyond what their errors explain"
-    ONE_AXIS = 4, "a ball joint that moved about one axis: its place along it shows in nothing, or in soft tissue alone"
+    ONE_AXIS = 4, "a ball joint that moved about one axis: its place along it is not known, or from soft tissue alone"
     UNSURE = 5, "moved too little for its noise and its skin, or was seen too briefly: a standard error may exceed 1 cm"
     INSIGNIFICANT = 6, "along some direction the noise of the segment's pose would explain how far the markers moved"
     NOT_POSITIVE_DEFINITE = 7, "the noise hides how far the markers moved: the centre is biased towards them"
@@ -85,8 +85,8 @@ class Estimate:
         pair: the fit of both sides, or None.
         status: reliability.
         skin: part of the covariance that comes from skin, of this joint and of those that the poses rest on (3, 3), m².
-        floor: standard error from skin that is common to the markers of a segment, for a slope of 5 mm/rad, metres: it
-            shows in nothing, and is part of no covariance. NaN until it is known.
+        floor: standard error from skin that is common to the markers of a segment, for a slope of 5 mm/rad, metres. No
+            marker shows such skin, so it is part of no covariance. NaN until it is known.
     """
 
     side: Side

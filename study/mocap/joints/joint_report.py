@@ -29,13 +29,13 @@ def agreement_lines(table: pd.DataFrame) -> Iterator[str]:
 
 def joint_lines(joints: FoundJoints) -> Iterator[str]:
     """Lay out the joints, a line each in millimetres and degrees, then the reasons to doubt some of them."""
-    titles = ["joint", "status", "from", *(f"{axis} / mm" for axis in "xyz"), "error", "floor", "noise", "moved"]
-    titles += ["ρ", "frames", "worth", "apart"]
+    titles = ["joint", "status", "from", *(f"{axis} / mm" for axis in "xyz"), "error", "floor", "noise", "range"]
+    titles += ["ρ", "frames", "n_eff", "apart"]
     yield from columns(map(_joint_row, joints.joints), titles, "<<<>")
     yield "x, y, z: centre in its parent; error: largest standard error; noise: of a coordinate; all in mm"
-    yield "floor: what 5 mm/rad of skin common to a segment's markers adds to the error and no marker shows, mm"
-    yield "apart: distance to the farthest other side with an error, mm; worth: effective number of independent frames"
-    yield "moved: least and greatest root mean square angle of motion"
+    yield "floor: error from skin that moves all markers of a segment alike, by 5 mm/rad, which no marker shows, mm"
+    yield "apart: distance to the farthest other side with an error, mm; n_eff: effective number of independent frames"
+    yield "range: of motion, least and greatest root mean square angle; ρ: share of the smallest extent that is noise"
     for found in joints.joints:
         if found.joint.across and not np.isnan(found.axis_in_parent).any():
             yield f"{found.joint.name}: along its axis midway between {' and '.join(found.joint.across)}"

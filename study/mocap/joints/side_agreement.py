@@ -8,11 +8,12 @@ Two estimates contradict each other if they are more than a centimetre apart, ac
 the 80 % quantile of χ² for the sum of their covariances; or if their axes differ by more than 20°, which over a limb's
 thickness (3 cm) is a centimetre. The covariances are added as for independent errors. In truth the estimates share
 their markers, and errors in common do not make them differ, so the rule is conservative. With noise of 1-5 mm alone it
-flags one in a hundred of the joints with two sides; of those that soft tissue sliding by 2-3 cm moves by more than 2 cm
-it finds two in three. A joint with one estimate cannot be checked.
+flags one in a hundred of the joints with two sides. If soft tissue slides by 2-3 cm, it flags two in three of the
+joints that this moves by more than 2 cm. A joint with one estimate cannot be checked.
 
-Only estimates with a valid standard error can contradict: not those that noise hides or could explain. Nor can one of
-a hinge that is so far along the axis from the other (5 cm) that the error of the axis decides the distance across it.
+Only estimates with a valid standard error can contradict: not those that noise hides or could explain. Two estimates of
+a hinge that are more than 5 cm apart along the axis are not compared, because the error of the axis would decide their
+distance across it.
 """
 
 from collections.abc import Sequence
@@ -30,7 +31,7 @@ COMPARABLE = (*USABLE, JointStatus.UNSURE)
 _SIDES_LEVEL = 0.2
 """Chance at which two sides of like accuracy would count as apart if their errors were independent."""
 _WAYS_LEVEL = 0.0125
-"""Chance at which a joint without skin would count as reversing about an axis; most are tried about two."""
+"""Chance at which a joint without skin would count as contradictory about an axis; most are tested about two."""
 _AXES = np.radians(20.0)
 """Angle between two axes above which they are not axes of one hinge."""
 _ALONG = 0.05
@@ -119,7 +120,7 @@ def check_against_sides(chosen: Estimate, others: Sequence[Estimate]) -> tuple[E
 
 @dataclass(frozen=True)
 class WayDifference(PlaceDifference):
-    """Difference between the centres of the frames in which a joint turns one way and the other about one axis."""
+    """Difference between the centres from frames in which a joint rotates one way and the other about an axis."""
 
     @property
     def contradicts(self) -> bool:

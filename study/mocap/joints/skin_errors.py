@@ -1,9 +1,9 @@
-"""Errors of joints from skin that moves with them, as far as markers show it, and the floor below what any can show.
+"""Errors of joints from skin that moves with them: the part that markers show, and a floor for the unseen part.
 
 The slope β of a segment's skin, m/rad, is measured where three markers of its own fix its pose (`skin_slope`), and
 drawn to the mean of those that were measured in the body so far; a segment without such a pose, as a thigh with two
-markers, gets that mean. `skin_response` makes a covariance of it. Skin that follows something else than the angle shows
-where the centre of the frames in which the joint bends is not that of the frames in which it straightens.
+markers, gets that mean. `skin_response` turns the slope into a covariance. Skin that does not follow the angle makes
+the centre from frames in which the joint bends differ from the centre from frames in which it straightens.
 """
 
 from collections.abc import Mapping
@@ -30,7 +30,7 @@ _FRAMES = 600
 _FEWEST = 10.0
 """Frames for each second that are kept, whatever the length of the recording."""
 _LAG = 0.05
-"""Seconds before and after a frame by which the way is told in which a joint turns."""
+"""Seconds before and after a frame whose angles decide which way the joint rotates in it."""
 _PRIOR = 3.0
 """Coordinates that a segment's markers must show for its own slope to weigh as much as the mean of the body's."""
 _UNSEEN = 1.5
@@ -84,7 +84,7 @@ class SkinErrors:
         )
 
     def ways(self, estimate: Estimate, joint: Joint, child: SegmentPoses | None) -> list[WayDifference]:
-        """Compare an estimate's centres from the frames in which the joint turns one way and the other.
+        """Compare an estimate's centres from the frames in which the joint rotates one way and the other.
 
         Args:
             estimate: of the joint.
@@ -92,7 +92,7 @@ class SkinErrors:
             child: poses of the child, for an estimate from both segments.
 
         Returns:
-            A difference for each axis about which the joint turns: two, one for a hinge, fewer where a fit fails.
+            A difference for each axis about which the joint rotates: two, one for a hinge, fewer where a fit fails.
         """
         found = []
         both = turning_ways(self._angles(estimate, joint, child), self.lag, 2 if estimate.axis is None else 1)

@@ -1,6 +1,6 @@
-"""Lines of a stream: each is a frame, a JSON object from labels to positions, ``{"LASI": [412.1, 680.3, 966.2], ...}``.
+"""Lines of a stream: each is a frame, a JSON object of labels and positions, ``{"LASI": [412.1, 680.3, 966.2], ...}``.
 
-A marker that is not seen is left out, or null. A blank line is nothing.
+A marker that is not seen is left out, or null. Blank lines are skipped.
 """
 
 import json
@@ -18,7 +18,7 @@ _LARGEST = 65536
 
 
 class FrameError(Exception):
-    """A line is no frame; the message, one line, says why."""
+    """A line that is not a frame; the message, one line, says why."""
 
 
 def read_frame(line: str, unit: float) -> dict[str, Floats]:
@@ -39,14 +39,14 @@ def read_frame(line: str, unit: float) -> dict[str, Floats]:
     except (ValueError, RecursionError):
         raise FrameError("no JSON") from None
     if not isinstance(values, dict):
-        raise FrameError('no object from labels to positions, such as {"LASI": [412, 680, 966]}')
+        raise FrameError('not an object of labels and positions, such as {"LASI": [412, 680, 966]}')
     return {label: _place(label, value) * unit for label, value in values.items() if value is not None}
 
 
 def _place(label: str, value: object) -> Floats:
     numbers = value if isinstance(value, list) and len(value) == 3 else []
     if len(numbers) != 3 or not all(type(x) in (int, float) and abs(x) < 1e12 for x in numbers):
-        raise FrameError(f"{label!r} is not at three finite numbers")
+        raise FrameError(f"the position of {label!r} is not three finite numbers")
     return np.array(numbers, dtype=np.float64)
 
 

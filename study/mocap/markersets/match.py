@@ -117,7 +117,7 @@ def choose(recording: Recording, candidates: Sequence[str] | None = None) -> Mat
     if matches and matches[0].joints:
         best = matches[0]
         unused, name = clusters(best.extra), best.whole.name
-        words = f"with {name}, the nearest, {_share(best)} can be found; --markerset {name} takes it all the same"
+        words = f"with {name}, the nearest, {_share(best)} can be found; --markerset {name} uses it nevertheless"
         words += f"; unused clusters are {', '.join(unused)}" if unused else ""
     else:
         tried = ", ".join(sorted(found.whole.name for found in matches)) or "none"

@@ -1,4 +1,4 @@
-"""Points that are to place a hinge along its axis, and cannot: they are on other segments, or far from the joint."""
+"""Checks of the two points that place a hinge along its axis: they must be on its segments, and near the joint."""
 
 from collections.abc import Iterator, Mapping, Sequence
 

@@ -69,7 +69,7 @@ def _parts(joint: OneJoint) -> Iterator[str]:
     if not math.isnan(joint.moved[0]):
         yield f"moved {joint.moved[0]:.0f}°-{joint.moved[1]:.0f}°{turned}"
     if joint.frames:
-        yield f"{joint.frames} frames, worth {number(joint.effective_frames, '.0f')}"
+        yield f"{joint.frames} frames, effectively {number(joint.effective_frames, '.0f')}"
     across = "" if np.isnan(found.axis_in_parent).any() else " across the axis"
     yield from (
         f"{_comparison(each)}{across}" for i, each in enumerate(joint.compared) if i == 0 or each.distance < NEAR

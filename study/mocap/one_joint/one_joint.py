@@ -60,7 +60,7 @@ class OneJoint:
 
     @property
     def ok(self) -> bool:
-        """True if the joint is of the kind that was asked for, and reliable."""
+        """True if the joint is of the kind that the user gave, ball or hinge, and reliable."""
         return self.found.status == _wanted(self.found) and not self.misplaced
 
 
@@ -118,7 +118,7 @@ def _reference(rotation: Floats) -> int:
 
 
 def _wanted(found: FoundJoint) -> JointStatus:
-    """The status of a reliable joint of the kind that was asked for: a ball that moved as a hinge has no centre."""
+    """The status of a reliable joint of the kind that the user gave: a ball that moved as a hinge has no centre."""
     return JointStatus.HINGE if found.joint.kind == "hinge" else JointStatus.OK
 
 

@@ -1,7 +1,7 @@
 """Common axes for calibrations of several trials: each trial's segments, moved onto those of a reference.
 
-Each trial puts a segment's axes where its own frames suggest. The markers that two trials share place one on the other,
-by Kabsch's fit of their shapes; a segment with fewer than three markers takes the joint above it as one more point.
+Each trial has its own axes for a segment. Kabsch's fit of the markers that two trials share moves one trial's axes onto
+the other's; a segment with fewer than three markers takes the joint above it as one more point.
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,8 +1,8 @@
 """One place for a joint from several trials of a session, weighted by what each trial knows of it.
 
 The trials whose estimate is reliable are weighted by the inverse of their covariances, so a trial that did not move the
-joint counts for next to nothing. A hinge counts across its axis only. Trials that contradict each other are told as two
-segments that do (`side_agreement`): the best one's place stays, and its covariance covers the other.
+joint counts for next to nothing. A hinge counts across its axis only. Trials that contradict each other are found as
+segments that do are (`side_agreement`): the best one's place stays, and its covariance covers the other.
 
 Source: the weighted mean of independent estimates (Gauss-Markov).
 """

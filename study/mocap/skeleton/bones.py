@@ -41,7 +41,7 @@ def _distances(points: Floats) -> list[float]:
 
 
 def side(name: str) -> str:
-    """Side of the body that a point's name tells: "left", "right", or "" if it tells none."""
+    """Side of the body that a point's name shows: "left", "right", or "" if it shows none."""
     words = name.lower().replace("-", "_").replace(" ", "_").split("_")
     return next((word for word in ("left", "right") if word in words), "")
 

@@ -62,8 +62,8 @@ class JointPlace:
         axis_in_child: axis of a hinge in the child's axes (3,); NaN for others.
         mean_rotation: of the child in the parent's axes (3, 3).
         trials: names of the recordings that the place comes from, if the calibration is merged from several.
-        floor: standard error from skin that shows in nothing, metres (see `Estimate`); part of no covariance.
-        warnings: reasons why it is unlike any body's joint (see `plausibility`); it is not judged by them.
+        floor: standard error from skin that no marker shows, metres (see `Estimate`); part of no covariance.
+        warnings: reasons why it is unlike any body's joint (see `plausibility`); they do not change its status.
     """
 
     joint: Joint

@@ -1,6 +1,6 @@
-"""Warnings about joints that no body has like this: hips, bones left and right, and joints outside the markers' hull.
+"""Warnings about joints that are implausible in any body: hips, bones left and right, joints outside the markers' hull.
 
-They are signs that a joint is wrong, not measures of how far, so no joint is judged by them.
+They are signs that a joint is wrong, not measures of how far, so they do not change its status.
 """
 
 from collections import defaultdict

@@ -109,7 +109,7 @@ def skeleton_lines(scene: Scene) -> Iterator[str]:
             yield f"{name}: {', '.join(lacking)}"
     for name, doubt in zip(scene.joints, scene.doubts, strict=True):
         if doubt:
-            yield f"{name}: not to be relied on: {doubt}"
+            yield f"{name}: not reliable: {doubt}"
     yield from (f"note: {note}" for note in scene.notes)
 
 

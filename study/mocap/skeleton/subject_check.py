@@ -72,7 +72,7 @@ def require_same_subject(skeleton: Skeleton) -> Skeleton:
     """
     check = check_subject(skeleton)
     if not check.same:
-        raise RecordingError(f"{check.text}, or use this one in spite of that with --force")
+        raise RecordingError(f"{check.text}, or use --force to draw with this one")
     return skeleton
 
 

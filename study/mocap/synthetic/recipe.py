@@ -34,7 +34,9 @@ class Recipe:
     skin: str = field(default="mixed", metadata={"help": f"law of the soft-tissue artefact: {', '.join(SKIN)}"})
     gaps: float = field(default=0.0, metadata={"help": "share of each marker's samples that are missing"})
     swaps: float = field(default=0.0, metadata={"help": "share of the frames in which two markers are exchanged"})
-    height: float = field(default=1.75, metadata={"help": "height of the body, metres; another is another subject"})
+    height: float = field(
+        default=1.75, metadata={"help": "height of the body, metres; another height gives another subject"}
+    )
     reach: float = field(default=1.0, metadata={"help": "share of the natural range of motion"})
     independent: bool = field(default=False, metadata={"help": "draw each frame anew instead of a smooth motion"})
     gait: bool = field(

@@ -12,7 +12,7 @@ from typing import Any
 from study.runs.storage.atomic_write import RunError
 
 _SETTLED = 0.1
-"""Seconds after its last change from which a file's time stamp tells it from a later change; clocks tick in less."""
+"""A file that did not change for so many seconds gets another time stamp at its next change; clocks are finer."""
 
 
 def of_file(path: Path) -> str | None:

@@ -44,7 +44,7 @@ T = TypeVar("T")
 _TEMPORARY = ".*.tmp"
 """Pattern of the temporary files that a killed writer leaves."""
 _remarked: set[Path] = set()
-"""Tables without a digest, of which the user has been told."""
+"""Tables without a digest for which the user has been warned."""
 
 
 class Run:

@@ -43,7 +43,7 @@ def _conditions(conditions: Iterable[Condition], in_full: bool = False) -> list[
 
 
 def _bound_law(conditions: Iterable[Condition]) -> str:
-    """Words that name the law of the noise of which the bound is; empty where it goes without saying."""
+    """Words for the law of noise that the bound assumes; empty if the study's noise is normal."""
     law = bound_law([c.name for c in conditions])
     return f"; {law}" if law else ""
 

@@ -29,7 +29,7 @@ S = TypeVar("S")
 _WATCH = 1.0
 """Seconds after which the backend looks after its workers, if no result came."""
 Ended = Callable[[tuple[T, ...], str], None]
-"""Called with the items of a task that ended, and with why they were given up; that is empty if they are stored."""
+"""Called with the items of a task that ended, and the reason why they were given up, or "" if they are stored."""
 
 
 class Dispatch(Generic[S, T]):
@@ -80,7 +80,7 @@ class Dispatch(Generic[S, T]):
             except BaseException as error:
                 self._backend.stop()
                 fetcher.shutdown()
-                if not isinstance(error, RunError):  # then the disk takes no more, or the results are not to be had
+                if not isinstance(error, RunError):  # then the disk is full, or the results cannot be fetched
                     self._store_rest()
                 raise
         self._parts.commit()

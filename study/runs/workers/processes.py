@@ -29,7 +29,7 @@ class Processes(Backend):
     """Processes of this machine.
 
     Args:
-        jobs: number of processes that compute at a time. One is had by sending one task at a time to two, because
+        jobs: number of processes that compute at a time. For one, tasks are sent one at a time to two, because
             joblib would compute in this very process if it were told to use one, and a task could kill it.
     """
 

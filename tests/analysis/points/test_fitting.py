@@ -140,7 +140,7 @@ def test_ok_fits_have_nothing_below_but_cautions(rng, on_cap):
     (caution,) = below
     named, words = caution.split(": ")
     assert set(named.split(", ")) == BIASED
-    assert "pulled towards the points" in words
+    assert "biased towards the points" in words
     assert shown(on_cap(rng, 300, noise=0.02)[0], ["als", "mle"])[1] == []
 
 

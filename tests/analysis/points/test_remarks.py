@@ -53,11 +53,11 @@ def test_outliers_and_copies(cap):
     twice = np.repeat(cap, 5, axis=0)
     assert list(doubts(study.fit(twice))) == [
         "160 of 200 rows repeat earlier ones; if they are no new measurement, every ± is too small",
-        "intervals count rows that repeat an earlier one as one",
+        "for the intervals, rows that repeat an earlier one count once",
     ]
 
 
-@pytest.mark.parametrize(("n", "told"), [(5, "1 point more than a sphere needs tells"), (9, "5 points more")])
+@pytest.mark.parametrize(("n", "told"), [(5, "only 1 point more than a sphere needs"), (9, "only 5 points more")])
 def test_few_points(on_cap, n, told):
     """An ok fit of fewer than ten points says that its noise may be small by chance; one of ten does not."""
     fit = study.fit(on_cap(np.random.default_rng(3), n, 180.0, noise=1e-4)[0])

@@ -63,7 +63,10 @@ def test_standard_input_until_ctrl_c(start):
     process.stdin.write("\n".join([*given, '{"A": [1, 2]}']) + "\n")
     process.stdin.flush()
     complained = [process.stderr.readline(), process.stderr.readline()]  # by then all frames have been added
-    assert complained == ["line 8 is skipped: no JSON\n", "line 253 is skipped: 'A' is not at three finite numbers\n"]
+    assert complained == [
+        "line 8 is skipped: no JSON\n",
+        "line 253 is skipped: the position of 'A' is not three finite numbers\n",
+    ]
     process.send_signal(signal.SIGINT)
     said, complained = process.communicate(timeout=600)
     assert (process.returncode, complained) == (0, "")

@@ -106,7 +106,7 @@ def test_errors_and_doubts(doubted, tmp_path, glb):
     assert nodes["left_elbow"]["extras"]["doubt"] == "moved too little"
     assert "doubt" not in nodes["right_elbow"]["extras"]
     plain, marked = document["meshes"][0]["primitives"]
-    assert document["materials"][marked["material"]]["name"] == "bone of a joint not to be relied on"
+    assert document["materials"][marked["material"]]["name"] == "bone of an unreliable joint"
     moved_by = array(marked["attributes"]["JOINTS_0"])[array(marked["indices"])[:, 0], 0]
     assert {document["nodes"][number]["name"] for number in moved_by} == {"left_elbow"}
     assert document["materials"][plain["material"]]["name"] == "bone"

@@ -1,6 +1,6 @@
 """Read a table with two lines of headers: a marker's label above the first of its columns, the axes below.
 
-So trajectories are exported from Cortex as text, and saved by spreadsheets: labels in one line, ``X1, Y1, Z1, X2, …``
+Cortex exports trajectories as text in this form, and spreadsheets save it: labels in one line, ``X1, Y1, Z1, X2, …``
 or ``X, Y, Z, X, …`` in the next; lines with a key and a value, such as a rate, may stand above.
 """
 
