@@ -6,15 +6,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Union
 
 import numpy as np
-from pydantic import (
-    AfterValidator,
-    BeforeValidator,
-    Field,
-    PlainValidator,
-    SerializeAsAny,
-    TypeAdapter,
-    ValidationError,
-)
+from pydantic import AfterValidator, Field, PlainValidator, SerializeAsAny, TypeAdapter, ValidationError
 
 from study.estimators import ESTIMATORS
 from study.experiment.conditions import CONDITIONS, NOISE, STORED, Condition, is_number
@@ -24,10 +16,10 @@ from study.experiment.designs.design import Design
 from study.experiment.designs.fields import MAX_CELLS
 from study.experiment.designs.grid import GridDesign
 from study.experiment.designs.random_design import RandomDesign
-from study.experiment.distributions import Frozen
 from study.experiment.noise.gaussian import NoiseLaw, gaussian
 from study.experiment.posterior_config import Posterior, posterior_faults
 from study.experiment.precision_config import Precision, precision_faults
+from study.experiment.toml_model import Distinct, Frozen, Listed
 from study.text.nearest import did_you_mean
 
 _EITHER: Any = Annotated[Union[RandomDesign, GridDesign], Field(discriminator="kind")]  # noqa: UP007  two variables
@@ -38,18 +30,14 @@ _MARK = "\N{ZERO WIDTH NO-BREAK SPACE}"
 """The mark with which some editors begin a file in UTF-8."""
 
 
-def _tuples(value: object) -> object:
-    """Turn lists, which TOML has, into tuples, which a frozen config holds."""
-    return tuple(_tuples(v) for v in value) if isinstance(value, list) else value
-
-
 def _known_estimators(names: tuple[str, ...]) -> tuple[str, ...]:
     unknown = [name for name in names if name not in ESTIMATORS]
     if unknown:
         raise ValueError(f"{', '.join(map(repr, unknown))} unknown; {did_you_mean(unknown, ESTIMATORS)}")
-    if len(set(names)) < len(names):
-        raise ValueError("an estimator is named twice")
     return names
+
+
+EstimatorNames = Annotated[Distinct[str], AfterValidator(_known_estimators)]
 
 
 class Study(Frozen):
@@ -61,11 +49,9 @@ class Study(Frozen):
     """Another seed gives other draws."""
     dimension: Annotated[int, Field(ge=2, le=50)] = 3
     """2 for circles, 3 for spheres, or more."""
-    estimators: Annotated[
-        tuple[str, ...], BeforeValidator(_tuples), Field(min_length=1), AfterValidator(_known_estimators)
-    ]
+    estimators: EstimatorNames
     """Names of the estimators that fit each data set."""
-    noise_shape: Annotated[tuple[tuple[float, ...], ...], BeforeValidator(_tuples)] | None = None
+    noise_shape: Listed[Listed[float]] | None = None
     """Covariance of a sample in units of σ² (d, d); the identity if absent."""
     keep_points: Annotated[int, Field(ge=0)] = 0
     """Number of trials of each cell whose points are stored: the first ones."""

@@ -53,7 +53,7 @@ COMMON = [
     (4, "estimators = []", "estimators = []", "must have a value"),
     (4, 'estimators = "lls"', "estimators = 'lls'", "must be a list, such as"),
     (4, 'estimators = ["lsl"]', "estimators = ['lsl']", "'lsl' unknown; did you mean 'lls'? Known are mle, "),
-    (4, 'estimators = ["lls", "lls"]', "estimators", "twice"),
+    (4, 'estimators = ["lls", "lls"]', "estimators", "'lls' given more than once; give each value once"),
     (5, "noise_shape = [[1, 0], [0, 1]]", "noise_shape = [[1, 0], [0, 1]]", "symmetric, positive definite 3 × 3"),
     (5, "noise_shape = [[1, 2, 0], [0, 1, 0], [0, 0, 1]]", "noise_shape", "symmetric"),
     (5, "noise_shape = [[1, 0, 0], [0, 1, 0], [0, 0, -1]]", "noise_shape", "positive definite"),
