@@ -99,6 +99,7 @@ def test_each_fault_is_listed(template, fault):
 IN_GRID = [
     (9, "samples = []", "design.samples = []", "the list is empty"),
     (9, "samples = [10, 3.5]", "3.5 not allowed", "whole number"),
+    (9, "samples = [20, 10, 20, 1e1]", "design.samples", "20, 10 given more than once; give each value once"),
     (9, "samples = [10, 3]", "design.samples", "3 samples are too few"),
     (9, "samples = { linspace = [3, 9, 3] }", "design.samples", "3 samples are too few"),
     (9, "samples = { linspace = [4, 9] }", "linspace = [4, 9] not understood", "[first, last, count]"),
@@ -109,6 +110,7 @@ IN_GRID = [
     (10, "noise = { linspce = [1, 2, 3] }", "keys linspce not understood", "logspace"),
     (10, "noise = [0.1, -1, 'a', true]", "-1, 'a', True not allowed", "above 0"),
     (10, "noise = [inf, nan]", "inf, nan not allowed", "above 0"),
+    (10, "noise = [1, 0.1, 1.0]", "design.noise", "1 given more than once; give each value once"),
     (10, 'noise = { law = "uniform", low = 1, high = 2 }', "design.noise", "linspace"),
     (11, "angle = [90, 0, 181]", "0, 181 not allowed", "at most 180 degrees"),
     (12, 'draws = "both"', "design.draws = 'both'", "'shared' or 'independent'"),
