@@ -147,25 +147,6 @@ class Run:
         """
         return self.read(name, lambda path: schemas.read(path, columns, estimators))
 
-    def cell(self, name: str) -> "pd.DataFrame":
-        """Read the error table's rows of one cell into a data frame, without the others.
-
-        Args:
-            name: the cell's name, or its beginning, as far as no other begins so.
-
-        Raises:
-            ReplayError: if there is no such cell.
-            RunError: if the run did not finish.
-        """
-        from study.experiment.replay import locate  # imported here, as few callers draw trials
-
-        cell, where = locate(self.study, name)
-        # a row group has the range of each column, so that groups without the cell are not read
-        rows = [("cell", "==", cell.name), ("trial", ">=", where[0].first), ("trial", "<", where[-1].last)]
-        rows += [(c.name, "==", cell.values[c.name]) for c in self.study.conditions()]
-        frame: pd.DataFrame = self.read("errors", lambda path: pq.read_table(path, filters=rows)).to_pandas()
-        return frame
-
     def arrow(self, name: str) -> pa.Table:
         """Read a stored table into Arrow's memory; see `table`."""
         table: pa.Table = self.read(name, pq.read_table)
