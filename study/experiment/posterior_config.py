@@ -1,6 +1,7 @@
 """The section ``[posterior]`` of a config: cells and trials, likelihood, and length of the chains."""
 
 import math
+from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
@@ -26,12 +27,12 @@ class ChainStatus(Worded):
     NOT_MIXED = 4, "walkers that started at different modes of the posterior did not mix within the budget of steps"
 
 
-def _listed(value: Any) -> Any:
+def _listed(value: object) -> Sequence[Any]:
     """Make a list of one value."""
     return value if isinstance(value, list | tuple) else (value,)
 
 
-def _conditions(value: Any) -> Any:
+def _conditions(value: object) -> tuple[tuple[str, tuple[Value, ...]], ...]:
     """Check ``where``, which has conditions and the values chosen of each."""
     if not isinstance(value, dict):
         raise ValueError("must be a table of conditions and values, such as { angle = [60, 180], samples = 100 }")

@@ -76,7 +76,7 @@ def _discard_stale_code() -> None:
         return
 
 
-_overloads: list[tuple[Callable[..., Any], Callable[..., Any], Inline]] = []
+_overloads: list[tuple[Callable[..., object], Callable[..., object], Inline]] = []
 """Functions that the compiler does not know yet, what it shall compile in place of each, and if it inlines that."""
 _lock = threading.RLock()
 
@@ -142,7 +142,7 @@ def _compiler() -> Any:
     return njit
 
 
-def overload(function: Callable[..., Any], inline: Inline = "never") -> Callable[[F], F]:
+def overload(function: Callable[..., object], inline: Inline = "never") -> Callable[[F], F]:
     """Say what is compiled where a kernel calls a function, as `numba.extending.overload`, which this stands for."""
 
     def note(make: F) -> F:

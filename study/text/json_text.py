@@ -4,10 +4,9 @@ import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 
-def json_text(data: Mapping[str, Any]) -> str:
+def json_text(data: Mapping[str, object]) -> str:
     """A mapping as a JSON object, in the order of its keys.
 
     Args:
@@ -23,7 +22,7 @@ def json_text(data: Mapping[str, Any]) -> str:
     return json.dumps(_plain(data), indent=2, ensure_ascii=False, allow_nan=False)
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> object:
     if hasattr(value, "item"):  # a number of NumPy
         value = value.item()
     if isinstance(value, float) and not math.isfinite(value):

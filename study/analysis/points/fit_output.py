@@ -77,7 +77,7 @@ def as_csv(files: list[FileFits]) -> str:
     return text.getvalue().rstrip("\n")
 
 
-def _object(each: FileFits, estimator: str, fit: Fit) -> dict[str, Any]:
+def _object(each: FileFits, estimator: str, fit: Fit) -> dict[str, object]:
     errors = fit.standard_errors
     status = Status(int(fit.status))
     numbers = {

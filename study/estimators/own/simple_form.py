@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -11,7 +10,7 @@ from study.estimators.samples import Samples
 from study.estimators.status import Status
 from study.sphere.types import Floats
 
-Function = Callable[..., tuple[Any, Any]]
+Function = Callable[..., object]
 _LONGEST = 500
 
 

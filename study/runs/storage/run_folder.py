@@ -22,7 +22,7 @@ import os
 import sys
 from collections.abc import Callable, Collection, Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -228,7 +228,7 @@ class Run:
             write_table(self.path(name), table)
         self.record(name)
 
-    def record(self, *names: str, **entries: Any) -> None:
+    def record(self, *names: str, **entries: object) -> None:
         """Note the digests of tables, and other entries, in the manifest; one is begun if there is none."""
         try:
             known = self.manifest()
@@ -312,7 +312,7 @@ class Run:
         found = self.table("precision", ["cell", "trials"])
         return dict(zip(found["cell"].astype(str), found["trials"].astype(int), strict=True))
 
-    def maker(self) -> dict[str, Any]:
+    def maker(self) -> dict[str, object]:
         """The software that finished the run, as `study.runs.provenance.software` has it; empty if it is not known."""
         try:
             found = self.manifest().get("software", {})
@@ -320,7 +320,7 @@ class Run:
             return {}
         return found if isinstance(found, dict) else {}
 
-    def makers(self) -> list[dict[str, Any]]:
+    def makers(self) -> list[dict[str, object]]:
         """The software that finished the run, and any other that computed some of its rows; none if it is not known."""
         try:
             others = self.manifest().get("also_computed_by", [])
