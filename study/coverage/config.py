@@ -5,7 +5,6 @@ how well the extent along the cap's axis stands out of the noise. Curvature is l
 """
 
 import math
-import tomllib
 from collections.abc import Iterator
 from itertools import product
 from pathlib import Path
@@ -15,7 +14,7 @@ from pydantic import AfterValidator, Field, ValidationError
 
 from study.estimators import ESTIMATORS
 from study.experiment.config import EstimatorNames
-from study.experiment.config_faults import ConfigError, Fault, report
+from study.experiment.config_faults import ConfigError, Fault, report, toml_tables, toml_text
 from study.experiment.toml_model import Distinct, Frozen
 
 
@@ -96,13 +95,9 @@ def read_design(path: Path) -> CoverageDesign:
     Raises:
         ConfigError: with every fault, its place and its value.
     """
+    text = toml_text(path)
     try:
-        text = path.read_text(encoding="utf-8")
-        raw = tomllib.loads(text)
-    except (OSError, ValueError) as error:
-        raise ConfigError(f"{path}: cannot be read as TOML: {error}") from None
-    try:
-        design = CoverageDesign.model_validate(raw)
+        design = CoverageDesign.model_validate(toml_tables(text, str(path)))
     except ValidationError as error:
         known: dict[tuple[str, ...], list[str]] = {(): list(CoverageDesign.model_fields)}
         raise ConfigError.listing(str(path), text, report(error, known)) from None

@@ -1,7 +1,6 @@
 """Read a study's config: TOML in, a frozen `Study` out, or one message with every fault."""
 
 import hashlib
-import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal, Union
 
@@ -10,7 +9,7 @@ from pydantic import AfterValidator, Field, PlainValidator, SerializeAsAny, Type
 
 from study.estimators import ESTIMATORS
 from study.experiment.conditions import CONDITIONS, NOISE, STORED, Condition, is_number
-from study.experiment.config_faults import ConfigError, Fault, distinct, report
+from study.experiment.config_faults import ConfigError, Fault, distinct, report, toml_tables, toml_text
 from study.experiment.departure_faults import departure_faults
 from study.experiment.designs.design import Design
 from study.experiment.designs.fields import MAX_CELLS
@@ -26,8 +25,6 @@ _EITHER: Any = Annotated[Union[RandomDesign, GridDesign], Field(discriminator="k
 MAX_SAMPLES = 1_000_000_000
 """Limit of a trial's samples, whose directions, noise and points lie in memory together."""
 _DESIGNS: TypeAdapter[Design] = TypeAdapter(_EITHER)
-_MARK = "\N{ZERO WIDTH NO-BREAK SPACE}"
-"""The mark with which some editors begin a file in UTF-8."""
 
 
 def _known_estimators(names: tuple[str, ...]) -> tuple[str, ...]:
@@ -122,10 +119,7 @@ def parse(text: str, source: str = "config") -> Study:
     Raises:
         ConfigError: with every fault, its place, its value and the values allowed.
     """
-    try:
-        raw = tomllib.loads(text.removeprefix(_MARK))
-    except (ValueError, RecursionError) as error:  # for numbers of thousands of digits, and thousands of brackets, too
-        raise ConfigError(f"{source}: not TOML: {error}") from None
+    raw = toml_tables(text, source)
     faults = _faults_between_keys(raw)
     study = None
     try:
@@ -157,11 +151,7 @@ def load(path: Path) -> Study:
 
 def read(path: Path) -> tuple[Study, str]:
     """Read a config file and return its text as well; see `parse`."""
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
-        raise ConfigError(f"{path}: cannot be read: {reason}") from None
+    text = toml_text(path)
     return parse(text, str(path)), text
 
 

@@ -68,6 +68,11 @@ def test_faults(tmp_path):
         read_design(path)
     with pytest.raises(ConfigError, match="cannot be read"):
         read_design(tmp_path / "none.toml")
+    path.write_text("a = " + 3000 * "[" + 3000 * "]", encoding="utf-8")
+    with pytest.raises(ConfigError, match="not TOML"):
+        read_design(path)
+    path.write_text(SMALL, encoding="utf-8-sig")
+    assert read_design(path).name == "small"
 
 
 @pytest.mark.parametrize(
