@@ -13,7 +13,7 @@ from typing import Annotated, NamedTuple
 from pydantic import AfterValidator, Field, ValidationError
 
 from study.estimators import ESTIMATORS
-from study.experiment.config import EstimatorNames
+from study.experiment.config import EstimatorNames, FolderName
 from study.experiment.config_faults import ConfigError, Fault, report, toml_tables, toml_text
 from study.experiment.toml_model import Distinct, Frozen
 
@@ -55,7 +55,7 @@ class CoverageDesign(Frozen):
         most_samples: number of samples of all trials of a cell, at most: cells with large N have fewer trials.
     """
 
-    name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]{0,60}$")]
+    name: FolderName
     seed: Annotated[int, Field(ge=0)]
     estimators: Annotated[EstimatorNames, AfterValidator(_without_noise)]
     angle: Distinct[_Degrees]

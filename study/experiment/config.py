@@ -34,13 +34,14 @@ def _known_estimators(names: tuple[str, ...]) -> tuple[str, ...]:
     return names
 
 
+FolderName = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]{0,60}$")]
 EstimatorNames = Annotated[Distinct[str], AfterValidator(_known_estimators)]
 
 
 class Study(Frozen):
     """A study: its config, complete and checked."""
 
-    name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]{0,60}$")]
+    name: FolderName
     """First part of the name of the run's folder: lower-case letters, digits and hyphens."""
     seed: Annotated[int, Field(ge=0)]
     """Another seed gives other draws."""
