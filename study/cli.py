@@ -8,7 +8,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -294,7 +294,7 @@ def _progress(words: str) -> Iterator[Callable[[float], None]]:
         yield lambda share: bar.advance(task, share)
 
 
-def main(command: Callable[..., Any] = app) -> None:
+def main(command: Callable[..., object] = app) -> None:
     """Entry point; see `ExitCode`."""
     instruction_set.fix()
     if threading.current_thread() is threading.main_thread():

@@ -61,7 +61,7 @@ MODULES = {tuple(p for p in path.relative_to(PACKAGE).with_suffix("").parts if p
 LONGEST = 400
 MOST_PARAMETERS = 7
 MOST_MODULES = 16
-MOST_ANY = 250
+MOST_ANY = 200
 MOST_UNFORMATTED = 10
 
 

@@ -16,7 +16,6 @@ a thousand times, whatever the dependence between the comparisons.
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -230,7 +229,7 @@ def _words(row: "pd.Series[float]", key: Key) -> str:
     return f"{label(row)}, cell {key[0]}"
 
 
-def as_data(found: Difference) -> dict[str, Any]:
+def as_data(found: Difference) -> dict[str, object]:
     """A comparison for other programs: the verdict, the two runs, the test, and a mapping per comparison."""
     runs = [
         {"folder": run.folder, "run": run.study.run_name(), "made_by": run.maker(), "only_here": only}

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from study.experiment.errors import Columns
 from study.runs.storage.run_folder import Run
@@ -53,7 +53,7 @@ class Grouped:
 
     def __init__(self, run: Run) -> None:
         self._run = run
-        self._file: Any = run.read("errors", pq.ParquetFile)
+        self._file: pq.ParquetFile = run.read("errors", pq.ParquetFile)
         self.by_decade = run.study.design.one_trial_a_cell
         self.counts: dict[Key, int] = {}
         self._where: dict[Key, tuple[int, int]] = {}
@@ -96,7 +96,7 @@ class Grouped:
         if not places:
             return {}
         span = [self._where[key] for key in places]
-        parts: dict[str, list[Any]] = {name: [] for name in columns}
+        parts: dict[str, list[NDArray[Any]]] = {name: [] for name in columns}
         place_of_row = []
         for index in range(min(first for first, _ in span), max(last for _, last in span) + 1):
             here, key_of_row, table = self._chunk(index, columns)
@@ -146,9 +146,10 @@ def _coded(column: pa.ChunkedArray) -> tuple[list[str], Ints]:
     return coded.dictionary.to_pylist(), coded.indices.to_numpy()
 
 
-def _values(column: pa.ChunkedArray) -> Any:
+def _values(column: pa.ChunkedArray) -> NDArray[Any]:
     """A column as an array, words as objects."""
     if pa.types.is_dictionary(column.type):
         words, codes = _coded(column)
         return np.array(words, dtype=object)[codes]
-    return column.to_numpy()
+    values: NDArray[Any] = column.to_numpy()
+    return values

@@ -1,7 +1,7 @@
 """The worst trials of a run: the largest errors among the fits whose status is ok."""
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -113,13 +113,13 @@ def _parts(run: Run) -> Iterator[pd.DataFrame]:
     """A run's error table, some rows at a time: new memory for millions of rows takes longer than reading them."""
     conditions = [condition.name for condition in run.study.conditions()]
     columns = ["cell", "trial", *conditions, "estimator", "error", "bound", "status"]
-    file: Any = run.read("errors", pq.ParquetFile)
+    file: pq.ParquetFile = run.read("errors", pq.ParquetFile)
     for first in range(0, max(1, file.num_row_groups), _GROUPS):  # a table without rows is a part without rows
         groups = range(first, min(first + _GROUPS, file.num_row_groups))
         yield file.read_row_groups(list(groups), columns=columns).to_pandas()
 
 
-def as_data(run: Run, found: pd.DataFrame) -> dict[str, Any]:
+def as_data(run: Run, found: pd.DataFrame) -> dict[str, object]:
     """The worst trials for other programs: the run's name, the bound in words, and a mapping per trial."""
     conditions = [condition.name for condition in run.study.conditions()]
     trials = [

@@ -5,28 +5,20 @@ variance. It compares the extent along the cap's axis with the noise. Curvature 
 """
 
 import math
-import tomllib
 from collections.abc import Iterator
 from itertools import product
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, NamedTuple
 
-from pydantic import AfterValidator, BeforeValidator, Field, ValidationError
+from pydantic import AfterValidator, Field, ValidationError
 
 from study.estimators import ESTIMATORS
-from study.experiment.config_faults import ConfigError, Fault, report
-from study.experiment.distributions import Frozen
-from study.text.nearest import did_you_mean
+from study.experiment.config import EstimatorNames, FolderName
+from study.experiment.config_faults import ConfigError, Fault, report, toml_tables, toml_text
+from study.experiment.toml_model import Distinct, Frozen
 
 
-def _tuple(value: Any) -> Any:
-    return tuple(value) if isinstance(value, list) else value
-
-
-def _known(names: tuple[str, ...]) -> tuple[str, ...]:
-    unknown = [name for name in names if name not in ESTIMATORS]
-    if unknown:
-        raise ValueError(f"{', '.join(map(repr, unknown))} unknown; {did_you_mean(unknown, ESTIMATORS)}")
+def _without_noise(names: tuple[str, ...]) -> tuple[str, ...]:
     if given := [name for name in names if ESTIMATORS[name].needs]:
         raise ValueError(f"{', '.join(map(repr, given))}: needs the noise, which no interval is given; leave it out")
     return names
@@ -34,7 +26,6 @@ def _known(names: tuple[str, ...]) -> tuple[str, ...]:
 
 _LEAST_TRIALS = 20
 """Trials of a cell from which shares and medians have errors."""
-_Positive = Annotated[float, Field(gt=0.0)]
 _Degrees = Annotated[float, Field(gt=0.0, le=180.0)]
 
 
@@ -64,12 +55,12 @@ class CoverageDesign(Frozen):
         most_samples: number of samples of all trials of a cell, at most: cells with large N have fewer trials.
     """
 
-    name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]{0,60}$")]
+    name: FolderName
     seed: Annotated[int, Field(ge=0)]
-    estimators: Annotated[tuple[str, ...], BeforeValidator(_tuple), Field(min_length=1), AfterValidator(_known)]
-    angle: Annotated[tuple[_Degrees, ...], BeforeValidator(_tuple), Field(min_length=1)]
-    samples: Annotated[tuple[Annotated[int, Field(ge=6)], ...], BeforeValidator(_tuple), Field(min_length=1)]
-    kappa: Annotated[tuple[_Positive, ...], BeforeValidator(_tuple), Field(min_length=1)]
+    estimators: Annotated[EstimatorNames, AfterValidator(_without_noise)]
+    angle: Distinct[_Degrees]
+    samples: Distinct[Annotated[int, Field(ge=6)]]
+    kappa: Distinct[Annotated[float, Field(gt=0.0)]]
     largest_noise: Annotated[float, Field(gt=0.0)] = 0.9
     level: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.95
     trials: Annotated[int, Field(ge=100)] = 4000
@@ -104,13 +95,9 @@ def read_design(path: Path) -> CoverageDesign:
     Raises:
         ConfigError: with every fault, its place and its value.
     """
+    text = toml_text(path)
     try:
-        text = path.read_text(encoding="utf-8")
-        raw = tomllib.loads(text)
-    except (OSError, ValueError) as error:
-        raise ConfigError(f"{path}: cannot be read as TOML: {error}") from None
-    try:
-        design = CoverageDesign.model_validate(raw)
+        design = CoverageDesign.model_validate(toml_tables(text, str(path)))
     except ValidationError as error:
         known: dict[tuple[str, ...], list[str]] = {(): list(CoverageDesign.model_fields)}
         raise ConfigError.listing(str(path), text, report(error, known)) from None

@@ -1,71 +1,55 @@
 """Read a study's config: TOML in, a frozen `Study` out, or one message with every fault."""
 
 import hashlib
-import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal, Union
 
 import numpy as np
-from pydantic import (
-    AfterValidator,
-    BeforeValidator,
-    Field,
-    PlainValidator,
-    SerializeAsAny,
-    TypeAdapter,
-    ValidationError,
-)
+from pydantic import AfterValidator, Field, PlainValidator, SerializeAsAny, TypeAdapter, ValidationError
 
 from study.estimators import ESTIMATORS
 from study.experiment.conditions import CONDITIONS, NOISE, STORED, Condition, is_number
-from study.experiment.config_faults import ConfigError, Fault, distinct, report
+from study.experiment.config_faults import ConfigError, Fault, distinct, report, toml_tables, toml_text
 from study.experiment.departure_faults import departure_faults
 from study.experiment.designs.design import Design
 from study.experiment.designs.fields import MAX_CELLS
 from study.experiment.designs.grid import GridDesign
 from study.experiment.designs.random_design import RandomDesign
-from study.experiment.distributions import Frozen
 from study.experiment.noise.gaussian import NoiseLaw, gaussian
 from study.experiment.posterior_config import Posterior, posterior_faults
 from study.experiment.precision_config import Precision, precision_faults
+from study.experiment.toml_model import Distinct, Frozen, Listed
 from study.text.nearest import did_you_mean
 
 _EITHER: Any = Annotated[Union[RandomDesign, GridDesign], Field(discriminator="kind")]  # noqa: UP007  two variables
 MAX_SAMPLES = 1_000_000_000
 """Limit of a trial's samples, whose directions, noise and points lie in memory together."""
 _DESIGNS: TypeAdapter[Design] = TypeAdapter(_EITHER)
-_MARK = "\N{ZERO WIDTH NO-BREAK SPACE}"
-"""The mark with which some editors begin a file in UTF-8."""
-
-
-def _tuples(value: object) -> object:
-    """Turn lists, which TOML has, into tuples, which a frozen config holds."""
-    return tuple(_tuples(v) for v in value) if isinstance(value, list) else value
 
 
 def _known_estimators(names: tuple[str, ...]) -> tuple[str, ...]:
     unknown = [name for name in names if name not in ESTIMATORS]
     if unknown:
         raise ValueError(f"{', '.join(map(repr, unknown))} unknown; {did_you_mean(unknown, ESTIMATORS)}")
-    if len(set(names)) < len(names):
-        raise ValueError("an estimator is named twice")
     return names
+
+
+FolderName = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]{0,60}$")]
+EstimatorNames = Annotated[Distinct[str], AfterValidator(_known_estimators)]
 
 
 class Study(Frozen):
     """A study: its config, complete and checked."""
 
-    name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]{0,60}$")]
+    name: FolderName
     """First part of the name of the run's folder: lower-case letters, digits and hyphens."""
     seed: Annotated[int, Field(ge=0)]
     """Another seed gives other draws."""
     dimension: Annotated[int, Field(ge=2, le=50)] = 3
     """2 for circles, 3 for spheres, or more."""
-    estimators: Annotated[
-        tuple[str, ...], BeforeValidator(_tuples), Field(min_length=1), AfterValidator(_known_estimators)
-    ]
+    estimators: EstimatorNames
     """Names of the estimators that fit each data set."""
-    noise_shape: Annotated[tuple[tuple[float, ...], ...], BeforeValidator(_tuples)] | None = None
+    noise_shape: Listed[Listed[float]] | None = None
     """Covariance matrix (d, d) of a sample's noise in units of σ²; the identity if absent."""
     keep_points: Annotated[int, Field(ge=0)] = 0
     """Number of trials of each cell whose points are stored: the first ones."""
@@ -136,10 +120,7 @@ def parse(text: str, source: str = "config") -> Study:
     Raises:
         ConfigError: with every fault, its place, its value and the values allowed.
     """
-    try:
-        raw = tomllib.loads(text.removeprefix(_MARK))
-    except (ValueError, RecursionError) as error:  # for numbers of thousands of digits, and thousands of brackets, too
-        raise ConfigError(f"{source}: not TOML: {error}") from None
+    raw = toml_tables(text, source)
     faults = _faults_between_keys(raw)
     study = None
     try:
@@ -171,11 +152,7 @@ def load(path: Path) -> Study:
 
 def read(path: Path) -> tuple[Study, str]:
     """Read a config file and return its text as well; see `parse`."""
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
-        raise ConfigError(f"{path}: cannot be read: {reason}") from None
+    text = toml_text(path)
     return parse(text, str(path)), text
 
 

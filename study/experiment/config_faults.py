@@ -1,9 +1,12 @@
-"""Faults of a config, each with its line, its place, its value and the values allowed."""
+"""Reading of TOML, and faults of a config, each with its line, its place, its value and the values allowed."""
 
 import json
+import pathlib
 import re
+import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from pydantic import ValidationError
 
@@ -12,6 +15,8 @@ from study.text.nearest import did_you_mean, nearest
 
 Path = tuple[str | int, ...]
 _MISSING = object()
+_MARK = "\N{ZERO WIDTH NO-BREAK SPACE}"
+"""The mark with which some editors begin a file in UTF-8."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +58,23 @@ class ConfigError(Exception):
         lines.sort(key=lambda entry: entry[0])
         count = "1 fault" if len(lines) == 1 else f"{len(lines)} faults"
         return cls("\n".join([f"{source}: {count}", *(f"  line {line}: {words}" for line, words in lines)]))
+
+
+def toml_text(path: pathlib.Path, kind: type[ConfigError] = ConfigError) -> str:
+    """The text of a TOML file; an error of a kind if it cannot be read."""
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
+        raise kind(f"{path}: cannot be read: {reason}") from None
+
+
+def toml_tables(text: str, source: str, kind: type[ConfigError] = ConfigError) -> dict[str, Any]:
+    """The tables of a TOML document; an error of a kind, which names the source, if it is none."""
+    try:
+        return tomllib.loads(text.removeprefix(_MARK))
+    except (ValueError, RecursionError) as error:  # for numbers of thousands of digits, and thousands of brackets, too
+        raise kind(f"{source}: not TOML: {error}") from None
 
 
 def report(error: ValidationError, known: Mapping[tuple[str, ...], list[str]]) -> list[Fault]:

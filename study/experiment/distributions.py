@@ -3,15 +3,10 @@
 from abc import abstractmethod
 from typing import Annotated, ClassVar, Literal, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from study.experiment.conditions import is_number
-
-
-class Frozen(BaseModel):
-    """A section of a config: immutable, typed strictly, no unknown keys, no NaN."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+from study.experiment.toml_model import Frozen, Listed
 
 
 class Distribution(Frozen):
@@ -47,16 +42,12 @@ class Constant(Distribution):
         return (self.value,)
 
 
-def _tuple(value: object) -> object:
-    return tuple(value) if isinstance(value, list) else value
-
-
 class Choice(Distribution):
     """One of a list of values, each equally likely."""
 
     law: Literal["choice"]
     name = "choice"
-    values: Annotated[tuple[float, ...], BeforeValidator(_tuple), Field(min_length=1)]
+    values: Annotated[Listed[float], Field(min_length=1)]
 
     def at(self, u: float) -> float:
         """The value at quantile u in [0, 1)."""

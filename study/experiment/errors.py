@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from study.estimators import Estimates
 from study.experiment.conditions import CONDITIONS, Value
 from study.experiment.config import Study
-from study.experiment.designs.cells import Batch, Cell
+from study.experiment.designs.cells import Batch, Cell, Level
 from study.sphere.types import Floats
 
 Columns = dict[str, NDArray[Any]]
@@ -169,7 +169,7 @@ def _column(name: str, of_cells: Sequence[Mapping[str, Value]]) -> NDArray[Any]:
 
 def levels(cells: tuple[Cell, ...]) -> Iterator[list[int]]:
     """The places of the cells of each level, in the order in which levels first come."""
-    places: dict[Any, list[int]] = {}
+    places: dict[Level, list[int]] = {}
     for place, cell in enumerate(cells):
         places.setdefault(cell.level, []).append(place)
     yield from places.values()

@@ -1,16 +1,17 @@
 """The section ``[posterior]`` of a config: cells and trials, likelihood, and length of the chains."""
 
 import math
+from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field
+from pydantic import BeforeValidator, Field
 
 from study.estimators.status import Worded
 from study.experiment.conditions import ANGLE, CONDITIONS, SAMPLES, Value
 from study.experiment.config_faults import Fault
 from study.experiment.designs.cells import Cell
 from study.experiment.designs.design import Design
-from study.experiment.distributions import Frozen
+from study.experiment.toml_model import Distinct, Frozen
 
 Noise = Literal["known", "unknown"]
 Likelihood = Literal["geometric", "whole_sphere"]
@@ -26,12 +27,12 @@ class ChainStatus(Worded):
     NOT_MIXED = 4, "walkers that started at different modes of the posterior did not mix within the budget of steps"
 
 
-def _listed(value: Any) -> Any:
-    """Make a tuple, which a frozen config holds, of one value or of a list."""
-    return tuple(value) if isinstance(value, list | tuple) else (value,)
+def _listed(value: object) -> Sequence[Any]:
+    """Make a list of one value."""
+    return value if isinstance(value, list | tuple) else (value,)
 
 
-def _conditions(value: Any) -> Any:
+def _conditions(value: object) -> tuple[tuple[str, tuple[Value, ...]], ...]:
     """Check ``where``, which has conditions and the values chosen of each."""
     if not isinstance(value, dict):
         raise ValueError("must be a table of conditions and values, such as { angle = [60, 180], samples = 100 }")
@@ -44,12 +45,6 @@ def _conditions(value: Any) -> Any:
     if any(not CONDITIONS[key].holds(v) for key, values in listed.items() for v in values):
         raise ValueError("every value must be a number")
     return tuple((key, tuple(v if isinstance(v, str) else float(v) for v in values)) for key, values in listed.items())
-
-
-def _unique(values: tuple[str, ...]) -> tuple[str, ...]:
-    if len(set(values)) < len(values):
-        raise ValueError("a value is named twice")
-    return values
 
 
 class Posterior(Frozen):
@@ -68,13 +63,8 @@ class Posterior(Frozen):
 
     trials: Annotated[int, Field(ge=1)] = 4
     where: Annotated[tuple[tuple[str, tuple[float | str, ...]], ...], BeforeValidator(_conditions)] = ()
-    noise: Annotated[tuple[Noise, ...], BeforeValidator(_listed), Field(min_length=1), AfterValidator(_unique)] = (
-        "known",
-        "unknown",
-    )
-    likelihood: Annotated[
-        tuple[Likelihood, ...], BeforeValidator(_listed), Field(min_length=1), AfterValidator(_unique)
-    ] = ("geometric",)
+    noise: Annotated[Distinct[Noise], BeforeValidator(_listed)] = ("known", "unknown")
+    likelihood: Annotated[Distinct[Likelihood], BeforeValidator(_listed)] = ("geometric",)
     box: Annotated[float, Field(gt=0.0, le=1e3)] = 10.0
     walkers: Annotated[int, Field(ge=8, le=4096)] = 64
     max_steps: Annotated[int, Field(ge=100, le=10_000_000)] = 20_000

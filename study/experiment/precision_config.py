@@ -13,13 +13,13 @@ after a number of trials that is fixed beforehand (`tests/statistics/test_precis
 import math
 from collections.abc import Sequence
 from itertools import product
-from typing import Annotated, Any, Self
+from typing import Annotated, Self
 
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from study.experiment.config_faults import Fault
 from study.experiment.designs.design import Design
-from study.experiment.distributions import Frozen
+from study.experiment.toml_model import Distinct, Frozen
 from study.text.nearest import did_you_mean
 
 MEASURES = (
@@ -37,16 +37,6 @@ def _known(name: str) -> str:
     return name
 
 
-def _tuple(value: Any) -> Any:
-    return tuple(value) if isinstance(value, list) else value
-
-
-def _unique(names: tuple[str, ...]) -> tuple[str, ...]:
-    if len(set(names)) < len(names):
-        raise ValueError("an estimator is named twice")
-    return names
-
-
 class Precision(Frozen):
     """The rule by which a cell has enough trials.
 
@@ -62,9 +52,7 @@ class Precision(Frozen):
     measure: Annotated[str, AfterValidator(_known)] = "ratio_median_ok"
     target: Annotated[float, Field(gt=0.0)] | None = None
     relative_target: Annotated[float, Field(gt=0.0, lt=1.0)] | None = None
-    estimators: (
-        Annotated[tuple[str, ...], BeforeValidator(_tuple), Field(min_length=1), AfterValidator(_unique)] | None
-    ) = None
+    estimators: Distinct[str] | None = None
     first: Annotated[int, Field(ge=100)] = 250
     seconds: Annotated[float, Field(gt=0.0)] | None = None
 

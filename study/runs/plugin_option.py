@@ -4,7 +4,7 @@ import functools
 import inspect
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -29,7 +29,7 @@ def with_plugins(command: Callable[..., None]) -> Callable[..., None]:
     """The same command with the option ``--plugin``, whose files are loaded when the option is read."""
 
     @functools.wraps(command)
-    def called(*arguments: Any, plugin: object = None, **named: Any) -> None:
+    def called(*arguments: object, plugin: object = None, **named: object) -> None:
         command(*arguments, **named)
 
     option = inspect.Parameter("plugin", inspect.Parameter.KEYWORD_ONLY, default=None, annotation=Plugins)

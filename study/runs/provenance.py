@@ -7,7 +7,6 @@ import subprocess
 from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
 
 from threadpoolctl import threadpool_info
 
@@ -19,7 +18,7 @@ _PATIENCE = 10.0
 """Seconds to wait for git."""
 
 
-def software() -> dict[str, Any]:
+def software() -> dict[str, object]:
     """The versions and the code, which determine the bytes of a run besides its config."""
     return {
         "study": study.__version__,
@@ -36,14 +35,14 @@ def packages() -> dict[str, str | None]:
     return {name: _version(name) for name in _PACKAGES}
 
 
-def described(software: Mapping[str, Any]) -> str:
+def described(software: Mapping[str, object]) -> str:
     """Version and commit in words."""
     commit = software.get("commit")
-    words = f"version {software.get('study', 'unknown')}" + (f", commit {commit[:10]}" if commit else "")
+    words = f"version {software.get('study', 'unknown')}" + (f", commit {str(commit)[:10]}" if commit else "")
     return words + (" with changes" if software.get("dirty") else "")
 
 
-def other_version(made: Mapping[str, Any]) -> str | None:
+def other_version(made: Mapping[str, object]) -> str | None:
     """Warning about what another version of this program made; None if this one made it, or that is not known."""
     if not made or (made.get("study"), made.get("commit")) == (study.__version__, _git("rev-parse", "HEAD")):
         return None
@@ -68,7 +67,7 @@ def fingerprint() -> dict[str, str | None]:
     }
 
 
-def machine() -> dict[str, Any]:
+def machine() -> dict[str, object]:
     """The machine and its threads, which determine the seconds of a run."""
     return {
         "system": platform.platform(terse=True),

@@ -4,7 +4,6 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from study.experiment.config import Study
 from study.experiment.units import spans
@@ -56,7 +55,7 @@ class RunStatus:
     failures: dict[str, int] | None
     tables: list[str]
     damaged: list[str]
-    made_by: list[dict[str, Any]]
+    made_by: list[dict[str, object]]
 
 
 def status(folder: Path) -> RunStatus:
@@ -170,7 +169,7 @@ def _cells(run: Run, layout: Layout) -> dict[str, int]:
     return {"total": total, "target": found[TARGET], "cap": found[CAP], "open": total - found.total()}
 
 
-def _made_by(run: Run, parts: Parts) -> list[dict[str, Any]]:
+def _made_by(run: Run, parts: Parts) -> list[dict[str, object]]:
     """The software of the tables, and that of the parts, each once."""
     found = run.makers()
     return found + [made for made in parts.made_by if made and made not in found]

@@ -76,7 +76,7 @@ def _discard_stale_code() -> None:
         return
 
 
-_overloads: list[tuple[Callable[..., Any], Callable[..., Any], Inline]] = []
+_overloads: list[tuple[Callable[..., object], Callable[..., object], Inline]] = []
 """Overloads that Numba does not know yet: a function, the maker of what is compiled for it, and when to inline that."""
 _lock = threading.RLock()
 
@@ -142,7 +142,7 @@ def _compiler() -> Any:
     return njit
 
 
-def overload(function: Callable[..., Any], inline: Inline = "never") -> Callable[[F], F]:
+def overload(function: Callable[..., object], inline: Inline = "never") -> Callable[[F], F]:
     """Declare the code that kernels compile for a call of a function; it reaches `numba.extending.overload` later."""
 
     def note(make: F) -> F:

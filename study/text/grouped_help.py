@@ -1,7 +1,7 @@
 """Help of a command line whose commands stand in titled groups, with its exit codes at the end."""
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from typer.core import TyperGroup
 
@@ -43,6 +43,6 @@ class GroupedHelp(TyperGroup):
                 formatter.write_dl([(str(int(code)), words) for code, words in self.exit_codes.items()])
 
 
-def _title(command: Any) -> str:
+def _title(command: object) -> str:
     panel = getattr(command, "rich_help_panel", None)
     return panel if isinstance(panel, str) else _OTHER

@@ -1,20 +1,19 @@
-"""Results as one JSON object, for other programs."""
+"""Results as JSON, for other programs."""
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 
-def json_text(data: Mapping[str, Any]) -> str:
-    """A mapping as a JSON object, in the order of its keys.
+def json_text(data: Mapping[str, object] | Sequence[object]) -> str:
+    """A mapping as a JSON object, in the order of its keys; or a list.
 
     Args:
-        data: what JSON has: mappings, lists, tuples, texts, numbers and None; also numbers of NumPy and paths.
+        data: what JSON has, mappings, lists, tuples, texts, numbers and None; also arrays of NumPy, and paths.
 
     Returns:
-        The object, indented by two spaces, its letters as they are. NaN and infinities, which JSON does not have, are
+        The text, indented by two spaces, its letters as they are. NaN and infinities, which JSON does not have, are
         null.
 
     Raises:
@@ -23,9 +22,9 @@ def json_text(data: Mapping[str, Any]) -> str:
     return json.dumps(_plain(data), indent=2, ensure_ascii=False, allow_nan=False)
 
 
-def _plain(value: Any) -> Any:
-    if hasattr(value, "item"):  # a number of NumPy
-        value = value.item()
+def _plain(value: object) -> object:
+    if hasattr(value, "tolist"):  # an array or a number of NumPy
+        value = value.tolist()
     if isinstance(value, float) and not math.isfinite(value):
         return None
     if isinstance(value, Mapping):

@@ -4,6 +4,7 @@ import csv
 import json
 import shutil
 
+import numpy as np
 import pytest
 
 from study.analysis.worst import worst
@@ -153,11 +154,13 @@ def test_worst(ask, out):
 
 
 def test_what_json_does_not_have():
-    """NaN and infinities are null, at any depth; what is no number or text is refused."""
+    """NaN and infinities are null, at any depth; arrays are lists; what is no number or text is refused."""
     nan, infinity = float("nan"), float("inf")
-    assert json.loads(json_text({"a": [nan, {"b": (infinity, -infinity, 1.5)}], "σ": "é"})) == {
-        "a": [None, {"b": [None, None, 1.5]}],
-        "σ": "é",
-    }
+    data = {"a": [nan, {"b": (infinity, -infinity, 1.5)}], "σ": "é", "x": np.array([[1.0, nan], [np.inf, 2.0]])}
+    assert json.loads(json_text([data, np.int8(3), np.array(True)])) == [
+        {"a": [None, {"b": [None, None, 1.5]}], "σ": "é", "x": [[1.0, None], [None, 2.0]]},
+        3,
+        True,
+    ]
     with pytest.raises(TypeError, match="not JSON serializable"):
         json_text({"a": object()})

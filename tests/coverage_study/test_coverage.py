@@ -68,6 +68,11 @@ def test_faults(tmp_path):
         read_design(path)
     with pytest.raises(ConfigError, match="cannot be read"):
         read_design(tmp_path / "none.toml")
+    path.write_text("a = " + 3000 * "[" + 3000 * "]", encoding="utf-8")
+    with pytest.raises(ConfigError, match="not TOML"):
+        read_design(path)
+    path.write_text(SMALL, encoding="utf-8-sig")
+    assert read_design(path).name == "small"
 
 
 @pytest.mark.parametrize(
@@ -75,6 +80,7 @@ def test_faults(tmp_path):
     [
         ('"als"', '"ugdk"', r"line 4: estimators = .*: 'ugdk': needs the noise, .*; leave it out"),
         ("angle = [5, 60]", "angle = [5, 270]", r"line 5: angle\[1\] = 270: .* less than or equal to 180"),
+        ("[40]", "[40, 50, 40]", r"line 6: samples = .*: 40 given more than once; give each value once"),
         ("kappa = [1, 100]", "kappa = [inf]", r"line 7: kappa\[0\] = inf: .* finite"),
         (
             "kappa = [1, 100]",

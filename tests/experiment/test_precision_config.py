@@ -79,7 +79,7 @@ FAULTS = [
     ('target = 1.0\nmeasure = "planned"', "precision.measure = 'planned'", "known are relative_median_ok"),
     ("target = 1.0\nmeasure = 3", "precision.measure = 3", "string"),
     ("target = 1.0\nestimators = []", "precision.estimators = []", "must have a value"),
-    ('target = 1.0\nestimators = ["mle", "mle"]', "precision.estimators", "an estimator is named twice"),
+    ('target = 1.0\nestimators = ["mle", "mle"]', "precision.estimators", "'mle' given more than once"),
     (
         'target = 1.0\nestimators = ["ugdke"]',
         "precision.estimators",

@@ -376,16 +376,6 @@ def test_a_run_that_is_not_so_far(go, tmp_path):
         run.table("precision")
 
 
-def test_one_cell_is_read_alone(go):
-    """`Run.cell` has the rows of its own trials, however many other cells have."""
-    run = go()
-    rows = run.table("errors").astype({"cell": str})
-    for name, count in run.trials().items():
-        mine = run.cell(name)
-        assert len(mine) == 3 * count
-        np.testing.assert_array_equal(mine["error"], rows.loc[rows["cell"] == name, "error"])
-
-
 def test_units_are_known_from_the_rounds():
     """Before any part is stored, the first checkpoint of every group is pending."""
     rounds = Rounds(parse(CONFIG))

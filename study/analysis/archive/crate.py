@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from study.experiment.config import Study
+from study.runs.storage.manifest import Manifest
 
 Entity = dict[str, Any]
 
@@ -36,7 +37,7 @@ class ArchivedRun(NamedTuple):
 
     name: str
     study: Study
-    manifest: Mapping[str, Any]
+    manifest: Manifest
     config: str
     tables: list[str]
     files: list[Path]

@@ -1,7 +1,6 @@
 """Pages of an archive for people: how to rerun, the studies by ADEMP; and CodeMeta for machines."""
 
 from collections.abc import Sequence
-from typing import Any
 
 from study.analysis.archive.crate import LICENCE, ArchivedRun
 from study.estimators.registry import ESTIMATORS
@@ -103,7 +102,7 @@ def _conditions(run: ArchivedRun) -> str:
     return f"{'Every combination' if design['kind'] == 'grid' else 'Each trial draws its own conditions'}: {words}."
 
 
-def _values(value: Any) -> str:
+def _values(value: object) -> str:
     if isinstance(value, dict):
         return ", ".join(f"{key} {each}" for key, each in value.items())
     return (
@@ -113,7 +112,7 @@ def _values(value: Any) -> str:
     )
 
 
-def codemeta(runs: Sequence[ArchivedRun]) -> dict[str, Any]:
+def codemeta(runs: Sequence[ArchivedRun]) -> dict[str, object]:
     """CodeMeta 3.0 of the software that computed the runs."""
     software = runs[0].manifest["software"]
     return {

@@ -5,7 +5,6 @@ To add a claim, write a `Claim` in the file of its subject: the tables it reads,
 
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 
@@ -100,7 +99,7 @@ def save(run: Run, claims: pd.DataFrame, known: str | None = None) -> None:
     kept.keep(run, "claims", known, str(run.fingerprint("claims")).encode())
 
 
-def as_data(runs: Iterable[Run], claims: pd.DataFrame) -> dict[str, Any]:
+def as_data(runs: Iterable[Run], claims: pd.DataFrame) -> dict[str, object]:
     """The claims for other programs: names of the runs, counts of the verdicts, and a mapping per claim."""
     counts = claims["verdict"].value_counts()
     return {

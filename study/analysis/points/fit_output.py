@@ -2,16 +2,16 @@
 
 import csv
 import io
-import json
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from study.analysis.points.fitting import STANDARD_UNCERTAINTY, Row, all_ok, fit_rows, printed
 from study.analysis.points.point_file import PointTable
 from study.analysis.points.remarks import LEVEL, doubts, intervals_in_words, uses_outliers
 from study.estimators import Fit, Status
+from study.text.json_text import json_text
 
 
 class FileFits(NamedTuple):
@@ -63,7 +63,7 @@ def as_text(files: list[FileFits], noise: float | None = None) -> Iterator[str]:
 
 def as_json(files: list[FileFits]) -> str:
     """A list of objects, one per file and estimator, with the library's names; null where there is no number."""
-    return json.dumps([_object(each, *pair) for each in files for pair in each.fits.items()], indent=2, allow_nan=False)
+    return json_text([_object(each, *pair) for each in files for pair in each.fits.items()])
 
 
 def as_csv(files: list[FileFits]) -> str:
@@ -77,48 +77,36 @@ def as_csv(files: list[FileFits]) -> str:
     return text.getvalue().rstrip("\n")
 
 
-def _object(each: FileFits, estimator: str, fit: Fit) -> dict[str, Any]:
+def _object(each: FileFits, estimator: str, fit: Fit) -> dict[str, object]:
     errors = fit.standard_errors
     status = Status(int(fit.status))
-    numbers = {
-        "center": fit.center.tolist(),
-        "center_errors": errors[:-1].tolist(),
-        "radius": float(fit.radius),
-        "radius_error": float(errors[-1]),
-        "diameter": float(fit.diameter),
-        "diameter_error": 2.0 * float(errors[-1]),
-        "correlation": fit.correlation.tolist(),
-        "sigma": float(fit.sigma),
-        "residual_rms": float(fit.residual_rms),
-        "form_error": float(fit.form_error),
-        "largest_deviation": float(fit.largest_deviation),
-        "condition": float(fit.condition),
-        "radius_interval": fit.interval("radius", LEVEL).tolist(),
-        "center_intervals": fit.interval("center", LEVEL).tolist(),
-    }
     return {
-        "file": str(each.path),
+        "file": each.path,
         "estimator": estimator,
-        "ok": bool(fit.ok),
+        "ok": fit.ok,
         "status": status.name.lower(),
         "status_text": status.text,
-        "samples": int(fit.count),
+        "samples": fit.count,
         "coordinates": each.table.names,
-        "outliers": fit.outliers.nonzero()[0].tolist(),
-        "copies": int(fit.copies),
+        "outliers": fit.outliers.nonzero()[0],
+        "copies": fit.copies,
         "columns_left_out": each.table.left,
-        **_without_nan(numbers),
+        "center": fit.center,
+        "center_errors": errors[:-1],
+        "radius": fit.radius,
+        "radius_error": errors[-1],
+        "diameter": fit.diameter,
+        "diameter_error": 2.0 * errors[-1],
+        "correlation": fit.correlation,
+        "sigma": fit.sigma,
+        "residual_rms": fit.residual_rms,
+        "form_error": fit.form_error,
+        "largest_deviation": fit.largest_deviation,
+        "condition": fit.condition,
+        "radius_interval": fit.interval("radius", LEVEL),
+        "center_intervals": fit.interval("center", LEVEL),
     }
 
 
 def _is_no_number(value: object) -> bool:
     return isinstance(value, float) and not math.isfinite(value)
-
-
-def _without_nan(value: Any) -> Any:
-    """The same, with None for what JSON has no number for."""
-    if isinstance(value, dict):
-        return {name: _without_nan(part) for name, part in value.items()}
-    if isinstance(value, list):
-        return [_without_nan(part) for part in value]
-    return None if _is_no_number(value) else value

@@ -28,14 +28,12 @@ class Verification:
         run: the run.
         digests: for each table, its fault in words, or None if its digest and its columns are right.
         again: for each table of which something was computed again, the result.
-        share: share of the units, rows and chains that was chosen.
         remark: warning about the software; None if it is this one.
     """
 
     run: Run
     digests: dict[str, str | None]
     again: dict[str, Recomputed]
-    share: float
     remark: str | None
 
     @property
@@ -74,7 +72,7 @@ def verify(run: Run, share: float = 0.01) -> Verification:
             if {"errors", "summary"} <= set(good):
                 again["summary"] = recompute_summary(run, seed, share)
             again |= recompute_chains(run, good, seed, share)
-    return Verification(run, digests, again, share, other_version(run.maker()))
+    return Verification(run, digests, again, other_version(run.maker()))
 
 
 def _fault(run: Run, name: str) -> str | None:

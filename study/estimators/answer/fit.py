@@ -6,14 +6,13 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 
+from study.estimators.answer.fitted_points import FittedPoints
 from study.estimators.answer.settled_status import settled_status
 from study.estimators.answer.table import as_html, as_text, frame
 from study.estimators.covariance import plug_in_bound, semi_axes, unless_missing
 from study.estimators.estimates import Estimates
 from study.estimators.form.minimum_zone import MinimumZone, minimum_zone
 from study.estimators.intervals import Intervals, intervals
-from study.estimators.robust.copies import repeated
-from study.estimators.robust.outliers import outliers
 from study.estimators.samples import Samples
 from study.estimators.status import Status
 from study.sphere.types import Bools, Floats, Ints
@@ -159,27 +158,8 @@ class Fit:
         """Intervals of the flat batch, computed once for each level."""
         known: dict[float, Intervals] = self.__dict__.setdefault("_known_intervals", {})
         if level not in known:
-            known[level] = intervals(self._different, level)
+            known[level] = intervals(self._points.different, level)
         return known[level]
-
-    @property
-    def _different(self) -> Samples:
-        """The points that the fit stands on, copies once."""
-        points = self._points
-        if not self._without_outliers and not self._repeated.any():
-            return points
-        return Samples(np.where((self._used & ~self._repeated)[:, None], points.x, np.nan), points.noise)
-
-    @cached_property
-    def _repeated(self) -> Bools:
-        """True for the points (b, n) that repeat an earlier one."""
-        return repeated(self._points.x)
-
-    @cached_property
-    def _used(self) -> Bools:
-        """True for the points (b, n) that the fit stands on: those that are not missing, and no outliers left out."""
-        _, _, present = self._distances
-        return present & ~self.outliers.reshape(present.shape) if self._without_outliers else present
 
     @property
     def ok(self) -> Bools:
@@ -246,8 +226,7 @@ class Fit:
     @cached_property
     def count(self) -> Ints:
         """Number of samples used (…): points with a NaN are missing and left out."""
-        _, _, present = self._distances
-        return np.asarray(present.sum(axis=1).reshape(self.shape))
+        return np.asarray(self._points.present.sum(axis=1).reshape(self.shape))
 
     @cached_property
     def residuals(self) -> Floats:
@@ -255,9 +234,9 @@ class Fit:
 
         It is |x - ĉ| - r̂, positive outside; NaN where a sample is missing.
         """
-        distance, _, present = self._distances
+        points = self._points
         with np.errstate(all="ignore"):
-            signed = np.where(present, distance - self.radius.reshape(-1, 1), np.nan)
+            signed = np.where(points.present, points.distance - self.radius.reshape(-1, 1), np.nan)
         return signed.reshape(*self.shape, signed.shape[1])
 
     @cached_property
@@ -269,7 +248,7 @@ class Fit:
 
         Source: theory §11.
         """
-        found = outliers(self._points)
+        found = self._points.outliers
         return found.reshape(*self.shape, found.shape[1])
 
     @cached_property
@@ -278,28 +257,21 @@ class Fit:
 
         Intervals, and with them the status, count copies once.
         """
-        return np.asarray(self._repeated.sum(axis=1).reshape(self.shape))
+        return np.asarray(self._points.repeated.sum(axis=1).reshape(self.shape))
 
     @cached_property
     def minimum_zone(self) -> MinimumZone:
         """The minimum-zone sphere of the points, whatever the estimator: see `study.minimum_zone`."""
-        points = self._points.points
+        points = self._points.samples.points
         return minimum_zone(points.reshape(*self.shape, *points.shape[1:]))
-
-    @property
-    def _points(self) -> Samples:
-        """The points; ValueError if the fit does not hold them, or if they were lent and have changed."""
-        if self._samples is None:
-            raise ValueError(_WITHOUT_POINTS)
-        return self._samples.unchanged()
 
     @cached_property
     def residual_rms(self) -> Floats:
         """Root mean square distance of the points from the sphere (…), in the unit of the points."""
-        distance, _, present = self._distances
+        points = self._points
         with np.errstate(all="ignore"):
-            square = np.where(present, (distance - self.radius.reshape(-1, 1)) ** 2, 0.0).sum(axis=1)
-            return np.asarray(np.sqrt(square / present.sum(axis=1)).reshape(self.shape))
+            square = np.where(points.present, (points.distance - self.radius.reshape(-1, 1)) ** 2, 0.0).sum(axis=1)
+            return np.asarray(np.sqrt(square / points.present.sum(axis=1)).reshape(self.shape))
 
     @property
     def form_error(self) -> Floats:
@@ -323,13 +295,12 @@ class Fit:
         outliers if the estimator leaves them out. The bound includes neither an estimator's bias (`gdke`, `lls`) nor
         the excess of one that does not attain it. NaN or infinite where it cannot be formed.
         """
-        d = self.center.shape[-1]
+        d, points = self.center.shape[-1], self._points
         if self._covariance_of is not None:
-            found = unless_missing(self._covariance_of, self._points, self._estimates.reshape(-1))
+            found = unless_missing(self._covariance_of, points.samples, self._estimates.reshape(-1))
         else:
-            distance, directions, _ = self._distances
-            away = self._used & (distance > 0.0)  # a point at the centre has no direction
-            found = plug_in_bound(directions, away, self._points.noise, self.noise_variance.reshape(-1))
+            away = points.used & (points.distance > 0.0)  # a point at the centre has no direction
+            found = plug_in_bound(points.directions, away, points.samples.noise, self.noise_variance.reshape(-1))
         return found.reshape(*self.shape, d + 1, d + 1)
 
     @property
@@ -377,7 +348,7 @@ class Fit:
         if not 0.0 < level < 1.0:
             raise ValueError(f"level = {level!r}: a coverage must lie between 0 and 1, such as 0.95")
         d = self.center.shape[-1]
-        spare = None if self.noise_is_known else np.maximum(self._used.sum(axis=1) - d - 1, 1)
+        spare = None if self.noise_is_known else np.maximum(self._points.used.sum(axis=1) - d - 1, 1)
         found = semi_axes(self.covariance[..., :d, :d].reshape(-1, d, d), level, spare)
         return found.reshape(*self.center.shape, d)
 
@@ -388,13 +359,9 @@ class Fit:
         return given and self._covariance_of is None
 
     @cached_property
-    def _distances(self) -> tuple[Floats, Floats, Bools]:
-        """Distances from ĉ (b, n), directions from ĉ (b, d, n), and False for missing samples (b, n)."""
-        x = self._points.x
-        with np.errstate(all="ignore"):
-            away = x - self.center.reshape(len(x), x.shape[1], 1)
-            distance = np.sqrt(np.einsum("bdn,bdn->bn", away, away))
-            return distance, away / distance[:, None], np.logical_not(np.isnan(x).any(axis=1))
-
-
-_WITHOUT_POINTS = "this fit does not hold its points: use study.fit, which stores them in the fit"
+    def _points(self) -> FittedPoints:
+        """The points, flat; ValueError if the fit does not hold them."""
+        if self._samples is None:
+            raise ValueError("this fit does not hold its points: use study.fit, which stores them in the fit")
+        center = self.center.reshape(-1, self.center.shape[-1])
+        return FittedPoints(self._samples, center, self._without_outliers)

@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from study.estimators.answer.table import ShownFits, statuses
@@ -42,7 +43,7 @@ def draw(fit: ShownFits) -> Figure:
     return figure
 
 
-def _circle(axes: Any, center: Floats, radius: float) -> None:
+def _circle(axes: Axes, center: Floats, radius: float) -> None:
     around = np.linspace(0.0, 2.0 * np.pi, 361)
     axes.plot(center[0] + radius * np.cos(around), center[1] + radius * np.sin(around), color=_SPHERE, linewidth=1.0)
     axes.plot(*center, "+", color=_SPHERE)

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -11,7 +10,7 @@ from study.estimators.samples import Samples
 from study.estimators.status import Status
 from study.sphere.types import Floats
 
-Function = Callable[..., tuple[Any, Any]]
+Function = Callable[..., object]
 _LONGEST = 500
 
 
@@ -65,9 +64,8 @@ class SimpleForm:
 
     def _one(self, points: Floats, noise: float | Floats | None, place: int) -> tuple[Floats, float]:
         """Call the function for one set, and check what it returns."""
-        of_each = isinstance(noise, np.ndarray) and noise.ndim == 1
-        more = (noise[place] if of_each and isinstance(noise, np.ndarray) else noise,) if self.needs else ()
-        answer = self.function(points, *more)
+        own = noise[place] if isinstance(noise, np.ndarray) and noise.ndim == 1 else noise
+        answer = self.function(points, own) if self.needs else self.function(points)
         if not isinstance(answer, tuple | list) or len(answer) != 2:
             raise TypeError(f"returned {_described(answer)}, expected a centre and a radius")
         center, radius = (np.asarray(part, dtype=float) for part in answer)

@@ -9,7 +9,7 @@ from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
 from study.experiment.conditions import CONDITIONS, SILENT, Condition, Value
 from study.experiment.designs.fields import MAX_CELLS
 from study.experiment.designs.groups import Group
-from study.experiment.distributions import Frozen
+from study.experiment.toml_model import Frozen
 
 
 class Design(Frozen):

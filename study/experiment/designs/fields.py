@@ -9,6 +9,7 @@ from pydantic import AfterValidator, BeforeValidator
 from study.experiment.conditions import CONDITIONS, Condition, Value, is_number
 from study.experiment.config_faults import shorten
 from study.experiment.distributions import Constant, Distribution, Law
+from study.experiment.toml_model import each_once
 
 MAX_CELLS = 10_000_000
 
@@ -63,7 +64,9 @@ def _expanded(condition: Condition, given: Any) -> tuple[Value, ...]:
         raise ValueError(f"{listed} not allowed: every value must be {condition.rule}")
     if condition.kind is float:
         values = [v + 0.0 for v in values]  # -0.0 is 0.0
-    return tuple(dict.fromkeys(map(condition.kind, values)))
+    found: tuple[Value, ...] = tuple(map(condition.kind, values))
+    # a range of whole numbers may round to equal ones; in a list, a second one is a mistake
+    return tuple(dict.fromkeys(found)) if isinstance(given, dict) else each_once(found)
 
 
 def _spaced(given: dict[str, Any]) -> list[float]:

@@ -1,6 +1,6 @@
 """Results of the commands on recordings as data, for `--json`."""
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from study.mocap.markersets.match import Match
 
 
-def recording_data(recording: "Recording", match: "Match | None") -> dict[str, Any]:
+def recording_data(recording: "Recording", match: "Match | None") -> dict[str, object]:
     """Describe a recording.
 
     Args:
@@ -44,7 +44,7 @@ def recording_data(recording: "Recording", match: "Match | None") -> dict[str, A
     }
 
 
-def joints_data(match: "Match", table: "pd.DataFrame") -> dict[str, Any]:
+def joints_data(match: "Match", table: "pd.DataFrame") -> dict[str, object]:
     """Describe joints that were found.
 
     Args:
@@ -59,7 +59,7 @@ def joints_data(match: "Match", table: "pd.DataFrame") -> dict[str, Any]:
     return head | {"joints": table.to_dict("records")}
 
 
-def match_data(match: "Match") -> dict[str, Any]:
+def match_data(match: "Match") -> dict[str, object]:
     """Describe how a marker set fits a recording.
 
     Returns:
@@ -76,7 +76,7 @@ def match_data(match: "Match") -> dict[str, Any]:
     }
 
 
-def case_study_data(case: "CaseStudy") -> dict[str, Any]:
+def case_study_data(case: "CaseStudy") -> dict[str, object]:
     """Describe a case study: ``recording``, ``frames``, ``subsets``, ``laws`` and ``joints`` as in its tables."""
     return {
         "recording": case.recording,
@@ -88,6 +88,6 @@ def case_study_data(case: "CaseStudy") -> dict[str, Any]:
     }
 
 
-def markerset_data(markerset: "MarkerSet") -> dict[str, Any]:
+def markerset_data(markerset: "MarkerSet") -> dict[str, object]:
     """Describe a marker set: ``name``, ``about``, ``segments``, ``joints``, ``optional`` markers and ``aliases``."""
     return markerset.model_dump()

@@ -1,7 +1,7 @@
 """Joint centres as points in a C3D file, beside the markers and all else that the recording's own file holds."""
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,6 +10,9 @@ from study.mocap.io.assembly import UNITS
 from study.mocap.io.c3d_header import LONG, read_header
 from study.mocap.io.writing import write_recording
 from study.sphere.types import Floats
+
+if TYPE_CHECKING:
+    import ezc3d
 
 _LABELS_EACH = 255
 """Most texts in one parameter."""
@@ -35,7 +38,7 @@ def write_c3d(motion: ExportedMotion, path: Path) -> None:
         file.write(str(path))
 
 
-def _own_file(motion: ExportedMotion) -> Any:
+def _own_file(motion: ExportedMotion) -> "ezc3d.c3d | None":
     """The recording's C3D file as ezc3d reads it, if its frames and its unit are those of the recording; else None."""
     import ezc3d
 
@@ -63,7 +66,7 @@ def _same_scale(points: Floats, unit: float, positions: Floats) -> bool:
     return 0.2 < sizes[0] / sizes[1] < 5.0 if min(sizes) > 0.0 else False
 
 
-def _append(file: Any, labels: tuple[str, ...], centers: Floats) -> None:
+def _append(file: "ezc3d.c3d", labels: tuple[str, ...], centers: Floats) -> None:
     """Append points to a file of ezc3d: places (points, 3, frames) in metres."""
     parameters = file["parameters"]["POINT"]
     unit = UNITS[str(parameters["UNITS"]["value"][0]).strip()]

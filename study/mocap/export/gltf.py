@@ -8,7 +8,6 @@ Source: Khronos Group, glTF 2.0 Specification.
 """
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pygltflib as gltf
@@ -64,7 +63,7 @@ class _Document:
         """Add the joints in their rest pose."""
         errors = dict(zip(scene.joints, scene.errors, strict=True))
         for node in nodes:
-            extras: dict[str, Any] = {}
+            extras: dict[str, object] = {}
             if node.name in errors and not np.isnan(errors[node.name]).all():
                 extras["error"] = round(float(np.nanmax(errors[node.name])), 6)
             if doubt := _doubt(node, scene):

@@ -5,8 +5,6 @@ as `als` does; `gdke`, `ugdk` (with mgdk's noise) and `mle` fit the marker that 
 segments is the fifth. Distances are across a hinge's axis, for no method knows the place along it.
 """
 
-from typing import Any
-
 import numpy as np
 import pandas as pd
 
@@ -40,8 +38,8 @@ def agreement_table(joints: FoundJoints, recording: Recording) -> pd.DataFrame:
     return pd.DataFrame([_row(found, joints, recording) for found in joints.joints])
 
 
-def _row(found: FoundJoint, joints: FoundJoints, recording: Recording) -> dict[str, Any]:
-    row: dict[str, Any] = {"joint": found.joint.name, "radii": [], "cap": np.nan, "turn": np.nan, "gap": np.nan}
+def _row(found: FoundJoint, joints: FoundJoints, recording: Recording) -> dict[str, object]:
+    row: dict[str, object] = {"joint": found.joint.name, "radii": [], "cap": np.nan, "turn": np.nan, "gap": np.nan}
     parent, child = joints.poses.get(found.joint.parent), joints.poses.get(found.joint.child)
     if parent is not None and child is not None:
         row["turn"] = float(np.degrees(rotation_range(relative_rotation(parent.rotation, child.rotation))))

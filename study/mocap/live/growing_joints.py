@@ -160,7 +160,8 @@ class LiveJoints:
     """All joints of a stream.
 
     Args:
-        joints: name, markers of the parent and markers of the child of each.
+        joints: name, markers of the parent and markers of the child of each; letters may be small or capital, as for
+            `study joint`.
 
     Attributes:
         frames: number of frames so far.
@@ -179,19 +180,35 @@ class LiveJoints:
             segment = segments.setdefault(tuple(parent), GrowingSegment(parent))
             self.joints.append(GrowingJoint(name, segment, child))
             self.lacking |= dict.fromkeys((*parent, *child))
+        self._markers = {marker.casefold(): marker for marker in self.lacking} | {m: m for m in self.lacking}
+        self._spelt: dict[str, str] = {}
         self._segments = list(segments.values())
         self._waiting: list[Mapping[str, Floats]] = []
 
     def add(self, frame: Mapping[str, Floats]) -> None:
         """Add a frame: the place of each marker seen (3,), metres."""
         self.frames += 1
-        for label in self.lacking.keys() & frame.keys():
-            del self.lacking[label]
         if len(self.labels) < _LABELS:
             self.labels |= dict.fromkeys(frame)
-        self._waiting.append(frame)
+        named = self._named(frame)
+        for marker in self.lacking.keys() & named.keys():
+            del self.lacking[marker]
+        self._waiting.append(named)
         if len(self._waiting) == _BATCH:
             self._settle()
+
+    def _named(self, frame: Mapping[str, Floats]) -> dict[str, Floats]:
+        """The frame under the names of the joints' markers."""
+        found: dict[str, Floats] = {}
+        for label, place in frame.items():
+            marker = self._markers.get(label) or self._markers.get(label.casefold())
+            if marker is None:
+                continue
+            if marker == label:
+                self._spelt[marker] = label
+            if self._spelt.setdefault(marker, label) == label:  # a stream may have labels that differ in case alone
+                found[marker] = place
+        return found
 
     def answers(self) -> dict[str, LiveAnswer]:
         """Each joint as far as it is known."""

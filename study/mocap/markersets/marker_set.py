@@ -3,21 +3,14 @@
 from collections.abc import Iterator
 from typing import Annotated, Literal, Self
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import Field, model_validator
 
 from study.experiment.config_faults import Fault
-from study.experiment.distributions import Frozen
+from study.experiment.toml_model import Frozen, Listed
 from study.text.nearest import did_you_mean
 
 Name = Annotated[str, Field(pattern=r"^\S(.*\S)?$")]
-
-
-def _tuples(value: object) -> object:
-    """TOML's lists as tuples, which a frozen model needs."""
-    return tuple(value) if isinstance(value, list) else value
-
-
-Names = Annotated[tuple[Name, ...], BeforeValidator(_tuples)]
+Names = Listed[Name]
 
 
 class Segment(Frozen):
@@ -51,8 +44,8 @@ class MarkerSetParts(Frozen):
     name: Name
     about: str = ""
     """A description: who uses the set."""
-    segments: Annotated[tuple[Segment, ...], BeforeValidator(_tuples), Field(min_length=1)]
-    joints: Annotated[tuple[Joint, ...], BeforeValidator(_tuples)] = ()
+    segments: Annotated[Listed[Segment], Field(min_length=1)]
+    joints: Listed[Joint] = ()
     optional: Names = ()
     """Markers that a recording may lack without a message."""
     aliases: dict[str, Names] = Field(default_factory=dict)

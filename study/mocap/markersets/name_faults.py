@@ -6,6 +6,7 @@ from typing import TypeVar
 from pydantic import ValidationError
 
 from study.experiment.config_faults import Fault
+from study.experiment.toml_model import as_tuple
 from study.mocap.markersets.marker_set import Joint, MarkerSetParts, Segment, misfits
 
 _Part = TypeVar("_Part", Segment, Joint)
@@ -45,7 +46,7 @@ def _loosely(model: type[_Part], table: Mapping[str, object], blank: Mapping[str
     except ValidationError as error:
         wrong = {entry["loc"][0] for entry in error.errors() if entry["loc"]}
     right = {key: value for key, value in table.items() if key in model.model_fields and key not in wrong}
-    right = {key: tuple(value) if isinstance(value, list) else value for key, value in right.items()}
+    right = {key: as_tuple(value) for key, value in right.items()}
     return model.model_construct(**{**blank, **right})  # type: ignore[arg-type]
 
 

@@ -1,12 +1,11 @@
 """Read marker sets from TOML files: a `MarkerSet`, or one message with every fault; shipped ones go by their name."""
 
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 
 from pydantic import ValidationError
 
-from study.experiment.config_faults import ConfigError, Fault, report
+from study.experiment.config_faults import ConfigError, Fault, report, toml_tables, toml_text
 from study.mocap.markersets.marker_set import Joint, MarkerSet, MarkerSetParts, Segment, misfits
 from study.mocap.markersets.name_faults import name_faults
 from study.text.columns import columns
@@ -32,7 +31,7 @@ def shipped_text(name: str) -> str:
     Raises:
         MarkerSetError: if no shipped marker set has this name.
     """
-    return _read(_shipped_path(name, "`study markersets` describes them"))
+    return toml_text(_shipped_path(name, "`study markersets` describes them"))
 
 
 def described() -> list[str]:
@@ -53,21 +52,13 @@ def load_markerset(name: str | Path) -> MarkerSet:
     path = Path(name)
     if path.suffix != ".toml" and len(path.parts) == 1:
         path = _shipped_path(str(name), "or give the path of a .toml file")
-    return parse_markerset(_read(path), str(path))
+    return parse_markerset(toml_text(path, MarkerSetError), str(path))
 
 
 def _shipped_path(name: str, remedy: str) -> Path:
     if name not in shipped():
         raise MarkerSetError(f"no marker set {name!r}: {did_you_mean(name, shipped())}; {remedy}")
     return FOLDER / f"{name}.toml"
-
-
-def _read(path: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
-        raise MarkerSetError(f"{path}: cannot be read: {reason}") from None
 
 
 def parse_markerset(text: str, source: str = "marker set") -> MarkerSet:
@@ -80,10 +71,7 @@ def parse_markerset(text: str, source: str = "marker set") -> MarkerSet:
     Raises:
         MarkerSetError: with every fault, its line, place, value and what is allowed.
     """
-    try:
-        raw = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise MarkerSetError(f"{source}: not TOML: {error}") from None
+    raw = toml_tables(text, source, MarkerSetError)
     faults: list[Fault] = []
     sections = {key: _with_names(key, raw[key], faults) for key in _TABLES if key in raw}
     document: dict[str, object] = raw | sections

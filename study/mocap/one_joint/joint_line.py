@@ -1,6 +1,5 @@
 """One joint as a line for a reader, and as JSON for a program."""
 
-import json
 import math
 from collections.abc import Iterator
 
@@ -10,6 +9,7 @@ from study.mocap.joints.joint_table import SHORT_TEXTS
 from study.mocap.one_joint.left_centres import NEAR, LeftCentre
 from study.mocap.one_joint.one_joint import OneJoint
 from study.sphere.types import Floats
+from study.text.json_text import json_text
 from study.text.numbers import number
 
 
@@ -29,7 +29,7 @@ def joint_json(joint: OneJoint) -> str:
     ``compared``, a list of objects with ``label``, ``distance`` and ``frames``.
     """
     found, estimate = joint.found, joint.found.estimate
-    places = zip(joint.clusters.parent, map(_numbers, joint.places), strict=True)
+    places = zip(joint.clusters.parent, joint.places, strict=True)
     values = {
         "recording": joint.recording,
         "parent_markers": dict(places),
@@ -38,21 +38,21 @@ def joint_json(joint: OneJoint) -> str:
         "ok": joint.ok,
         "status": SHORT_TEXTS[found.status],
         "doubts": list(joint.doubts),
-        "center": _numbers(found.in_parent),
-        "covariance": [_numbers(row) for row in found.covariance],
-        "error": _number(joint.error),
-        "axis": None if np.isnan(found.axis_in_parent).any() else _numbers(found.axis_in_parent),
-        "center_in_recording": _numbers(joint.in_recording),
+        "center": found.in_parent,
+        "covariance": found.covariance,
+        "error": joint.error,
+        "axis": None if np.isnan(found.axis_in_parent).any() else found.axis_in_parent,
+        "center_in_recording": joint.in_recording,
         "axes_frame": joint.frame,
-        "moved_least": _number(joint.moved[0]),
-        "moved_most": _number(joint.moved[1]),
-        "turn": _number(joint.turn),
+        "moved_least": joint.moved[0],
+        "moved_most": joint.moved[1],
+        "turn": joint.turn,
         "side": None if estimate is None else estimate.side,
         "frames": joint.frames,
-        "effective_frames": _number(joint.effective_frames),
+        "effective_frames": joint.effective_frames,
         "compared": [each._asdict() for each in joint.compared],
     }
-    return json.dumps(values, indent=2, allow_nan=False)
+    return json_text(values)
 
 
 def _parts(joint: OneJoint) -> Iterator[str]:
@@ -83,11 +83,3 @@ def _comparison(centre: LeftCentre) -> str:
 
 def _millimetres(place: Floats) -> str:
     return ", ".join(f"{1000 * x:.1f}" for x in place)
-
-
-def _numbers(values: Floats) -> list[float | None]:
-    return [_number(float(x)) for x in values]
-
-
-def _number(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None

@@ -20,16 +20,14 @@ from study.sphere.types import Floats
 
 @dataclass(frozen=True, eq=False)
 class Session:
-    """Trials of one subject.
+    """The calibration of one subject from several trials.
 
     Attributes:
-        trials: recordings, under the names of the marker set.
-        found: their joints, found in each alone.
+        found: joints of each trial, found in it alone.
         merged: the calibration from all of them.
         overruled: misfits between trials that were accepted by force, a line each.
     """
 
-    trials: tuple[Recording, ...]
     found: tuple[FoundJoints, ...]
     merged: Merged
     overruled: tuple[str, ...]
@@ -72,7 +70,7 @@ def calibrate_session(
     if fixed is not None:
         merged = hinges_placed(merged, calibrations[fixed], found[fixed], every[fixed])
     merged = _with_misfits(merged, every)
-    return Session(tuple(every), found, merged, tuple(forced))
+    return Session(found, merged, tuple(forced))
 
 
 def _with_misfits(merged: Merged, trials: Sequence[Recording]) -> Merged:

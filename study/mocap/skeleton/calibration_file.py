@@ -67,7 +67,7 @@ def load_calibration(path: str | Path) -> Calibration:
         raise RecordingError(f"{path}: a damaged calibration ({words}); make it again with `study joints`") from None
 
 
-def _segment_to_json(shape: SegmentShape) -> dict[str, Any]:
+def _segment_to_json(shape: SegmentShape) -> dict[str, object]:
     return {
         "segment": shape.segment,
         "markers": shape.markers,
@@ -79,7 +79,7 @@ def _segment_to_json(shape: SegmentShape) -> dict[str, Any]:
     }
 
 
-def _joint_to_json(place: JointPlace) -> dict[str, Any]:
+def _joint_to_json(place: JointPlace) -> dict[str, object]:
     return {
         "joint": place.joint.name,
         "status": place.status.name,
@@ -96,7 +96,7 @@ def _joint_to_json(place: JointPlace) -> dict[str, Any]:
     }
 
 
-def _array_to_json(values: Floats) -> list[Any]:
+def _array_to_json(values: Floats) -> list[object]:
     """Nested lists of an array's numbers; NaN becomes null."""
     if values.ndim > 1:
         return [_array_to_json(row) for row in values]
@@ -143,7 +143,7 @@ def _from_json(document: dict[str, Any]) -> Calibration:
     return Calibration(str(document["source"]), int(document["frames"]), markerset, tuple(shapes), tuple(joints))
 
 
-def _array_from_json(rows: Any, shape: tuple[int, ...]) -> Floats:
+def _array_from_json(rows: object, shape: tuple[int, ...]) -> Floats:
     """An array of a given shape from nested lists, which lose it where they are empty; null becomes NaN."""
     array = np.array(rows, dtype=np.float64)
     if array.size == 0 and 0 in shape:

@@ -1,7 +1,5 @@
 """A summary of a skeleton, for other programs."""
 
-from typing import Any
-
 import numpy as np
 
 from study.mocap.geometry.convex_hull import hull_distances
@@ -9,7 +7,7 @@ from study.mocap.skeleton.scene import Flag, Scene
 from study.mocap.skeleton.skeleton_table import bone_table
 
 
-def skeleton_data(scene: Scene) -> dict[str, Any]:
+def skeleton_data(scene: Scene) -> dict[str, object]:
     """Describe a skeleton.
 
     Returns:

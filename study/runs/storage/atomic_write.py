@@ -5,7 +5,7 @@ import os
 from collections import deque
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -103,7 +103,7 @@ def join(path: Path, schema: pa.Schema, tables: Iterable[pa.Table]) -> None:
             write_group(rows)
 
 
-def _encoding(schema: pa.Schema) -> dict[str, Any]:
+def _encoding(schema: pa.Schema) -> dict[str, object]:
     """Parquet's settings for a table: words get a dictionary.
 
     Measured numbers hardly repeat: with dictionaries, which Parquet would try, they take four times as long to write,

@@ -7,7 +7,6 @@ import time
 from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 from study.runs.storage.atomic_write import RunError
 
@@ -32,7 +31,7 @@ def of_file(path: Path) -> str | None:
         raise RunError(f"{path}: cannot be read: {error.strerror or error}") from None
 
 
-def of_json(content: Mapping[str, Any]) -> str:
+def of_json(content: Mapping[str, object]) -> str:
     """SHA-256 of a JSON object, hexadecimal; the order of its keys counts."""
     return hashlib.sha256(json.dumps(content, ensure_ascii=False).encode(errors="surrogatepass")).hexdigest()
 

@@ -21,7 +21,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import pyarrow as pa
 
@@ -105,13 +104,13 @@ class Parts:
         count: number of files of this format; others are not used.
     """
 
-    def __init__(self, folder: Path, kind: str, software: Mapping[str, Any] | None = None) -> None:
+    def __init__(self, folder: Path, kind: str, software: Mapping[str, object] | None = None) -> None:
         self.folder = folder / "parts"
         self.kind = kind
         self.software = dict(software or {})
         self.damaged: list[str] = []
         self.note = ""
-        self.sources: list[dict[str, Any]] = []
+        self.sources: list[dict[str, object]] = []
         self._forget()
         self._waiting: list[Packet] = []
         self._since = self._began = time.monotonic()
@@ -157,7 +156,7 @@ class Parts:
 
     def _forget(self) -> None:
         self.seconds = 0.0
-        self.made_by: list[dict[str, Any]] = []
+        self.made_by: list[dict[str, object]] = []
         self.count = 0
         self._where: dict[str, list[tuple[_Stored, int, tuple[str, ...]]]] = {}
         self._kinds: dict[tuple[str, ...], tuple[str, ...]] = {}

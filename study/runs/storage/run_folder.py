@@ -22,7 +22,7 @@ import os
 import sys
 from collections.abc import Callable, Collection, Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -147,25 +147,6 @@ class Run:
         """
         return self.read(name, lambda path: schemas.read(path, columns, estimators))
 
-    def cell(self, name: str) -> "pd.DataFrame":
-        """Read the error table's rows of one cell into a data frame, without the others.
-
-        Args:
-            name: the cell's name, or its beginning, as far as no other begins so.
-
-        Raises:
-            ReplayError: if there is no such cell.
-            RunError: if the run did not finish.
-        """
-        from study.experiment.replay import locate  # imported here, as few callers draw trials
-
-        cell, where = locate(self.study, name)
-        # a row group has the range of each column, so that groups without the cell are not read
-        rows = [("cell", "==", cell.name), ("trial", ">=", where[0].first), ("trial", "<", where[-1].last)]
-        rows += [(c.name, "==", cell.values[c.name]) for c in self.study.conditions()]
-        frame: pd.DataFrame = self.read("errors", lambda path: pq.read_table(path, filters=rows)).to_pandas()
-        return frame
-
     def arrow(self, name: str) -> pa.Table:
         """Read a stored table into Arrow's memory; see `table`."""
         table: pa.Table = self.read(name, pq.read_table)
@@ -247,7 +228,7 @@ class Run:
             write_table(self.path(name), table)
         self.record(name)
 
-    def record(self, *names: str, **entries: Any) -> None:
+    def record(self, *names: str, **entries: object) -> None:
         """Note the digests of tables, and other entries, in the manifest; one is begun if there is none."""
         try:
             known = self.manifest()
@@ -331,7 +312,7 @@ class Run:
         found = self.table("precision", ["cell", "trials"])
         return dict(zip(found["cell"].astype(str), found["trials"].astype(int), strict=True))
 
-    def maker(self) -> dict[str, Any]:
+    def maker(self) -> dict[str, object]:
         """The software that finished the run, as `study.runs.provenance.software` has it; empty if it is not known."""
         try:
             found = self.manifest().get("software", {})
@@ -339,7 +320,7 @@ class Run:
             return {}
         return found if isinstance(found, dict) else {}
 
-    def makers(self) -> list[dict[str, Any]]:
+    def makers(self) -> list[dict[str, object]]:
         """The software that finished the run, and any other that computed some of its rows; none if it is not known."""
         try:
             others = self.manifest().get("also_computed_by", [])

@@ -2,7 +2,7 @@
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -280,7 +280,7 @@ def schema(columns: list[Column], metadata: Mapping[str, str] | None = None) -> 
     return pa.schema(fields, metadata=dict(metadata) if metadata else None)
 
 
-def table(columns: list[Column], data: Mapping[str, Any]) -> pa.Table:
+def table(columns: list[Column], data: Mapping[str, object]) -> pa.Table:
     """Make an Arrow table of arrays; ValueError if they are not the columns declared."""
     names = [column.name for column in columns]
     if set(names) != set(data):

@@ -117,7 +117,7 @@ def test_a_joint_that_is_not_known(call):
 @pytest.mark.parametrize(
     ("parent", "child", "code", "words"),
     [
-        ("a,B,C,D", "E,F,G", 3, "'a'; did you mean 'A'? Known are A, B, C, D, E, F, G"),
+        ("A1,B,C,D", "E,F,G", 3, "'A1'; did you mean 'A'? Known are A, B, C, D, E, F, G"),
         ("A,B,C,D", "E,F,Q9", 0, "'Q9'; known are A, B, C, D, E, F, G"),
     ],
 )

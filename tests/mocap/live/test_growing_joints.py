@@ -101,6 +101,21 @@ def test_a_joint_improves_in_constant_memory():
     np.testing.assert_allclose(answer.angles, expected, rtol=0.05)
 
 
+def test_case_of_labels():
+    """Small and capital letters are alike; where labels differ in nothing else, the one so spelt is the marker."""
+    stream = list(frames(30))
+    joints = LiveJoints([("hip", [label.lower() for label in PELVIS], tuple(THIGH))])
+    for frame in stream:
+        joints.add(frame)
+    assert not joints.lacking
+    assert np.array_equal(joints.answers()["hip"].fit.center, grown(stream)[0].fit.center)
+    doubled = LiveJoints([("hip", tuple(PELVIS), tuple(THIGH))])
+    for number, frame in enumerate(stream):
+        seen = {label: place for label, place in frame.items() if label != "E" or number % 2 == 0}
+        doubled.add({"e": np.zeros(3), **seen})
+    assert int(doubled.answers()["hip"].fit.count.sum()) == 30 * 3 - 15
+
+
 def test_too_little_is_not_ok():
     """Neither a joint that hardly turned, nor one of few frames, nor one without frames."""
     still = grown(frames(600, sweep=0.02, noise=1e-4))[0]

@@ -130,6 +130,8 @@ def test_shipped_ones_by_name():
 def test_a_path(tmp_path):
     (tmp_path / "leg.toml").write_text(LEG)
     assert load_markerset(tmp_path / "leg.toml").name == "leg"
+    (tmp_path / "leg.toml").write_text(LEG, encoding="utf-8-sig")
+    assert load_markerset(tmp_path / "leg.toml").name == "leg"
     with pytest.raises(MarkerSetError, match=r"none.toml: cannot be read: No such file"):
         load_markerset(str(tmp_path / "none.toml"))
 
