@@ -72,7 +72,7 @@ FIGURES: Mapping[str, FigureModule] = FigureModules(
 
 
 class Drawn(NamedTuple):
-    """What was drawn.
+    """The result of drawing figures.
 
     Attributes:
         paths: the files written.
