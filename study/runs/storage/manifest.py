@@ -72,7 +72,7 @@ def read(folder: Path, keep: str, own: Collection[str] = ()) -> Manifest:
     except FileNotFoundError:
         raise ManifestMissingError(f"{path}: missing; finish the run with {rerun(folder, own)}") from None
     except OSError as error:
-        raise RunError(f"{path}: cannot be read: {error.strerror or error}") from None
+        raise RunError(f"{path}: cannot be read: {error.strerror or error}; make it readable, or remove it") from None
     except (ValueError, RecursionError):
         found = None
     fault = "not JSON, or no object" if not isinstance(found, dict) else _digest_fault(found)
