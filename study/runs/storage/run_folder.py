@@ -198,17 +198,20 @@ class Run:
         if name in known["tables"] and self.fingerprint(name) != known["tables"][name]:
             words = f"damaged: its SHA-256 is not the one in {manifest.NAME}"
             raise RunError(f"{path}: {words}; {self.again(name)} makes it again")
-        declared = schemas.declared(self.study.dimension, self.study.conditions()).get(name, [])
-        try:
-            fault = schemas.fault(pq.read_schema(path), declared)
-        except (OSError, pa.ArrowException, ValueError) as error:
-            fault = f"cannot be read: {' '.join(str(error).split())}"
-        if fault:
+        if fault := self.column_fault(name):
             raise RunError(f"{path}: {fault}; {self.again(name)} makes it again")
         if name not in known["tables"] and path not in _remarked:
             _remarked.add(path)
             words = f"not checked: {manifest.NAME} is of a version without digests of all tables"
             print(f"{path}: {words}; {self.again(name)} adds them", file=sys.stderr)
+
+    def column_fault(self, name: str) -> str | None:
+        """What is wrong with the columns of a stored table, whatever its digest; None if they are those declared."""
+        declared = schemas.declared(self.study.dimension, self.study.conditions()).get(name, [])
+        try:
+            return schemas.fault(pq.read_schema(self.path(name)), declared)
+        except (OSError, pa.ArrowException, ValueError) as error:
+            return f"cannot be read: {' '.join(str(error).split())}"
 
     def again(self, name: str = "") -> str:
         """The command that makes a table again, or all of them."""
@@ -221,9 +224,10 @@ class Run:
         return [str(origin["from"]) for origin in origins(self.study.estimators)]
 
     def valid(self, name: str) -> bool:
-        """True if a table is stored, and has the digest that its manifest says."""
+        """True if a table is stored, and has the digest that its manifest says, and the columns declared."""
         try:
-            return self.has(name) and self.manifest()["tables"].get(name) == self.fingerprint(name)
+            same = self.has(name) and self.manifest()["tables"].get(name) == self.fingerprint(name)
+            return same and self.column_fault(name) is None
         except RunError:
             return False
 
