@@ -18,7 +18,7 @@ def finished(run: Run) -> bool:
 
 
 def damaged(run: Run) -> list[str]:
-    """Names of the tables in a run's manifest that have changed since, are gone, or have other columns than declared."""
+    """Names of the tables in a run's manifest that have changed since, are gone, or have other columns."""
     try:
         tables = run.manifest()["tables"]
     except RunError:

@@ -152,7 +152,13 @@ def _read_cost(path: Path) -> pd.DataFrame:
         raise RunError(f"{path}: no cost table; {remedy}")
     try:
         table: pd.DataFrame = schemas.read(path)
-    except (OSError, pa.ArrowException, ValueError, KeyError, TypeError):  # the last two if the text about the columns is garbled
+    except (
+        OSError,
+        pa.ArrowException,
+        ValueError,
+        KeyError,
+        TypeError,
+    ):  # the last two if the text about the columns is garbled
         raise RunError(f"{path}: not a cost table: damaged, or not parquet; {remedy}") from None
     odd = [name for name in _COSTS if name not in table or not types.is_numeric_dtype(table[name])]
     if "estimator" not in table or odd:

@@ -121,7 +121,7 @@ def test_the_cost_table(tmp_path):
     columns = ["flops_per_sample", "paper_flops", "scalar_seconds", "vector_seconds"]
     for values in ({}, dict.fromkeys(columns, "fast")):
         pd.DataFrame({"estimator": ["gdke", "lls"]} | values).to_parquet(path)
-        with pytest.raises(RunError, match="not a cost table: flops_per_sample, .* missing or not numbers; `study"):
+        with pytest.raises(RunError, match=r"not a cost table: flops_per_sample, .* missing or not numbers; `study"):
             Evidence.of([], path)
     pd.DataFrame({"estimator": ["gdke", "lls"]} | dict.fromkeys(columns, 1.0)).to_parquet(path)
     (finding,) = evaluate([measure], Evidence.of([], path))
