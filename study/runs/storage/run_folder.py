@@ -100,7 +100,12 @@ class Run:
             RunError: if there is none, or its config cannot be read.
         """
         _refuse_other_names(folder)
-        if not (folder / "config.toml").is_file():
+        try:
+            found = (folder / "config.toml").is_file()
+        except OSError as error:
+            words = f"cannot be read: {error.strerror or error}; make it readable, or give another folder"
+            raise RunError(f"{folder}: {words}") from None
+        if not found:
             raise RunError(f"{folder}: not a run folder (no config.toml in it); `study run CONFIG` makes one")
         try:
             return cls(folder, load(folder / "config.toml"))
