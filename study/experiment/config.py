@@ -3,7 +3,6 @@
 import hashlib
 import math
 import tomllib
-from collections.abc import Mapping
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, Literal, Union
@@ -158,7 +157,7 @@ def parse(text: str, source: str = "config") -> Study:
             "noise_shape": study.noise_shape is not None,
         }
         faults += departure_faults(study.design.given(), refusing)
-        faults += _level_faults(study.design.given())
+        faults += _level_faults(study.design)
         if study.posterior is not None:
             faults += posterior_faults(study.posterior, study.design, study.dimension, study.noise_shape is not None)
         if study.precision is not None:
@@ -208,8 +207,9 @@ def _faults_between_keys(raw: dict[str, Any]) -> list[Fault]:
     return faults + _route_faults(raw, design)
 
 
-def _level_faults(given: Mapping[str, Any]) -> list[Fault]:
+def _level_faults(design: Design) -> list[Fault]:
     """Find noise that float64 cannot hold both as σ and as σ over the radius."""
+    given = design.given()
     name = NOISE.name if NOISE.name in given else NOISE.alternative
     if name not in given:  # which is another fault
         return []

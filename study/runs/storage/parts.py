@@ -30,6 +30,8 @@ from study.runs.storage.atomic_write import RunError, explained, write
 FORMAT = 5
 """Format of parts and tables. Raise it when rows of the same key would change, or files would be read wrongly."""
 DAMAGED = "damaged"
+Json = dict[str, Any]
+"""An object as JSON has it."""
 _SUFFIX = ".part"
 _BYTES = 32 << 20
 _SECONDS = 1.0
@@ -111,7 +113,7 @@ class Parts:
         self.software = dict(software or {})
         self.damaged: list[str] = []
         self.note = ""
-        self.sources: list[dict[str, Any]] = []
+        self.sources: list[Json] = []
         self._forget()
         self._waiting: list[Packet] = []
         self._since = self._began = time.monotonic()
@@ -162,7 +164,7 @@ class Parts:
 
     def _forget(self) -> None:
         self.seconds = 0.0
-        self.made_by: list[dict[str, Any]] = []
+        self.made_by: list[Json] = []
         self.count = 0
         self._where: dict[str, list[tuple[_Stored, int, tuple[str, ...]]]] = {}
         self._kinds: dict[tuple[str, ...], tuple[str, ...]] = {}
@@ -243,7 +245,7 @@ class Parts:
                 self.folder.rmdir()
         self._forget()
 
-    def _index(self, path: str, data: bytes, header: Mapping[str, Any]) -> None:
+    def _index(self, path: str, data: bytes, header: Json) -> None:
         """Note the place of each key's rows."""
         length = data.index(b"\n") + 1
         if header["format"] > FORMAT:
@@ -272,13 +274,13 @@ class Parts:
                 self._where.setdefault(key, []).append(entry)
 
 
-def _header(data: bytes) -> dict[str, Any]:
+def _header(data: bytes) -> Json:
     """The first line of a file; empty if no version of this program writes such a line."""
     try:
         found = json.loads(data[: data.index(b"\n")])
     except (ValueError, RecursionError):
         return {}
-    kinds: dict[str, Any] = {"format": int, "software": dict}
+    kinds: dict[str, type | tuple[type, ...]] = {"format": int, "software": dict}
     if isinstance(found, dict) and found.get("format") == FORMAT:
         kinds |= {"seconds": (int, float), "note": str, "packets": list}
     fine = isinstance(found, dict) and all(isinstance(found.get(name), kind) for name, kind in kinds.items())

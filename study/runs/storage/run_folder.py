@@ -211,7 +211,7 @@ class Run:
             print(f"{path}: {words}; {self.again(name)} adds them", file=sys.stderr)
 
     def column_fault(self, name: str) -> str | None:
-        """What is wrong with the columns of a stored table, whatever its digest; None if they are those declared."""
+        """The fault of a stored table's columns, whatever its digest; None if they are those declared."""
         declared = schemas.declared(self.study.dimension, self.study.conditions()).get(name, [])
         try:
             return schemas.fault(pq.read_schema(self.path(name)), declared)
