@@ -5,6 +5,7 @@ the radius as the unit the points' variance along the axis, v, is Kₐ, and nois
 """
 
 import math
+import sys
 from functools import lru_cache
 
 import numpy as np
@@ -12,7 +13,7 @@ import scipy
 
 from study.sphere.attainable import by_quadrature, cramer_rao
 from study.sphere.cap_mixture import Cap, unit_rule
-from study.sphere.cap_moments import CapMoments
+from study.sphere.cap_moments import CapMoments, cap_moments
 from study.sphere.types import Floats
 
 _NODES = 24
@@ -76,7 +77,12 @@ def bound_shares(moments: CapMoments, dimension: int) -> tuple[float, float]:
 
 
 def median_at_bound(moments: CapMoments, dimension: int) -> float:
-    """Median error over √tr CRLB of an estimator whose errors are Gaussian at the bound, for isotropic noise."""
+    """Median error over √tr CRLB of an estimator whose errors are Gaussian at the bound, for isotropic noise.
+
+    It is NaN where a cap is so small that float64 cannot hold its variance along the axis.
+    """
+    if moments.along < sys.float_info.min:
+        return math.nan
     return _median_length(*bound_shares(moments, dimension), dimension)
 
 
@@ -95,8 +101,10 @@ def median_attainable(angle: float, noise: float, dimension: int) -> float:
         The median, to three digits; NaN where noise hides the cap so far that the bound cannot be formed.
     """
     cap = Cap(math.radians(angle), noise, dimension)
+    if noise <= _CLEAR * cap.half_angle:
+        return median_at_bound(cap_moments(cap.half_angle, dimension), dimension)
     try:
-        bound = by_quadrature(cap, _NODES) if noise > _CLEAR * cap.half_angle else cramer_rao(cap)
+        bound = by_quadrature(cap, _NODES)
     except ValueError:
         return math.nan
     along, across = float(bound[0, 0]), float(bound[1, 1])

@@ -1,6 +1,8 @@
 """Read a study's config: TOML in, a frozen `Study` out, or one message with every fault."""
 
 import hashlib
+import math
+from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, Literal, Union
 
@@ -8,13 +10,14 @@ import numpy as np
 from pydantic import AfterValidator, Field, PlainValidator, SerializeAsAny, TypeAdapter, ValidationError
 
 from study.estimators import ESTIMATORS
-from study.experiment.conditions import CONDITIONS, NOISE, STORED, Condition, is_number
+from study.experiment.conditions import CONDITIONS, NOISE, RADIUS, STORED, Condition, is_number
 from study.experiment.config_faults import ConfigError, Fault, distinct, report, toml_tables, toml_text
 from study.experiment.departure_faults import departure_faults
 from study.experiment.designs.design import Design
 from study.experiment.designs.fields import MAX_CELLS
 from study.experiment.designs.grid import GridDesign
 from study.experiment.designs.random_design import RandomDesign
+from study.experiment.distributions import Distribution
 from study.experiment.noise.gaussian import NoiseLaw, gaussian
 from study.experiment.posterior_config import Posterior, posterior_faults
 from study.experiment.precision_config import Precision, precision_faults
@@ -136,6 +139,7 @@ def parse(text: str, source: str = "config") -> Study:
             "noise_shape": study.noise_shape is not None,
         }
         faults += departure_faults(study.design.given(), refusing)
+        faults += _level_faults(study.design)
         if study.posterior is not None:
             faults += posterior_faults(study.posterior, study.design, study.dimension, study.noise_shape is not None)
         if study.precision is not None:
@@ -179,6 +183,25 @@ def _faults_between_keys(raw: dict[str, Any]) -> list[Fault]:
     if shape is not None:
         faults += _shape_faults(shape, d)
     return faults + _route_faults(raw, design)
+
+
+def _level_faults(design: Design) -> list[Fault]:
+    """Find noise that float64 cannot hold both as σ and as σ over the radius."""
+    given = design.given()
+    name = NOISE.name if NOISE.name in given else NOISE.alternative
+    if name not in given:  # which is another fault
+        return []
+    noises, radii = (
+        entry.possible() if isinstance(entry, Distribution) else entry for entry in (given[name], given[RADIUS.name])
+    )
+    for noise, radius in product((min(noises), max(noises)), (min(radii), max(radii))):
+        if noise > 0.0 and radius > 0.0:  # the lower end of a law is never drawn
+            other = noise / radius if name == NOISE.name else noise * radius
+            if not 0.0 < other < math.inf:
+                kind = "σ/r" if name == NOISE.name else "σ"
+                words = f"with radius = {radius:g} {kind} is {other:g} in float64: give another noise or radius"
+                return [Fault(("design", str(name)), words, noise)]
+    return []
 
 
 def _route_faults(raw: dict[str, Any], design: dict[str, Any]) -> list[Fault]:

@@ -65,7 +65,7 @@ def toml_text(path: pathlib.Path, kind: type[ConfigError] = ConfigError) -> str:
     try:
         return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
+        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text; save it as UTF-8"
         raise kind(f"{path}: cannot be read: {reason}") from None
 
 
@@ -93,6 +93,8 @@ def report(error: ValidationError, known: Mapping[tuple[str, ...], list[str]]) -
             words, wants = "required, but missing", (path,)
         elif entry["type"] == "tuple_type":
             words = f"must be a list, such as [{json.dumps(value)}]" if isinstance(value, str) else "must be a list"
+        elif entry["type"] in ("model_type", "model_attributes_type"):
+            words = f"must be one table, whose entries follow a line [{path[-1]}]"
         elif entry["type"] == "too_short":
             words = "must have a value"
         elif entry["type"] == "string_pattern_mismatch":  # of a name, which becomes one of a folder

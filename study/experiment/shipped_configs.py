@@ -3,6 +3,7 @@
 In an installed package they are its data; in a checkout they stand in the folder ``configs`` beside it.
 """
 
+import os.path
 from importlib import resources
 from pathlib import Path
 
@@ -31,7 +32,7 @@ def shipped_config(name: str) -> Path:
 
 def config_file(argument: Path) -> Path:
     """The file that a user means: the given one, or a shipped config if there is no such file and no suffix."""
-    return argument if argument.suffix or argument.exists() else shipped_config(str(argument))
+    return argument if argument.suffix or os.path.exists(argument) else shipped_config(str(argument))
 
 
 def summary_line(path: Path) -> str:

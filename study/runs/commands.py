@@ -1,5 +1,6 @@
 """Commands about configs and runs, for `study.cli`, with their exit codes; the worker of a cluster."""
 
+import os.path
 from enum import IntEnum
 from pathlib import Path
 from typing import Annotated
@@ -13,7 +14,7 @@ RUNS = Path("results")
 def run_folder(argument: str) -> Path:
     """The folder of a run, given itself, as the config of a run in `RUNS`, or as the name of a shipped config."""
     path = Path(argument)
-    if path.is_dir() or path.suffix not in ("", ".toml"):
+    if os.path.isdir(path) or path.suffix not in ("", ".toml"):
         return path
     from study.experiment.config import load
     from study.experiment.shipped_configs import shipped_configs

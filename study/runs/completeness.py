@@ -18,12 +18,12 @@ def finished(run: Run) -> bool:
 
 
 def damaged(run: Run) -> list[str]:
-    """Names of the tables in a run's manifest whose bytes have changed since they were written, or that are gone."""
+    """Names of the tables in a run's manifest that have changed since, are gone, or have other columns."""
     try:
         tables = run.manifest()["tables"]
     except RunError:
         return []
-    return [name for name, digest in tables.items() if run.fingerprint(name) != digest]
+    return [name for name, digest in tables.items() if run.fingerprint(name) != digest or run.column_fault(name)]
 
 
 def digests(run: Run) -> dict[str, str]:

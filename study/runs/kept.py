@@ -1,10 +1,10 @@
 """Results that are made from a run's tables alone, such as pictures; its folder keeps them, so they are made once.
 
-    RUN/kept/<name>    a line with the key and the SHA-256 of the rest, then the rest
+    RUN/kept/<name>    a line with the key, the name and the SHA-256 of the rest, then the rest
 
 The key says what a result was made of: the bytes of every table, this program and its libraries, and what was asked.
-A result is used again only where the key is the same, and its own bytes are those that were written. The folder is no
-part of the run: it may be removed at any time, and is neither verified, nor compared, nor archived.
+A result is used again only where the key is the same, and its own bytes are those that were written under its name. The
+folder is no part of the run: it may be removed at any time, and is neither verified, nor compared, nor archived.
 """
 
 import contextlib
@@ -79,7 +79,7 @@ def find(run: Run, name: str, known: str | None) -> bytes | None:
         head, _, content = (run.folder / FOLDER / name).read_bytes().partition(b"\n")
     except OSError:
         return None
-    return content if head.decode("ascii", "replace") == _head(known, content) else None
+    return content if head.decode("ascii", "replace") == _head(known, name, content) else None
 
 
 def keep(run: Run, name: str, known: str | None, content: bytes) -> None:
@@ -87,8 +87,8 @@ def keep(run: Run, name: str, known: str | None, content: bytes) -> None:
     if known is not None:
         with contextlib.suppress(OSError):
             (run.folder / FOLDER).mkdir(exist_ok=True)
-            write(run.folder / FOLDER / name, f"{_head(known, content)}\n".encode() + content)
+            write(run.folder / FOLDER / name, f"{_head(known, name, content)}\n".encode() + content)
 
 
-def _head(known: str, content: bytes) -> str:
-    return f"{known} {hashlib.sha256(content).hexdigest()}"
+def _head(known: str, name: str, content: bytes) -> str:
+    return f"{known} {name} {hashlib.sha256(content).hexdigest()}"

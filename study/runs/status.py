@@ -16,7 +16,7 @@ from study.runs.provenance import described, other_version
 from study.runs.reuse import ReuseLayout
 from study.runs.storage.atomic_write import RunError
 from study.runs.storage.lock import holder
-from study.runs.storage.manifest import ManifestDamagedError
+from study.runs.storage.manifest import ManifestMissingError
 from study.runs.storage.parts import DAMAGED, Parts
 from study.runs.storage.run_folder import Run
 from study.text.columns import columns
@@ -122,10 +122,10 @@ def _facts(found: RunStatus) -> Iterator[tuple[str, str]]:
 def _state(run: Run, parts: Parts, broken: bool) -> str:
     try:
         run.manifest()
-    except ManifestDamagedError as error:
-        return str(error)
-    except RunError:
+    except ManifestMissingError:
         pass
+    except RunError as error:
+        return str(error)
     if finished(run) and broken:
         return "finished, but a table is damaged or missing; `study run` makes it again"
     if finished(run):

@@ -31,6 +31,8 @@ _HIDDEN = 0.8
 """Noise above this multiple of the half-angle needs the family of derivatives."""
 _GONE = 1e3
 """With noise above this multiple of the half-angle only rounding would be left in the numbers."""
+_LEAST_ANGLE = 1e-60
+"""Half-angle in radians, above which no fourth power vanishes."""
 _RANK = 1e-14
 """Singular values of E[a(u)|y] below this share of the largest are rounding."""
 _LOST = 1e-7
@@ -76,7 +78,8 @@ def _number(name: str, value: float) -> float:
 
 @lru_cache(maxsize=4096)
 def _cached(cap: Cap) -> Floats:
-    return cramer_rao(cap) if cap.noise < _CLEAR * cap.half_angle else by_quadrature(cap)
+    clear = cap.noise < _CLEAR * cap.half_angle and cap.half_angle > _LEAST_ANGLE
+    return cramer_rao(cap) if clear else by_quadrature(cap)
 
 
 def cramer_rao(cap: Cap) -> Floats:
@@ -99,6 +102,12 @@ def by_quadrature(cap: Cap, nodes: int = _NODES) -> Floats:
         ValueError: if rounding leaves fewer digits than are promised.
     """
     half_angle, noise, d = cap
+    lost = ValueError(
+        f"noise = {noise!r} hides a cap of {math.degrees(half_angle):g}° so far that float64 cannot hold the "
+        f"attainable bound: give less noise or a larger angle"
+    )
+    if not (noise < _GONE * half_angle and half_angle > _LEAST_ANGLE):
+        raise lost
     y = positions(cap, nodes)
     theta, share = directions(cap, y.angle, nodes)
     axial, lateral = kernels(cap, y, theta)
@@ -113,11 +122,8 @@ def by_quadrature(cap: Cap, nodes: int = _NODES) -> Floats:
     along, across = _scores(cap, y, theta, weighted)
     axis, least = _efficient(family.axial, along, root)
     side, other = _efficient(family.lateral, across, root)
-    if not (noise < _GONE * half_angle and min(least, other) > _LOST):
-        raise ValueError(
-            f"noise = {noise!r} hides a cap of {math.degrees(half_angle):g}° so far that float64 cannot hold the "
-            f"attainable bound: give less noise or a larger angle"
-        )
+    if not min(least, other) > _LOST:
+        raise lost
     inverse = np.linalg.inv(axis)
     (a, b), (_, c) = (inverse @ inverse.T)[:2, :2]  # of c - r along the axis and of r, σ² being unknown
     return noise**2 * _assemble(d, a, b - a, a - 2.0 * b + c, (d - 1) / side[0, 0] ** 2)

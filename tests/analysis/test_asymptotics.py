@@ -45,6 +45,18 @@ def test_median_at_bound():
         )
 
 
+@pytest.mark.parametrize("noise", [1e-320, 1e-200, 1e-65, 1e-3, 1e155, 1e308])
+@pytest.mark.parametrize("angle", [1e-300, 1e-100, 1e-10, 45.0, 180.0])
+def test_medians_at_the_ends_of_float64(angle, noise):
+    """Whatever a config may ask for, a median is a number or NaN; with next to no noise it is that of the bound."""
+    at_bound = median_at_bound(cap_moments(math.radians(angle), 3), 3)
+    found = median_attainable(angle, noise, 3)
+    assert math.isnan(at_bound) == (angle < 1e-90)
+    assert math.isnan(found) == (angle < 1e-90 or noise > 1e3 * math.radians(angle))
+    if noise < 1e-6 * math.radians(angle):
+        np.testing.assert_equal(found, at_bound)
+
+
 @pytest.mark.parametrize("degrees", [20.0, 60.0])
 def test_gdke_leaves_where_bias_meets_scatter(degrees):
     """At s* the bias of many samples is the bound's standard deviation along the axis, σ/√(N Kₐ)."""

@@ -1,5 +1,8 @@
 """Commands that fail: exit code 1 or 2, a plain message on standard error, no traceback, and nothing written."""
 
+import shutil
+from pathlib import Path
+
 import pytest
 
 
@@ -107,3 +110,30 @@ def test_numbers_beyond_floating_point(call_here, folder, config):
     """A number that no double holds is a fault, not a crash."""
     (folder / "huge.toml").write_text(config.replace("= 90", "= 1" + 400 * "0"))
     refused(call_here(folder, "plan", "huge.toml"), 2, "huge.toml: 1 fault", "design.angle")
+
+
+@pytest.mark.parametrize("words", ["summary {}", "status {}", "plan {}", "run {}", "summary {}/x"])
+def test_a_name_that_the_disk_refuses(call_here, folder, words):
+    """A name that is too long for the system is one line, like any other that is not there."""
+    code, said, complained = call_here(folder, *words.format("a" * 300).split())
+    assert (code in (1, 2), said, len(complained.splitlines())) == (True, "", 1)
+
+
+def test_a_closed_folder(call_here, folder, finished, monkeypatch):
+    """A folder that may not be entered is named, with what to do; so is a manifest that may not be read."""
+    (folder / "closed").mkdir()
+
+    def closed(path):
+        raise PermissionError(13, "Permission denied")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "is_file", closed)
+        code, said, complained = call_here(folder, "status", "closed")
+    assert (code, said) == (1, "")
+    assert complained == "closed: cannot be read: Permission denied; make it readable, or give another folder\n"
+    shutil.copytree(finished[0] / "out", folder / "odd")
+    (folder / "odd" / "manifest.json").unlink()
+    (folder / "odd" / "manifest.json").mkdir()
+    code, said, _ = call_here(folder, "status", "odd")
+    assert code == 0
+    assert "odd/manifest.json: cannot be read: Is a directory; make it readable, or remove it" in said

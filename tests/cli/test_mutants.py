@@ -278,3 +278,7 @@ def test_other_columns_with_the_right_digest(mutant, call_here, name, change):
     for words in (["summary", "out"], ["diff", "out", "out"], ["worst", "out"]):
         code, said, complained = call_here(mutant, *words)
         assert code == 0 or (said == "" and len(complained.splitlines()) == 1 and f"{name}.parquet" in complained)
+    code, _, complained = call_here(mutant, "run", "good.toml", "--out", "out", "--jobs", "1")
+    assert code == 0
+    assert f"out/{name}.parquet: damaged" in complained
+    assert call_here(mutant, "verify", "out", "--share", "0")[0] == 0

@@ -1,5 +1,7 @@
 """The message as a whole: all faults at once, in the order of the file; and files that are no configs at all."""
 
+import re
+
 import pytest
 
 from study.experiment.config import ConfigError, load, parse
@@ -132,6 +134,41 @@ def test_what_is_not_toml(text):
         parse(text, "x.toml")
 
 
+@pytest.mark.parametrize(
+    ("noise", "radius", "words"),
+    [
+        ("noise_over_radius = 1e-250", "1e-100", r"noise_over_radius = 1e-250: with radius = 1e-100 σ is 0 in float64"),
+        (
+            "noise_over_radius = [1, 1e250]",
+            "[1, 1e100]",
+            r"noise_over_radius = 1e\+250: with radius = 1e\+100 σ is inf in float64",
+        ),
+        ("noise = 1e-300", "1e100", r"noise = 1e-300: with radius = 1e\+100 σ/r is 0 in float64"),
+        ("noise = 1e300", "1e-100", r"noise = 1e\+300: with radius = 1e-100 σ/r is inf in float64"),
+    ],
+)
+@pytest.mark.parametrize("kind", ["grid", "random"])
+def test_noise_that_float64_cannot_hold(kind, noise, radius, words):
+    """Noise that vanishes or overflows with the radius is told before anything is divided by it."""
+    if kind == "random":
+        noise, radius = re.sub(r"\[1, (.*)\]", r"\1", noise), radius.replace("[1, ", "").replace("]", "")
+    design = f'kind = "{kind}"\ntrials = 3\nsamples = 5\nangle = 90\n{noise}\nradius = {radius}\n'
+    with pytest.raises(ConfigError, match=rf"line 9: design\.{words}: give another noise or radius"):
+        parse(f'name = "a"\nseed = 1\nestimators = ["lls"]\n[design]\n{design}')
+
+
+@pytest.mark.parametrize(
+    ("text", "place"),
+    [("design = 3", "design"), ("[[design]]\ntrials = 3", "design"), ("[[precision]]", "precision")],
+)
+def test_what_is_no_table(text, place):
+    """A number or a list in place of a table is told in the words of TOML."""
+    with pytest.raises(
+        ConfigError, match=rf"line 1: {place} = .*: must be one table, whose entries follow a line \[{place}"
+    ):
+        parse(text)
+
+
 def test_toml_that_is_nested_too_deeply():
     """A document deeper than the reader can follow is refused like any other that cannot be read."""
     with pytest.raises(ConfigError, match=r"^x\.toml: "):
@@ -144,7 +181,7 @@ def test_what_cannot_be_read(tmp_path):
     for path, reason in [
         (tmp_path / "none.toml", "No such file or directory"),
         (tmp_path, "Is a directory"),
-        (tmp_path / "bytes.toml", "not UTF-8 text"),
+        (tmp_path / "bytes.toml", "not UTF-8 text; save it as UTF-8"),
     ]:
         with pytest.raises(ConfigError) as caught:
             load(path)

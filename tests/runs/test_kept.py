@@ -75,6 +75,14 @@ def test_changed_bytes(run):
     assert kept.find(run, "a", known) == b"content"
 
 
+def test_another_results_file(run):
+    """A result that lies under the name of another one, of the same key, is not used."""
+    known = kept.key([run])
+    kept.keep(run, "a.png", known, b"a picture")
+    (run.folder / kept.FOLDER / "a.png").rename(run.folder / kept.FOLDER / "b.png")
+    assert kept.find(run, "b.png", known) is None
+
+
 def test_without_a_key_nothing_is_kept(run):
     """Where tables are damaged nothing is written; where the folder cannot be made nothing fails."""
     kept.keep(run, "a", None, b"content")

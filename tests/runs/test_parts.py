@@ -1,5 +1,6 @@
 """Part files: rows are read as they were written, damage is found, and many packets share a file."""
 
+import hashlib
 import json
 from types import SimpleNamespace
 
@@ -99,6 +100,25 @@ def test_damage_is_found(tmp_path, harm):
     assert not path.exists()
     assert parts.outputs("k") == set()
     assert found(parts, "l")
+
+
+@pytest.mark.parametrize("text", ["", "x", "\n", "[]\n", "{}\n", '{"format": 5}\n', "[" * 100_000 + "\n"], ids=len)
+def test_a_file_of_another_program(tmp_path, text):
+    """A file that is named by its digest, but has not the header that this program writes, is set aside too."""
+    (tmp_path / "parts").mkdir()
+    name = f"units-{hashlib.sha256(text.encode()).hexdigest()}.part"
+    (tmp_path / "parts" / name).write_text(text, newline="")
+    assert opened(tmp_path).damaged == [name]
+    assert (tmp_path / "parts" / DAMAGED / name).exists()
+
+
+def test_a_folder_is_no_part(tmp_path):
+    """A folder with the name of a part is left alone."""
+    (tmp_path / "parts" / f"units-{'0' * 64}.part").mkdir(parents=True)
+    parts = opened(tmp_path)
+    assert (parts.count, parts.damaged) == (0, [])
+    parts.remove()
+    assert len(list((tmp_path / "parts").iterdir())) == 1
 
 
 def test_damage_while_a_run_goes_on(tmp_path):

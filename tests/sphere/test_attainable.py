@@ -213,6 +213,7 @@ def test_results_are_the_callers():
         ({"dimension": 1}, ValueError, "dimension = 1: a sphere needs at least 2"),
         ({"dimension": 2.5}, TypeError, "integer"),
         ({"angle": 1.0, "noise": 100.0}, ValueError, r"noise = 100\.0 hides a cap of 1° so far"),
+        ({"angle": 1e-100, "noise": 1e-160}, ValueError, "hides a cap of 1e-100° so far"),
         ({"angle": 1e-4, "noise": 10.0}, ValueError, r"hides a cap of 0\.0001° .*give less noise or a larger angle"),
     ],
 )

@@ -25,7 +25,7 @@ from study.analysis.claims.evidence import Evidence
 from study.runs import kept
 from study.runs.storage import digests, schemas
 from study.runs.storage.lock import writing
-from study.runs.storage.run_folder import Run
+from study.runs.storage.run_folder import Run, RunError
 from study.text.columns import columns
 
 CLAIMS: tuple[Claim, ...] = (
@@ -63,11 +63,14 @@ def judge_all(runs: Iterable[Run], cost: Path | None = None, spreads: pd.DataFra
 
 def key(runs: Sequence[Run], cost: Path | None = None, spreads: pd.DataFrame | None = None) -> str | None:
     """Key of all that claims are judged by; see `study.runs.kept.key`, and `judge_all` for the arguments."""
-    digest = None if cost is None else digests.of_file(cost)
+    try:
+        digest = None if cost is None else digests.of_file(cost)
+    except RunError:  # a folder, perhaps: `judge_all` says so
+        return None
     if (digest is None) != (cost is None):
         return None
     table = None if spreads is None else spreads.to_csv(float_format="%.17g")
-    return kept.key(runs, "claims", digest, table, *(str(run.folder) for run in runs))  # reasons name folders
+    return kept.key(runs, "claims", digest, table, *(run.again() for run in runs))  # reasons name these commands
 
 
 def stored(run: Run, known: str | None) -> pd.DataFrame | None:
@@ -94,9 +97,9 @@ def save(run: Run, claims: pd.DataFrame, known: str | None = None) -> None:
     if run.valid("claims") and bool((claims["verdict"] == Verdict.NOT_EVALUATED).all()):
         return
     data = {column.name: claims[column.name].to_numpy() for column in schemas.CLAIMS}
-    with writing(run.folder):
+    with writing(run.folder):  # the key too: else another command's table could come between the two
         run.save("claims", schemas.table(schemas.CLAIMS, data))
-    kept.keep(run, "claims", known, str(run.fingerprint("claims")).encode())
+        kept.keep(run, "claims", known, str(run.fingerprint("claims")).encode())
 
 
 def as_data(runs: Iterable[Run], claims: pd.DataFrame) -> dict[str, object]:

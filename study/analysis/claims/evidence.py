@@ -5,6 +5,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import pandas as pd
+import pyarrow as pa
+from pandas.api import types
 
 from study.analysis.joint_markers import JointMarkers, joint_markers
 from study.experiment.conditions import STORED
@@ -30,6 +32,9 @@ _NAMED = frozenset(
 """Estimators that a claim names. Rows of the others are not read: they are half of the largest table."""
 _ALWAYS = ("cell", "trial", *(condition.name for condition in STORED), "estimator", "status")
 """Columns of an error table that every claim may use."""
+
+_COSTS = ("flops_per_sample", "paper_flops", "scalar_seconds", "vector_seconds")
+"""Columns of a cost table that hold numbers."""
 
 
 class TableMissing(Exception):  # noqa: N818  no error: most sets of runs lack some claim's tables
@@ -142,13 +147,21 @@ class Evidence:
 
 
 def _read_cost(path: Path) -> pd.DataFrame:
+    remedy = "`study cost --out FILE.parquet` makes one"
     if not path.is_file():
-        raise RunError(f"{path}: no cost table; `study cost --out {path}` makes one")
+        raise RunError(f"{path}: no cost table; {remedy}")
     try:
         table: pd.DataFrame = schemas.read(path)
-    except (OSError, ValueError) as error:
-        raise RunError(f"{path}: cannot be read: {error}") from None
-    missing = {"estimator", "flops_per_sample", "paper_flops", "scalar_seconds", "vector_seconds"} - set(table.columns)
-    if missing:
-        raise RunError(f"{path}: not a cost table, without {', '.join(sorted(missing))}; `study cost` makes one")
+    except (
+        OSError,
+        pa.ArrowException,
+        ValueError,
+        KeyError,
+        TypeError,
+    ):  # the last two if the text about the columns is garbled
+        raise RunError(f"{path}: not a cost table: damaged, or not parquet; {remedy}") from None
+    odd = [name for name in _COSTS if name not in table or not types.is_numeric_dtype(table[name])]
+    if "estimator" not in table or odd:
+        words = ", ".join(odd or ["estimator"])
+        raise RunError(f"{path}: not a cost table: {words} missing or not numbers; {remedy}")
     return table

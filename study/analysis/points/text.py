@@ -24,7 +24,7 @@ def read_text(path: Path, file: BinaryIO, columns: Sequence[str] | None) -> tupl
     try:
         text = file.read().decode("utf-8-sig")
     except UnicodeDecodeError:
-        raise PointFileError(f"{path}: neither UTF-8 text nor .npy nor .parquet") from None
+        raise PointFileError(f"{path}: neither UTF-8 text nor .npy nor .parquet; save it as UTF-8") from None
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     rows = [(n, row) for n, row in enumerate(lines, 1) if row.strip() and not row.lstrip().startswith("#")]
     if rows and _SPREADSHEET.fullmatch(rows[0][1].strip()):

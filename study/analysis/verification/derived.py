@@ -1,6 +1,7 @@
 """Rows of a summary and chains of posteriors, computed again and compared with the stored ones."""
 
 import json
+from collections import Counter
 
 import numpy as np
 import pyarrow as pa
@@ -64,13 +65,19 @@ def recompute_chains(run: Run, names: list[str], seed: str, share: float) -> dic
     stored = {name: run.arrow(name) for name in CHAIN_TABLES}
     if stored["posterior"].num_rows != len(tasks):
         found["posterior"].faults.append(f"{stored['posterior'].num_rows:,} of {len(tasks):,} chains are stored")
-    for task in chosen(seed, tasks, share):
+    use, seen = chosen(seed, tasks, share), Counter[str]()
+    for task in use:
         assert posterior is not None
         computed, mine = task.compute(study, posterior), pc.scalar(True)
         for column, value in task.key.items():
             mine = mine & (pc.field(column) == value)
         for name in CHAIN_TABLES:
             found[name].done += 1
-            if (fault := difference(stored[name].filter(mine), computed[name])) is not None:
+            rows = stored[name].filter(mine)
+            seen[name] += rows.num_rows
+            if (fault := difference(rows, computed[name])) is not None:
                 found[name].faults.append(fault)
+    for name in CHAIN_TABLES if len(use) == len(tasks) else ():
+        if strays := stored[name].num_rows - seen[name]:
+            found[name].faults.append(f"{strays:,} rows are of no chain")
     return found

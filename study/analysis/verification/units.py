@@ -1,5 +1,6 @@
 """Units of a finished run, computed again and compared with the rows that are stored of them."""
 
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
@@ -61,8 +62,10 @@ def recompute_units(run: Run, names: list[str], seed: str, share: float) -> dict
         words = f"{there.main.count:,} rows are stored, and {there.expected:,} belong to the config"
         found[main].faults.append(words)
         return found
-    for span, begin, end in chosen(seed, there.places, share):
+    use, seen = chosen(seed, there.places, share), Counter[str]()
+    for span, begin, end in use:
         if there.lost(span):
+            seen.update({name: there.of(name, span).num_rows for name in compared if name != main})
             continue
         computed = tables(study, span.unit(), compute(study, span.unit()))
         for name in compared:
@@ -71,9 +74,13 @@ def recompute_units(run: Run, names: list[str], seed: str, share: float) -> dict
                 rows = rows.take(pa.array(assemble.order(study, span, rows)))
             rows = there.kept(rows)
             stored = there.main.rows(begin, end) if name == main else there.of(name, span)
+            seen[name] += stored.num_rows
             found[name].done += 1
             if (fault := difference(stored, rows)) is not None:
                 found[name].faults.append(fault)
+    for name in compared if len(use) == len(there.places) else ():  # of some units nothing can be said about all rows
+        if name != main and (strays := pq.read_metadata(run.path(name)).num_rows - seen[name]):
+            found[name].faults.append(f"{strays:,} rows are of no unit")
     return found
 
 

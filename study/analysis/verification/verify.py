@@ -27,19 +27,21 @@ class Verification:
     Attributes:
         run: the run.
         digests: for each table, its fault in words, or None if its digest and its columns are right.
+        counts: numbers of the manifest that are not those of the config and the tables, in words.
         again: for each table of which something was computed again, the result.
         remark: warning about the software; None if it is this one.
     """
 
     run: Run
     digests: dict[str, str | None]
+    counts: list[str]
     again: dict[str, Recomputed]
     remark: str | None
 
     @property
     def faults(self) -> list[str]:
         """Everything that is wrong, a line each."""
-        found = [fault for fault in self.digests.values() if fault]
+        found = [fault for fault in self.digests.values() if fault] + self.counts
         for name, result in self.again.items():
             found += [f"{self.run.path(name)}: {fault}" for fault in result.faults]
         return found
@@ -72,7 +74,7 @@ def verify(run: Run, share: float = 0.01) -> Verification:
             if {"errors", "summary"} <= set(good):
                 again["summary"] = recompute_summary(run, seed, share)
             again |= recompute_chains(run, good, seed, share)
-    return Verification(run, digests, again, other_version(run.maker()))
+    return Verification(run, digests, _wrong_counts(run, good), again, other_version(run.maker()))
 
 
 def _fault(run: Run, name: str) -> str | None:
@@ -85,6 +87,17 @@ def _fault(run: Run, name: str) -> str | None:
     return None
 
 
+def _wrong_counts(run: Run, good: list[str]) -> list[str]:
+    """Compare the manifest's numbers with the config and the table of failures, unless that is damaged."""
+    manifest, counts = run.manifest(), {"cells": run.study.cells()}
+    if "failures" in good or not (run.has("failures") or "failures" in manifest["tables"]):
+        causes = run.arrow("failures")["cause"].to_pylist() if "failures" in good else []
+        counts |= {"failures": len(causes), "lost": causes.count("worker")}
+    path = run.folder / "manifest.json"
+    wrong = [name for name, count in counts.items() if manifest[name] != count]
+    return [f"{path}: {name} = {manifest[name]:,}, where the tables have {counts[name]:,}" for name in wrong]
+
+
 def _countable(run: Run, good: list[str]) -> bool:
     """True if the trials of each cell are known: an adaptive run has them in its precision table."""
     return run.study.precision is None or "precision" in good
@@ -92,7 +105,8 @@ def _countable(run: Run, good: list[str]) -> bool:
 
 def printed(found: Verification) -> Iterator[str]:
     """A verification for a terminal: a line for each table, the faults, and the verdict."""
-    yield f"{found.run.folder}: {found.run.study.run_name()}"
+    run = found.run
+    yield f"{run.folder}: {run.study.run_name()}"
     rows = []
     for name, fault in found.digests.items():
         result = found.again.get(name)
@@ -107,7 +121,11 @@ def printed(found: Verification) -> Iterator[str]:
     for fault in found.faults[:10]:
         yield f"  {fault}"
     if found.faults:
-        yield f"not verified: {len(found.faults):,} faults" if len(found.faults) > 1 else "not verified: 1 fault"
+        count = f"{len(found.faults):,} faults" if len(found.faults) > 1 else "1 fault"
+        odd = [run.path(name).name for name, result in found.again.items() if result.faults]
+        odd += ["manifest.json"] * bool(found.counts)
+        remedy = f"; remove {', '.join(odd)}, and {run.again()} makes it again" if odd else ""
+        yield f"not verified: {count}{remedy}"
     elif not any(result.done for result in found.again.values()):
         yield f"not verified: {len(found.digests):,} tables are as written, but nothing was computed again"
     else:

@@ -28,7 +28,7 @@ def of_file(path: Path) -> str | None:
     except FileNotFoundError:
         return None
     except OSError as error:
-        raise RunError(f"{path}: cannot be read: {error.strerror or error}") from None
+        raise RunError(f"{path}: cannot be read: {error.strerror or error}; make it readable, or remove it") from None
 
 
 def of_json(content: Mapping[str, object]) -> str:

@@ -72,7 +72,7 @@ def read(folder: Path, keep: str, own: Collection[str] = ()) -> Manifest:
     except FileNotFoundError:
         raise ManifestMissingError(f"{path}: missing; finish the run with {rerun(folder, own)}") from None
     except OSError as error:
-        raise RunError(f"{path}: cannot be read: {error.strerror or error}") from None
+        raise RunError(f"{path}: cannot be read: {error.strerror or error}; make it readable, or remove it") from None
     except (ValueError, RecursionError):
         found = None
     fault = "not JSON, or no object" if not isinstance(found, dict) else _digest_fault(found)
@@ -134,6 +134,12 @@ def _field_fault(found: Mapping[str, Any], keep: str) -> str | None:
             return f"{name} = {json.dumps(found[name])[:40]} is not as this program writes it"
     words = [*found["tables"].values(), *found.get("estimators", {})]
     versions, numbers = found.get("estimators", {}).values(), found.get("precision", {}).values()
+    made_by = [found.get("software", {}), *found.get("also_computed_by", [])]
+    entries = [*made_by, *found.get("own_estimators", [])]
+    if not all(isinstance(entry, dict) for entry in entries) or not all(
+        isinstance(made.get(name), str | None) for made in made_by for name in ("study", "commit")
+    ):
+        return "software or own_estimators are not as this program writes them"
     shipped = "own_estimators" not in found  # the version of an own estimator is a digest of its code
     fine = all(isinstance(word, str) for word in words) and all(isinstance(number, int) for number in numbers)
     if not fine or not all(isinstance(version, int if shipped else int | str) for version in versions):

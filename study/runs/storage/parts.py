@@ -29,6 +29,8 @@ from study.runs.storage.atomic_write import RunError, explained, write
 FORMAT = 5
 """Format of parts and tables. Raise it when rows of the same key would change, or files would be read wrongly."""
 DAMAGED = "damaged"
+Json = dict[str, object]
+"""An object as JSON has it."""
 _SUFFIX = ".part"
 _BYTES = 32 << 20
 _SECONDS = 1.0
@@ -133,9 +135,11 @@ class Parts:
             except FileNotFoundError:  # a run that finishes removes its parts
                 continue
             except OSError as error:
-                raise RunError(f"{path}: cannot be read: {error.strerror or error}") from None
-            if hashlib.sha256(data).hexdigest() == name.removeprefix(f"{self.kind}-").removesuffix(_SUFFIX):
-                self._index(path, data)
+                remedy = "make it readable, or remove it: its rows are computed again"
+                raise RunError(f"{path}: cannot be read: {error.strerror or error}; {remedy}") from None
+            whole = hashlib.sha256(data).hexdigest() == name.removeprefix(f"{self.kind}-").removesuffix(_SUFFIX)
+            if whole and (header := _header(data)):
+                self._index(path, data, header)
                 continue
             self.damaged.append(name)
             if set_aside:
@@ -145,8 +149,11 @@ class Parts:
 
     def _files(self) -> list[str]:
         """Names of the files; as strings, since making a `Path` takes as long as reading a small file."""
-        there = os.listdir(self.folder) if self.folder.is_dir() else []
-        return sorted(name for name in there if name.startswith(f"{self.kind}-") and name.endswith(_SUFFIX))
+        if not self.folder.is_dir():
+            return []
+        with os.scandir(self.folder) as there:
+            names = [entry.name for entry in there if entry.is_file()]
+        return sorted(name for name in names if name.startswith(f"{self.kind}-") and name.endswith(_SUFFIX))
 
     def whole(self) -> bool:
         """Read all files again, and set aside those that changed; false if some did."""
@@ -226,7 +233,7 @@ class Parts:
             self.folder.mkdir(exist_ok=True)
             write(path, data)
         self._since = now
-        self._index(str(path), data)
+        self._index(str(path), data, header)
 
     def remove(self) -> None:
         """Remove the files, since their rows are in tables now."""
@@ -237,10 +244,9 @@ class Parts:
                 self.folder.rmdir()
         self._forget()
 
-    def _index(self, path: str, data: bytes) -> None:
+    def _index(self, path: str, data: bytes, header: Json) -> None:
         """Note the place of each key's rows."""
         length = data.index(b"\n") + 1
-        header = json.loads(data[:length])
         if header["format"] > FORMAT:
             words = f"made by a newer version of this program ({header['software'].get('study', 'unknown')})"
             raise RunError(f"{path}: {words}; update it, or choose another folder with --out")
@@ -265,6 +271,19 @@ class Parts:
                 kind = tuple(outputs)
                 entry = (stored, place, self._kinds.setdefault(kind, kind))
                 self._where.setdefault(key, []).append(entry)
+
+
+def _header(data: bytes) -> Json:
+    """The first line of a file; empty if no version of this program writes such a line."""
+    try:
+        found = json.loads(data[: data.index(b"\n")])
+    except (ValueError, RecursionError):
+        return {}
+    kinds: dict[str, type | tuple[type, ...]] = {"format": int, "software": dict}
+    if isinstance(found, dict) and found.get("format") == FORMAT:
+        kinds |= {"seconds": (int, float), "note": str, "packets": list}
+    fine = isinstance(found, dict) and all(isinstance(found.get(name), kind) for name, kind in kinds.items())
+    return found if fine else {}
 
 
 def _sums(rows: Sequence[int]) -> list[int]:

@@ -102,7 +102,12 @@ class Run:
             RunError: if there is none, or its config cannot be read.
         """
         _refuse_other_names(folder)
-        if not (folder / "config.toml").is_file():
+        try:
+            found = (folder / "config.toml").is_file()
+        except OSError as error:
+            words = f"cannot be read: {error.strerror or error}; make it readable, or give another folder"
+            raise RunError(f"{folder}: {words}") from None
+        if not found:
             raise RunError(f"{folder}: not a run folder (no config.toml in it); `study run CONFIG` makes one")
         try:
             return cls(folder, load(folder / "config.toml"))
@@ -181,17 +186,20 @@ class Run:
         if name in known["tables"] and self.fingerprint(name) != known["tables"][name]:
             words = f"damaged: its SHA-256 is not the one in {manifest.NAME}"
             raise RunError(f"{path}: {words}; {self.again(name)} makes it again")
-        declared = schemas.declared(self.study.dimension, self.study.conditions()).get(name, [])
-        try:
-            fault = schemas.fault(pq.read_schema(path), declared)
-        except (OSError, pa.ArrowException, ValueError) as error:
-            fault = f"cannot be read: {' '.join(str(error).split())}"
-        if fault:
+        if fault := self.column_fault(name):
             raise RunError(f"{path}: {fault}; {self.again(name)} makes it again")
         if name not in known["tables"] and path not in _remarked:
             _remarked.add(path)
             words = f"not checked: {manifest.NAME} is of a version without digests of all tables"
             print(f"{path}: {words}; {self.again(name)} adds them", file=sys.stderr)
+
+    def column_fault(self, name: str) -> str | None:
+        """The fault of a stored table's columns, whatever its digest; None if they are those declared."""
+        declared = schemas.declared(self.study.dimension, self.study.conditions()).get(name, [])
+        try:
+            return schemas.fault(pq.read_schema(self.path(name)), declared)
+        except (OSError, pa.ArrowException, ValueError) as error:
+            return f"cannot be read: {' '.join(str(error).split())}"
 
     def again(self, name: str = "") -> str:
         """The command that makes a table again, or all of them."""
@@ -204,9 +212,10 @@ class Run:
         return [str(origin["from"]) for origin in origins(self.study.estimators)]
 
     def valid(self, name: str) -> bool:
-        """True if a table is stored, and has the digest that its manifest says."""
+        """True if a table is stored, and has the digest that its manifest says, and the columns declared."""
         try:
-            return self.has(name) and self.manifest()["tables"].get(name) == self.fingerprint(name)
+            same = self.has(name) and self.manifest()["tables"].get(name) == self.fingerprint(name)
+            return same and self.column_fault(name) is None
         except RunError:
             return False
 

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 import study
-from study.analysis.claims import CLAIMS, judge_all, save
+from study.analysis.claims import CLAIMS, judge_all, key, save
 from study.analysis.claims.claim import Claim, Number, Verdict, only_known
 from study.analysis.claims.evaluate import evaluate, frame
 from study.analysis.claims.evidence import Evidence
@@ -110,13 +110,19 @@ def test_the_cost_table(tmp_path):
     path = tmp_path / "cost.parquet"
     with pytest.raises(RunError, match="no cost table"):
         Evidence.of([], path)
-    path.write_bytes(b"not parquet")
-    with pytest.raises(RunError, match="cannot be read"):
+    path.mkdir()
+    assert key([], path) is None  # and no exception: the judge says what is wrong
+    with pytest.raises(RunError, match="no cost table; `study cost"):
         Evidence.of([], path)
-    pd.DataFrame({"estimator": ["gdke", "lls"]}).to_parquet(path)
-    with pytest.raises(RunError, match="not a cost table, without flops_per_sample"):
+    path.rmdir()
+    path.write_bytes(b"not parquet")
+    with pytest.raises(RunError, match="not a cost table: damaged, or not parquet; `study cost"):
         Evidence.of([], path)
     columns = ["flops_per_sample", "paper_flops", "scalar_seconds", "vector_seconds"]
+    for values in ({}, dict.fromkeys(columns, "fast")):
+        pd.DataFrame({"estimator": ["gdke", "lls"]} | values).to_parquet(path)
+        with pytest.raises(RunError, match=r"not a cost table: flops_per_sample, .* missing or not numbers; `study"):
+            Evidence.of([], path)
     pd.DataFrame({"estimator": ["gdke", "lls"]} | dict.fromkeys(columns, 1.0)).to_parquet(path)
     (finding,) = evaluate([measure], Evidence.of([], path))
     assert finding.numbers[0].value == 2.0

@@ -9,6 +9,7 @@ import pytest
 from study.analysis import claims
 from study.report import commands
 from study.runs import kept
+from study.runs.storage.lock import holder
 from study.runs.storage.run_folder import Run
 
 
@@ -65,6 +66,15 @@ def test_edited_verdicts_are_not_believed(run, judged):
     assert claims.stored(run, known) is None
     run.remove("claims")
     assert claims.stored(run, known) is None
+
+
+def test_the_key_is_noted_under_the_lock(run, monkeypatch):
+    """No other command can store its table between a table and the note of what that was judged by."""
+    writers = []
+    monkeypatch.setattr(kept, "keep", lambda run, *_: writers.append(holder(run.folder)))
+    claims.save(run, claims.judge_all([run]), "key")
+    assert len(writers) == 1
+    assert writers[0] is not None
 
 
 def test_another_cost_table(run, judged, tmp_path):

@@ -10,6 +10,8 @@ import pytest
 from study.analysis.summary import summarise
 from study.analysis.verification.bits import chosen, difference
 from study.analysis.verification.verify import printed, verify
+from study.posterior.run import compute
+from study.runs import runner
 from study.runs.storage.run_folder import Run, RunError
 
 HEAD = 'name = "checked"\nseed = 5\nestimators = ["lls", "ugdk"]\n'
@@ -100,6 +102,50 @@ def test_rows_that_are_left_out(copy):
         pq.write_table(table.slice(0, table.num_rows - 2), run.path(name))
         run.record(name)
         assert verify(run, 1.0).again[name].faults, name
+
+
+@pytest.mark.parametrize("name", ["points", "posterior", "answers", "draws"])
+def test_rows_of_nothing(copy, name):
+    """Rows of a trial that the config does not have are found when all is computed again, with the digest of them."""
+    run = copy("grid")
+    table = pq.read_table(run.path(name))
+    place = table.schema.get_field_index("trial")
+    strays = table.slice(0, 1).set_column(place, table.schema.field(place), pa.array([999], pa.int64()))
+    pq.write_table(pa.concat_tables([table, strays]), run.path(name))
+    run.record(name)
+    found = verify(run, 1.0)
+    assert "1 rows are of no " in found.again[name].faults[-1]
+    assert {table for table, result in found.again.items() if result.faults} == {name}
+
+
+def test_numbers_of_the_manifest(copy):
+    """Cells and failures that are not those of the config and the tables are told, whatever the manifest's digest."""
+    run = copy("independent")
+    for name in ("cells", "failures", "lost"):
+        whole = run.manifest()
+        run.save_manifest(whole | {name: 77})
+        (fault,) = verify(run).faults
+        assert f"manifest.json: {name} = 77, where the tables have {whole[name]}" in fault
+        run.save_manifest(whole)
+    assert verify(run).faults == []
+
+
+def test_the_remedy(copy):
+    """The last line says what to remove, and the command in it makes that again."""
+    run = copy("grid")
+    good = {name: run.fingerprint(name) for name in ("errors", "points", "summary", "draws")}
+    flip(run, "points", "x_1", 0)
+    flip(run, "draws", "error_3", 100)
+    command = f"`study run {run.folder}/config.toml --out {run.folder}`"
+    last = list(printed(verify(run, 1.0)))[-1]
+    assert last == f"not verified: 2 faults; remove points.parquet, draws.parquet, and {command} makes it again"
+    for name in ("points", "draws"):
+        run.path(name).unlink()
+    runner.run(run.study, (run.folder / "config.toml").read_text(), run.folder, 1, warn=lambda line: None)
+    summarise(run)
+    compute(run, 1)
+    assert {name: run.fingerprint(name) for name in good} == good
+    assert verify(run, 1.0).faults == []
 
 
 def test_digests(copy):
