@@ -21,6 +21,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import pyarrow as pa
 
@@ -29,7 +30,7 @@ from study.runs.storage.atomic_write import RunError, explained, write
 FORMAT = 5
 """Format of parts and tables. Raise it when rows of the same key would change, or files would be read wrongly."""
 DAMAGED = "damaged"
-Json = dict[str, object]
+Json = dict[str, Any]
 """An object as JSON has it."""
 _SUFFIX = ".part"
 _BYTES = 32 << 20
