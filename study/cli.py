@@ -166,9 +166,10 @@ def posterior(folder: Folder, jobs: Jobs = 2) -> None:
 
 
 def figures(words: Drawn, out: Pictures = None) -> None:
-    """Draw figures of runs from their tables, as PNG and SVG, each from the first run that has the tables for it.
+    """Draw figures of runs from their tables, as PNG and SVG.
 
-    A figure that fails does not cost the others; its place in the code is printed, and the exit code is 1.
+    Each figure comes from the first run that has the tables for it. A figure that fails does not cost the others; its
+    place in the code is printed, and the exit code is 1.
     """
     from study.figures import FAILED, FIGURES, draw_all
     from study.runs.storage.run_folder import Run
