@@ -13,8 +13,8 @@ STUDIES := paper ellipse mgdk power-law efficiency outliers starts bias anisotro
 CONFIGS := $(STUDIES:%=configs/%.toml)
 DRAW = $(BIN)/study figures --out figures
 # The studies' figures, drawn by two processes.
-PICTURES := 'efficiency posterior fig_efficiency fig_posterior fig_calibration' \
-    'paper ellipse mgdk power-law fig2_error fig3_gdke_ellipse fig4_ugdk_ellipse fig5_methods fig6_mgdk fig7_power_law'
+PICTURES := 'efficiency paper mgdk fig_efficiency fig2_error fig6_mgdk' \
+    'ellipse power-law posterior fig3_gdke_ellipse fig4_ugdk_ellipse fig5_methods fig7_power_law fig_posterior fig_calibration'
 paper: $(VENV)/.compiled results/cost.parquet
 	@set -e; \
 	echo "The paper's 1000 trials, and ten studies that its claims need:"; \

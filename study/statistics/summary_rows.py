@@ -5,7 +5,6 @@ all fits counts those that are not ok as infinite.
 """
 
 import numpy as np
-import pandas as pd
 
 from study.estimators import Status
 from study.experiment.conditions import STORED
@@ -74,5 +73,7 @@ def of_errors(errors: Errors) -> Columns:
 
 def as_columns(rows: list[Row]) -> Columns:
     """Turn rows of the summary table into columns."""
-    frame = pd.DataFrame(rows)
-    return {str(name): frame[name].to_numpy() for name in frame}
+    columns = {name: [row[name] for row in rows] for name in rows[0]} if rows else {}
+    return {
+        name: np.array(values, dtype=object if isinstance(values[0], str) else None) for name, values in columns.items()
+    }
