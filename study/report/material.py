@@ -59,7 +59,8 @@ class Manifest(BaseModel):
             first = error.errors()[0]
             where = ".".join(map(str, first["loc"]))
             path = run.folder / "manifest.json"
-            raise RunError(f"{path}: not a manifest of this version: {where}: {first['msg']}") from None
+            fault = f"{path}: not a manifest of this version: {where}: {first['msg']}"
+            raise RunError(f"{fault}; remove it, and {run.again()} writes it again") from None
 
 
 @dataclass(frozen=True)

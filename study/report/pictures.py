@@ -60,15 +60,17 @@ class Gallery:
                 self.undrawn.setdefault(name, {})[tables.name] = failure(error)
             else:
                 self.undrawn.pop(name, None)
-                self._begun[name] = tables.name, self._begin(pictures, name, figure, frame)
+                self._begun[name] = (
+                    tables.name,
+                    (_given(found["png"]) if found is not None else self._begin(pictures, name, figure, frame)),
+                )
                 if isinstance(frame, EfficiencyFrame):
                     self.efficiency = frame
-                    self._lead = self._begin(pictures, "lead", figure, frame)
+                    top = pictures.find("lead", figure, ["png"])
+                    self._lead = _given(top["png"]) if top else self._begin(pictures, "lead", figure, frame)
 
     def _begin(self, pictures: KeptPictures, name: str, figure: FigureModule, frame: Any) -> Callable[[], bytes | str]:
-        """Begin to draw a picture, unless it was kept; what it returns waits for it, and keeps it."""
-        if found := pictures.find(name, figure, ["png"]):
-            return lambda: found["png"]
+        """Begin to draw a picture; the function returned waits for it, and keeps it."""
         drawing = self._artist.begin(_drawn, name, frame)
 
         def wait() -> bytes | str:
@@ -95,6 +97,11 @@ class Gallery:
                 self.undrawn[name] = {run: drawn}
         top = self._lead() if self._lead is not None and _LEAD in found else None
         return found, lead(self.efficiency, top) if self.efficiency is not None and isinstance(top, bytes) else None
+
+
+def _given(picture: bytes) -> Callable[[], bytes]:
+    """A function that returns a picture that was kept."""
+    return lambda: picture
 
 
 def lead(efficiency: EfficiencyFrame, data: bytes) -> Picture:

@@ -20,6 +20,8 @@ def posterior_section(material: Material) -> Iterable[Section]:
     for record in material.records:
         if record.run.has("posterior"):
             found, answers = record.run.table("posterior"), record.run.table("answers")
+            if found.empty:  # no chain was run; `study verify` tells of chains that are missing
+                continue
             content += [Heading(f"Run {record.name}", f"posterior-{record.name}"), *_said(record, found, answers)]
     if content:
         yield Section("Posteriors", "posteriors", content)

@@ -73,6 +73,19 @@ def test_an_edited_picture_is_drawn_again(run, claims):
     assert on_page(run, claims) == before
 
 
+def test_a_picture_that_is_removed_meanwhile(run, claims, monkeypatch):
+    """A kept picture that was found is shown, though its file is gone before the page is written."""
+    before, find = on_page(run, claims), kept.find
+
+    def once(found_of, name, known):
+        found = find(found_of, name, known)
+        (found_of.folder / kept.FOLDER / name).unlink(missing_ok=True)
+        return found
+
+    monkeypatch.setattr(kept, "find", once)
+    assert on_page(run, claims) == before
+
+
 def test_only_figures_of_the_package_are_kept(run):
     """A figure whose source the key does not know is drawn each time."""
     pictures = KeptPictures(run)

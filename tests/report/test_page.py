@@ -365,7 +365,7 @@ def test_a_table_that_is_missing(circles, claims, tmp_path, name):
 
 
 @pytest.mark.usefixtures("no_figures")
-@pytest.mark.parametrize("change", ["none", "not JSON", "of another version"])
+@pytest.mark.parametrize("change", ["none", "not JSON", "of another version", "less"])
 def test_a_manifest_that_is_missing_or_strange(circles, claims, tmp_path, change):
     """So does the manifest."""
     shutil.copytree(circles.folder, tmp_path / "run")
@@ -373,12 +373,19 @@ def test_a_manifest_that_is_missing_or_strange(circles, claims, tmp_path, change
     if change == "none":
         path.unlink()
     else:
-        manifest = json.loads(path.read_text(encoding="utf-8")) | {"jobs": "two"}
+        manifest = json.loads(path.read_text(encoding="utf-8"))
+        if change == "less":
+            del manifest["software"]["study"]
+        else:
+            manifest["jobs"] = "two"
         del manifest["digest"]  # as manifests were before they had one
         path.write_text("{" if change == "not JSON" else json.dumps(manifest), encoding="utf-8")
     with pytest.raises(RunError, match=r"run/manifest\.json: [^\n]*$") as caught:
         render([Run.open(tmp_path / "run")], claims)
-    assert ("jobs" in str(caught.value)) == (change == "of another version")
+    said = str(caught.value)
+    assert ("jobs" in said) == (change == "of another version")
+    assert ("software.study: " in said) == (change == "less")
+    assert re.search("`study run .*`", said)
 
 
 @pytest.mark.usefixtures("no_figures")
