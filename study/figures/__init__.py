@@ -109,21 +109,20 @@ def draw_all(runs: Sequence[Run], folder: Path | None = None, names: Collection[
             place.mkdir(parents=True, exist_ok=True)
     found = Drawn([], {})
     for name in names or FIGURES:
-        reasons: dict[str, str] = {}
+        lacking: dict[str, str] = {}
         for run, tables, pictures in sources:
             try:
                 drawn = _draw(name, tables, pictures, folder or _own(run))
             except NotApplicable as reason:
-                reasons[tables.name] = str(reason)
+                lacking[tables.name] = str(reason)
                 continue
             if isinstance(drawn, str):
-                reasons = {tables.name: drawn}
+                found.undrawn[name] = gathered({tables.name: drawn}, len(runs))
             else:
-                reasons = {}
                 found.paths.extend(drawn)
             break
-        if reasons:
-            found.undrawn[name] = gathered(reasons, len(runs))
+        else:
+            found.undrawn[name] = gathered(lacking, len(runs))
     return found
 
 
