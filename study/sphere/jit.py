@@ -17,6 +17,7 @@ compiler knows, so that it unrolls the loops over coordinates and vectorises the
 
 import functools
 import hashlib
+import re
 import shutil
 import threading
 from collections.abc import Callable, Sequence
@@ -51,17 +52,28 @@ class Sums(Protocol):
     def __getitem__(self, i: int, /) -> float: ...
 
 
+def _compiled_sources() -> dict[Path, str]:
+    """Texts of the files that define kernels and of all that they import: a compiled constant may come from there."""
+    texts = {path: path.read_text(encoding="utf-8") for path in sorted(_PACKAGE.rglob("*.py"))}
+    reached = [path for path, text in texts.items() if "study.sphere.jit" in text]
+    for path in reached:  # grows while it is read
+        for module, names in re.findall(r"^\s*from study\.([\w.]+) import \(?([\w\s,]*)", texts[path], re.MULTILINE):
+            folder = _PACKAGE.joinpath(*module.split("."))
+            files = [folder.with_suffix(".py"), *(folder / f"{name.strip()}.py" for name in names.split(","))]
+            reached += [file for file in files if file in texts and file not in reached]
+    return {path: texts[path] for path in sorted(reached)}
+
+
 def _discard_stale_code() -> None:
     """Remove compiled code that was made from other sources.
 
     Numba keys a cached function by its own file alone: after a change in a function that it calls, the
-    caller would be served from the cache with the old callee inlined. A stamp of all sources prevents it: those of
-    every folder of the package that holds compiled code.
+    caller would be served from the cache with the old callee inlined. A stamp of all sources of compiled code
+    prevents it.
     """
-    texts = {path: path.read_bytes() for path in sorted(_PACKAGE.rglob("*.py"))}
-    room = {path: path.relative_to(_PACKAGE).parts[0] for path in texts}
-    rooms = {room[path] for path, text in texts.items() if b"study.sphere.jit" in text}
-    digest = hashlib.sha256(b"".join(text for path, text in texts.items() if room[path] in rooms)).hexdigest()[:16]
+    texts = _compiled_sources()
+    rooms = {path.relative_to(_PACKAGE).parts[0] for path in texts}
+    digest = hashlib.sha256("".join(texts.values()).encode()).hexdigest()[:16]
     stamp = Path(__file__).parent / "__pycache__" / f"compiled-{digest}"
     if stamp.exists():
         return
