@@ -3,7 +3,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
+INSTALL := $(BIN)/python -m pip install --disable-pip-version-check -c constraints.txt
 
 .PHONY: paper calibration skeleton test smoke lint numbers tables bench soak docs clean
 .DELETE_ON_ERROR:
@@ -108,6 +108,7 @@ clean:
 
 $(VENV)/bin/python:
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "needs Python 3.11 or newer; set PYTHON=…")'
+	@echo "A virtual environment in $(VENV), for packages of the versions in constraints.txt:"
 	$(PYTHON) -m venv $(VENV)
 
 $(VENV)/.installed: $(VENV)/bin/python pyproject.toml constraints.txt
@@ -116,14 +117,17 @@ $(VENV)/.installed: $(VENV)/bin/python pyproject.toml constraints.txt
 
 # The loops are compiled once, so that no study waits for the compiler: those of fits and of a small study ...
 $(VENV)/.run: $(VENV)/.installed
-	$(BIN)/python -m study.runs.compile_loops configs/smoke.toml
+	@echo "Loops are compiled, once after an installation or an update; most of a minute:"
+	@$(BIN)/python -m study.runs.compile_loops configs/smoke.toml
 	touch $@
 
 # ... and those of the paper's studies, and vector and scalar code for the table of costs.
 $(VENV)/.compiled: $(VENV)/.run
-	$(BIN)/python -m study.runs.compile_loops $(CONFIGS)
-	$(BIN)/python -m study.analysis.cost time 3 20 >/dev/null
-	$(BIN)/python -m study.analysis.cost scalar 3 20 >/dev/null
+	@echo "Loops of the paper's studies are compiled:"
+	@$(BIN)/python -m study.runs.compile_loops $(CONFIGS)
+	@echo "Loops with and without vector instructions, for the table of costs:"
+	@$(BIN)/python -m study.analysis.cost time 3 20 >/dev/null
+	@$(BIN)/python -m study.analysis.cost scalar 3 20 >/dev/null
 	touch $@
 
 $(VENV)/.mocap: $(VENV)/.run

@@ -18,7 +18,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from study.runs.workers import instruction_set
+from study.sphere import instruction_set
 
 instruction_set.fix()
 

@@ -6,14 +6,16 @@ goes on when the folder has a file ``open``, or when a signal has come to its ow
 """
 
 import itertools
+import logging
 import os
 import select
 import signal
 import time
 from pathlib import Path
 
-from study.runs.workers import instruction_set
+from study.sphere import instruction_set
 
+logging.disable(logging.WARNING)  # whether loops are compiled or come from the cache
 instruction_set.fix()  # before numba is imported, as the command does
 
 from study import cli  # noqa: E402

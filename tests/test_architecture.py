@@ -315,7 +315,8 @@ def test_citations_are_found(text, numbers):
 def test_the_package_is_light():
     """`import study` imports none of the heavy libraries; a function brings what it needs, a fit the compiler."""
     code = (
-        "import sys, study\n"
+        "import logging, sys, study\n"
+        "logging.disable()\n"
         "heavy = {'numpy', 'numba', 'scipy', 'matplotlib', 'pandas', 'pyarrow'}\n"
         "assert not heavy & set(sys.modules), heavy & set(sys.modules)\n"
         "assert callable(study.fit) and callable(study.crlb)\n"

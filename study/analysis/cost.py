@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from study.analysis.paper_cost import PAPER
 from study.estimators.estimates import blank
 from study.experiment.streams import stream
-from study.runs.workers import instruction_set
+from study.sphere import instruction_set
 from study.sphere.jit import SCALAR_CODE
 
 Objects = NDArray[np.object_]

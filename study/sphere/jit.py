@@ -9,6 +9,8 @@ Every compiled function of the package is decorated with :func:`compiled` and so
   and which of them runs would depend on whether they were just compiled or come from the cache: bits would differ.
 
 The compiler is loaded when a compiled function is first called: a program that calls none starts in half the time.
+The first function of a process that is compiled, and not read from the cache, is a warning in the log ``study``, which
+Python prints on standard error unless a program sets up its logs; each function is a message for debugging.
 
 A loop over samples keeps its sums in the value that :func:`zeros` returns: tuples in few dimensions, whose length the
 compiler knows, so that it unrolls the loops over coordinates and vectorises the one over samples; arrays in many.
@@ -17,6 +19,7 @@ compiler knows, so that it unrolls the loops over coordinates and vectorises the
 
 import functools
 import hashlib
+import logging
 import re
 import shutil
 import threading
@@ -26,6 +29,7 @@ from typing import Any, Literal, Protocol, TypeVar, cast
 
 import numpy as np
 
+from study.sphere import instruction_set
 from study.sphere.types import Floats
 
 F = TypeVar("F", bound=Callable[..., object])
@@ -41,7 +45,11 @@ _UNROLLED = 4
 SCALAR_CODE = Path(__file__).parent / "__pycache__" / "scalar"
 """Cache of code without vector instructions, which numba would take for the other: `study cost` times it."""
 
+COMPILING = "study: compiling loops, once after an installation; it takes seconds, at most a minute"
+"""Warning of a process that compiles a function, and does not read it from the cache."""
+
 _PACKAGE = Path(__file__).parent.parent
+_LOG = logging.getLogger(__name__)
 
 
 class Sums(Protocol):
@@ -133,8 +141,28 @@ class Kernel:
 def _load_compiler() -> Any:
     """Load Numba, and register kernels as functions that other kernels can call."""
     _discard_stale_code()
+    instruction_set.fix_compiler()
     from numba import njit, types
+    from numba.core import event
     from numba.extending import typeof_impl
+
+    class Report(event.Listener):
+        """Log functions of this package when they are compiled, and the first of them so that a user reads it."""
+
+        said = False
+
+        def on_start(self, started: Any) -> None:
+            function = started.data["dispatcher"].py_func
+            if function.__module__.startswith("study."):
+                if not self.said:
+                    _LOG.warning(COMPILING)
+                self.said = True
+                _LOG.debug("%s.%s", function.__module__, function.__qualname__)
+
+        def on_end(self, ended: Any) -> None:
+            """Nothing is said."""
+
+    cast(Any, event).register("numba:compile", Report())
 
     @typeof_impl.register(Kernel)
     def _type_of(kernel: Kernel, _: object) -> object:

@@ -11,13 +11,20 @@ from pathlib import Path
 import pytest
 
 import study
-from study.sphere.jit import aligned, compiled, total
+from study.sphere.jit import COMPILING, aligned, compiled, total
 
 PROGRAM = """
 import numpy as np
 from study.sphere.bounds import _scatter, weighted_scatter
 sums, _, _ = weighted_scatter(np.ones((1, 2, 4)), np.ones((1, 4)))
 print(sums[0], sum(_scatter.code.stats.cache_hits.values()))
+"""
+
+TWO_LOOPS = """
+import numpy as np
+from study.sphere.jit import fill, total
+fill(np.ones(2), 0.0), total(np.ones(2))
+print(*(sum(loop.code.stats.cache_hits.values()) for loop in (fill, total)))
 """
 
 FITS = """
@@ -47,8 +54,10 @@ def package(tmp_path):
             command, cwd=tmp_path, env={**environment, "PYTHONPATH": str(tmp_path)}, capture_output=True, text=True
         )
         assert done.returncode == 0, done.stderr
+        warnings.append(done.stderr)
         return done.stdout.split()
 
+    warnings = run.warnings = []
     return copy, run
 
 
@@ -85,6 +94,25 @@ def test_code_just_compiled_and_code_from_the_cache_have_the_same_bits(package):
     """LLS in the process that compiled it once differed in the last bit from LLS in all others."""
     _, run = package
     assert run(FITS) == run(FITS)
+
+
+def test_the_library_and_the_commands_share_the_cache_and_compilation_is_announced_once(package):
+    """Two functions are compiled with one line on standard error; the other kind of program finds both, and is silent.
+
+    A program that wants no such line sets its logs up.
+    """
+    _, run = package
+    command = f"from study.sphere import instruction_set\ninstruction_set.fix()\n{TWO_LOOPS}"
+    assert run(command) == ["0", "0"]
+    assert run(TWO_LOOPS) == ["1", "1"]
+    assert run.warnings == [f"{COMPILING}\n", ""]
+
+
+def test_a_program_can_silence_the_compiler(package):
+    """The line is a warning of the log `study`."""
+    _, run = package
+    assert run(f"import logging\nlogging.getLogger('study').setLevel('ERROR')\n{TWO_LOOPS}") == ["0", "0"]
+    assert run.warnings == [""]
 
 
 def test_two_threads_that_call_first_share_one_compiled_function():

@@ -8,6 +8,7 @@ by itself, as bytes.
 An exception comes back as a value: joblib would give up all tasks for one that raises, and forget what was finished.
 """
 
+import logging
 import os
 import pickle
 import signal
@@ -132,6 +133,7 @@ def _agree(parent: Parent) -> None:
 
         raise DisagreementError(f"worker on {socket.gethostname()}: {', '.join(differ)}")
     threadpool_limits(limits=1)
+    logging.getLogger("study").setLevel(logging.ERROR)  # the parent says once that loops are compiled
     if parent.plugins:
         from study.estimators.own.plugin_file import PluginFile, load_text
 

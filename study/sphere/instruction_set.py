@@ -1,0 +1,54 @@
+"""Machine instructions that code is generated for, the same for commands and library. Little is imported here."""
+
+import os
+import platform
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+_NAMES = ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES", "OPENBLAS_CORETYPE")
+_PROCESSOR, _FEATURES = "x86-64-v3", ""
+"""LLVM's name of every x86-64 processor since 2013, and features: those that the name implies, and no others."""
+
+
+def fix() -> None:
+    """Generate the same machine code on every x86-64 processor since 2013, so that equal runs are equal to the byte.
+
+    By default, code is generated for the processor at hand, whose wider registers add in another order; a name alone
+    would leave its features in. Linear algebra gets one thread, because the matrices here are small: two threads took
+    seven times as long. Commands call this before numba and NumPy are imported. A setting that the user made stands.
+    """
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    if _is_common():
+        os.environ["NUMBA_CPU_NAME"], os.environ["NUMBA_CPU_FEATURES"] = _PROCESSOR, _FEATURES
+        os.environ.setdefault("OPENBLAS_CORETYPE", "Haswell")
+
+
+def fix_compiler() -> None:
+    """Generate that code in a program that uses the library, so that it takes what a command compiled, and reverse.
+
+    The program's environment, which others read, stays as it is. Numba has one kind of code in a process: where the
+    program has compiled functions of its own before, that of the processor at hand, also for the loops.
+    """
+    from numba.core.registry import cpu_target
+
+    config: Any = import_module("numba.core.config")  # its settings are made when it is loaded
+
+    if _is_common() and "_toplevel_target_context" not in vars(cpu_target):  # numba has not chosen yet
+        config.CPU_NAME, config.CPU_FEATURES = _PROCESSOR, _FEATURES
+
+
+def environment() -> dict[str, str]:
+    """Environment variables that another process needs for the same instructions."""
+    return {name: os.environ[name] for name in _NAMES if name in os.environ}
+
+
+def _is_common() -> bool:
+    """Tell whether the processor has the common instructions, and the user asks for no others."""
+    if platform.machine() not in ("x86_64", "AMD64") or "NUMBA_CPU_NAME" in os.environ:
+        return False
+    try:
+        flags = set(Path("/proc/cpuinfo").read_text(encoding="utf-8").split())
+    except OSError:
+        return False
+    return {"avx2", "fma", "bmi2"} <= flags
