@@ -4,6 +4,8 @@ The parts of the page are in the folder ``viewer``: its style, six scripts, and 
 `page.html` joins them.
 """
 
+import base64
+import hashlib
 import json
 from pathlib import Path
 
@@ -38,25 +40,16 @@ def viewer_page(scene: Scene, rate: float = _RATE) -> str:
         undefined=StrictUndefined,
         keep_trailing_newline=True,
     )
+    scripts = _scripts()
+    hashes = (base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in scripts)
     return environment.get_template("page.html").render(
+        digests=" ".join(f"'sha256-{text}'" for text in hashes),  # the only scripts that may run
         title=_escaped(scene.name),
         style=_part("page.css"),
         # in a script, HTML reads only its end tag and the start of a comment; without "<" there is neither
         motion=motion_text(scene, rate).replace("<", "\\u003c"),
-        licence=_part("three.LICENSE.txt").strip(),
         three=THREE,
-        library=_part("three.min.js"),
-        colors=json.dumps(
-            {
-                "sides": palette.SIDES,
-                "marker": palette.MARKER,
-                "ellipsoid": palette.ELLIPSOID,
-                "flagged": palette.FLAGGED,
-                "floor": palette.FLOOR,
-                "ghost": palette.GHOST,
-            }
-        ),
-        script="\n".join(_part(name) for name in _SCRIPTS),
+        scripts=scripts,
     )
 
 
@@ -77,6 +70,21 @@ def write_viewer(scene: Scene, path: str | Path, rate: float = _RATE) -> Path:
     except OSError as error:
         raise RunError(f"{path}: cannot be written: {error.strerror or error}") from None
     return path
+
+
+def _scripts() -> tuple[str, str]:
+    """The library with its licence, and the viewer."""
+    colors = {
+        "sides": palette.SIDES,
+        "marker": palette.MARKER,
+        "ellipsoid": palette.ELLIPSOID,
+        "flagged": palette.FLAGGED,
+        "floor": palette.FLOOR,
+        "ghost": palette.GHOST,
+    }
+    library = f"\n/*\n{_part('three.LICENSE.txt').strip()}\n*/\n{_part('three.min.js')}\n"
+    viewer = "\n".join(_part(name) for name in _SCRIPTS)
+    return library, f'\n"use strict";\nconst COLORS = {json.dumps(colors)};\n{viewer}\n'
 
 
 def _part(name: str) -> str:

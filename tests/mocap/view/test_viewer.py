@@ -333,3 +333,18 @@ def test_on_screens(tab, until, width, height):
         assert box["y"] + box["height"] <= height
     assert tab.locator("#stage").bounding_box()["height"] > 0.5 * height
     assert tab.evaluate(COVERED) == []
+
+
+def test_no_script_but_its_own_runs(new_tab, scene, tmp_path):
+    """Scripts that were put into the page, as an element or as an attribute, are refused; the page works."""
+    file = write_viewer(scene, tmp_path / "viewer.html")
+    foreign = '<script>window.foreign = 1</script><img src="x" onerror="window.foreign = 2">\n</body>'
+    file.write_text(file.read_text(encoding="utf-8").replace("</body>", foreign), encoding="utf-8")
+    said = []
+    tab = new_tab()
+    tab.on("console", lambda message: said.append(message.text))
+    tab.goto(file.as_uri())
+    assert tab.evaluate("[window.foreign === undefined, viewer.motion.frames]") == [True, 45]
+    assert sum("Content Security Policy" in text for text in said) >= 2
+    tab.evaluate("const s = document.createElement('script'); s.text = 'window.foreign = 3'; document.body.append(s)")
+    assert tab.evaluate("window.foreign === undefined")

@@ -1,6 +1,7 @@
 """The viewer's page as a file: it needs no other file, has equal bytes each time, and escapes names."""
 
 import base64
+import hashlib
 import json
 import re
 from dataclasses import replace
@@ -32,7 +33,12 @@ def numbers(document, name, kind="<i2"):
 
 
 def test_one_file(page):
-    """Nothing is loaded from elsewhere, and the policy forbids it."""
+    """Nothing is loaded from elsewhere, and the policy forbids it; of scripts it allows the page's own two."""
+    policy = re.search(r'http-equiv="Content-Security-Policy" content="(.*?)">', page)[1]
+    own = re.findall(r"<script>(.*?)</script>", page, re.S)
+    hashed = [base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in own]
+    assert policy.endswith("; script-src " + " ".join(f"'sha256-{text}'" for text in hashed))
+    assert not re.search(r"<[^>]* on\w+=", re.sub(r"<script.*?</script>", "", page, flags=re.S))
     markup = re.sub(r"<script.*?</script>", "", page, flags=re.S)
     assert not re.findall(r'(?:src|href)="(?!data:)', markup)
     assert "default-src 'none'" in markup

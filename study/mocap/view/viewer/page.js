@@ -196,6 +196,7 @@ function wire(player) {
         });
         set($(id).checked); // a browser may keep the state of the controls when it reloads the page
     }
+    $("controls").addEventListener("submit", (event) => event.preventDefault());
     $("play").addEventListener("click", () => player.toggle());
     $("frame").addEventListener("input", (event) => {
         player.playing = false;
