@@ -41,7 +41,7 @@ def live(
         raise typer.BadParameter(f"--unit {unit}: give one of {', '.join(UNITS)}")
     joints = _joints(parent, child, markerset)
     lines = lines_of_input() if udp is None else lines_of_port(udp, lambda words: typer.echo(words, err=True))
-    before = signal.signal(signal.SIGINT, _interrupt_once)
+    before, zeros = signal.signal(signal.SIGINT, _interrupt_once), ""
     try:
         for number, line in enumerate(lines, start=1):
             if not line.strip():
@@ -52,6 +52,9 @@ def live(
                 typer.echo(f"line {number} is skipped: {error}", err=True)
                 continue
             joints.add(frame)
+            if joints.zeros and not zeros:
+                zeros = f"frame {joints.frames}: {', '.join(joints.zeros)} at exactly (0, 0, 0): taken for missing"
+                typer.echo(f"{zeros}, there and later", err=True)
             if joints.frames == every:
                 _print_lacking(joints)
             if joints.frames % every == 0:
@@ -63,6 +66,9 @@ def live(
         _print_lacking(joints)
     if joints.frames % every or not joints.frames:
         _print(joints)
+    if joints.jumps:
+        times = f"{joints.jumps} time{'s' * (joints.jumps != 1)}"
+        typer.echo(f"{times} a marker jumped; what it made wrong is left out", err=True)
     signal.signal(signal.SIGINT, before)
     if not all(answer.ok for answer in joints.answers().values()):
         raise typer.Exit(ExitCode.TOO_MANY_FAILURES)

@@ -1,9 +1,10 @@
 """Joints that grow with the frames of a stream, in constant memory: incremental fits of the paper's section 4.
 
-The pose of a parent segment comes from a rigid fit of its markers to their shape in the first frame with all of
-them. In its axes each marker of the child adds to a `study.Incremental`, and MGDK's centre follows from all of them. It
-takes the noise for the same in all directions, which that of a pose is not, and checks no second side: a finished
-recording is for `study joint`, which does both.
+The pose of a parent segment comes from a rigid fit of its markers to their shape in the most typical of the first
+frames with all of them. In its axes each marker of the child adds to a `study.Incremental`, and MGDK's centre follows
+from all of them. Frames in which a marker jumps are left out, since one would spoil the moments for ever. The noise is
+taken for the same in all directions, which that of a pose is not, and no second side is checked: a finished recording
+is for `study joint`, which does both.
 
 Source: paper §4 (IGDK), eqs 22-25.
 """
@@ -27,6 +28,10 @@ _BLOCKS = 16
 """Most blocks of frames; a jackknife takes half as many."""
 _BATCH = 25
 """Frames that are added at once: one by one takes ten times as long."""
+_SHAPES = 5
+"""Frames of which the most typical gives a segment its shape; fewer cannot outvote one that is wrong."""
+_JUMP, _BENT = 10.0, 0.2
+"""Times the usual distance, and share of a segment's size, from which its markers do not have its shape."""
 _LABELS = 300
 """Labels that are remembered: a stream may have any number of them."""
 _MOVED = np.radians(2.0)
@@ -34,25 +39,51 @@ _MOVED = np.radians(2.0)
 
 
 class GrowingSegment:
-    """A parent segment: its markers, and their shape once a frame has shown them all.
+    """A parent segment: its markers, and their shape once a few frames have shown them all.
 
     Args:
         markers: their labels, three or more.
+
+    Attributes:
+        template: the shape (m, 3), metres; None as long as it is not known.
+        size: root mean square distance of its markers from their centre, metres.
+        jumps: number of frames left out because they show another shape.
     """
 
     def __init__(self, markers: Sequence[str]) -> None:
-        self.markers, self.template = tuple(markers), None
+        self.markers = tuple(markers)
+        self.template: Floats | None = None
+        self.size, self.jumps = 0.0, 0
+        self._first: list[Floats] = []
+        self._recent = np.empty(0)
+
+    @property
+    def was_whole(self) -> bool:
+        """True if a frame has shown all markers."""
+        return bool(self._first)
 
     def poses(self, frames: Sequence[Mapping[str, Floats]]) -> tuple[Floats, Floats]:
-        """Rotations R (3, 3, n) and origins o (3, n) in n frames, x = R a + o; NaN where a frame does not show them."""
+        """Rotations R (3, 3, n) and origins o (3, n) in n frames, x = R a + o.
+
+        They are NaN where a frame does not show the markers, or not in their shape.
+        """
         x = places(self.markers, frames)
-        whole = np.flatnonzero(~np.isnan(x[:, 0]).any(axis=0))
-        if self.template is None and len(whole):
-            first = x[:, :, whole[0]]
-            self.template = first - first.mean(axis=0)
         if self.template is None:
-            return np.full((3, 3, len(frames)), np.nan), np.full((3, len(frames)), np.nan)
-        return fit_rigid_motion(self.template, x)[:2]
+            self._first += [shape for shape in x.transpose(2, 0, 1) if not np.isnan(shape).any()]
+            if len(self._first) < _SHAPES:
+                return np.full((3, 3, len(frames)), np.nan), np.full((3, len(frames)), np.nan)
+            typical = most_typical(np.array(self._first))
+            self.template = typical - typical.mean(axis=0)
+            self.size = float(np.sqrt(np.mean(np.sum(self.template**2, axis=1))))
+        rotations, origins, known = fit_rigid_motion(self.template, x)
+        if known.any():
+            off = to_local(rotations, origins, x) - self.template[:, :, None]
+            rms = np.sqrt(np.nanmean(np.sum(off[:, :, known] ** 2, axis=1), axis=0))
+            self._recent = np.append(self._recent, rms)[-_BATCH:]
+            bent = np.flatnonzero(known)[rms > max(_JUMP * float(np.median(self._recent)), _BENT * self.size)]
+            rotations[:, :, bent], origins[:, bent] = np.nan, np.nan
+            self.jumps += len(bent)
+        return rotations, origins
 
 
 class GrowingJoint:
@@ -65,6 +96,9 @@ class GrowingJoint:
         name: of the joint.
         parent: the segment that holds it.
         markers: of the child.
+
+    Attributes:
+        jumps: number of samples left out because they are far from those before and after.
     """
 
     def __init__(self, name: str, parent: GrowingSegment, markers: Sequence[str]) -> None:
@@ -72,9 +106,12 @@ class GrowingJoint:
         self.blocks: list[list[Incremental]] = []
         self.batches = 0
         self.length = 1
+        self.jumps = 0
+        self._recent = np.full((len(markers), 3, 0), np.nan)
 
     def add(self, y: Floats) -> None:
         """Add a batch of frames: the child's markers in the parent's axes (m, 3, n), metres; NaN where missing."""
+        y = self._without_jumps(y)
         if self.batches == self.length * len(self.blocks):
             if len(self.blocks) == _BLOCKS:
                 self.blocks = [merged(pair) for pair in zip(self.blocks[::2], self.blocks[1::2], strict=True)]
@@ -83,6 +120,22 @@ class GrowingJoint:
         for part, points in zip(self.blocks[-1], y, strict=True):
             part.update(points.T)
         self.batches += 1
+
+    def _without_jumps(self, y: Floats) -> Floats:
+        """The batch (m, 3, n), NaN where a marker is much farther from its middle than in most recent frames.
+
+        It must also be farther than the size of the joint, which a marker does not move in so few frames. Before there
+        are some frames to compare, all is NaN.
+        """
+        recent = np.concatenate([self._recent, y], axis=2)
+        self._recent = recent[:, :, -_BATCH:]
+        center = median(recent)[:, :, None]
+        usual = median(np.linalg.norm(recent - center, axis=1))
+        size = np.maximum(self.parent.size, np.linalg.norm(center[:, :, 0], axis=1))
+        jumps = np.linalg.norm(y - center, axis=1) > np.maximum(_JUMP * usual, size)[:, None]
+        self.jumps += int(jumps.sum())
+        few = np.sum(~np.isnan(recent[:, 0]), axis=1) < _SHAPES
+        return np.where((jumps | few[:, None])[:, None], np.nan, y)
 
     def answer(self) -> "LiveAnswer":
         """The joint as far as it is known."""
@@ -99,7 +152,8 @@ class GrowingJoint:
     def _lack(self, found: JointFit) -> str:
         """Reason why there are too few points for a fit; empty if there are enough."""
         if self.parent.template is None:
-            return "no frame has all markers of its parent"
+            count = f"fewer than {_SHAPES} frames have" if self.parent.was_whole else "no frame has"
+            return f"{count} all markers of its parent"
         if not found.count.any():
             return "no frame has a marker of its child and enough of its parent's"
         return "too few frames" if found.status == Status.TOO_FEW_POINTS else ""
@@ -168,6 +222,7 @@ class LiveJoints:
         joints: in the given order.
         labels: those that came, the first few hundred of them.
         lacking: those of the joints that have not come.
+        zeros: those of the joints that came at exactly (0, 0, 0), which is a gap.
     """
 
     def __init__(self, joints: Iterable[tuple[str, Sequence[str], Sequence[str]]]) -> None:
@@ -176,6 +231,7 @@ class LiveJoints:
         self.joints: list[GrowingJoint] = []
         self.labels: dict[str, None] = {}
         self.lacking: dict[str, None] = {}
+        self.zeros: dict[str, None] = {}
         for name, parent, child in joints:
             segment = segments.setdefault(tuple(parent), GrowingSegment(parent))
             self.joints.append(GrowingJoint(name, segment, child))
@@ -206,9 +262,18 @@ class LiveJoints:
                 continue
             if marker == label:
                 self._spelt[marker] = label
-            if self._spelt.setdefault(marker, label) == label:  # a stream may have labels that differ in case alone
+            if self._spelt.setdefault(marker, label) != label:  # a stream may have labels that differ in case alone
+                continue
+            if place.any():
                 found[marker] = place
+            else:
+                self.zeros[marker] = None
         return found
+
+    @property
+    def jumps(self) -> int:
+        """Number of samples and of poses that were left out, because a marker jumped."""
+        return sum(segment.jumps for segment in self._segments) + sum(joint.jumps for joint in self.joints)
 
     def answers(self) -> dict[str, LiveAnswer]:
         """Each joint as far as it is known."""
@@ -223,6 +288,24 @@ class LiveJoints:
         poses = {id(segment): segment.poses(frames) for segment in self._segments}
         for joint in self.joints:
             joint.add(to_local(*poses[id(joint.parent)], places(joint.markers, frames)))
+
+
+def most_typical(shapes: Floats) -> Floats:
+    """The shape (m, 3), of n, whose distances between markers are nearest to those of most others.
+
+    Args:
+        shapes: places of markers (n, m, 3), none missing.
+    """
+    distances = np.linalg.norm(shapes[:, :, None] - shapes[:, None], axis=3).reshape(len(shapes), -1)
+    apart = np.abs(distances[:, None] - distances[None]).max(axis=2)
+    return np.asarray(shapes[np.argmin(np.median(apart, axis=1))])
+
+
+def median(x: Floats) -> Floats:
+    """Median along the last axis of the numbers that are there (the upper of two); NaN where none is."""
+    count = np.sum(~np.isnan(x), axis=-1, keepdims=True)
+    place = np.minimum(count // 2, x.shape[-1] - 1)
+    return np.asarray(np.take_along_axis(np.sort(x, axis=-1), place, axis=-1)[..., 0])
 
 
 def places(markers: Sequence[str], frames: Sequence[Mapping[str, Floats]]) -> Floats:
@@ -242,11 +325,16 @@ def merged(blocks: Sequence[Sequence[Incremental]]) -> list[Incremental]:
 
 
 def rms_angles(markers: Sequence[Incremental], fit: JointFit) -> Floats:
-    """Root mean square angles of the markers' motion about a centre, along principal directions (3,), ascending."""
+    """Root mean square angles of the markers' motion about a centre, along principal directions (3,), ascending.
+
+    They are 0 where they are not known.
+    """
     total, count = np.zeros((3, 3)), 0.0
     for marker, radius in zip(markers, fit.radii, strict=True):
         if marker.moments is not None and radius > 0.0:
             n = float(marker.moments.n[0])
             total += (marker.moments.second[0] - n * fit.noise_variance * np.eye(3)) / radius**2
             count += n
+    if not np.isfinite(total).all():  # so few points that their noise is not known
+        return np.zeros(3)
     return np.asarray(np.sqrt(np.maximum(np.linalg.eigvalsh(total / max(count, 1.0)), 0.0)))

@@ -145,6 +145,20 @@ def test_ctrl_c_after_the_last_frame(call, monkeypatch):
     assert signal.getsignal(signal.SIGINT) is before
 
 
+def test_a_first_frame_of_zeros_and_a_spike(call):
+    """Both are said once, on standard error, and the joint is found."""
+    given = list(lines())
+    given[0] = json.dumps({marker: [0, 0, 0] for marker in PELVIS | THIGH})
+    given[60] = json.dumps(json.loads(given[60]) | {"E": [9e3, 0, 0], "F": [0, 0, 0.0]})
+    code, said, complained = call("\n".join(given), *JOINT[1:])
+    assert code == 0
+    assert complained.splitlines() == [
+        "frame 1: A, B, C, D, E, F, G at exactly (0, 0, 0): taken for missing, there and later",
+        "1 time a marker jumped; what it made wrong is left out",
+    ]
+    assert is_right(said.splitlines()[-1])
+
+
 def test_segments_of_two_markers_hold_no_joint(call):
     """Their joints are left out of a stream, with a word."""
     _, said, complained = call("{}\n", "--markerset", "plug-in-gait")

@@ -154,3 +154,54 @@ def test_gaps():
     answer, off, _ = grown(stream)
     assert answer.ok
     assert np.linalg.norm(off) < 4 * answer.error
+
+
+SPIKE = np.array([3.0, -8.0, 5.0])
+
+
+@pytest.mark.parametrize("every", [1, 100], ids=["an answer a frame", "an answer a hundred frames"])
+@pytest.mark.parametrize(
+    ("number", "marker", "place"),
+    [
+        (0, None, np.zeros(3)),
+        (0, "A", SPIKE),
+        (0, "E", SPIKE),
+        (40, "A", SPIKE),
+        (40, "E", SPIKE),
+        (40, "F", 1e6 * SPIKE),
+    ],
+)
+def test_a_frame_of_zeros_or_a_spike_costs_that_frame(every, number, marker, place):
+    """The first frame, or a later one, is wrong in one marker or in all: the joint is as near as without it."""
+    joints = LiveJoints([("hip", tuple(PELVIS), tuple(THIGH))])
+    for k, frame in enumerate(frames(400)):
+        wrong = dict.fromkeys([marker] if marker else frame, place) if k == number else {}
+        joints.add(frame | wrong)
+        if (every == 1 and k < 60) or k % 100 == 99:
+            answer = joints.answers()["hip"]
+    shape, true = joints.joints[0].parent.template, np.array(list(PELVIS.values()))
+    rotation, _ = Rotation.align_vectors(shape, true - true.mean(axis=0))
+    off = answer.fit.center - rotation.apply(CENTRE - true.mean(axis=0))
+    assert answer.ok
+    assert np.linalg.norm(off) < 0.005  # five times the noise of a coordinate
+    assert tuple(joints.zeros) == (() if marker else (*PELVIS, *THIGH))
+
+
+def test_markers_that_jump_to_and_fro_are_counted():
+    """Every tenth frame has a spike: those samples are left out, and no others."""
+    joints = LiveJoints([("hip", tuple(PELVIS), tuple(THIGH))])
+    for k, frame in enumerate(frames(400)):
+        joints.add(frame | ({"E": frame["E"] + SPIKE} if k % 10 == 9 else {}))
+    assert int(joints.answers()["hip"].fit.count.sum()) == 400 * 3 - 40
+    assert joints.jumps == 40
+
+
+def test_no_sound_sample_is_left_out():
+    """A leg that rests and then swings by 60° within ten frames jumps nowhere."""
+    turn = Rotation.from_rotvec([[np.radians(60) * np.clip((t - 40) / 10, 0, 1), 0, 0] for t in range(100)])
+    places = {label: CENTRE + turn.apply(x) for label, x in THIGH.items()}
+    joints = LiveJoints([("hip", tuple(PELVIS), tuple(THIGH))])
+    for t in range(100):
+        joints.add({label: np.array(x) for label, x in PELVIS.items()} | {label: x[t] for label, x in places.items()})
+    joints.answers()
+    assert joints.jumps == 0
