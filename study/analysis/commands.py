@@ -197,14 +197,18 @@ def estimators() -> None:
 
 def check(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Python file with estimators of your own")],
+    limit: Annotated[
+        float, typer.Option("--limit", metavar="SECONDS", min=0.1, help="time in which a single fit should be done")
+    ] = 60.0,
 ) -> None:
     """Check the properties that an estimator should have.
 
-    These are equivariance, exactness without noise and the like. Each violation is described (exit code 1).
+    These are equivariance, exactness without noise and the like. Each violation is described (exit code 1); a fit that
+    does not return in time is one. What the file prints goes to standard error.
     """
     from study.estimators.own.check import check_file, printed
 
-    found = check_file(file)
+    found = check_file(file, limit=limit)
     for line in printed(found):
         typer.echo(line)
     if any(report.violations for report in found):

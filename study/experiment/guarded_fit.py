@@ -1,4 +1,4 @@
-"""Calls of an estimator in which an exception costs the trials that raise it, and no others."""
+"""Calls of an estimator in which an exception, or an exit, costs the trials that raise it, and no others."""
 
 from collections.abc import Sequence
 
@@ -24,13 +24,13 @@ def attempt(name: str, samples: Samples) -> tuple[Estimates, dict[int, str]]:
         return function.attempt(samples)
     try:
         return _called(name, samples), {}
-    except Exception:  # trying each trial by itself shows which of them raise
+    except (Exception, SystemExit):  # trying each trial by itself shows which of them raise
         fit = blank(b, d)
     raised = {}
     for trial in range(b):
         try:
             one = _called(name, samples.only(trial))
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             raised[trial] = f"{type(error).__name__}: {error}"[:_LONGEST_MESSAGE]
             fit.status[trial] = Status.FAILED
             continue

@@ -130,3 +130,71 @@ def test_a_violation_is_code_1(call_here, folder):
     code, said, complained = call_here(folder, "check", "my.py")
     assert (code, complained) == (1, "")
     assert said == "coope: not exact without noise: the radius is 1.02 instead of 1 (d = 2, N = 7, seed 0)\n"
+
+
+ALS = "import sys, time\nimport numpy as np\nimport study\n\ndef mine(points):\n{body}"
+ALS += "\n    fit = study.fit(points, 'gdke')\n    return fit.center, fit.radius\n\nstudy.register('mine', mine)\n"
+FEW = "    if len(points) == 7: {words}"
+"""Words that stand only in fits of seven points, so that the file is loaded."""
+
+
+@pytest.mark.parametrize(
+    ("body", "options", "line"),
+    [
+        (FEW.format(words="sys.exit(0)"), [], "mine: no answer on sound points: the estimator raised"),
+        (
+            FEW.format(words="\n        while True: pass"),
+            ["--limit", "0.5"],
+            "mine: has not returned after 0.5 s (d = 2, N = 7, seed 0); the check ends here",
+        ),
+        ("    print('a fit'); sys.stdout.write('again')", [], "mine: all 9 properties hold on 12 data sets"),
+    ],
+    ids=["exit", "loop", "prints"],
+)
+def test_check_tells_an_exit_a_loop_and_prints_from_results(call_here, folder, body, options, line):
+    """An exit and a loop are violations that are named (code 1); prints go to standard error."""
+    (folder / "my.py").write_text("print('loaded')\n" + ALS.format(body=body), encoding="utf-8")
+    code, said, complained = call_here(folder, "check", "my.py", *options)
+    assert code == (0 if "all 9" in line else 1)
+    assert said.startswith(line)
+    assert "loaded" not in said
+    assert "a fit" not in said
+    assert "again" not in said
+    assert complained.startswith("loaded\n")
+
+
+@pytest.mark.parametrize("text", ["while True: pass\n", ALS.format(body="    while True: pass")], ids=["file", "fit"])
+def test_a_loop_on_the_first_call_is_refused(call_here, folder, monkeypatch, text):
+    """A file, or an estimator, that does not return on sound points is refused in one line by every command."""
+    monkeypatch.setattr(plugin_file, "LIMIT", 0.5)
+    (folder / "bad.py").write_text(text, encoding="utf-8")
+    for words in (["check", "bad.py"], ["run", "own.toml", "--plugin", "bad.py"]):
+        code, said, complained = call_here(folder, *words)
+        assert (code, said) == (2, "")
+        assert "has not returned after 0.5 s" in complained
+        assert len(complained.splitlines()) == 1
+
+
+@pytest.mark.parametrize("backend", ["threads", "loky"])
+def test_a_run_survives_an_exit_and_prints(call, folder, backend):
+    """Fits that exit are failed fits with a message, in threads and in processes; prints do not mix with the folder."""
+    body = "    print('a fit')\n    if len(points) != 20 and points[0, 0] > points[1, 0]: sys.exit(3)"
+    (folder / "my.py").write_text(ALS.format(body=body).replace("'mine', mine", "'coope', mine"), encoding="utf-8")
+    code, said, complained = call(folder, "run", "own.toml", "--plugin", "my.py", "--out", "out", "--backend", backend)
+    assert said == "out\n"
+    assert "a fit" in complained
+    failures = pd.read_parquet(folder / "out" / "failures.parquet")
+    assert set(failures["message"]) == {"SystemExit: 3"}
+    errors = pd.read_parquet(folder / "out" / "errors.parquet")
+    assert 0.2 < len(failures) / (errors["estimator"] == "coope").sum() < 0.8
+    assert "coope" in complained or code == 0
+
+
+def test_prints_do_not_mix_with_json(call_here, folder):
+    """`study fit --json` prints an object and nothing else."""
+    (folder / "my.py").write_text(ALS.format(body="    print('a fit')"), encoding="utf-8")
+    (folder / "points.csv").write_text("x,y\n1,0\n0,1\n-1,0\n0,-1.1\n0.7,0.7\n", encoding="utf-8")
+    code, said, complained = call_here(folder, "fit", "points.csv", "-e", "my.py:mine", "--json")
+    assert code == 0
+    assert json.loads(said)
+    assert "a fit" in complained

@@ -1,5 +1,7 @@
 """Check of one's own estimators: every property on every data set, and a report in words."""
 
+import contextlib
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -9,7 +11,8 @@ from time import perf_counter
 from study.estimators.answer.fit import Fit
 from study.estimators.own.check_cases import NOISE, degenerate_sets, sound_cases
 from study.estimators.own.check_properties import PROPERTIES, degenerate
-from study.estimators.own.plugin_file import faults_of, load, sound_samples
+from study.estimators.own.plugin_file import LIMIT, OvertimeError, faults_of, in_time, load, sound_samples
+from study.estimators.own.simple_form import one_line
 from study.estimators.registry import fit
 from study.sphere.types import Floats
 
@@ -34,48 +37,58 @@ class CheckReport:
     remarks: tuple[str, ...]
 
 
-def check_file(path: Path, budget: float = BUDGET) -> list[CheckReport]:
+def check_file(path: Path, budget: float = BUDGET, limit: float = LIMIT) -> list[CheckReport]:
     """Check the estimators that a file registers.
 
     Args:
         path: the file.
         budget: seconds after which no new data set is taken; each estimator has its share of them.
+        limit: seconds in which a single fit should be done.
 
     Raises:
         PluginError: if the file cannot be used.
     """
     names = load(path)
     fit(sound_samples(2).points, noise=NOISE)  # compiled code is loaded now, which is not the estimators' time
-    return [check_estimator(name, budget / len(names)) for name in names]
+    with contextlib.redirect_stdout(sys.stderr):
+        return [check_estimator(name, budget / len(names), limit) for name in names]
 
 
-def check_estimator(name: str, budget: float = BUDGET) -> CheckReport:
+def check_estimator(name: str, budget: float = BUDGET, limit: float = LIMIT) -> CheckReport:
     """Check a registered estimator; see `check_file`."""
     broken: dict[str, str] = {}
-    sets, remarks = 0, []
+    sets, remarks, place = 0, [], ""
     unable = faults_of(name)
     end = perf_counter() + budget
 
     def fitted(points: Floats, noise: float) -> Fit:
-        return fit(points, name, noise, copy=False)  # so that changed points show
+        try:
+            with in_time(limit):
+                return fit(points, name, noise, copy=False)  # so that changed points show
+        except SystemExit as end:
+            raise RuntimeError(one_line(end)) from None
 
-    for d in (2, 3):
-        if d in unable:
-            remarks.append(f"d = {d} is left out: {unable[d]}")
-            continue
-        for case in sound_cases(d):
-            if perf_counter() > end:
-                remarks.append(f"stopped after {budget:.3g} s at {case}: the estimator is slow")
-                break
-            sets += 1
-            for key, holds in PROPERTIES.items():
-                if key not in broken and (words := _guarded(partial(holds, fitted, case))):
-                    broken[key] = f"{words} ({case})"
-        for kind, points in degenerate_sets(d):
-            if perf_counter() > end:
-                break
-            if "degenerate" not in broken and (words := degenerate(fitted, kind, points)):
-                broken["degenerate"] = f"{words} (d = {d})"
+    try:
+        for d in (2, 3):
+            if d in unable:
+                remarks.append(f"d = {d} is left out: {unable[d]}")
+                continue
+            for case in sound_cases(d):
+                if perf_counter() > end:
+                    remarks.append(f"stopped after {budget:.3g} s at {case}: the estimator is slow")
+                    break
+                sets, place = sets + 1, str(case)
+                for key, holds in PROPERTIES.items():
+                    if key not in broken and (words := _guarded(partial(holds, fitted, case))):
+                        broken[key] = f"{words} ({place})"
+            for kind, points in degenerate_sets(d):
+                if perf_counter() > end:
+                    break
+                place = f"{kind}, d = {d}"
+                if "degenerate" not in broken and (words := degenerate(fitted, kind, points)):
+                    broken["degenerate"] = f"{words} (d = {d})"
+    except OvertimeError as error:  # every further data set might cost as much
+        broken["time"] = f"{error} ({place}); the check ends here"
     return CheckReport(name, tuple(broken.values()), sets, tuple(remarks))
 
 

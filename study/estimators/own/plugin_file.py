@@ -1,12 +1,19 @@
-"""Files of one's own estimators: read, executed, tried out, and refused with one line."""
+"""Files of one's own estimators: read, executed, tried out, and refused with one line.
 
+What such a file prints goes to standard error, so that it never mixes with results.
+"""
+
+import contextlib
 import hashlib
 import linecache
+import signal
 import sys
+import threading
 import traceback
 import types
+from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,6 +26,33 @@ from study.estimators.samples import Samples
 
 class PluginError(Exception):
     """A file of estimators that cannot be used; the message says why, in one line."""
+
+
+LIMIT = 60.0
+"""Seconds in which a file, or a call of its estimators on a small data set, should be done."""
+
+
+class OvertimeError(BaseException):
+    """A call has not returned in time. An estimator that catches every `Exception` does not catch it."""
+
+
+@contextlib.contextmanager
+def in_time(seconds: float) -> Iterator[None]:
+    """Raise `OvertimeError` where the calls within take longer: in the main thread, on systems that have alarms."""
+    if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "setitimer"):
+        yield
+        return
+
+    def ring(number: int, frame: object) -> None:
+        raise OvertimeError(f"has not returned after {seconds:g} s")
+
+    before = signal.signal(signal.SIGALRM, ring)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
 
 
 class PluginFile(NamedTuple):
@@ -79,7 +113,12 @@ def load_text(plugin: PluginFile, shown: str = "") -> tuple[str, ...]:
         if not found():
             raise PluginError(f"{shown}: registers no estimator; it should call study.register(name, function)")
         for name in found():
-            if len(faults := faults_of(name)) == 2:
+            try:
+                with in_time(LIMIT), contextlib.redirect_stdout(sys.stderr):
+                    faults = faults_of(name)
+            except OvertimeError as error:
+                raise PluginError(f"{shown}: {name}: {error} on 20 sound points") from None
+            if len(faults) == 2:
                 raise PluginError(f"{shown}: {name}: fails on 20 sound points: {faults[3]}")
         _loaded[plugin.path] = plugin, found()
     return found()
@@ -115,7 +154,7 @@ def fault_on(name: str, samples: Samples) -> str:
         if isinstance(function, SimpleForm):
             return next(iter(function.attempt(samples)[1].values()), "")
         answer = function(samples)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         return one_line(error)
     return shape_fault(answer, samples)
 
@@ -136,11 +175,18 @@ def _execute(plugin: PluginFile, shown: str) -> None:
     """Execute a file as a module of its own; PluginError with the line that raised."""
     module = types.ModuleType(f"study_own_{Path(plugin.path).stem}")
     module.__file__ = plugin.path
+    vars(module)["print"] = _print
     sys.modules[module.__name__] = module  # where dataclasses and pickles look for it
     linecache.cache.setdefault(plugin.path, (len(plugin.text), None, plugin.text.splitlines(True), plugin.path))
     try:
-        exec(compile(plugin.text, plugin.path, "exec"), module.__dict__)
-    except (Exception, SystemExit) as error:
+        with in_time(LIMIT), contextlib.redirect_stdout(sys.stderr):
+            exec(compile(plugin.text, plugin.path, "exec"), module.__dict__)
+    except (Exception, SystemExit, OvertimeError) as error:
         lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == plugin.path]
         line = error.lineno if isinstance(error, SyntaxError) and error.filename == plugin.path else (lines or [1])[-1]
         raise PluginError(f"{shown}: line {line}: {one_line(error)}") from None
+
+
+def _print(*words: object, **options: Any) -> None:
+    """Print to standard error; a run's threads share the standard output, which cannot be changed for one of them."""
+    print(*words, **{"file": sys.stderr, **options})

@@ -49,7 +49,7 @@ class SimpleForm:
                 continue
             try:
                 center, radius = self._one(np.array(points, order="C"), samples.noise, t)
-            except Exception as error:
+            except (Exception, SystemExit) as error:
                 failed[t] = one_line(error)[:_LONGEST]
                 result.status[t] = Status.FAILED
                 continue
