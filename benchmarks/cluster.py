@@ -25,7 +25,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from study.sphere import instruction_set
+from study.text import instruction_set
 
 instruction_set.fix()
 

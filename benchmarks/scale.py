@@ -12,7 +12,7 @@ import time
 from importlib import import_module
 from pathlib import Path
 
-from study.sphere import instruction_set
+from study.text import instruction_set
 
 instruction_set.fix()
 

@@ -18,7 +18,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from study.sphere import instruction_set
+from study.text import instruction_set
 
 instruction_set.fix()
 

@@ -38,7 +38,7 @@ from study.runs.commands import (
     worker,
 )
 from study.runs.plugin_option import with_plugins
-from study.sphere import instruction_set
+from study.text import instruction_set
 from study.text.grouped_help import GroupedHelp
 
 

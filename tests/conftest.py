@@ -11,7 +11,7 @@ import threading
 import time
 from pathlib import Path
 
-from study.sphere import instruction_set
+from study.text import instruction_set
 
 # before numba is there: tests run the code that the command runs, and it is compiled once for both
 instruction_set.fix()

@@ -13,7 +13,7 @@ import signal
 import time
 from pathlib import Path
 
-from study.sphere import instruction_set
+from study.text import instruction_set
 
 logging.disable(logging.WARNING)  # whether loops are compiled or come from the cache
 instruction_set.fix()  # before numba is imported, as the command does

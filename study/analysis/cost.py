@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 from study.analysis.paper_cost import PAPER
 from study.estimators.estimates import blank
 from study.experiment.streams import stream
-from study.sphere import instruction_set
 from study.sphere.jit import SCALAR_CODE
+from study.text import instruction_set
 
 Objects = NDArray[np.object_]
 """Arrays of `Counted` numbers."""

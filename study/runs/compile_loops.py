@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 from time import perf_counter
 
-from study.sphere import instruction_set
+from study.text import instruction_set
 
 _PAUSE = 5.0
 """Seconds between two lines where standard error is no terminal."""

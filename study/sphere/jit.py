@@ -29,8 +29,8 @@ from typing import Any, Literal, Protocol, TypeVar, cast
 
 import numpy as np
 
-from study.sphere import instruction_set
 from study.sphere.types import Floats
+from study.text import instruction_set
 
 F = TypeVar("F", bound=Callable[..., object])
 Inline = Literal["never", "always"]

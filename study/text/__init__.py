@@ -1,1 +1,1 @@
-"""Text for people: aligned columns, numbers in few digits, and the nearest known name."""
+"""The ground: aligned columns, numbers in few digits, the nearest known name; and the instructions of compiled code."""

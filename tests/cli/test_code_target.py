@@ -12,7 +12,7 @@ print(cpu_target.target_context.codegen().magic_tuple())
 """
 
 
-COMMAND = "from study.sphere import instruction_set\ninstruction_set.fix()\n"
+COMMAND = "from study.text import instruction_set\ninstruction_set.fix()\n"
 LIBRARY = "from study.sphere.jit import total\nimport numpy, os\nbefore = dict(os.environ)\ntotal(numpy.ones(2))\n"
 LIBRARY += "assert os.environ == before\n"
 NUMBA_BEFORE = "import numba\nnumba.njit(lambda x: x)(1)\n"

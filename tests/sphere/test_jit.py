@@ -102,7 +102,7 @@ def test_the_library_and_the_commands_share_the_cache_and_compilation_is_announc
     A program that wants no such line sets its logs up.
     """
     _, run = package
-    command = f"from study.sphere import instruction_set\ninstruction_set.fix()\n{TWO_LOOPS}"
+    command = f"from study.text import instruction_set\ninstruction_set.fix()\n{TWO_LOOPS}"
     assert run(command) == ["0", "0"]
     assert run(TWO_LOOPS) == ["1", "1"]
     assert run.warnings == [f"{COMPILING}\n", ""]

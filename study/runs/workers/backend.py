@@ -11,7 +11,7 @@ from joblib import Parallel, delayed
 from study.estimators.own import plugin_file
 from study.runs import provenance
 from study.runs.workers.worker_entry import Parent, attempt
-from study.sphere import instruction_set
+from study.text import instruction_set
 
 Call = tuple[Callable[..., object], tuple[object, ...], dict[str, object]]
 """A call as `joblib.delayed` has it."""
