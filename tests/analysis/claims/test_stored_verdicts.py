@@ -126,7 +126,7 @@ def test_nothing_is_stored_that_no_manifest_vouches_for(run, judged, change, fil
     with pytest.raises(RunError, match=f"manifest.json: {change}[^\n]*$"):
         commands.claims([run.folder])
     if change == "damaged":
-        with pytest.raises(RunError, match="manifest.json: damaged[^\n]*$"):
+        with pytest.raises(RunError, match=r"manifest\.json: damaged[^\n]*$"):
             claims.save(run, judged)
     assert files_of(run.folder) == before
 
