@@ -72,6 +72,12 @@ def copied(tmp_path):
     return copy
 
 
+@pytest.fixture(scope="session")
+def files_of():
+    """All files under a folder with their bytes."""
+    return lambda folder: {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
 @pytest.fixture(scope="module")
 def browser():
     """Chromium or Chrome, if the machine has one."""

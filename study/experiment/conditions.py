@@ -44,6 +44,7 @@ class Condition:
         own_draws: cells with different values have different draws; otherwise the same draws are placed differently.
         axis: a grid may list its values.
         law: a random design may draw it.
+        by_moments: the route through joint moments takes account of it; otherwise that route refuses it.
         stored: it has a column in the tables.
         derived: finds it from the other conditions of a row, if it has no column.
         labelled: labels name it.
@@ -65,6 +66,7 @@ class Condition:
     own_draws: bool = False
     axis: bool = True
     law: bool = True
+    by_moments: bool = False
     stored: bool = True
     derived: Callable[[RowValues], Any] | None = None
     labelled: bool = True
@@ -105,6 +107,7 @@ SAMPLES = Condition(
     rule="a whole number, at least dimension + 1",
     kind=int,
     own_draws=True,
+    by_moments=True,
 )
 NOISE = Condition(
     name="noise",
@@ -116,6 +119,7 @@ NOISE = Condition(
     rule="above 0, in the unit of the radius",
     alternative="noise_over_radius",
     labelled=False,
+    by_moments=True,
 )
 NOISE_OVER_RADIUS = Condition(
     name="noise_over_radius",
@@ -127,6 +131,7 @@ NOISE_OVER_RADIUS = Condition(
     stored=False,
     derived=lambda row: row["noise"] / row["radius"],
     digits=3,
+    by_moments=True,
 )
 ANGLE = Condition(
     name="angle",
@@ -139,6 +144,7 @@ ANGLE = Condition(
     own_draws=True,
     digits=4,
     mark="°",
+    by_moments=True,
 )
 RADIUS = Condition(
     name="radius",
@@ -148,6 +154,7 @@ RADIUS = Condition(
     allowed=lambda v: 1e-100 <= v <= 1e100,  # beyond, squares of errors leave the range of numbers
     rule="above 0, between 1e-100 and 1e100",
     default=1.0,
+    by_moments=True,
 )
 CENTER = Condition(
     name="center",
@@ -158,6 +165,7 @@ CENTER = Condition(
     allowed=lambda v: v >= 0,
     rule="at least 0: the distance of the centre from the origin",
     default=0.0,
+    by_moments=True,
 )
 LAW = Condition(
     name="law",

@@ -133,12 +133,9 @@ def parse(text: str, source: str = "config") -> Study:
     if study is not None and study.cells() > MAX_CELLS:
         faults.append(Fault(("design",), f"{study.cells():,} cells; at most {MAX_CELLS:,} are allowed"))
     elif study is not None:
-        refusing = {
-            "route": study.route == "moments",
-            "posterior": study.posterior is not None,
-            "noise_shape": study.noise_shape is not None,
-        }
+        refusing = {"posterior": study.posterior is not None, "noise_shape": study.noise_shape is not None}
         faults += departure_faults(study.design.given(), refusing)
+        faults += _moment_faults(study.design) if study.route == "moments" else []
         faults += _level_faults(study.design)
         if study.posterior is not None:
             faults += posterior_faults(study.posterior, study.design, study.dimension, study.noise_shape is not None)
@@ -229,6 +226,16 @@ def _route_faults(raw: dict[str, Any], design: dict[str, Any]) -> list[Fault]:
         if raw.get("keep_points"):
             faults.append(Fault(("keep_points",), 'belongs to the errors, which keep = "summary" does not store'))
     return faults
+
+
+def _moment_faults(design: Design) -> list[Fault]:
+    """Find conditions that fits from joint moments would take no account of, unless they are at their defaults."""
+    given = [CONDITIONS[name] for name in design.given()]
+    unknown = [c.name for c in given if not c.by_moments and design.values(c) != (c.default,)]
+    if not unknown:
+        return []
+    words = f'the route "moments" takes no account of {" and ".join(unknown)}'
+    return [Fault(("route",), f'{words}: take {"it" if len(unknown) == 1 else "them"} out, or route = "points"')]
 
 
 def _sample_counts(samples: object) -> list[int]:

@@ -11,14 +11,10 @@ def departure_faults(given: Collection[str], has: Mapping[str, bool]) -> list[Fa
 
     Args:
         given: names of the conditions that a design gives, without those at their defaults.
-        has: for ``route``, ``posterior`` and ``noise_shape``, true if the config has one that is not for every noise:
-            the route through moments, any posterior, any shape.
+        has: for ``posterior`` and ``noise_shape``, true if the config has one.
     """
     named = [condition.name for condition in DEPARTURES if condition.name in given]
     faults = []
-    if named and has["route"]:
-        words = f'the route "moments" is for normal noise without outliers: take {" and ".join(named)} out'
-        faults.append(Fault(("route",), words))
     if named and has["posterior"]:
         words = f"its likelihoods are of normal noise without outliers: take {' and '.join(named)} out of the design"
         faults.append(Fault(("posterior",), words))

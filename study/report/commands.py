@@ -21,8 +21,8 @@ Bench = Annotated[Path | None, typer.Option("--bench", help="table that `make be
 def claims(folders: Folders, cost: Cost = None, recording: Recordings = None, as_json: Json = False) -> None:
     """Judge the paper's claims by runs.
 
-    The verdicts and the numbers behind them are printed, and stored in the first run's folder. If no claim can be
-    judged, nothing is stored, and earlier verdicts stay.
+    The verdicts and the numbers behind them are printed, and stored in the first run's folder, where that run must be
+    finished. If no claim can be judged, earlier verdicts stay. If the folder cannot be written, the exit code is 1.
 
     With --json: runs, a list of names; verdicts, the count of each; claims, a list of the columns of the stored table:
     number, name, section, statement, quantity, value, error, trials, verdict, finding, criterion, remark, reads, runs
@@ -34,15 +34,17 @@ def claims(folders: Folders, cost: Cost = None, recording: Recordings = None, as
     from study.text.json_text import json_text
 
     runs = [Run.open(folder) for folder in folders]
+    runs[0].manifest()  # without a sound one, no verdict could be stored
     spreads = read_case_studies(recording) if recording else None
     known = key(runs, cost, spreads)
-    judged = stored(runs[0], known)
-    if judged is None:
-        judged = judge_all(runs, cost, spreads)
-        save(runs[0], judged, known)
-    lines = [json_text(as_data(runs, judged))] if as_json else printed(judged)
-    for line in lines:
-        typer.echo(line)
+    before = stored(runs[0], known)
+    judged = judge_all(runs, cost, spreads) if before is None else before
+    try:
+        if before is None:
+            save(runs[0], judged, known)
+    finally:  # verdicts that cannot be stored are printed all the same
+        for line in [json_text(as_data(runs, judged))] if as_json else printed(judged):
+            typer.echo(line)
 
 
 def report(

@@ -10,6 +10,7 @@ from study.experiment.config import Study
 from study.experiment.designs.groups import Span
 from study.runs.jobs import POINTS, Jobs, estimators_of
 from study.runs.layout import Layout
+from study.runs.storage import schemas
 from study.runs.storage.atomic_write import RunError
 from study.runs.storage.parts import Parts
 from study.sphere.types import Ints
@@ -47,11 +48,14 @@ def rows(study: Study, parts: Parts, layout: Layout, name: str) -> Iterator[pa.T
             yield from found
         elif found:
             table = pa.concat_tables(found)
-            yield table.take(pa.array(order(study, span, table)))
+            yield table.take(order(study.estimators, span, table))
 
 
 def stored_rows(jobs: Jobs, parts: Parts, piece: Span, name: str) -> Iterator[tuple[tuple[str, ...], pa.Table]]:
     """Read the stored rows of a piece, without those of outputs that the study does not have.
+
+    Rows that were taken from another study's run have its columns. They get those of this one: a condition that it did
+    not give is at its default, and one that this study does not give is left out.
 
     Args:
         jobs: the study's.
@@ -62,31 +66,32 @@ def stored_rows(jobs: Jobs, parts: Parts, piece: Span, name: str) -> Iterator[tu
     Yields:
         Outputs, and their rows.
     """
-    job = jobs.job(piece)
+    job, study = jobs.job(piece), jobs.study
+    columns = schemas.of_units(study.dimension, study.conditions())[name]
     for outputs, fresh, table in parts.tables(job.key, name):
         wanted = tuple(output for output in fresh if output in job.outputs)
         if not wanted or (name == "points" and not any(o.startswith(POINTS) for o in wanted)):
             continue
         if wanted != outputs and name in ("errors", "failures", "summary"):
             table = table.filter(pc.is_in(_words(table, "estimator"), pa.array(estimators_of(wanted))))
-        yield wanted, table
+        yield wanted, schemas.completed(table, columns)
 
 
-def order(study: Study, span: Span, table: pa.Table) -> Ints:
+def order(estimators: tuple[str, ...], span: Span, table: pa.Table) -> Ints:
     """The order of a unit's rows in the table.
 
     Args:
-        study: the config.
+        estimators: their names, in the order of the config.
         span: the unit.
         table: its rows, of errors, failures, points or summary, in any order.
     """
     if "group" in table.schema.names:  # a summary, of the cells of a grid
         cells = _places(table, "group", [cell.name for cell in span.group.cells])
-        return np.lexsort([_places(table, "estimator", study.estimators), cells])
+        return np.lexsort([_places(table, "estimator", estimators), cells])
     trial = table["trial"].to_numpy()
     keys = [trial]
     if "estimator" in table.schema.names:
-        keys.append(_places(table, "estimator", study.estimators))
+        keys.append(_places(table, "estimator", estimators))
     if span.group.cells:
         keys.append(_places(table, "cell", [cell.name for cell in span.group.cells]))
     return np.lexsort([*keys, trial // span.group.size])  # the last counts most

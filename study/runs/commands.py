@@ -39,6 +39,7 @@ class ExitCode(IntEnum):
     USAGE = 2
     TOO_MANY_FAILURES = 3
     BUDGET = 4
+    TOO_LONG = 5
     INTERRUPTED = 130
     NO_READER = 141
 
@@ -49,6 +50,7 @@ EXIT_CODES: dict[int, str] = {
     ExitCode.USAGE: "wrong usage, or a fault in a config or another file that was given",
     ExitCode.TOO_MANY_FAILURES: "complete, but too many fits failed; or a fit is not ok, or uses outliers",
     ExitCode.BUDGET: "stopped by --budget before every cell had enough trials",
+    ExitCode.TOO_LONG: "planned, and the run would take more than a week",
     ExitCode.INTERRUPTED: "interrupted by Ctrl-C or SIGTERM; `study run` resumes",
     ExitCode.NO_READER: "the program that reads the standard output, such as `head`, has ended",
 }
@@ -67,27 +69,33 @@ def configs() -> None:
 def plan(config: Config, jobs: Jobs = 2, as_json: Json = False) -> None:
     """Predict a study's size and time without running it.
 
+    The exit code is 5 if the run would take more than a week.
+
     With --json: run, jobs, and parts, a list of title, cells, units, trials, draws, samples, fits, bytes and seconds;
     one part, or two if the config has [precision].
     """
     from study.experiment.config import load
     from study.experiment.shipped_configs import config_file
-    from study.runs.plan import extremes
+    from study.runs.plan import extremes, warning
     from study.runs.plan import plan as make_plan
     from study.text.columns import columns
     from study.text.json_text import json_text
 
     study = load(config_file(config))
+    plans = {title: make_plan(part, jobs) for title, part in extremes(study).items()}
     if as_json:
-        parts = [{"title": title, **vars(make_plan(part, jobs))} for title, part in extremes(study).items()]
+        parts = [{"title": title, **vars(found)} for title, found in plans.items()]
         typer.echo(json_text({"run": study.run_name(), "jobs": jobs, "parts": parts}))
-        return
-    typer.echo(f"{study.run_name()}")
-    for title, part in extremes(study).items():
-        if title:
-            typer.echo(f"  {title}")
-        for line in columns(make_plan(part, jobs).lines(), indent=2):
-            typer.echo(line)
+    else:
+        typer.echo(f"{study.run_name()}")
+        for title, found in plans.items():
+            if title:
+                typer.echo(f"  {title}")
+            for line in columns(found.lines(), indent=2):
+                typer.echo(line)
+    if (words := warning(study, next(iter(plans.values())), jobs)) is not None:  # the first is the least work
+        typer.echo(words, err=True)
+        raise typer.Exit(ExitCode.TOO_LONG)
 
 
 def worker(

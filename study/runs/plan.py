@@ -11,6 +11,7 @@ from study.experiment.units import groups, sizes_of, trials_of
 from study.runs.jobs import takes_long
 from study.runs.speed_probe import Kind, measure
 from study.runs.storage.atomic_write import RunError
+from study.text.numbers import DAY, duration, size
 
 _ROW_BYTES = 51.0
 """Typical measured size of a row of a compressed error table, whose doubles hardly compress."""
@@ -23,6 +24,8 @@ _MOST_COUNTED = 300_000
 """Number of cells that are counted one by one, in some seconds."""
 _MOST_CELLS = 5000
 """Number of cells from which the calibration takes its conditions."""
+_LONG = 7.0 * DAY
+"""Seconds above which a plan comes with a warning."""
 
 
 @dataclass(frozen=True)
@@ -57,8 +60,8 @@ class Plan:
             ("draws", f"{self.draws:,} samples"),
             ("samples", f"{self.samples:,} for each estimator"),
             ("fits", f"{self.fits:,}"),
-            ("storage", f"{self.bytes / 1e6:,.1f} MB"),
-            ("time", f"{self.seconds:,.1f} s predicted"),
+            ("storage", size(self.bytes)),
+            ("time", f"{duration(self.seconds)} predicted"),
         ]
 
 
@@ -102,6 +105,21 @@ def plan(study: Study, jobs: int) -> Plan:
         bytes=_ROW_BYTES * rows + _POINT_BYTES * kept,
         seconds=max(seconds / min(jobs, n_units), longest) + _ROW_SECONDS * rows + _START_SECONDS * processes,
     )
+
+
+def warning(study: Study, least: Plan, jobs: int) -> str | None:
+    """Warning for a study that would take more than a week; None for another.
+
+    Args:
+        study: the config.
+        least: the plan of the least work that it can take.
+        jobs: number of workers.
+    """
+    if least.seconds <= _LONG:
+        return None
+    words = f"would take {duration(least.seconds)} with --jobs {jobs}, which is more than a week"
+    remedy = "give fewer trials, samples or cells, or more workers (--jobs, or a cluster with --backend dask)"
+    return f"{study.run_name()}: {words}; {remedy}"
 
 
 def extremes(study: Study) -> dict[str, Study]:

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from study.runs.completeness import DERIVED, damaged
 from study.runs.storage.atomic_write import RunError
-from study.runs.storage.manifest import DIGEST, NAME
+from study.runs.storage.manifest import NAME
 from study.runs.storage.run_folder import Run
 
 
@@ -39,9 +39,8 @@ def set_damaged_aside(run: Run, warn: Callable[[str], None]) -> None:
 def _unknown(run: Run) -> list[str]:
     """Tables that no manifest vouches for, and that the run will not make again."""
     try:
-        manifest = run.manifest()
+        known = run.manifest()["tables"]
     except RunError:
-        manifest = {"tables": {}, DIGEST: ""}
+        known = {}
     made = ("posterior", "answers", "draws") if run.study.posterior is not None else ()
-    left = [name for name in DERIVED if name not in made and name not in manifest["tables"] and run.has(name)]
-    return left if DIGEST in manifest else []  # manifests of earlier versions have not all of them
+    return [name for name in DERIVED if name not in made and name not in known and run.has(name)]

@@ -18,6 +18,7 @@ from study.experiment.config import Study
 from study.experiment.designs.groups import Group, Span
 from study.experiment.streams import Name
 from study.experiment.units import groups, spans, trials_of
+from study.runs.assemble import order
 from study.runs.completeness import damaged, digests
 from study.runs.jobs import Job, estimators_of
 from study.runs.layout import Layout
@@ -91,7 +92,7 @@ class EarlierRun:
             return None
 
     def take(self, job: Job) -> Packet | None:
-        """Take the rows of a job that this run has; None if it has none.
+        """Take the rows of a job that this run has, in the order that the job gives them; None if it has none.
 
         Args:
             job: outputs of a piece, as `ReuseLayout` cut it.
@@ -119,7 +120,8 @@ class EarlierRun:
             found["failures"] = self._failures.filter(use & pc.field("cell").cast(pa.string()).isin(cells))
             if "worker" in pc.unique(found["failures"]["cause"]).to_pylist():
                 return None
-        return Packet.of([(job.key, outputs)], [found])
+        ordered = {name: table.take(order(estimators_of(outputs), span, table)) for name, table in found.items()}
+        return Packet.of([(job.key, outputs)], [ordered])
 
 
 def beside(study: Study, folder: Path) -> Run | None:

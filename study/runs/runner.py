@@ -185,4 +185,8 @@ class _Computation:
         Dispatch(backend, execute, self.study, self.parts).compute(self.missing(), weight, ended, self.budget.spent)
         for job, failure in lost:  # stored at the end, so that an interrupted run tries them again
             self.parts.add(give_up(self.study, (job,), failure))
+        if lost:
+            job, failure = lost[0]
+            count = "1 unit is lost" if len(lost) == 1 else f"{len(lost):,} units are lost, the first of them"
+            self.warn(f"{self.store.folder}: {count}, {job.span.words}: {failure}")
         self.parts.commit()

@@ -107,9 +107,3 @@ def call_here(monkeypatch, capsys):
         return end.value.code, *capsys.readouterr()
 
     return run
-
-
-@pytest.fixture(scope="session")
-def files_of():
-    """All files under a folder with their bytes."""
-    return lambda folder: {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}

@@ -4,10 +4,14 @@ import importlib.metadata
 import re
 import subprocess
 import sys
+from types import SimpleNamespace
+
+import pytest
 
 from study.analysis.summary_text import printed
 from study.experiment.config import load, parse
 from study.experiment.shipped_configs import shipped_config, shipped_configs, summary_line
+from study.runs.commands import ExitCode
 from study.runs.plan import plan
 from study.runs.storage.run_folder import Run
 
@@ -57,6 +61,22 @@ def test_plan(call_here, config, tmp_path):
         if label != "time":
             assert found[label] == value
     assert [path.name for path in tmp_path.iterdir()] == ["tiny.toml"]
+
+
+@pytest.mark.parametrize("as_json", [[], ["--json"]])
+@pytest.mark.parametrize(("seconds", "words"), [(3e9, "95.1 years"), (8 * 86_400.0, "8.0 days")])
+def test_plan_of_more_than_a_week(call_here, config, tmp_path, monkeypatch, seconds, words, as_json):
+    """A study that takes years is planned, with a warning of one line and an exit code; one of a week has neither."""
+    (tmp_path / "tiny.toml").write_text(config)
+    pace = SimpleNamespace(of=lambda work: seconds if len(work) else 0.0, summary=0.0)
+    monkeypatch.setattr("study.runs.plan.measure", lambda *_: pace)
+    code, said, complained = call_here(tmp_path, "plan", "tiny.toml", "--jobs", "1", *as_json)
+    assert code == ExitCode.TOO_LONG
+    assert as_json or f"time     {words} predicted" in said
+    assert f"would take {words} with --jobs 1, which is more than a week; give fewer" in complained
+    assert len(complained.splitlines()) == 1
+    pace.of = lambda work: 7 * 86_400.0 - 1.0
+    assert call_here(tmp_path, "plan", "tiny.toml", "--jobs", "1")[::2] == (0, "")
 
 
 HEAVY = ["numpy", "numba", "scipy", "pandas", "pyarrow", "matplotlib", "joblib"]

@@ -4,6 +4,7 @@ The commands run within this process, so that an exception which is not caught f
 """
 
 import functools
+import hashlib
 import json
 import os
 import shutil
@@ -233,10 +234,57 @@ def test_fields_of_manifests(mutant, named, field, change):
     content[field] = ODD.get(field, 7)
     if change == "dropped":
         del content[field]
-    if (change, field) == ("dropped", "digest"):  # it may be of an earlier version: a table that it knows shows
-        content["tables"]["errors"] = "0" * 64
     path.write_text(json.dumps(content, indent=2), encoding="utf-8")
-    named("errors.parquet" if (change, field) == ("dropped", "digest") else "manifest.json")
+    named("manifest.json")
+
+
+def forged(name):
+    """A change of a manifest's content and of a table, whose new digest the manifest gets."""
+
+    def change(content, folder):
+        alter(folder / f"{name}.parquet", "in reverse")
+        content["tables"][name] = hashlib.sha256((folder / f"{name}.parquet").read_bytes()).hexdigest()
+
+    return change
+
+
+WITHOUT_DIGEST = {
+    "as it was": lambda content, folder: None,
+    "no tables": lambda content, folder: content.update(tables={}),
+    "not even a format": lambda content, folder: content.pop("format"),
+    "an empty object": lambda content, folder: content.clear(),
+    **{f"forged {name}": forged(name) for name in TABLES},
+    **{f"without {name}": (lambda content, folder, name=name: content["tables"].pop(name)) for name in TABLES},
+    **{
+        f"odd {field}": (lambda content, folder, field=field: content.update({field: ODD.get(field, 7)}))
+        for field in FIELDS[:-1]
+    },
+}
+READING = ["summary", "figures", "claims", "report", "archive", "verify", "diff", "worst", "regret"]
+
+
+@pytest.mark.parametrize("change", WITHOUT_DIGEST)
+def test_manifests_without_a_digest(call_here, mutant, files_of, change):
+    """Every command that reads a run's tables names such a manifest in one line, believes nothing, writes nothing."""
+    path = mutant / "out" / "manifest.json"
+    content = json.loads(path.read_text(encoding="utf-8"))
+    del content["digest"]
+    WITHOUT_DIGEST[change](content, mutant / "out")
+    path.write_text(json.dumps(content, indent=2), encoding="utf-8")
+    before = files_of(mutant)
+    for command in READING:
+        code, said, complained = call_here(mutant, command, "out", *["out"] * (command == "diff"))
+        assert (command, code, said) == (command, 1, "")
+        assert len(complained.splitlines()) == 1
+        assert "out/manifest.json: damaged: no field 'digest'" in complained
+        assert "`study run out/config.toml --out out` makes it again" in complained
+    assert "manifest.json: damaged: no field 'digest'" in call_here(mutant, "status", "out")[1]
+    assert files_of(mutant) == before
+
+
+def test_thirty_five_of_them():
+    """There are as many manifests without a digest as are promised."""
+    assert len(WITHOUT_DIGEST) >= 35
 
 
 def test_manifests_are_made_again(finished_runs, mutant, survive):

@@ -36,6 +36,7 @@ def wider(tmp_path_factory, make_text):
         "law": make_text(top, **random, shift=law),
         "wrong": make_text(top, **plain, shift=-1, family="odd"),
         "no-law": make_text(top, **random, family="other"),
+        "moments": make_text(top | {"route": "moments"}, **plain, **TWO),
         "no-cell": make_text(top, **plain, **TWO) + posterior.replace('"other"', '"another"'),
     }
     for name, text in configs.items():
@@ -140,6 +141,7 @@ def test_faults_of_it(wider):
         "design.family = 'odd': 'odd' not allowed: every value must be normal or other",
         "design.family = 'other': unknown key: not one of this kind of design",
         "posterior.where: no cell has family = another",
+        'route: the route "moments" takes no account of shift and family: take them out, or route = "points"',
     ):
         assert words in said["stderr"]
 

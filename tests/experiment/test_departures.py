@@ -216,7 +216,11 @@ def test_anisotropic_noise(make_study, noise):
         ({}, {"outlier_share": -0.1}, "design.outlier_share = -0.1: -0.1 not allowed"),
         ({}, {"outlier_share": 0.1, "outlier_size": 0}, "design.outlier_size = 0: 0 not allowed: every value must be"),
         ({}, {"outlier_size": 5}, "design.outlier_size: has no effect without outlier_share"),
-        ({"route": "moments", "estimators": ["gdke"]}, {"law": "laplace"}, 'route: the route "moments" is for normal'),
+        (
+            {"route": "moments", "estimators": ["gdke"]},
+            {"law": "laplace"},
+            'route: the route "moments" takes no account of law',
+        ),
         ({}, {"kind": "random", "law": "laplace"}, "design.law = 'laplace': unknown key: not one of this kind"),
     ],
 )

@@ -20,6 +20,7 @@ from study.report import page as pages
 from study.report.blocks import Badge, Row, Section, Table, Text
 from study.report.page import render, save
 from study.report.words import timed
+from study.runs.storage.manifest import save as save_manifest
 from study.runs.storage.run_folder import Run, RunError
 
 LEAST = {"fig2_error", "fig3_gdke_ellipse", "fig4_ugdk_ellipse", "fig5_methods", "fig7_power_law"}
@@ -378,8 +379,9 @@ def test_a_manifest_that_is_missing_or_strange(circles, claims, tmp_path, change
             del manifest["software"]["study"]
         else:
             manifest["jobs"] = "two"
-        del manifest["digest"]  # as manifests were before they had one
-        path.write_text("{" if change == "not JSON" else json.dumps(manifest), encoding="utf-8")
+        save_manifest(path.parent, manifest)
+        if change == "not JSON":
+            path.write_text("{")
     with pytest.raises(RunError, match=r"run/manifest\.json: [^\n]*$") as caught:
         render([Run.open(tmp_path / "run")], claims)
     said = str(caught.value)

@@ -150,14 +150,20 @@ def test_a_flipped_bit_of_the_manifest_shows(run, place):
         run.manifest()
 
 
+def signed(content):
+    """Give a manifest's content its digest."""
+    del content["digest"]
+    content["digest"] = digests.of_json(content)
+
+
 def drop(name):
-    """A change that takes a field out, and the digest, so that only the fields can show it."""
-    return lambda content: [content.pop(key) for key in (name, "digest")]
+    """A change that takes a field out, with the digest of the rest, so that only the fields can show it."""
+    return lambda content: [content.pop(name), signed(content)]
 
 
 def put(name, value):
-    """A change that gives a field another value, and takes the digest out."""
-    return lambda content: [content.pop("digest"), content.update({name: value})]
+    """A change that gives a field another value, and the digest of all."""
+    return lambda content: [content.update({name: value}), signed(content)]
 
 
 @pytest.mark.parametrize(
@@ -234,20 +240,17 @@ def test_a_damaged_config_is_written_again(start, run):
         start({"estimators": ["gdke"]}, samples=6, angle=60, folder=run.folder)
 
 
-def test_a_run_of_before(run, capsys):
-    """Tables of a manifest without a digest of its own are read; the ones that it does not list with a remark."""
-    old = run.manifest()
-    del old["digest"], old["tables"]["summary"]
-    (run.folder / manifest.NAME).write_text(json.dumps(old), encoding="utf-8")
-    for _ in range(2):
-        assert len(run.table("summary")) == 2
-        assert len(run.table("errors")) == 6
-    said = capsys.readouterr().err
-    assert len(said.splitlines()) == 1
-    assert "summary.parquet: not checked" in said
+def test_a_manifest_without_its_digest(run):
+    """A manifest that does not vouch for itself vouches for no table: all are refused, and `study run` repairs it."""
     alter(run, "errors", scaled)
-    with pytest.raises(RunError, match="damaged"):
-        run.table("errors")
+    rewrite(run, lambda content: [content.pop("digest"), content["tables"].update(errors=run.fingerprint("errors"))])
+    for name in ("errors", "summary"):
+        with pytest.raises(ManifestDamagedError, match=r"manifest\.json: damaged: no field 'digest'[^\n]*`study run"):
+            run.table(name)
+    told = []
+    set_damaged_aside(run, told.append)
+    assert len(told) == 1
+    assert "manifest.json: damaged: no field 'digest'" in told[0]
 
 
 def test_a_table_that_is_not_listed(run):

@@ -96,13 +96,18 @@ def deadly(request, monkeypatch, start, tmp_path):
 
 def test_a_deadly_unit_is_tried_twice_and_recorded(start, deadly):
     """Its rows are failures; the rows of all other units are there."""
-    run = start(LLS, jobs=deadly.workers, draws="independent")
+    told = []
+    run = start(LLS, jobs=deadly.workers, warn=told.append, draws="independent")
     assert len(list(deadly.ends.iterdir())) == 2
     errors, failures = run.table("errors"), run.table("failures")
     assert set(errors["cell"][errors["status"] == Status.FAILED]) == {deadly.cell}
     assert set(failures["cell"]) == {deadly.cell}
     assert set(failures["cause"]) == {"worker"}
-    assert all(message.startswith("the worker died, twice: ") for message in failures["message"])
+    causes = ("killed (SIGKILL), perhaps for lack of memory: ", "out of memory (cannot allocate): ")
+    (message,) = set(failures["message"])
+    assert message.startswith(tuple(f"the worker died, twice: {cause}fewer workers (--jobs)" for cause in causes))
+    samples = errors["samples"][errors["cell"] == deadly.cell].iloc[0]
+    assert told == [f"{run.folder}: 1 unit is lost, trials 0 to 2 of 1 cell with N = {samples}: {message}"]
     assert len(failures) == run.manifest()["lost"] == 3 * 2
     assert len(errors) == 8 * 3 * 2
 
@@ -147,5 +152,6 @@ def test_out_of_memory_is_a_death(start, monkeypatch, computed):
 
     monkeypatch.setattr(module, "compute", greedy)
     run = start(LLS)
-    assert set(run.table("failures")["message"]) == {"the worker died, twice: cannot allocate"}
+    (message,) = set(run.table("failures")["message"])
+    assert message.startswith("the worker died, twice: out of memory (cannot allocate): fewer workers (--jobs) or")
     assert run.manifest()["lost"] == 4 * 3 * 2

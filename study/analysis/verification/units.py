@@ -71,7 +71,7 @@ def recompute_units(run: Run, names: list[str], seed: str, share: float) -> dict
         for name in compared:
             rows = schemas.table(columns[name], computed[name]) if computed[name] else _empty(columns[name])
             if name != "points":
-                rows = rows.take(pa.array(assemble.order(study, span, rows)))
+                rows = rows.take(pa.array(assemble.order(study.estimators, span, rows)))
             rows = there.kept(rows)
             stored = there.main.rows(begin, end) if name == main else there.of(name, span)
             seen[name] += stored.num_rows

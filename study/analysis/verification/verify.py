@@ -66,7 +66,7 @@ def verify(run: Run, share: float = 0.01) -> Verification:
     stored = [name for name in declared if run.has(name) or name in manifest["tables"]]
     digests = {name: _fault(run, name) for name in stored}
     good = [name for name, fault in digests.items() if fault is None]
-    seed = str(manifest.get("digest", run.study.digest()))
+    seed = str(manifest["digest"])
     again: dict[str, Recomputed] = {}
     if share > 0.0:
         with threadpool_limits(limits=1):

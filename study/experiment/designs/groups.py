@@ -80,6 +80,13 @@ class Span:
         """Number of data sets: trials times cells."""
         return (self.last - self.first) * self.group.width
 
+    @property
+    def words(self) -> str:
+        """The unit for a message: ``trials 0 to 99 of 4 cells with N = 20``."""
+        cells, trials = self.group.cells, f"trials {self.first:,} to {self.last - 1:,}"
+        count = "1 cell" if len(cells) == 1 else f"{len(cells):,} cells"
+        return f"{trials} of {count} with N = {self.group.samples:,}" if cells else trials
+
     def unit(self) -> Unit:
         """The unit."""
         return Unit(tuple(self.group.batches(self.first, self.last)))

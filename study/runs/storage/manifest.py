@@ -1,7 +1,6 @@
 """The manifest of a run: what was computed, by what, and the digests of its tables and of the manifest itself.
 
 A manifest that does not have its own digest, or whose fields are not as declared, is damaged: nothing in it is used.
-Manifests written before they had a digest of their own are read as far as their fields are as declared.
 """
 
 import json
@@ -116,9 +115,11 @@ def own_estimators(folder: Path) -> list[str]:
 
 
 def _digest_fault(found: Mapping[str, Any]) -> str | None:
-    """Compare a manifest with its own digest, if it has one."""
+    """Compare a manifest with its own digest."""
+    if DIGEST not in found:
+        return f"no field '{DIGEST}', so that nothing vouches for the tables"
     rest = {key: value for key, value in found.items() if key != DIGEST}
-    if DIGEST in found and found[DIGEST] != digests.of_json(rest):
+    if found[DIGEST] != digests.of_json(rest):
         return f"its {DIGEST} is not that of its content"
     return None if "format" in found else "no field 'format'"
 

@@ -19,7 +19,6 @@ only if its digest is the one in the manifest, and its columns are those declare
 """
 
 import os
-import sys
 from collections.abc import Callable, Collection, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -43,8 +42,6 @@ __all__ = ["Run", "RunError"]
 T = TypeVar("T")
 _TEMPORARY = ".*.tmp"
 """Pattern of the temporary files that a killed writer leaves."""
-_remarked: set[Path] = set()
-"""Tables without a digest for which the user has been warned."""
 
 
 class Run:
@@ -181,17 +178,13 @@ class Run:
     def check(self, name: str) -> None:
         """Raise a RunError unless a stored table has the digest that its manifest says, and the columns declared."""
         path, known = self.path(name), self.manifest()
-        if name not in known["tables"] and manifest.DIGEST in known:
+        if name not in known["tables"]:
             raise RunError(f"{path}: not in {manifest.NAME}, so not of this run; {self.again(name)} makes it")
-        if name in known["tables"] and self.fingerprint(name) != known["tables"][name]:
+        if self.fingerprint(name) != known["tables"][name]:
             words = f"damaged: its SHA-256 is not the one in {manifest.NAME}"
             raise RunError(f"{path}: {words}; {self.again(name)} makes it again")
         if fault := self.column_fault(name):
             raise RunError(f"{path}: {fault}; {self.again(name)} makes it again")
-        if name not in known["tables"] and path not in _remarked:
-            _remarked.add(path)
-            words = f"not checked: {manifest.NAME} is of a version without digests of all tables"
-            print(f"{path}: {words}; {self.again(name)} adds them", file=sys.stderr)
 
     def column_fault(self, name: str) -> str | None:
         """The fault of a stored table's columns, whatever its digest; None if they are those declared."""
@@ -232,17 +225,22 @@ class Run:
         return digests.of_file(self.path(name))
 
     def save(self, name: str, table: pa.Table) -> None:
-        """Write a whole table, and note its digest in the manifest."""
+        """Write a whole table, and note its digest in the manifest; nothing is written if that is damaged."""
+        self._manifest_or_new()
         with explained(self.folder):
             write_table(self.path(name), table)
         self.record(name)
 
+    def _manifest_or_new(self) -> Manifest:
+        """The manifest, or the beginning of one if there is none."""
+        try:
+            return self.manifest()
+        except ManifestMissingError:
+            return {"format": FORMAT, "run": self.study.run_name(), "tables": {}}
+
     def record(self, *names: str, **entries: object) -> None:
         """Note the digests of tables, and other entries, in the manifest; one is begun if there is none."""
-        try:
-            known = self.manifest()
-        except ManifestMissingError:
-            known = {"format": FORMAT, "run": self.study.run_name(), "tables": {}}
+        known = self._manifest_or_new()
         tables = known["tables"] | {name: self.fingerprint(name) for name in names}
         self.save_manifest(known | entries | {"tables": tables})
 

@@ -8,7 +8,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from study.estimators import Status
-from study.experiment.conditions import COLUMNS, Condition, bound_law
+from study.experiment.conditions import COLUMNS, CONDITIONS, Condition, bound_law
 from study.experiment.posterior_config import ChainStatus
 from study.statistics.performance import MEASURES
 
@@ -286,6 +286,23 @@ def table(columns: list[Column], data: Mapping[str, object]) -> pa.Table:
     if set(names) != set(data):
         raise ValueError(f"columns {sorted(set(names) ^ set(data))} are declared but not computed, or the reverse")
     return pa.table([pa.array(data[c.name], type=c.type) for c in columns], schema=schema(columns))
+
+
+def completed(table: pa.Table, columns: Sequence[Column]) -> pa.Table:
+    """Give rows the columns declared, in their order: a missing condition has its default, further ones are left out.
+
+    Args:
+        table: rows of a study with other silent conditions.
+        columns: those declared.
+    """
+    names = [column.name for column in columns]
+    if table.schema.names == names:
+        return table
+    for column in columns:
+        if column.name not in table.schema.names:
+            default = CONDITIONS[column.name].default
+            table = table.append_column(column.name, pa.array([default] * table.num_rows, type=column.type))
+    return table.select(names)
 
 
 def read(

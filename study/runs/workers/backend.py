@@ -32,10 +32,12 @@ class Backend:
             task that may be fatal is tried while nothing else runs.
         enough: weight below which items are put together to a task.
         parallel: the dispatcher. It returns results as they come, and sends each task by itself.
+        noticed: how a worker ended whose death the dispatcher does not notice; empty if there is none.
         stopped: set when no task is to be begun any more.
     """
 
     alone = True
+    noticed = ""
     enough = 6e6  # some 80 ms, beside which sending a task costs little
 
     def __init__(self, slots: int | str, **options: object) -> None:

@@ -12,6 +12,7 @@ Three things are done here because joblib does not do them:
   the backend's to find; it is asked every second in which no result comes.
 """
 
+import re
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
@@ -22,7 +23,7 @@ from study.runs.storage.atomic_write import RunError
 from study.runs.storage.parts import Packet, Parts
 from study.runs.workers.backend import Backend, Call, leave_interrupts
 from study.runs.workers.tasks import WorkerTask, cut
-from study.runs.workers.worker_entry import Death, DisagreementError
+from study.runs.workers.worker_entry import NEEDS_LESS, Death, DisagreementError
 
 T = TypeVar("T")
 S = TypeVar("S")
@@ -104,9 +105,10 @@ class Dispatch(Generic[S, T]):
             self._take(*result, ended)
         error = call.exception()
         if isinstance(error, BrokenExecutor):
+            message = self._backend.noticed or str(error)
             self._backend.restart()
             for number in list(self._sent):
-                self._suspect(self._sent.pop(number), str(error), ended)
+                self._suspect(self._sent.pop(number), message, ended)
         elif error is not None:
             raise error
         return self._count > before
@@ -155,7 +157,7 @@ class Dispatch(Generic[S, T]):
     def _suspect(self, task: WorkerTask[T], message: str, ended: Ended[T]) -> None:
         """Try the items of a task alone, or give up the one item that a worker died of twice."""
         if task.tries > 1:
-            ended(task.items, f"the worker died, twice: {message}".split("\n")[0])
+            ended(task.items, f"the worker died, twice: {_cause(message)}")
         else:
             self._suspects += task.alone()
 
@@ -166,3 +168,10 @@ class Dispatch(Generic[S, T]):
             if not isinstance(result, Future) and isinstance(result[1], Packet):
                 self._parts.add(result[1])
         self._parts.commit()
+
+
+def _cause(message: str) -> str:
+    """The cause of a worker's death in one line, from a message that may name the signals that ended workers."""
+    if set(re.findall(r"\bSIG[A-Z]+", message)) == {"SIGKILL"}:  # as the system does where memory runs out
+        return f"killed (SIGKILL), perhaps for lack of memory: {NEEDS_LESS}"
+    return message.split("\n")[0]

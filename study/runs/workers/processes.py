@@ -9,6 +9,7 @@ result for ever, and the other processes for the lock that the dead one holds. `
 
 import contextlib
 import os
+import signal
 import sys
 import threading
 import time
@@ -56,6 +57,9 @@ class Processes(Backend):
         elif self._dead_since is None:
             self._dead_since = time.monotonic()
         elif time.monotonic() - self._dead_since > _GRACE:
+            codes = [code for process in processes if (code := process.exitcode) is not None]
+            names = (signal.Signals(-code).name if code < 0 else f"exit code {code}" for code in codes)
+            self.noticed = f"a process ended while it sent a result: {', '.join(names)}"
             for process in processes:
                 kill_process_tree(process)
             with open(os.devnull, "wb") as null:  # in place of the last writer: loky reads the end
@@ -66,7 +70,7 @@ class Processes(Backend):
             super().close()
 
     def restart(self) -> None:
-        self._dead_since = None
+        self._dead_since, self.noticed = None, ""
         with _quiet("ExecutorManagerThread"):
             super().restart()
 

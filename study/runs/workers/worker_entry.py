@@ -40,6 +40,10 @@ class Parent(NamedTuple):
     plugins: tuple[tuple[str, str], ...] = ()
 
 
+NEEDS_LESS = "fewer workers (--jobs) or smaller units (fewer samples or cells) need less"
+"""Remedy for too little memory."""
+
+
 class Death(NamedTuple):
     """Result of a task whose worker died, or had too little memory."""
 
@@ -111,7 +115,7 @@ def attempt(number: int, function: Callable[..., R], *arguments: object) -> tupl
     try:
         return number, function(*arguments)
     except MemoryError as error:
-        return number, Death(str(error) or "out of memory")
+        return number, Death(f"out of memory{f' ({error})' if str(error) else ''}: {NEEDS_LESS}")
     except Exception as error:
         return number, error
 

@@ -9,8 +9,8 @@ import pytest
 from study.analysis import claims
 from study.report import commands
 from study.runs import kept
-from study.runs.storage.lock import holder
-from study.runs.storage.run_folder import Run
+from study.runs.storage.lock import holder, writing
+from study.runs.storage.run_folder import Run, RunError
 
 
 def fail(*_):
@@ -101,3 +101,40 @@ def test_another_program(run, judged, monkeypatch):
     """Verdicts of other sources or libraries are judged again."""
     monkeypatch.setattr(kept, "_program", lambda: ("other",))
     assert claims.stored(run, claims.key([run])) is None
+
+
+def test_verdicts_that_cannot_be_stored_are_printed(run, capsys, files_of):
+    """While another process writes to the folder, or the disk does not let it, the work is not lost."""
+    with writing(run.folder):
+        before = files_of(run.folder)
+        with pytest.raises(RunError, match="is writing to it"):
+            commands.claims([run.folder])
+        assert files_of(run.folder) == before
+    said = capsys.readouterr().out
+    commands.claims([run.folder])
+    assert capsys.readouterr().out == said != ""
+
+
+@pytest.mark.parametrize("change", ["missing", "damaged"])
+def test_nothing_is_stored_that_no_manifest_vouches_for(run, judged, change, files_of):
+    """Without a sound manifest neither the command nor the function writes a table."""
+    path = run.folder / "manifest.json"
+    path.write_text(path.read_text(encoding="utf-8").replace("circles", "circle"), encoding="utf-8")
+    if change == "missing":
+        path.unlink()
+    before = files_of(run.folder)
+    with pytest.raises(RunError, match=f"manifest.json: {change}[^\n]*$"):
+        commands.claims([run.folder])
+    if change == "damaged":
+        with pytest.raises(RunError, match=r"manifest\.json: damaged[^\n]*$"):
+            claims.save(run, judged)
+    assert files_of(run.folder) == before
+
+
+def test_a_cost_table_that_is_missing(run, tmp_path, files_of):
+    """A table that cannot be read is one line, and nothing is written."""
+    before = files_of(run.folder)
+    for path in (tmp_path / "none.csv", tmp_path):
+        with pytest.raises(RunError, match=rf"{path}[^\n]*$"):
+            commands.claims([run.folder], path)
+    assert files_of(run.folder) == before
