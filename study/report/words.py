@@ -7,11 +7,32 @@ from collections.abc import Sequence
 from study.experiment.conditions import CONDITIONS, SAMPLES, Condition, RowValues, Value
 from study.experiment.config import Study
 from study.experiment.distributions import Distribution
+from study.figures import style
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _NARROW = "\u202f"  # narrow no-break space between thousands
 _JOINED = "\u00a0"  # no-break space
 _NUMBER = r"-?\d+\.?\d*(?:e[+-]\d+)?"
+
+_QUANTITIES = {"ratio": "error over bound", "relative": "error over radius"}
+_QUANTILES = {"median": "median", "q05": "5 % quantile of", "q95": "95 % quantile of"}
+_AMONG = {"ok": "fits that are ok", "all": "all fits"}
+TITLES = {
+    **{
+        f"{what}_{part}_{among}": f"{words} {quantity}, {fits}"
+        for what, quantity in _QUANTITIES.items()
+        for part, words in _QUANTILES.items()
+        for among, fits in _AMONG.items()
+    },
+    "far_ok": "share beyond 10 bounds, fits that are ok",
+    "far_all": "share beyond 10 bounds or not ok",
+    "axis_median_ok": "median error along the axis over bound, fits that are ok",
+    "tail_index": "Hill's index of the tail",
+    "bias": "bias along the axis over bound",
+    "rmse": "root mean square error over bound",
+    "not_ok": "share not ok",
+}
+"""Headings of columns: a few words for each measure of a summary."""
 
 
 def power_of_ten(exponent: int) -> str:
@@ -85,6 +106,12 @@ def _plain(value: float, digits: int) -> str:
     if 10.0 ** (digits - 1) <= abs(value) < 1e5:
         return count(int(float(f"{value:.{digits}g}"))) if abs(value) >= 10.0**digits else number(value, digits)
     return number(value, digits, zeros=True)
+
+
+def estimator(name: str) -> str:
+    """Name of an estimator within a sentence; one that would read as an ordinary word stands between backticks."""
+    label = style.label(name)
+    return f"`{label}`" if label[0].islower() else label
 
 
 def percent(part: int, whole: int) -> str:
