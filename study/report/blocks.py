@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar
 
-
 PRINTED = 30
 """Rows of the longest table that is printed."""
 
@@ -172,6 +171,11 @@ class Picture(Block):
     width: int
     height: int
     caption: Content
+
+    @property
+    def tall(self) -> bool:
+        """Whether it is nearly as high as wide, or higher, and so needs more of a sheet of paper."""
+        return self.height > 0.9 * self.width
 
 
 @dataclass(frozen=True)

@@ -166,7 +166,7 @@ def embedded(name: str, data: bytes, alt: str, caption: Content) -> Picture:
 
 
 def described(figure: FigureModule) -> tuple[str, str]:
-    """First paragraph of a figure's docstring and its advice on what to look at, "" if there is none; code in backticks."""
+    """First paragraph of a figure's docstring and its advice on what to look at, "" if none; code in backticks."""
     paragraphs = [" ".join(part.split()) for part in re.split(r"\n\s*\n", inspect.getdoc(figure) or "")]
     paragraphs = [part.replace("``", "`") for part in paragraphs]
     return paragraphs[0], next((part for part in paragraphs[1:] if part.startswith("Look at")), "")
