@@ -173,6 +173,11 @@ class Picture(Block):
     caption: Content
 
     @property
+    def wide(self) -> bool:
+        """Whether its letters would be too small on a phone, where it then scrolls in a box of its own."""
+        return self.width > 1000
+
+    @property
     def tall(self) -> bool:
         """Whether it is nearly as high as wide, or higher, and so needs more of a sheet of paper."""
         return self.height > 0.9 * self.width
