@@ -52,7 +52,7 @@ def speed_section(material: Material) -> Iterable[Section]:
     ]
     for group, part in material.bench.groupby("group", sort=False):
         cells = part[["what", "cost", "measured", "ratio", "aim"]].to_numpy(dtype=str).tolist()
-        rows = [Row([what, _spoken(cost, measured), ratio, aim]) for what, cost, measured, ratio, aim in cells]
+        rows = [Row([what, _spoken(cost, unit), words.readable(ratio), aim]) for what, cost, unit, ratio, aim in cells]
         head = ["What", "Cost", "Ratio", "Aim"]
         content.append(Table(f"Speed: {group}", str(group), head, rows, numeric=frozenset({1, 2})))
     yield Section("Speed", "speed", content)
