@@ -143,7 +143,7 @@ class Table(Block):
 
     @property
     def long(self) -> bool:
-        """Whether it has too many rows for paper."""
+        """True if it has too many rows for paper."""
         return len(self.rows) > PRINTED and not (self.stacked or self.prose)
 
     def __post_init__(self) -> None:
@@ -174,12 +174,12 @@ class Picture(Block):
 
     @property
     def wide(self) -> bool:
-        """Whether its letters would be too small on a phone, where it then scrolls in a box of its own."""
+        """True if its letters would be too small on a phone, where it then scrolls in a box of its own."""
         return self.width > 1000
 
     @property
     def tall(self) -> bool:
-        """Whether it is nearly as high as wide, or higher, and so needs more of a sheet of paper."""
+        """True if it is nearly as high as wide, or higher, and so needs more of a sheet of paper."""
         return self.height > 0.9 * self.width
 
 
