@@ -4,6 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar
 
+PRINTED = 30
+"""Rows of the longest table that is printed."""
+
 
 @dataclass(frozen=True)
 class Block:
@@ -94,12 +97,16 @@ class Facts(Block):
 
 @dataclass(frozen=True)
 class Folded(Block):
-    """Block that a reader can open; in print it is open if ``printed``."""
+    """Block that a reader can open; in print it is open if ``printed``, else left out.
+
+    With an ``id``, unique on the page, its summary is a heading within the section.
+    """
 
     kind: ClassVar[str] = "folded"
     summary: Content
     content: Content
     printed: bool = True
+    id: str = ""
 
 
 @dataclass(frozen=True)
@@ -120,7 +127,9 @@ class Table(Block):
         head: titles of the columns.
         rows: as many cells each as there are titles.
         numeric: numbers of the columns that hold numbers, from 0.
-        stacked: whether a narrow screen shows each row as a card; for cells of many words.
+        stacked: whether a narrow screen shows each row as a card, each cell beside its title.
+        prose: whether a narrow screen and paper show each row as a card, from the third cell on over the whole width;
+            for cells of sentences.
     """
 
     kind: ClassVar[str] = "table"
@@ -130,6 +139,12 @@ class Table(Block):
     rows: Sequence[Row]
     numeric: frozenset[int] = frozenset()
     stacked: bool = False
+    prose: bool = False
+
+    @property
+    def long(self) -> bool:
+        """True if it has too many rows for paper."""
+        return len(self.rows) > PRINTED and not (self.stacked or self.prose)
 
     def __post_init__(self) -> None:
         """Refuse rows that do not fit the head, which would shift columns silently."""
@@ -157,11 +172,28 @@ class Picture(Block):
     height: int
     caption: Content
 
+    @property
+    def wide(self) -> bool:
+        """True if its letters would be too small on a phone, where it then scrolls in a box of its own."""
+        return self.width > 1000
+
+    @property
+    def tall(self) -> bool:
+        """True if it is nearly as high as wide, or higher, and so needs more of a sheet of paper."""
+        return self.height > 0.9 * self.width
+
 
 @dataclass(frozen=True)
 class Section:
-    """A part of the page with an entry in its table of contents."""
+    """A part of the page, with an entry in its table of contents if ``listed``, and on paper if ``printed``."""
 
     title: str
     id: str
     content: Sequence[Block]
+    listed: bool = True
+    printed: bool = True
+
+
+def coded(text: str) -> list[str | Block]:
+    """Text with the parts between backticks as code."""
+    return [InlineCode(part) if i % 2 else part for i, part in enumerate(text.split("`"))]

@@ -21,6 +21,7 @@ from study.report.blocks import (
     Section,
     Table,
     Text,
+    coded,
 )
 from study.report.material import Material
 from study.report.overview import run_id
@@ -54,12 +55,12 @@ def _claims(material: Material, claims: pd.DataFrame) -> Iterable[Block]:
         head = ["No.", "§", "The paper says", "Found"]
         rows = [_judged(row, material) for row in judged.rename(columns={"name": "claim"}).itertuples()]
         caption = "Each verdict is computed from numbers with their Monte-Carlo errors, by the rule given with them."
-        yield Table("The paper's claims and what was found", caption, head, rows, stacked=True)
+        yield Table("The paper's claims and what was found", caption, head, rows, prose=True)
     if not rest.empty:
         rows = [
-            Row([str(r.number), str(r.section), str(r.statement), _coded(str(r.finding))]) for r in rest.itertuples()
+            Row([str(r.number), str(r.section), str(r.statement), coded(str(r.finding))]) for r in rest.itertuples()
         ]
-        table = Table("Claims not evaluated", "", ["No.", "§", "Claim", "Why not"], rows, stacked=True)
+        table = Table("Claims not evaluated", "", ["No.", "§", "Claim", "Why not"], rows, prose=True)
         title = f"{len(rows)} claim{'s' * (len(rows) > 1)} not evaluated, and why"
         yield from _missing(rest, judged, material)
         yield Folded(title, table)
@@ -100,7 +101,7 @@ def _judged(row: Any, material: Material) -> Row:
     verdict = str(row.verdict)
     found: list[str | Block] = [
         Text([_badge(verdict, verdict)]),
-        Text(answer(str(row.claim), verdict, str(row.finding))),
+        Text(coded(answer(str(row.claim), verdict, str(row.finding)))),
         Folded("Numbers and rule", [numbers, rule]),
     ]
     cells: list[Content] = [str(row.number), str(row.section), str(row.statement), found]
@@ -129,8 +130,3 @@ def _missing(rest: pd.DataFrame, judged: pd.DataFrame, material: Material) -> It
 
 def _reads(claims: pd.DataFrame) -> list[str]:
     return [part for cell in claims["reads"] for part in str(cell).split(", ")]
-
-
-def _coded(text: str) -> list[str | Block]:
-    """Text with the parts between backticks as code."""
-    return [InlineCode(part) if i % 2 else part for i, part in enumerate(text.split("`"))]

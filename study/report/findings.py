@@ -10,7 +10,6 @@ import pandas as pd
 
 from study.analysis.claims.claim import Verdict
 from study.estimators.registry import ESTIMATORS
-from study.figures import style
 from study.figures.fig_efficiency import EfficiencyFrame
 from study.report import words
 from study.report.answers import parts, power, times
@@ -27,8 +26,8 @@ class Headline:
     """One of the findings.
 
     Attributes:
-        head: the finding, in a few words.
-        rest: the numbers behind it.
+        head: the finding, in a few words; what stands between backticks is code.
+        rest: the numbers behind it, likewise.
         claim: number of the claim that it is taken from; 0 for none.
     """
 
@@ -125,10 +124,10 @@ def _instead(efficiency: EfficiencyFrame | None) -> Iterator[Headline]:
     beside = [name for name in ("ugdk", "mle", "gdke") if name in found.index and name != first]
     cells = len(curves[["angle", "level"]].drop_duplicates())
     yield Headline(
-        f"Use the estimator {style.label(first)}{' instead' if 'ugdk' in found.index else ''}.",
+        f"Use the estimator {words.estimator(first)}{' instead' if 'ugdk' in found.index else ''}.",
         f"It does not need the noise level. Over {cells} conditions with {words.count(efficiency.samples)} points and "
         f"noise below the radius, its median error is on average {_three(found[first])} times the least of all "
-        "estimators" + "".join(f", {style.label(name)}'s {_three(found[name])} times" for name in beside) + ".",
+        "estimators" + "".join(f", {words.estimator(name)}'s {_three(found[name])} times" for name in beside) + ".",
     )
 
 
@@ -156,7 +155,7 @@ def _reached(efficiency: EfficiencyFrame | None) -> Iterator[Headline]:
         "What can be reached lies above the Cramér-Rao bound where noise is large.",
         f"On a cap of {angle:g}° with noise of {words.number(at['level'], 2)}\u00a0r the attainable bound, which does "
         f"not take the directions as known, is {times(at['ratio'])} the Cramér-Rao bound"
-        + "".join(f"; {style.label(name)} reaches {times(here[name])}" for name in beside)
+        + "".join(f"; {words.estimator(name)} reaches {times(here[name])}" for name in beside)
         + ".",
     )
 

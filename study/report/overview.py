@@ -2,9 +2,8 @@
 
 from collections.abc import Iterable
 
-from study.figures import style
 from study.report import words
-from study.report.blocks import InlineCode, Link, Note, Row, Section, Table
+from study.report.blocks import InlineCode, Link, Note, Row, Section, Table, coded
 from study.report.material import Material, Record
 
 _HEAD = ["Run", "Design", "Estimators", "Trials", "Samples", "Seed", "Computed on", "Seconds", "Workers"]
@@ -32,7 +31,7 @@ def _row(record: Record) -> Row:
         [
             [Link(record.name, run_id(record)), Note(["of the config ", InlineCode(study.name)])],
             f"{words.dimension(study)}; {words.design(study)}{law}",
-            ", ".join(style.label(name) for name in record.estimators),
+            coded(", ".join(map(words.estimator, record.estimators))),
             words.count(record.trials),
             words.count(record.samples) if record.samples < 1_000_000 else words.number(record.samples),
             str(study.seed),

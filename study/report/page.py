@@ -8,7 +8,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from study.figures.failure import gathered
-from study.report.blocks import Block, Folded, Items, Section, Text
+from study.report.blocks import Block, Folded, Items, Section, Text, coded
 from study.report.claims import claims_section, tally
 from study.report.explorer import explorer_section
 from study.report.explorer.section import digests
@@ -77,6 +77,7 @@ def render(runs: Sequence[Run], claims: pd.DataFrame, bench: pd.DataFrame | None
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
+    environment.filters["coded"] = coded
     return environment.get_template("template.html").render(
         names=", ".join(record.name for record in material.records),
         sets=count(sum(record.trials for record in material.records)),

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from study.figures import FIGURES, FigureModule, KeptPictures, NotApplicable, Tables, style
 from study.figures.failure import failure
 from study.figures.fig_efficiency import EfficiencyFrame
-from study.report.blocks import Content, InlineCode, Link, Picture, Text
+from study.report.blocks import Content, InlineCode, Link, Picture, Text, coded
 from study.report.drawing import Artist
 from study.report.findings import nearest_cap
 from study.report.words import count
@@ -154,8 +154,8 @@ def _drawn(name: str, frame: Any) -> bytes | str:
 def picture(name: str, figure: FigureModule, data: bytes, run: str) -> Picture:
     """A figure's PNG with its title, its advice and the name of the run as caption."""
     title, look = described(figure)
-    caption = [Text(title), *([Text(look)] if look else []), Text([InlineCode(name), f", run {run}"])]
-    return embedded(name, data, f"{title} Run {run}.", caption)
+    caption = [Text(coded(title)), *([Text(coded(look))] if look else []), Text([InlineCode(name), f", run {run}"])]
+    return embedded(name, data, f"{title} Run {run}.".replace("`", ""), caption)
 
 
 def embedded(name: str, data: bytes, alt: str, caption: Content) -> Picture:
@@ -166,7 +166,7 @@ def embedded(name: str, data: bytes, alt: str, caption: Content) -> Picture:
 
 
 def described(figure: FigureModule) -> tuple[str, str]:
-    """First paragraph of a figure's docstring and its advice on what to look at; "" if there is none."""
+    """First paragraph of a figure's docstring and its advice on what to look at, "" if none; code in backticks."""
     paragraphs = [" ".join(part.split()) for part in re.split(r"\n\s*\n", inspect.getdoc(figure) or "")]
-    paragraphs = [part.replace("``", "") for part in paragraphs]
+    paragraphs = [part.replace("``", "`") for part in paragraphs]
     return paragraphs[0], next((part for part in paragraphs[1:] if part.startswith("Look at")), "")

@@ -11,7 +11,7 @@ from study.report import words
 from study.report.blocks import Block, Folded, Heading, Note, Row, Section, Table, Text
 from study.report.material import Material, Record
 
-_LONG = 60
+_LONG = 20
 
 
 def posterior_section(material: Material) -> Iterable[Section]:

@@ -35,18 +35,22 @@ _TOO_LONG = 1000
 
 def run_section(record: Record) -> Section:
     """Section with all tables of a run."""
-    parts = {
+    shown = {
         "Error against the bound": ("efficiency", efficiency),
         **({"Trials by need": ("precision", precision)} if record.run.has("precision") else {}),
+    }
+    folded = {
         "How the fits ended": ("status", statuses),
         "The worst trials": ("worst", worst_trials),
         "Time": ("time", times),
         "Provenance": ("provenance", provenance),
     }
     content: list[Block] = []
-    for title, (name, make) in parts.items():
+    for title, (name, make) in shown.items():
         content += [Heading(title, f"{name}-{record.name}"), *make(record)]
-    return Section(f"Run {record.name}", run_id(record), content)
+    for title, (name, make) in folded.items():
+        content.append(Folded(title, make(record), printed=False, id=f"{name}-{record.name}"))
+    return Section(f"Run {record.name}", run_id(record), content, listed=False)
 
 
 def efficiency(record: Record) -> list[Block]:

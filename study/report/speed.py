@@ -5,11 +5,14 @@ from pathlib import Path
 
 import pandas as pd
 
+from study.report import words
 from study.report.blocks import Block, Row, Section, Table, Text
 from study.report.material import Material
 from study.runs.storage.atomic_write import RunError
 
 COLUMNS = ("group", "what", "cost", "measured", "ratio", "aim", "machine")
+
+_TIMES = ((1e9, "s"), (1e6, "ms"), (1e3, "µs"))
 
 
 def read_bench(path: Path) -> pd.DataFrame:
@@ -27,6 +30,15 @@ def read_bench(path: Path) -> pd.DataFrame:
     return found
 
 
+def _spoken(cost: str, unit: str) -> str:
+    """A cost in the unit that suits it: 8.69e+06 ns are 8.69 ms."""
+    if unit != "ns":
+        return f"{cost}{words.JOINED}{unit}"
+    value = float(cost)
+    size, name = next((pair for pair in _TIMES if value >= pair[0]), (1.0, "ns"))
+    return f"{words.timed(value / size)}{words.JOINED}{name}"
+
+
 def speed_section(material: Material) -> Iterable[Section]:
     """Section with a table per group of benchmarks; empty if there are none."""
     if material.bench is None:
@@ -40,7 +52,7 @@ def speed_section(material: Material) -> Iterable[Section]:
     ]
     for group, part in material.bench.groupby("group", sort=False):
         cells = part[["what", "cost", "measured", "ratio", "aim"]].to_numpy(dtype=str).tolist()
-        rows = [Row([what, f"{cost} {measured}", ratio, aim]) for what, cost, measured, ratio, aim in cells]
+        rows = [Row([what, _spoken(cost, unit), words.readable(ratio), aim]) for what, cost, unit, ratio, aim in cells]
         head = ["What", "Cost", "Ratio", "Aim"]
         content.append(Table(f"Speed: {group}", str(group), head, rows, numeric=frozenset({1, 2})))
     yield Section("Speed", "speed", content)

@@ -7,11 +7,32 @@ from collections.abc import Sequence
 from study.experiment.conditions import CONDITIONS, SAMPLES, Condition, RowValues, Value
 from study.experiment.config import Study
 from study.experiment.distributions import Distribution
+from study.figures import style
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _NARROW = "\u202f"  # narrow no-break space between thousands
-_JOINED = "\u00a0"  # no-break space
+JOINED = "\u00a0"  # no-break space
 _NUMBER = r"-?\d+\.?\d*(?:e[+-]\d+)?"
+
+_QUANTITIES = {"ratio": "error over bound", "relative": "error over radius"}
+_QUANTILES = {"median": "median", "q05": "5 % quantile of", "q95": "95 % quantile of"}
+_AMONG = {"ok": "ok fits", "all": "all fits"}
+TITLES = {
+    **{
+        f"{what}_{part}_{among}": f"{words} {quantity}, {fits}"
+        for what, quantity in _QUANTITIES.items()
+        for part, words in _QUANTILES.items()
+        for among, fits in _AMONG.items()
+    },
+    "far_ok": "share beyond 10 bounds, ok fits",
+    "far_all": "share beyond 10 bounds or not ok",
+    "axis_median_ok": "median error along the axis over bound, ok fits",
+    "tail_index": "Hill's index of the tail",
+    "bias": "bias along the axis over bound",
+    "rmse": "root mean square error over bound",
+    "not_ok": "share not ok",
+}
+"""Headings of columns: a few words for each measure of a summary."""
 
 
 def power_of_ten(exponent: int) -> str:
@@ -36,7 +57,7 @@ def number(value: float, digits: int = 3, zeros: bool = False) -> str:
     if not power:
         return mantissa
     ten = power_of_ten(int(power))
-    return ten if mantissa == "1" else f"{mantissa}{_JOINED}×{_JOINED}{ten}"
+    return ten if mantissa == "1" else f"{mantissa}{JOINED}×{JOINED}{ten}"
 
 
 def timed(value: float) -> str:
@@ -63,7 +84,7 @@ def measured(value: float, error: float) -> str:
     if not math.isfinite(value) or math.isnan(error) or error == 0.0:
         return number(value)
     if math.isinf(error):
-        return f"{number(value)} ±{_JOINED}∞"
+        return f"{number(value)} ±{JOINED}∞"
     top = math.floor(math.log10(max(abs(value), error)))
     place = math.floor(math.log10(error)) - 1
     place = max(min(place, top), top - 5)
@@ -73,9 +94,9 @@ def measured(value: float, error: float) -> str:
     shown = f"{value * scale:.{decimals}f}".replace("-", "−")
     beside = f"{error * scale:.{decimals}f}"
     if abs(value) < error or float(beside) == 0.0:  # the two have no digit in common
-        return f"{_plain(value, 6 if error < abs(value) else 2)} ±{_JOINED}{_plain(error, 2)}"
-    both = f"{shown} ±{_JOINED}{beside}"
-    return f"({both}){_JOINED}×{_JOINED}{power_of_ten(power)}" if power else both
+        return f"{_plain(value, 6 if error < abs(value) else 2)} ±{JOINED}{_plain(error, 2)}"
+    both = f"{shown} ±{JOINED}{beside}"
+    return f"({both}){JOINED}×{JOINED}{power_of_ten(power)}" if power else both
 
 
 def _plain(value: float, digits: int) -> str:
@@ -87,13 +108,19 @@ def _plain(value: float, digits: int) -> str:
     return number(value, digits, zeros=True)
 
 
+def estimator(name: str) -> str:
+    """Name of an estimator within a sentence; one that would read as an ordinary word stands between backticks."""
+    label = style.label(name)
+    return f"`{label}`" if label[0].islower() else label
+
+
 def percent(part: int, whole: int) -> str:
     """Format a share in per cent; only exact 0 and 1 give 0 % and 100 %."""
     if 0 < part < 0.001 * whole:
-        return f"<{_JOINED}0.1{_JOINED}%"
+        return f"<{JOINED}0.1{JOINED}%"
     if 0.999 * whole < part < whole:
-        return f">{_JOINED}99.9{_JOINED}%"
-    return f"{number(100.0 * part / whole)}{_JOINED}%"
+        return f">{JOINED}99.9{JOINED}%"
+    return f"{number(100.0 * part / whole)}{JOINED}%"
 
 
 def moment(text: str) -> str:
@@ -102,13 +129,13 @@ def moment(text: str) -> str:
 
 
 def _joined(found: re.Match[str]) -> str:
-    return measured(float(found[1]), float(found[2])).replace(" ", _JOINED)
+    return measured(float(found[1]), float(found[2])).replace(" ", JOINED)
 
 
 def readable(text: str) -> str:
     """Rewrite numbers within a program's text (1.2e-05, -3) with powers of ten and true minus signs."""
     text = re.sub(rf"(?<![\w.)\]])({_NUMBER}) ± ({_NUMBER})", _joined, text)
-    text = re.sub(r"(?<=\d)e([+-]\d+)\b", lambda found: f"{_JOINED}×{_JOINED}{power_of_ten(int(found[1]))}", text)
+    text = re.sub(r"(?<=\d)e([+-]\d+)\b", lambda found: f"{JOINED}×{JOINED}{power_of_ten(int(found[1]))}", text)
     return re.sub(r"(?<![\w.)\]-])-(?=[\d.])", "−", text)
 
 
@@ -140,7 +167,7 @@ def design(study: Study) -> str:
     """Sentence that describes a study's design."""
     made = study.design
     given = [(CONDITIONS[name], entry) for name, entry in made.given().items()]
-    values = "; ".join(f"{c.symbol}{_JOINED}{_entry(entry, c.mark)}" for c, entry in given)
+    values = "; ".join(f"{c.symbol}{JOINED}{_entry(entry, c.mark)}" for c, entry in given)
     if made.one_trial_a_cell:
         return f"{count(made.trials)} trials, each with conditions of its own: {values}"
     cells, most = study.cells(), "up to " if study.precision is not None else ""
@@ -155,19 +182,19 @@ def design(study: Study) -> str:
 def _entry(entry: tuple[Value, ...] | Distribution, mark: str) -> str:
     """An axis of a grid, or a law of a random design."""
     if isinstance(entry, tuple):
-        return f"={_JOINED}{_values(entry, mark)}"
+        return f"={JOINED}{_values(entry, mark)}"
     values = entry.possible()
     if entry.continuous:
         low, high = (exactly(value) + mark for value in values)
-        return f"{entry.name} from{_JOINED}{low} to{_JOINED}{high}"
-    return f"={_JOINED}{exactly(values[0])}{mark}" if len(values) == 1 else f"one of {_values(values, mark)}"
+        return f"{entry.name} from{JOINED}{low} to{JOINED}{high}"
+    return f"={JOINED}{exactly(values[0])}{mark}" if len(values) == 1 else f"one of {_values(values, mark)}"
 
 
 def _values(values: Sequence[Value], mark: str) -> str:
     if len(values) <= 6:
         return ", ".join(_exactly(v) + mark for v in values)
     first = ", ".join(_nearly(v) + mark for v in values[:3])
-    return f"{first}, …, {_nearly(values[-1])}{mark} ({len(values)}{_JOINED}values)"
+    return f"{first}, …, {_nearly(values[-1])}{mark} ({len(values)}{JOINED}values)"
 
 
 def _exactly(value: Value) -> str:

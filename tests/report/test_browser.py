@@ -1,10 +1,15 @@
 """The page in a real browser: silent, complete, without a request, within its width on a desk, a phone and paper."""
 
+import re
+
 import pytest
 
+from study.analysis.claims.claim import Verdict
+from study.figures import FIGURES
 from study.report.page import render
 
-WIDTHS = (1280, 768, 375)
+WIDTHS = (1280, 768, 390, 375)
+PHONE = 390
 PAPER = 680  # the width between the margins of an A4 page, in pixels of 1/96 inch
 
 OVERFLOW = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
@@ -61,10 +66,10 @@ def show(tab, tmp_path):
     for event, listener in listeners.items():
         tab.on(event, listener)
 
-    def shown(text, width, media="screen"):
+    def shown(text, width, media="screen", scheme="light"):
         file.write_text(text, encoding="utf-8")
         tab.set_viewport_size({"width": width, "height": 800})
-        tab.emulate_media(media=media)
+        tab.emulate_media(media=media, color_scheme=scheme)
         tab.goto(file.as_uri())
         return said
 
@@ -77,8 +82,8 @@ def show(tab, tmp_path):
 def look(tab, show):
     """All that is wrong with a page at a width, on a screen or on paper, with its details closed and open."""
 
-    def problems(text, width, media="screen"):
-        said = show(text, width, media)
+    def problems(text, width, media="screen", scheme="light"):
+        said = show(text, width, media, scheme)
         for state in ("closed", "open"):
             tab.evaluate("state => document.querySelectorAll('details').forEach(d => d.open = state == 'open')", state)
             beyond = tab.evaluate(OVERFLOW)
@@ -124,7 +129,8 @@ def test_on_paper(look, page):
 def test_wide_tables(look, many, claims, monkeypatch, width, media):
     """Nine estimators and 44 conditions scroll in their own box, on a phone, and fit on paper."""
     monkeypatch.setattr("study.report.pictures.FIGURES", {})
-    monkeypatch.setattr("study.report.results._LONG", 1000)  # not folded, so that it is printed
+    monkeypatch.setattr("study.report.results._LONG", 1000)  # not folded ...
+    monkeypatch.setattr("study.report.blocks.PRINTED", 1000)  # ... and printed
     assert look(render([many], claims), width, media) == []
 
 
@@ -132,6 +138,68 @@ def test_wide_tables(look, many, claims, monkeypatch, width, media):
 def test_long_words(look, long_words, width, media):
     """Names, paths and words of any length stay within the page."""
     assert look(long_words, width, media) == []
+
+
+@pytest.mark.parametrize("width", [1280, PHONE])
+def test_dark(tab, look, page, until, width):
+    """For those who ask for dark pages it is dark, its text can be read, and pictures stand on white as on paper."""
+    assert look(page, width, scheme="dark") == []
+    until(tab, "!document.getElementById('explorer-body').hidden")
+    assert tab.evaluate(FAINT) == []  # the explorer's words, too
+    behind = "e => getComputedStyle(e).backgroundColor"
+    assert max(map(int, re.findall(r"\d+", tab.locator("html").evaluate(behind)))) < 40
+    for picture in ("img", ".chart"):
+        assert tab.locator(picture).first.evaluate(behind) == "rgb(255, 255, 255)"
+    tab.emulate_media(media="print", color_scheme="dark")
+    assert tab.locator("html").evaluate(behind) == "rgb(255, 255, 255)"
+
+
+@pytest.mark.parametrize("variable", ["ink", "quiet", "link", "good", "partly", "bad", "untested"])
+def test_a_faint_colour_in_the_dark_is_seen(look, page, variable):
+    """Each colour of text is checked against what is behind it: a dark one is complained of."""
+    before, dark, after = page.partition("(prefers-color-scheme: dark)")
+    faint = re.sub(rf"--{variable}: #\w+;", f"--{variable}: #4a4a4a;", after, count=1)
+    assert faint != after
+    assert any("faint: " in line for line in look(before + dark + faint, PHONE, scheme="dark"))
+
+
+@pytest.fixture(scope="module")
+def whole(circles, random, many, make_claims):
+    """A page as long as that of the paper's study: 23 claims with texts as long as theirs, twelve figures."""
+    words = "of the median error over the Cramér-Rao bound "
+    finding = "\n".join(f"number {i} {words}: 0.25 ± 0.01" for i in range(6))
+    said = {"finding": finding, "criterion": 7 * words, "remark": 7 * words, "quantity": words, "statement": 3 * words}
+    claims = make_claims(*((Verdict.PARTLY, said) for _ in range(23)))
+    with pytest.MonkeyPatch.context() as patch:
+        figures = {f"figure_{i}": FIGURES["fig3_gdke_ellipse"] for i in range(12)}
+        patch.setattr("study.report.pictures.FIGURES", figures)
+        return render([circles, random, many], claims)
+
+
+def test_claims_on_a_phone(tab, show, whole):
+    """An answer has the width of the screen, not of a column; no claim, and not the page, is a scroll without end."""
+    show(whole, PHONE)
+    widths = tab.evaluate("[...document.querySelectorAll('[id^=claim-] td:last-child p')].map(p => p.clientWidth)")
+    assert len(widths) >= 2 * 23
+    assert min(widths) > 340
+    assert max(tab.evaluate("[...document.querySelectorAll('[id^=claim-]')].map(r => r.clientHeight)")) < 400
+    assert tab.evaluate("document.documentElement.scrollHeight") < 30_000
+
+
+def test_figures_on_a_phone(tab, show, whole):
+    """Letters of 8 points in a figure 6.8 inches wide are not shrunk below 7; its box scrolls."""
+    show(whole, PHONE)
+    shown = tab.evaluate("[...document.querySelectorAll('main figure img')].map(i => i.clientWidth / 96)")
+    assert len(shown) == 12
+    assert 8 * min(shown) / 6.8 > 7
+    assert tab.evaluate("[...document.querySelectorAll('.framed')].every(e => e.clientWidth < 390)")
+
+
+def test_pages_of_paper(tab, show, whole):
+    """The study is printed on at most twenty pages of A4, claims with their numbers and rules."""
+    show(whole, 1280)
+    pdf = tab.pdf(format="A4", prefer_css_page_size=True)
+    assert 10 < len(re.findall(rb"/Type\s*/Page\b", pdf)) <= 20
 
 
 def test_details_on_paper(tab, show, page):
@@ -165,7 +233,7 @@ def test_by_keyboard(tab, show, page, wait_for):
         (".scroll { overflow-x: auto;", ".scroll { overflow-x: visible;", "screen", "pixels too wide"),
         (".scroll { overflow-x: auto;", ".scroll { overflow-x: hidden;", "screen", "cut off:"),
         ('tabindex="0" aria-label="Error', 'aria-label="Error', "screen", "cut off:"),
-        ("white-space: pre-wrap;", "white-space: pre;", "print", "pixels too wide"),
+        ("width: auto; max-width: 100%;", "width: 1360px;", "print", "pixels too wide"),
         (
             "img { display: block; width: 100%;",
             "img { display: block; width: 100%; height: 9px !important;",
@@ -181,7 +249,7 @@ def test_by_keyboard(tab, show, page, wait_for):
         ),
         ("</main>", "</main>\n", "screen", None),
         ("<main>", "<main><script>1</script>", "screen", "error: "),
-        (".note { display: block; color: #595959;", ".note { display: block; color: #999999;", "screen", "faint: "),
+        (".note { display: block; color: var(--quiet);", ".note { display: block; color: #999;", "screen", "faint: "),
     ],
 )
 def test_the_checks_see(look, page, old, new, media, complaint):

@@ -184,7 +184,7 @@ def test_a_view_can_be_linked(opened, many):
     assert not tab.is_checked("#explorer-ylog")
     assert tab.evaluate(POINTS) == 22
     assert tab.inner_text("#explorer-count") == "22 rows"
-    assert tab.locator("#explorer-table th[aria-sort=descending]").inner_text().startswith("far_all")
+    assert tab.locator("#explorer-table th[aria-sort=descending]").inner_text().startswith("share beyond 10 bounds")
     assert tab.evaluate("document.getElementById('explorer').getBoundingClientRect().top") < 900
     tab = opened("#explorer?run=gone&y=gone&x=gone&facet=gone")
     assert tab.evaluate(POINTS) > 0
@@ -286,10 +286,11 @@ def test_widths(opened, width):
 
 
 def test_on_paper(opened):
-    """The chart is printed, the controls are not."""
+    """What needs a reader's hand is left out."""
     tab = opened()
     tab.emulate_media(media="print")
-    assert tab.locator("#explorer-chart svg").is_visible()
-    assert not tab.locator("#explorer-run").is_visible()
-    assert not tab.locator("#explorer-table").is_visible()
+    assert not tab.locator("#explorer").is_visible()
+    assert not tab.locator("#explorer-chart svg").is_visible()
+    assert tab.locator("#figures").is_visible()
+    assert tab.locator("header .unprinted").is_visible()
     assert tab.pdf(format="A4").startswith(b"%PDF")

@@ -1,5 +1,6 @@
 """The top of the page: findings and answers say what the numbers say, whatever they are."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -12,6 +13,7 @@ from study.figures.fig_efficiency import EfficiencyFrame
 from study.report import findings as found
 from study.report import words
 from study.report.answers import ANSWERS, answer, parts, power, times
+from study.report.blocks import InlineCode, coded
 from study.report.pictures import draw_lead
 
 
@@ -107,6 +109,16 @@ def test_the_main_claim_comes_first(efficiency, verdict, says):
     assert "noise of 0.3\u00a0r the attainable bound" in third.rest
     assert "is 2.0\u00a0times the Cramér-Rao bound; UGDK reaches 6.0\u00a0times." in third.rest
     assert last.head == "MLE's outliers do not come from other minima."
+
+
+def test_a_name_that_is_a_word_is_code(efficiency):
+    """In the finding, and on the page between its own tags."""
+    curves = efficiency.curves.assign(estimator=efficiency.curves["estimator"].replace("mle", "corrected"))
+    claims = pd.DataFrame(columns=["number", "name", "verdict", "finding"])
+    first, reached = found.findings(claims, dataclasses.replace(efficiency, curves=curves))
+    assert first.head == "Use the estimator `corrected` instead."
+    assert "`corrected` reaches" in reached.rest
+    assert coded(first.head) == ["Use the estimator ", InlineCode("corrected"), " instead."]
 
 
 def test_findings_without_tables(efficiency):

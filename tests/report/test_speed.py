@@ -31,9 +31,22 @@ def test_a_table_for_each_group(stored):
     assert [table.caption for table in tables] == ["loop, per sample", "memory"]
     assert all(isinstance(table, Table) for table in tables)
     assert [list(row.cells) for row in tables[0].rows] == [
-        ["filling memory", "36.2 ns", "1", ""],
-        ["ours", "33.7 ns", "0.931", "≤ 1"],
+        ["filling memory", "36.2\u00a0ns", "1", ""],
+        ["ours", "33.7\u00a0ns", "0.931", "≤ 1"],
     ]
+
+
+def test_costs_in_units_that_suit_them(tmp_path):
+    """Nanoseconds become seconds where they are so many; other units stay."""
+    lines = [
+        ROWS.splitlines()[0],
+        *(f"times,{n},{n},ns,{n},,Some CPU" for n in ("0.327", "5931", "5.584e+07", "5.2e+10")),
+    ]
+    (tmp_path / "bench.csv").write_text("\n".join([*lines, "times,memory,383.2,MB,,,Some CPU", ""]), encoding="utf-8")
+    (section,) = speed_section(Material([], None, {}, {}, None, [], read_bench(tmp_path / "bench.csv")))
+    rows = [[str(cell).replace("\u00a0", " ") for cell in row.cells] for row in section.content[1].rows]
+    assert [row[1] for row in rows] == ["0.327 ns", "5.93 µs", "55.8 ms", "52.0 s", "383.2 MB"]
+    assert [row[2] for row in rows] == ["0.327", "5931", "5.584 × 10⁷", "5.2 × 10¹⁰", ""]
 
 
 def test_no_table_no_section():

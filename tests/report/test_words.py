@@ -4,6 +4,7 @@ import pytest
 
 from study.experiment.config import parse
 from study.report import words
+from study.statistics.performance import MEASURES
 
 
 def plain(text):
@@ -146,3 +147,21 @@ def test_design(design, expected):
 def test_exactly(value, expected):
     """No digit of a config's number is lost."""
     assert plain(words.exactly(value)) == expected
+
+
+def test_every_measure_has_a_heading():
+    """In words, no two alike, and short enough for a column."""
+    assert set(words.TITLES) == {*MEASURES, "not_ok"}
+    assert len(set(words.TITLES.values())) == len(words.TITLES)
+    assert all("_" not in title and len(title) < 60 for title in words.TITLES.values())
+
+
+def test_names_of_estimators_in_a_sentence():
+    """A name that is an ordinary word is code; "use the estimator corrected" could be misread."""
+    assert [words.estimator(name) for name in ("corrected", "robust", "mle", "taubin", "my_own")] == [
+        "`corrected`",
+        "`robust`",
+        "MLE",
+        "Taubin",
+        "`my_own`",
+    ]

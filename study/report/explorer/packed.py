@@ -122,7 +122,8 @@ def _measures(frame: pd.DataFrame) -> Iterable[str]:
 
 def _measure(name: str, meaning: str, values: Iterable[float], errors: Iterable[float]) -> str:
     both = f'"values": {_numbers(values, _DIGITS)}, "errors": {_numbers(errors, _ERROR_DIGITS)}'
-    return json.dumps({"name": name, "meaning": meaning[0].upper() + meaning[1:]})[:-1] + f", {both}}}"
+    known = {"name": name, "title": words.TITLES[name], "meaning": meaning[0].upper() + meaning[1:]}
+    return json.dumps(known)[:-1] + f", {both}}}"
 
 
 def _numbers(values: Iterable[float], digits: int) -> str:

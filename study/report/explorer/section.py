@@ -44,7 +44,7 @@ class Explorer(Block):
 def explorer_section(material: Material) -> Iterable[Section]:
     """Section in which every row of the runs' summaries can be searched and drawn."""
     tables = [RunTable(record.name, packed(record)) for record in material.records]
-    yield Section("Explore every number", "explorer", [Explorer(tables, *map(Markup, scripts()))])
+    yield Section("Explore every number", "explorer", [Explorer(tables, *map(Markup, scripts()))], printed=False)
 
 
 @cache
