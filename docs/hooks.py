@@ -22,6 +22,7 @@ LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\((?!\w+:|#)([^)\s#]+)(#[^)
 FORMULA = re.compile(r"^```math\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 ELSEWHERE = re.compile(r"<(?:script|img|iframe|source|link(?! rel=\"?canonical))\b[^>]*?(?:src|href)=[\"']?(?:https?:)?//[^>]*>")
 """Tags by which a page would ask another server."""
+SCRIPT = re.compile(r"(`[^`]*`)|_\{(.*?)\}|_([A-Za-z0-9]+)|\^\{(.*?)\}|\^(-?[A-Za-z0-9]+)")
 _COMMAND = []
 
 
@@ -65,7 +66,9 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
             return f"{mark}[{text}]({name}{anchor})"
         return text if os.path.exists(ROOT / place) else found[0]
 
-    found = FORMULA.sub(_typeset, LINK.sub(within, markdown))
+    found = LINK.sub(within, markdown)
+    if page.file.src_uri == "theory.md":
+        found = FORMULA.sub(_typeset, "".join(map(_scripts, re.split(r"(^```.*?^```$)", found, flags=re.M | re.S))))
     return found + _directives(markdown) if page.file.src_uri == "api.md" else found
 
 
@@ -84,6 +87,17 @@ def _typeset(formula: re.Match[str]) -> str:
         shown = convert(row.replace(tag[0], "") if tag else row.strip(), display="block")
         lines.append(f"<div>{shown}<span>{f'({tag[1]})' if tag else ''}</span></div>")
     return f'<div class="formula">{"".join(lines)}</div>'
+
+
+def _scripts(text: str) -> str:
+    """A text with its indices (C_N) and exponents (e^-k) set as such; code and displayed formulas as they are."""
+
+    def shown(part: re.Match[str]) -> str:
+        code, *written = part.groups(default="")
+        low, high = "".join(written[:2]), "".join(written[2:])
+        return code or (f"<sub>{low}</sub>" if low else f"<sup>{high}</sup>")
+
+    return text if text.startswith("```") else SCRIPT.sub(shown, text)
 
 
 def _directives(markdown: str) -> str:
