@@ -20,7 +20,7 @@ SHOWN = ["figures/*.png", "configs/*.toml", "results/*.csv", "CONTRIBUTING.md", 
 """Files outside of docs/ that the site has, under the same names."""
 LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\((?!\w+:|#)([^)\s#]+)(#[^)\s]*)?\)")
 FORMULA = re.compile(r"^```math\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-ELSEWHERE = re.compile(r"<(?:script|img|iframe|source|link(?! rel=\"?canonical))\b[^>]*?(?:src|href)=[\"']?(?:https?:)?//[^>]*>")
+ELSEWHERE = re.compile(r"<(?:script|img|iframe|source|link)\b[^>]*?(?:src|href)=[\"']?(?:https?:)?//[^>]*>")
 """Tags by which a page would ask another server."""
 SCRIPT = re.compile(r"(`[^`]*`)|_\{(.*?)\}|_([A-Za-z0-9]+)|\^\{(.*?)\}|\^(-?[A-Za-z0-9]+)")
 _COMMAND = []

@@ -56,7 +56,7 @@ def test_the_site_lists_every_page():
 
 
 def test_the_readme_is_short_and_shows_a_picture_after_the_commands():
-    """At most 150 lines; the commands, with and without make, come before the first picture, and what was found after it."""
+    """At most 150 lines; the commands come before the first picture, and what was found after it."""
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     assert len(text.splitlines()) <= 150
     order = ["    make paper", "    pip install .", "    study fit points.csv", "![", "## What was found"]
