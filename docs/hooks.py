@@ -8,6 +8,7 @@ from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
 
+from latex2mathml.converter import convert
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.exceptions import PluginError
 from mkdocs.structure.files import File, Files
@@ -18,6 +19,10 @@ ROOT = DOCS.parent
 SHOWN = ["figures/*.png", "configs/*.toml", "results/*.csv", "CONTRIBUTING.md", "CHANGELOG.md"]
 """Files outside of docs/ that the site has, under the same names."""
 LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\((?!\w+:|#)([^)\s#]+)(#[^)\s]*)?\)")
+FORMULA = re.compile(r"^```math\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+ELSEWHERE = re.compile(r"<(?:script|img|iframe|source|link)\b[^>]*?(?:src|href)=[\"']?(?:https?:)?//[^>]*>")
+"""Tags by which a page would ask another server."""
+SCRIPT = re.compile(r"(`[^`]*`)|_\{(.*?)\}|_([A-Za-z0-9]+)|\^\{(.*?)\}|\^(-?[A-Za-z0-9]+)")
 _COMMAND = []
 
 
@@ -62,7 +67,37 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
         return text if os.path.exists(ROOT / place) else found[0]
 
     found = LINK.sub(within, markdown)
+    if page.file.src_uri == "theory.md":
+        found = FORMULA.sub(_typeset, "".join(map(_scripts, re.split(r"(^```.*?^```$)", found, flags=re.M | re.S))))
     return found + _directives(markdown) if page.file.src_uri == "api.md" else found
+
+
+def on_post_page(output: str, page: Page, config: MkDocsConfig) -> str:
+    """Refuse a page that would ask another server: the site is read from a folder, without a network."""
+    if asked := ELSEWHERE.search(output):
+        raise PluginError(f"{page.file.src_uri}: asks another server: {asked[0]}")
+    return output
+
+
+def _typeset(formula: re.Match[str]) -> str:
+    """The rows of a displayed formula as MathML, with their numbers; no script is needed to show it."""
+    lines = []
+    for row in re.sub(r"\\(?:begin|end)\{gather\*\}\n", "", formula[1]).split("\\\\\n"):
+        tag = re.search(r"\\tag\{(.*?)\}", row)
+        shown = convert(row.replace(tag[0], "") if tag else row.strip(), display="block")
+        lines.append(f"<div>{shown}<span>{f'({tag[1]})' if tag else ''}</span></div>")
+    return f'<div class="formula">{"".join(lines)}</div>'
+
+
+def _scripts(text: str) -> str:
+    """A text with its indices (C_N) and exponents (e^-k) set as such; code and displayed formulas as they are."""
+
+    def shown(part: re.Match[str]) -> str:
+        code, *written = part.groups(default="")
+        low, high = "".join(written[:2]), "".join(written[2:])
+        return code or (f"<sub>{low}</sub>" if low else f"<sup>{high}</sup>")
+
+    return text if text.startswith("```") else SCRIPT.sub(shown, text)
 
 
 def _directives(markdown: str) -> str:

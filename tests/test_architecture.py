@@ -287,6 +287,7 @@ def test_cited_theory_exists():
     known = set(re.findall(r"^## (\d+) ", theory, re.MULTILINE))
     known |= set(re.findall(r"^\*\*(\d+\.\d+)\*\*", theory, re.MULTILINE))
     known |= set(re.findall(r"\((\d\.\d+)\)[.,;]?\s", theory))
+    known |= set(re.findall(r"\\tag\{(\d+\.\d+)\}", theory))
     root = THEORY.parent.parent
     pages = [*root.glob("*.md"), *root.glob("docs/*.md"), *root.glob("configs/*.toml")]
     code = [*FILES, *root.glob("tests/**/*.py"), *root.glob("benchmarks/*.py")]

@@ -53,3 +53,41 @@ def test_the_site_lists_every_page():
     """Every page of docs/ stands in the navigation, and everything there is a page."""
     listed = set(re.findall(r": ([\w-]+\.md)$", (ROOT / "mkdocs.yml").read_text(encoding="utf-8"), re.MULTILINE))
     assert listed == {path.name for path in ROOT.glob("docs/*.md")} | {"CONTRIBUTING.md", "CHANGELOG.md"}
+
+
+def test_the_readme_is_short_and_shows_a_picture_after_the_commands():
+    """At most 150 lines; the commands come before the first picture, and what was found after it."""
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert len(text.splitlines()) <= 150
+    order = ["    make paper", "    pip install .", "    study fit points.csv", "![", "## What was found"]
+    places = [text.find(part) for part in order]
+    assert -1 not in places
+    assert places == sorted(places)
+
+
+def test_the_site_names_no_other_server():
+    """Its settings take fonts, scripts and search from the site itself."""
+    settings = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
+    assert re.findall(r"https?://\S+", settings) == []
+    assert "font: false" in settings
+    assert re.search(r"^ +- offline$", settings, re.MULTILINE)
+    (script,) = re.findall(r"polyfills: \[(\S+)\]", settings)
+    assert "iframe-worker" in script  # the offline plugin takes its own from a server unless one has this name
+    assert (ROOT / "docs" / script).exists()
+
+
+def test_displayed_formulas_of_theory_are_in_latex():
+    """None is left as indented text; rows in gather* end in two backslashes, and no number stands twice."""
+    text = (ROOT / "docs" / "theory.md").read_text(encoding="utf-8")
+    assert re.findall(r"^    \S.*$", text, re.MULTILINE) == []
+    formulas = re.findall(r"^```math\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    assert formulas
+    for formula in formulas:
+        first, *rows = formula.splitlines()
+        if first == r"\begin{gather*}":
+            assert rows[-1] == r"\end{gather*}"
+            assert all(row.endswith(r"\\") for row in rows[:-2])
+        else:
+            assert rows == []
+    numbers = re.findall(r"\\tag\{(.*?)\}", text)
+    assert len(numbers) == len(set(numbers))
