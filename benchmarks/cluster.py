@@ -25,24 +25,20 @@ from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from study.text import instruction_set
+from study import instruction_set
 
 instruction_set.fix()
 
-import numpy as np  # noqa: E402
-import psutil  # noqa: E402
+import numpy as np
+import psutil
 
-from study.experiment.compute_unit import Clock, Result  # noqa: E402
-from study.experiment.config import Study, parse  # noqa: E402
-from study.experiment.designs.cells import Unit  # noqa: E402
-from study.experiment.errors import Errors  # noqa: E402
-from study.experiment.units import spans  # noqa: E402
-from study.runs import jobs, runner  # noqa: E402
-from study.runs.storage.parts import Packet, Parts  # noqa: E402
-from study.runs.workers import dask_cluster  # noqa: E402
-from study.runs.workers.backend import PER_SECOND  # noqa: E402
-from study.runs.workers.choose import Workers  # noqa: E402
-from study.runs.workers.worker_entry import Parent  # noqa: E402
+from study.simulation.experiment.compute import Clock, Errors, Result
+from study.simulation.experiment.config import Study, parse
+from study.simulation.experiment.designs import Unit
+from study.simulation.experiment.sampling import spans
+from study.simulation.runs import jobs, runner, workers
+from study.simulation.runs.parts import Packet, Parts
+from study.simulation.runs.workers import PER_SECOND, Parent, Workers
 
 RESULTS = Path(__file__).resolve().parents[1] / "results"
 CONFIG = """name = "cluster"
@@ -96,7 +92,7 @@ CASES = [Case(workers, task) for task in (0.5, 10.0) for workers in (10, 100, 10
 
 
 async def asleep(pace: float, number: int, _: Parent, call: bytes) -> tuple[int, Packet]:
-    """Sleep for as long as jobs take, and return as many rows; in place of `study.runs.workers.worker_entry.enter`.
+    """Sleep for as long as jobs take, and return as many rows; in place of `study.simulation.runs.workers.enter`.
 
     A coroutine, so that a thousand of them need no thousand threads.
     """
@@ -134,7 +130,7 @@ def _random(study: Study, unit: Unit) -> Result:
 
 
 def config(weight: float) -> str:
-    """Config of a study of about so much work; see `study.runs.jobs.Job`."""
+    """Config of a study of about so much work; see `study.simulation.runs.jobs.Job`."""
     return CONFIG.format(trials=max(1, round(100 * weight / _weight(parse(CONFIG.format(trials=100))))))
 
 
@@ -179,10 +175,10 @@ def parent(address: str, case: Case, speed: float, folder: Path) -> dict[str, fl
     whole = max(_EACH * case.workers, min(_TASKS, case.workers * _SECONDS / case.task)) * case.task / speed
     text = config(whole)
     study = parse(text)
-    dask_cluster.DaskCluster.enough = case.task / speed
-    dask_cluster.enter = partial(import_module("cluster").asleep, speed)  # by a name that the workers can import
+    workers.DaskCluster.enough = case.task / speed
+    workers.enter = partial(import_module("cluster").asleep, speed)  # by a name that the workers can import
     sent, came, times = [], [], {}
-    dask_cluster.seal = counted(dask_cluster.seal, lambda call, *_: sent.append(len(call)))
+    workers.seal = counted(workers.seal, lambda call, *_: sent.append(len(call)))
     Parts.add = counted(Parts.add, lambda _, parts, packet: came.append(sum(map(len, packet.tables.values()))))
     compute, finish = runner._Computation.compute, runner.finish
 
@@ -269,20 +265,20 @@ def schedule() -> list[dict[str, float]]:
     seconds = sorted((job.weight / PER_SECOND for job in some), reverse=True)
     fits = study.design.groups(study.seed, study.dimension)
     data_sets = sum(group.width * study.design.trials_of(group.samples) for group in fits)
-    for workers in (10, 100, 1000):
-        busy = [0.0] * workers
+    for count in (10, 100, 1000):
+        busy = [0.0] * count
         for each in seconds:
             heapq.heapreplace(busy, busy[0] + each)
         rows.append(
             {
-                "workers": workers,
+                "workers": count,
                 "units": len(some),
                 "samples": sum((j.span.last - j.span.first) * j.span.group.samples * j.span.group.width for j in some),
                 "rows": data_sets * len(study.estimators),
                 "core_hours": sum(seconds) / 3600,
                 "longest": seconds[0],
                 "seconds": max(busy),
-                "efficiency": sum(seconds) / workers / max(busy),
+                "efficiency": sum(seconds) / count / max(busy),
             }
         )
     return rows

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from study.text import instruction_set
+from study import instruction_set
 
 # before numba is there: what is timed is the code that the command runs
 instruction_set.fix()

@@ -14,7 +14,7 @@ import pandas as pd
 from scipy.optimize import brentq
 
 import study
-from study.sphere.cap import sample_cap
+from study.fits.cap import sample_cap
 
 SEED, SETS = 18, 4000
 FEW = [(n, angle, noise) for n in (5, 6, 7, 8) for angle in (60.0, 180.0) for noise in (0.02, 0.1)]

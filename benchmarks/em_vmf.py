@@ -13,8 +13,8 @@ import numpy as np
 from scipy.special import ive
 
 import study
-from study.estimators.estimates import blank
-from study.estimators.registry import fit_samples
+from study.fits.registry import fit_samples
+from study.fits.samples import blank
 
 STEPS = 2000
 """Largest number of EM steps."""

@@ -11,10 +11,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from study.estimators import Samples
-from study.estimators.robust.outliers import outliers
-from study.experiment.streams import lanes
-from study.sphere import cap
+from study.fits import Samples, cap
+from study.fits.robust import outliers
+from study.fits.streams import lanes
 
 SEED = 17
 ANGLES, NOISES = (20.0, 60.0, 180.0), (0.01, 0.05, 0.1, 0.2)

@@ -12,16 +12,14 @@ import time
 from importlib import import_module
 from pathlib import Path
 
-from study.text import instruction_set
+from study import instruction_set
 
 instruction_set.fix()
 
-from study.analysis.summary import summarise  # noqa: E402
-from study.experiment.config import Study, parse  # noqa: E402
-from study.runs import jobs, runner  # noqa: E402
-from study.runs.storage import parts  # noqa: E402
-from study.runs.workers.backend import Backend  # noqa: E402
-from study.runs.workers.choose import Workers  # noqa: E402
+from study.simulation.analysis.summary import summarise
+from study.simulation.experiment.config import Study, parse
+from study.simulation.runs import jobs, parts, runner
+from study.simulation.runs.workers import Backend, Workers
 
 _HEAD = 'name = "scale"\nseed = 1\nestimators = ["gdke", "ugdk", "als", "taubin"]\n[design]\n'
 _HEAD += 'kind = "grid"\nangle = 90\n'

@@ -16,11 +16,11 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from study.mocap.joints.estimates import USABLE
-from study.mocap.joints.fit_joints import find_joints
-from study.mocap.markersets.set_file import load_markerset
-from study.mocap.synthetic.recipe import Recipe
-from study.mocap.synthetic.synthesize import synthesize
+from study.recordings.joints.estimate import USABLE
+from study.recordings.joints.find import find_joints
+from study.recordings.markersets import load_markerset
+from study.recordings.synthetic.make import synthesize
+from study.recordings.synthetic.recipe import Recipe
 
 LAWS = ("none", "random", "angle", "velocity", "cluster")
 LEAST, GREATEST = 0.005, 0.030

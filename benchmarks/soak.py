@@ -18,21 +18,18 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from study.text import instruction_set
+from study import instruction_set
 
 instruction_set.fix()
 
-import psutil  # noqa: E402
+import psutil
 
-from study import cli  # noqa: E402
-from study.experiment.config import parse  # noqa: E402
-from study.experiment.designs import grid  # noqa: E402
-from study.runs import runner  # noqa: E402
-from study.runs.storage import atomic_write, parts  # noqa: E402
-from study.runs.storage.lock import holder  # noqa: E402
-from study.runs.storage.run_folder import RunError  # noqa: E402
-from study.runs.workers.backend import Backend  # noqa: E402
-from study.runs.workers.dask_cluster import DaskCluster  # noqa: E402
+from study import cli, files
+from study.files import RunError, holder
+from study.simulation.experiment import designs
+from study.simulation.experiment.config import parse
+from study.simulation.runs import parts, runner
+from study.simulation.runs.workers import Backend, DaskCluster
 
 _GRID = """seed = 5
 estimators = ["mle", "lls", "ugdk"]
@@ -120,7 +117,7 @@ cluster = Cluster()
 
 def _make_parts_small() -> None:
     """Let every unit be small, and every result be stored at once."""
-    grid.BLOCK_TRIALS, grid._SAMPLES_PER_UNIT = 50, 20_000
+    designs.BLOCK_TRIALS, designs._SAMPLES_PER_UNIT = 50, 20_000
     Backend.enough = DaskCluster.enough = 0.0
     parts._SECONDS = parts._SHARE = 0.0
 
@@ -237,7 +234,7 @@ def full_disk(text: str) -> int:
                 sync(handle)
 
             folder = Path(name) / f"full-{count}"
-            atomic_write.os.fsync = full
+            files.os.fsync = full
             try:
                 runner.run(study, text, folder, 1)
             except RunError as error:
@@ -245,7 +242,7 @@ def full_disk(text: str) -> int:
             else:
                 return count
             finally:
-                atomic_write.os.fsync = sync
+                files.os.fsync = sync
             assert "No space left on device; what was finished is kept" in said, said
             assert holder(folder) is None, "a stale lock"
             assert not list(folder.rglob(".*.tmp")), "temporary files are left"

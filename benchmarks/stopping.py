@@ -12,9 +12,9 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from study.estimators import Status
-from study.experiment.precision_config import Precision
-from study.statistics.performance import measured
+from study.fits import Status
+from study.simulation.experiment.config import Precision
+from study.simulation.statistics import measured
 
 CAP = 16_000
 REPEATS = 500

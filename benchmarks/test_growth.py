@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from studies import grid, whole
 
-from study.runs.workers.choose import Workers
+from study.simulation.runs.workers import Workers
 
 MEMORY = """
 import resource, sys

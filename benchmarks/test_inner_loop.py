@@ -9,10 +9,10 @@ import naive
 import numpy as np
 import pytest
 
-from study.experiment.compute_unit import compute
-from study.experiment.config import Study
-from study.experiment.designs.cells import Unit
-from study.experiment.units import units
+from study.simulation.experiment.compute import compute
+from study.simulation.experiment.config import Study
+from study.simulation.experiment.designs import Unit
+from study.simulation.experiment.sampling import units
 
 SIGMA, ANGLE = 0.05, 60.0
 

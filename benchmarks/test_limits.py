@@ -6,9 +6,8 @@ from numba import njit
 from studies import FOUR, grid, whole
 
 import study
-from study.estimators import ESTIMATORS
-from study.experiment.sampling import Workspace, draw
-from study.experiment.units import units
+from study.fits import ESTIMATORS
+from study.simulation.experiment.sampling import Workspace, draw, units
 
 MILLION = 1_000_000
 MANY = 60

@@ -11,14 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from study.mocap.io.reading import read_recording
-from study.mocap.joints.fit_joints import find_joints
-from study.mocap.joints.symmetric_fit import symmetric_fit
-from study.mocap.markersets.match import choose
-from study.mocap.skeleton.calibrate import calibrate
-from study.mocap.skeleton.draw_skeleton import draw_skeleton
-from study.mocap.synthetic.recipe import Recipe
-from study.mocap.synthetic.synthesize import synthesize
+from study.recordings.formats.read import read_recording
+from study.recordings.joints.find import find_joints
+from study.recordings.joints.symmetric import symmetric_fit
+from study.recordings.markersets.match import choose
+from study.recordings.skeleton.calibrate import calibrate
+from study.recordings.skeleton.draw import draw_skeleton
+from study.recordings.synthetic.make import synthesize
+from study.recordings.synthetic.recipe import Recipe
 
 FRAMES = 5202
 

@@ -12,16 +12,12 @@ import griffe
 from pydantic import BaseModel
 
 import study
-from study.estimators.status import Status
-from study.experiment.conditions import CONDITIONS
-from study.experiment.config import Study
-from study.experiment.designs.grid import GridDesign
-from study.experiment.designs.random_design import RandomDesign
-from study.experiment.distributions import Choice, Constant, LogUniform, Uniform
-from study.experiment.posterior_config import Posterior
-from study.experiment.precision_config import Precision
-from study.figures import FIGURES
-from study.statistics.performance import MEASURES
+from study.fits.samples import Status
+from study.simulation.experiment.conditions import CONDITIONS, Choice, Constant, LogUniform, Uniform
+from study.simulation.experiment.config import Posterior, Precision, Study
+from study.simulation.experiment.designs import GridDesign, RandomDesign
+from study.simulation.figures import FIGURES
+from study.simulation.statistics import MEASURES
 
 
 def config_study() -> str:

@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import pandas as pd
 
-from study.coverage import coverage_text
+from study.simulation import coverage
 
 MANY_POINTS = 10_000
 """From here on false alarms were measured in a few cells only."""
@@ -58,12 +58,12 @@ def coverage_summary(tables: Tables) -> str:
     """Coverage by each method over all cells."""
     table = tables("coverage")
     methods = list(dict.fromkeys(table["method"]))
-    return _markdown(coverage_text.TITLES, [coverage_text.summary(table, name) for name in methods])
+    return _markdown(coverage.TITLES, [coverage.summary(table, name) for name in methods])
 
 
 def coverage_cells(tables: Tables) -> str:
     """Coverage in every cell, by three methods."""
-    return _markdown(*_split(coverage_text.by_cell(tables("coverage"), ["mle", "als", "interval"])))
+    return _markdown(*_split(coverage.by_cell(tables("coverage"), ["mle", "als", "interval"])))
 
 
 def decades(tables: Tables) -> str:

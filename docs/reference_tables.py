@@ -11,13 +11,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from study.analysis.asymptotics import median_at_bound
-from study.analysis.summary_choice import RowChoice
-from study.analysis.summary_text import as_data
-from study.estimators.own.plugin_file import load
-from study.runs.commands import run_folder
-from study.runs.storage.run_folder import Run
-from study.sphere.cap_moments import cap_moments
+from study.fits.cap import cap_moments
+from study.fits.registry import load
+from study.simulation.analysis.regret import median_at_bound
+from study.simulation.analysis.summary_text import RowChoice, as_data
+from study.simulation.commands import run_folder
+from study.simulation.runs.run_folder import Run
 
 RESULTS = Path(__file__).resolve().parents[1] / "results"
 KEPT = ["planned", "ok", "ratio_median_ok", "ratio_median_ok_error", "ratio_median_all", "ratio_median_all_error"]

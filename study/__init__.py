@@ -15,7 +15,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from study.estimators import (
+    from study.fits import (
         ESTIMATORS,
         Estimates,
         Estimator,
@@ -30,8 +30,8 @@ if TYPE_CHECKING:
         minimum_zone,
         register,
     )
-    from study.sphere.attainable import attainable_bound
-    from study.sphere.bounds import crlb
+    from study.fits.bounds import attainable_bound, crlb
+
 
 __version__ = "0.1.0"
 __all__ = [
@@ -53,15 +53,15 @@ __all__ = [
     "register",
 ]
 
-_PLACES = {"attainable_bound": "study.sphere.attainable", "crlb": "study.sphere.bounds"}
-"""Modules of the names that `study.estimators` does not define."""
+_PLACES = {"attainable_bound": "study.fits.bounds", "crlb": "study.fits.bounds"}
+"""Modules of the names that `study.fits` does not define."""
 
 
 def __getattr__(name: str) -> Any:
     """Import the library on first use, so that `study --help` need not wait for it."""
     if name not in __all__:
         raise AttributeError(f"module 'study' has no attribute {name!r}")
-    found = getattr(import_module(_PLACES.get(name, "study.estimators")), name)
+    found = getattr(import_module(_PLACES.get(name, "study.fits")), name)
     globals()[name] = found  # or each use would come here, which costs as much as a sum over a thousand samples
     return found
 

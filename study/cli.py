@@ -12,34 +12,35 @@ from typing import Annotated
 
 import typer
 
-from study import __version__
-from study.analysis.commands import archive, check, cost, diff, estimators, regret, status, summary, verify, worst
-from study.coverage.commands import coverage
-from study.mocap.commands.case_study import case_study
-from study.mocap.commands.fetch import fetch
-from study.mocap.commands.joint import joint
-from study.mocap.commands.joints import joints
-from study.mocap.commands.live import live
-from study.mocap.commands.markersets import markersets
-from study.mocap.commands.recording import recording
-from study.mocap.commands.skeleton import skeleton
-from study.mocap.commands.synthetic import synthetic
-from study.report.commands import claims, report
-from study.runs.commands import (
+from study import __version__, instruction_set
+from study.options import EXIT_CODES, ExitCode
+from study.recordings.commands.joints import case_study, joint, joints, live
+from study.recordings.commands.skeleton import fetch, markersets, recording, skeleton, synthetic
+from study.simulation.commands import (
     CONFIG_HELP,
-    EXIT_CODES,
     RUNS,
-    ExitCode,
     Folder,
     Jobs,
+    archive,
+    check,
+    claims,
     configs,
+    cost,
+    coverage,
+    diff,
+    estimators,
     plan,
+    regret,
+    report,
     run_folder,
+    status,
+    summary,
+    verify,
+    with_plugins,
     worker,
+    worst,
 )
-from study.runs.plugin_option import with_plugins
-from study.text import instruction_set
-from study.text.grouped_help import GroupedHelp
+from study.text import GroupedHelp
 
 
 class StudyCommands(GroupedHelp):
@@ -106,14 +107,13 @@ def run(
 
     The tables are stored, and the folder of each run is printed.
     """
-    from study.analysis.summary import summarise
-    from study.experiment.config import read
-    from study.experiment.shipped_configs import config_file
-    from study.runs import runner
-    from study.runs.adaptive.time_budget import TimeBudget
-    from study.runs.finish import budget_message, failure_message
-    from study.runs.jobs import takes_long
-    from study.runs.workers.choose import Workers
+    from study.simulation.analysis.summary import summarise
+    from study.simulation.experiment.config import config_file, read
+    from study.simulation.runs import runner
+    from study.simulation.runs.adaptive import TimeBudget
+    from study.simulation.runs.jobs import takes_long
+    from study.simulation.runs.runner import budget_message, failure_message
+    from study.simulation.runs.workers import Workers
 
     if (backend == "dask") != (scheduler is not None) or backend not in (None, "threads", "loky", "dask"):
         raise typer.BadParameter("--backend is threads, loky or dask; --scheduler goes with dask, and only with it")
@@ -139,7 +139,7 @@ def run(
             complaints.append(words)
             code = ExitCode.BUDGET
         elif study.posterior is not None:
-            from study.posterior.run import compute  # imported here, since it loads emcee and scipy.stats
+            from study.simulation.posterior.run import compute  # imported here, since it loads emcee and scipy.stats
 
             with _progress("posteriors") as advance:
                 compute(done, workers, advance)
@@ -154,9 +154,8 @@ def posterior(folder: Folder, jobs: Jobs = 2) -> None:
 
     The config chooses the trials in [posterior]. The tables are stored, and their calibration is printed.
     """
-    from study.posterior.posterior_text import printed
-    from study.posterior.run import compute
-    from study.runs.storage.run_folder import Run
+    from study.simulation.posterior.run import compute, printed
+    from study.simulation.runs.run_folder import Run
 
     run = Run.open(folder)
     with _progress("posteriors") as advance:
@@ -171,9 +170,9 @@ def figures(words: Drawn, out: Pictures = None) -> None:
     Each figure comes from the first run that has the tables for it. A figure that fails does not cost the others; its
     place in the code is printed, and the exit code is 1.
     """
-    from study.figures import FAILED, FIGURES, draw_all
-    from study.runs.storage.run_folder import Run
-    from study.text.nearest import did_you_mean
+    from study.simulation.figures import FAILED, FIGURES, draw_all
+    from study.simulation.runs.run_folder import Run
+    from study.text import did_you_mean
 
     names = [word for word in words if word in FIGURES]
     unknown = [word for word in words if word.startswith("fig") and word not in names and not Path(word).exists()]
@@ -204,9 +203,9 @@ def fit(
 
     The exit code is 3 if a fit is not ok, or uses outliers.
     """
-    from study.analysis.points import fit_output
-    from study.analysis.points.fitting import choose, fit_all
-    from study.analysis.points.point_file import read_points
+    from study.fits import fitting
+    from study.fits.fitting import choose, fit_all
+    from study.fits.point_files import read_points
 
     if as_json and as_csv:
         raise typer.BadParameter("give --json or --csv, not both")
@@ -215,17 +214,17 @@ def fit(
     chosen = choose(estimator, noise)
     tables = [read_points(file, columns.split(",") if columns else None) for file in files]
     found = [
-        fit_output.FileFits(file, table, fit_all(table.points, chosen, noise))
+        fitting.FileFits(file, table, fit_all(table.points, chosen, noise))
         for file, table in zip(files, tables, strict=True)
     ]
     if as_json or as_csv:
-        typer.echo(fit_output.as_json(found) if as_json else fit_output.as_csv(found))
+        typer.echo(fitting.as_json(found) if as_json else fitting.as_csv(found))
     else:
-        for line in fit_output.as_text(found, noise):
+        for line in fitting.as_text(found, noise):
             typer.echo(line)
     if plot is not None:
-        from study.figures.fit_plot import draw, prepare
-        from study.figures.style import save_picture
+        from study.fits.fit_plot import draw, prepare
+        from study.style import save_picture
 
         (only,) = found
         save_picture(draw(prepare(only.table.points, only.fits, only.table.names)), plot)
@@ -238,11 +237,11 @@ def replay(folder: Folder, cell: Cell, trial: Trial = None, out: PointsOut = Non
 
     The truth and every estimator's fit are printed.
     """
-    from study.analysis.trial_report import fits, points, printed
-    from study.experiment.replay import find, parse_name, replay
-    from study.runs.provenance import other_version
-    from study.runs.storage.atomic_write import save_frame
-    from study.runs.storage.run_folder import Run
+    from study.files import save_frame
+    from study.simulation.analysis.regret import fits, points, trial_printed
+    from study.simulation.experiment.sampling import find, parse_name, replay
+    from study.simulation.runs.provenance import other_version
+    from study.simulation.runs.run_folder import Run
 
     run = Run.open(folder)
     drawn = replay(run.study, find(run.study, *parse_name(cell, trial)))
@@ -250,13 +249,13 @@ def replay(folder: Folder, cell: Cell, trial: Trial = None, out: PointsOut = Non
         _complain(f"{folder}: cell {drawn.cell.name} has {count:,} trials; trial {drawn.trial} is not in its tables")
     if (warning := other_version(run.maker())) is not None:
         _complain(f"{folder}: {warning}")
-    for line in printed(run.study, drawn):
+    for line in trial_printed(run.study, drawn):
         typer.echo(line)
     if out is not None:
         save_frame(points(drawn), out)
     if plot is not None:
-        from study.figures.fit_plot import draw, prepare
-        from study.figures.style import save_picture
+        from study.fits.fit_plot import draw, prepare
+        from study.style import save_picture
 
         frame = points(drawn)
         axes = [str(name) for name in frame.columns]
@@ -313,14 +312,13 @@ def main(command: Callable[..., object] = app) -> None:
             _complain(f"interrupted{'; run the same command again to resume' if resumed else ''}")
         raise
     except Exception as error:
-        from study.analysis.points.source import PointFileError
-        from study.estimators.own.plugin_file import PluginError
-        from study.experiment.config_faults import ConfigError
-        from study.experiment.replay import ReplayError
-        from study.mocap.io.recording import RecordingError
-        from study.runs.storage.run_folder import RunError
+        from study.files import InputError, RunError
+        from study.fits.point_files import PointFileError
+        from study.fits.registry import PluginError
+        from study.simulation.experiment.sampling import ReplayError
+        from study.toml import ConfigError
 
-        if isinstance(error, ConfigError | PluginError | PointFileError | RecordingError | ReplayError):
+        if isinstance(error, ConfigError | PluginError | PointFileError | InputError | ReplayError):
             raise SystemExit(_complain(str(error), ExitCode.USAGE)) from None
         if isinstance(error, RunError):
             raise SystemExit(_complain(str(error), ExitCode.FAILURE)) from None

@@ -11,7 +11,7 @@ import threading
 import time
 from pathlib import Path
 
-from study.text import instruction_set
+from study import instruction_set
 
 # before numba is there: tests run the code that the command runs, and it is compiled once for both
 instruction_set.fix()
@@ -20,9 +20,9 @@ import numpy as np  # noqa: E402
 import pytest  # noqa: E402
 
 import study  # noqa: E402
-from study.runs import kept  # noqa: E402
-from study.runs.storage.run_folder import Run  # noqa: E402
-from study.sphere.cap import sample_cap  # noqa: E402
+from study.fits.cap import sample_cap  # noqa: E402
+from study.simulation.runs import kept  # noqa: E402
+from study.simulation.runs.run_folder import Run  # noqa: E402
 
 CIRCLES = """
 # a config with <script>alert("1 < 2 && 'x'")</script> & more
@@ -128,7 +128,7 @@ def let_pass(monkeypatch):
 
     @contextlib.contextmanager
     def let(count, place):
-        from study.runs.workers.threads import Threads
+        from study.simulation.runs.workers import Threads
 
         function, stop = pkgutil.resolve_name(place), Threads.stop
         numbers, stopped = itertools.count(), threading.Event()
@@ -249,10 +249,10 @@ def status_of():
 @pytest.fixture(scope="session")
 def make_run(tmp_path_factory):
     """Run a config into a folder of its own, with its summary, and its posteriors if it asks for them."""
-    from study.analysis.summary import summarise
-    from study.experiment.config import parse
-    from study.posterior.run import compute  # here, because tests of arrays do without all of this
-    from study.runs.runner import run
+    from study.simulation.analysis.summary import summarise
+    from study.simulation.experiment.config import parse
+    from study.simulation.posterior.run import compute  # here, because tests of arrays do without all of this
+    from study.simulation.runs.runner import run
 
     def make(text, folder=None):
         study = parse(text)

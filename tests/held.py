@@ -13,18 +13,18 @@ import signal
 import time
 from pathlib import Path
 
-from study.text import instruction_set
+from study import instruction_set
 
 logging.disable(logging.WARNING)  # whether loops are compiled or come from the cache
 instruction_set.fix()  # before numba is imported, as the command does
 
 from study import cli  # noqa: E402
-from study.posterior import run as posterior  # noqa: E402
-from study.runs import jobs, runner  # noqa: E402
+from study.simulation.posterior import run  # noqa: E402
+from study.simulation.runs import jobs, runner  # noqa: E402
 
 FREE = 3
 _SIGNALS, _WAKE = os.pipe()
-_chains = posterior._chains
+_chains = run._chains
 
 
 def execute(study, some):
@@ -63,7 +63,7 @@ def main():
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell may have started the tests without Ctrl-C
     os.set_blocking(_WAKE, False)
     signal.set_wakeup_fd(_WAKE)
-    runner.execute, posterior._chains = execute, chains
+    runner.execute, run._chains = execute, chains
     cli.main()
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from study.runs.storage.run_folder import Run
+from study.simulation.runs.run_folder import Run
 
 ROOT = Path(__file__).parents[1]
 spec = importlib.util.spec_from_file_location("bound_numbers", ROOT / "docs" / "bound_numbers.py")

@@ -12,9 +12,9 @@ import study
 
 ROOT = Path(study.__file__).parents[1]
 CODE = """
-from study.experiment.config import load
-from study.experiment.shipped_configs import shipped_configs
-from study.mocap.markersets.set_file import load_markerset, shipped
+from study.simulation.experiment.config import load
+from study.simulation.experiment.config import shipped_configs
+from study.recordings.markersets import load_markerset, shipped
 import study
 print(study.__file__)
 print(*(path for path in shipped_configs().values()), sep="\\n")

@@ -10,7 +10,7 @@ import pytest
 
 import study
 from study import cli
-from study.sphere.jit import COMPILING
+from study.fits.jit import COMPILING
 
 CONFIG = """name = "tiny"
 seed = 1

@@ -1,19 +1,28 @@
-"""Commands that succeed: exit code 0, the answer on standard output, nothing on standard error."""
+"""Commands that succeed: exit code 0, the answer on standard output, nothing on standard error.
+
+Help of the whole command line: groups of commands, exit codes, version and shell completion.
+
+From a recording to the verdict on it: a synthetic body, its case study, and the claims that it is given to.
+"""
 
 import importlib.metadata
 import re
+import shutil
 import subprocess
 import sys
 from types import SimpleNamespace
 
+import pandas as pd
 import pytest
 
-from study.analysis.summary_text import printed
-from study.experiment.config import load, parse
-from study.experiment.shipped_configs import shipped_config, shipped_configs, summary_line
-from study.runs.commands import ExitCode
-from study.runs.plan import plan
-from study.runs.storage.run_folder import Run
+import study
+from study import cli
+from study.options import EXIT_CODES, ExitCode
+from study.recordings.recording import digest_of
+from study.simulation.analysis.summary_text import printed
+from study.simulation.experiment.config import load, parse, shipped_config, shipped_configs, summary_line
+from study.simulation.runs.plan import plan
+from study.simulation.runs.run_folder import Run
 
 
 def test_run(finished):
@@ -69,7 +78,7 @@ def test_plan_of_more_than_a_week(call_here, config, tmp_path, monkeypatch, seco
     """A study that takes years is planned, with a warning of one line and an exit code; one of a week has neither."""
     (tmp_path / "tiny.toml").write_text(config)
     pace = SimpleNamespace(of=lambda work: seconds if len(work) else 0.0, summary=0.0)
-    monkeypatch.setattr("study.runs.plan.measure", lambda *_: pace)
+    monkeypatch.setattr("study.simulation.runs.plan.measure", lambda *_: pace)
     code, said, complained = call_here(tmp_path, "plan", "tiny.toml", "--jobs", "1", *as_json)
     assert code == ExitCode.TOO_LONG
     assert as_json or f"time     {words} predicted" in said
@@ -80,6 +89,7 @@ def test_plan_of_more_than_a_week(call_here, config, tmp_path, monkeypatch, seco
 
 
 HEAVY = ["numpy", "numba", "scipy", "pandas", "pyarrow", "matplotlib", "joblib"]
+
 CODE = """
 import sys
 from study.cli import main
@@ -151,3 +161,159 @@ def test_a_shipped_config_names_its_run(call_here, tmp_path):
     code, said, complained = call_here(tmp_path, "summary", "smoke")
     assert (code, said) == (1, "")
     assert f"results/{name}: not a run folder" in complained
+
+
+TITLES = ["Studies", "Results", "Points and estimators", "Recordings"]
+
+
+@pytest.fixture
+def sections(call_here, tmp_path):
+    """The sections of `study --help`: for each title the first words of its entries."""
+    code, said, complained = call_here(tmp_path, "--help")
+    assert (code, complained) == (0, "")
+    found = {}
+    for line in said.splitlines():
+        if title := re.fullmatch(r"([A-Z][\w ]+):", line):
+            found[title[1]] = []
+        elif found and (entry := re.match(r"  (\S+)  +\S", line)):
+            list(found.values())[-1].append(entry[1])
+    return found
+
+
+def test_every_command_is_in_one_group(sections):
+    """The groups stand in the order of a study, and between them have every command once."""
+    assert list(sections) == ["Options", *TITLES, "Exit codes"]
+    names = [name for title in TITLES for name in sections[title]]
+    registered = [entry.name or entry.callback.__name__.replace("_", "-") for entry in cli.app.registered_commands]
+    assert sorted(names) == sorted(registered)
+    assert sections["Studies"][:3] == ["configs", "plan", "run"]
+    assert sections["Results"][:2] == ["summary", "claims"]
+    assert {"fit", "estimators"} <= set(sections["Points and estimators"])
+    assert {"recording", "joints", "case-study"} <= set(sections["Recordings"])
+
+
+def test_no_first_line_is_cut(call_here, tmp_path):
+    """The line of each command fits the width of a terminal of 80 columns."""
+    _, said, _ = call_here(tmp_path, "--help")
+    assert "..." not in said.partition("Studies:")[2].partition("Exit codes:")[0]
+
+
+def test_exit_codes(sections):
+    """Each exit code has a line, in their order."""
+    assert set(EXIT_CODES) == set(ExitCode)
+    assert sections["Exit codes"] == [str(int(code)) for code in ExitCode]
+
+
+def test_version(call_here, tmp_path):
+    """`study --version` prints the version of the package, and nothing else."""
+    assert call_here(tmp_path, "--version") == (0, f"study {study.__version__}\n", "")
+
+
+ENTRY = "import sys; from study.cli import main; sys.argv = ['study']; main()"
+
+
+@pytest.mark.parametrize(
+    ("typed", "offered"),
+    [("study su", {"summary"}), ("study summary --est", {"--estimators"}), ("study c", {"claims", "configs", "check"})],
+)
+def test_completion(command, typed, offered):
+    """A shell that asks for completions, as the installed script does, gets the names of commands and options."""
+    place = str(len(typed.split()) - 1)
+    asking = {"_STUDY_COMPLETE": "complete_bash", "COMP_WORDS": typed, "COMP_CWORD": place}
+    words = [sys.executable, "-W", "error", "-c", ENTRY]
+    done = subprocess.run(words, env=command[1] | asking, capture_output=True, encoding="utf-8", check=False)
+    assert done.stderr == ""
+    assert offered <= set(done.stdout.split())
+    assert all(name.startswith(typed.split()[-1]) for name in done.stdout.split())
+
+
+def test_completion_can_be_installed(call_here, tmp_path):
+    """The help names the options that install it."""
+    _, said, _ = call_here(tmp_path, "--help")
+    assert {"--install-completion", "--show-completion"} <= set(re.findall(r"--[\w-]+", said))
+
+
+BAD = "case-study-scatter.parquet"
+
+
+@pytest.fixture(scope="module")
+def folder(finished, call, tmp_path_factory):
+    """A folder with a finished run in ``out`` and the case study of a short synthetic body in ``body``."""
+    place = tmp_path_factory.mktemp("recording")
+    shutil.copytree(finished[0] / "out", place / "out")
+    said = call(place, "synthetic", "--frames", "2000", "--noise", "0.002", "--gaps", "0.05", "--out", "body.c3d")
+    assert (said[0], said[2]) == (0, "")
+    shutil.copy(place / "body.c3d", place / "copy.c3d")
+    for file, seed, out in (("body.c3d", "1", "body"), ("copy.c3d", "2", "again")):
+        said = call(place, "case-study", file, "--subsets", "20", "--seed", seed, "--out", out)
+        assert (said[0], said[2]) == (0, "")
+    return place
+
+
+def of_recordings(said):
+    """The lines of the last claim that `study claims` printed."""
+    lines = said.splitlines()
+    return lines[next(i for i, line in enumerate(lines) if line.startswith("23 ")) : -1]
+
+
+def test_claims(call_here, folder):
+    """With the recording there is a verdict on its joints, which are near with few samples, too: the claim in part."""
+    code, said, complained = call_here(folder, "claims", "out", "--recording", "body")
+    assert (code, complained) == (0, "")
+    head, *numbers = of_recordings(said)
+    assert "PARTLY" in head
+    assert numbers[0].startswith("    share of 14 joints of 1 recording with a spread below 1 cm, ")
+    assert "above 200 samples: 1 ± 0.07" in numbers[0]
+    assert numbers[1].endswith("joint by joint: 0")
+
+
+def test_one_recording_twice(call_here, folder):
+    """Two seeds on one recording, were it copied, are one recording; the tables say which."""
+    code, said, complained = call_here(folder, "claims", "out", "--recording", "body", "--recording", "again")
+    assert (code, complained) == (0, "")
+    assert of_recordings(said)[1].startswith("    share of 14 joints of 1 recording with a spread below 1 cm, ")
+    for name in ("scatter", "joints", "laws"):
+        body, again = (pd.read_parquet(folder / out / f"case-study-{name}.parquet") for out in ("body", "again"))
+        assert set(body["recording"]) == {"body"}
+        assert set(again["recording"]) == {"copy"}
+        assert set(body["digest"]) == set(again["digest"]) == {digest_of(folder / "body.c3d")}
+
+
+def test_claims_without(call_here, folder):
+    """Without it the line names the command that would give it."""
+    code, said, _ = call_here(folder, "claims", "out")
+    assert code == 0
+    head, reason = of_recordings(said)
+    assert "NOT EVALUATED" in head
+    assert reason == "    needs a recording: `study case-study FILE --out DIR`, then `--recording DIR` here"
+
+
+def test_report(call_here, folder):
+    """The page has the verdict, too, and says on how many joints it rests; without the recording what would give it."""
+    for options, words in (
+        (["--recording", "body"], ["share of 14 joints of 1 recording", "at least 14 behind each number"]),
+        ([], ["<code>study case-study</code> writes, given by <code>--recording</code>"]),
+    ):
+        assert call_here(folder, "report", "out", *options, "--out", "page.html")[0] == 0
+        page = (folder / "page.html").read_text(encoding="utf-8")
+        assert all(word in page for word in words)
+
+
+@pytest.mark.parametrize("verb", ["claims", "report"])
+def test_refusals(call_here, folder, verb):
+    """A folder without a case study, a damaged table, one given twice: code 2 and one line."""
+    (folder / "bad").mkdir(exist_ok=True)
+    (folder / "bad" / BAD).write_bytes(b"not parquet")
+    for given, words in (
+        (
+            ["none"],
+            "none: not the folder of a case study, as it has no case-study-scatter.parquet; `study case-study FILE",
+        ),
+        (["bad"], f"bad/{BAD}: cannot be read"),
+        (["body", "body"], "body and body: the same case study"),
+    ):
+        options = [word for name in given for word in ("--recording", name)]
+        code, said, complained = call_here(folder, verb, "out", *options)
+        assert (code, said) == (2, "")
+        assert complained.startswith(words)
+        assert complained.count("\n") == 1

@@ -1,18 +1,28 @@
-"""Option --json: one object on standard output, with keys that do not change, and null where there is no number."""
+"""Option --json: one object on standard output, with keys that do not change, and null where there is no number.
+
+The report command: a page beside the run or in the given file, and one line if it cannot be written.
+
+A figure that fails: its place in the code on standard error, exit code 1, and the other figures all the same.
+"""
 
 import csv
+import inspect
 import json
+import re
 import shutil
 
 import numpy as np
+import pandas as pd
 import pytest
+from matplotlib.figure import Figure
 
-from study.analysis.worst import worst
-from study.estimators import Status
-from study.experiment.config import parse
-from study.runs.storage import schemas
-from study.runs.storage.run_folder import Run
-from study.text.json_text import json_text
+from study.fits import Status
+from study.simulation import figures
+from study.simulation.analysis.summary import worst
+from study.simulation.experiment.config import parse
+from study.simulation.runs import schemas
+from study.simulation.runs.run_folder import Run
+from study.text import json_text
 
 
 def refuse(word):
@@ -164,3 +174,180 @@ def test_what_json_does_not_have():
     ]
     with pytest.raises(TypeError, match="not JSON serializable"):
         json_text({"a": object()})
+
+
+@pytest.fixture(scope="module")
+def folder(finished, config, tmp_path_factory):
+    """A folder with two finished runs of different configs, ``out`` and ``other``, and one that is half there."""
+    folder = tmp_path_factory.mktemp("report")
+    shutil.copytree(finished[0] / "out", folder / "out")
+    (folder / "half").mkdir()
+    (folder / "half" / "config.toml").write_text(config.replace("tiny", "half"))
+    (folder / "other.toml").write_text(config.replace("tiny", "other"))
+    return folder
+
+
+def page(path):
+    """A page's text; fails if the file is no page."""
+    text = path.read_text(encoding="utf-8")
+    assert text.startswith("<!DOCTYPE html>\n")
+    assert text.endswith("</html>\n")
+    return text
+
+
+def test_writes_beside_the_first_run(call_here, folder):
+    """Without --out the page lies in the run's folder; its path is all that is said."""
+    assert call_here(folder, "report", "out") == (0, "out/report.html\n", "")
+    text = page(folder / "out" / "report.html")
+    assert "<title>Sphere fits, put to the test: tiny-" in text
+    assert "study replay out " in text
+
+
+def test_several_runs_into_a_file(call_here, folder):
+    """Runs in the order given, into a file in a folder that is made."""
+    assert call_here(folder, "run", "other.toml", "--out", "other", "--jobs", "1")[0] == 0
+    assert call_here(folder, "report", "other", "out", "--out", "a/b.html") == (0, "a/b.html\n", "")
+    text = page(folder / "a" / "b.html")
+    assert re.search(r"<title>Sphere fits, put to the test: other-\w+, tiny-\w+</title>", text)
+    assert not (folder / "other" / "report.html").exists()
+
+
+def test_in_a_process_of_its_own(call, call_here, folder):
+    """In a process of its own the output and the bytes are the same, with warnings as errors."""
+    assert call(folder, "report", "out", "--out", "again.html") == (0, "again.html\n", "")
+    assert call_here(folder, "report", "out", "--out", "again2.html")[0] == 0
+    assert (folder / "again.html").read_bytes() == (folder / "again2.html").read_bytes()
+    page(folder / "again.html")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["none"], "none: not a run folder"),
+        (["out", "."], ".: not a run folder"),
+        (["half"], "half/errors.parquet: missing; finish the run with `study run half/config.toml --out half`"),
+        (["out", "half"], "half/errors.parquet: missing"),
+        (["out", "out"], "both are runs named 'tiny'"),
+        (["out", "--out", "out"], "out: cannot be written: Is a directory"),
+        (["out", "--out", "other.toml/page.html"], "other.toml/page.html: cannot be written"),
+        (["out", "--cost", "none.parquet"], "none.parquet: no cost table"),
+    ],
+    ids=str,
+)
+def test_refusals(call_here, folder, arguments, words):
+    """A folder that is no finished run, one given twice, an impossible target: code 1 and one line."""
+    code, said, complained = call_here(folder, "report", *arguments)
+    assert (code, said) == (1, "")
+    assert words in complained
+    assert complained.count("\n") == 1
+
+
+def test_no_run(call_here, folder):
+    """Without a run the usage is shown, as for every command."""
+    code, said, complained = call_here(folder, "report")
+    assert (code, said) == (2, "")
+    assert "Usage: " in complained
+
+
+def test_a_cost_table(call_here, folder, monkeypatch):
+    """Claims are judged by the given runs and the path of the cost table."""
+    given = []
+
+    def judge_all(runs, cost, spreads):
+        assert spreads is None
+        given.append(([str(run.folder) for run in runs], str(cost)))
+        return pd.DataFrame(columns=[column.name for column in schemas.CLAIMS])
+
+    monkeypatch.setattr("study.simulation.claims.judge_all", judge_all)
+    arguments = ["out", "--cost", "some.parquet", "--out", "cost.html"]
+    assert call_here(folder, "report", *arguments) == (0, "cost.html\n", "")
+    assert given == [(["out"], "some.parquet")]
+    assert "No claim of the paper was judged" in page(folder / "cost.html")
+
+
+HERE = __name__.rpartition(".")[2] + ".py"
+
+
+class Drawable:
+    """The half of a figure that does not fail."""
+
+    def draw(self, frame):
+        return Figure()
+
+
+class Outside(Drawable):
+    """A figure that fails in its own code, which is not the package's."""
+
+    def prepare(self, tables):
+        return tables.stamp
+
+
+class Inside(Drawable):
+    """A figure that fails in a function of the package, one call further in."""
+
+    def prepare(self, tables):
+        return figures.at_first(None, [])
+
+
+class Whole(Drawable):
+    """A figure that can be drawn."""
+
+    def prepare(self, tables):
+        return tables.name
+
+
+def line_of(where, text):
+    """Number of the line of a function or class that holds a text."""
+    lines, first = inspect.getsourcelines(where)
+    (found,) = [first + index for index, line in enumerate(lines) if text in line]
+    return found
+
+
+PLACES = {
+    Outside: f"AttributeError(\"'Tables' object has no attribute 'stamp'\") at {HERE}, "
+    f"line {line_of(Outside, 'tables.stamp')}, in prepare",
+    Inside: "at study/simulation/figures/__init__.py, "
+    f"line {line_of(figures.at_first, 'condition.name in table and')}, in at_first",
+}
+
+
+@pytest.mark.parametrize("broken", PLACES, ids=lambda each: each.__name__)
+def test_a_figure_that_fails(finished, call_here, tmp_path, monkeypatch, broken):
+    """Exception, file and line are told in one line; the next figure is drawn, and the exit code is 1."""
+    monkeypatch.setattr(figures, "FIGURES", {"broken": broken(), "whole": Whole()})
+    code, said, complained = call_here(finished[0], "figures", "out", "--out", tmp_path / "drawn")
+    assert code == 1
+    assert [line.rpartition("/")[2] for line in said.splitlines()] == ["whole.png", "whole.svg"]
+    (line,) = complained.splitlines()
+    assert line.startswith("broken: failed: ")
+    assert line.endswith(PLACES[broken])
+
+
+def test_a_figure_that_does_not_apply_is_no_failure(finished, call_here, tmp_path):
+    """A run that cannot feed a figure is code 0 and a reason."""
+    code, _, complained = call_here(finished[0], "figures", "out", "fig2_error", "--out", tmp_path / "drawn")
+    assert code == 0
+    assert complained.startswith("fig2_error: not drawn: ")
+
+
+def test_figures_of_several_runs(finished, call_here, tmp_path):
+    """Runs and figures are told apart by the figures' names; a name that is neither, or no run, is refused."""
+    code, said, complained = call_here(finished[0], "figures", "out", "out", "fig2_error", "--out", tmp_path / "drawn")
+    assert (code, said) == (0, "")
+    assert complained.startswith("fig2_error: not drawn: ")
+    code, _, complained = call_here(finished[0], "figures", "out", "fig_eficiency")
+    assert code == 2
+    assert "fig_eficiency: unknown; did you mean 'fig_efficiency'?" in " ".join(complained.split())
+    code, _, complained = call_here(finished[0], "figures", "fig_efficiency")
+    assert code == 2
+    assert "no run is given" in complained
+
+
+def test_a_file_in_place_of_the_folder(finished, call_here, tmp_path):
+    """A file, or a path below one, is refused in one line, and stays as it is."""
+    (tmp_path / "mine").write_text("text")
+    for path, words in [("mine", "is a file, not a folder; choose another with --out"), ("mine/below", "cannot be")]:
+        code, said, complained = call_here(finished[0], "figures", "out", "fig2_error", "--out", tmp_path / path)
+        assert (code, said, len(complained.splitlines())) == (1, "", 1)
+        assert complained.startswith(f"{tmp_path / path}: {words}")
+    assert (tmp_path / "mine").read_text() == "text"

@@ -15,13 +15,14 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from study.analysis.claims import judge_all, save
-from study.analysis.summary import summarise
-from study.experiment.config import parse
-from study.posterior.run import compute
-from study.runs import provenance, runner
-from study.runs.repair import set_damaged_aside
-from study.runs.storage.run_folder import Run, RunError
+from study.files import RunError
+from study.simulation.analysis.summary import summarise
+from study.simulation.claims import judge_all, save
+from study.simulation.experiment.config import parse
+from study.simulation.posterior.run import compute
+from study.simulation.runs import provenance, runner
+from study.simulation.runs.reuse import set_damaged_aside
+from study.simulation.runs.run_folder import Run
 
 CONFIG = """name = "tiny"
 seed = 1

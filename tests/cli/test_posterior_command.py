@@ -5,13 +5,11 @@ import signal
 
 import pytest
 
-from study.experiment.config import parse
-from study.posterior.chain_task import chain_tasks
-from study.posterior.posterior_text import printed
-from study.posterior.run import compute
-from study.runs.completeness import finished
-from study.runs.storage.parts import Parts
-from study.runs.storage.run_folder import Run
+from study.simulation.experiment.config import parse
+from study.simulation.posterior.run import chain_tasks, compute, printed
+from study.simulation.runs.parts import Parts
+from study.simulation.runs.reuse import finished
+from study.simulation.runs.run_folder import Run
 
 NAMES = ["answers", "draws", "posterior"]
 ASKED = '\n[posterior]\ntrials = 2\nwalkers = 16\nmax_steps = 100\nwhere = { samples = 20 }\nnoise = "known"\n'

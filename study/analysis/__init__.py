@@ -1,1 +1,0 @@
-"""Tables in, tables out: performance measures with their Monte-Carlo error."""

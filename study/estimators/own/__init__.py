@@ -1,1 +1,0 @@
-"""Estimators of one's own: registering a function, loading a file or an installed package, and checking properties."""

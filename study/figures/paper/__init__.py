@@ -1,1 +1,0 @@
-"""Figures 2 to 7 of the paper."""

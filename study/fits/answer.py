@@ -1,0 +1,451 @@
+"""The points of fits: those that a fit stands on, and their distances from its centre.
+
+The status that a user sees: one rule for every estimator, beside what the estimator says itself.
+
+The answer of `study.fit`: spheres, their standard errors, and the distances of the points from them.
+"""
+
+from collections.abc import Callable, Iterator
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Literal, Self
+
+import numpy as np
+
+from study.arrays import Bools, Floats, Ints
+from study.fits.display import as_html, as_text, frame
+from study.fits.form import MinimumZone, minimum_zone
+from study.fits.intervals import Intervals, intervals
+from study.fits.robust import outliers
+from study.fits.samples import Estimates, Samples, Status, plug_in_bound, semi_axes, unless_missing
+from study.fits.trimmed import repeated
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+
+class FittedPoints:
+    """The points of a flat batch of fits.
+
+    Args:
+        samples: the points (b, d, n), missing ones as NaN.
+        center: ĉ (b, d).
+        without_outliers: the estimator leaves outliers out.
+    """
+
+    def __init__(self, samples: Samples, center: Floats, without_outliers: bool) -> None:
+        self._samples = samples
+        self._center = center
+        self._without_outliers = without_outliers
+
+    @property
+    def samples(self) -> Samples:
+        """The points; ValueError if they were lent and have changed."""
+        return self._samples.unchanged()
+
+    @cached_property
+    def outliers(self) -> Bools:
+        """True for the points (b, n) that do not belong to the sphere of the majority."""
+        return outliers(self.samples)
+
+    @cached_property
+    def repeated(self) -> Bools:
+        """True for the points (b, n) that repeat an earlier one."""
+        return repeated(self.samples.x)
+
+    @property
+    def present(self) -> Bools:
+        """False for missing points (b, n)."""
+        return self._from_center[2]
+
+    @property
+    def distance(self) -> Floats:
+        """Distances from ĉ (b, n)."""
+        return self._from_center[0]
+
+    @property
+    def directions(self) -> Floats:
+        """Directions from ĉ (b, d, n)."""
+        return self._from_center[1]
+
+    @cached_property
+    def used(self) -> Bools:
+        """True for the points (b, n) that the fit stands on: those that are not missing, and no outliers left out."""
+        return self.present & ~self.outliers if self._without_outliers else self.present
+
+    @property
+    def different(self) -> Samples:
+        """The points that the fit stands on, copies once."""
+        points = self.samples
+        if not self._without_outliers and not self.repeated.any():
+            return points
+        return Samples(np.where((self.used & ~self.repeated)[:, None], points.x, np.nan), points.noise)
+
+    @cached_property
+    def _from_center(self) -> tuple[Floats, Floats, Bools]:
+        """Distances, directions, and False for missing points."""
+        x = self.samples.x
+        with np.errstate(all="ignore"):
+            away = x - self._center[:, :, None]
+            distance = np.sqrt(np.einsum("bdn,bdn->bn", away, away))
+            return distance, away / distance[:, None], np.logical_not(np.isnan(x).any(axis=1))
+
+
+def settled_status(estimates: Estimates, ends: Intervals) -> Ints:
+    """Status of each fit (b,), given the intervals of its points at 95 %.
+
+    A rule that admits only fits far from the noise selects those whose curvature came out too large, and intervals of
+    such fits do not cover. Intervals of the fits that are bounded do (theory 10.5). So this rule replaces the
+    estimator's "ok" and "insignificant"; only an estimate outside its own interval stays insignificant. Failures stay,
+    and so does "hinge", whose centre is of another kind.
+    """
+    own, radius = estimates.status.reshape(-1), estimates.radius.reshape(-1)
+    inside = (ends.radius[:, 0] <= radius) & (radius <= ends.radius[:, 1])
+    ruled = (own == Status.OK) | (own == Status.INSIGNIFICANT)
+    accepted = np.where((own == Status.OK) | inside, Status.OK, own)
+    return np.asarray(np.where(ruled, np.where(ends.identified, accepted, Status.WEAKLY_IDENTIFIED), own))
+
+
+class Fit:
+    """Spheres that an estimator fitted, to one point set or to a batch of them with leading axes `…`.
+
+    Look at ``ok`` first: an estimator never raises on data, and a number beside a status other than ok may be of no
+    use. Standard errors and residuals are computed from the points on first use. A fit of a batch has a length, can be
+    indexed (``fit[3]``, ``fit[fit.ok]``) and iterated, along its leading axes.
+
+    Args:
+        estimates: the estimator's numbers, with the leading axes.
+        samples: the points that were fitted, flat (b, d, n); None if they are not known, which leaves no errors.
+        estimator: name of the estimator.
+        covariance_of: covariance of (ĉ, r̂) by the estimator's own rule, from samples without missing ones; None for
+            the Cramér-Rao bound with the estimates plugged in.
+        without_outliers: the estimator leaves ``outliers`` out.
+    """
+
+    def __init__(
+        self,
+        estimates: Estimates,
+        samples: Samples | None = None,
+        estimator: str = "",
+        covariance_of: Callable[[Samples, Estimates], Floats] | None = None,
+        without_outliers: bool = False,
+    ) -> None:
+        self._estimates = estimates
+        self._samples = samples
+        self._estimator = estimator
+        self._covariance_of = covariance_of
+        self._without_outliers = without_outliers
+
+    @property
+    def estimates(self) -> Estimates:
+        """The estimator's numbers as a named tuple, with the leading axes."""
+        return self._estimates
+
+    @property
+    def samples(self) -> Samples | None:
+        """The points that were fitted, flat (b, d, n); None if the fit does not hold them."""
+        return self._samples
+
+    @property
+    def estimator(self) -> str:
+        """Name of the estimator."""
+        return self._estimator
+
+    @property
+    def without_outliers(self) -> bool:
+        """True if the estimator leaves ``outliers`` out; intervals are then formed without them, too."""
+        return self._without_outliers
+
+    @property
+    def center(self) -> Floats:
+        """Centre ĉ (…, d), in the unit of the points."""
+        return self._estimates.center
+
+    @property
+    def radius(self) -> Floats:
+        """Radius r̂ (…), in the unit of the points. NaN where no radius is real, which the status then says."""
+        return self._estimates.radius
+
+    @property
+    def diameter(self) -> Floats:
+        """Diameter 2r̂ (…), in the unit of the points."""
+        return np.asarray(2.0 * self.radius)
+
+    @property
+    def noise_variance(self) -> Floats:
+        """Variance σ² of one coordinate (…), unit squared.
+
+        As given to an estimator that uses it (the mean over coordinates, for a covariance), else estimated from the
+        residuals. NaN at n = d + 1, which leaves none.
+        """
+        return self._estimates.noise_variance
+
+    @property
+    def sigma(self) -> Floats:
+        """Standard deviation σ of one coordinate (…), in the unit of the points: the root of `noise_variance`."""
+        with np.errstate(invalid="ignore"):
+            return np.asarray(np.sqrt(self.noise_variance))
+
+    @property
+    def condition(self) -> Floats:
+        """The paper's Leontief condition ρ (…), the spectral radius of Σ̂C⁻¹, which must be below 1.
+
+        NaN for an estimator that subtracts no noise.
+        """
+        return self._estimates.condition
+
+    @property
+    def own_status(self) -> Ints:
+        """Number of the `Status` that the estimator itself gives each fit (…); error tables of studies hold it."""
+        return self._estimates.status
+
+    @property
+    def status(self) -> Ints:
+        """Number of the `Status` of each fit (…): ``Status(int(fit.status)).text`` for one.
+
+        It is the estimator's own where it failed. Else one rule holds for every estimator: a fit is weakly identified
+        unless its points bound the radius by a 95 % interval and the noise is below 0.35 radii (theory 10.5).
+        """
+        return self.own_status if self._samples is None else self._settled
+
+    def interval(self, of: Literal["radius", "center"], level: float = 0.95) -> Floats:
+        """Confidence interval of the radius, or one of each coordinate of the centre.
+
+        It depends on the points alone, not on the estimator; that of `robust` leaves the outliers out, as the fit
+        does. Copies of a point count once. It assumes isotropic noise of unknown size, and covers where an estimate ±
+        its standard error does not: on small caps, under large noise, and with few points.
+
+        Args:
+            of: "radius" or "center".
+            level: nominal coverage of each interval, in (0, 1).
+
+        Returns:
+            Lower and upper ends, (…, 2) for the radius and (…, d, 2) for the centre, in the unit of the points. Ends
+            that the points do not determine are 0 or infinite for the radius; the centre then may be anywhere.
+
+        Raises:
+            ValueError: if the level is not in (0, 1), or the fit does not hold its points.
+
+        Source: theory §10.
+        """
+        if of not in ("radius", "center"):
+            raise ValueError(f"of = {of!r}: an interval is that of the 'radius' or of the 'center'")
+        ends = self._intervals(level)
+        return ends.radius.reshape(*self.shape, 2) if of == "radius" else ends.center.reshape(*self.center.shape, 2)
+
+    @cached_property
+    def _settled(self) -> Ints:
+        """The status by the rule, of a fit that holds its points."""
+        return settled_status(self._estimates, self._intervals(0.95)).reshape(self.shape)
+
+    def _intervals(self, level: float) -> Intervals:
+        """Intervals of the flat batch, computed once for each level."""
+        known: dict[float, Intervals] = self.__dict__.setdefault("_known_intervals", {})
+        if level not in known:
+            known[level] = intervals(self._points.different, level)
+        return known[level]
+
+    @property
+    def ok(self) -> Bools:
+        """True for each fit (…) whose status is ok, whatever `outliers` it uses."""
+        return np.asarray(self.status == Status.OK)
+
+    @property
+    def iterations(self) -> Ints:
+        """Steps taken (…); 0 for a closed form."""
+        return self._estimates.iterations
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """The leading axes; () for a single fit."""
+        return self.radius.shape
+
+    def __len__(self) -> int:
+        if not self.shape:
+            raise TypeError("a single fit has no length; only a fit of a batch (…, n, d) has")
+        return self.shape[0]
+
+    def __bool__(self) -> bool:
+        raise TypeError("a fit is neither true nor false: look at fit.ok")
+
+    def __getitem__(self, index: Any) -> Self:
+        """Fits of a part of the batch, by any index of an array with the leading axes."""
+        if not self.shape:
+            raise TypeError("a single fit cannot be indexed; its arrays are fit.center, fit.radius, fit.status, …")
+        places = np.arange(self.radius.size).reshape(self.shape)[index]
+        flat = self._estimates.reshape(-1)
+        part = Estimates._make([np.asarray(array[places]) for array in flat])
+        samples = None if self._samples is None else self._samples.take(np.atleast_1d(places).ravel())
+        return type(self)(part, samples, self._estimator, self._covariance_of, self._without_outliers)
+
+    def __iter__(self) -> Iterator[Self]:
+        return (self[i] for i in range(len(self)))
+
+    def __repr__(self) -> str:
+        return as_text(self)
+
+    def _repr_html_(self) -> str:
+        return as_html(self)
+
+    def to_frame(self) -> "pd.DataFrame":
+        """A row per fit.
+
+        Returns:
+            Columns: each coordinate of the centre (center_1) and its standard error (error_1), radius and
+            radius_error, noise (σ̂), residual_rms, condition (ρ), iterations, samples used, status in words. The index
+            has a level for each leading axis.
+        """
+        return frame(self)
+
+    def plot(self) -> "Figure":
+        """Draw the points and the circle or sphere of a single fit in two or three dimensions.
+
+        Raises:
+            ValueError: if there is more than one fit, or another number of dimensions.
+        """
+        from study.fits.display import draw
+
+        return draw(self)
+
+    @cached_property
+    def count(self) -> Ints:
+        """Number of samples used (…): points with a NaN are missing and left out."""
+        return np.asarray(self._points.present.sum(axis=1).reshape(self.shape))
+
+    @cached_property
+    def residuals(self) -> Floats:
+        """Signed distance of each point from the sphere (…, n), in the unit of the points.
+
+        It is |x - ĉ| - r̂, positive outside; NaN where a sample is missing.
+        """
+        points = self._points
+        with np.errstate(all="ignore"):
+            signed = np.where(points.present, points.distance - self.radius.reshape(-1, 1), np.nan)
+        return signed.reshape(*self.shape, signed.shape[1])
+
+    @cached_property
+    def outliers(self) -> Bools:
+        """True for each point (…, n) that does not belong to the sphere of the majority.
+
+        It depends on the points alone, not on this fit: `robust` leaves them out, other estimators use them. Of data
+        sets without outliers about 1 % have a point named. Missing samples are none.
+
+        Source: theory §11.
+        """
+        found = self._points.outliers
+        return found.reshape(*self.shape, found.shape[1])
+
+    @cached_property
+    def copies(self) -> Ints:
+        """Number of points (…) that repeat an earlier one exactly, which makes the standard errors too small.
+
+        Intervals, and with them the status, count copies once.
+        """
+        return np.asarray(self._points.repeated.sum(axis=1).reshape(self.shape))
+
+    @cached_property
+    def minimum_zone(self) -> MinimumZone:
+        """The minimum-zone sphere of the points, whatever the estimator: see `study.minimum_zone`."""
+        points = self._points.samples.points
+        return minimum_zone(points.reshape(*self.shape, *points.shape[1:]))
+
+    @cached_property
+    def residual_rms(self) -> Floats:
+        """Root mean square distance of the points from the sphere (…), in the unit of the points."""
+        points = self._points
+        with np.errstate(all="ignore"):
+            square = np.where(points.present, (points.distance - self.radius.reshape(-1, 1)) ** 2, 0.0).sum(axis=1)
+            return np.asarray(np.sqrt(square / points.present.sum(axis=1)).reshape(self.shape))
+
+    @property
+    def form_error(self) -> Floats:
+        """Largest minus smallest residual (…), in the unit of the points: the form error with respect to this sphere.
+
+        The minimum-zone sphere has the least form error of all; a least-squares one has a slightly larger.
+        """
+        return np.asarray(np.fmax.reduce(self.residuals, axis=-1) - np.fmin.reduce(self.residuals, axis=-1))
+
+    @property
+    def largest_deviation(self) -> Floats:
+        """Largest distance of a point from the sphere (…), in the unit of the points."""
+        return np.asarray(np.fmax.reduce(np.abs(self.residuals), axis=-1))
+
+    @cached_property
+    def covariance(self) -> Floats:
+        """Covariance of (ĉ, r̂) (…, d+1, d+1), unit squared.
+
+        It is the estimator's own where it has one (`Estimator.covariance`), else the Cramér-Rao bound with the
+        estimates plugged in: the noise as given or estimated, and the directions of the points from ĉ, without
+        outliers if the estimator leaves them out. The bound includes neither an estimator's bias (`gdke`, `lls`) nor
+        the excess of one that does not attain it. NaN or infinite where it cannot be formed.
+        """
+        d, points = self.center.shape[-1], self._points
+        if self._covariance_of is not None:
+            found = unless_missing(self._covariance_of, points.samples, self._estimates.reshape(-1))
+        else:
+            away = points.used & (points.distance > 0.0)  # a point at the centre has no direction
+            found = plug_in_bound(points.directions, away, points.samples.noise, self.noise_variance.reshape(-1))
+        return found.reshape(*self.shape, d + 1, d + 1)
+
+    @property
+    def standard_errors(self) -> Floats:
+        """Standard errors of ĉ's components and of r̂ (…, d+1), in the unit of the points; see `covariance`."""
+        with np.errstate(all="ignore"):
+            return np.asarray(np.sqrt(np.einsum("...ii->...i", self.covariance)))
+
+    def expanded_uncertainty(self, k: float = 2.0) -> Floats:
+        """Expanded uncertainty of ĉ's components and of r̂ (…, d+1), in the unit of the points.
+
+        Args:
+            k: coverage factor, by which the standard errors are multiplied; 2 stands for about 95 %.
+
+        Raises:
+            ValueError: if the factor is not positive.
+
+        Source: JCGM 100:2008 (GUM), §6.2.
+        """
+        if not 0.0 < k < np.inf:
+            raise ValueError(f"k = {k!r}: a coverage factor must be positive and finite, such as 2")
+        return k * self.standard_errors
+
+    @property
+    def correlation(self) -> Floats:
+        """Correlation of (ĉ, r̂) (…, d+1, d+1); NaN where the covariance is not finite."""
+        with np.errstate(all="ignore"):
+            errors = self.standard_errors
+            return np.asarray(self.covariance / errors[..., :, None] / errors[..., None, :])
+
+    def ellipsoid(self, level: float = 0.95) -> Floats:
+        """Joint confidence ellipsoid of the centre.
+
+        Args:
+            level: nominal coverage, in (0, 1).
+
+        Returns:
+            Semi-axes as columns (…, d, d), in the unit of the points. Their length comes from the χ² distribution
+            where `noise_is_known`, else from F with n - d - 1 degrees of freedom.
+
+        Raises:
+            ValueError: if the level is not in (0, 1), or if the fit does not hold its points, because it is not from
+                `study.fit`.
+        """
+        if not 0.0 < level < 1.0:
+            raise ValueError(f"level = {level!r}: a coverage must lie between 0 and 1, such as 0.95")
+        d = self.center.shape[-1]
+        spare = None if self.noise_is_known else np.maximum(self._points.used.sum(axis=1) - d - 1, 1)
+        found = semi_axes(self.covariance[..., :d, :d].reshape(-1, d, d), level, spare)
+        return found.reshape(*self.center.shape, d)
+
+    @property
+    def noise_is_known(self) -> bool:
+        """True if the covariance stands on a noise that was given. `corrected` always estimates it."""
+        given = self._samples is not None and self._samples.noise is not None
+        return given and self._covariance_of is None
+
+    @cached_property
+    def _points(self) -> FittedPoints:
+        """The points, flat; ValueError if the fit does not hold them."""
+        if self._samples is None:
+            raise ValueError("this fit does not hold its points: use study.fit, which stores them in the fit")
+        center = self.center.reshape(-1, self.center.shape[-1])
+        return FittedPoints(self._samples, center, self._without_outliers)

@@ -1,0 +1,526 @@
+"""Fisher information and Cramér-Rao bound of a sphere's centre and radius.
+
+The functional model: each sample lies at c + r u plus Gaussian noise of covariance Σ, its direction u fixed and
+unknown. Eliminating the directions leaves the information along the normals (theory (3.1))
+
+    J = Σᵢ wᵢ wᵢᵀ / (uᵢᵀ Σ uᵢ),   w = (u, 1),   CRLB(c, r) = J⁻¹,
+
+which bounds unbiased estimators. J is inverted through the centred directions, because Σ w wᵀ of a small cap is
+singular to rounding while the scatter about the mean direction is not.
+
+Noisy samples of a spherical cap as a mixture over their directions: densities, and means of a(u) given a sample.
+
+A sample is y = u + σz, its direction u uniform by area on the cap. Everything is a function of its distance R = |y| and
+its angle α to the axis, times a harmonic of the azimuth, of order 0 (axial) or 1 (lateral). With θ the angle of u,
+integrals over the azimuth are Bessel functions of κ = R sin α sin θ/σ².
+
+Attainable bound: the least covariance of a regular estimator that knows neither the directions nor the noise.
+
+The Cramér-Rao bound holds for directions u that are fixed parameters, as many as there are samples; where noise hides
+much of a cap, no estimator reaches it. Here the directions follow a law G that is unknown, and so is σ. In units of the
+radius, with y = (x - c)/r, the scores given u are
+
+    centre: (y - u)/σ²,   radius: (u·y - 1)/σ²,   σ²: |y - u|²/2σ⁴ - d/2σ²,
+
+and given y alone they are E[·|y]. A change of the law by a factor 1 + a(u) adds E[a(u)|y] to the score. The scores are
+efficient when they are projected on the complement of all E[a(u)|y]; the inverse of their covariance is the bound.
+
+Source: Bickel, Klaassen, Ritov & Wellner 1993, §4.5, for mixtures with an unknown law.
+"""
+
+import math
+import operator
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+import scipy
+from numpy.typing import ArrayLike
+
+from study.arrays import Bools, Floats, real_array
+from study.fits.cap import cap_moments
+from study.fits.jit import CHUNK, Sums, View, at, compiled, fresh, put, total, window, zeros
+from study.fits.linalg import eigenbasis
+
+_REACH = 8.0
+"""Standard deviations of noise beyond which there is no sample: exp(-8²/2) = 1e-14."""
+
+
+class Cap(NamedTuple):
+    """A cap of the unit sphere and the noise: half-angle in radians, σ, d."""
+
+    half_angle: float
+    noise: float
+    dimension: int
+
+
+class Positions(NamedTuple):
+    """Places of a sample: at a distance 1 + ``excess`` (n, 1), at an ``angle`` (m,) to the axis, with volumes (n, m).
+
+    The volumes are those of all azimuths, times the constant of the density of the noise.
+    """
+
+    excess: Floats
+    angle: Floats
+    volume: Floats
+
+
+class Orders(NamedTuple):
+    """Functions of a sample, of azimuthal order 0 and 1: these are multiplied by the cosine of the azimuth."""
+
+    axial: Floats
+    lateral: Floats
+
+
+@lru_cache(maxsize=16)
+def unit_rule(nodes: int) -> tuple[Floats, Floats]:
+    """Nodes and weights of Gauss and Legendre between -1 and 1; they take as long as what they are used for."""
+    return tuple(map(np.asarray, scipy.special.roots_legendre(nodes)))  # type: ignore[return-value]
+
+
+def rule(low: Floats | float, high: Floats | float, nodes: int) -> tuple[Floats, Floats]:
+    """Nodes and weights of Gauss and Legendre between bounds; new last axis."""
+    x, w = unit_rule(nodes)
+    half = 0.5 * np.subtract(high, low)[..., None]
+    return np.asarray(half * x + 0.5 * np.add(high, low)[..., None]), np.asarray(half * w)
+
+
+def _spread(noise: float) -> float:
+    """Angle by which noise may move a sample along the sphere."""
+    return math.asin(_REACH * noise) if _REACH * noise < 1.0 else math.pi
+
+
+def positions(cap: Cap, nodes: int) -> Positions:
+    """Nodes where a sample may lie. In the angle they come in panels, which end at the rim and at the noise's reach."""
+    half_angle, noise, d = cap
+    spread = _spread(noise)
+    excess, width = rule(max(-1.0, -_REACH * noise), (_REACH + math.sqrt(d)) * noise, nodes)
+    edges = np.unique([0.0, max(0.0, half_angle - spread), half_angle, min(math.pi, half_angle + spread)])
+    angle, breadth = (part.ravel() for part in rule(edges[:-1], edges[1:], nodes))
+    constant = math.log(2.0) + 0.5 * (d - 1) * math.log(math.pi) - math.lgamma(0.5 * (d - 1))
+    constant -= 0.5 * d * math.log(2.0 * math.pi * noise**2)
+    with np.errstate(under="ignore"):
+        radial = width * np.exp((d - 1) * np.log1p(excess) + constant)
+        return Positions(excess[:, None], angle, radial[:, None] * breadth * np.sin(angle) ** (d - 2))
+
+
+def directions(cap: Cap, angle: Floats, nodes: int) -> tuple[Floats, Floats]:
+    """Angles θ of the directions that matter to samples at the given angles, and their probabilities (m, nodes)."""
+    half_angle, noise, d = cap
+    reach = 1.2 * _spread(noise)
+    low = np.maximum(0.0, np.minimum(angle, half_angle) - reach)
+    theta, width = rule(low, np.minimum(half_angle, angle + reach), nodes)
+    widest = math.sin(min(half_angle, 0.5 * math.pi))  # in units of it, high powers do not vanish
+    whole, measure = rule(0.0, half_angle, nodes)
+    total = measure @ (np.sin(whole) / widest) ** (d - 2)
+    return theta, width * (np.sin(theta) / widest) ** (d - 2) / total
+
+
+def _azimuth(kappa: Floats, d: int) -> Orders:
+    """Mean of exp(κ(w - 1)), plain and times w, w being the cosine of the azimuth."""
+    if d == 2:  # w is a sign
+        return Orders(0.5 + 0.5 * np.exp(-2.0 * kappa), -0.5 * np.expm1(-2.0 * kappa))
+    if d == 3:
+        return Orders(scipy.special.i0e(kappa), scipy.special.i1e(kappa))
+    order = 0.5 * (d - 3)
+    return Orders(_bessel(order, kappa), kappa / (d - 1) * _bessel(order + 1.0, kappa))
+
+
+def _bessel(order: float, x: Floats) -> Floats:
+    """exp(-x) ₀F₁(; order + 1; x²/4) = Γ(order + 1) (2/x)^order exp(-x) I_order(x)."""
+    value, small = np.empty_like(x), x < 30.0 * (1.0 + order)
+    near, far = x[small], x[~small]  # to either side, a series and an expansion that lose nothing
+    value[small] = scipy.special.hyp0f1(order + 1.0, 0.25 * near * near) * np.exp(-near)
+    scale = np.exp(scipy.special.gammaln(order + 1.0) - order * np.log(0.5 * far))
+    value[~small] = scale * scipy.special.ive(order, far)
+    return value
+
+
+def kernels(cap: Cap, y: Positions, theta: Floats) -> Orders:
+    """exp(-|y - u|²/2σ²) for directions at an angle θ, integrated over the azimuth (n, m, …)."""
+    excess, angle = y.excess[..., None], y.angle[:, None]
+    kappa = (1.0 + excess) * np.sin(angle) * np.sin(theta) / cap.noise**2
+    least = excess**2 + 4.0 * (1.0 + excess) * np.sin(0.5 * (angle - theta)) ** 2  # |y - u|² at equal azimuths
+    with np.errstate(under="ignore"):
+        gauss = np.exp(-0.5 * least / cap.noise**2)
+        axial, lateral = _azimuth(kappa, cap.dimension)
+        return Orders(gauss * axial, gauss * lateral)
+
+
+def polynomials(cap: Cap, y: Positions, theta: Floats, weighted: Orders, degree: int) -> Orders:
+    """E[a(u)|y] times the density of y, for Legendre polynomials a in cos θ and for the rim (n, m, degree + 2).
+
+    ``weighted`` are the kernels at θ times the probabilities, the lateral ones also times sin θ. The rim stands for a
+    law that lies on it alone: polynomials approach it slowly, and a cap that moves gains and loses at its rim.
+    """
+    x = 1.0 - 2.0 * (np.sin(0.5 * theta) / math.sin(0.5 * cap.half_angle)) ** 2
+    table = np.polynomial.legendre.legvander(x, degree)
+    axial, lateral = (np.einsum("nmt,mtk->nmk", kernel, table, optimize=True) for kernel in weighted)
+    rim = kernels(cap, y, np.asarray(cap.half_angle))
+    return Orders(
+        np.concatenate([axial, rim.axial], axis=-1),
+        np.concatenate([lateral, rim.lateral * math.sin(cap.half_angle)], axis=-1),
+    )
+
+
+def derivatives(cap: Cap, y: Positions, terms: int) -> Orders:
+    """E[a(u)|y] times the density of y, for derivatives a of a unit mass at the pole by its height (n, m, terms).
+
+    Where noise hides the cap, E[a(u)|y] of polynomials lose their digits; these keep them, however small they are.
+    """
+    unit, noise = 2.0 * math.sin(0.5 * cap.half_angle) ** 2, cap.noise
+    distance, angle, c = 1.0 + y.excess, y.angle, 0.5 * (cap.dimension - 1)
+    first = -distance * np.cos(angle) * unit / noise**2
+    second = (distance * np.sin(angle) / (2.0 * noise**2)) ** 2 * unit
+    gauss = np.exp(-0.5 * (y.excess**2 + 4.0 * distance * np.sin(0.5 * angle) ** 2) / noise**2)[..., None]
+    axial = gauss * _series(first, second, c, unit, terms)
+    lateral = gauss * (distance * np.sin(angle))[..., None] * _series(first, second, c + 1.0, unit, terms)
+    return Orders(axial, lateral)
+
+
+def _series(first: Floats, second: Floats, c: float, unit: float, terms: int) -> Floats:
+    """Coefficients of hᵏ, k < terms, in exp(first h) ₀F₁(; c; second h (2 - unit h)); new last axis."""
+    powers = [np.zeros_like(second) for _ in range(terms)]
+    for j in range(terms):
+        factor = second**j / (math.factorial(j) * scipy.special.poch(c, j))
+        for i in range(min(j + 1, terms - j)):
+            powers[i + j] += factor * math.comb(j, i) * 2.0 ** (j - i) * (-unit) ** i
+    exponential = [first**k / math.factorial(k) for k in range(terms)]
+    return np.stack([sum(exponential[k - i] * powers[i] for i in range(k + 1)) for k in range(terms)], axis=-1)
+
+
+_NODES = 48
+"""Nodes of a rule of Gauss and Legendre; with 64 the bounds agree to 1e-6."""
+_CLEAR = 1e-4
+"""Noise below this share of the half-angle gives the Cramér-Rao bound: ALS, which knows as little, is as near as
+3e-8 d²."""
+_HIDDEN = 0.8
+"""Noise above this multiple of the half-angle needs the family of derivatives."""
+_GONE = 1e3
+"""With noise above this multiple of the half-angle only rounding would be left in the numbers."""
+_LEAST_ANGLE = 1e-60
+"""Half-angle in radians, above which no fourth power vanishes."""
+_RANK = 1e-14
+"""Singular values of E[a(u)|y] below this share of the largest are rounding."""
+_LOST = 1e-7
+"""Efficient scores below this share of the scores have lost the digits that are promised."""
+
+
+def attainable_bound(angle: float = 45.0, noise: float = 0.3, dimension: int = 3) -> Floats:
+    """Attainable bound to the covariance of (centre, radius), for one sample on a cap of the unit sphere.
+
+    For N samples divide it by N; for a sphere of radius r give σ/r, and multiply it by r². It is the least asymptotic
+    covariance of estimators that know neither the law of the directions nor σ. It is never below the Cramér-Rao bound
+    (`study.crlb`), and tends to it as the noise falls.
+
+    Args:
+        angle: half-angle of the cap in degrees, 0 < φ ≤ 180; directions are uniform by area on it.
+        noise: standard deviation σ of each coordinate, in units of the radius.
+        dimension: d ≥ 2.
+
+    Returns:
+        Bound (d+1, d+1): the centre along the axis, the centre across it, the radius. Its relative error is below
+        1e-4, tested in up to 20 dimensions.
+
+    Raises:
+        ValueError: if an argument is out of range, or noise hides the cap so far that float64 cannot hold the bound.
+        TypeError: if an argument is not one number.
+    """
+    phi, sigma, d = _number("angle", angle), _number("noise", noise), operator.index(dimension)
+    if not 0.0 < phi <= 180.0:
+        raise ValueError(f"angle = {phi!r}: give the half-angle of the cap in degrees, above 0 and at most 180")
+    if not (sigma > 0.0 and 0.0 < sigma * sigma < math.inf):
+        raise ValueError(f"noise = {sigma!r}: a standard deviation must be positive and finite, and so must its square")
+    if d < 2:
+        raise ValueError(f"dimension = {d!r}: a sphere needs at least 2")
+    return _cached(Cap(math.radians(phi), sigma, d)).copy()
+
+
+def _number(name: str, value: float) -> float:
+    """Check that an argument is one number."""
+    if np.ndim(value) != 0:
+        raise TypeError(f"{name} has shape {np.shape(value)}: give one number")
+    return float(value)
+
+
+@lru_cache(maxsize=4096)
+def _cached(cap: Cap) -> Floats:
+    clear = cap.noise < _CLEAR * cap.half_angle and cap.half_angle > _LEAST_ANGLE
+    return cramer_rao(cap) if clear else by_quadrature(cap)
+
+
+def cramer_rao(cap: Cap) -> Floats:
+    """Cramér-Rao bound for one sample on a cap (theory (3.2))."""
+    mean, along, across = cap_moments(cap.half_angle, cap.dimension)
+    return cap.noise**2 * _assemble(cap.dimension, 1.0 / along, -mean / along, 1.0 + mean * mean / along, 1.0 / across)
+
+
+def _assemble(d: int, axis: float, between: float, radius: float, across: float) -> Floats:
+    """Symmetric matrix (d+1, d+1) of the centre, axis first, and the radius."""
+    bound = np.diag([axis, *[across] * (d - 1), radius])
+    bound[0, -1] = bound[-1, 0] = between
+    return bound
+
+
+def by_quadrature(cap: Cap, nodes: int = _NODES) -> Floats:
+    """Attainable bound by quadrature; more nodes go with a richer family of functions a(u).
+
+    Raises:
+        ValueError: if rounding leaves fewer digits than are promised.
+    """
+    half_angle, noise, d = cap
+    lost = ValueError(
+        f"noise = {noise!r} hides a cap of {math.degrees(half_angle):g}° so far that float64 cannot hold the "
+        f"attainable bound: give less noise or a larger angle"
+    )
+    if not (noise < _GONE * half_angle and half_angle > _LEAST_ANGLE):
+        raise lost
+    y = positions(cap, nodes)
+    theta, share = directions(cap, y.angle, nodes)
+    axial, lateral = kernels(cap, y, theta)
+    weighted = Orders(axial * share, lateral * share * np.sin(theta))
+    density = weighted.axial.sum(axis=-1)
+    # functions come multiplied by the density: times this root they are orthogonal where they are uncorrelated
+    root = np.sqrt(np.divide(y.volume, density, out=np.zeros_like(density), where=density > 1e-290))
+    if noise < _HIDDEN * half_angle:
+        family = polynomials(cap, y, theta, weighted, nodes // 2 - 4)
+    else:
+        family = Orders(*(_to_unit_size(part, root) for part in derivatives(cap, y, nodes // 3)))
+    along, across = _scores(cap, y, theta, weighted)
+    axis, least = _efficient(family.axial, along, root)
+    side, other = _efficient(family.lateral, across, root)
+    if not min(least, other) > _LOST:
+        raise lost
+    inverse = np.linalg.inv(axis)
+    (a, b), (_, c) = (inverse @ inverse.T)[:2, :2]  # of c - r along the axis and of r, σ² being unknown
+    return noise**2 * _assemble(d, a, b - a, a - 2.0 * b + c, (d - 1) / side[0, 0] ** 2)
+
+
+def _scores(cap: Cap, y: Positions, theta: Floats, weighted: Orders) -> tuple[list[Floats], list[Floats]]:
+    """Scores given y times the density: of c - r along the axis, r and σ²; and of c across the axis.
+
+    In units of 1/σ and 1/σ². The difference c - r is formed without the subtraction, which a small cap would not bear.
+    """
+    noise, angle, distance, (axial, lateral) = cap.noise, y.angle, 1.0 + y.excess, weighted
+    density = axial.sum(axis=-1)
+    height = (axial * 2.0 * np.sin(0.5 * theta) ** 2).sum(axis=-1)
+    tilt = (axial * 2.0 * np.sin(0.5 * (angle[:, None] - theta)) ** 2).sum(axis=-1)
+    turn = (axial * np.sin(theta) - lateral).sum(axis=-1) * np.sin(angle)
+    short = distance * (tilt + turn)  # R - u·y
+    difference = (height + short - 2.0 * distance * np.sin(0.5 * angle) ** 2 * density) / noise
+    radius = (y.excess * density - short) / noise
+    variance = (y.excess**2 * density + 2.0 * short) / (2.0 * noise**2) - 0.5 * cap.dimension * density
+    across = (distance * np.sin(angle) * density - lateral.sum(axis=-1)) / noise
+    return [difference, radius, variance], [across]
+
+
+def _to_unit_size(family: Floats, root: Floats) -> Floats:
+    """Bring each function of a family to mean square 1."""
+    size = np.linalg.norm(family * root[..., None], axis=(0, 1))
+    return np.asarray(family / np.maximum(size, np.finfo(float).tiny))
+
+
+def _efficient(family: Floats, scores: list[Floats], root: Floats) -> tuple[Floats, float]:
+    """Project scores on the complement of a family: triangular root of their covariance, and their least share."""
+    basis = (family * root[..., None]).reshape(-1, family.shape[-1])
+    left, values, _ = np.linalg.svd(basis, full_matrices=False)
+    left = left[:, values > _RANK * values[0]]
+    rest = whole = np.stack([(score * root).ravel() for score in scores], axis=1)
+    for _ in range(2):  # the second time removes what rounding left
+        rest = rest - left @ (left.T @ rest)
+    triangle = np.linalg.qr(rest)[1]
+    share = np.linalg.svd(triangle / np.linalg.norm(whole, axis=0), compute_uv=False)
+    return triangle, float(share[-1])
+
+
+_FLAT = 4 * 2.0**-52
+"""Least eigenvalue of K over the largest, per dimension, up to which it is rounding: the bound is infinite."""
+
+_UNIT = 2e-6
+"""Largest difference of the squared length of a unit vector from 1."""
+
+
+@compiled
+def _sums(view: View, weights: Floats, middle: Sums, square: Sums) -> tuple[Sums, Sums]:
+    """Σωy and the lower triangle of Σωyyᵀ, y = u - middle, of as many samples of a set as there are weights."""
+    d = len(middle)
+    y, first, second = fresh(middle), fresh(middle), fresh(square)
+    for i in range(d):
+        first = put(first, i, 0.0)
+    for k in range(weights.size):
+        for i in range(d):
+            y = put(y, i, at(view, i, k) - middle[i])
+        for i in range(d):
+            weighted = weights[k] * y[i]
+            first = put(first, i, first[i] + weighted)
+            for j in range(i + 1):
+                second = put(second, i * d + j, second[i * d + j] + weighted * y[j])
+    return first, second
+
+
+@compiled
+def _scatter(
+    directions: Floats, weights: Floats, sums: Floats, mean: Floats, scatter: Floats, zero: Sums, square: Sums
+) -> None:
+    """`weighted_scatter`, in one pass: about the mean of the first samples, which is near enough to that of all."""
+    b, d, n = directions.shape
+    rows = np.empty((1, d, CHUNK))
+    for t in range(b):
+        weight = weights[t % len(weights)]
+        part = weight[: min(CHUNK, n)]
+        view = window(directions, t, 0, part.size, rows, zero)
+        middle, _ = _sums(view, part, zero, square)
+        whole = total(part)
+        for i in range(d):
+            middle = put(middle, i, middle[i] / whole)
+        whole, first, second = 0.0, fresh(zero), fresh(square)
+        for start in range(0, n, CHUNK):
+            place = start % weight.size
+            part = weight[place : place + min(CHUNK, n - start)]
+            view = window(directions, t, start, part.size, rows, zero)
+            more, squares = _sums(view, part, middle, square)
+            whole += total(part)
+            for i in range(d):
+                first = put(first, i, first[i] + more[i])
+            for i in range(d * d):
+                second = put(second, i, second[i] + squares[i])
+        sums[t] = whole
+        for i in range(d):
+            mean[t, i] = middle[i] + first[i] / whole
+            for j in range(i + 1):
+                scatter[t, i, j] = scatter[t, j, i] = second[i * d + j] - first[i] * first[j] / whole
+
+
+def weighted_scatter(directions: Floats, weights: Floats) -> tuple[Floats, Floats, Floats]:
+    """Σω, ū = Σωu/Σω and Σω(u-ū)(u-ū)ᵀ for a batch of directions (b, d, n) and weights (b, n), or (1, n) for all.
+
+    Weights (1, CHUNK), or (b, CHUNK), are those of each chunk of samples: equal weights need no row of their own.
+    """
+    b, d, _ = directions.shape
+    sums, mean, scatter = np.empty(b), np.empty((b, d)), np.empty((b, d, d))
+    _scatter(np.ascontiguousarray(directions), weights, sums, mean, scatter, zeros(d), zeros(d, d))
+    return sums, mean, scatter
+
+
+@compiled
+def _invert(sums: Floats, mean: Floats, values: Floats, vectors: Floats, bound: Floats) -> None:
+    """Block inversion of J, given the eigenbasis of the scatter K, where that is regular."""
+    b, d = mean.shape
+    for t in range(b):
+        if not values[t, 0] > d * _FLAT * values[t, d - 1]:
+            continue
+        radius = 1.0 / sums[t]
+        for i in range(d):
+            across = 0.0
+            for j in range(d):
+                inverse = 0.0
+                for k in range(d):
+                    inverse += vectors[t, i, k] * vectors[t, j, k] / values[t, k]
+                bound[t, i, j] = inverse
+                across += inverse * mean[t, j]
+            bound[t, i, d] = bound[t, d, i] = -across
+            radius += across * mean[t, i]
+        bound[t, d, d] = radius
+
+
+def bound_from_scatter(sums: Floats, mean: Floats, scatter: Floats) -> Floats:
+    """Invert J from its centred form: the bound (b, d+1, d+1), infinite where the directions leave c undetermined.
+
+    With K = Σω(u-ū)(u-ū)ᵀ, block inversion gives K⁻¹ for the centre, -K⁻¹ū between, 1/Σω + ūᵀK⁻¹ū for the radius.
+    """
+    b, d = mean.shape
+    bound = np.full((b, d + 1, d + 1), np.inf)
+    _invert(sums, mean, *eigenbasis(scatter), bound)
+    return bound
+
+
+def crlb(directions: ArrayLike, noise: ArrayLike) -> Floats:
+    """Cramér-Rao lower bound to the covariance of an unbiased estimate of (centre, radius).
+
+    It treats the directions as known, and does not depend on the radius. `study.attainable_bound` does not treat them
+    as known.
+
+    Args:
+        directions: unit vectors (…, n, d) from the centre to the true positions, d ≥ 2; leading axes are a batch.
+            Those with a NaN, or masked, are missing.
+        noise: standard deviation σ of each coordinate, in the unit in which the bound is wanted, or the covariance Σ
+            (d, d) of a sample, unit squared.
+
+    Returns:
+        Bound (…, d+1, d+1), unit squared; infinite where the directions do not determine the centre.
+
+    Raises:
+        TypeError: if the directions or the noise are not real numbers.
+        ValueError: if the shape or the noise cannot be used, or a direction is not of length 1. The message says which
+            and why.
+
+    Source: paper §4.2; the elimination of the directions is theory (3.1).
+    """
+    u = real_array(directions, "directions").astype(float, copy=False)
+    if u.ndim < 2 or u.shape[-1] < 2:
+        raise ValueError(f"directions have shape {u.shape}: expected (…, n, d) with d ≥ 2")
+    *lead, n, d = u.shape
+    present = np.logical_not(np.isnan(u).any(axis=-1))
+    _assert_unit(u, present)
+    covariance, unit = unit_covariance(noise, d)
+    sets = math.prod(lead)
+    u, present = np.where(present[..., None], u, 0.0).reshape(sets, n, d), present.reshape(sets, n)
+    with np.errstate(divide="ignore", invalid="ignore"):  # a set may have no direction at all
+        weights = np.where(present, normal_weights(u, covariance), 0.0)
+    sums, mean, scatter = weighted_scatter(u.swapaxes(1, 2), weights)
+    return np.asarray(bound_from_scatter(sums, mean, scatter) * unit).reshape(*lead, d + 1, d + 1)
+
+
+def _assert_unit(directions: Floats, present: Bools) -> None:
+    """Raise a ValueError if a direction (…, n, d) that is present is not of length 1."""
+    with np.errstate(all="ignore"):
+        square = np.einsum("...i,...i->...", directions, directions)
+        wrong = present & ~(np.abs(square - 1.0) <= _UNIT)
+    if wrong.any():
+        place = tuple(int(i) for i in np.argwhere(wrong)[0])
+        where, length = ", ".join(map(str, place)), float(np.sqrt(square[place]))
+        raise ValueError(
+            f"directions[{where}] has length {length:.6g}: expected unit vectors; divide each vector from the "
+            "centre by its length"
+        )
+
+
+def normal_weights(directions: Floats, covariance: Floats) -> Floats:
+    """Information of each sample along its own direction, 1/(uᵀΣu): (…, n) for directions (…, n, d)."""
+    return np.asarray(1.0 / np.einsum("...i,ij,...j->...", directions, covariance, directions))
+
+
+def unit_covariance(noise: ArrayLike, dimension: int) -> tuple[Floats, float]:
+    """Covariance (d, d) of size 1 of a noise σ or Σ, and the power of two by which it is smaller or larger."""
+    covariance = noise_covariance(noise, dimension)
+    unit = float(np.ldexp(1.0, np.frexp(np.trace(covariance))[1]))
+    return covariance / unit, unit
+
+
+def noise_covariance(noise: ArrayLike, dimension: int) -> Floats:
+    """Covariance (d, d) of a noise that is given as σ or Σ.
+
+    Raises:
+        TypeError: if it is no real number.
+        ValueError: if it is neither a standard deviation nor a covariance. The message says why.
+    """
+    value = np.asarray(noise)
+    if value.dtype.kind not in "fiu":
+        raise TypeError(f"noise has dtype {value.dtype}: give a standard deviation, or a covariance, in real numbers")
+    value = value.astype(float, copy=False)
+    if value.ndim == 0:
+        sigma = float(value)
+        if not (sigma > 0.0 and 0.0 < sigma * sigma < np.inf):
+            raise ValueError(
+                f"noise = {sigma!r}: a standard deviation must be positive and finite, and so must its square"
+            )
+        return np.eye(dimension) * (sigma * sigma)
+    if value.shape != (dimension, dimension):
+        raise ValueError(
+            f"noise has shape {value.shape}: give a standard deviation, or a ({dimension}, {dimension}) covariance"
+        )
+    if not np.all(np.isfinite(value)) or not np.allclose(value, value.T, rtol=1e-12, atol=0.0):
+        raise ValueError("noise: a covariance must be finite and symmetric")
+    if not np.linalg.eigvalsh(value)[0] > 0.0:
+        raise ValueError("noise: a covariance must be positive definite")
+    return value

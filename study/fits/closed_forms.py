@@ -1,0 +1,507 @@
+"""The Delogne-Kása family: ĉ = x̄ + ½ (C - ηI)⁻¹ S, with a rule for η that defines the member.
+
+Kåsa's fit minimises the algebraic distance (paper eq. 1) and has a closed form in the first moments of the data. Its
+bias comes from one term alone: noise adds Σ to the sample covariance C (eq. 10) while S stays unbiased (eq. 12, exact
+at every n). Subtracting the noise again removes the bias. All members share the formulas below and differ in what
+they subtract: here nothing (GDKE) or the known noise (UGDK); in `algebraic.py`, noise found in the points themselves.
+
+About an origin o that is not the centroid, with y = x - o and q = Cov(y, |y|²), the same fit is
+
+    ĉ - o = (C - ηI)⁻¹ (½q - ηȳ),      r̂² = mean |y|² - 2 (ĉ - o)·ȳ + |ĉ - o|² + wη,               (theory 8.1)
+
+with w = 0 for GDKE and -d for UGDK.
+
+Members of the family that find the noise in the points themselves: η is the root of one equation.
+
+With centred moments of weight 1/n, every classical algebraic fit is ĉ = x̄ + ½ (C - ηI)⁻¹ s with η the smallest root of
+
+    g(η) = m₄ - m₂² - 4ηm₂ + ϰη² - sᵀ(C - ηI)⁻¹s                                               (theory 5.1)
+
+and one constant ϰ each. g falls strictly on [0, λ_min), from g(0) = Var f ≥ 0 to -∞: the root is unique and C - ηI is
+always positive definite. For ϰ = 2d the equation says that the variance of the algebraic residuals f equals its
+theoretical value 4r²η + 2dη²: UGDK that measures its own noise.
+"""
+
+import math
+
+import numpy as np
+
+from study.arrays import Bools, Floats
+from study.fits.jit import compiled
+from study.fits.linalg import eigenbasis
+from study.fits.moments import Regression, Spectrum
+from study.fits.samples import Estimates, Samples, Status, blank
+
+_EPS = 2.0**-52
+
+
+def gdke(samples: Samples) -> Estimates:
+    """Generalised Delogne-Kása estimator: nothing is subtracted (η = 0).
+
+    Fast, and biased towards the centroid by (C₀ + Σ)⁻¹Σ(c₀ - μ̄) however many samples there are.
+
+    Source: paper eqs 2-6; Kåsa 1976.
+    """
+    return member(samples, np.zeros(samples.shape[0]), 0.0)
+
+
+def ugdk(samples: Samples) -> Estimates:
+    """Unbiased GDK: the known noise is subtracted (η = σ², or the whole Σ).
+
+    Where C - Σ̂ is not positive definite the paper's formula still gives a number. It is returned unchanged, with the
+    status that says so and the condition ρ ≥ 1.
+
+    Raises:
+        ValueError: if the samples come without a noise.
+
+    Source: paper eqs 15-21.
+    """
+    if samples.noise is None:
+        raise ValueError("ugdk subtracts the known noise: pass noise=σ or a covariance, or use als, which finds it")
+    b, d, _ = samples.shape
+    noise = np.asarray(samples.noise)
+    if noise.ndim == 2:
+        return subtracting(samples, np.broadcast_to(noise, (b, d, d)))
+    fit = member(samples, np.zeros(b) + noise**2, -float(d))
+    return _with_noise(fit, np.zeros(b) + noise**2)
+
+
+def member(samples: Samples, eta: Floats, radius_weight: float | Floats, kept: Bools | None = None) -> Estimates:
+    """The family's fit for a given η.
+
+    Args:
+        samples: the batch.
+        eta: η, which is subtracted from C, per set (b,); 0 where nothing is.
+        radius_weight: w: the radius is r̂² = (n-1)/n (Tr C + wη) + |ĉ - x̄|².
+        kept: eigen-directions of C that take part (b, d), all if None; along the others the centre is the centroid's.
+
+    Returns:
+        The fit, its noise variance estimated from the residuals.
+    """
+    spectrum = samples.spectrum
+    b, d, _ = spectrum.axes.shape
+    fit, weight = blank(b, d), np.zeros(b) + radius_weight
+    kept = every(b, d) if kept is None else kept
+    _member(samples.regression, spectrum, eta, weight, kept, fit)
+    return fit
+
+
+def every(batch: int, dimension: int) -> Bools:
+    """All eigen-directions of C take part."""
+    kept = np.empty((batch, dimension), dtype=np.bool_)
+    kept.fill(True)  # np.ones takes 0.8 µs more, of the 36 of one small fit
+    return kept
+
+
+def subtracting(samples: Samples, noise: Floats) -> Estimates:
+    """The family's fit with a covariance Σ̂ (b, d, d) of each set's own subtracted from C."""
+    r, spectrum = samples.regression, samples.spectrum
+    b, d = r.mean.shape
+    remaining, basis = eigenbasis(r.covariance - noise)
+    right = r.cross - 2.0 * np.einsum("bij,bj->bi", noise, r.mean)
+    with np.errstate(all="ignore"):
+        right = np.einsum("bji,bj->bi", basis, right)
+    offset, fit, kept = np.empty((b, d)), blank(b, d), every(b, d)
+    _offsets(Spectrum(np.stack([remaining, right, np.zeros((b, d))]), basis), np.zeros(b), kept, offset)
+    fit.condition[:] = _spectral_radius(noise, spectrum)
+    trace = np.trace(noise, axis1=1, axis2=2)
+    _conclude(r, spectrum, offset, -(r.n - 1.0) / r.n * trace, kept, fit)
+    return _with_noise(fit, trace / d)
+
+
+def _with_noise(fit: Estimates, variance: Floats) -> Estimates:
+    """Put a known noise variance (b,) in place of that of the residuals, where there is a sphere."""
+    known = (fit.status != Status.SINGULAR) & (fit.status != Status.NOT_FINITE)
+    fit.noise_variance[known] = variance[known]
+    return fit
+
+
+def residual_noise(regression: Regression, offset: Floats) -> Floats:
+    """Noise variance σ² (b,) that explains the algebraic residuals f = |x - c|² - r² of a sphere about o + offset.
+
+    Below σ ≈ 1e-8 r it shows nothing but the rounding of the moments.
+    """
+    noise, scratch = np.empty(len(offset)), np.empty(len(offset))
+    _residuals(regression, offset, scratch, noise)
+    return noise
+
+
+@compiled
+def noise_of_residuals(variance: float, mean_square: float, n: float, dimension: int) -> float:
+    """Solve Var f = 4r²σ² + 2dσ⁴ for σ², with r² = mean |x - c|² - dσ² (theory §5.2).
+
+    A fit of d + 1 parameters leaves the share (n - d - 1)/n of the variance, which is corrected for; NaN at n = d + 1,
+    which leaves none.
+    """
+    if not n > dimension + 1:
+        return math.nan
+    variance = max(variance, 0.0) if variance == variance else math.nan
+    root = 4.0 * mean_square * mean_square - 2.0 * dimension * variance
+    root = math.sqrt(max(root, 0.0)) if root == root else math.nan
+    return variance / (2.0 * mean_square + root) * n / (n - dimension - 1.0)
+
+
+@compiled
+def _offsets(spectrum: Spectrum, eta: Floats, kept: Bools, offset: Floats) -> None:
+    """(C - ηI)⁻¹ (½q - ηȳ), paper eqs 2 and 17, from the eigenbasis of C."""
+    along, axes = spectrum
+    values, cross, mean = along[0], along[1], along[2]
+    b, d = values.shape
+    for t in range(b):
+        for i in range(d):
+            offset[t, i] = 0.0
+        for k in range(d):
+            component = mean[t, k]
+            if kept[t, k]:
+                component = (0.5 * cross[t, k] - eta[t] * component) / (values[t, k] - eta[t])
+            for i in range(d):
+                offset[t, i] += axes[t, i, k] * component
+
+
+@compiled
+def _least(values: Floats, kept: Bools, t: int) -> float:
+    """The least eigenvalue of C that takes part."""
+    for k in range(values.shape[1]):
+        if kept[t, k]:
+            return values[t, k]  # type: ignore[no-any-return]
+    return math.inf
+
+
+@compiled
+def _residuals(regression: Regression, offset: Floats, excess: Floats, noise: Floats) -> None:
+    """Mean |x - ĉ|², less the base, and the noise that the variance of |x - ĉ|² shows."""
+    numbers, vectors, covariance = regression
+    n, variance, square, base = numbers[0], numbers[1], numbers[2], numbers[3]
+    mean, cross = vectors[1], vectors[2]
+    b, d = offset.shape
+    for t in range(b):
+        spread, total = variance[t], square[t]
+        weight = (n[t] - 1.0) / n[t]
+        for i in range(d):
+            linear = 0.0
+            for j in range(d):
+                linear += covariance[t, i, j] * offset[t, j]
+            spread += 4.0 * weight * offset[t, i] * (linear - cross[t, i])
+            total += offset[t, i] * (offset[t, i] - 2.0 * mean[t, i])
+        excess[t] = total
+        noise[t] = noise_of_residuals(spread, base[t] + total, n[t], d)
+
+
+@compiled
+def _conclude(
+    regression: Regression, spectrum: Spectrum, offset: Floats, radius_term: Floats, kept: Bools, fit: Estimates
+) -> None:
+    """Fill in the fits whose centre is o + offset (paper eqs 3, 18, 21), with the statuses that follow from C and ρ.
+
+    ``radius_term`` is the difference between the radius squared and the mean of |x - ĉ|². ``fit.condition`` is given.
+    """
+    origin, variance, base = regression.vectors[0], regression.numbers[1], regression.numbers[3]
+    center, radius, noise, condition, status, _ = fit
+    values = spectrum.along[0]
+    b, d = offset.shape
+    excess = np.empty(b)
+    _residuals(regression, offset, excess, noise)
+    for t in range(b):
+        if condition[t] >= 1.0:
+            status[t] = Status.NOT_POSITIVE_DEFINITE
+        if not _least(values, kept, t) > d * _EPS * values[t, d - 1]:
+            status[t] = Status.SINGULAR
+        if not abs(variance[t]) < math.inf:
+            status[t] = Status.NOT_FINITE
+        if status[t] == Status.SINGULAR or status[t] == Status.NOT_FINITE:
+            noise[t] = condition[t] = math.nan
+            continue
+        for i in range(d):
+            center[t, i] = origin[t, i] + offset[t, i]
+        beyond = excess[t] + radius_term[t]
+        total = base[t] + beyond
+        if total >= 0.0:
+            radius[t] = math.sqrt(total)
+            if base[t] > 0.0:  # the error of the radius, without the radius
+                radius[t] = beyond / (radius[t] + math.sqrt(base[t]))
+
+
+@compiled
+def _member(
+    regression: Regression, spectrum: Spectrum, eta: Floats, weight: Floats, kept: Bools, fit: Estimates
+) -> None:
+    """Fill in the family's fits for given η, and ρ = η/λ_min."""
+    n, values = regression.numbers[0], spectrum.along[0]
+    b, d = values.shape
+    offset, radius_term = np.empty((b, d)), np.empty(b)
+    _offsets(spectrum, eta, kept, offset)
+    for t in range(b):
+        fit.condition[t] = eta[t] / _least(values, kept, t) if eta[t] > 0.0 else math.nan
+        radius_term[t] = (n[t] - 1.0) / n[t] * weight[t] * eta[t]
+    _conclude(regression, spectrum, offset, radius_term, kept, fit)
+
+
+def _spectral_radius(noise: Floats, spectrum: Spectrum) -> Floats:
+    """ρ(Σ̂C⁻¹) (b,): the largest eigenvalue of Λ^-½ Vᵀ Σ̂ V Λ^-½, which is symmetric."""
+    with np.errstate(all="ignore"):
+        scaled = spectrum.axes / np.sqrt(spectrum.values)[:, None, :]
+        similar = np.einsum("bji,bjk,bkl->bil", scaled, noise, scaled)
+    return eigenbasis(similar)[0][:, -1]
+
+
+_MAX_STEPS = 200
+_FULLER = (2.0, 7.0)
+"""Fuller's constant α where the points determine the curvature well, and where they do not."""
+_SEEN = 5.0
+"""Wald statistic of the curvature at which α is halfway: noise on a plane exceeds it once in forty times."""
+_THREE_SIGMA = 0.0027
+"""Share of a Gaussian beyond three standard deviations on both sides."""
+
+
+@compiled
+def smallest_root(values: Floats, cross: Floats, mean: Floats, square: float, spread: float, kappa: float) -> float:
+    """Root η of g in [0, λ_min) by Newton's method inside a bracket.
+
+    About any origin o, with y = x - o (theory 8.2),
+
+        g(η) = Var |y|² - 4η mean |y|² + ϰη² - Σ (q_k - 2ηȳ_k)²/(λ_k - η)
+
+    over the eigen-directions k of C; a direction without components takes no part. ``square`` is the mean of |y|²,
+    ``spread`` the variance. Written from g(0), so that a small root is not lost in large terms.
+    """
+    d = values.size
+    start, top, extent = spread, math.inf, 0.0
+    for k in range(d):
+        extent += values[k]
+        if cross[k] != 0.0 or mean[k] != 0.0:
+            start -= cross[k] * cross[k] / values[k]
+            top = min(top, values[k])
+    if not (start > 0.0 and top > 0.0):
+        return 0.0
+    low, high, eta = 0.0, min(top, start / (2.0 * extent)), 0.0
+    for _ in range(_MAX_STEPS):
+        value, slope = start - 4.0 * square * eta + kappa * eta * eta, 2.0 * kappa * eta - 4.0 * square
+        for k in range(d):
+            q, y = cross[k], mean[k]
+            if q != 0.0 or y != 0.0:
+                rest = values[k] - eta
+                p = q - 2.0 * eta * y
+                value -= eta * (q * q - 4.0 * values[k] * y * (q - eta * y)) / (values[k] * rest)
+                slope -= p * (p - 4.0 * y * rest) / (rest * rest)
+        if value > 0.0:
+            low = eta
+        else:
+            high = eta
+        step = -value / slope
+        following = eta + step
+        if not low < following < high:
+            following = 0.5 * (low + high)
+        if abs(following - eta) <= 4.0 * _EPS * following:
+            return following
+        eta = following
+    return eta
+
+
+@compiled
+def _solve_all(regression: Regression, spectrum: Spectrum, kappa: float, kept: Bools, eta: Floats) -> None:
+    """The root for each set, found in units of its own size, so that no power of the points' unit overflows."""
+    values, cross, mean = spectrum.along[0], spectrum.along[1], spectrum.along[2]
+    numbers = regression.numbers
+    b, d = values.shape
+    extent, q, y = np.empty(d), np.empty(d), np.empty(d)
+    for t in range(b):
+        n = numbers[0, t]
+        unit, weight = numbers[3, t] + numbers[2, t], (n - 1.0) / n
+        root = math.sqrt(unit)
+        for k in range(d):
+            extent[k] = values[t, k] * weight / unit
+            q[k] = cross[t, k] * weight / (unit * root) if kept[t, k] else 0.0
+            y[k] = mean[t, k] / root if kept[t, k] else 0.0
+        spread = numbers[1, t] / unit / unit
+        eta[t] = smallest_root(extent, q, y, 1.0, spread, kappa) * unit / weight
+
+
+def root(samples: Samples, kappa: float, kept: Bools | None = None) -> Floats:
+    """Root η of (5.1) for each set, in units of the sample covariance C (b,).
+
+    Args:
+        samples: the batch.
+        kappa: the constant ϰ.
+        kept: eigen-directions of C that take part (b, d); all, if None.
+    """
+    spectrum = samples.spectrum
+    b, d, _ = spectrum.axes.shape
+    eta = np.empty(b)
+    kept = every(b, d) if kept is None else kept
+    _solve_all(samples.regression, spectrum, kappa, kept, eta)
+    return eta
+
+
+def taubin(samples: Samples) -> Estimates:
+    """Taubin's fit (ϰ = 0): the gradient-weighted algebraic fit. Its errors have shorter tails than those of `als`.
+
+    Source: Taubin 1991; as a member of the family, theory table 5.1.
+    """
+    return member(samples, root(samples, 0.0), 0.0)
+
+
+def pratt(samples: Samples) -> Estimates:
+    """Pratt's fit (ϰ = -4).
+
+    Source: Pratt 1987; as a member of the family, theory table 5.1.
+    """
+    return member(samples, root(samples, -4.0), 2.0)
+
+
+def hyper(samples: Samples) -> Estimates:
+    """The hyperaccurate fit (ϰ = -d²), without essential bias.
+
+    Source: Al-Sharadqah & Chernov 2009; Kanatani & Rangarajan 2011.
+    """
+    d = samples.shape[1]
+    return member(samples, root(samples, -float(d * d)), -float(d))
+
+
+def als(samples: Samples) -> Estimates:
+    """Adjusted least squares with unknown noise (ϰ = 2d): UGDK that measures σ² in the same points.
+
+    It does better than UGDK does with the true σ: the realised noise along the cap's axis differs from σ² by chance,
+    the residuals show by how much, and subtracting the realised noise removes that error. The noise variance is
+    unbiased, nη/(n - d - 1) in weights of 1/n. Where the extent left after the subtraction is within two standard
+    errors of zero, the status says that the centre is unreliable.
+
+    Source: Kukush, Markovsky & Van Huffel 2004, specialised to spheres; theory §5.
+    """
+    d = samples.shape[1]
+    eta = root(samples, 2.0 * d)
+    fit = member(samples, eta, -float(d))
+    fit.status[(fit.status == Status.OK) & ~_significant(samples, eta, 2.0)[:, 0]] = Status.INSIGNIFICANT
+    return fit
+
+
+def fuller(samples: Samples) -> Estimates:
+    """`als` with Fuller's modification: η(1 - α/N) is subtracted instead of η, α from 2 to 7.
+
+    It changes the centre by O(1/N) of its error and bounds it: `als` has errors with a 1/x tail, this has none. The
+    status is that of `als`.
+
+    Source: Fuller 1987 §2.5; theory §9.3, (9.4).
+    """
+    eta = root(samples, 2.0 * samples.shape[1])
+    return shrunk(samples, eta, fuller_constant(samples))
+
+
+def fuller_constant(samples: Samples) -> Floats:
+    """Fuller's α for each set (b,).
+
+    The least mean square error needs more of his term where the points hardly determine the curvature, and none where
+    they do.
+
+    Source: theory (9.4).
+    """
+    alpha = np.empty(len(samples.regression.n))
+    _constants(samples.regression, samples.spectrum, alpha)
+    return alpha
+
+
+@compiled
+def _constants(regression: Regression, spectrum: Spectrum, alpha: Floats) -> None:
+    few, many = _FULLER
+    for t in range(alpha.size):
+        alpha[t] = few + (many - few) / (1.0 + (_wald_of_curvature(regression, spectrum, t) / _SEEN) ** 2)
+
+
+@compiled
+def _wald_of_curvature(regression: Regression, spectrum: Spectrum, t: int) -> float:
+    """Wald statistic W of the curvature across the least extent (theory 9.4), from set t of a batch.
+
+    It tests whether |y|², regressed on y = x - x̄, depends on y along the least eigen-direction of C. By chance alone it
+    is about 1, as where noise hides the curvature of a cap; it is infinite where the regression leaves no residuals.
+    """
+    values, cross, mean = spectrum.along[0, t], spectrum.along[1, t], spectrum.along[2, t]
+    n, size, left = regression.numbers[0, t], math.sqrt(regression.numbers[1, t]), 1.0
+    for k in range(values.size):
+        if values[k] > 0.0:
+            # A correlation first: squares of covariances would overflow in large units.
+            correlation = cross[k] / (math.sqrt(values[k]) * size)
+            left -= correlation * correlation * (n - 1.0) / n
+    least = (cross[0] - 2.0 * values[0] * mean[0]) / (math.sqrt(values[0]) * size)
+    if not left > 0.0:
+        return math.inf
+    return (n - 1.0) * least * least / left if least == least else 0.0
+
+
+def shrunk(samples: Samples, eta: Floats, alpha: Floats) -> Estimates:
+    """The fit of `fuller` from the root η (b,) of `als` and Fuller's α (b,)."""
+    shrink = np.maximum(1.0 - alpha / samples.regression.n, 0.0)
+    fit = member(samples, shrink * eta, -float(samples.shape[1]))
+    fit.status[(fit.status == Status.OK) & ~_significant(samples, eta, 2.0)[:, 0]] = Status.INSIGNIFICANT
+    return fit
+
+
+def hinge(samples: Samples) -> Estimates:
+    """`als` for points that may lie on an arc or in a plane: a direction without significant extent is dropped.
+
+    Along a dropped direction the centre stays at the centroid, and the status says so. The noise is found in the
+    points, or is ``samples.noise`` (σ) if that is given.
+
+    Raises:
+        ValueError: if the noise is a covariance.
+
+    Source: theory §1.2; with unknown noise, its rule with the two conditions of `_flat`.
+    """
+    if np.ndim(samples.noise if samples.noise is not None else 0.0) == 2:
+        raise ValueError("hinge compares every direction with one noise level: pass noise=σ, not a covariance, or none")
+    b, d, _ = samples.shape
+    values = samples.spectrum.values
+    kept = values > 8.0 * d * _EPS * values[:, -1:]
+    if samples.noise is not None:
+        eta = np.zeros(b) + np.square(samples.noise)
+        kept &= _significant(samples, eta, 3.0)
+    else:
+        for k in range(d - 1):  # from the least extent upwards, as long as all before are flat
+            kept[:, k] &= ~(_flat(samples, kept, k) & ~kept[:, :k].any(axis=1))
+        eta = root(samples, 2.0 * d, kept)
+    fit = member(samples, eta, -float(d), kept)
+    fine = fit.status == Status.OK
+    if samples.noise is not None:
+        fit.noise_variance[fine] = eta[fine]
+    else:  # a dropped direction takes no degree of freedom
+        n = samples.regression.n
+        with np.errstate(all="ignore"):
+            fit.noise_variance[:] *= (n - d - 1.0) / (n - kept.sum(axis=1) - 1.0)
+    weak = ~(_significant(samples, eta, 2.0) | ~kept).all(axis=1)
+    fit.status[fine & ~kept.all(axis=1)] = Status.HINGE
+    fit.status[fine & weak] = Status.INSIGNIFICANT
+    lost = fine & (kept.sum(axis=1) < 2)
+    fit.status[lost] = Status.SINGULAR
+    for numbers in (fit.center, fit.radius, fit.noise_variance, fit.condition):
+        numbers[lost] = np.nan
+    return fit
+
+
+def _flat(samples: Samples, kept: Bools, direction: int) -> Bools:
+    """True where an eigen-direction of C holds noise alone, the noise being unknown (b,).
+
+    Two conditions define it. Its eigenvalue is within three standard errors of the noise that the other directions
+    show (each of the two has an error of η√(2/n)). And it explains no more of the algebraic residuals than chance: a
+    direction is a regressor there, and its F statistic is below the quantile of three standard errors. The second
+    condition separates an arc's flat direction from a small cap's axis, which may be as short but carries the
+    curvature.
+    """
+    from scipy.special import fdtri  # imported here, as it takes as long as the rest of the library
+
+    regression = samples.regression
+    values, along = samples.spectrum.values, samples.spectrum.cross
+    n, d = regression.n, values.shape[1]
+    others = kept.copy()
+    others[:, direction] = False
+    eta = root(samples, 2.0 * d, others)
+    spare = n - others.sum(axis=1) - 2.0
+    with np.errstate(all="ignore"):
+        explained = along**2 / values * ((n - 1.0) / n)[:, None]
+        left = regression.variance - np.where(others, explained, 0.0).sum(axis=1) - explained[:, direction]
+        limit = fdtri(1, np.maximum(spare, 1.0), 1.0 - _THREE_SIGMA)
+        chance = (explained[:, direction] * spare <= limit * np.maximum(left, 0.0)) & (spare > 0.0)
+    return np.asarray(chance & (values[:, direction] <= eta * (1.0 + 3.0 * np.sqrt(4.0 / n))))
+
+
+def _significant(samples: Samples, eta: Floats, errors: float) -> Bools:
+    """True where an eigenvalue of C exceeds the noise by so many standard errors of the noise, η√(2/n): (b, d)."""
+    n = samples.regression.n
+    return np.asarray(samples.spectrum.values - eta[:, None] > errors * (eta * np.sqrt(2.0 / n))[:, None])

@@ -1,0 +1,564 @@
+"""Corrected geometric fits: consistent for every law of directions, whatever the noise.
+
+Noise lengthens the distances R = |x - c| on average, more so along some directions e = (x - c)/R than the geometric
+fit allows for. Here the equations for the centre have mean zero for *each* direction: Σ [(1-ν) r (R - λ₀₁) + ν R (R -
+λ₁₂)] e = 0, with two equations for the mean and the variance of R (theory 9.2). They are solved by Newton's method from
+`fuller`, in 3-5 passes over the data. Where they have no root near it, it is the answer, and the status says so.
+`corrected_step.py` has the steps, this file the sums that they need.
+
+Every ν is consistent, and for ν = 0 the errors are least where the noise is small beside the points' extent, for ν = 1
+where it is not. `corrected` takes ν by what the points show, which changes the error in second order only.
+
+Source: theory §9.
+
+Newton's method for the d + 2 corrected equations in (c, r, s), s = σ², step by step: from sums to the next trial.
+
+With ρ = R - r, e = (x - c)/R and the means of a noisy radius (`study.fits.radial`): D = E R - r, V = Var R,
+x₀₁ = λ₀₁ - r and x₁₂ = λ₁₂ - r, the equations (theory 9.2) over N are
+
+    h_c = c₁ mean ρe + ν mean ρ²e - c₀ ē,    c₁ = r - ν x₁₂,    c₀ = (1 - ν) r x₀₁ + ν r x₁₂ - α s/N,
+    h_r = mean ρ - D,    h_s = mean ρ² - 2D mean ρ + D² - V,
+
+and their derivatives are exact. Nothing in them cancels as σ → 0, where they become those of the geometric fit.
+
+Standard errors of corrected fits: the covariance J⁻¹ Ω J⁻ᵀ/N of the root of estimating equations.
+
+J is the mean derivative of the equations (theory 9.2) and Ω the covariance of their terms. Given its direction u, a
+sample's terms have means E[f e | u] = A u and E[f e eᵀ | u] = a uuᵀ + b (I - uuᵀ), with numbers A, a and b that are
+integrals over the noise. Hence J and Ω depend on the law of directions through m = E u and M = E uuᵀ alone, which
+follow from the mean and the covariance of the points: there is no further pass over them (theory §9.4).
+"""
+
+import math
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.polynomial.legendre import leggauss
+
+from study.arrays import Floats
+from study.fits.closed_forms import fuller_constant, root, shrunk
+from study.fits.jit import (
+    BLOCK,
+    CHUNK,
+    PointSets,
+    SampleBlock,
+    Scratch,
+    Sums,
+    abreast,
+    at,
+    compiled,
+    dot,
+    extent,
+    fill,
+    fresh,
+    put,
+    window,
+    zeros,
+)
+from study.fits.radial import RadialMeans, angle_means, radial_means
+from study.fits.samples import Estimates, Samples, Status
+
+MOST_PASSES = 12
+_RADII, _VARIANCES = 0.3, 0.5
+"""Longest step, as a share of the radius and of the noise variance."""
+_TOLERANCE = 1e-9
+"""A step below this share of the radius ends the iteration: the next one would be its square."""
+_SHORT, _SURE = 1e-2, 1e-10
+"""A step this short, beside the one before it and the radius, ends it too, if the next one should be this short ..."""
+_THIRD = 1e-8
+"""... and its third-order term is this small relative to the noise variance."""
+_HIDDEN = 1e-10
+"""Noise variance below this share of r² is taken from the distances of each pass: fourth moments round it away, and
+nothing but itself depends on it."""
+_LEAST_DIVISOR = 2.0**-104
+"""Least noise variance, as a share of r², that is divided by."""
+ON = -1
+"""In place of a status: the iteration goes on."""
+
+
+class RootState(Protocol):
+    """State of an iteration between two passes, a record of `STATE`.
+
+    Attributes:
+        pair: ν, the share of the pair (R, R²) of powers beside (1, R).
+        fuller: α, Fuller's constant.
+        radius: trial radius r.
+        variance: trial noise variance s.
+        last: length of the last step, if it was Newton's in full, else 0.
+        passes: number of passes over the samples.
+    """
+
+    pair: float
+    fuller: float
+    radius: float
+    variance: float
+    last: float
+    passes: int
+
+
+STATE = np.dtype(list(RootState.__annotations__.items()))
+
+
+class RootTrial(NamedTuple):
+    """The iteration of one set: a record of `STATE`, and the centre (d,) relative to an origin near the points."""
+
+    state: RootState
+    center: Floats
+
+
+class Equations(NamedTuple):
+    """Working memory: the equations (d + 2,), which become the step, and their derivatives (d + 2, d + 2)."""
+
+    values: Floats
+    slopes: Floats
+
+
+@compiled
+def _form(trial: RootTrial, n: int, sums: Floats, means: RadialMeans, equations: Equations) -> None:
+    """Write the equations, in units of r², r and r√s, and their derivatives by (c, r, s), in units of r, r and s."""
+    state, center = trial
+    values, slopes = equations
+    d, r, s, pair = center.size, state.radius, state.variance, state.pair
+    pull, mean, second = sums[2 : 2 + d], sums[2 + d : 2 + 2 * d], sums[2 + 2 * d : 2 + 3 * d]
+    curve, stretch = sums[2 + 3 * d : 2 + 3 * d + d * d], sums[2 + 3 * d + d * d :]
+    m, rest, weight, sigma = d + 2, 1.0 - pair, 1.0 / n, math.sqrt(s)
+    bend = state.fuller / n
+    slope, offset = r - pair * means.excess12, rest * r * means.excess01 + pair * r * means.excess12 - bend * s
+    even, inverse = rest * r * (r + means.excess01) - bend * s, 0.0
+    for i in range(d):
+        inverse += curve[i * d + i]
+    excess = sums[0] * weight - means.lengthening
+    straight = rest * r - pair * (r + means.excess12) + pair * (r + sums[0] * weight) - even * inverse * weight
+    direction = 1.0 + means.shortening
+    for i in range(d):
+        along, radial = mean[i] * weight, pull[i] * weight
+        distance = r * along + radial
+        values[i] = (slope * radial + pair * second[i] * weight - offset * along) / (r * r)
+        for j in range(i + 1):
+            entry = (pair * stretch[i * d + j] + even * curve[i * d + j]) * weight
+            slopes[i, j] = slopes[j, i] = -entry / r
+        slopes[i, i] -= straight / r
+        by_r = rest * (radial - (means.excess01 + r * (1.0 + means.excess01_by_r)) * along)
+        by_s = -rest * r * means.excess01_by_s * along - pair * means.excess12_by_s * distance + bend * along
+        slopes[i, d] = (by_r - pair * (1.0 + means.excess12_by_r) * distance) / r
+        slopes[i, d + 1] = by_s * s / (r * r)
+        slopes[d, i] = -along
+        slopes[d + 1, i] = -2.0 * (radial - means.lengthening * along) / sigma
+    values[d] = excess / r
+    slopes[d, d], slopes[d, d + 1] = -direction, -means.mean_by_s * s / r
+    square = (sums[1] - sums[0] * sums[0] * weight) * weight + excess * excess
+    values[d + 1] = (square - means.variance) / (r * sigma)
+    slopes[d + 1, d] = -(2.0 * direction * excess + means.variance_by_r) / sigma
+    slopes[d + 1, d + 1] = -(2.0 * means.mean_by_s * excess + means.variance_by_s) * sigma / r
+    for i in range(m):
+        values[i] = -values[i]
+
+
+@compiled
+def _solve(matrix: Floats, right: Floats) -> bool:
+    """Solve a system in place by elimination with row pivots; False, and nothing of use, if it is singular."""
+    m = right.size
+    for k in range(m):
+        pivot = k
+        for i in range(k + 1, m):
+            if abs(matrix[i, k]) > abs(matrix[pivot, k]):
+                pivot = i
+        if not 0.0 < abs(matrix[pivot, k]) < math.inf:
+            return False
+        if pivot != k:
+            right[k], right[pivot] = right[pivot], right[k]
+            for j in range(k, m):
+                matrix[k, j], matrix[pivot, j] = matrix[pivot, j], matrix[k, j]
+        for i in range(k + 1, m):
+            factor = matrix[i, k] / matrix[k, k]
+            right[i] -= factor * right[k]
+            for j in range(k + 1, m):
+                matrix[i, j] -= factor * matrix[k, j]
+    for i in range(m - 1, -1, -1):
+        for j in range(i + 1, m):
+            right[i] -= matrix[i, j] * right[j]
+        right[i] /= matrix[i, i]
+    return True
+
+
+@compiled
+def advance(trial: RootTrial, n: int, sums: Floats, equations: Equations) -> int:
+    """Move the trial to the next one by the sums of a pass about it.
+
+    Returns:
+        `ON`, or a `Status` if the iteration has ended.
+    """
+    state, center = trial
+    step, d = equations.values, center.size
+    r = state.radius
+    hidden = state.variance < _HIDDEN * r * r
+    if hidden:
+        state.variance = max((sums[1] - sums[0] * sums[0] / n) / n, _LEAST_DIVISOR * r * r)
+    s = state.variance
+    state.passes += 1
+    _form(trial, n, sums, radial_means(r, s, d), equations)
+    if not _solve(equations.slopes, step):
+        return Status.NOT_CONVERGED
+    moved = step[d] * step[d]
+    for i in range(d):
+        moved += step[i] * step[i]
+    length, change = math.sqrt(moved), step[d + 1]
+    if not length + abs(change) < math.inf:
+        return Status.NOT_FINITE
+    share = 1.0
+    if length > _RADII:
+        share = _RADII / length
+    if share * abs(change) > _VARIANCES and not hidden:
+        share = _VARIANCES / abs(change)
+    for i in range(d):
+        step[i] *= share * r
+        center[i] += step[i]
+    state.radius, state.variance = r + share * r * step[d], max(s + share * s * change, 0.0)
+    if share < 1.0:
+        state.last = 0.0
+        return ON if state.passes < MOST_PASSES else Status.NOT_CONVERGED
+    size = max(length, abs(change) * s / (r * r))
+    following = size * (size / state.last) ** 2 if state.last > 0.0 else math.inf
+    done = size <= _SHORT * min(1.0, state.last) and following <= _SURE
+    done = done and size * moved * r * r <= _THIRD * s
+    if done or size <= _TOLERANCE:
+        mean, curve, along = sums[2 + d : 2 + 2 * d], sums[2 + 3 * d : 2 + 3 * d + d * d], r * step[d]
+        bend = along * along + 2.0 * along * dot(step[:d], mean) / n  # of mean ρ², of second order in the step
+        for i in range(d):
+            for j in range(d):
+                bend += r * step[i] * curve[max(i, j) * d + min(i, j)] * step[j] / n
+        state.variance += max(bend, 0.0)
+        return Status.OK
+    state.last = size
+    return ON if state.passes < MOST_PASSES else Status.NOT_CONVERGED
+
+
+_NEAR = 0.5
+"""Largest distance of a root from the start, as a share of its radius: beyond, it belongs to other points."""
+
+_ROUNDING = 1e-16
+"""Noise variance to begin with where fourth moments show none, as a share of the mean square of the points."""
+
+
+class RootStart(NamedTuple):
+    """Starting values of a batch.
+
+    Attributes:
+        origin: point near each set (b, d).
+        offset: centre relative to the origin (b, d).
+        radius: r (b,).
+        variance: s = σ² (b,), 0 where the start is the answer, because as few points leave no choice.
+        pair: ν (b,).
+        fuller: α (b,).
+    """
+
+    origin: Floats
+    offset: Floats
+    radius: Floats
+    variance: Floats
+    pair: Floats
+    fuller: Floats
+
+
+def corrected(samples: Samples) -> Estimates:
+    """The corrected fit with ν from the noise that the points show beside their least extent.
+
+    Isotropic noise is assumed whatever ``samples.noise`` is, and its level is found with the sphere. The noise variance
+    is that of the equations times n/(n - d - 1).
+
+    Source: theory §9, (9.3).
+    """
+    eta = root(samples, 2.0 * samples.shape[1])
+    return _fit(samples, eta, share_of_pair(eta, samples.spectrum.values[:, 0]))
+
+
+def corrected_01(samples: Samples) -> Estimates:
+    """The corrected fit with ν = 0: the geometric fit without its bias.
+
+    Source: theory §9.2.
+    """
+    return _fit(samples, root(samples, 2.0 * samples.shape[1]), 0.0)
+
+
+def corrected_02(samples: Samples) -> Estimates:
+    """The corrected fit with ν = ½.
+
+    Source: theory §9.2.
+    """
+    return _fit(samples, root(samples, 2.0 * samples.shape[1]), 0.5)
+
+
+def corrected_12(samples: Samples) -> Estimates:
+    """The corrected fit with ν = 1: points weigh by their distance, which suits much noise on small caps.
+
+    Source: theory §9.2.
+    """
+    return _fit(samples, root(samples, 2.0 * samples.shape[1]), 1.0)
+
+
+def share_of_pair(eta: Floats, least: Floats) -> Floats:
+    """ν of theory (9.3) (b,), from ALS's root η and the least eigenvalue of C in the same weights (b,)."""
+    with np.errstate(all="ignore"):
+        share = (4.0 / 3.0) * eta / (eta + 3.0 * (least - eta))
+    return np.where(eta > 0.0, share, 0.0)
+
+
+def _fit(samples: Samples, eta: Floats, pair: float | Floats) -> Estimates:
+    """The root of the equations near the fit of `fuller`, given the root η (b,) of `als`, and ν."""
+    alpha, regression = fuller_constant(samples), samples.regression
+    fit = shrunk(samples, eta, alpha)
+    fit.condition.fill(np.nan)
+    d, n = fit.center.shape[1], regression.n
+    variance = np.where(n > d + 1.0, np.maximum(eta, _ROUNDING * regression.square) * (n - 1.0) / n, 0.0)
+    start = RootStart(
+        origin=regression.origin,
+        offset=fit.center - regression.origin,
+        radius=fit.radius.copy(),
+        variance=variance,
+        pair=pair + np.zeros_like(eta),
+        fuller=alpha,
+    )
+    _fit_all(samples.rows, abreast(samples.source), start, fit, zeros(d), zeros(d, d))
+    return fit
+
+
+@compiled
+def _pass(block: SampleBlock, origin: Floats, center: Floats, radius: float, sums: Floats, scratch: Scratch) -> None:
+    """Add a block of samples to the sums for a trial centre, which is relative to ``origin``.
+
+    They are, with ρ = R - r, Σρ, Σρ², Σρe, Σe, Σρ²e and, in their lower triangles, Σeeᵀ/R and ΣReeᵀ.
+    """
+    x, t, start, m = block
+    rows, zero, square = scratch
+    d = len(zero)
+    near, away, y, e = fresh(zero), fresh(zero), fresh(zero), fresh(zero)
+    pull, mean, second, curve, stretch = fresh(zero), fresh(zero), fresh(zero), fresh(square), fresh(square)
+    for i in range(d):
+        near, away = put(near, i, origin[i]), put(away, i, center[i])
+    excess = squares = 0.0
+    for part in range(start, start + m, CHUNK):
+        count = min(CHUNK, start + m - part)
+        view = window(x, t, part, count, rows, zero)
+        for k in range(count):
+            distance = 1e-300  # a sample may lie at the centre
+            for i in range(d):
+                y = put(y, i, (at(view, i, k) - near[i]) - away[i])
+                distance += y[i] * y[i]
+            distance = math.sqrt(distance)
+            over = 1.0 / distance
+            residual = distance - radius
+            residual_square = residual * residual
+            excess += residual
+            squares += residual_square
+            for i in range(d):
+                e = put(e, i, y[i] * over)
+                mean = put(mean, i, mean[i] + e[i])
+                pull = put(pull, i, pull[i] + e[i] * residual)
+                second = put(second, i, second[i] + e[i] * residual_square)
+                weighted = e[i] * over
+                for j in range(i + 1):
+                    curve = put(curve, i * d + j, curve[i * d + j] + weighted * e[j])
+                    stretch = put(stretch, i * d + j, stretch[i * d + j] + e[i] * y[j])
+    sums[0] += excess
+    sums[1] += squares
+    for i in range(d):
+        sums[2 + i] += pull[i]
+        sums[2 + d + i] += mean[i]
+        sums[2 + 2 * d + i] += second[i]
+    for i in range(d * d):
+        sums[2 + 3 * d + i] += curve[i]
+        sums[2 + 3 * d + d * d + i] += stretch[i]
+
+
+@compiled
+def _conclude(start: RootStart, t: int, trial: RootTrial, status: int, n: int, fit: Estimates) -> None:
+    """Write the root that the iteration of set t ended at, if it is near the start, and else leave the start."""
+    state, center = trial
+    d, away, reach = center.size, 0.0, _NEAR * start.radius[t]
+    fit.iterations[t] = state.passes
+    for i in range(d):
+        away += (center[i] - start.offset[t, i]) ** 2
+    if status == Status.OK and away <= reach * reach:
+        for i in range(d):
+            fit.center[t, i] = start.origin[t, i] + center[i]
+        fit.radius[t] = state.radius
+        fit.noise_variance[t] = state.variance * n / (n - d - 1)
+    elif fit.status[t] == Status.OK:
+        fit.status[t] = Status.NOT_CONVERGED
+
+
+@compiled
+def _fit_all(x: PointSets, group: int, start: RootStart, fit: Estimates, zero: Sums, square: Sums) -> None:
+    """Solve the equations for each set of a batch; ``group`` sets share their draws, see `abreast`.
+
+    ``fit`` holds the starts. ``zero`` and ``square`` are d and d² sums at zero.
+    """
+    b, d, n = extent(x)
+    scratch = Scratch(np.empty((1, d, CHUNK)), zero, square)
+    equations = Equations(np.empty(d + 2), np.empty((d + 2, d + 2)))
+    state, going, sums = np.empty(group, STATE), np.empty(group, np.bool_), np.empty((group, 2 + 3 * d + 2 * d * d))
+    center = np.empty((group, d))
+    for head in range(0, b, group):
+        left = 0
+        for g in range(group):
+            t = head + g
+            going[g] = start.variance[t] > 0.0 and start.radius[t] > 0.0
+            if going[g]:
+                left += 1
+                state[g].pair, state[g].radius, state[g].variance = start.pair[t], start.radius[t], start.variance[t]
+                state[g].fuller, state[g].last, state[g].passes = start.fuller[t], 0.0, 0
+                for i in range(d):
+                    center[g, i] = start.offset[t, i]
+        while left > 0:
+            for g in range(group):
+                fill(sums[g], 0.0)
+            for begun in range(0, n, BLOCK):
+                for g in range(group):
+                    if going[g]:
+                        block = SampleBlock(x, head + g, begun, min(BLOCK, n - begun))
+                        _pass(block, start.origin[head + g], center[g], state[g].radius, sums[g], scratch)
+            for g in range(group):
+                if going[g]:
+                    trial = RootTrial(state[g], center[g])
+                    status = advance(trial, n, sums[g], equations)
+                    if status != ON:
+                        _conclude(start, head + g, trial, status, n, fit)
+                        going[g] = False
+                        left -= 1
+
+
+_NODES = 64
+"""Nodes of the rule over R; with twice as many the covariances agree to 1e-8."""
+_REACH = 8.5
+"""Range of the rule, in standard deviations of the noise."""
+_LEAST_NOISE = 1e-40
+"""Least noise variance, as a share of r²."""
+
+
+class Terms(NamedTuple):
+    """Terms of the equations at the nodes of a rule over R (b, k), for spheres of radius 1.
+
+    Attributes:
+        weights: weights of the rule, with the density of R.
+        distance: R.
+        cosine: E[e·u | R].
+        across: E[1 - (e·u)² | R].
+        pull: ψ, of the equations for the centre.
+        excess: R - E R.
+        square: (R - E R)² - Var R.
+    """
+
+    weights: Floats
+    distance: Floats
+    cosine: Floats
+    across: Floats
+    pull: Floats
+    excess: Floats
+    square: Floats
+
+    def mean(self, values: Floats) -> Floats:
+        """Expectation (b, 1) of values at the nodes."""
+        return np.asarray((self.weights * values).sum(axis=1, keepdims=True))
+
+    def outer(self, factor: Floats, second: Floats) -> Floats:
+        """E[f e eᵀ] (b, d, d) for a factor f at the nodes, given M = E uuᵀ."""
+        d = second.shape[1]
+        across = self.mean(factor * self.across)[..., None]
+        along = self.mean(factor)[..., None] - across
+        return np.asarray(along * second + across / (d - 1) * (np.eye(d) - second))
+
+
+def corrected_covariance(samples: Samples, estimates: Estimates) -> Floats:
+    """Covariance of (ĉ, r̂) (b, d+1, d+1) of the answers of `corrected`, unit squared.
+
+    Args:
+        samples: the points, without missing ones.
+        estimates: the answers.
+
+    Returns:
+        The asymptotic covariance with the estimates plugged in; NaN where there is no sphere or no noise variance.
+
+    Source: theory §9.4.
+    """
+    eta = root(samples, 2.0 * samples.shape[1])
+    return sandwich(samples, estimates, share_of_pair(eta, samples.spectrum.values[:, 0]))
+
+
+def sandwich(samples: Samples, estimates: Estimates, pair: float | Floats) -> Floats:
+    """Covariance of (ĉ, r̂) (b, d+1, d+1) for a ν, or for one of each set (b,); see `corrected_covariance`."""
+    b, d, _ = samples.shape
+    result = np.full((b, d + 1, d + 1), np.nan)
+    with np.errstate(all="ignore"):
+        good = np.isfinite(estimates.noise_variance) & (estimates.radius > 0.0) & (estimates.noise_variance >= 0.0)
+        good &= np.isfinite(estimates.center).all(axis=1) & np.isfinite(estimates.radius)
+        if not good.any():
+            return result
+        r, regression = estimates.radius[good, None], samples.regression
+        variance, pair = (
+            np.maximum(estimates.noise_variance[good, None] / r**2, _LEAST_NOISE),
+            np.broadcast_to(pair, b)[good, None],
+        )
+        means = RadialMeans._make(np.transpose([radial_means(1.0, s, d) for s in variance[:, 0]])[..., None])
+        mean = (regression.origin[good] + regression.mean[good] - estimates.center[good]) / r
+        scatter = regression.covariance[good] / r[..., None] ** 2 - variance[..., None] * np.eye(d)
+        second = scatter + mean[:, :, None] * mean[:, None, :]
+        terms = _terms(means, variance, pair, d)
+        slopes, spread = _slopes(terms, means, pair, mean, second), _spread(terms, mean, second)
+        solvable = (np.linalg.slogdet(slopes)[0] != 0.0) & np.isfinite(spread).all(axis=(1, 2))
+        inverse = np.full(slopes.shape, np.nan)
+        inverse[solvable] = np.linalg.inv(slopes[solvable])
+        whole = inverse @ spread @ inverse.swapaxes(1, 2) / regression.n[good, None, None]
+        result[good] = whole[:, : d + 1, : d + 1] * r[..., None] ** 2
+    return result
+
+
+def _terms(means: RadialMeans, variance: Floats, pair: Floats, d: int) -> Terms:
+    """Terms of the equations at the nodes. Given R, the angle to u has a von Mises-Fisher law, concentrated by R/s."""
+    node, weight = leggauss(_NODES)
+    sigma = np.sqrt(variance)
+    low, high = np.maximum(-1.0 / sigma, -_REACH), _REACH + np.sqrt(d)
+    beyond = sigma * (low + 0.5 * (high - low) * (node + 1.0))
+    distance = 1.0 + beyond
+    narrow = distance / variance
+    cosine, bessel = np.empty(narrow.shape), np.empty(narrow.shape)
+    angle_means(narrow, d, bessel, cosine)
+    density = distance ** (0.5 * (d - 1)) * bessel * np.exp(-0.5 * (beyond / sigma) ** 2)
+    excess = beyond - means.lengthening
+    pull = (1.0 - pair) * (beyond - means.excess01) + pair * distance * (beyond - means.excess12)
+    weights = weight * density
+    weights /= weights.sum(axis=1, keepdims=True)
+    across = (d - 1) * cosine / narrow
+    return Terms(weights, distance, cosine, across, pull, excess, excess**2 - means.variance)
+
+
+def _slopes(terms: Terms, means: RadialMeans, pair: Floats, mean: Floats, second: Floats) -> Floats:
+    """J (b, d+2, d+2) by (c, r, s)."""
+    b, d = mean.shape
+    rest, direction = 1.0 - pair, np.asarray(1.0 + means.shortening)
+    even = rest * (1.0 + means.excess01)
+    straight = rest + pair * (means.lengthening - means.excess12) - even * terms.mean(1.0 / terms.distance)
+    slopes = np.zeros((b, d + 2, d + 2))
+    slopes[:, :d, :d] = -terms.outer(pair * terms.distance + even / terms.distance, second)
+    slopes[:, :d, :d] -= straight[..., None] * np.eye(d)
+    by_r = rest * (1.0 + means.excess01_by_r) * direction + pair * (1.0 + means.excess12_by_r)
+    by_s = rest * means.excess01_by_s * direction + pair * means.excess12_by_s
+    slopes[:, :d, d], slopes[:, :d, d + 1] = -by_r * mean, -by_s * mean
+    slopes[:, d, :d] = -direction * mean
+    slopes[:, d + 1, :d] = -2.0 * (1.0 - (1.0 + means.lengthening) * direction) * mean
+    slopes[:, d, d], slopes[:, d, d + 1] = np.ravel(-direction), np.ravel(-means.mean_by_s)
+    slopes[:, d + 1, d], slopes[:, d + 1, d + 1] = np.ravel(-means.variance_by_r), np.ravel(-means.variance_by_s)
+    return slopes
+
+
+def _spread(terms: Terms, mean: Floats, second: Floats) -> Floats:
+    """Ω (b, d+2, d+2): the covariance of the terms."""
+    b, d = mean.shape
+    spread = np.empty((b, d + 2, d + 2))
+    spread[:, :d, :d] = terms.outer(terms.pull**2, second)
+    others = (terms.excess, terms.square)
+    for i, one in enumerate(others):
+        cross = terms.mean(terms.pull * one * terms.cosine) * mean
+        spread[:, :d, d + i] = spread[:, d + i, :d] = cross
+        for j, other in enumerate(others):
+            spread[:, d + i, d + j] = terms.mean(one * other)[:, 0]
+    return spread

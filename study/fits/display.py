@@ -1,0 +1,178 @@
+"""Fits in words and tables: a line for a terminal, a table for a notebook, a data frame.
+
+Picture of a single fit: the points with the circle or sphere, and the residuals.
+"""
+
+import html
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any, Protocol, Self
+
+import numpy as np
+
+from study.arrays import Floats, Ints
+from study.fits.samples import Estimates, Samples, Status, explain
+from study.text import number, with_error
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+_MOST_ROWS = 10
+
+
+class ShownFits(Protocol):
+    """The part of a `Fit` that is shown."""
+
+    @property
+    def estimates(self) -> Estimates: ...
+    @property
+    def status(self) -> Ints: ...
+    @property
+    def samples(self) -> Samples | None: ...
+    @property
+    def estimator(self) -> str: ...
+    @property
+    def shape(self) -> tuple[int, ...]: ...
+    @property
+    def sigma(self) -> Floats: ...
+    @property
+    def count(self) -> Ints: ...
+    @property
+    def residuals(self) -> Floats: ...
+    @property
+    def residual_rms(self) -> Floats: ...
+    @property
+    def standard_errors(self) -> Floats: ...
+    def __getitem__(self, index: Any) -> Self: ...
+
+
+def frame(fit: ShownFits) -> "pd.DataFrame":
+    """A row per fit; see `Fit.to_frame`."""
+    import pandas as pd
+
+    d = fit.estimates.center.shape[-1]
+    errors, known = _errors(fit)
+    flat = fit.estimates.reshape(-1)
+    columns: dict[str, object] = {}
+    for i in range(d):
+        columns[f"center_{i + 1}"], columns[f"error_{i + 1}"] = flat.center[:, i], errors[:, i]
+    columns |= {"radius": flat.radius, "radius_error": errors[:, d], "noise": fit.sigma.ravel()}
+    columns["residual_rms"] = fit.residual_rms.ravel() if known else np.nan
+    columns |= {"condition": flat.condition, "iterations": flat.iterations}
+    if known:
+        columns["samples"] = fit.count.ravel()
+    columns["status"] = [explain(int(status)) for status in fit.status.ravel()]
+    table = pd.DataFrame(columns)
+    if len(fit.shape) > 1:
+        table.index = pd.MultiIndex.from_product([range(length) for length in fit.shape])
+    return table
+
+
+def as_text(fit: ShownFits) -> str:
+    """One line: the numbers of a single fit with their standard errors, the statuses of a batch."""
+    name, sphere = f"{fit.estimator}: " if fit.estimator else "", fit.estimates
+    if fit.shape:
+        return f"Fit({name}{sphere.radius.size:,} fits of shape {fit.shape}, {statuses(fit.status)})"
+    errors, known = _errors(fit)
+    *center, radius = [_measured(*pair, known) for pair in zip([*sphere.center, sphere.radius], errors[0], strict=True)]
+    count = f", {int(fit.count):,} points" if known else ""
+    sigma = f"sigma {number(float(fit.sigma))}{count}, {statuses(fit.status)}"
+    return f"Fit({name}center ({', '.join(center)}), radius {radius}, {sigma})"
+
+
+def as_html(fit: ShownFits) -> str:
+    """A table of the first fits, for a notebook."""
+    size = fit.estimates.radius.size
+    part = fit if size <= _MOST_ROWS else fit[np.unravel_index(np.arange(_MOST_ROWS), fit.shape)]
+    titles = [f"center {i + 1}" for i in range(fit.estimates.center.shape[-1])]
+    titles = [*["index"] * bool(fit.shape), *titles, "radius", "sigma", "status"]
+    lines = ["<table><thead><tr>", *[f"<th>{title}</th>" for title in titles], "</tr></thead><tbody>"]
+    for place, row in zip(np.ndindex(fit.shape), _rows(part), strict=False):
+        index = [", ".join(map(str, place))] * bool(fit.shape)
+        lines += ["<tr>", *[f"<td>{html.escape(cell)}</td>" for cell in [*index, *row]], "</tr>"]
+    more = f"; the first {_MOST_ROWS} are shown" if size > _MOST_ROWS else ""
+    caption = f"{fit.estimator}: {statuses(fit.status)}{more}. ± is one standard error."
+    return "".join([*lines, f"</tbody></table><p>{html.escape(caption)}</p>"])
+
+
+def statuses(status: Ints) -> str:
+    """The statuses of fits in a few words: "ok" for one, "198 ok, 2 singular" for several."""
+    found, counts = np.unique(status, return_counts=True)
+    words = [Status(int(each)).name.lower().replace("_", " ") for each in found]
+    if np.ndim(status) == 0:
+        return words[0]
+    return ", ".join(f"{count:,} {word}" for word, count in zip(words, counts, strict=True)) or "none"
+
+
+def _rows(fit: ShownFits) -> Iterator[list[str]]:
+    """Centre, radius, σ̂ and status of each fit, as texts."""
+    errors, known = _errors(fit)
+    flat = fit.estimates.reshape(-1)
+    for center, radius, sigma, status, error in zip(
+        flat.center, flat.radius, fit.sigma.ravel(), fit.status.ravel(), errors, strict=True
+    ):
+        measured = [_measured(*pair, known) for pair in zip([*center, radius], error, strict=True)]
+        yield [*measured, number(float(sigma)), statuses(np.asarray(status))]
+
+
+def _measured(value: float, error: float, known: bool) -> str:
+    return with_error(float(value), float(error)) if known else number(float(value), ".6g")
+
+
+def _errors(fit: ShownFits) -> tuple[Floats, bool]:
+    """Standard errors (b, d+1), and False if the fit does not hold the points that they need."""
+    d = fit.estimates.center.shape[-1]
+    if fit.samples is None:
+        return np.full((fit.estimates.radius.size, d + 1), np.nan), False
+    return fit.standard_errors.reshape(-1, d + 1), True
+
+
+_POINT, _SPHERE = "#4c4c4c", "#1f6fb4"
+_MOST_POINTS = 5000
+"""Points drawn; of more, evenly spaced ones are."""
+
+
+def draw(fit: ShownFits) -> "Figure":
+    """Draw a single fit; see `Fit.plot`."""
+    from matplotlib.figure import Figure
+
+    sphere = fit.estimates
+    d = sphere.center.shape[-1]
+    if fit.shape:
+        raise ValueError(f"fit of shape {fit.shape}: plot one of them, such as fit[0].plot()")
+    if d > 3:
+        raise ValueError(f"fit in {d} dimensions: only circles and spheres, of 2 or 3 dimensions, can be drawn")
+    if fit.samples is None:
+        raise ValueError("this fit does not hold its points: use study.fit, which stores them in the fit")
+    points, residuals = fit.samples.points[0], fit.residuals
+    step = -(-len(points) // _MOST_POINTS)
+    figure = Figure(figsize=(8.0, 4.0), layout="constrained")
+    axes = figure.add_subplot(1, 2, 1, projection="3d" if d == 3 else None)
+    axes.plot(*points[::step].T, ".", color=_POINT, markersize=4.0)
+    if np.isfinite([*sphere.center, sphere.radius]).all():
+        (_sphere if d == 3 else _circle)(axes, sphere.center, float(sphere.radius))
+    axes.set_aspect("equal")
+    radius = with_error(float(sphere.radius), float(fit.standard_errors[-1]))
+    axes.set_title(f"radius {radius}, {statuses(fit.status)}", fontsize=10)
+    beside = figure.add_subplot(1, 2, 2)
+    beside.axhline(0.0, color=_SPHERE, linewidth=1.0)
+    beside.plot(np.arange(len(points))[::step], residuals[::step], ".", color=_POINT, markersize=4.0)
+    beside.set(xlabel="point", ylabel="residual, in the unit of the points")
+    beside.set_title("distance from the circle" if d == 2 else "distance from the sphere", fontsize=10)
+    return figure
+
+
+def _circle(axes: "Axes", center: Floats, radius: float) -> None:
+    around = np.linspace(0.0, 2.0 * np.pi, 361)
+    axes.plot(center[0] + radius * np.cos(around), center[1] + radius * np.sin(around), color=_SPHERE, linewidth=1.0)
+    axes.plot(*center, "+", color=_SPHERE)
+
+
+def _sphere(axes: Any, center: Floats, radius: float) -> None:
+    around, down = np.linspace(0.0, 2.0 * np.pi, 37)[:, None], np.linspace(0.0, np.pi, 19)
+    x, y = np.cos(around) * np.sin(down), np.sin(around) * np.sin(down)
+    shell = [c + radius * part for c, part in zip(center, (x, y, np.ones_like(around) * np.cos(down)), strict=True)]
+    axes.plot_wireframe(*shell, color=_SPHERE, linewidth=0.3, alpha=0.6)
+    axes.scatter(*center, marker="+", color=_SPHERE)

@@ -1,0 +1,275 @@
+"""A user's own points with the circles or spheres fitted to them, and the error ellipses of their centres.
+
+Circles are drawn as they are. Spheres are shown in two views, along the two axes of the points' spread that are the
+least and the middle one, so that a small cap is seen from the side; each shows the sphere's outline and the projection
+of the centre's 95 % ellipsoid. Below or beside each view its centres are enlarged. Estimators whose answers differ by
+less than a tenth of a standard error are drawn once and named together.
+"""
+
+import textwrap
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle, Ellipse, Rectangle
+
+from study import style
+from study.arrays import Bools, Floats, Ints
+from study.fits import Fit, Status
+from study.fits.samples import explain
+
+_MOST_POINTS = 5000
+_FARTHEST = 100  # points that are always shown, however many are left out
+_SAME = 0.1  # of a standard error
+_SMALLEST = 1e-6  # difference, in radii, that a picture shows
+
+
+@dataclass(frozen=True)
+class Projection:
+    """A projection on a plane.
+
+    Attributes:
+        names: of its two axes.
+        points: (n, 2), at most a few thousand of them.
+        centers: of each group (k, 2).
+        ellipses: semi-axes of each centre's projected 95 % ellipse as columns (k, 2, 2); NaN where there is none.
+    """
+
+    names: tuple[str, str]
+    points: Floats
+    centers: Floats
+    ellipses: Floats
+
+
+@dataclass(frozen=True)
+class FitFrame:
+    """Content of the picture: one view of circles, two of spheres.
+
+    Attributes:
+        views: the projections.
+        groups: names of estimators whose answers coincide; the answer shown is the first one's.
+        radii: of each group (k,).
+        fits_in: whether the group's circle is not much larger than the others, or than the points' extent (k,).
+        caption: what is shown, in words.
+        notes: what is not, and what a status says.
+    """
+
+    views: list[Projection]
+    groups: list[list[str]]
+    radii: Floats
+    fits_in: Bools
+    caption: str
+    notes: list[str]
+
+
+def prepare(points: Floats, fits: dict[str, Fit], names: list[str]) -> FitFrame:
+    """Project points and fits.
+
+    Args:
+        points: (n, d), rows with NaN are left out.
+        fits: answers of shape () by estimator.
+        names: of the coordinates.
+    """
+    points = points[np.isfinite(points).all(axis=1)]
+    names = [f"$x_{{{name}}}$" if name.isdecimal() else name.replace("$", r"\$") for name in names]
+    n, d = points.shape
+    usable = {name: fit for name, fit in fits.items() if np.isfinite(fit.center).all() and np.isfinite(fit.radius)}
+    groups = _groups(usable)
+    first = [usable[group[0]] for group in groups]
+    centers = np.array([fit.center for fit in first]).reshape(-1, d)
+    radii = np.array([float(fit.radius) for fit in first])
+    with np.errstate(invalid="ignore"):  # a centre without a covariance has no ellipsoid
+        axes = np.array([fit.ellipsoid() for fit in first]).reshape(-1, d, d)
+    shown = points[_sample(points)]
+    if d == 2:
+        views = [_view(shown, centers, axes, np.eye(2), (names[0], names[1]))]
+    else:
+        origin = points.mean(axis=0)
+        away = points - origin
+        basis = np.linalg.eigh(np.cov(away.T / (np.abs(away).max() or 1.0)))[1]  # ascending: the least is the depth
+        basis *= np.sign(basis[np.abs(basis).argmax(axis=0), np.arange(d)])
+        called = {d - 1: "greatest", d - 2: "middle" if d == 3 else "second greatest", 0: "least"}
+        words = {i: f"axis of {each} spread{_combination(basis[:, i], names)}" for i, each in called.items()}
+        views = [
+            _view(shown - origin, centers - origin, axes, basis[:, [i, 0]], (words[i], words[0]))
+            for i in (d - 1, d - 2)
+        ]
+    extent = float(np.ptp(points, axis=0).max())
+    fits_in = radii <= min(5.0 * float(np.median(radii)), 20.0 * extent) if len(radii) else np.zeros(0, dtype=bool)
+    caption = f"{n:,} points" if len(shown) == n else f"{len(shown):,} of {n:,} points"
+    if d > 2:
+        caption += ", coordinates from their mean"
+    if np.isfinite(axes).all(axis=(1, 2)).any():
+        caption += "; ellipses: " + ("joint 95 % of the centre" if d == 2 else "shadows of the centre's 95 % ellipsoid")
+    notes = [
+        f"{_label(group)}: circle off the scale, radius {style.number(radius)}"
+        for group, radius, inside in zip(groups, radii, fits_in, strict=True)
+        if not inside
+    ]
+    return FitFrame(views, groups, radii, fits_in, caption, _statuses(fits, usable) + notes)
+
+
+def _groups(fits: dict[str, Fit]) -> list[list[str]]:
+    """Names of estimators whose answers and standard errors differ too little to be seen."""
+    groups: list[list[str]] = []
+    seen: list[tuple[Floats, Floats]] = []
+    for name, fit in fits.items():
+        answer = np.append(fit.center, fit.radius)
+        errors = np.nan_to_num(fit.standard_errors, nan=0.0, posinf=0.0)
+        allowed = np.maximum(_SAME * errors, _SMALLEST * float(fit.radius))
+        for group, (other, other_errors) in zip(groups, seen, strict=True):
+            if np.all(np.abs(answer - other) <= allowed) and np.all(np.abs(errors - other_errors) <= allowed):
+                group.append(name)
+                break
+        else:
+            groups.append([name])
+            seen.append((answer, errors))
+    return groups
+
+
+def _sample(points: Floats) -> Ints:
+    """Indices of the points to show: evenly spaced ones, and all that lie far out."""
+    n = len(points)
+    if n <= _MOST_POINTS:
+        return np.arange(n)
+    far = np.argsort(np.linalg.norm(points - points.mean(axis=0), axis=1), kind="stable")[-_FARTHEST:]
+    return np.union1d(np.arange(0, n, -(-n // _MOST_POINTS)), far)
+
+
+def _combination(direction: Floats, names: list[str]) -> str:
+    """Second line of an axis' name: its direction in the coordinates, if that is short."""
+    parts = [(part, name) for part, name in zip(direction, names, strict=True) if abs(part) >= 0.005]
+    words = " ".join(f"{'−' if part < 0 else '+'} {abs(part):.2f} {name}" for part, name in parts)
+    words = words.removeprefix("+ ").replace("− ", "−", words.startswith("−"))
+    return f"\n{words}" if len(words) <= 45 else ""
+
+
+def _view(points: Floats, centers: Floats, axes: Floats, plane: Floats, names: tuple[str, str]) -> Projection:
+    """Project on a plane (d, 2): an ellipsoid's shadow is the ellipse of the projected matrix."""
+    halves = np.einsum("dp,kde->kpe", plane, np.nan_to_num(axes, nan=0.0, posinf=0.0, neginf=0.0))
+    values, vectors = np.linalg.eigh(halves @ halves.swapaxes(1, 2))
+    ellipses = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
+    ellipses[~np.isfinite(axes).all(axis=(1, 2))] = np.nan
+    return Projection(names, points @ plane, centers @ plane, ellipses)
+
+
+def _statuses(fits: dict[str, Fit], usable: dict[str, Fit]) -> list[str]:
+    """Notes on fits that are not ok, and on fits that are not drawn."""
+    said: dict[tuple[str, str], list[str]] = {}
+    for name, fit in fits.items():
+        if name not in usable or fit.status != Status.OK:
+            key = "" if name in usable else "not drawn: ", explain(int(fit.status))
+            said.setdefault(key, []).append(style.label(name))
+    return [f"{prefix}{', '.join(labels)}: {words}" for (prefix, words), labels in said.items()]
+
+
+def _label(group: list[str]) -> str:
+    return " ≈ ".join(style.label(name).replace(" ", "\xa0") for name in group)
+
+
+@style.journal()
+def draw(frame: FitFrame) -> Figure:
+    """Draw the views side by side, with the centres enlarged below (of circles: beside)."""
+    flat = len(frame.views) == 1
+    zoomed = len(frame.groups) > 1 or bool(np.isfinite(frame.views[0].ellipses).any())
+    figure = Figure(figsize=(style.PAGE, 3.2 if flat or not zoomed else 5.4), layout="constrained")
+    rows, columns = (1, 1 + zoomed) if flat else (1 + zoomed, 2)
+    axes = figure.subplots(rows, columns, squeeze=False, height_ratios=[1.35, 1.0][:rows])
+    for place, view in enumerate(frame.views):
+        _whole(axes.flat[place], view, frame)
+        if zoomed:
+            low, high = _enlarged(axes.flat[len(frame.views) + place], view, frame, 1.0 if flat else 0.7)
+            part = Rectangle((low[0], low[1]), *(high - low), fill=False, linewidth=0.6, edgecolor=style.INK, zorder=6)
+            axes.flat[place].add_patch(part)
+    if not flat:  # name shared axes once
+        for ax in axes[:-1].flat:
+            ax.set_xlabel("")
+        for ax in axes[:, 1:].flat:
+            ax.set_ylabel("")
+    _words(figure, frame)
+    style.stamp(figure, frame.caption)
+    return figure
+
+
+def _words(figure: Figure, frame: FitFrame) -> None:
+    """Write names above and notes below; the figure grows by their height."""
+    notes = [line for note in frame.notes for line in textwrap.wrap(note, 118, subsequent_indent="    ")]
+    labels = [textwrap.fill(_label(group), 100, subsequent_indent="    ") for group in frame.groups]
+    columns = max(1, min(len(labels), 110 // (8 + max(map(len, labels), default=0))))
+    lines = sum(label.count("\n") + 1 for label in labels) / columns + len(notes)
+    figure.set_figheight(figure.get_figheight() + 0.14 * lines)
+    handles = [
+        Line2D(
+            [],
+            [],
+            color=style.color(group[0]),
+            marker=style.marker(group[0]),
+            linestyle=_dashes(place),
+            markersize=4,
+            label=label,
+        )
+        for place, (group, label) in enumerate(zip(frame.groups, labels, strict=True))
+    ]
+    if handles:
+        figure.legend(handles=handles, loc="outside upper left", ncols=columns)
+    if notes:
+        line = Line2D([], [], linestyle="none", label="\n".join([*notes, ""]))  # the stamp is below
+        figure.legend(handles=[line], loc="outside lower left", handlelength=0.0, handletextpad=0.0)
+
+
+def _whole(ax: Axes, view: Projection, frame: FitFrame) -> None:
+    """Draw points and circles."""
+    ax.plot(*view.points.T, ".", color=style.FAINT, markersize=2.0, zorder=2)
+    drawn = zip(frame.groups, view.centers, frame.radii, frame.fits_in, strict=True)
+    for place, (group, center, radius, inside) in enumerate(drawn):
+        if inside:
+            color, width = style.color(group[0]), _width(place, frame)
+            look: dict[str, Any] = {"linewidth": width, "linestyle": _dashes(place), "color": color}
+            ax.add_patch(Circle(tuple(center), radius, fill=False, zorder=3, **look))
+            ax.plot(*center, marker=style.marker(group[0]), color=color, markersize=2.2 * width, zorder=5)
+    reach = [view.points.min(axis=0), view.points.max(axis=0)]
+    centers, radii = view.centers[frame.fits_in], frame.radii[frame.fits_in, None]
+    low, high = np.min([*reach, *(centers - radii)], axis=0), np.max([*reach, *(centers + radii)], axis=0)
+    span = 1.08 * float(np.max(high - low)) or 1.0
+    size = np.maximum(high - low + 0.08 * span, 0.4 * span)  # enough for a plane seen edge-on
+    low, high = 0.5 * (low + high - size), 0.5 * (low + high + size)
+    ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel=view.names[0], ylabel=view.names[1])
+    ax.set_title("points and fits", loc="left")
+
+
+def _enlarged(ax: Axes, view: Projection, frame: FitFrame, shape: float) -> tuple[Floats, Floats]:
+    """Draw the centres and their ellipses; return lower left and upper right of a window of the given shape."""
+    halves = np.linalg.norm(view.ellipses, axis=2)  # of the box around each ellipse
+    size = np.nan_to_num(halves.max(axis=1))
+    use = frame.fits_in if frame.fits_in.any() else np.ones(len(size), dtype=bool)
+    use = use & (size <= 5.0 * np.quantile(size[use], 0.5, method="lower"))
+    reach = np.nan_to_num(halves[use])
+    low, high = (view.centers[use] - reach).min(axis=0), (view.centers[use] + reach).max(axis=0)
+    middle, half = 0.5 * (low + high), 0.58 * (high - low)
+    wide = max(half[0], half[1] / shape, _SMALLEST * frame.radii[use].min()) or 1.0
+    half = np.array([wide, wide * shape])
+    low, high = middle - half, middle + half
+    for place, (group, center, axes) in enumerate(zip(frame.groups, view.centers, view.ellipses, strict=True)):
+        color, width = style.color(group[0]), _width(place, frame)
+        ax.plot(*center, marker=style.marker(group[0]), color=color, markersize=3.0 * width, zorder=5, linestyle="none")
+        if np.isfinite(axes).all():
+            long, short = 2.0 * np.linalg.norm(axes, axis=0)
+            turn = float(np.degrees(np.arctan2(axes[1, 0], axes[0, 0])))
+            line = {"fill": False, "color": color, "linewidth": width, "linestyle": _dashes(place), "zorder": 4}
+            ax.add_patch(Ellipse((center[0], center[1]), long, short, angle=turn, **line))
+    ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel=view.names[0], ylabel=view.names[1])
+    ax.set_title("centres and 95 % ellipses", loc="left")
+    return low, high
+
+
+def _dashes(place: int) -> Any:
+    """Line style of a fit; that of the first, which may lie under others, is solid."""
+    return style.DASHES[place % len(style.DASHES)]
+
+
+def _width(place: int, frame: FitFrame) -> float:
+    """Width of a line; lines drawn first are wider, so that later ones do not hide them."""
+    return 0.8 + 1.2 * (1.0 - (place + 1) / len(frame.groups))

@@ -1,0 +1,316 @@
+"""A user's own points, fitted by one estimator or all: centres, radii, their standard errors, and the form.
+
+Remarks on fitted points in words: the intervals of radius and centre, outliers, copies.
+
+The output of `study fit`: for people, as JSON, or as CSV.
+"""
+
+import csv
+import io
+import math
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from study.arrays import Floats
+from study.fits import ESTIMATORS, Fit, Status, fit
+from study.fits.point_files import PointFileError, PointTable
+from study.fits.registry import load
+from study.fits.samples import explain
+from study.text import columns, did_you_mean, json_text, number, with_error
+
+LEVEL = 0.95
+"""Coverage of the intervals."""
+_NAMED = 5
+"""Rows of outliers that are named."""
+_SPARE = 6
+"""Points more than d + 1 from which on intervals were measured to cover in ok fits (docs/coverage.md)."""
+_ACROSS = 0.3
+"""Standard error across a belt, in rms distances of its points from its plane, beyond which intervals are too short."""
+_NEAR = 0.3
+"""Distance of that plane from the centre, in radii, up to which points are a belt and not a cap."""
+
+
+def doubts(fit: Fit) -> Iterator[str]:
+    """Lines about points that a fit should not be trusted with: outliers, rows that repeat earlier ones, few points.
+
+    Rows are counted from 1 and include those with missing coordinates.
+    """
+    rows, samples, planned = (fit.outliers.nonzero()[0] + 1).tolist(), int(fit.count), fit.residuals.shape[0]
+    infinite = [] if fit.samples is None else np.isinf(fit.samples.points[0]).any(axis=1).nonzero()[0] + 1
+    if len(infinite):
+        yield f"not finite in {len(infinite)} of {planned} rows, the first of which is row {infinite[0]}"
+    if samples < planned:
+        yield f"{planned - samples} of {planned} rows lack a coordinate and are left out"
+    if rows:
+        named = ", ".join(str(row) for row in rows[:_NAMED]) + (" …" if len(rows) > _NAMED else "")
+        one = len(rows) == 1
+        points = (
+            f"1 of {samples} points is an outlier (row"
+            if one
+            else f"{len(rows)} of {samples} points are outliers (rows"
+        )
+        it = "it" if one else "them"
+        use = f"leaves {it} out" if fit.without_outliers else f"uses {it}; -e robust leaves {it} out"
+        yield f"{points} {named}): the fit {use}"
+    copies = int(fit.copies)
+    if copies:
+        repeat, they = ("repeats an earlier one", "it is") if copies == 1 else ("repeat earlier ones", "they are")
+        yield f"{copies} of {samples} rows {repeat}; if {they} no new measurement, every ± is too small"
+        yield "for the intervals, rows that repeat an earlier one count once"
+    spare = samples - copies - fit.center.shape[0] - 1
+    if fit.ok and spare < _SPARE:
+        more = "1 point" if spare == 1 else f"{spare} points"
+        yield f"only {more} more than a sphere needs, so that the noise can look small by chance: ok may be luck"
+    if fit.ok and _is_belt(fit):
+        yield "the points lie close to a plane through the centre: its interval across that plane is too short"
+
+
+def uses_outliers(fit: Fit) -> bool:
+    """True if some points are outliers and the fit does not leave them out."""
+    return not fit.without_outliers and bool(fit.outliers.any())
+
+
+def _is_belt(fit: Fit) -> bool:
+    """True if the centre is least certain across a plane through it, as far as the points are from that plane."""
+    d = fit.center.shape[0]
+    covariance = fit.covariance[:d, :d]
+    if fit.samples is None or not np.isfinite(covariance).all():
+        return False
+    values, vectors = np.linalg.eigh(covariance)
+    heights = (fit.samples.points[0] - fit.center) @ vectors[:, -1]
+    about = abs(np.nanmean(heights)) < _NEAR * fit.radius
+    return bool(about and math.sqrt(values[-1]) > _ACROSS * np.nanstd(heights))
+
+
+def intervals_in_words(fit: Fit, names: list[str]) -> Iterator[str]:
+    """Lines with the 95 % intervals of the radius and the centre, which depend on the points alone."""
+    low, high = (float(end) for end in fit.interval("radius", LEVEL))
+    title = f"{LEVEL:.0%} intervals".replace("%", " %")
+    if not math.isfinite(high):
+        told = f"radius at least {_digits(low, low)}" if low > 0.0 else "the radius may be anything"
+        yield f"{title}: {told}; the points do not bound it, nor the centre"
+        return
+    parts = [f"radius {_between(low, high)}"]
+    parts += [f"{name} {_between(*ends)}" for name, ends in zip(names, fit.interval("center", LEVEL), strict=True)]
+    yield f"{title}: {', '.join(parts)}"
+
+
+def _between(low: float, high: float) -> str:
+    low, high = float(low), float(high)
+    return f"{_digits(low, high - low)} to {_digits(high, high - low)}"
+
+
+def _digits(value: float, width: float) -> str:
+    """A value to the third digit of a width."""
+    if not (math.isfinite(value) and width > 0.0):
+        return f"{value:.6g}"
+    digits = 2 - math.floor(math.log10(width))
+    return f"{value:.{digits}f}" if 0 <= digits <= 12 else f"{value:.6g}"
+
+
+def interval_numbers(fit: Fit, names: list[str]) -> dict[str, float]:
+    """Ends of the intervals by the names of columns, such as radius_low and center_x_high."""
+    ends: dict[str, Floats] = {"radius": fit.interval("radius", LEVEL)}
+    ends |= {f"center_{name}": pair for name, pair in zip(names, fit.interval("center", LEVEL), strict=True)}
+    return {f"{name}_{side}": float(pair[i]) for name, pair in ends.items() for i, side in enumerate(("low", "high"))}
+
+
+Row = dict[str, Any]
+"""A fit by the names of its numbers."""
+STANDARD_UNCERTAINTY = "± is one standard uncertainty"
+
+
+def choose(estimator: str, noise: float | None) -> list[str]:
+    """Names of the estimators to use; "all" leaves out those that need a noise that is not given.
+
+    Args:
+        estimator: a name, or "all"; or a file of estimators and a name, ``my.py:name``.
+        noise: standard deviation of a coordinate, if known.
+
+    Raises:
+        PluginError: if the file of estimators cannot be used.
+        PointFileError: if there is no such estimator, or it needs the noise, or the noise is not positive.
+    """
+    if noise is not None and not (math.isfinite(noise) and noise > 0.0):
+        raise PointFileError(f"--noise {noise:g}: a standard deviation must be positive and finite")
+    if noise is not None and not 0.0 < noise * noise < math.inf:
+        raise PointFileError(f"--noise {noise:g}: too small or large to compute with, its square is not a number")
+    file, colon, name = estimator.rpartition(":")
+    if colon and file.endswith(".py"):
+        load(Path(file))
+        estimator = name
+    if estimator == "all":
+        return [name for name, entry in ESTIMATORS.items() if noise is not None or entry.needs != "noise"]
+    if estimator not in ESTIMATORS:
+        hint = did_you_mean(estimator, [*ESTIMATORS, "all"])
+        raise PointFileError(f"--estimator {estimator}: unknown; {hint}")
+    if noise is None and ESTIMATORS[estimator].needs == "noise":
+        raise PointFileError(f"--estimator {estimator}: needs the noise level; give --noise, or take als")
+    return [estimator]
+
+
+def fit_all(points: Floats, estimators: list[str], noise: float | None) -> dict[str, Fit]:
+    """Fit points (n, d) by each estimator."""
+    return {name: fit(points, name, noise) for name in estimators}
+
+
+def fit_rows(fits: dict[str, Fit], names: list[str]) -> list[Row]:
+    """The fits as rows of a table.
+
+    Args:
+        fits: fits of shape () by estimator.
+        names: the coordinates' names.
+
+    Returns:
+        A row per estimator: estimator, each coordinate of the centre (center_x) and its standard error (error_x),
+        radius and diameter with theirs, noise σ̂, residual RMS, form error, largest deviation, ρ, the ends of the 95 %
+        intervals (radius_low, radius_high, center_x_low, …), numbers of outliers and copies, samples used, status in
+        words.
+    """
+    rows = []
+    for estimator, result in fits.items():
+        row: Row = {"estimator": estimator}
+        *errors, radius_error = result.standard_errors
+        for name, value, error in zip(names, result.center, errors, strict=True):
+            row[f"center_{name}"], row[f"error_{name}"] = float(value), float(error)
+        row["radius"], row["radius_error"] = float(result.radius), float(radius_error)
+        row["diameter"], row["diameter_error"] = float(result.diameter), 2.0 * float(radius_error)
+        row["noise"] = float(result.sigma)
+        row["residual_rms"], row["condition"] = float(result.residual_rms), float(result.condition)
+        row["form_error"], row["largest_deviation"] = float(result.form_error), float(result.largest_deviation)
+        row |= interval_numbers(result, names)
+        row["outliers"], row["copies"] = int(result.outliers.sum()), int(result.copies)
+        row["samples"], row["status"] = int(result.count), explain(int(result.status))
+        rows.append(row)
+    return rows
+
+
+def all_ok(rows: Iterable[Row]) -> bool:
+    """True if every fit's status is ok."""
+    return all(row["status"] == Status.OK.text for row in rows)
+
+
+def printed(rows: list[Row], names: list[str]) -> Iterator[str]:
+    """The fits for a terminal: numbers to two digits of their standard error, the form, and remarks on the fits."""
+    cells, form = [], []
+    notes: dict[str, list[str]] = {}
+    for row in rows:
+        measured = [with_error(row[f"center_{name}"], row[f"error_{name}"]) for name in names]
+        measured.append(with_error(row["radius"], row["radius_error"]))
+        others = [number(row["noise"]), number(row["residual_rms"]), number(row["condition"], ".2g")]
+        ok = row["status"] == Status.OK.text
+        cells.append([row["estimator"], *measured, *others, str(row["samples"]), "ok" if ok else "see below"])
+        shape = [number(row["form_error"]), number(row["largest_deviation"])]
+        form.append([row["estimator"], with_error(row["diameter"], row["diameter_error"]), *shape])
+        if not ok:
+            notes.setdefault(row["status"], []).append(row["estimator"])
+    yield from columns(cells, ["estimator", *names, "radius", "noise", "rms", "ρ", "samples", "status"])
+    yield ""
+    yield from columns(form, ["estimator", "diameter", "form error", "largest deviation"])
+    for status, estimators in notes.items():
+        yield f"{', '.join(estimators)}: {status}"
+    cautions = {ESTIMATORS[row["estimator"]].caution for row in rows} - {""}
+    for caution in sorted(cautions):
+        estimators = [row["estimator"] for row in rows if ESTIMATORS[row["estimator"]].caution == caution]
+        yield f"{', '.join(estimators)}: {caution}"
+
+
+class FileFits(NamedTuple):
+    """The points of a file and their fits.
+
+    Attributes:
+        path: the file; ``-`` for standard input.
+        table: its points.
+        fits: of shape (), by estimator.
+    """
+
+    path: Path
+    table: PointTable
+    fits: dict[str, Fit]
+
+    def rows(self) -> list[Row]:
+        """A row per fit."""
+        return fit_rows(self.fits, self.table.names)
+
+    def ok(self) -> bool:
+        """True if every fit is ok and uses no outliers."""
+        return all_ok(self.rows()) and not any(map(uses_outliers, self.fits.values()))
+
+
+def as_text(files: list[FileFits], noise: float | None = None) -> Iterator[str]:
+    """Lines for a terminal: the fits of each file, and what the numbers are.
+
+    Args:
+        files: the fits.
+        noise: the noise that was given.
+    """
+    for place, each in enumerate(files):
+        if len(files) > 1:
+            yield from [""] * (place > 0)
+            yield f"{each.path}"
+        yield from printed(each.rows(), each.table.names)
+        first = next(iter(each.fits.values()))
+        yield from intervals_in_words(first, each.table.names)
+        yield from doubts(first)
+        if len(each.table.names) > 3:
+            yield f"{len(each.table.names)} columns are a sphere in as many dimensions; --columns chooses some of them"
+        if each.table.left:
+            yield f"coordinates are {', '.join(each.table.names)}; columns left out: {', '.join(each.table.left)}"
+    idle = [] if noise is None else [name for name, fit in files[0].fits.items() if not fit.noise_is_known]
+    if idle:
+        yield f"--noise {noise:g} is not used by {', '.join(idle)}: the noise is found in the points"
+    yield STANDARD_UNCERTAINTY
+
+
+def as_json(files: list[FileFits]) -> str:
+    """A list of objects, one per file and estimator, with the library's names; null where there is no number."""
+    return json_text([_object(each, *pair) for each in files for pair in each.fits.items()])
+
+
+def as_csv(files: list[FileFits]) -> str:
+    """A row per file and estimator, with a header; an empty cell where there is no number."""
+    rows = [{"file": str(each.path)} | row for each in files for row in each.rows()]
+    text = io.StringIO()
+    writer = csv.DictWriter(text, list(dict.fromkeys(name for row in rows for name in row)), lineterminator="\n")
+    writer.writeheader()
+    for row in rows:
+        writer.writerow({name: "" if _is_no_number(value) else value for name, value in row.items()})
+    return text.getvalue().rstrip("\n")
+
+
+def _object(each: FileFits, estimator: str, fit: Fit) -> dict[str, object]:
+    errors = fit.standard_errors
+    status = Status(int(fit.status))
+    return {
+        "file": each.path,
+        "estimator": estimator,
+        "ok": fit.ok,
+        "status": status.name.lower(),
+        "status_text": status.text,
+        "samples": fit.count,
+        "coordinates": each.table.names,
+        "outliers": fit.outliers.nonzero()[0],
+        "copies": fit.copies,
+        "columns_left_out": each.table.left,
+        "center": fit.center,
+        "center_errors": errors[:-1],
+        "radius": fit.radius,
+        "radius_error": errors[-1],
+        "diameter": fit.diameter,
+        "diameter_error": 2.0 * errors[-1],
+        "correlation": fit.correlation,
+        "sigma": fit.sigma,
+        "residual_rms": fit.residual_rms,
+        "form_error": fit.form_error,
+        "largest_deviation": fit.largest_deviation,
+        "condition": fit.condition,
+        "radius_interval": fit.interval("radius", LEVEL),
+        "center_intervals": fit.interval("center", LEVEL),
+    }
+
+
+def _is_no_number(value: object) -> bool:
+    return isinstance(value, float) and not math.isfinite(value)

@@ -1,0 +1,275 @@
+"""Linear least squares: the (d + 1)-column system |y|² = β₀ + βᵀy by orthogonal factorisation.
+
+In exact arithmetic this is Kåsa's fit, `gdke` (theory 0.1); it differs in its rounding errors. The columns are
+(1, y₁ … y_d) with y relative to a point near the data, so that a distant origin costs no digits; the reflection
+of the first column then is the centring. Rows are appended to the triangle R some at a time, so one pass suffices.
+
+Linear least squares as textbooks and programs of the paper's time had it, to explain the paper's LLS outliers.
+
+The paper's LLS came from Numerical Recipes, whose least-squares routine zeroes singular values below a tolerance
+times the largest - 1e-5 in the routine, 1e-6 in the book's text. On a small cap the smallest singular value carries
+the centre's distance; cutting it puts the answer on the sphere or half way to it (theory §4): `lls_nr`, `lls_nr_raw`.
+
+A program in C of the time might have used single precision. Sums of third powers leave its range, 3.4e38, where the
+points are some 1e12 units apart, so that outliers at the largest noise need not be a flaw of the method: `lls_single`.
+
+These are for the study of the paper; on data use `lls`.
+"""
+
+import math
+
+import numpy as np
+
+from study.arrays import Bools, Floats
+from study.fits.closed_forms import noise_of_residuals, residual_noise
+from study.fits.jit import (
+    CHUNK,
+    PointSets,
+    Sums,
+    View,
+    abreast,
+    aligned,
+    at,
+    compiled,
+    compiled_as_written,
+    dot,
+    extent,
+    fill,
+    fresh,
+    near,
+    put,
+    readable,
+    total,
+    window,
+    zeros,
+)
+from study.fits.linalg import eigenbasis
+from study.fits.samples import Estimates, Samples, Status, blank
+
+_EPS = 2.0**-52
+_AT_ONCE = 2 * CHUNK
+"""Rows that are appended at once: more in a loop cost less, as long as they stay in a first-level cache."""
+
+
+def lls(samples: Samples) -> Estimates:
+    """Linear least squares by Householder reflections, with no cut of small singular values.
+
+    Source: paper §4.4.
+    """
+    b, d, _ = samples.shape
+    fit, residual, scatter = blank(b, d), np.empty(b), np.empty((b, d, d))
+    _fit_all(readable(samples.source), abreast(samples.source), fit, residual, scatter, zeros(d))
+    values, _ = eigenbasis(scatter)
+    fit.status[~(values[:, 0] > d * _EPS * values[:, -1])] = Status.SINGULAR  # the rule of `gdke`
+    fit.status[~np.isfinite(residual)] = Status.NOT_FINITE
+    lost = fit.status != Status.OK
+    if lost.any():
+        fit.center[lost], fit.radius[lost], fit.noise_variance[lost] = np.nan, np.nan, np.nan
+    return fit
+
+
+@compiled
+def _take(column: Floats, pivot: Floats, share: float) -> float:
+    """Subtract a share of the pivot from a column, in place, and return the column's squared length."""
+    square = 0.0
+    for k in range(column.size):
+        value = column[k] - share * pivot[k]
+        column[k] = value
+        square += value * value
+    return square
+
+
+@compiled
+def _take_beside(column: Floats, pivot: Floats, share: float, other: Floats) -> float:
+    """Do the same, but return the product with another column. In a function of its own the compiler makes it fast."""
+    product = 0.0
+    for k in range(column.size):
+        value = column[k] - share * pivot[k]
+        column[k] = value
+        product += value * other[k]
+    return product
+
+
+@compiled
+def _append(triangle: Floats, rows: Floats, m: int, products: Floats) -> None:
+    """Append m rows, given by columns (q, m), to an upper triangle (q, q) in place, by Householder reflections.
+
+    ``products`` holds the scalar products of the first column with all of them, and those of the next are formed
+    while a reflection is applied.
+    """
+    q = triangle.shape[0]
+    for i in range(q):
+        pivot = rows[i, :m]
+        norm = math.sqrt(triangle[i, i] ** 2 + products[i])
+        if norm == 0.0:  # not if it is NaN, which then spreads
+            for j in range(i + 1, q):
+                products[j] = dot(rows[i + 1, :m], rows[j, :m])
+            continue
+        head = triangle[i, i] + norm if triangle[i, i] >= 0.0 else triangle[i, i] - norm
+        scale = 1.0 / (norm * abs(head))
+        triangle[i, i] = -norm if head > 0.0 else norm
+        for j in range(i + 1, q):
+            share = scale * (triangle[i, j] * head + products[j])
+            triangle[i, j] -= share * head
+            following = rows[i + 1, :m]
+            if j == i + 1:
+                products[j] = _take(following, pivot, share)
+            else:
+                products[j] = _take_beside(rows[j, :m], pivot, share, following)
+
+
+@compiled
+def _scatter(triangle: Floats, scatter: Floats) -> None:
+    """The scatter of the centred columns y₁ … y_d."""
+    d = scatter.shape[0]
+    for i in range(d):
+        for j in range(d):
+            scatter[i, j] = 0.0
+            for k in range(min(i, j) + 1):
+                scatter[i, j] += triangle[k + 1, i + 1] * triangle[k + 1, j + 1]
+
+
+@compiled
+def _solve(triangle: Floats, beta: Floats) -> None:
+    """Back substitution for β (d + 1,)."""
+    p = beta.size
+    for i in range(p - 1, -1, -1):
+        beta[i] = triangle[i, p]
+        for j in range(i + 1, p):
+            beta[i] -= triangle[i, j] * beta[j]
+        beta[i] /= triangle[i, i]
+
+
+@compiled_as_written
+def _columns(view: View, m: int, origin: Sums, rows: Floats) -> None:
+    """Write columns y₁ … y_d and |y|² of m samples, y = x - origin, after the first of ones."""
+    d = len(origin)
+    for k in range(m):
+        square = 0.0
+        for i in range(d):
+            y = at(view, i, k) - origin[i]
+            rows[i + 1, k] = y
+            square += y * y
+        rows[d + 1, k] = square
+
+
+@compiled
+def _fit_all(x: PointSets, group: int, fit: Estimates, residual: Floats, scatter: Floats, zero: Sums) -> None:
+    """Solve each point set of a batch (b, d, n), about a point near it: the mean of its first samples.
+
+    It fills in ``fit``, the mean square ``residual`` of the algebraic equations (b,), and ``scatter`` (b, d, d), which
+    says whether the points span all dimensions. ``zero`` is d sums at zero.
+    """
+    b, d, n = extent(x)
+    q = d + 2
+    rows, copy = aligned(q * _AT_ONCE).reshape((q, _AT_ONCE)), np.empty((1, d, _AT_ONCE))
+    products, beta = np.empty(q), np.empty(d + 1)
+    origins, triangles = np.empty((group, d)), np.empty((group, q, q))
+    fill(rows[0], 1.0)
+    for head in range(0, b, group):
+        triangles[:] = 0.0
+        for g in range(group):
+            point = near(x, head + g, n, copy, zero)
+            for i in range(d):
+                origins[g, i] = point[i]
+        for start in range(0, n, _AT_ONCE):
+            m = min(_AT_ONCE, n - start)
+            for g in range(group):
+                origin = fresh(zero)
+                for i in range(d):
+                    origin = put(origin, i, origins[g, i])
+                view = window(x, head + g, start, m, copy, zero)
+                _columns(view, m, origin, rows)
+                products[0] = float(m)
+                for j in range(1, q):
+                    products[j] = total(rows[j, :m])
+                _append(triangles[g], rows, m, products)
+        for g in range(group):
+            t, triangle = head + g, triangles[g]
+            _scatter(triangle, scatter[t])
+            _solve(triangle, beta)
+            residual[t] = triangle[d + 1, d + 1] ** 2 / n
+            radius_squared = beta[0]
+            for i in range(d):
+                half = 0.5 * beta[i + 1]
+                fit.center[t, i] = origins[g, i] + half
+                radius_squared += half * half
+            fit.radius[t] = math.sqrt(radius_squared) if radius_squared >= 0.0 else math.nan
+            fit.noise_variance[t] = noise_of_residuals(residual[t], radius_squared, float(n), d)
+
+
+def lls_nr(samples: Samples) -> Estimates:
+    """Centred design, singular values cut below 1e-5 of the largest: where it cuts, the answer lies on the sphere.
+
+    Source: paper §4.4; Press et al. 1992, §15.4.
+    """
+    return _cut(samples, 1e-5, samples.moments.mean)
+
+
+def lls_nr_raw(samples: Samples) -> Estimates:
+    """Design in the coordinates as they are given, singular values cut below 1e-6 of the largest.
+
+    Source: paper §4.4; Press et al. 1992, §2.6.
+    """
+    return _cut(samples, 1e-6, np.zeros_like(samples.moments.mean))
+
+
+def lls_single(samples: Samples) -> Estimates:
+    """Normal equations of |y|² = β₀ + βᵀy for the centred points y, in single precision throughout.
+
+    The points are centred in double precision, so that a distant origin, which normal equations do not forgive
+    either, plays no part. Where a sum overflows the status is not finite. In single precision a cap below a tenth of a
+    degree is a plane.
+
+    Source: paper §4.4; Press et al. 1992, §15.4.
+    """
+    b, d, n = samples.shape
+    fit = blank(b, d)
+    with np.errstate(all="ignore"):  # sets that overflow, or span no volume, have a status of their own
+        y = (samples.x - samples.moments.mean[:, :, None]).astype(np.float32, order="C")  # one order of adding
+        square = np.einsum("bin,bin->bn", y, y)
+        matrix, right = np.empty((b, d + 1, d + 1), dtype=np.float32), np.empty((b, d + 1), dtype=np.float32)
+        matrix[:, :d, :d] = np.einsum("bin,bjn->bij", y, y)
+        matrix[:, :d, d] = matrix[:, d, :d] = y.sum(axis=2)
+        matrix[:, d, d] = n
+        right[:, :d], right[:, d] = np.einsum("bin,bn->bi", y, square), square.sum(axis=1)
+        finite = np.asarray(np.isfinite(matrix).all(axis=(1, 2)) & np.isfinite(right).all(axis=1))
+        extent = np.linalg.eigvalsh(np.where(finite[:, None, None], matrix[:, :d, :d], np.float32(0.0)))
+        regular = np.asarray(extent[:, 0] > d * np.finfo(np.float32).eps * extent[:, -1])
+        beta = np.linalg.solve(
+            np.where(regular[:, None, None], matrix, np.eye(d + 1, dtype=np.float32)), right[..., None]
+        )
+        offset = 0.5 * beta[:, :d, 0].astype(float)
+        squared = beta[:, d, 0] + np.einsum("bi,bi->b", offset, offset)
+        fit.radius[:] = np.sqrt(np.where(squared >= 0.0, squared, np.nan))
+    fit.center[:] = samples.moments.mean + offset
+    fit.noise_variance[:] = residual_noise(samples.regression, offset)
+    fit.status[~regular] = Status.SINGULAR
+    return _without(fit, ~(finite & regular), finite)
+
+
+def _cut(samples: Samples, tolerance: float, origin: Floats) -> Estimates:
+    """Least-norm solution of the system |x|² = (x, 1) β with the small singular values left out."""
+    b, d, n = samples.shape
+    fit = blank(b, d)
+    finite = np.isfinite(samples.moments.fourth)
+    with np.errstate(all="ignore"):
+        x = np.where(finite[:, None, None], samples.points - origin[:, None, :], 0.0)
+        design = np.concatenate([x, np.ones((b, n, 1))], axis=2)
+        left, values, right = np.linalg.svd(design, full_matrices=False)
+        inverse = np.where(values > tolerance * values[:, :1], 1.0 / values, 0.0)
+        square = np.einsum("bnd,bnd->bn", x, x)
+        beta = np.einsum("bkj,bk->bj", right, inverse * np.einsum("bnk,bn->bk", left, square))
+        offset = 0.5 * beta[:, :d]
+        squared = beta[:, d] + np.einsum("bi,bi->b", offset, offset)
+        fit.radius[:] = np.sqrt(np.where(squared >= 0.0, squared, np.nan))
+        fit.center[:] = origin + offset
+        fit.noise_variance[:] = residual_noise(samples.regression, fit.center - samples.moments.mean)
+    return _without(fit, ~finite, finite)
+
+
+def _without(fit: Estimates, lost: Bools, finite: Bools) -> Estimates:
+    """Remove the numbers of lost fits, and give those of points that are not finite their status."""
+    fit.status[~finite] = Status.NOT_FINITE
+    fit.center[lost], fit.radius[lost], fit.noise_variance[lost] = np.nan, np.nan, np.nan
+    return fit

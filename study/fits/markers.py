@@ -1,0 +1,437 @@
+"""The answer of `study.mgdk`: the common centre of several markers, and each marker's radius.
+
+One centre of several markers from their moments, of many data sets at once: the paper's equation 22, corrected.
+
+    ĉ = [Σ_p w_p (C_p - Σ̂)]⁻¹ Σ_p w_p [(C_p - Σ̂) x̄_p + ½ S_p]                            (paper eq. 22, corrected)
+
+In print the sum closes before ½S_p; both ways of reading it are wrong (theory §2). Moments have divisor n here.
+
+Several markers about one centre (MGDK): the joint fit of markers at different distances from it.
+
+The centre is that of the corrected equation 22 (`common_center`). As derived, w_p = n_p - 1. But a marker's algebraic
+residual grows with its radius, and so its weight should fall: w_p = n_p/r̂_p². Where the noise is not known, one η for
+all markers is found from their residuals together (theory §5.5).
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from study.arrays import Floats, Ints, real_array
+from study.fits.bounds import noise_covariance
+from study.fits.incremental import Incremental
+from study.fits.jit import compiled_as_written
+from study.fits.linalg import eigenbasis
+from study.fits.moments import Moments
+from study.fits.samples import FARTHEST, Status, binary_size, scaled_noise
+from study.text import number, with_error
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class JointFit:
+    """The common centre of several markers, as `mgdk` finds it.
+
+    Attributes:
+        center: ĉ (d,), in the unit of the points.
+        radii: r̂ of each marker (M,), in the unit of the points; NaN where no radius is real.
+        noise_variance: σ² of one coordinate, unit squared: as given (the mean over coordinates, for a covariance) or
+            estimated.
+        status: `Status` of the fit, its own: there is no interval for several markers yet, and so "ok" does not mean
+            that they bound their radii.
+        condition: ρ, the largest share of noise in Σ w_p C_p along any direction; it must be below 1.
+        covariance: covariance of ĉ (d, d), unit squared: the Cramér-Rao bound with the estimates plugged in.
+        count: number of samples used of each marker (M,); points with a NaN are left out.
+        markers: the points of each marker (n_p, d), missing ones as NaN.
+    """
+
+    center: Floats
+    radii: Floats
+    noise_variance: float
+    status: Status
+    condition: float
+    covariance: Floats
+    count: Ints
+    markers: tuple[Floats, ...] = field(default=())
+
+    @property
+    def ok(self) -> bool:
+        """True if the status is ok."""
+        return self.status == Status.OK
+
+    @property
+    def sigma(self) -> float:
+        """Standard deviation σ of one coordinate, in the unit of the points: the root of `noise_variance`."""
+        return float(np.sqrt(self.noise_variance)) if self.noise_variance >= 0.0 else np.nan
+
+    @property
+    def standard_errors(self) -> Floats:
+        """Standard errors of ĉ's components (d,), in the unit of the points; see `covariance`."""
+        with np.errstate(all="ignore"):
+            return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def residuals(self) -> list[Floats]:
+        """Signed distance of each marker's points from its sphere, M arrays (n_p,), in the unit of the points.
+
+        It is |x - ĉ| - r̂_p, positive outside; NaN where a sample is missing.
+
+        Raises:
+            ValueError: if the fit does not hold its points, because it is from `mgdk_so_far`.
+        """
+        if not self.markers:
+            raise ValueError("this fit does not hold its points: use study.mgdk, which stores them in the fit")
+        with np.errstate(all="ignore"):
+            away = [np.sqrt(np.sum((points - self.center) ** 2, axis=1)) for points in self.markers]
+        return [np.asarray(distance - radius) for distance, radius in zip(away, self.radii, strict=True)]
+
+    def to_frame(self) -> "pd.DataFrame":
+        """A row per marker.
+
+        Returns:
+            Columns: radius, residual_rms (NaN if the fit does not hold its points), samples used; then, the same in all
+            rows, each coordinate of the centre (center_1) and its standard error (error_1), noise (σ̂), condition (ρ),
+            status in words.
+        """
+        import pandas as pd
+
+        held = self.residuals if self.markers else [np.empty(0)] * len(self.radii)
+        squares = [residuals[np.isfinite(residuals)] ** 2 for residuals in held]
+        rms = [float(np.sqrt(square.mean())) if len(square) else np.nan for square in squares]
+        columns: dict[str, object] = {"radius": self.radii, "residual_rms": rms, "samples": self.count}
+        for i, (value, error) in enumerate(zip(self.center, self.standard_errors, strict=True)):
+            columns[f"center_{i + 1}"], columns[f"error_{i + 1}"] = value, error
+        columns |= {"noise": self.sigma, "condition": self.condition, "status": self.status.text}
+        return pd.DataFrame(columns)
+
+    def __repr__(self) -> str:
+        center = ", ".join(with_error(*pair) for pair in zip(self.center, self.standard_errors, strict=True))
+        radii = ", ".join(number(float(radius), ".6g") for radius in self.radii[:10])
+        more = f", … {len(self.radii) - 10} more" if len(self.radii) > 10 else ""
+        words = self.status.name.lower().replace("_", " ")
+        sigma = number(self.sigma)
+        return (
+            f"JointFit(center ({center}), radii ({radii}{more}), sigma {sigma}, {self.count.sum():,} points, {words})"
+        )
+
+
+ROUNDS = 5
+"""Rounds in which weights, or the noise, are found."""
+
+
+@compiled_as_written
+def add_marker(weight: float, left: Floats, mean: Floats, third: Floats, matrix: Floats, right: Floats) -> None:
+    """Add a marker to the normal equations of the corrected eq. 22, matrix · ĉ = right.
+
+    Args:
+        weight: w_p.
+        left: C_p - Σ̂ (d, d).
+        mean: x̄_p (d,), relative to any origin, which the centre then is relative to as well.
+        third: S_p (d,).
+        matrix: Σ w_p (C_p - Σ̂) (d, d), in place.
+        right: Σ w_p [(C_p - Σ̂) x̄_p + ½ S_p] (d,), in place.
+    """
+    for i in range(len(mean)):
+        even = odd = 0.0  # two sums, in the order of NumPy's einsum
+        for j in range(len(mean)):
+            matrix[i, j] += weight * left[i, j]
+            if j % 2 == 0:
+                even += left[i, j] * mean[j]
+            else:
+                odd += left[i, j] * mean[j]
+        right[i] += weight * (even + odd + 0.5 * third[i])
+
+
+@compiled_as_written
+def _add_markers(weights: Floats, left: Floats, mean: Floats, third: Floats, matrix: Floats, right: Floats) -> None:
+    for b in range(len(matrix)):
+        for p in range(len(weights)):
+            add_marker(weights[p, b], left[p, b], mean[p, b], third[p, b], matrix[b], right[b])
+
+
+class MarkersMoments(NamedTuple):
+    """Moments of M markers in each of b data sets.
+
+    Attributes:
+        n: number of samples of each marker (M, 1).
+        mean: x̄ (M, b, d).
+        c: covariances with divisor n (M, b, d, d), unit squared.
+        s: third moments, means of y|y|² (M, b, d), unit cubed.
+        fourth: means of |y|⁴ (M, b), unit to the fourth.
+    """
+
+    n: Floats
+    mean: Floats
+    c: Floats
+    s: Floats
+    fourth: Floats
+
+    @classmethod
+    def of(cls, markers: Sequence[Moments]) -> Self:
+        """Stack the moments of the markers, each of the same number of samples in all data sets."""
+        n = np.array([m.n[:1] for m in markers])
+        return cls(
+            n,
+            np.array([m.mean for m in markers]),
+            np.array([m.second for m in markers]) / n[..., None, None],
+            np.array([m.third for m in markers]) / n[..., None],
+            np.array([m.fourth for m in markers]) / n,
+        )
+
+    def subtracted(self, noise: Floats) -> Floats:
+        """Subtract so much from the covariances C_p for a noise of covariance Σ (d, d): (M, b, d, d)."""
+        return np.broadcast_to(noise * ((self.n - 1.0) / self.n)[..., None, None], self.c.shape)
+
+    def weights(self, center: Floats) -> Floats:
+        """Weights n/r̂² (M, b) for a centre (b, d)."""
+        return np.asarray(self.n / np.maximum(self.square_radii(center, np.zeros_like(self.c)), 1e-300))
+
+    def center(self, subtracted: Floats, weights: Floats) -> Floats:
+        """Eq. 22, corrected, about the mean of the markers' centroids: ĉ (b, d).
+
+        Args:
+            subtracted: what is subtracted from each C (M, b, d, d).
+            weights: w_p (M, b).
+        """
+        _, b, d = self.mean.shape
+        origin, matrix, right = self.mean.mean(axis=0), np.zeros((b, d, d)), np.zeros((b, d))
+        _add_markers(weights, self.c - subtracted, self.mean - origin, self.s, matrix, right)
+        return np.asarray(origin + solved(matrix, right[..., None])[..., 0])
+
+    def known(self, noise: Floats, weighted: bool) -> tuple[Floats, Floats]:
+        """Centre ĉ (b, d) for a noise of covariance Σ (d, d), and weights (M, b): n, or n/r̂² if weighted."""
+        subtracted, weights = self.subtracted(noise), self.n + np.zeros_like(self.fourth)
+        center = self.center(subtracted, weights)
+        for _ in range(ROUNDS if weighted else 0):
+            weights = self.weights(center)
+            center = self.center(subtracted, weights)
+        return center, weights
+
+    def square_radii(self, center: Floats, subtracted: Floats) -> Floats:
+        """Eq. 23, squared: r̂² (M, b) about a centre (b, d)."""
+        away = self.mean - center
+        return np.asarray(np.trace(self.c - subtracted, axis1=2, axis2=3) + np.einsum("pbi,pbi->pb", away, away))
+
+
+def solved(matrix: Floats, right: Floats) -> Floats:
+    """Solutions of linear systems (b, d, d) for right-hand sides (b, d, k); the least one of a singular matrix."""
+    try:
+        return np.asarray(np.linalg.solve(matrix, right))
+    except np.linalg.LinAlgError:  # to the last bit
+        return np.asarray(np.linalg.pinv(matrix) @ right)
+
+
+def mgdk(markers: Sequence[ArrayLike], noise: ArrayLike | None = None, weighted: bool = True) -> JointFit:
+    """Fit spheres with one common centre to several markers, each with a radius of its own (MGDK).
+
+    Args:
+        markers: points (n_p, d) of each marker, in one unit and one coordinate system; n_p may differ. Points with a
+            NaN, or masked, are missing samples.
+        noise: standard deviation σ of each coordinate, in the unit of the points, a covariance Σ (d, d), or None: it
+            is then estimated from the points.
+        weighted: weigh each marker by 1/r̂². If False, eq. 22 as derived is used, whose errors exceed the reported
+            covariance where the radii differ.
+
+    Returns:
+        A `JointFit`. Look at its ``status`` before using the numbers: markers that determine no centre have a status,
+        and raise nothing.
+
+    Raises:
+        TypeError: if the points or the noise are not real numbers.
+        ValueError: if there is no marker, or a shape or the noise cannot be used. The message says which and why.
+
+    Source: paper eqs 22-23; the correction is in theory §2, weights and the joint root in §5.5.
+    """
+    given = tuple(_points(marker, place) for place, marker in enumerate(markers))
+    arrays = [array[np.logical_not(np.isnan(array).any(axis=1))] for array in given]
+    if not arrays or len({array.shape[1] for array in arrays}) != 1:
+        raise ValueError(f"markers of shapes {[a.shape for a in arrays]}: give at least one, all of the same dimension")
+    d = arrays[0].shape[1]
+    known = None if noise is None else noise_covariance(noise, d)
+    if not all(np.isfinite(array).all() for array in arrays):
+        return replace(_nothing(d, np.array([len(array) for array in arrays]), Status.NOT_FINITE), markers=given)
+    # in a unit of their size, a power of two, if the points are so large or small that their powers leave float64
+    power = int(binary_size(np.concatenate(arrays).T[None])[0]) if any(map(len, arrays)) else 0
+    if power == 0:
+        return replace(_common_center(arrays, known, weighted), markers=given)
+    if abs(power) > FARTHEST:
+        return replace(_nothing(d, np.array([len(array) for array in arrays]), Status.NOT_FINITE), markers=given)
+    unit = [np.ldexp(array, -power) for array in arrays]
+    found = _common_center(unit, None if known is None else np.asarray(scaled_noise(known, -power)), weighted)
+    return replace(
+        found,
+        center=np.ldexp(found.center, power),
+        radii=np.ldexp(found.radii, power),
+        noise_variance=float(np.ldexp(found.noise_variance, 2 * power)),
+        covariance=np.ldexp(found.covariance, 2 * power),
+        markers=given,
+    )
+
+
+def mgdk_so_far(markers: Sequence[Incremental]) -> JointFit:
+    """Fit one centre to several markers that grow, from their moments alone: the points are not stored.
+
+    The answer is that of `mgdk` for the same points. Its covariance takes the spread of the directions from the
+    moments, where `mgdk` takes it from the points; ``markers`` of the fit is empty.
+
+    Args:
+        markers: at least one, of the same dimension; points of a size between 1e-40 and 1e40.
+    """
+    moments = [marker.moments for marker in markers]
+    count = np.array([0 if m is None else int(m.n[0]) for m in moments])
+    used = [m for m in moments if m is not None and m.n[0] >= 2]
+
+    def bound(joint: MarkersMoments, solution: _Solution) -> Floats:
+        information = np.einsum("p,pij->ij", solution.weights, joint.c[:, 0] - solution.subtracted)
+        return np.asarray(np.linalg.pinv(information, hermitian=True))
+
+    return _fit_moments(_Sets(used, count, markers[0].dimension), None, True, bound)
+
+
+def _common_center(arrays: list[Floats], known: Floats | None, weighted: bool) -> JointFit:
+    """Fit points of ordinary size (n_p, d), none of which is missing, with a covariance Σ of the noise or None."""
+    d = arrays[0].shape[1]
+    used = [array for array in arrays if len(array) >= 2]  # one sample fixes its marker's radius and no more
+    moments = [Moments.of(np.ascontiguousarray(array.T)[None]) for array in used]
+    noise = np.eye(d) if known is None else known
+    sets = _Sets(moments, np.array([len(array) for array in arrays]), d)
+    return _fit_moments(sets, known, weighted, lambda _, solution: _unit_bound(arrays, solution.center, noise))
+
+
+class _Sets(NamedTuple):
+    """The moments of the markers with two samples or more, the number of samples of each marker (M,), and d."""
+
+    moments: list[Moments]
+    samples: Ints
+    dimension: int
+
+
+class _Solution(NamedTuple):
+    """Centre (d,), what was subtracted from each C (M, d, d), and the weights (M,)."""
+
+    center: Floats
+    subtracted: Floats
+    weights: Floats
+
+
+def _fit_moments(
+    sets: _Sets, known: Floats | None, weighted: bool, bound: Callable[[MarkersMoments, _Solution], Floats]
+) -> JointFit:
+    """Fit moments; ``bound`` gives the covariance of the centre for the noise as given, or for noise of size 1."""
+    moments, count, d = sets.moments, sets.samples, sets.dimension
+    if not moments or sum(int(m.n[0]) for m in moments) < d + len(moments):
+        return _nothing(d, count, Status.TOO_FEW_POINTS)
+    if not all(np.isfinite(m.fourth[0]) for m in moments):
+        return _nothing(d, count, Status.NOT_FINITE)
+    joint = MarkersMoments.of(moments)
+    n, c = joint.n[:, 0], joint.c[:, 0]
+    spread = np.einsum("p,pij->ij", n, c)
+    values = np.linalg.eigvalsh(spread)
+    if not values[0] > d * np.finfo(float).eps * values[-1]:
+        return _nothing(d, count, Status.SINGULAR)
+    solution = _solve(joint, known, weighted)
+    center, subtracted, weights = solution
+    total = np.einsum("p,pij->ij", weights, c)
+    share = solved(total, np.einsum("p,pij->ij", weights, subtracted))
+    condition = float(np.linalg.eigvals(share).real.max())
+    squares = np.full(len(count), np.nan)
+    squares[count >= 2] = joint.square_radii(center[None], subtracted[:, None])[:, 0]
+    if known is None:
+        spare = n.sum() - d - len(moments)
+        variance = float(subtracted[0, 0, 0] * n.sum() / spare) if spare > 0 else np.nan
+        covariance = variance * bound(joint, solution)
+    else:
+        variance, covariance = float(np.trace(known)) / d, bound(joint, solution)
+    return JointFit(
+        center=center,
+        radii=np.sqrt(np.where(squares >= 0.0, squares, np.nan)),
+        noise_variance=variance,
+        status=Status.OK if condition < 1.0 else Status.NOT_POSITIVE_DEFINITE,
+        condition=condition,
+        covariance=covariance,
+        count=count,
+    )
+
+
+def _solve(joint: MarkersMoments, known: Floats | None, weighted: bool) -> _Solution:
+    """Solve for the centre of one data set, with the noise as known or found."""
+    if known is not None:
+        center, weights = joint.known(known, weighted)
+        return _Solution(center[0], joint.subtracted(known)[:, 0], weights[:, 0])
+    weights, subtracted = joint.n, np.zeros_like(joint.c)
+    center = joint.center(subtracted, weights)
+    for _ in range(ROUNDS):
+        if weighted:
+            weights = joint.weights(center)
+        subtracted = np.zeros_like(joint.c) + _root(joint, weights[:, 0]) * np.eye(len(center[0]))
+        center = joint.center(subtracted, weights)
+    return _Solution(center[0], subtracted[:, 0], weights[:, 0])
+
+
+def _root(joint: MarkersMoments, weights: Floats) -> float:
+    """η for which the residuals' variances are those that such noise gives: Σ w (Var f - 4r²η - 2dη²) = 0.
+
+    About the weighted mean of the centroids, with b the right-hand side of eq. 22 and λ_k the extents, that is
+
+        g(η) = Σ w Var |y|² - 4η Σ w mean |y|² + 2dη² - Σ 4b_k²/(λ_k - η),
+
+    written from g(0), which is rounding if there is no noise. Where all of the least extent is not enough, η is
+    just above it: the noise hides how far the markers moved, and the fit is not positive definite.
+    """
+    w, (_, mean, c, s, fourth) = weights / weights.sum(), (part[:, 0] for part in joint)
+    away = mean - w @ mean
+    moved = np.einsum("pij,pj->pi", c, away)
+    extents, vectors = (part[0] for part in eigenbasis(np.einsum("p,pij->ij", w, c)[None]))
+    squares = (2.0 * (w @ (moved + 0.5 * s)) @ vectors) ** 2
+    m2 = np.trace(c, axis1=1, axis2=2)
+    variance = fourth - m2**2 + 4.0 * np.einsum("pi,pi->p", away, s + moved)
+    start = float(w @ variance - (squares / extents).sum())
+    size = float(w @ (m2 + np.einsum("pi,pi->p", away, away)))
+
+    def excess(eta: float) -> float:
+        drawn = float((squares / (extents * (extents - eta))).sum())
+        return start - eta * (4.0 * size - 2.0 * len(extents) * eta + drawn)
+
+    from scipy.optimize import brentq  # imported here, as it takes as long as the rest of the library
+
+    if not start > 0.0:
+        return 0.0
+    high = float(extents[0]) * (1.0 - 1e-12)
+    if excess(high) >= 0.0:
+        return float(extents[0]) * (1.0 + 1e-9)
+    return float(brentq(excess, 0.0, high, xtol=1e-15 * high, rtol=1e-13))
+
+
+def _unit_bound(arrays: list[Floats], center: Floats, noise: Floats) -> Floats:
+    """Cramér-Rao bound of the centre: each marker's radius takes the mean of its directions out of the information."""
+    d = len(center)
+    information = np.zeros((d, d))
+    for array in arrays:
+        away = array - center
+        distance = np.linalg.norm(away, axis=1)
+        u = away[distance > 0.0] / distance[distance > 0.0, None]  # a point at the centre has no direction
+        if len(u):
+            weights = 1.0 / np.einsum("ni,ij,nj->n", u, noise, u)
+            u = u - weights @ u / weights.sum()
+            information += np.einsum("n,ni,nj->ij", weights, u, u)
+    regular = np.linalg.cond(information) < 1e15
+    return np.asarray(np.linalg.inv(information)) if regular else np.full((d, d), np.inf)
+
+
+def _points(marker: ArrayLike, place: int) -> Floats:
+    array = real_array(marker, f"marker {place}: points").astype(float)  # a copy, which the answer keeps
+    if array.ndim != 2 or array.shape[1] < 2:
+        raise ValueError(f"marker {place} has shape {array.shape}: expected (n, d) with d ≥ 2")
+    return array
+
+
+def _nothing(dimension: int, count: Ints, status: Status) -> JointFit:
+    nan = np.full(dimension, np.nan)
+    return JointFit(
+        nan, np.full(len(count), np.nan), np.nan, status, np.nan, np.full((dimension, dimension), np.nan), count
+    )

@@ -1,0 +1,555 @@
+"""The registry of estimators, and `fit`, which calls one by name.
+
+To add an estimator, write a function from `Samples` to `Estimates` and a line in `ESTIMATORS`.
+
+The simple form of an estimator: a function from one set of points to a centre and a radius.
+
+Registration of one's own estimators, and the record of where they come from.
+
+Estimators of installed packages, which name them in the entry-point group ``study.fits``.
+
+Files of one's own estimators: read, executed, tried out, and refused with one line.
+
+What such a file prints goes to standard error, so that it never mixes with results.
+"""
+
+import contextlib
+import hashlib
+import inspect
+import linecache
+import re
+import signal
+import sys
+import threading
+import traceback
+import types
+import warnings
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from study.arrays import Floats, real_array
+from study.fits.answer import Fit
+from study.fits.bounds import noise_covariance
+from study.fits.closed_forms import als, fuller, gdke, hinge, hyper, pratt, taubin, ugdk
+from study.fits.corrected import corrected, corrected_01, corrected_02, corrected_12, corrected_covariance, sandwich
+from study.fits.geometric import mle, mle_centroid, mle_mirror
+from study.fits.incremental import igdk
+from study.fits.lls import lls, lls_nr, lls_nr_raw, lls_single
+from study.fits.robust import robust
+from study.fits.samples import Estimates, Estimator, Samples, Status, blank, careful_fit, is_ordinary
+from study.fits.unknown_covariance import ugdk_cov
+from study.text import did_you_mean
+
+Function = Callable[..., object]
+_LONGEST = 500
+
+
+@dataclass(frozen=True)
+class SimpleForm:
+    """A function of points (n, d) as an estimator of batches.
+
+    The function is called once for each set, with a copy of its points; not for points whose fourth powers are not
+    finite. Where it raises or returns something else than a centre (d,) and a radius, the fit has the status
+    ``FAILED``; where it returns numbers that are not finite, the points did not determine a sphere. The noise variance
+    is that of the residuals, over n - d - 1.
+
+    Attributes:
+        function: takes points (n, d), and the noise if it needs it; returns a centre (d,) and a radius.
+        needs: ``noise`` if the function takes the noise as its second argument: σ, or a covariance (d, d).
+    """
+
+    function: Function
+    needs: str = ""
+
+    def __call__(self, samples: Samples) -> Estimates:
+        """Fit each set."""
+        return self.attempt(samples)[0]
+
+    def attempt(self, samples: Samples) -> tuple[Estimates, dict[int, str]]:
+        """Fit each set; also the messages of the sets that failed, by number."""
+        if self.needs and samples.noise is None:
+            raise ValueError("noise = None: this estimator needs the standard deviation of a coordinate")
+        b, d, n = samples.shape
+        result, failed = blank(b, d), dict[int, str]()
+        with np.errstate(all="ignore"):
+            usable = np.isfinite((samples.points**4).sum(axis=(1, 2)))
+        for t, points in enumerate(samples.points):
+            if not usable[t]:  # linear algebra may not even return
+                result.status[t] = Status.NOT_FINITE
+                continue
+            try:
+                center, radius = self._one(np.array(points, order="C"), samples.noise, t)
+            except (Exception, SystemExit) as error:
+                failed[t] = one_line(error)[:_LONGEST]
+                result.status[t] = Status.FAILED
+                continue
+            if not (np.all(np.isfinite(center)) and np.isfinite(radius)):
+                result.status[t] = Status.SINGULAR
+                continue
+            result.center[t], result.radius[t] = center, radius
+            with np.errstate(all="ignore"):
+                square = (np.linalg.norm(points - center, axis=1) - radius) ** 2
+                result.noise_variance[t] = square.sum() / (n - d - 1) if n > d + 1 else np.nan
+        return result, failed
+
+    def _one(self, points: Floats, noise: float | Floats | None, place: int) -> tuple[Floats, float]:
+        """Call the function for one set, and check what it returns."""
+        own = noise[place] if isinstance(noise, np.ndarray) and noise.ndim == 1 else noise
+        answer = self.function(points, own) if self.needs else self.function(points)
+        if not isinstance(answer, tuple | list) or len(answer) != 2:
+            raise TypeError(f"returned {_described(answer)}, expected a centre and a radius")
+        center, radius = (np.asarray(part, dtype=float) for part in answer)
+        d = points.shape[1]
+        if center.shape != (d,):
+            raise ValueError(f"returned a centre of shape {center.shape}, expected {(d,)}")
+        if radius.shape != ():
+            raise ValueError(f"returned a radius of shape {radius.shape}, expected one number")
+        return center, float(radius)
+
+
+def one_line(error: BaseException) -> str:
+    """An exception in one line: its type and the first line of its message."""
+    words = str(error).strip().split("\n")[0]
+    return f"{type(error).__name__}: {words}" if words else type(error).__name__
+
+
+def _described(answer: object) -> str:
+    """Describe what a function returned, in a few words."""
+    if isinstance(answer, tuple | list):
+        return f"{len(answer)} values"
+    shape = f" of shape {answer.shape}" if isinstance(answer, np.ndarray) else ""
+    return f"{type(answer).__name__}{shape}"
+
+
+def _moments(d: int) -> float:
+    """FLOPs per sample of the centred moments, which every closed form starts from (the paper's count: d² + 6d - 1)."""
+    return d * d + 8 * d + 2
+
+
+_BIASED = "biased towards the points by the noise, which its standard errors do not include; als has no such bias"
+
+ESTIMATORS: dict[str, Estimator] = {
+    "mle": Estimator(
+        mle, "paper §4.3; Shakarji 1998", flops=lambda d: d * d + 10 * d + 6, flops_of="a pass", by_window=True
+    ),
+    "mle_centroid": Estimator(mle_centroid, "mle from another start, the centroid of the points", by_window=True),
+    "mle_mirror": Estimator(mle_mirror, "mle from a wrong start, beyond the points", by_window=True),
+    "corrected": Estimator(
+        corrected,
+        "theory §9: geometric, without its bias, for every law of directions",
+        by_window=True,
+        covariance=corrected_covariance,
+    ),
+    "corrected_01": Estimator(
+        corrected_01, "theory §9, with ν = 0", by_window=True, covariance=partial(sandwich, pair=0.0)
+    ),
+    "corrected_02": Estimator(
+        corrected_02, "theory §9, with ν = ½", by_window=True, covariance=partial(sandwich, pair=0.5)
+    ),
+    "corrected_12": Estimator(
+        corrected_12, "theory §9, with ν = 1", by_window=True, covariance=partial(sandwich, pair=1.0)
+    ),
+    "robust": Estimator(
+        robust,
+        "Rousseeuw & Van Driessen 2006; Hadi & Simonoff 1993: mle without the outliers",
+        without_outliers=True,
+        version=2,
+    ),
+    "lls": Estimator(
+        lls, "paper §4.4", flops=lambda d: 2 * d * d + 10 * d + 5, caution=_BIASED, by_window=True, version=2
+    ),
+    "lls_nr": Estimator(lls_nr, "paper §4.4; Press et al. 1992: centred, singular values cut at 1e-5", caution=_BIASED),
+    "lls_nr_raw": Estimator(lls_nr_raw, "paper §4.4; Press et al. 1992: not centred, cut at 1e-6", caution=_BIASED),
+    "lls_single": Estimator(lls_single, "lls by normal equations in single precision", caution=_BIASED),
+    "gdke": Estimator(gdke, "paper eqs 2-6; Kåsa 1976", flops=_moments, moments_suffice=True, caution=_BIASED),
+    "ugdk": Estimator(ugdk, "paper eqs 15-21", needs="noise", flops=_moments, moments_suffice=True),
+    "als": Estimator(als, "Kukush, Markovsky & Van Huffel 2004", flops=_moments, moments_suffice=True),
+    "fuller": Estimator(fuller, "Fuller 1987, for als", flops=_moments, moments_suffice=True),
+    "hinge": Estimator(hinge, "als, without directions of insignificant extent", flops=_moments, moments_suffice=True),
+    "taubin": Estimator(taubin, "Taubin 1991", flops=_moments, moments_suffice=True),
+    "pratt": Estimator(pratt, "Pratt 1987", flops=_moments, moments_suffice=True),
+    "hyper": Estimator(hyper, "Al-Sharadqah & Chernov 2009", flops=_moments, moments_suffice=True),
+    "ugdk_cov": Estimator(ugdk_cov, "the paper's open question: the whole covariance from the points"),
+    "igdk": Estimator(igdk, "paper eqs 24-25", flops=lambda d: 7 * d * d + 20 * d + 3, caution=_BIASED),
+}
+
+_MOST_COPIED = 100_000
+"""Number of coordinates that a fit copies by default: beyond, copying takes longer than a closed form."""
+
+
+def fit(
+    points: ArrayLike, estimator: str = "corrected", noise: ArrayLike | None = None, *, copy: bool | None = None
+) -> Fit:
+    """Fit a sphere (a circle, if d = 2) to each of one or many point sets.
+
+    Args:
+        points: coordinates (…, n, d) of n ≥ d + 1 points in d ≥ 2 dimensions, in any unit; leading axes are a batch.
+            Points with a NaN, or masked, are missing samples.
+        estimator: a name in `study.ESTIMATORS`; the default is never far from the best of them (configs/regret.toml).
+        noise: standard deviation σ of each coordinate, in the unit of the points, or a covariance Σ (d, d); None if
+            it is not known. Only ``ugdk`` cannot do without.
+        copy: True to copy the points, from which a `Fit` computes residuals and standard errors when asked. False to
+            read the caller's array again, and to refuse if it has changed; that saves time and memory. By default up
+            to a hundred thousand coordinates are copied.
+
+    Returns:
+        A `Fit` whose arrays have the leading axes of ``points``. Look at ``fit.ok`` before using the numbers: data
+        that determine no sphere have a status, and raise nothing.
+
+    Raises:
+        TypeError: if the points or the noise are not real numbers, or the estimator is no name.
+        ValueError: if the shape, the noise or the estimator's name cannot be used. The message says which and why.
+
+    Example:
+        >>> points = [[1, 0], [0, 1], [-1, 0], [0, -1.0]]
+        >>> float(study.fit(points, "gdke").radius)
+        1.0
+
+    Source: the paper of each estimator is in its `Estimator.reference`.
+    """
+    if not isinstance(estimator, str):
+        raise TypeError(f"estimator = {estimator!r}: expected a name, such as 'corrected'")
+    if estimator not in ESTIMATORS:
+        raise ValueError(f"estimator = {estimator!r}: unknown; {did_you_mean(estimator, ESTIMATORS)}")
+    array = real_array(points, "points")
+    if array.ndim < 2 or array.shape[-1] < 2:
+        raise ValueError(f"points have shape {array.shape}: expected (…, n, d) with d ≥ 2")
+    *lead, n, d = array.shape
+    if n < d + 1:
+        raise ValueError(f"points have shape {array.shape}: a sphere in {d} dimensions needs at least {d + 1} points")
+    if noise is not None:
+        noise_covariance(noise, d)
+        noise = float(np.asarray(noise)) if np.ndim(noise) == 0 else np.asarray(noise, dtype=float)
+    x = array.reshape(-1, n, d).swapaxes(1, 2)
+    lent = array.size > _MOST_COPIED if copy is None else not copy
+    samples = Samples(x.astype(float, copy=False) if lent else np.array(x, dtype=float, order="C"), noise, lent)
+    entry = ESTIMATORS[estimator]
+    if is_ordinary(samples.moments.fourth):
+        found = entry(samples)
+    else:
+        samples = Samples(np.array(samples.x, order="C"), noise)  # moments that are not finite show no change
+        found = careful_fit(entry, samples)
+    return as_fit(found.reshape(*lead), samples, estimator)
+
+
+def fit_samples(samples: Samples, estimator: str) -> Fit:
+    """Fit each set of a batch without missing samples by a named estimator; leading axes (b,)."""
+    return as_fit(ESTIMATORS[estimator](samples), samples, estimator)
+
+
+def as_fit(estimates: Estimates, samples: Samples, estimator: str) -> Fit:
+    """The answer of a named estimator, from its numbers, with the leading axes, and the flat samples."""
+    entry = ESTIMATORS[estimator]
+    return Fit(estimates, samples, estimator, entry.covariance, entry.without_outliers)
+
+
+IN_PROGRAM = "this program"
+
+
+class Origin(NamedTuple):
+    """The source of an estimator that is not shipped.
+
+    Attributes:
+        name: of a file, or of a package with its version; or `IN_PROGRAM`.
+        digest: SHA-256 of the file's or the function's text, or empty if that is not known.
+        everywhere: worker processes can have it: it is from a file or from an installed package.
+    """
+
+    name: str
+    digest: str
+    everywhere: bool = True
+
+
+ORIGINS: dict[str, Origin] = {}
+"""Origins of the registered estimators that are not shipped, by their names."""
+
+_source: list[Origin] = []
+
+
+def register(
+    name: str, function: Callable[..., Any], *, needs: str = "", reference: str = "", batched: bool = False
+) -> None:
+    """Register an estimator of one's own; from then on `study.fit`, configs and figures know its name.
+
+    Args:
+        name: lower-case letters, digits and underscores, a letter first.
+        function: takes the points (n, d) of one set, and returns a centre (d,) and a radius. It may raise on data: the
+            fit is then counted as failed. With ``batched``, it takes `study.Samples` and returns a `study.Estimates`.
+        needs: ``"noise"`` if the function cannot do without the standard deviation of a coordinate, which is then its
+            second argument (with ``batched``: ``samples.noise``).
+        reference: where the method is described.
+        batched: the function fits a batch of sets at once, which is faster.
+
+    Raises:
+        TypeError: if the function cannot be called.
+        ValueError: if the name cannot be used or is taken, or ``needs`` is not understood.
+
+    Example:
+        >>> study.register("centroid", lambda points: (points.mean(axis=0), 1.0))
+    """
+    if not callable(function):
+        raise TypeError(f"register({name!r}): {type(function).__name__} is not a function")
+    if needs not in ("", "noise"):
+        raise ValueError(f"register({name!r}): needs = {needs!r}: must be 'noise' or left out")
+    origin = _source[-1] if _source else _in_program(function)
+    call = function if batched else SimpleForm(function, needs)
+    add(name, Estimator(call, reference, needs), origin)
+
+
+def add(name: str, entry: Estimator, origin: Origin) -> None:
+    """Enter an estimator into the registry; ValueError if its name cannot be used or is taken."""
+    if not re.fullmatch(r"[a-z][a-z0-9_]{0,40}", name) or name == "all":
+        raise ValueError(f"register({name!r}): a name has lower-case letters, digits and underscores, a letter first")
+    before = ORIGINS.get(name)
+    if name in ESTIMATORS and (before is None or before.name != origin.name or before.everywhere):
+        taken = f"by {before.name}" if before is not None else "by a shipped estimator"
+        raise ValueError(f"register({name!r}): the name is taken {taken}; choose another")
+    ESTIMATORS[name] = replace(entry, version=origin.digest[:10] or entry.version)
+    ORIGINS[name] = origin
+
+
+def remove(names: Iterable[str]) -> None:
+    """Take estimators that are not shipped out of the registry."""
+    for name in names:
+        if ORIGINS.pop(name, None) is not None:
+            del ESTIMATORS[name]
+
+
+@contextlib.contextmanager
+def registering(origin: Origin) -> Iterator[Callable[[], tuple[str, ...]]]:
+    """Note what is registered meanwhile as from an origin; after an exception it is taken out again.
+
+    Yields:
+        A function that gives the names registered so far.
+    """
+    before = set(ORIGINS)
+
+    def found() -> tuple[str, ...]:
+        return tuple(name for name in ORIGINS if name not in before)
+
+    _source.append(origin)
+    try:
+        yield found
+    except BaseException:
+        remove(found())
+        raise
+    finally:
+        _source.pop()
+
+
+def origins(estimators: Iterable[str]) -> list[dict[str, object]]:
+    """The origins of those among some estimators that are not shipped, as a manifest has them."""
+    found: dict[Origin, list[str]] = {}
+    for name in estimators:
+        if name in ORIGINS:
+            found.setdefault(ORIGINS[name], []).append(name)
+    return [{"from": o.name, "sha256": o.digest, "estimators": names} for o, names in found.items()]
+
+
+def only_here(estimators: Iterable[str]) -> list[str]:
+    """Those among some estimators that worker processes cannot have."""
+    return [name for name in estimators if name in ORIGINS and not ORIGINS[name].everywhere]
+
+
+def _in_program(function: Callable[..., Any]) -> Origin:
+    """The origin of a function that a program registers itself."""
+    try:
+        text = inspect.getsource(function)
+    except (OSError, TypeError):  # typed at a prompt, or compiled
+        text = ""
+    digest = hashlib.sha256(text.encode()).hexdigest() if text else ""
+    return Origin(IN_PROGRAM, digest, everywhere=False)
+
+
+GROUP = "study.fits"
+
+
+def load_installed() -> None:
+    """Register the estimators of installed packages.
+
+    An entry point leads to a function of the simple form, or to a `study.Estimator`; its name is the estimator's. One
+    that cannot be loaded is left out, with a warning of one line: it must not cost the others.
+    """
+    for point in entry_points(group=GROUP):
+        package = f"{point.dist.name} {point.dist.version}" if point.dist is not None else point.value
+        try:
+            found = point.load()
+            entry = found if isinstance(found, Estimator) else Estimator(SimpleForm(found))
+            add(point.name, entry, Origin(package, hashlib.sha256(package.encode()).hexdigest()))
+        except (Exception, SystemExit) as error:
+            warnings.warn(f"estimator {point.name!r} of {package} is left out: {one_line(error)}", stacklevel=2)
+
+
+class PluginError(Exception):
+    """A file of estimators that cannot be used; the message says why, in one line."""
+
+
+LIMIT = 60.0
+"""Seconds in which a file, or a call of its estimators on a small data set, should be done."""
+
+
+class OvertimeError(BaseException):
+    """A call has not returned in time. An estimator that catches every `Exception` does not catch it."""
+
+
+@contextlib.contextmanager
+def in_time(seconds: float) -> Iterator[None]:
+    """Raise `OvertimeError` where the calls within take longer: in the main thread, on systems that have alarms."""
+    if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "setitimer"):
+        yield
+        return
+
+    def ring(number: int, frame: object) -> None:
+        raise OvertimeError(f"has not returned after {seconds:g} s")
+
+    before = signal.signal(signal.SIGALRM, ring)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+
+
+class PluginFile(NamedTuple):
+    """A file of estimators, with its text: worker processes need not find the file.
+
+    Attributes:
+        path: of the file.
+        text: its content.
+    """
+
+    path: str
+    text: str
+
+    @property
+    def origin(self) -> Origin:
+        """The file's name and digest, as manifests have them."""
+        return Origin(Path(self.path).name, hashlib.sha256(self.text.encode()).hexdigest())
+
+
+_loaded: dict[str, tuple[PluginFile, tuple[str, ...]]] = {}
+
+
+def load(path: Path) -> tuple[str, ...]:
+    """Load a file of estimators; once is enough, and a file that has changed replaces what it registered before.
+
+    Args:
+        path: a Python file that calls `study.register`.
+
+    Returns:
+        The names that it registered.
+
+    Raises:
+        PluginError: if it cannot be read, raises, registers nothing, or registers an estimator that answers in the
+            wrong shape. Then nothing of it is registered.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
+        raise PluginError(f"{path}: cannot be read: {reason}") from None
+    return load_text(PluginFile(str(path.resolve()), text), str(path))
+
+
+def load_text(plugin: PluginFile, shown: str = "") -> tuple[str, ...]:
+    """Load a file of estimators whose text is known; see `load`.
+
+    Args:
+        plugin: the file.
+        shown: its name in messages; its path, if empty.
+    """
+    shown = shown or plugin.path
+    before, names = _loaded.get(plugin.path, (None, ()))
+    if before == plugin:
+        return names
+    unload(plugin.path)
+    with registering(plugin.origin) as found:
+        _execute(plugin, shown)
+        if not found():
+            raise PluginError(f"{shown}: registers no estimator; it should call study.register(name, function)")
+        for name in found():
+            try:
+                with in_time(LIMIT), contextlib.redirect_stdout(sys.stderr):
+                    faults = faults_of(name)
+            except OvertimeError as error:
+                raise PluginError(f"{shown}: {name}: {error} on 20 sound points") from None
+            if len(faults) == 2:
+                raise PluginError(f"{shown}: {name}: fails on 20 sound points: {faults[3]}")
+        _loaded[plugin.path] = plugin, found()
+    return found()
+
+
+def unload(path: str) -> None:
+    """Forget a file, and take the estimators that it registered out of the registry."""
+    remove(_loaded.pop(path, (None, ()))[1])
+
+
+def loaded() -> tuple[tuple[str, str], ...]:
+    """Paths and texts of the loaded files, as plain text: a worker must read them before it may import anything."""
+    return tuple((plugin.path, plugin.text) for plugin, _ in _loaded.values())
+
+
+def faults_of(name: str) -> dict[int, str]:
+    """Call an estimator on sound points in the plane and in space; what went wrong, by the dimension."""
+    return {d: fault for d in (2, 3) if (fault := fault_on(name, sound_samples(d)))}
+
+
+def sound_samples(d: int, sets: int = 2, n: int = 20) -> Samples:
+    """Some sets of points about the unit sphere, with their noise."""
+    rng = np.random.default_rng(7)
+    u = rng.standard_normal((sets, n, d))
+    points = u / np.linalg.norm(u, axis=2, keepdims=True) + 0.01 * rng.standard_normal(u.shape)
+    return Samples(points.swapaxes(1, 2), 0.01)
+
+
+def fault_on(name: str, samples: Samples) -> str:
+    """Words for an estimator that raises or answers in the wrong shape; empty if it does neither."""
+    function = ESTIMATORS[name].function
+    try:
+        if isinstance(function, SimpleForm):
+            return next(iter(function.attempt(samples)[1].values()), "")
+        answer = function(samples)
+    except (Exception, SystemExit) as error:
+        return one_line(error)
+    return shape_fault(answer, samples)
+
+
+def shape_fault(answer: object, samples: Samples) -> str:
+    """Words for what is no answer to these samples; empty if it is one."""
+    b, d, _ = samples.shape
+    model = blank(b, d)
+    if not isinstance(answer, tuple) or getattr(answer, "_fields", None) != model._fields:
+        return f"returned {type(answer).__name__}, expected a {type(model).__name__}"
+    for field, value, expected in zip(Estimates._fields, answer, model, strict=True):
+        if np.shape(value) != expected.shape:
+            return f"{field} has shape {np.shape(value)}, expected {expected.shape}"
+    return ""
+
+
+def _execute(plugin: PluginFile, shown: str) -> None:
+    """Execute a file as a module of its own; PluginError with the line that raised."""
+    module = types.ModuleType(f"study_own_{Path(plugin.path).stem}")
+    module.__file__ = plugin.path
+    vars(module)["print"] = _print
+    sys.modules[module.__name__] = module  # where dataclasses and pickles look for it
+    linecache.cache.setdefault(plugin.path, (len(plugin.text), None, plugin.text.splitlines(True), plugin.path))
+    try:
+        with in_time(LIMIT), contextlib.redirect_stdout(sys.stderr):
+            exec(compile(plugin.text, plugin.path, "exec"), module.__dict__)
+    except (Exception, SystemExit, OvertimeError) as error:
+        lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == plugin.path]
+        line = error.lineno if isinstance(error, SyntaxError) and error.filename == plugin.path else (lines or [1])[-1]
+        raise PluginError(f"{shown}: line {line}: {one_line(error)}") from None
+
+
+def _print(*words: object, **options: Any) -> None:
+    """Print to standard error; a run's threads share the standard output, which cannot be changed for one of them."""
+    print(*words, **{"file": sys.stderr, **options})

@@ -1,0 +1,391 @@
+"""Input of every estimator: a batch of point sets, with moments that estimators share computed once.
+
+The arrays that an estimator fills in, as kernels take them.
+
+An estimator as the registry lists it: the function, its source, and what is known about it.
+
+Status of a fit: a number that tables store, with the text that a user reads.
+
+Fits of sets that need preparation: with missing samples, or so large or small that their powers leave float64.
+
+Covariances of fits: the Cramér-Rao bound with the estimates plugged in, or an estimator's own rule; ellipsoids.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from enum import IntEnum
+from functools import cached_property
+from typing import NamedTuple, Self
+
+import numpy as np
+
+from study.arrays import Bools, Floats, Ints
+from study.fits.bounds import bound_from_scatter, normal_weights, unit_covariance, weighted_scatter
+from study.fits.jit import Placed, extent, form
+from study.fits.linalg import eigenbasis
+from study.fits.moments import Moments, Regression, Spectrum
+
+
+class Estimates(NamedTuple):
+    """Results of a batch of fits: the centres, then arrays with a number per point set, floating-point ones first.
+
+    An estimator returns them. Everything that handles fits field by field reads this list.
+
+    Attributes:
+        center: ĉ (b, d), in the unit of the points.
+        radius: r̂ (b,), in the unit of the points. NaN where no radius is real, which the status then says.
+        noise_variance: σ² of one coordinate (b,), unit squared: as given to an estimator that uses it (the mean over
+            coordinates, for a covariance), else estimated from the residuals. NaN at n = d + 1, which leaves none.
+        condition: the paper's Leontief condition ρ (b,), the spectral radius of Σ̂C⁻¹, which must be below 1. NaN for
+            an estimator that subtracts no noise.
+        status: number of the `Status` of each fit (b,).
+        iterations: steps taken (b,); 0 for a closed form.
+    """
+
+    center: Floats
+    radius: Floats
+    noise_variance: Floats
+    condition: Floats
+    status: Ints
+    iterations: Ints
+
+    def reshape(self, *lead: int) -> "Estimates":
+        """Return the same numbers with other leading axes."""
+        center, *others = self
+        return Estimates._make([center.reshape(*lead, center.shape[-1]), *(array.reshape(lead) for array in others)])
+
+
+_NUMBERS = list(Estimates.__annotations__.values()).count(Floats) - 1
+"""Arrays of one floating-point number per set."""
+
+
+def blank(batch: int, dimension: int) -> Estimates:
+    """Return estimates of NaN with status ok, for an estimator to fill in."""
+    # two allocations: one for each array would cost more than fitting one small set
+    numbers = np.empty(batch * (dimension + _NUMBERS))
+    whole = np.zeros((len(Estimates._fields) - _NUMBERS - 1, batch), dtype=np.int64)
+    numbers.fill(np.nan)
+    rest = numbers[batch * dimension :].reshape(_NUMBERS, batch)
+    return Estimates(numbers[: batch * dimension].reshape(batch, dimension), *rest, *whole)
+
+
+@dataclass(frozen=True)
+class Samples:
+    """A batch of point sets.
+
+    Attributes:
+        source: the points, coordinates first (b, d, n), float64, any memory layout; or the draws they are formed from.
+        noise: σ, one for all sets or one for each (b,), a covariance Σ (d, d), or None if it is not known.
+        lent: True if the points are in an array of the caller's, who may have changed them since.
+    """
+
+    source: Floats | Placed
+    noise: float | Floats | None = None
+    lent: bool = False
+
+    @classmethod
+    def of_moments(cls, moments: Moments, noise: float | Floats | None = None) -> "Samples":
+        """Samples of which only the moments are known: enough for every closed form."""
+        return cls.of_regression(Regression.of(moments), noise)
+
+    @classmethod
+    def of_regression(cls, regression: Regression, noise: float | Floats | None = None) -> "Samples":
+        """Samples of which only the closed forms' regression is known."""
+        samples = cls(np.empty((*regression.mean.shape, 0)), noise)
+        samples.__dict__["regression"] = regression  # in place of the cached property
+        return samples
+
+    def only(self, index: int) -> "Samples":
+        """One set of the batch."""
+        one = slice(index, index + 1)
+        noise = self._noise_of(one)
+        _, d, n = self.shape
+        if isinstance(self.source, Placed):
+            return Samples(form(self.source, np.empty((1, d, n)), index), noise)
+        if n or "regression" not in self.__dict__:
+            return self._part(self.source[one], noise, np.array([index]))
+        return Samples.of_regression(self.regression.only(index), noise)
+
+    def take(self, places: Ints) -> "Samples":
+        """Some sets of the batch, by their places (k,)."""
+        if len(places) == 1:
+            return self.only(int(places[0]))
+        return self._part(self.x[places], self._noise_of(places), places)
+
+    def unchanged(self) -> "Samples":
+        """These samples.
+
+        Raises:
+            ValueError: if they are lent, and their moments are no longer those that were computed first.
+        """
+        if self.lent and not all(map(np.array_equal, self.moments, Moments.of(self.source))):
+            raise ValueError(
+                "the points have changed since they were fitted: the fit reads them from your array; use copy=True"
+            )
+        return self
+
+    def _part(self, source: Floats, noise: float | Floats | None, places: Ints) -> "Samples":
+        """Some sets; if they are lent, with the moments that they had."""
+        part = Samples(source, noise, self.lent)
+        if self.lent:
+            numbers, vectors, second = self.moments
+            part.__dict__["moments"] = Moments(numbers[:, places], vectors[:, places], second[places])
+        return part
+
+    def _noise_of(self, places: slice | Ints) -> float | Floats | None:
+        """The noise of some sets."""
+        return self.noise[places] if isinstance(self.noise, np.ndarray) and self.noise.ndim == 1 else self.noise
+
+    def by_count(self) -> Iterator[tuple[Ints, "Samples"]]:
+        """Sets with equally many samples that are not missing: their places (k,), and those samples (k, d, count)."""
+        present = np.logical_not(np.isnan(self.x).any(axis=1))
+        count = present.sum(axis=1)
+        for n in np.unique(count):
+            sets = np.flatnonzero(count == n)
+            if n == self.shape[2] and len(sets) == len(count):
+                yield sets, self
+            else:
+                complete = [np.ascontiguousarray(self.x[t][:, present[t]]) for t in sets]
+                yield sets, Samples(np.stack(complete), self._noise_of(sets))
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Number of sets b, dimension d, samples n."""
+        return extent(self.source)
+
+    @cached_property
+    def x(self) -> Floats:
+        """The points, coordinates first (b, d, n)."""
+        return form(self.source, np.empty(self.shape)) if isinstance(self.source, Placed) else self.source
+
+    @cached_property
+    def rows(self) -> Floats | Placed:
+        """The points with each coordinate in a row of memory, for kernels that read them many times; or the draws."""
+        return self.source if isinstance(self.source, Placed) else np.ascontiguousarray(self.source)
+
+    @property
+    def points(self) -> Floats:
+        """The points as (b, n, d), for an estimator that prefers them so."""
+        return self.x.swapaxes(1, 2)
+
+    @cached_property
+    def moments(self) -> Moments:
+        """Centred moments of each set."""
+        return Moments.of(self.source)
+
+    @cached_property
+    def regression(self) -> Regression:
+        """Covariances from which the closed forms are computed."""
+        return Regression.of(self.moments)
+
+    @cached_property
+    def spectrum(self) -> Spectrum:
+        """The regression in the eigenbasis of C."""
+        return Spectrum.of(self.regression)
+
+
+@dataclass(frozen=True)
+class Estimator:
+    """An estimator as the registry lists it.
+
+    Attributes:
+        function: computes `Estimates` from `Samples`. It never raises on data, only on a noise that it cannot use.
+        reference: publication that it follows.
+        needs: argument of `study.fit` without which it raises; empty if points are enough.
+        flops: floating-point operations per sample in d dimensions, counted as in `study.simulation.analysis.cost`.
+        flops_of: the part of a fit that ``flops`` counts; empty for all of it.
+        caution: warning for the user that holds whatever the status; empty if there is none.
+        moments_suffice: the function reads ``Samples.moments`` alone.
+        by_window: the function reads samples only through `study.fits.jit.window`, so that points need not lie
+            in memory.
+        covariance: covariance of (ĉ, r̂) (b, d+1, d+1), unit squared, of its answers, from samples without missing ones
+            and with the noise that they show; None for the Cramér-Rao bound with the estimates plugged in.
+        without_outliers: the function leaves out the points that `study.fits.robust.outliers` names, so
+            that intervals are to be formed without them.
+        version: to be raised with every change of its numbers, so that runs do not mix old rows with new ones; a digest
+            of its code, for an estimator that is not shipped.
+    """
+
+    function: Callable[[Samples], Estimates]
+    reference: str = ""
+    needs: str = ""
+    flops: Callable[[int], float] | None = None
+    flops_of: str = ""
+    caution: str = ""
+    moments_suffice: bool = False
+    by_window: bool = False
+    covariance: Callable[[Samples, Estimates], Floats] | None = None
+    without_outliers: bool = False
+    version: int | str = 1
+
+    def __call__(self, samples: Samples) -> Estimates:
+        """Fit each set of the batch."""
+        return self.function(samples)
+
+
+class Worded(IntEnum):
+    """Numbers as tables store them, each with a ``text`` for the user."""
+
+    text: str
+
+    def __new__(cls, value: int, text: str = "") -> Self:  # without a text a member is looked up by its value
+        member = int.__new__(cls, value)
+        member._value_ = value
+        member.text = text
+        return member
+
+
+class Status(Worded):
+    """Status of a fit.
+
+    A fit that is not ``OK`` may still hold a number: the status says how far to trust it. Statuses compare equal to
+    the integers in `Fit.status`, and `text` explains them: ``Status(2).text``.
+    """
+
+    OK = 0, "ok"
+    NOT_POSITIVE_DEFINITE = 1, "covariance minus noise is not positive definite: the noise hides the sphere's extent"
+    SINGULAR = 2, "the points lie in a plane or a line (or are one point): they leave the centre undetermined"
+    NOT_CONVERGED = 3, "the iteration did not converge within its limit of steps"
+    AT_BOUND = 4, "the best sphere is a plane: the centre runs away from the points and was stopped at the bound"
+    TOO_FEW_POINTS = 5, "fewer than d + 1 points"
+    NOT_FINITE = 6, "a coordinate is not finite, or the points are too large or too small to compute with"
+    INSIGNIFICANT = 7, "along some direction the points' extent is within the noise: the centre is unreliable"
+    HINGE = 8, "the points lie on an arc or in a plane, within the noise: the centre was taken in their plane"
+    FAILED = 9, "the estimator raised an exception, or the worker that ran it died"
+    WEAKLY_IDENTIFIED = (
+        10,
+        "weakly identified: the points do not bound the radius, or the noise is over a third of it",
+    )
+
+
+def explain(status: int) -> str:
+    """Text of a status number."""
+    return next(member.text for member in Status if member == status)
+
+
+_LEAST_FOURTH, _MOST_FOURTH = 1e-160, 1e160
+"""Range of Σ|x - x̄|⁴ in which nothing that an estimator computes overflows or loses digits to underflow."""
+_ORDINARY = 1e-40, 1e40
+"""Sizes of point sets that are fitted as they are."""
+FARTHEST = 430
+"""Binary exponent of the largest and smallest points, 1e±129, whose answers and variances float64 holds."""
+_LARGEST_NOISE = 1e70
+"""Noise beside points of size 1 beyond which it makes no difference."""
+
+
+def is_ordinary(fourth: Floats) -> bool:
+    """True if no set has missing samples, or needs scaling, by the fourth moments Σ|x - x̄|⁴ (b,)."""
+    if len(fourth) == 1:
+        return bool(_LEAST_FOURTH < float(fourth[0]) < _MOST_FOURTH)
+    return len(fourth) == 0 or bool(fourth.min() > _LEAST_FOURTH and fourth.max() < _MOST_FOURTH)
+
+
+def careful_fit(estimator: Estimator, samples: Samples) -> Estimates:
+    """Fit each set without its missing samples, in a unit of its own size where it is very large or small.
+
+    The unit is a power of two, so that points of ordinary size keep their bits. Sets with equally many samples and of
+    one unit are fitted together.
+    """
+    b, d, _ = samples.shape
+    result = blank(b, d)
+    for sets, present in samples.by_count():
+        if present.shape[2] < d + 1:
+            result.status[sets] = Status.TOO_FEW_POINTS
+            continue
+        powers = binary_size(present.x)
+        for power in np.unique(powers):
+            some = np.flatnonzero(powers == power)
+            if abs(power) > FARTHEST:
+                result.status[sets[some]] = Status.NOT_FINITE
+                continue
+            part = present if len(some) == len(sets) else present.take(some)
+            found = estimator(part if power == 0 else scaled(part, -int(power)))
+            for whole, values in zip(result, found if power == 0 else _rescaled(found, int(power)), strict=True):
+                whole[sets[some]] = values
+    return result
+
+
+def binary_size(x: Floats) -> Ints:
+    """Binary exponent of the extent of each set (b, d, n), 0 where it is ordinary, nil or not finite."""
+    with np.errstate(all="ignore"):
+        extent = np.abs(x - x[:, :, :1]).max(axis=(1, 2))
+    usual = ~np.isfinite(extent) | (extent == 0.0) | ((extent > _ORDINARY[0]) & (extent < _ORDINARY[1]))
+    return np.asarray(np.where(usual, 0, np.frexp(extent)[1]), dtype=np.int64)
+
+
+def scaled(samples: Samples, power: int) -> Samples:
+    """The samples times 2^power, with their noise."""
+    with np.errstate(all="ignore"):
+        return Samples(np.ldexp(samples.x, power), scaled_noise(samples.noise, power))
+
+
+def scaled_noise(noise: float | Floats | None, power: int) -> float | Floats | None:
+    """A noise times 2^power, or its covariance times the square."""
+    if noise is None:
+        return None
+    with np.errstate(all="ignore"):
+        if np.ndim(noise) < 2:
+            sigma = np.minimum(np.ldexp(noise, power), _LARGEST_NOISE)
+            return np.asarray(sigma) if np.ndim(noise) else float(sigma)
+        largest = float(np.sqrt(np.max(noise)))
+        factor = min(np.ldexp(1.0, power), _LARGEST_NOISE / largest)
+        return np.asarray(noise * factor * factor)
+
+
+def _rescaled(found: Estimates, power: int) -> Estimates:
+    """The estimates times 2^power."""
+    with np.errstate(all="ignore"):
+        return found._replace(
+            center=np.ldexp(found.center, power),
+            radius=np.ldexp(found.radius, power),
+            noise_variance=np.ldexp(found.noise_variance, 2 * power),
+        )
+
+
+def plug_in_bound(directions: Floats, present: Bools, noise: float | Floats | None, variance: Floats) -> Floats:
+    """The Cramér-Rao bound (b, d+1, d+1) with estimates in place of the truth.
+
+    Args:
+        directions: of the points from ĉ (b, d, n).
+        present: False for missing samples (b, n).
+        noise: σ or Σ as given, None if it was estimated.
+        variance: σ̂² (b,), used if no noise was given.
+    """
+    b, d, _ = directions.shape
+    with np.errstate(all="ignore"):
+        covariance, unit = (np.eye(d), variance) if noise is None else unit_covariance(noise, d)
+        weights = np.where(present, normal_weights(directions.swapaxes(1, 2), covariance), 0.0)
+        sums, mean, scatter = weighted_scatter(np.where(present[:, None], directions, 0.0), weights)
+        return np.asarray(bound_from_scatter(sums, mean, scatter) * np.broadcast_to(unit, b)[:, None, None])
+
+
+def unless_missing(
+    covariance_of: Callable[[Samples, Estimates], Floats], samples: Samples, estimates: Estimates
+) -> Floats:
+    """Covariances (b, d+1, d+1) by an estimator's own rule, without the missing samples; NaN at fewer than d + 1."""
+    b, d, _ = samples.shape
+    found = np.full((b, d + 1, d + 1), np.nan)
+    with np.errstate(all="ignore"):
+        for sets, present in samples.by_count():
+            if present.shape[2] > d:
+                found[sets] = covariance_of(present, Estimates._make([array[sets] for array in estimates]))
+    return found
+
+
+def semi_axes(covariance: Floats, level: float, spare: Ints | None) -> Floats:
+    """Semi-axes of confidence ellipsoids, as columns (b, d, d).
+
+    Args:
+        covariance: of each estimate (b, d, d); where it is not finite, the axes are NaN.
+        level: nominal coverage, in (0, 1).
+        spare: degrees of freedom of the noise that the covariance stands on (b,), at least 1, for lengths by F; None
+            where the noise is known, for lengths by χ².
+    """
+    from scipy.special import chdtri, fdtri  # imported here, as it takes as long as the rest of the library
+
+    b, d, _ = covariance.shape
+    scale = np.full(b, chdtri(d, 1.0 - level)) if spare is None else d * fdtri(d, spare, level)
+    values, vectors = eigenbasis(covariance)
+    with np.errstate(all="ignore"):
+        lengths = np.sqrt(np.maximum(values, 0.0) * scale[:, None])
+        return np.asarray(vectors * lengths[:, None, :])

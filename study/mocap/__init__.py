@@ -1,1 +1,0 @@
-"""Recordings of moving bodies: marker files in, joints and a moving skeleton out."""

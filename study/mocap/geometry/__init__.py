@@ -1,1 +1,0 @@
-"""Rigid motion, rotations and the statistics of series: arrays only."""

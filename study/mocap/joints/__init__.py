@@ -1,1 +1,0 @@
-"""Phase 1: joint centres, fitted once to a whole recording."""

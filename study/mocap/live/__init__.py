@@ -1,1 +1,0 @@
-"""Joints from a stream of frames: lines of markers in, centres that improve as frames come out."""

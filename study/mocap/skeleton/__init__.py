@@ -1,1 +1,0 @@
-"""Phase 2: a skeleton in every frame, from a calibration."""

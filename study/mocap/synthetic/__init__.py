@@ -1,1 +1,0 @@
-"""Synthetic recordings of an articulated body whose joints are known."""

@@ -1,1 +1,0 @@
-"""Posteriors of single trials by emcee, computed on the same draws as the fits."""

@@ -1,0 +1,1 @@
+"""Recordings: markers become poses, joints and skeletons."""

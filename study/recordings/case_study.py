@@ -1,0 +1,429 @@
+"""Summaries of a case study's scatter: power laws over the number of frames, and the reasons for outliers.
+
+Joint centres from subsets of a recording's frames: MGDK in batches, and the choice of the frames.
+
+The paper's precision study (§9.1): the scatter of joint centres that are fitted to parts of a recording.
+
+There are four data sets, each a random half of the frames; a quarter of the subsets comes from each. A centre is MGDK's
+in the parent's axes (paper eq. 22, corrected), with the noise that the whole recording shows, as in UGDK. A hinge has
+two centres: with its axis, and without the direction across which its markers did not move.
+
+Random subsets of one recording scatter about the centre of the whole recording as independent frames would, whatever
+the error of that centre is; N of T frames scatter less by √(1 - N/T), which is divided out. Consecutive frames are what
+a shorter recording has, and they scatter more. With an autocorrelation time of τ frames (`long_run_covariance.py`) the
+effective number of independent frames in all T is T/τ, and the mean of N random frames has the variance
+
+    σ² / N_eff,    N_eff = N / (1 + (N - 1) (τ - 1)/(T - 1)),
+
+about the truth: N_eff is at most T/τ, for any N. The error over this axis is the scatter of the subsets and the
+standard error of the whole recording's centre together.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from study.arrays import Bools, Floats, Ints
+from study.fits.jit import compiled
+from study.fits.markers import add_marker
+from study.fits.streams import stream
+from study.recordings.joints.estimate import USABLE, Estimate
+from study.recordings.joints.find import FoundJoint, FoundJoints
+from study.recordings.recording import Recording, RecordingError
+from study.recordings.rigid import cap_angle
+
+_LEAST = 50
+"""Smallest number of frames for the power law: with fewer, fits fail or have no finite variance."""
+_BOOTSTRAPS = 400
+_SMALL_CAP = 30.0
+"""Half-angle of a cap below which the range of motion is small, degrees."""
+_HIDDEN = 0.3
+"""ρ above which the noise hides the motion."""
+_WIDE = 2.0
+"""A joint is an outlier if it scatters more than the median joint by this factor."""
+_ALONG = 0.6
+"""Share of the scatter along a hinge's axis above which the hinge is its reason."""
+
+
+def without_hinge_axes(scatter: pd.DataFrame) -> pd.DataFrame:
+    """The rows that drop the axis of a hinge, and all rows of the other joints."""
+    hinges = set(scatter.loc[scatter["dropped"], "joint"])
+    return scatter[scatter["dropped"] == scatter["joint"].isin(hinges)]
+
+
+def power_law(scatter: pd.DataFrame, axis: str) -> dict[str, object]:
+    """Exponent of the scatter over the number of frames: the median over joints, so that all count alike.
+
+    Args:
+        scatter: of a case study.
+        axis: ``raw``, random frames over N; ``window``, consecutive frames over N; or ``effective``, random frames with
+            the error of the whole recording's centre over the effective number of independent frames.
+
+    Returns:
+        The axis, the exponent, ends of a 95 % bootstrap interval over joints, and the number of joints.
+    """
+    way = "window" if axis == "window" else "random"
+    x_name, y_name = ("effective", "error") if axis == "effective" else ("samples", "median")
+    part = without_hinge_axes(scatter)
+    part = part[(part["way"] == way) & (part["samples"] >= _LEAST) & np.isfinite(part["median"]) & (part["median"] > 0)]
+    exponents = np.array(
+        [
+            np.polyfit(np.log(group[x_name]), np.log(group[y_name]), 1)[0]
+            for _, group in part.groupby("joint", sort=False)
+            if group[x_name].nunique() > 1
+        ]
+    )
+    count = len(exponents)
+    if not count:
+        return {"axis": axis, "exponent": np.nan, "low": np.nan, "high": np.nan, "joints": 0}
+    rng = stream(0, "case study", "law", axis, count)
+    medians = np.median(exponents[rng.integers(0, count, (_BOOTSTRAPS, count))], axis=1)
+    low, high = map(float, np.quantile(medians, [0.025, 0.975]))
+    return {"axis": axis, "exponent": float(np.median(exponents)), "low": low, "high": high, "joints": count}
+
+
+def with_outliers(joints: pd.DataFrame, scatter: pd.DataFrame) -> pd.DataFrame:
+    """The table of joints with the columns ``median``, ``outlier`` and ``reason``.
+
+    Outliers are counted as in the paper: at the largest N, with the axis of each hinge kept.
+    """
+    largest = scatter["samples"].max()
+    rows = scatter[(scatter["way"] == "random") & ~scatter["dropped"] & (scatter["samples"] == largest)]
+    medians = rows.set_index("joint")["median"].reindex(joints["joint"]).to_numpy()
+    causes = joints[["hinge", "along", "cap", "condition"]]
+    reasons = [_reason(*row) for row in causes.itertuples(index=False)]
+    return joints.assign(median=medians, outlier=medians > _WIDE * np.nanmedian(medians), reason=reasons)
+
+
+def _reason(hinge: bool, along: float, cap: float, condition: float) -> str:
+    """The reasons for a joint's scatter, as far as there are any; the arguments are columns of `CaseStudy.joints`."""
+    reasons = []
+    if hinge and along > _ALONG:
+        reasons.append(f"a hinge: {along:.0%} of the scatter is along its axis")
+    if cap < _SMALL_CAP:
+        reasons.append(f"its range of motion is small: {cap:.0f}°")
+    if condition > _HIDDEN:
+        reasons.append(f"ρ = {condition:.2f}: noise hides the motion in one direction")
+    return "; ".join(reasons)
+
+
+SETS = 4
+"""Number of data sets, each a random half of the frames, from which random subsets come."""
+_MOST = 0.9
+"""Largest share of the smallest eigenvalue that is subtracted as noise."""
+
+
+class JointSamples:
+    """The samples of a joint's markers, with the noise variance and the weights that the whole recording shows.
+
+    Args:
+        y: samples of the markers in the parent's axes (M, 3, T), metres.
+        used: samples that count (M, T).
+        estimate: the joint from the whole recording.
+
+    Attributes:
+        noise_variance: σ² of a coordinate; ``weights``: 1/r² of each marker (M,), as in ALS and MGDK.
+        condition: ρ, the share of the smallest extent that is noise.
+        hinge: True for a hinge; ``least``: its axis, or the direction in which the markers moved least (3,).
+        effective_frames: effective number of independent frames; ``autocorrelation_time``: τ, in frames.
+        error: standard error of the whole recording's centre, metres.
+    """
+
+    def __init__(self, y: Floats, used: Bools, estimate: Estimate) -> None:
+        self.y, self.used, self.estimate = np.where(used[:, None], y, 0.0), used, estimate
+        self.frames = y.shape[2]
+        self.noise_variance, self.weights = self._noise_and_weights()
+        values, vectors = np.linalg.eigh(self._pool(np.arange(self.frames)[None])[0][0])
+        self.condition = float(self.noise_variance / max(values[0] + self.noise_variance, 1e-300))
+        self.hinge = estimate.axis is not None
+        self.least = np.asarray(vectors[:, 0] if estimate.axis is None else estimate.axis)
+        fitted = estimate.sphere
+        self.effective_frames = max(estimate.effective_frames if fitted is None else fitted.effective_frames, 1.0)
+        self.autocorrelation_time = max(float(used.any(axis=0).sum()) / self.effective_frames, 1.0)
+        covariance = estimate.covariance if fitted is None else fitted.covariance
+        self.error = float(np.sqrt(max(np.trace(covariance), 0.0)))
+
+    def _noise_and_weights(self) -> tuple[float, Floats]:
+        """Noise variance from the residuals of the whole recording, and the weights 1/r², by iteration."""
+        self.noise_variance, self.weights = 0.0, np.ones(len(self.y))
+        every_frame = np.arange(self.frames)[None]
+        count = self.used.sum(axis=1)
+        for _ in range(20):
+            center, _ = self.centers(every_frame, None)
+            away = ((self.y - center[0][None, :, None]) ** 2).sum(axis=1)
+            mean = np.where(self.used, away, 0.0).sum(axis=1) / np.maximum(count, 1)
+            variance = (np.where(self.used, away - mean[:, None], 0.0) ** 2).sum(axis=1) / np.maximum(count, 1)
+            self.weights = np.where(count > 1, 1.0 / np.maximum(mean, 1e-300), 0.0)
+            before, share = self.noise_variance, self.weights * count
+            self.noise_variance = 0.0
+            least = float(np.linalg.eigvalsh(self._pool(every_frame)[0][0])[0])
+            # if noise of the residuals' size would hide the motion, only so much is subtracted that a centre remains
+            self.noise_variance = min(float((share @ variance) / (4.0 * (share @ mean))), _MOST * least)
+            if abs(self.noise_variance - before) <= 1e-9 * self.noise_variance:
+                break
+        return self.noise_variance, self.weights
+
+    def causes(self, centers: Floats) -> dict[str, object]:
+        """The row of `CaseStudy.joints` for this joint, with what explains its scatter.
+
+        Args:
+            centers: from random subsets, with every axis kept (B, 3).
+        """
+        caps = [
+            cap_angle(y, used, self.estimate.center) for y, used in zip(self.y, self.used, strict=True) if used.any()
+        ]
+        medians = [np.median(part[np.isfinite(part[:, 0])], axis=0) for part in np.split(centers, SETS)]
+        apart = [np.linalg.norm(a - b) for a in medians for b in medians]
+        spread = np.nanvar(centers, axis=0).sum()
+        along = np.nanvar(centers @ self.least) / spread if spread > 0 else np.nan
+        return {
+            "cap": float(np.degrees(max(caps))),
+            "condition": self.condition,
+            "hinge": self.hinge,
+            "memory": self.autocorrelation_time,
+            "worth": self.effective_frames,
+            "sets": float(max(apart)),
+            "along": float(along),
+        }
+
+    def centers(self, index: Ints, axis: Floats | None) -> tuple[Floats, Bools]:
+        """Centres by MGDK (B, 3) from the frames of each subset (B, N); True where positive definite (B,).
+
+        With an axis (3,) the fit gives the centre across it, and the mean of the samples the centre along it.
+        """
+        left, right = self._pool(index)
+        basis = np.eye(3) if axis is None else np.linalg.svd(axis[None])[2][1:].T
+        reduced = basis.T @ left @ basis
+        values = np.linalg.eigvalsh(reduced)
+        fine = values[:, 0] > 0.0
+        reduced[~fine] = np.eye(basis.shape[1])
+        if axis is None:
+            found = np.linalg.solve(reduced, right[:, :, None])[:, :, 0]
+        else:
+            middle = self._mean(index) @ np.outer(axis, axis)
+            shifted = right - np.einsum("bij,bj->bi", left, middle)
+            found = middle + np.linalg.solve(reduced, (shifted @ basis)[:, :, None])[:, :, 0] @ basis.T
+        found[~fine] = np.nan
+        return np.asarray(found), np.asarray(fine)
+
+    def effective(self, number: int) -> float:
+        """N_eff of this many random frames."""
+        return float(number / (1.0 + (number - 1) * (self.autocorrelation_time - 1.0) / max(self.frames - 1, 1)))
+
+    def _mean(self, index: Ints) -> Floats:
+        """Mean of the samples of all markers (B, 3)."""
+        count = self.used[:, index].sum(axis=(0, 2))
+        return np.asarray(self.y[:, :, index].sum(axis=(0, 3)).T / np.maximum(count, 1)[:, None])
+
+    def _pool(self, index: Ints) -> tuple[Floats, Floats]:
+        """Σ w n (C - σ²I) / Σ w n (B, 3, 3), and the same of (C - σ²I) x̄ + ½S (B, 3), for frames (B, N)."""
+        left, right = np.zeros((len(index), 3, 3)), np.zeros((len(index), 3))
+        _pool(self.y, self.used, self.weights, self.noise_variance, index, left, right)
+        return left, right
+
+
+@compiled
+def _pool(y: Floats, used: Bools, weights: Floats, variance: float, index: Ints, left: Floats, right: Floats) -> None:
+    """Add the sums of `JointSamples._pool` to ``left`` (B, 3, 3) and ``right`` (B, 3), which are zero."""
+    mean, c, s = np.empty(3), np.empty((3, 3)), np.empty(3)
+    for b in range(index.shape[0]):
+        total = 0.0
+        for p in range(y.shape[0]):
+            n = 0.0
+            for i in range(3):
+                mean[i], s[i] = 0.0, 0.0
+                for j in range(3):
+                    c[i, j] = 0.0
+            for t in index[b]:
+                if used[p, t]:
+                    n += 1.0
+                    for i in range(3):
+                        mean[i] += y[p, i, t]
+            if n < 2.0:
+                continue
+            for i in range(3):
+                mean[i] /= n
+            for t in index[b]:
+                if used[p, t]:
+                    d0, d1, d2 = y[p, 0, t] - mean[0], y[p, 1, t] - mean[1], y[p, 2, t] - mean[2]
+                    square = d0 * d0 + d1 * d1 + d2 * d2
+                    c[0, 0] += d0 * d0
+                    c[0, 1] += d0 * d1
+                    c[0, 2] += d0 * d2
+                    c[1, 1] += d1 * d1
+                    c[1, 2] += d1 * d2
+                    c[2, 2] += d2 * d2
+                    s[0] += square * d0
+                    s[1] += square * d1
+                    s[2] += square * d2
+            c[1, 0], c[2, 0], c[2, 1] = c[0, 1], c[0, 2], c[1, 2]
+            for i in range(3):
+                s[i] /= n - 1.0
+                for j in range(3):
+                    c[i, j] = c[i, j] / (n - 1.0) - (variance if i == j else 0.0)
+            total += weights[p] * n
+            add_marker(weights[p] * n, c, mean, s, left[b], right[b])
+        total = max(total, 1e-300)
+        for i in range(3):
+            right[b, i] /= total
+            for j in range(3):
+                left[b, i, j] /= total
+
+
+def subset_frames(way: str, seen: Ints, number: int, subsets: int, rng: np.random.Generator) -> Ints:
+    """Choose the frames of each subset (subsets, N).
+
+    Args:
+        way: ``random``, for random frames of a random half, or ``window``, for consecutive ones.
+        seen: the frames to choose from.
+        number: N; at most half of them.
+        subsets: number of subsets.
+        rng: the generator.
+    """
+    number = min(number, len(seen) // 2) or 1
+    if way == "window":
+        starts = rng.integers(0, len(seen) - number + 1, subsets)
+        return np.asarray(seen[starts[:, None] + np.arange(number)])
+    parts = []
+    for _ in range(SETS):
+        half = rng.permutation(seen)[: max(len(seen) // 2, number)]
+        parts += [rng.choice(half, number, replace=False) for _ in range(subsets // SETS)]
+    return np.stack(parts)
+
+
+NEAR = 0.01
+"""The paper's centimetre, metres."""
+_NUMBERS = (20, 50, 100, 200, 500, 1000, 2000, 5000)
+_PIECES = 8
+"""Number of pieces in which the subsets of one size are fitted, to save memory."""
+_MEDIAN_TO_RMS = 0.9
+"""The median length of a Gaussian vector in three dimensions, about, in units of its root mean square."""
+
+
+@dataclass(frozen=True)
+class CaseStudy:
+    """The tables of a precision study; lengths in metres.
+
+    Attributes:
+        recording: name of the recording.
+        frames: its number of frames.
+        subsets: number of subsets of each size.
+        scatter: a row per joint, way of taking frames (``random``, or ``window``: consecutive), whether the axis of a
+            hinge is dropped, and N. ``mean_x, …`` and ``sd_x, …``: mean and standard deviation of the centre in the
+            parent's axes, over fits that are ok; ``sd``: root of the summed variances; ``median``: median distance
+            from the whole recording's centre, where a failed fit counts as farther than any other; ``near``: share
+            within a centimetre; ``failed``: share of fits that are not positive definite; ``effective``: N_eff;
+            ``error``: the scatter and the standard error of the whole recording's centre together; ``doubted``: whether
+            phase 1 doubts the joint.
+        joints: a row per joint. ``cap``: half-angle of the largest cap, degrees; ``condition``: ρ; ``hinge``;
+            ``memory``: τ in frames; ``worth``: T/τ; ``sets``: largest distance between the medians of two data sets at
+            the middle N; ``along``: share of the scatter in the direction in which the markers moved least; ``median``:
+            scatter at the largest N; ``outlier``: whether that is more than twice the median joint's; ``reason``.
+        laws: a row per axis (``raw``, ``window``, ``effective``): the exponent, the median over joints, with the ends
+            ``low`` and ``high`` of a 95 % interval over joints.
+        skipped: joints without a sphere in their parent's axes, each with the reason.
+    """
+
+    recording: str
+    frames: int
+    subsets: int
+    scatter: pd.DataFrame
+    joints: pd.DataFrame
+    laws: pd.DataFrame
+    skipped: dict[str, str]
+
+
+def case_study(
+    joints: FoundJoints, recording: Recording, subsets: int = 400, seed: int = 1, numbers: Sequence[int] = _NUMBERS
+) -> CaseStudy:
+    """Fit each joint to many parts of a recording.
+
+    Args:
+        joints: the fitted joints (phase 1).
+        recording: the recording that they were fitted to.
+        subsets: number of subsets of each size, a multiple of four.
+        seed: of the subsets.
+        numbers: sizes of the subsets, in frames; those above a quarter of the recording are left out.
+
+    Raises:
+        RecordingError: if the recording is too short, no joint has a sphere, or ``subsets`` is not a multiple of four.
+    """
+    sizes = [n for n in numbers if n <= recording.frames // SETS]
+    if len(sizes) < 2:
+        least = SETS * sorted(numbers)[1]
+        raise RecordingError(f"{recording.name}: {recording.frames} frames; a case study needs at least {least}")
+    if subsets < SETS or subsets % SETS:
+        raise RecordingError(f"subsets = {subsets}; give a multiple of {SETS}: they come from four data sets")
+    rows, about, skipped = [], [], {}
+    for found in joints.joints:
+        name = found.joint.name
+        sphere = _sphere(found)
+        if sphere is None:
+            skipped[name] = f"no sphere in its parent's axes ({found.reason})"
+            continue
+        y = np.stack([sphere.poses.to_local(recording.of(marker)) for marker in sphere.markers])
+        samples = JointSamples(y, sphere.used, sphere)
+        joint_rows, centers = _scatter_of(samples, name, sizes, subsets, seed)
+        rows += [row | {"doubted": found.status not in USABLE} for row in joint_rows]
+        about.append({"joint": name} | samples.causes(centers["random", False, sizes[len(sizes) // 2]]))
+    if not rows:
+        raise RecordingError(f"{recording.name}: none of its joints has a sphere in its parent's axes")
+    scatter = pd.DataFrame(rows)
+    table = with_outliers(pd.DataFrame(about), scatter)
+    laws = pd.DataFrame([power_law(scatter, axis) for axis in ("raw", "window", "effective")])
+    return CaseStudy(recording.name, recording.frames, subsets, scatter, table, laws, skipped)
+
+
+def _sphere(found: FoundJoint) -> Estimate | None:
+    """The estimate from the child's markers in the parent's axes."""
+    estimates = [] if found.estimate is None else [found.estimate, *found.others]
+    return next((e for e in estimates if e.side == "parent" and e.sphere is not None), None)
+
+
+def _scatter_of(
+    samples: JointSamples, name: str, sizes: Sequence[int], subsets: int, seed: int
+) -> tuple[list[dict[str, object]], dict[tuple[str, bool, int], Floats]]:
+    """Rows of the scatter of one joint, and its centres by way, dropped axis and N."""
+    rows: list[dict[str, object]] = []
+    centers: dict[tuple[str, bool, int], Floats] = {}
+    seen = np.flatnonzero(samples.used.any(axis=0))
+    for way in ("random", "window"):
+        for number in sizes:
+            index = subset_frames(way, seen, number, subsets, stream(seed, "case study", name, way, number))
+            for dropped in (False, True) if samples.hinge else (False,):
+                axis = samples.least if dropped else None
+                pieces = np.array_split(index, _PIECES)
+                found = np.concatenate([samples.centers(piece, axis)[0] for piece in pieces])
+                centers[way, dropped, number] = found
+                away = found - samples.centers(seen[None], axis)[0][0]
+                if axis is not None:
+                    away = away - np.outer(away @ axis, axis)
+                rows.append({"joint": name, "way": way, "dropped": dropped, "samples": number})
+                rows[-1] |= _moments(found) | _distances(samples, np.linalg.norm(away, axis=1), number, way)
+    return rows, centers
+
+
+def _moments(centers: Floats) -> dict[str, object]:
+    """Mean and standard deviation of those centres (B, 3) whose fit is ok."""
+    ok = centers[np.isfinite(centers).all(axis=1)]
+    mean, sd = (ok.mean(axis=0), ok.std(axis=0)) if len(ok) else (np.full(3, np.nan),) * 2
+    return {
+        **{f"mean_{a}": float(v) for a, v in zip("xyz", mean, strict=True)},
+        **{f"sd_{a}": float(v) for a, v in zip("xyz", sd, strict=True)},
+        "sd": float(np.sqrt((sd**2).sum())),
+    }
+
+
+def _distances(samples: JointSamples, distance: Floats, number: int, way: str) -> dict[str, object]:
+    """Summary of the distances (B,) from the whole recording's centre; NaN for a fit that is not ok."""
+    ok = np.isfinite(distance)
+    ranked = np.where(ok, distance, np.inf)
+    # N random frames of T scatter about the whole recording's centre by √(1 - N/T) less than independent ones
+    share = np.sqrt(max(1.0 - number / samples.frames, 1e-12)) if way == "random" else 1.0
+    median = float(np.sort(ranked)[len(ranked) // 2]) / share
+    error = float(np.hypot(median * share, _MEDIAN_TO_RMS * samples.error)) if way == "random" else median
+    effective = samples.effective(number) if way == "random" else max(number / samples.autocorrelation_time, 1.0)
+    near, failed = float((ranked <= NEAR).mean()), float((~ok).mean())
+    return {"median": median, "near": near, "failed": failed, "effective": effective, "error": error}

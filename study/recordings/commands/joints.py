@@ -1,0 +1,342 @@
+"""The command `study joints`: phase 1, the joints of a recording, or of several trials of one session.
+
+The command `study case-study`: the paper's precision study, section 9.1, on a recording.
+
+The command `study joint`: one joint between two clusters of markers, without a marker set.
+
+The command `study live`: joints from a stream of frames, which improve as the frames come.
+"""
+
+import signal
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from study.options import ExitCode, Json
+from study.recordings.commands.options import File, MarkerSetName, Out, Reading, grouped
+
+if TYPE_CHECKING:
+    from study.recordings.live import LiveJoints
+    from study.recordings.recording import Recording
+
+
+Subsets = Annotated[int, typer.Option("--subsets", help="subsets of each size and joint, a multiple of four")]
+Seed = Annotated[int, typer.Option("--seed", help="seed of the subsets")]
+
+
+@grouped
+def case_study(
+    file: File,
+    *,
+    markerset: MarkerSetName = None,
+    out: Out = None,
+    subsets: Subsets = 400,
+    seed: Seed = 1,
+    as_json: Json = False,
+    reading: Reading,
+) -> None:
+    """Repeat the paper's precision study, section 9.1.
+
+    Fits each joint to many parts of a recording; writes tables of the scatter, and figure 7.
+
+    With --json: recording, frames, subsets; laws and joints, as in the tables; skipped, and files.
+    """
+    from study.files import save_frame
+    from study.recordings import case_study as precision_study
+    from study.recordings import fig7_case
+    from study.recordings.commands.common import (
+        case_study_data,
+        open_recording,
+        print_lines,
+        print_match,
+        results_folder,
+    )
+    from study.recordings.joints.find import find_joints
+    from study.recordings.recording import digest_of, with_origin
+    from study.style import save
+    from study.text import json_text
+
+    match, digest = open_recording(file, markerset, reading), digest_of(file)
+    folder = results_folder(match.source.name, out)
+    if not as_json:
+        print_match(match)
+    case = precision_study.case_study(find_joints(match.markerset, match.recording), match.recording, subsets, seed)
+    print_lines([] if as_json else fig7_case.printed(case))
+    paths = []
+    for name, table in {"scatter": case.scatter, "joints": case.joints, "laws": case.laws}.items():
+        path = folder / f"case-study-{name}.parquet"
+        save_frame(with_origin(table, case.recording, digest), path)
+        paths.append(path)
+    paths += save(fig7_case.draw(fig7_case.prepare(case)), folder / "fig7_case")
+    print_lines([json_text(case_study_data(case) | {"files": paths})] if as_json else paths)
+
+
+Parent = Annotated[
+    str, typer.Option("--parent", metavar="A,B,C", help="labels of three or more markers of the parent segment")
+]
+Child = Annotated[
+    str,
+    typer.Option(
+        "--child", metavar="D,E,F", help="labels of markers of the child segment, which rotates about the joint"
+    ),
+]
+Hinge = Annotated[bool, typer.Option("--hinge", help="the joint is a hinge, such as a knee or an elbow")]
+Across = Annotated[
+    str, typer.Option("--across", metavar="G,H", help="lateral and medial point, midway between which a hinge lies")
+]
+JointJson = Annotated[bool, typer.Option("--json", help="print the joint as JSON, in metres and degrees")]
+
+
+@grouped
+def joint(
+    file: File,
+    *,
+    parent: Parent,
+    child: Child,
+    hinge: Hinge = False,
+    across: Across = "",
+    as_json: JointJson = False,
+    reading: Reading,
+) -> None:
+    """Find one joint, from the markers of its two segments.
+
+    Prints one line, and compares with joint centres that other programs left in the file. The exit code is 3 if the
+    joint is not ok.
+    """
+    from study.recordings.commands.common import print_lines
+    from study.recordings.one_joint import find_clusters, fit_one_joint, joint_json, joint_line
+
+    if across and not hinge:
+        raise typer.BadParameter("--across: only a hinge has an axis; give --hinge, too")
+    recording = reading.read(file)
+    found = fit_one_joint(recording, find_clusters(recording, parent, child, across), hinge)
+    if as_json:
+        typer.echo(joint_json(found))
+    else:
+        print_lines(f"note: {note}" for note in recording.notes)
+        print_lines([joint_line(found)])
+    if not found.ok:
+        raise typer.Exit(ExitCode.TOO_MANY_FAILURES)
+
+
+Files = Annotated[
+    list[Path],
+    typer.Argument(metavar="FILE...", help="a recording, or several of one session: .c3d, .trc, .csv, .tsv or .txt"),
+]
+Static = Annotated[
+    Path | None, typer.Option("--static", help="a trial that gives the shapes of the segments, such as a static one")
+]
+Force = Annotated[bool, typer.Option("--force", help="merge trials even if they seem to show different subjects")]
+
+
+@grouped
+def joints(
+    files: Files,
+    *,
+    static: Static = None,
+    force: Force = False,
+    markerset: MarkerSetName = None,
+    out: Out = None,
+    as_json: Json = False,
+    reading: Reading,
+) -> None:
+    """Find the joints of a recording: phase 1.
+
+    Writes their table, and a calibration with which `study skeleton` draws other recordings of the same subject.
+    Several trials of a session give one calibration: each joint comes from the trials that moved it.
+
+    With --json: recording, notes, markerset, joints (the columns of the table), files, and for one recording
+    without_pose.
+    """
+    if len(files) == 1 and static is None:
+        if force:
+            raise typer.BadParameter("--force: there is nothing to overrule with one recording")
+        _one(files[0], markerset, out, as_json, reading)
+    else:
+        trials = [reading.read(file) for file in files]
+        _several(trials, None if static is None else reading.read(static), markerset, out, force, as_json)
+
+
+def _one(file: Path, markerset: str | None, out: Path | None, as_json: bool, reading: Reading) -> None:
+    """The joints of one recording."""
+    from study.files import save_frame
+    from study.recordings.commands.common import joints_data, open_recording, print_lines, print_match, results_folder
+    from study.recordings.joints.find import find_joints
+    from study.recordings.joints.report import agreement_lines, agreement_table, joint_lines, joint_table
+    from study.recordings.skeleton.calibrate import calibration_from
+    from study.recordings.skeleton.calibration import save_calibration
+    from study.text import json_text
+
+    match = open_recording(file, markerset, reading)
+    folder = results_folder(match.source.name, out)
+    found = find_joints(match.markerset, match.recording)
+    compared = agreement_table(found, match.recording)
+    calibration = calibration_from(found, match.recording)
+    if not as_json:
+        print_match(match)
+        print_lines([*joint_lines(found), *agreement_lines(compared), *calibration.warnings()])
+    table = joint_table(found).merge(compared, on="joint")
+    table["warnings"] = ["; ".join(place.warnings) for place in calibration.joints]
+    save_frame(table, folder / "joints.parquet")
+    paths = [folder / "joints.parquet", save_calibration(calibration, folder / "calibration.json")]
+    if as_json:
+        typer.echo(json_text(joints_data(match, table) | {"without_pose": found.without_pose, "files": paths}))
+    else:
+        print_lines(paths)
+
+
+def _several(
+    trials: "list[Recording]",
+    static: "Recording | None",
+    markerset: str | None,
+    out: Path | None,
+    force: bool,
+    as_json: bool,
+) -> None:
+    """The joints of a session."""
+    from study.files import save_frame
+    from study.recordings.commands.common import joints_data, place_markerset, print_lines, print_match, results_folder
+    from study.recordings.markersets.match import match
+    from study.recordings.recording import one_after_another
+    from study.recordings.session import calibrate_session, session_lines, session_table
+    from study.recordings.skeleton.calibration import save_calibration
+    from study.text import json_text
+
+    every = [*trials, *([] if static is None else [static])]
+    names = ", ".join(trial.name for trial in every)
+    together = place_markerset(one_after_another(every, names), markerset)
+    folder = results_folder("-".join(trial.name for trial in every), out)
+    named = [match(together.whole, trial).recording for trial in every]
+    session = calibrate_session(
+        together.markerset, named[: len(trials)], None if static is None else named[-1], force=force
+    )
+    table = session_table(session)
+    if not as_json:
+        print_match(together)
+        print_lines(session_lines(session))
+    save_frame(table, folder / "joints.parquet")
+    paths = [folder / "joints.parquet", save_calibration(session.merged.calibration, folder / "calibration.json")]
+    if as_json:
+        typer.echo(json_text(joints_data(together, table) | {"files": paths}))
+    else:
+        print_lines(paths)
+
+
+LiveParent = Annotated[
+    str, typer.Option("--parent", metavar="A,B,C", help="labels of the parent's markers, three or more")
+]
+LiveChild = Annotated[str, typer.Option("--child", metavar="D,E,F", help="labels of the child's markers")]
+Set = Annotated[str | None, typer.Option("--markerset", help="all joints of a marker set, by name or file, instead")]
+Udp = Annotated[
+    int | None, typer.Option("--udp", metavar="PORT", help="receive datagrams at 127.0.0.1 [default: standard input]")
+]
+Unit = Annotated[str, typer.Option("--unit", help="of the positions: m, cm, mm, in or ft")]
+Every = Annotated[int, typer.Option("--every", min=1, help="frames between two answers")]
+
+
+def live(
+    parent: LiveParent = "",
+    child: LiveChild = "",
+    markerset: Set = None,
+    udp: Udp = None,
+    unit: Unit = "mm",
+    every: Every = 100,
+) -> None:
+    """Find joints in a stream of frames.
+
+    Each line is a frame: {"LASI": [412.1, 680.3, 966.2], "RASI": null, ...}. Prints the joints as they improve, and at
+    the end of the stream or at Ctrl-C; an empty datagram ends a stream over UDP. The exit code is 3 if a joint is not
+    ok.
+    """
+    from study.recordings.live import FrameError, lines_of_input, lines_of_port, read_frame
+    from study.recordings.recording import UNITS
+
+    if unit not in UNITS:
+        raise typer.BadParameter(f"--unit {unit}: give one of {', '.join(UNITS)}")
+    joints = _joints(parent, child, markerset)
+    lines = lines_of_input() if udp is None else lines_of_port(udp, lambda words: typer.echo(words, err=True))
+    before, zeros = signal.signal(signal.SIGINT, _interrupt_once), ""
+    try:
+        for number, line in enumerate(lines, start=1):
+            if not line.strip():
+                continue
+            try:
+                frame = read_frame(line, UNITS[unit])
+            except FrameError as error:
+                typer.echo(f"line {number} is skipped: {error}", err=True)
+                continue
+            joints.add(frame)
+            if joints.zeros and not zeros:
+                zeros = f"frame {joints.frames}: {', '.join(joints.zeros)} at exactly (0, 0, 0): taken for missing"
+                typer.echo(f"{zeros}, there and later", err=True)
+            if joints.frames == every:
+                _print_lacking(joints)
+            if joints.frames % every == 0:
+                _print(joints)
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C that ended the sender first must not take the answer
+    except KeyboardInterrupt:  # the usual end of a stream
+        pass
+    if joints.frames < every:
+        _print_lacking(joints)
+    if joints.frames % every or not joints.frames:
+        _print(joints)
+    if joints.jumps:
+        times = f"{joints.jumps} time{'s' * (joints.jumps != 1)}"
+        typer.echo(f"{times} a marker jumped; what it made wrong is left out", err=True)
+    signal.signal(signal.SIGINT, before)
+    if not all(answer.ok for answer in joints.answers().values()):
+        raise typer.Exit(ExitCode.TOO_MANY_FAILURES)
+
+
+def _interrupt_once(number: int, frame: object) -> None:
+    """Interrupt the loop over frames, and nothing after it."""
+    signal.signal(number, signal.SIG_IGN)
+    raise KeyboardInterrupt
+
+
+def _joints(parent: str, child: str, markerset: str | None) -> "LiveJoints":
+    """The joints that a user asks for."""
+    from study.recordings.live import LiveJoints
+    from study.recordings.markersets import load_markerset
+
+    given = [tuple(label.strip() for label in labels.split(",") if label.strip()) for labels in (parent, child)]
+    if (markerset is None) == (not any(given)):
+        raise typer.BadParameter("give --parent and --child for one joint, or --markerset for all of a set")
+    if markerset is None:
+        every = given[0] + given[1]
+        if twice := [label for label in dict.fromkeys(every) if every.count(label) > 1]:
+            raise typer.BadParameter(
+                f"{', '.join(twice)} is named twice; name each marker once, on the segment that it is on"
+            )
+        if len(given[0]) < 3 or not given[1]:
+            raise typer.BadParameter("--parent needs three markers, and --child one or more that are not among them")
+        return LiveJoints([("joint", given[0], given[1])])
+    found = load_markerset(markerset)
+    joints = [
+        (j.name, [m for m in found.segment(j.parent).markers if m not in found.optional], found.markers_for(j))
+        for j in found.joints
+    ]
+    wide = [joint for joint in joints if len(joint[1]) > 2]
+    for name, markers, _ in joints:
+        if len(markers) < 3:
+            has = f"{len(markers)} marker{'s' * (len(markers) != 1)}"
+            typer.echo(f"{name} is left out: its parent has {has}; its pose needs 3", err=True)
+    if not wide:
+        raise typer.BadParameter(f"--markerset {markerset}: no segment that holds a joint has three markers")
+    return LiveJoints(wide)
+
+
+def _print(joints: "LiveJoints") -> None:
+    for name, answer in joints.answers().items():
+        typer.echo(f"frame {joints.frames}: {name}: {answer.words}")
+
+
+def _print_lacking(joints: "LiveJoints") -> None:
+    """Name the markers that have not come, with the nearest of those that have."""
+    from study.text import did_you_mean
+
+    if joints.lacking and joints.frames:
+        names, frames = ", ".join(map(repr, joints.lacking)), f"{joints.frames} frame{'s' if joints.frames > 1 else ''}"
+        remedy = did_you_mean(joints.lacking, joints.labels) if joints.labels else "no frame has any marker"
+        typer.echo(f"no marker of this name in {frames}: {names}; {remedy}", err=True)

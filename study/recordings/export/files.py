@@ -1,0 +1,187 @@
+"""Skeletons as BVH files (Biovision hierarchy), which Blender and other animation programs open.
+
+In BVH y points up, as importers expect: (x, y, z) of a skeleton is (x, z, -y) there. In a T-pose the body looks
+along z. Units are metres and degrees, and rotations are in the order Z, X, Y.
+
+Source: Meredith & Maddock 2001, Motion capture file formats explained.
+
+Joint centres as points in a C3D file, beside the markers and all else that the recording's own file holds.
+
+Joint angles as OpenSim's motion files (.mot).
+
+Source: OpenSim documentation, "Motion (.mot) Files".
+
+The skeleton's joints as text: points in a TRC file beside the markers, and the table of joints as CSV.
+"""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from study.arrays import Floats
+from study.recordings.export.tree import ExportedMotion, JointNode, joint_angles, joint_tree
+from study.recordings.formats.c3d import LONG, read_header
+from study.recordings.formats.write import write_recording
+from study.recordings.recording import UNITS
+from study.recordings.rigid import zxy_angles
+from study.recordings.skeleton.make_scene import skeleton_table
+
+if TYPE_CHECKING:
+    import ezc3d
+
+
+Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+"""Rotation from axes with z up to those with y up."""
+_ROTATIONS = "Zrotation Xrotation Yrotation"
+_POSITIONS = "Xposition Yposition Zposition"
+
+
+def write_bvh(motion: ExportedMotion, path: Path) -> None:
+    """Write a skeleton as BVH.
+
+    Raises:
+        RecordingError: if the root is known in no frame.
+        OSError: if the file cannot be written.
+    """
+    lines = ["HIERARCHY"]
+    columns: list[Floats] = []
+    _describe(joint_tree(motion), "", lines, columns)
+    rows = np.concatenate(columns).T
+    lines += ["MOTION", f"Frames: {motion.skeleton.frames}", f"Frame Time: {1.0 / motion.skeleton.rate:.12g}"]
+    lines += [" ".join(f"{value:.6f}" for value in row) for row in rows.tolist()]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _describe(node: JointNode, indent: str, lines: list[str], columns: list[Floats]) -> None:
+    """Add a node and all below it to the hierarchy, and its channels to the columns."""
+    kind = "ROOT" if not indent else "JOINT"
+    channels = f"CHANNELS 3 {_ROTATIONS}" if node.course is None else f"CHANNELS 6 {_POSITIONS} {_ROTATIONS}"
+    inner = indent + "  "
+    name = "_".join(node.name.split())
+    lines += [f"{indent}{kind} {name}", indent + "{", f"{inner}OFFSET {_words(node.offset)}", inner + channels]
+    if node.course is not None:
+        columns.append(Y_UP @ node.course)
+    columns.append(np.degrees(zxy_angles(np.einsum("ij,jkt,lk->ilt", Y_UP, node.rotation, Y_UP))))
+    for child in node.children:
+        _describe(child, inner, lines, columns)
+    if not node.children:
+        lines += [f"{inner}End Site", inner + "{", f"{inner}  OFFSET {_words(node.end)}", inner + "}"]
+    lines.append(indent + "}")
+
+
+def _words(offset: Floats) -> str:
+    return " ".join(f"{value:.6f}" for value in Y_UP @ offset)
+
+
+_LABELS_EACH = 255
+"""Most texts in one parameter."""
+
+
+def write_c3d(motion: ExportedMotion, path: Path) -> None:
+    """Write the recording with joint centres as further points.
+
+    If the recording is a C3D file that ezc3d reads, its points, analog channels, events and parameters are kept as they
+    are; else the file has the markers alone. A joint that is not known in a frame has the residual -1 there.
+
+    Raises:
+        RecordingError: if the file cannot be written.
+        OSError: likewise.
+    """
+    whole = motion.with_joints()
+    first = len(motion.recording.markers)
+    file = _own_file(motion)
+    if file is None:
+        write_recording(whole, path)
+    else:
+        _append(file, whole.markers[first:], whole.positions[first:])
+        file.write(str(path))
+
+
+def _own_file(motion: ExportedMotion) -> "ezc3d.c3d | None":
+    """The recording's C3D file as ezc3d reads it, if its frames and its unit are those of the recording; else None."""
+    import ezc3d
+
+    if motion.source is None or motion.recording.frames >= LONG:
+        return None
+    try:
+        if not read_header(motion.source).sound:  # ezc3d ends the whole program on some of these
+            return None
+        file = ezc3d.c3d(str(motion.source))
+        points, parameters = file["data"]["points"], file["parameters"]["POINT"]
+        unit = UNITS.get(str(parameters["UNITS"]["value"][0]).strip())
+    except Exception:  # not a C3D file; ezc3d raises many types for odd contents
+        return None
+    labels = parameters["LABELS"]["value"]
+    room = _LABELS_EACH - len(motion.skeleton.joints)
+    same = points.shape[2] == motion.recording.frames and len(labels) == points.shape[1] <= room
+    if not same or unit is None or not _same_scale(points, unit, motion.recording.positions):
+        return None
+    return file
+
+
+def _same_scale(points: Floats, unit: float, positions: Floats) -> bool:
+    """True if the file's numbers, in its unit, have the size of the recording's, so that no option changed them."""
+    sizes = [float(np.nanmedian(np.abs(x))) for x in (unit * points[:3], positions)]
+    return 0.2 < sizes[0] / sizes[1] < 5.0 if min(sizes) > 0.0 else False
+
+
+def _append(file: "ezc3d.c3d", labels: tuple[str, ...], centers: Floats) -> None:
+    """Append points to a file of ezc3d: places (points, 3, frames) in metres."""
+    parameters = file["parameters"]["POINT"]
+    unit = UNITS[str(parameters["UNITS"]["value"][0]).strip()]
+    unknown = np.isnan(centers).any(axis=1)
+    points = np.ones((4, len(centers), centers.shape[2]))
+    points[:3] = centers.transpose(1, 0, 2) / unit
+    points[:3, unknown] = np.nan
+    meta = file["data"]["meta_points"]
+    residuals = np.where(unknown, -1.0, 0.0)[None]
+    masks = np.zeros((meta["camera_masks"].shape[0], len(centers), centers.shape[2]), dtype=bool)
+    meta["residuals"] = np.concatenate([meta["residuals"], residuals], axis=1)
+    meta["camera_masks"] = np.concatenate([meta["camera_masks"], masks], axis=1)
+    file["data"]["points"] = np.concatenate([file["data"]["points"], points], axis=1)
+    parameters["LABELS"]["value"] = [*parameters["LABELS"]["value"], *labels]
+    descriptions = parameters.get("DESCRIPTIONS")
+    if descriptions is not None and len(descriptions["value"]) == len(parameters["LABELS"]["value"]) - len(labels):
+        descriptions["value"] = [*descriptions["value"], *["joint centre"] * len(labels)]
+
+
+def write_mot(motion: ExportedMotion, path: Path) -> None:
+    """Write joint angles in degrees, and the root's place in metres.
+
+    OpenSim's readers cannot read a missing number, nor the numbers after it. So angles that are known in no frame are
+    left out, and an angle that is unknown in a frame keeps its last value; the table of angles shows these frames.
+
+    Raises:
+        OSError: if the file cannot be written.
+    """
+    table = joint_angles(motion).dropna(axis=1, how="all").ffill().bfill()
+    header = [
+        motion.skeleton.name,
+        "version=1",
+        f"nRows={len(table)}",
+        f"nColumns={len(table.columns)}",
+        "inDegrees=yes",
+        "endheader",
+    ]
+    with open(path, "w", encoding="utf-8", newline="\n") as file:
+        file.write("\n".join(header) + "\n")
+        table.to_csv(file, sep="\t", index=False, float_format="%.6f", lineterminator="\n")
+
+
+def write_trc(motion: ExportedMotion, path: Path) -> None:
+    """Write the recording with joint centres as further markers, in the recording's axes, millimetres.
+
+    Raises:
+        RecordingError: if the file cannot be written.
+    """
+    write_recording(motion.with_joints(), path)
+
+
+def write_csv(motion: ExportedMotion, path: Path) -> None:
+    """Write the table of joints (see `skeleton_table`): a row per frame and joint, metres, z up.
+
+    Raises:
+        OSError: if the file cannot be written.
+    """
+    skeleton_table(motion.scene).to_csv(path, index=False, float_format="%.6f", lineterminator="\n")

@@ -1,0 +1,232 @@
+"""Skeletons as binary glTF 2.0 (.glb), which browsers, Blender, Unity, Unreal and Windows show.
+
+The file has a node for each joint, a mesh of simple bones that is skinned to them, and an animation with all frames.
+y points up and units are metres; in the rest pose the body looks along z. What else is known of a joint is in the
+``extras`` of its node: ``error``, its largest standard error in metres, and ``doubt``, the reason not to rely on it.
+
+Source: Khronos Group, glTF 2.0 Specification.
+
+Triangles that show the bones of a hierarchy of joints: an octahedron from each joint to the ones below.
+"""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pygltflib as gltf
+from scipy.spatial.transform import Rotation
+
+from study.arrays import Floats, Ints
+from study.recordings.export.files import Y_UP
+from study.recordings.export.tree import ExportedMotion, JointNode, joint_tree
+from study.recordings.skeleton.scene import Scene
+
+_WIDTH = 0.08
+"""Half the width of a bone, in units of its length..."""
+_THICK = 0.02
+"""...but at most this, metres."""
+_WIDEST = 0.2
+"""Share of its length at which a bone is widest."""
+_FACES = np.array([[0, 2, 1], [0, 3, 2], [0, 4, 3], [0, 1, 4], [5, 1, 2], [5, 2, 3], [5, 3, 4], [5, 4, 1]])
+
+
+class BoneMesh(NamedTuple):
+    """Triangles in the rest pose, z up.
+
+    Attributes:
+        vertices: (v, 3), metres.
+        faces: numbers of vertices (f, 3), counterclockwise as seen from outside.
+        nodes: number of the node that each vertex moves with (v,).
+    """
+
+    vertices: Floats
+    faces: Ints
+    nodes: Ints
+
+
+def rest_places(root: JointNode) -> Floats:
+    """Places of all nodes in the rest pose (nodes, 3), metres, in the order of `JointNode.walk`."""
+    places = {root: root.offset}
+    for node in root.walk():
+        places |= {child: places[node] + child.offset for child in node.children}
+    return np.stack([places[node] for node in root.walk()])
+
+
+def bone_mesh(root: JointNode) -> BoneMesh:
+    """Make the bones of a hierarchy: to each joint that is fixed in the one above, and to the ends of limbs."""
+    vertices: list[Floats] = []
+    faces: list[Ints] = []
+    owners: list[Ints] = []
+    for number, (node, start) in enumerate(zip(root.walk(), rest_places(root), strict=True)):
+        bones = [child.offset for child in node.children if child.course is None] if node.children else [node.end]
+        for bone in bones:
+            if not np.linalg.norm(bone) > 0.0:
+                continue
+            faces.append(_FACES + 6 * len(vertices))
+            vertices.append(start + _octahedron(bone))
+            owners.append(np.full(6, number))
+    if not vertices:
+        return BoneMesh(np.zeros((0, 3)), np.zeros((0, 3), dtype=int), np.zeros(0, dtype=int))
+    return BoneMesh(np.concatenate(vertices), np.concatenate(faces), np.concatenate(owners))
+
+
+def _octahedron(bone: Floats) -> Floats:
+    """Corners (6, 3) of a bone from the origin: its start, four around it, its end."""
+    length = float(np.linalg.norm(bone))
+    side = np.cross(bone, np.eye(3)[np.abs(bone).argmin()])
+    side *= min(_WIDTH * length, _THICK) / np.linalg.norm(side)
+    other = np.cross(bone / length, side)
+    ring = [_WIDEST * bone + corner for corner in (side, other, -side, -other)]
+    return np.stack([np.zeros(3), *ring, bone])
+
+
+_PLAIN, _DOUBTED = [0.75, 0.72, 0.65, 1.0], [0.85, 0.1, 0.6, 1.0]
+"""Colours of bones: of a joint that is reliable, and of one that is not."""
+_TYPES = {1: "SCALAR", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
+_COMPONENTS = {"f": gltf.FLOAT, "B": gltf.UNSIGNED_BYTE, "H": gltf.UNSIGNED_SHORT}
+
+
+def write_gltf(motion: ExportedMotion, path: Path) -> None:
+    """Write a skeleton as binary glTF.
+
+    Raises:
+        RecordingError: if the root is known in no frame.
+        OSError: if the file cannot be written.
+    """
+    root = joint_tree(motion)
+    nodes = list(root.walk())
+    document = _Document()
+    document.add_nodes(nodes, motion.scene)
+    document.add_skin(rest_places(root) @ Y_UP.T)
+    document.add_bones(bone_mesh(root), np.array([bool(_doubt(node, motion.scene)) for node in nodes]))
+    document.add_animation(nodes, motion.skeleton.frames, motion.skeleton.rate, motion.skeleton.name)
+    path.write_bytes(document.binary())
+
+
+def _doubt(node: JointNode, scene: Scene) -> str:
+    """Reason to doubt a node's joint, or ""."""
+    return dict(zip(scene.joints, scene.doubts, strict=True)).get(node.name, "")
+
+
+class _Document:
+    """The parts of a file, and the bytes that they refer to."""
+
+    def __init__(self) -> None:
+        self.gltf = gltf.GLTF2(
+            asset=gltf.Asset(version="2.0", generator="sphere-fit-study"),
+            scene=0,
+            scenes=[gltf.Scene(nodes=[0])],
+        )
+        self.bytes = bytearray()
+
+    def add_nodes(self, nodes: list[JointNode], scene: Scene) -> None:
+        """Add the joints in their rest pose."""
+        errors = dict(zip(scene.joints, scene.errors, strict=True))
+        for node in nodes:
+            extras: dict[str, object] = {}
+            if node.name in errors and not np.isnan(errors[node.name]).all():
+                extras["error"] = round(float(np.nanmax(errors[node.name])), 6)
+            if doubt := _doubt(node, scene):
+                extras["doubt"] = doubt
+            self.gltf.nodes.append(
+                gltf.Node(
+                    name=node.name,
+                    translation=[float(x) for x in Y_UP @ node.offset],
+                    rotation=[0.0, 0.0, 0.0, 1.0],
+                    children=[nodes.index(child) for child in node.children],
+                    extras=extras,
+                )
+            )
+
+    def add_skin(self, places: Floats) -> None:
+        """Add the skin: all nodes, at their places in the rest pose (nodes, 3), y up."""
+        inverse = np.tile(np.eye(4, dtype="f"), (len(places), 1, 1))
+        inverse[:, 3, :3] = -places  # columns one after another
+        matrices = self._accessor(inverse.reshape(-1, 16))
+        skin = gltf.Skin(name="skeleton", skeleton=0, joints=list(range(len(places))), inverseBindMatrices=matrices)
+        self.gltf.skins.append(skin)
+
+    def add_bones(self, mesh: BoneMesh, doubted: "np.typing.NDArray[np.bool_]") -> None:
+        """Add the mesh of the bones, each moved by one node; those of doubted joints in a colour of their own."""
+        if not len(mesh.vertices):
+            return
+        joints = np.zeros((len(mesh.nodes), 4), dtype="B")
+        joints[:, 0] = mesh.nodes
+        weights = np.tile(np.array([1, 0, 0, 0], dtype="f"), (len(joints), 1))
+        attributes = gltf.Attributes(
+            POSITION=self._accessor((mesh.vertices @ Y_UP.T).astype("f"), gltf.ARRAY_BUFFER, bounds=True),
+            JOINTS_0=self._accessor(joints, gltf.ARRAY_BUFFER),
+            WEIGHTS_0=self._accessor(weights, gltf.ARRAY_BUFFER),
+        )
+        primitives = []
+        marked = doubted[mesh.nodes[mesh.faces[:, 0]]]
+        for colour, faces in ((_PLAIN, mesh.faces[~marked]), (_DOUBTED, mesh.faces[marked])):
+            if not len(faces):
+                continue
+            material = gltf.Material(
+                name="bone" if colour is _PLAIN else "bone of an unreliable joint",
+                pbrMetallicRoughness=gltf.PbrMetallicRoughness(
+                    baseColorFactor=colour, metallicFactor=0.0, roughnessFactor=0.9
+                ),
+                alphaCutoff=None,
+            )
+            self.gltf.materials.append(material)
+            indices = self._accessor(faces.reshape(-1, 1).astype("H"), gltf.ELEMENT_ARRAY_BUFFER)
+            primitives.append(
+                gltf.Primitive(attributes=attributes, indices=indices, material=len(self.gltf.materials) - 1)
+            )
+        self.gltf.meshes.append(gltf.Mesh(name="bones", primitives=primitives))
+        self.gltf.nodes.append(gltf.Node(name="bones", mesh=0, skin=0))
+        self.gltf.scenes[0].nodes.append(len(self.gltf.nodes) - 1)
+
+    def add_animation(self, nodes: list[JointNode], frames: int, rate: float, name: str) -> None:
+        """Add the rotations of all nodes, and the places of those that are free."""
+        times = self._accessor((np.arange(frames)[:, None] / rate).astype("f"), bounds=True)
+        animation = gltf.Animation(name=name, samplers=[], channels=[])
+        for number, node in enumerate(nodes):
+            paths = {"rotation": _quaternions(np.einsum("ij,jkt,lk->til", Y_UP, node.rotation, Y_UP)).astype("f")}
+            if node.course is not None:
+                paths["translation"] = (Y_UP @ node.course).T.astype("f")
+            for path, values in paths.items():
+                animation.samplers.append(
+                    gltf.AnimationSampler(input=times, output=self._accessor(values), interpolation="LINEAR")
+                )
+                target = gltf.AnimationChannelTarget(node=number, path=path)
+                animation.channels.append(gltf.AnimationChannel(sampler=len(animation.samplers) - 1, target=target))
+        self.gltf.animations.append(animation)
+
+    def _accessor(
+        self, values: "np.typing.NDArray[np.generic]", target: int | None = None, bounds: bool = False
+    ) -> int:
+        """Append an array (count, components) to the bytes; returns the number of its accessor."""
+        self.bytes += bytes(-len(self.bytes) % 4)
+        data = np.ascontiguousarray(values).astype(values.dtype.newbyteorder("<")).tobytes()
+        self.gltf.bufferViews.append(
+            gltf.BufferView(buffer=0, byteOffset=len(self.bytes), byteLength=len(data), target=target)
+        )
+        self.bytes += data
+        self.gltf.accessors.append(
+            gltf.Accessor(
+                bufferView=len(self.gltf.bufferViews) - 1,
+                componentType=_COMPONENTS[values.dtype.char],
+                count=len(values),
+                type=_TYPES[values.shape[1]],
+                min=np.min(values, axis=0).tolist() if bounds else None,
+                max=np.max(values, axis=0).tolist() if bounds else None,
+            )
+        )
+        return len(self.gltf.accessors) - 1
+
+    def binary(self) -> bytes:
+        """The file."""
+        self.bytes += bytes(-len(self.bytes) % 4)
+        self.gltf.buffers.append(gltf.Buffer(byteLength=len(self.bytes)))
+        self.gltf.set_binary_blob(bytes(self.bytes))
+        return b"".join(self.gltf.save_to_bytes())
+
+
+def _quaternions(rotations: Floats) -> Floats:
+    """Quaternions x, y, z, w (frames, 4) of rotations (frames, 3, 3), without jumps of sign."""
+    found = Rotation.from_matrix(rotations).as_quat()
+    flips = np.cumprod(np.concatenate([[1.0], np.where((found[1:] * found[:-1]).sum(axis=1) < 0.0, -1.0, 1.0)]))
+    return np.asarray(found * flips[:, None])

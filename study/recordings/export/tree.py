@@ -1,0 +1,398 @@
+"""Rest poses: the rotation of each segment in the pose in which a file's hierarchy has no rotations.
+
+Other programs expect a T-pose there (arms sideways, legs down, toes forward), joint angles a standing pose with hanging
+arms. Markers say neither. Each segment starts from the mean pose relative to its parent, and is rotated the shortest
+way until its bone, from its joint to the next one, points where its name says: an arm sideways, a leg down, a trunk up.
+A segment whose name has none of the words keeps its mean pose. A trunk with joints on both sides is also rotated until
+these are level.
+
+Axes of the rest pose: x to the left, y backward, z up, as Blender and others have them.
+
+A skeleton over time as it is handed to the writers of files.
+
+Angles of joints: the rotation of each child segment relative to its parent, in anatomical axes.
+
+Angles are zero in the standing pose (`rest_pose`): trunk upright, arms and legs straight down, toes forward. Their axes
+are OpenSim's: x forward, y up, z to the right. A ball joint has three angles, about z, x and y in this order: flexion,
+adduction and rotation of a limb (flexion forward; adduction and rotation to the inside on both sides), extension,
+bending and rotation of the trunk and the head (backward, to the right, to the left). A hinge has the angle about its
+own axis; the sign of the axis is such that the median angle is positive, as knees and elbows bend one way.
+
+Rotations about the long axis of a limb are relative to its mean pose: markers alone do not show their zero.
+
+Source: Rajagopal et al. 2016, Full-body musculoskeletal model; its coordinates have these signs.
+
+A skeleton as a hierarchy of joints: each with its offset from the one above and its rotation in every frame.
+
+A node is a joint, rotated as the segment that moves about it; its offset is the bone to it. Without rotations the
+hierarchy is in a rest pose (`rest_pose`).
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from enum import Enum
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from scipy.spatial.transform import Rotation
+
+from study.arrays import Floats, Ints
+from study.recordings.recording import Recording, RecordingError
+from study.recordings.rigid import relative_rotation, to_world, zxy_angles
+from study.recordings.skeleton.calibration import Calibration, JointPlace, SegmentShape
+from study.recordings.skeleton.draw import Skeleton, pivot_joint
+from study.recordings.skeleton.scene import Scene, side, upright_rotation
+
+_WORDS = {
+    "arm": ("forearm", "arm", "hand", "humerus", "ulna", "radius", "clavicle", "scapula", "finger"),
+    "foot": ("foot", "calcn", "toe", "talus"),
+    "leg": ("thigh", "shank", "shin", "leg", "femur", "tibia"),
+    "trunk": ("pelvis", "thorax", "trunk", "torso", "spine", "chest", "abdomen", "lumbar", "neck", "head"),
+}
+"""Words in the names of segments, by the part of the body that they belong to."""
+_LEFT, _FORWARD, _UP = np.eye(3)[0], -np.eye(3)[1], np.eye(3)[2]
+_TIP = 0.7
+"""A limb ends in the middle of its markers that are at least this share of the farthest one's distance away."""
+
+
+class RestPose(Enum):
+    """The poses without rotations."""
+
+    T_POSE = "t-pose"
+    """Arms sideways, legs down."""
+    STANDING = "standing"
+    """Arms and legs down: the zero of joint angles."""
+    RECORDED = "recorded"
+    """As the frame of the calibrated recording with the most markers."""
+
+
+def rest_rotations(calibration: Calibration, upright: Floats, rest: RestPose) -> dict[str, Floats]:
+    """Rotations of all segments in a rest pose.
+
+    Args:
+        calibration: shapes of the segments and joints between them.
+        upright: rotation (3, 3) of the recording's axes after which z points up.
+        rest: the pose.
+
+    Returns:
+        For each segment the rotation (3, 3) from its axes to those of the rest pose.
+    """
+    above = {place.joint.child: place for place in calibration.joints}
+    found: dict[str, Floats] = {}
+    for segment in calibration.markerset.segments:
+        place = above.get(segment.name)
+        start = upright
+        if rest != RestPose.RECORDED and place is not None:
+            start = found[place.joint.parent] @ place.mean_rotation
+        found[segment.name] = start if rest == RestPose.RECORDED else _posed(segment.name, start, calibration, rest)
+    return found
+
+
+def _posed(name: str, start: Floats, calibration: Calibration, rest: RestPose) -> Floats:
+    """The rotation of a segment in the rest pose, from its rotation (3, 3) in the mean pose."""
+    part = next((part for part, words in _WORDS.items() if any(word in name.lower() for word in words)), "")
+    bone, across = _bone(name, calibration), _across(name, calibration)
+    if part == "trunk" and across is not None:
+        return _level(start, across, bone)
+    if bone is None or not part:
+        return start
+    if part == "foot":  # keeps its pitch
+        return _shortest(*(vector * [1.0, 1.0, 0.0] for vector in (start @ bone, _FORWARD))) @ start
+    sideways = {"left": _LEFT, "right": -_LEFT}.get(side(name))
+    directions = {"trunk": _UP, "leg": -_UP, "arm": sideways if rest == RestPose.T_POSE else -_UP}
+    target = directions[part]
+    return start if target is None else _shortest(start @ bone, target) @ start
+
+
+def _bone(name: str, calibration: Calibration) -> Floats | None:
+    """Direction of a segment (3,), in its axes: from its joint to the next one, or to the end of its markers."""
+    above = next((place.in_child for place in calibration.joints if place.joint.child == name), None)
+    below = {place.joint.name: place.in_parent for place in calibration.joints if place.joint.parent == name}
+    below = {joint: point for joint, point in below.items() if not np.isnan(point).any()}
+    middle = [point for joint, point in below.items() if not side(joint)]
+    if above is None or np.isnan(above).any():  # a root starts between the joints on both sides
+        sides = [point for joint, point in below.items() if side(joint)]
+        above = np.mean(sides, axis=0) if sides else None
+        ends = middle
+    else:
+        ends = middle or list(below.values()) or _tip(calibration, name, above)
+    if above is None or not ends:
+        return None
+    bone = np.mean(ends, axis=0) - above
+    return bone if np.linalg.norm(bone) > 0.0 else None
+
+
+def _tip(calibration: Calibration, name: str, joint: Floats) -> list[Floats]:
+    tip = limb_end(calibration.shape(name), joint)
+    return [] if tip is None else [tip]
+
+
+def limb_end(shape: SegmentShape, joint: Floats) -> Floats | None:
+    """End of a segment (3,), in its axes: the middle of its markers farthest from its joint; None without markers."""
+    away = np.linalg.norm(shape.places - joint, axis=1)
+    return np.asarray(shape.places[away >= _TIP * away.max()].mean(axis=0)) if len(away) else None
+
+
+def _across(name: str, calibration: Calibration) -> Floats | None:
+    """Direction from the right to the left (3,), in a segment's axes, from its joints on both sides; None without."""
+    below = {place.joint.name: place.in_parent for place in calibration.joints if place.joint.parent == name}
+    pairs = {
+        one: [p for j, p in below.items() if side(j) == one and not np.isnan(p).any()] for one in ("left", "right")
+    }
+    if not (pairs["left"] and pairs["right"]):
+        return None
+    across = np.mean(pairs["left"], axis=0) - np.mean(pairs["right"], axis=0)
+    return across if np.linalg.norm(across) > 0.0 else None
+
+
+def _level(start: Floats, across: Floats, bone: Floats | None) -> Floats:
+    """Rotation (3, 3) that puts left to the left, and the bone up as far as that leaves it free."""
+    up = start.T @ _UP if bone is None else bone
+    x = across / np.linalg.norm(across)
+    z = up - (up @ x) * x
+    if np.linalg.norm(z) < 1e-3 * np.linalg.norm(up):
+        return start
+    z = z / np.linalg.norm(z)
+    return np.stack([x, np.cross(z, x), z])
+
+
+def _shortest(vector: Floats, target: Floats) -> Floats:
+    """The shortest rotation (3, 3) of a direction onto another; the identity if one of them has no length."""
+    lengths = np.linalg.norm(vector), np.linalg.norm(target)
+    if min(lengths) == 0.0:
+        return np.eye(3)
+    a, b = vector / lengths[0], target / lengths[1]
+    axis, cosine = np.cross(a, b), float(a @ b)
+    if cosine < -1.0 + 1e-9:  # half a turn, about any axis across
+        axis = np.cross(a, np.eye(3)[np.abs(a).argmin()])
+        return np.asarray(Rotation.from_rotvec(np.pi * axis / np.linalg.norm(axis)).as_matrix())
+    k = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
+    return np.asarray(np.eye(3) + k + k @ k / (1.0 + cosine))
+
+
+@dataclass(frozen=True, eq=False)
+class ExportedMotion:
+    """A skeleton with all that is known of it.
+
+    Attributes:
+        skeleton: of phase 2, in the recording's axes.
+        recording: the whole recording that it was drawn from; its axes, labels and markers are the file's.
+        scene: the same skeleton with z up, with errors and doubts.
+        source: the recording's file, or None.
+        rest: the pose in which files with a hierarchy have no rotations.
+    """
+
+    skeleton: Skeleton
+    recording: Recording
+    scene: Scene
+    source: Path | None = None
+    rest: RestPose = RestPose.T_POSE
+
+    @cached_property
+    def upright(self) -> Floats:
+        """Rotation (3, 3) of the recording's axes after which z points up."""
+        return upright_rotation(self.recording)
+
+    @cached_property
+    def rest_rotations(self) -> dict[str, Floats]:
+        """Rotation (3, 3) of each segment's axes in the pose without rotations, z up."""
+        return rest_rotations(self.skeleton.calibration, self.upright, self.rest)
+
+    def joint_labels(self) -> tuple[str, ...]:
+        """Labels of the joints as points beside the markers: their names, ``_joint`` added where a marker has one."""
+        taken = {marker.lower() for marker in self.recording.markers}
+        return tuple(name + "_joint" * (name.lower() in taken) for name in self.skeleton.joints)
+
+    def with_joints(self) -> Recording:
+        """The recording with the joint centres as points behind its markers, in its own axes; NaN where unknown."""
+        known = np.flatnonzero(~np.isnan(self.skeleton.centers[:, 0]).all(axis=1))
+        labels = tuple(self.joint_labels()[number] for number in known)
+        points = np.concatenate([self.recording.positions, self.skeleton.centers[known]])
+        return Recording(self.recording.name, (*self.recording.markers, *labels), points, self.recording.rate)
+
+
+ANATOMICAL = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])
+"""Rotation from the axes of rest poses, x to the left and z up, to x forward, y up, z to the right."""
+_LIMB, _TRUNK = ("flexion", "adduction", "rotation"), ("extension", "bending", "rotation")
+
+
+def joint_angles(motion: ExportedMotion) -> pd.DataFrame:
+    """Compute the angles of all joints.
+
+    Returns:
+        A row per frame. Columns: time, seconds; the root's place, ``<root>_tx``, ``_ty``, ``_tz``, metres, and its
+        rotation in the world, ``_tilt`` about z, ``_list`` about x, ``_rotation`` about y, degrees; the angles of each
+        joint, ``<joint>_flexion``, …, degrees. The world's axes are the recording's with y up. NaN where a segment is
+        not known.
+    """
+    skeleton = motion.skeleton
+    standing = rest_rotations(skeleton.calibration, motion.upright, RestPose.STANDING)
+    turns = {name: _anatomical(motion, name, standing[name]) for name in skeleton.segments}
+    root = skeleton.segments[0]
+    columns: dict[str, Floats] = {"time": np.arange(skeleton.frames) / skeleton.rate}
+    world = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]) @ motion.upright
+    angles = _zxy(np.einsum("ij,jkt->ikt", world @ motion.upright.T, turns[root]))
+    for name, values in zip(("tilt", "list", "rotation"), angles, strict=True):
+        columns[f"{root}_{name}"] = values
+    for axis, values in zip("xyz", world @ skeleton.origins[0], strict=True):
+        columns[f"{root}_t{axis}"] = values
+    for place in skeleton.calibration.joints:
+        turn = relative_rotation(turns[place.joint.parent], turns[place.joint.child])
+        columns |= _hinge(place, turn, standing) if _has_axis(place) else _ball(place.joint.name, turn)
+    return pd.DataFrame(columns)
+
+
+def _anatomical(motion: ExportedMotion, name: str, standing: Floats) -> Floats:
+    """Rotation (3, 3, frames) of a segment's anatomical axes to the upright world."""
+    axes = standing.T @ ANATOMICAL.T  # of the anatomical axes, in the segment's
+    return np.asarray(np.einsum("ij,jkt,kl->ilt", motion.upright, motion.skeleton.rotation(name), axes))
+
+
+def _has_axis(place: JointPlace) -> bool:
+    return place.joint.kind == "hinge" and not np.isnan(place.axis_in_parent).any()
+
+
+def _ball(name: str, turn: Floats) -> dict[str, Floats]:
+    """The three angles of a joint, degrees."""
+    names, signs = (_LIMB if side(name) else _TRUNK), np.array([1.0, 1.0, 1.0])
+    if side(name) == "left":  # mirrored
+        signs[1:] = -1.0
+    return {f"{name}_{one}": sign * angle for one, sign, angle in zip(names, signs, _zxy(turn), strict=True)}
+
+
+def _hinge(place: JointPlace, turn: Floats, standing: dict[str, Floats]) -> dict[str, Floats]:
+    """The angle of a hinge about its own axis, degrees."""
+    axis = ANATOMICAL @ standing[place.joint.parent] @ place.axis_in_parent
+    axis = axis / np.linalg.norm(axis)
+    known = ~np.isnan(turn[0, 0])
+    angle = np.full(turn.shape[2], np.nan)
+    if known.any():
+        quaternions = Rotation.from_matrix(turn[:, :, known].transpose(2, 0, 1)).as_quat()
+        about = 2.0 * np.arctan2(quaternions[:, :3] @ axis, quaternions[:, 3])
+        about = (about + np.pi) % (2.0 * np.pi) - np.pi
+        angle[known] = np.degrees(about if np.median(about) >= 0.0 else -about)
+    return {f"{place.joint.name}_flexion": angle}
+
+
+def _zxy(turn: Floats) -> Floats:
+    """Angles about z, x and y (3, frames), degrees, without jumps; NaN where the rotation is not known."""
+    known = ~np.isnan(turn[0, 0])
+    angles = np.full((3, turn.shape[2]), np.nan)
+    if known.any():
+        angles[:, known] = np.degrees(zxy_angles(turn[:, :, known]))
+    return angles
+
+
+@dataclass(eq=False)
+class JointNode:
+    """A joint and all below it, z up.
+
+    Attributes:
+        name: of the joint; of the segment if that does not rotate about a known joint.
+        offset: its place relative to the parent's node in the rest pose (3,), metres.
+        rotation: relative to the parent's (3, 3, frames); the identity in the rest pose.
+        course: its place relative to the parent's node over time (3, frames), metres, if it is free; None if it is
+            fixed in the parent.
+        end: end of the segment (3,), metres, relative to the node in the rest pose.
+        children: nodes below.
+    """
+
+    name: str
+    offset: Floats
+    rotation: Floats
+    course: Floats | None
+    end: Floats
+    children: list["JointNode"] = field(default_factory=list)
+
+    def walk(self) -> "Iterator[JointNode]":
+        """This node and all below it, parents before children."""
+        yield self
+        for child in self.children:
+            yield from child.walk()
+
+
+@dataclass(frozen=True, eq=False)
+class _Pose:
+    """A segment over time, z up, held in frames in which it is unknown.
+
+    Attributes:
+        rotation: from the rest pose (3, 3, frames).
+        start: place of the segment's joint (3, frames), metres.
+        pivot: place of the joint in the segment's axes (3,), metres.
+    """
+
+    rotation: Floats
+    start: Floats
+    pivot: Floats
+
+
+def joint_tree(motion: ExportedMotion) -> JointNode:
+    """Build the hierarchy of a skeleton.
+
+    A segment that is known in no frame is left out, with all below it. Formats with a hierarchy cannot mark a pose as
+    unknown: in such frames the segment keeps its last pose, and the skeleton's flags show these frames. A segment
+    without a parent, other than the first, moves freely below the first.
+
+    Returns:
+        The first segment's node.
+
+    Raises:
+        RecordingError: if the first segment is known in no frame.
+    """
+    calibration = motion.skeleton.calibration
+    above = {place.joint.child: place for place in calibration.joints}
+    nodes: dict[str, JointNode] = {}
+    poses: dict[str, _Pose] = {}
+    root = calibration.markerset.segments[0].name
+    for segment in calibration.markerset.segments:
+        parent = segment.parent or (None if segment.name == root else root)
+        known = not np.isnan(motion.skeleton.rotation(segment.name)[0, 0]).all()
+        if not known or (parent is not None and parent not in nodes):
+            continue
+        shape, rest = calibration.shape(segment.name), motion.rest_rotations[segment.name]
+        place = pivot_joint(above.get(segment.name), shape)
+        poses[segment.name] = pose = _pose(motion, segment.name, place)
+        tip = limb_end(shape, pose.pivot)
+        if parent is None:
+            offset, rotation, course = np.zeros(3), pose.rotation, pose.start
+        else:
+            base = poses[parent]
+            rotation = relative_rotation(base.rotation, pose.rotation)
+            course = np.einsum("jit,jt->it", base.rotation, pose.start - base.start)
+            offset = np.median(course, axis=1)
+            if place is not None:
+                offset = motion.rest_rotations[parent] @ (place.in_parent - base.pivot)
+        nodes[segment.name] = JointNode(
+            name=segment.name if place is None else place.joint.name,
+            offset=offset,
+            rotation=rotation,
+            course=course if place is None else None,
+            end=np.zeros(3) if tip is None else rest @ (tip - pose.pivot),
+        )
+        if parent is not None:
+            nodes[parent].children.append(nodes[segment.name])
+    if root not in nodes:
+        raise RecordingError(
+            f"{motion.skeleton.name}: its {root} is known in no frame, and a hierarchy of joints starts from it"
+        )
+    return nodes[root]
+
+
+def _pose(motion: ExportedMotion, name: str, place: JointPlace | None) -> _Pose:
+    """The pose of a segment that is known in some frame."""
+    number = motion.skeleton.segments.index(name)
+    frames = _last_known(motion.skeleton.rotations[number][0, 0])
+    rotation = np.einsum("ij,jkt->ikt", motion.upright, motion.skeleton.rotations[number][:, :, frames])
+    origin = motion.upright @ motion.skeleton.origins[number][:, frames]
+    pivot = np.zeros(3) if place is None else place.in_child
+    from_rest = np.einsum("ijt,kj->ikt", rotation, motion.rest_rotations[name])
+    return _Pose(from_rest, to_world(rotation, origin, pivot), pivot)
+
+
+def _last_known(row: Floats) -> Ints:
+    """For each frame the number of the last known one up to it, or of the first known one."""
+    known = ~np.isnan(row)
+    last = np.maximum.accumulate(np.where(known, np.arange(len(row)), -1))
+    return np.where(last < 0, known.argmax(), last)

@@ -1,0 +1,344 @@
+"""The parameters of a C3D file, as far as they are checked before a library reads it.
+
+They are a chain of records, each with the distance to the next one (c3d.org, The C3D File Format: User Guide).
+
+Check the header of a C3D file before a library reads it: its frames, its parameters, and what it promises.
+
+A file begins with a block of 512 bytes that gives the number of points and frames and the places of the parameters and
+of the data (c3d.org, The C3D File Format: User Guide). Libraries reserve memory for what is promised there: a damaged
+header of a small file may promise terabytes.
+
+Read C3D files with ezc3d, or with c3d if ezc3d refuses a file or would leave out frames.
+
+The format is described at c3d.org. Its header counts frames in 16 bits; longer recordings give their length in a
+parameter (``TRIAL:ACTUAL_END_FIELD``, ``POINT:LONG_FRAMES``), which c3d reads and ezc3d does not always.
+"""
+
+import math
+import struct
+import warnings
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import NamedTuple
+
+import c3d
+import ezc3d
+import numpy as np
+
+from study.arrays import Floats
+from study.recordings.formats.text import missing_frames_note
+from study.recordings.recording import FileContents, RecordingError
+
+_TEXT = -1
+_SIZES = {_TEXT: "", 1: "b", 2: "H", 4: "f"}
+"""Letters of `struct` for the numbers, by their size in bytes."""
+
+
+class _Record(NamedTuple):
+    """A group or a parameter."""
+
+    group: int
+    """Number of the group, negative in the record of the group itself."""
+    name: str
+    size: int
+    """Bytes of one value; -1 for text; 0 for a group."""
+    dimensions: tuple[int, ...]
+    start: int
+    """Place of the first value."""
+
+
+class C3DParameters(NamedTuple):
+    """The parameters of a file."""
+
+    sound: bool
+    """True if each record ends where the next one begins, and no text lacks its length."""
+    numbers: Mapping[str, float]
+    """The first number of each parameter that holds numbers, by ``GROUP:NAME``."""
+
+
+def read_parameters(data: bytes, order: str) -> C3DParameters:
+    """Follow the chain of parameters.
+
+    Args:
+        data: the file's bytes from its block of parameters on.
+        order: of bytes, as `struct` has it: ``<`` or ``>``.
+    """
+    groups: dict[int, str] = {}
+    found: list[_Record] = []
+    sound = True
+    try:
+        for record in _records(data, order):
+            if record.group < 0:
+                groups[-record.group] = record.name
+            else:
+                found.append(record)
+                sound &= record.size != _TEXT or len(record.dimensions) > 0  # ezc3d ends the program on these
+    except (struct.error, IndexError, ValueError):
+        sound = False
+    numbers = {
+        f"{groups.get(record.group, '')}:{record.name}": float(
+            struct.unpack_from(f"{order}{_SIZES[record.size]}", data, record.start)[0]
+        )
+        for record in found
+        if record.size > 0 and 0 not in record.dimensions
+    }
+    return C3DParameters(sound, numbers)
+
+
+def _records(data: bytes, order: str) -> Iterator[_Record]:
+    """The records, up to the last one.
+
+    Raises:
+        ValueError: where the chain breaks; `struct.error` and IndexError where it leaves the data.
+    """
+    place = 4
+    dimensions: tuple[int, ...]
+    while True:
+        length, group = struct.unpack_from("bb", data, place)
+        if length == 0 or group == 0:
+            return
+        start = place + 2 + abs(length)  # the length is negative if the parameter is locked
+        name = data[place + 2 : start].decode("latin-1").strip().upper()
+        (distance,) = struct.unpack_from(f"{order}H", data, start)
+        end, size, dimensions = start + 2, 0, ()
+        if group > 0:  # a parameter; a group has a negative number, and only a description
+            size, count = struct.unpack_from("bB", data, end)
+            if size not in _SIZES or count > 7:
+                raise ValueError("not a parameter")
+            end += 2 + count
+            dimensions = tuple(data[end - count : end])
+            values, end = end, end + abs(size) * math.prod(dimensions)
+        else:
+            values = end
+        end += 1 + data[end]
+        if (distance and start + distance != end) or end > len(data):
+            raise ValueError("a record does not end where the next one begins")
+        yield _Record(group, name, size, dimensions, values)
+        if not distance:
+            return
+        place = end
+
+
+LONG = 65535
+"""The largest number of frames in a header; longer recordings have this number there."""
+_BLOCK = 512
+_MAGIC = 0x50
+_INTEL, _MIPS = 84, 86  # processors: Intel has the low byte first, MIPS the high byte; DEC, 85, swaps words of numbers
+_MOST = 255 * _BLOCK  # bytes of parameters, at most
+_MUCH = 2.0
+"""Promised size, in units of the file's, above which a file is damaged, not just cut short."""
+_LITTLE = 1 << 20
+"""Bytes that may be promised whatever the file's size."""
+
+
+@dataclass(frozen=True)
+class C3DHeader:
+    """The header of a C3D file, as far as it is checked."""
+
+    frames: int
+    """Number of frames; `LONG` for that many or more."""
+    sound: bool
+    """True if each parameter ends where the next one begins, and none promises more than the file can hold."""
+    rate: float
+    """Frames per second by the header; 0 if it gives none."""
+
+
+class _Fields(NamedTuple):
+    """Numbers of the header's first block."""
+
+    points: int
+    analog: int
+    first: int
+    last: int
+    data_block: int
+    width: int
+    """Bytes of a number in the data."""
+    rate: float
+
+    @property
+    def frame_bytes(self) -> int:
+        """Bytes of a frame: four numbers a point, one an analog sample."""
+        return (4 * self.points + self.analog) * self.width
+
+
+def read_header(path: Path) -> C3DHeader:
+    """Read the header of a C3D file.
+
+    Raises:
+        RecordingError: if it is not a C3D file, its header is not complete, or promises far more than the file holds.
+        OSError: if the file cannot be opened.
+    """
+    with open(path, "rb") as file:
+        header = file.read(_BLOCK)
+        if len(header) < 2 or header[1] != _MAGIC:
+            raise RecordingError("not a C3D file" if header else "the file is empty")
+        file.seek(max(header[0] - 1, 0) * _BLOCK)
+        data = file.read(_MOST)
+        size = file.seek(0, 2)
+    if len(header) < _BLOCK or len(data) < 4:
+        raise RecordingError("the file is cut short: its header is not complete; get a whole copy of it")
+    order = ">" if data[3] == _MIPS else "<"
+    parameters = read_parameters(data, order)
+    fields = _fields(header, order, data[3])
+    frames = max(fields.last - fields.first + 1, 0) if fields.last < LONG else LONG
+    room = max(size - max(fields.data_block - 1, 0) * _BLOCK, 0)
+    told = int(parameters.numbers.get("POINT:FRAMES", 0.0))
+    if 1 < told < frames and frames * fields.frame_bytes > room >= told * fields.frame_bytes:
+        frames = told  # one of the two is damaged, and the file is as long as the parameter says
+    promised = frames * fields.frame_bytes
+    if promised > _MUCH * size + _LITTLE:
+        raise RecordingError(
+            f"its header promises {frames} frames of {fields.points} points and {fields.analog} analog samples, "
+            f"{_size(promised)}, but the file has {_size(size)}: it is damaged; get a whole copy of it"
+        )
+    rotations = frames * parameters.numbers.get("ROTATION:RATIO", 0.0) * 4
+    return C3DHeader(frames, parameters.sound and rotations <= _MUCH * size + _LITTLE, fields.rate)
+
+
+def _fields(header: bytes, order: str, processor: int) -> _Fields:
+    points, analog, first, last = struct.unpack_from(f"{order}HHHH", header, 2)
+    (block,) = struct.unpack_from(f"{order}H", header, 16)
+    sign = header[{_INTEL: 15, _MIPS: 12}.get(processor, 13)] & 0x80  # a negative scale: the data are single precision
+    rate = 0.0
+    if processor in (_INTEL, _MIPS):
+        (rate,) = struct.unpack_from(f"{order}f", header, 20)
+    return _Fields(points, analog, first, last, block, 4 if sign else 2, rate if 0.0 < rate < 1e6 else 0.0)
+
+
+def _size(count: int) -> str:
+    """A number of bytes in words."""
+    for power, unit in ((4, "TB"), (3, "GB"), (2, "MB"), (1, "kB")):
+        if count >= 1000**power:
+            return f"{count / 1000**power:.3g} {unit}"
+    return f"{count} bytes"
+
+
+_FASTEST = 1e6
+"""Frames per second that no camera reaches."""
+_NOT_MARKERS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")
+
+
+def read_c3d(path: Path) -> FileContents:
+    """Read the points of a C3D file.
+
+    Samples with a negative residual are NaN. Points that the file lists as angles, forces, moments, powers or scalars
+    are not markers and are left out; processed gait files have them.
+
+    Raises:
+        RecordingError: one line, without the file's name: not a C3D file, damaged, cut short.
+        OSError: if the file cannot be opened.
+    """
+    header = read_header(path)
+    # ezc3d leaves out the frames after the 65535th, and ends the whole program on some damaged files
+    readers = [_by_ezc3d, _by_c3d] if header.frames < LONG else [_by_c3d, _by_ezc3d]
+    refusals = []
+    for reader in readers if header.sound else [_by_c3d]:
+        try:
+            contents = reader(path)
+        except (OSError, RecordingError):
+            raise
+        except Exception as error:  # the libraries raise many types: IndexError, AssertionError, ...
+            refusals.append(f"{reader.__name__.removeprefix('_by_')}: {_first_line(error)}")
+            continue
+        count, _, frames = contents.points.shape
+        notes = (*contents.notes, *(missing_frames_note(frames, header.frames) if count else ()))
+        rate = contents.rate
+        if header.rate and not (rate is not None and 0.0 < rate < _FASTEST):
+            notes += (f"its parameter POINT:RATE is no rate: {header.rate:g} Hz of its header is used",)
+            rate = header.rate
+        return replace(contents, rate=rate, notes=notes)
+    raise RecordingError(f"a damaged or incomplete C3D file; {refusals[0]}")
+
+
+def _by_ezc3d(path: Path) -> FileContents:
+    try:
+        file = ezc3d.c3d(str(path))
+    except OSError as error:  # it raises this for wrong contents, too; the file itself could be opened
+        raise ValueError(str(error).removesuffix(": iostream error")) from None
+    group = file["parameters"]["POINT"]
+    parameters = {key: entry["value"] for key, entry in group.items() if key != "__METADATA__"}
+    subjects = file["parameters"].get("SUBJECTS", {})
+    prefixes = subjects.get("LABEL_PREFIXES", {}).get("value", ())
+    points = file["data"]["points"][:3].transpose(1, 0, 2)
+    residuals = file["data"]["meta_points"]["residuals"][0]
+    return _contents(points, residuals, parameters, float(file["header"]["points"]["frame_rate"]), prefixes)
+
+
+class _PointReader(c3d.Reader):  # type: ignore[misc]  # c3d has no types
+    """A reader of points: analog samples stay as they are, since c3d refuses the offsets that ezc3d writes for them."""
+
+    def get_analog_transform(self) -> tuple[float, float]:
+        """Factors and offsets of the analog samples."""
+        return 1.0, 0.0
+
+
+def _by_c3d(path: Path) -> FileContents:
+    with warnings.catch_warnings(), open(path, "rb") as file:
+        warnings.simplefilter("ignore")  # about missing parameters; missing frames are counted below
+        reader = _PointReader(file)
+        data = np.array([points for _, points, _ in reader.read_frames()], dtype=np.float64)
+        missing_frames_note(len(data), reader.frame_count)
+        group = reader.get("POINT")
+        parameters = {key: _strings(reader, f"POINT:{key}") for key in group.param_keys()} if group else {}
+        prefixes = _strings(reader, "SUBJECTS:LABEL_PREFIXES")
+        rate = float(reader.point_rate)
+    data = data.reshape(len(data), -1, 5)
+    points = data[:, :, :3].transpose(1, 2, 0)
+    return _contents(points, data[:, :, 3].T, parameters, rate, prefixes)
+
+
+def _strings(reader: c3d.Reader, name: str) -> list[str]:
+    """The texts of a parameter, read with c3d; none if it is missing or holds numbers."""
+    parameter = reader.get(name)
+    if parameter is None or parameter.bytes_per_element != -1:
+        return []
+    if len(parameter.dimensions) < 2:
+        return [parameter.string_value] if parameter.dimensions else []
+    return [str(text) for text in np.ravel(parameter.string_array)]
+
+
+def _contents(
+    points: Floats,
+    residuals: Floats,
+    parameters: Mapping[str, Iterable[object]],
+    rate: float,
+    prefixes: Iterable[object],
+) -> FileContents:
+    """The contents in one form, whichever library read them.
+
+    Args:
+        points: (points, 3, frames).
+        residuals: (points, frames).
+        parameters: those of the group POINT.
+        rate: frames per second; 0 if the file does not give it.
+        prefixes: of labels.
+    """
+    labels = _numbered(parameters, "LABELS")[: len(points)]
+    labels += [""] * (len(points) - len(labels))
+    points = np.where(residuals[:, None] < 0, np.nan, points)
+    derived = {label for kind in _NOT_MARKERS for label in _numbered(parameters, kind) if label}
+    rows = [row for row, label in enumerate(labels) if label not in derived]
+    notes = (f"{len(labels) - len(rows)} points hold angles, forces and the like, not markers: left out",)
+    units = [unit.strip() for unit in parameters.get("UNITS", ()) if isinstance(unit, str)]
+    return FileContents(
+        labels=[labels[row] for row in rows],
+        points=points[rows],
+        rate=rate if rate > 0 else None,
+        unit=next((unit for unit in units if unit), None),
+        prefixes=[str(prefix).strip() for prefix in prefixes],
+        notes=notes if len(rows) < len(labels) else (),
+    )
+
+
+def _numbered(parameters: Mapping[str, Iterable[object]], name: str) -> list[str]:
+    """Texts of a parameter and of its continuations, 255 texts in each: LABELS, LABELS2, LABELS3, ..."""
+    texts: list[str] = []
+    keys = [name, *(f"{name}{number}" for number in range(2, 260))]
+    for key in keys:
+        texts += [str(text).strip() for text in parameters.get(key, ())]
+    return texts
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).strip() or type(error).__name__).splitlines()[0]

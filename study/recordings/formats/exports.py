@@ -1,0 +1,196 @@
+"""Read the CSV export of OptiTrack's Motive: a line of keys and values, lines of headers, then rows.
+
+Above each column stand its type (Marker, Rigid Body, Rigid Body Marker, Bone, Bone Marker), its name, its ID, in newer
+versions its parent, then what it holds (Rotation, Position, Mean Marker Error, Marker Quality), then the axis.
+Source: OptiTrack documentation, "Data Export: CSV", format versions 1.2 to 1.25.
+
+Read the TSV export of Qualisys Track Manager: lines with a key and its values, then rows of coordinates.
+
+Source: Qualisys Track Manager User Manual, "TSV file formats": keys NO_OF_FRAMES, NO_OF_MARKERS, FREQUENCY,
+DATA_INCLUDED, MARKER_NAMES and others; optionally TRAJECTORY_TYPES, a line of column headers, and the columns Frame and
+Time; millimetres; a missing sample is empty, NULL, or 0 in all three.
+
+Read the text export of Vicon Nexus.
+"""
+
+import csv
+import re
+from typing import NamedTuple
+
+import numpy as np
+
+from study.recordings.formats.text import (
+    Rows,
+    as_points,
+    find_delimiter,
+    missing_frames_note,
+    until_blank,
+    with_all_frames,
+)
+from study.recordings.recording import FileContents, RecordingError
+
+MOTIVE_KEY = "Format Version"
+_FIRST = 20
+"""Lines in which the headers must be."""
+_FEWEST = 4
+"""Fewest lines above that of the axes: keys, types, names, contents."""
+_MEASURED = ("marker",)
+_SOLVED = ("rigid body marker", "bone marker", "marker constraint")
+_UNLABELED = re.compile(r"unlabell?ed\b", re.I)
+_NUMBERED = re.compile(r"(.*\S)\s*:\s*(marker\s*\d+)$", re.I)
+
+
+def read_motive(lines: list[str]) -> FileContents:
+    """Read the markers of an export of Motive.
+
+    Measured markers are taken; where there are none, those of the solved rigid bodies and skeletons, with a note, for
+    they keep their distances whatever the skin does. Markers without a label are left out. A marker that has no name
+    of its own, as in ``Thigh:Marker 001``, keeps that of its asset: ``Thigh Marker 001``.
+
+    Raises:
+        RecordingError: one line, without the file's name: no markers, no line of axes.
+    """
+    table = list(csv.reader(lines[:_FIRST]))
+    axes = next((i for i, row in enumerate(table) if row and row[0].strip().lower() == "frame"), 0)
+    columns = _columns(table, axes)
+    chosen = [each for each in columns if each.kind in _MEASURED and not _UNLABELED.match(each.name)]
+    unlabelled = sum(each.kind in _MEASURED for each in columns) - len(chosen)
+    notes = [f"{unlabelled} markers without a label are left out"] * (unlabelled > 0)
+    if not chosen and (chosen := [each for each in columns if each.kind in _SOLVED]):
+        notes.append("its markers are those of solved rigid bodies, not the measured ones: export Markers, too")
+    if not chosen:
+        found = ", ".join(sorted({each.kind for each in columns})) or "no positions"
+        raise RecordingError(f"no labelled markers in it, but {found}; export it from Motive with Markers")
+    end = max(i for i, line in enumerate(lines, start=1) if line.strip())
+    numbers = Rows(lines[axes + 1 : end], axes + 2, ",").numbers(len(table[axes]))
+    numbers, lacking = with_all_frames(numbers[:, 0], numbers, axes + 2)
+    places = [each.place + axis for each in chosen for axis in range(3)]
+    keys = [cell.strip().lower() for cell in table[0]]
+    given = dict(zip(keys[::2], table[0][1::2], strict=False))
+    return FileContents(
+        labels=[_label(each.name) for each in chosen],
+        points=as_points(np.ascontiguousarray(numbers[:, places])),
+        rate=_rate(given),
+        unit=given.get("length units") or None,
+        notes=(*notes, *lacking),
+    )
+
+
+class _Position(NamedTuple):
+    """Three columns with a position: the number of the first, the type of what is there, and its name."""
+
+    place: int
+    kind: str
+    name: str
+
+
+def _columns(table: list[list[str]], axes: int) -> list[_Position]:
+    """The positions in a file, by its lines of headers; ``axes`` is the number of the last of them."""
+    titles = {row[1].strip().lower(): row for row in table[1:axes] if len(row) > 1 and row[1].strip()}
+    if axes < _FEWEST or not {"type", "name"} <= titles.keys():
+        raise RecordingError("no lines Type, Name and Frame above the rows; export it from Motive with its header")
+    width = len(table[axes])
+    kinds, names, holds = (
+        [cell.strip() for cell in [*row, *[""] * width][:width]]
+        for row in (titles["type"], titles["name"], table[axes - 1])
+    )
+    axis = [cell.strip().lower() for cell in table[axes]]
+    return [
+        _Position(i, kinds[i].lower(), names[i])
+        for i in range(2, width - 2)
+        if axis[i : i + 3] == ["x", "y", "z"] and holds[i].lower() == "position"
+    ]
+
+
+def _label(name: str) -> str:
+    """A marker's label; where it is only a number within its asset, the asset's name belongs to it."""
+    found = _NUMBERED.match(name)
+    return f"{found[1]} {found[2]}" if found else name
+
+
+def _rate(given: dict[str, str]) -> float | None:
+    """Frames per second of the export, or of the capture; None if neither is given."""
+    for key in ("export frame rate", "capture frame rate"):
+        try:
+            return float(given[key])
+        except (KeyError, ValueError):
+            continue
+    return None
+
+
+QUALISYS_KEY = "NO_OF_FRAMES"
+_NUMBER = re.compile(r"[-+]?(\d+[.,]?\d*|[.,]\d+)([eE][-+]?\d+)?$")
+_ABSENT = ("", "null", "nan")
+
+
+def read_qualisys(lines: list[str]) -> FileContents:
+    """Read a TSV file of trajectories.
+
+    Raises:
+        RecordingError: one line, without the file's name: it holds rigid bodies (6D) and no trajectories, lacks its
+            markers' names or its rate, or its rows do not fit the names.
+    """
+    header, start = _header(lines)
+    kind = " ".join(header.get("DATA_INCLUDED", [])).strip().upper()
+    if kind and not kind.startswith("3D"):
+        raise RecordingError(f"it holds {kind} data; export the trajectories (3D) from Qualisys Track Manager")
+    labels = [name for name in header.get("MARKER_NAMES", []) if name]
+    if not labels:
+        raise RecordingError("no line MARKER_NAMES with the markers' names")
+    try:
+        rate = float(header["FREQUENCY"][0].replace(",", "."))
+    except (KeyError, ValueError, IndexError):
+        raise RecordingError("no line FREQUENCY with the frames per second") from None
+    end = max((i for i, line in enumerate(lines, start=1) if line.strip()), default=0)
+    rows = lines[start:end]
+    wanted = 3 * len(labels)
+    cells = max((len(row.rstrip("\r\n").split("\t")) for row in rows), default=wanted)
+    extra = 2 if cells >= wanted + 2 else 0  # Frame and Time, if they were exported; a row may end in a tab
+    numbers = Rows(rows, start + 1, "\t").numbers(wanted + extra)
+    notes: tuple[str, ...] = ()
+    if extra:
+        numbers, notes = with_all_frames(numbers[:, 0], numbers, start + 1)
+    promised = "".join(header[QUALISYS_KEY][:1])
+    notes += missing_frames_note(len(numbers), int(promised)) if promised.isdigit() else ()
+    points = as_points(np.ascontiguousarray(numbers[:, extra:]))
+    return FileContents(labels, points, rate, "mm", notes=notes)
+
+
+def _header(lines: list[str]) -> tuple[dict[str, list[str]], int]:
+    """The values of each key, and the number of the first line of rows, from 0."""
+    header: dict[str, list[str]] = {}
+    for number, line in enumerate(lines):
+        cells = [cell.strip() for cell in line.split("\t")]
+        if "MARKER_NAMES" in header and _is_row(cells):
+            return header, number
+        if cells[0]:
+            header[cells[0].rstrip(":").upper()] = cells[1:]
+    return header, len(lines)
+
+
+def _is_row(cells: list[str]) -> bool:
+    """True for cells that are numbers or missing samples."""
+    return any(cells) and all(cell.lower() in _ABSENT or _NUMBER.match(cell) for cell in cells)
+
+
+def read_vicon(lines: list[str], start: int) -> FileContents:
+    """Read an export of Vicon Nexus: Trajectories, rate, labels, axes, units, then rows up to an empty line."""
+    if len(lines) < start + 6:
+        raise RecordingError(f"the file is cut short: no rows after the line Trajectories (line {start + 1})")
+    delimiter = find_delimiter(lines[start + 3])
+    try:
+        rate = float(lines[start + 1].strip().strip(delimiter))
+    except ValueError:
+        raise RecordingError(f"line {start + 2}: {lines[start + 1][:40]!r} should be the rate") from None
+    axes = [cell.strip().lower() for cell in lines[start + 3].split(delimiter)]
+    heads = [cell.strip().strip('"') for cell in lines[start + 2].split(delimiter)]
+    heads += [""] * (len(axes) - len(heads))
+    # velocities and accelerations (X', X'') may follow the coordinates
+    places = [i for i in range(len(axes) - 2) if axes[i : i + 3] == ["x", "y", "z"]]
+    units = [cell.strip() for cell in lines[start + 4].split(delimiter)]
+    rows = until_blank(lines, start + 5)
+    numbers = Rows(rows, start + 6, delimiter).numbers(len(axes))
+    numbers, notes = with_all_frames(numbers[:, 0], numbers, start + 6)
+    unit = next((units[i] for i in places if i < len(units) and units[i]), None)
+    columns = [column for i in places for column in (i, i + 1, i + 2)]
+    return FileContents([heads[i] for i in places], as_points(numbers[:, columns]), rate, unit, notes=notes)

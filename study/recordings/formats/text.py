@@ -1,0 +1,369 @@
+"""The rows of numbers in a text file: cells, decimal commas, missing samples, and frames that are left out.
+
+Read a table with columns such as ``LFHD_X, LFHD_Y, LFHD_Z``, in any order.
+
+D-Flow, which records what Cortex streams, writes ``LASI.PosX`` and a column TimeStamp.
+
+Read TRC files: three lines about the file, one with labels, one with axes, then frame, time and coordinates.
+
+Motion Analysis (EVaRT, Cortex) defined the format and OpenSim uses it. The same with commas, as a spreadsheet saves it,
+is read, too. Source: OpenSim documentation, "Marker (.trc) Files".
+
+Read a table with two lines of headers: a marker's label above the first of its columns, the axes below.
+
+Cortex exports trajectories as text in this form, and spreadsheets save it: labels in one line, ``X1, Y1, Z1, X2, …``
+or ``X, Y, Z, X, …`` in the next; lines with a key and a value, such as a rate, may stand above.
+"""
+
+import csv
+import io
+import re
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from study.arrays import Floats
+from study.recordings.recording import FileContents, RecordingError
+
+_MISSING = ["nan", "NaN", "NAN", "na", "NA", "N/A", "null", "NULL", "Null", "none", "None", "-"]
+MOST_MISSING = 0.1
+"""Share of a file's frames that may be missing; with more the file is a part of another one."""
+
+
+@dataclass(frozen=True)
+class Rows:
+    """The rows of numbers in a file."""
+
+    lines: list[str]
+    first: int
+    """Number of its first line in the file, from 1."""
+    delimiter: str
+
+    def numbers(self, columns: int) -> Floats:
+        """The cells of the rows (rows, columns); empty ones are NaN."""
+        if not self.lines:
+            return np.empty((0, columns))
+        text = "\n".join(self.lines).replace('"', "")
+        cells = np.array([line.count(self.delimiter) + 1 for line in self.lines], dtype=int)
+        if (cells < columns).any():
+            row = int((cells < columns).argmax())
+            raise RecordingError(
+                f"line {self.first + row} has {cells[row]} cells; {columns} are needed; the line may be cut short"
+            )
+        decimal = "," if self.delimiter != "," and "," in text and "." not in text else "."
+        table = pd.read_csv(
+            io.StringIO(text),
+            sep=self.delimiter,
+            header=None,
+            names=range(int(cells.max())),
+            index_col=False,
+            decimal=decimal,
+            na_values=_MISSING,
+            skipinitialspace=True,
+            skip_blank_lines=False,
+            quoting=csv.QUOTE_NONE,
+            low_memory=False,
+        )
+        numbers = np.empty(table.shape)
+        for column in range(table.shape[1]):
+            values = table[column]
+            numbers[:, column] = parsed = pd.to_numeric(values, errors="coerce").to_numpy(dtype=np.float64)
+            wrong = np.isnan(parsed) & values.notna().to_numpy()
+            if column >= columns:  # a line may end in delimiters, but not in further numbers
+                wrong = values.notna().to_numpy()
+            if wrong.any():
+                row = int(wrong.argmax())
+                words = "is not a number" if column < columns else "has no header"
+                place = f"line {self.first + row}, column {column + 1}"
+                raise RecordingError(f"{place}: {str(values.iloc[row])[:40]!r} {words}")
+        return numbers[:, :columns]
+
+
+def with_all_frames(counter: Floats, numbers: Floats, first: int) -> tuple[Floats, tuple[str, ...]]:
+    """Put in rows without samples for the frames that a table leaves out, so that the times of all others are right.
+
+    Args:
+        counter: number of the frame in each row (rows,).
+        numbers: the table (rows, columns).
+        first: number of the first row's line in the file, from 1.
+
+    Returns:
+        The table with a row for every frame, and a note if any was put in.
+
+    Raises:
+        RecordingError: if the frames do not follow each other, or more than `MOST_MISSING` of them are left out.
+    """
+    steps = np.diff(counter)
+    if (steps == 1).all():
+        return numbers, ()
+    whole = int(counter[-1] - counter[0]) + 1 if np.isfinite(counter).all() else 0
+    lacking = whole - len(counter)
+    if (steps < 1).any() or (steps % 1 != 0).any() or lacking > MOST_MISSING * whole:
+        row = int((steps != 1).argmax())
+        raise RecordingError(f"line {first + row + 1}: frame {counter[row + 1]:g} follows frame {counter[row]:g}")
+    complete = np.full((whole, numbers.shape[1]), np.nan)
+    complete[(counter - counter[0]).astype(int)] = numbers
+    place = int((steps > 1).argmax())
+    words = (
+        f"{lacking} of {whole} frames are not in it, the first after frame {counter[place]:g}: they count as missing"
+    )
+    return complete, (words,)
+
+
+def missing_frames_note(found: int, promised: int) -> tuple[str, ...]:
+    """The note on a file that holds fewer frames than its header promises; none if it holds as many, or more.
+
+    Raises:
+        RecordingError: if more than `MOST_MISSING` of the frames are missing.
+    """
+    if found >= promised:
+        return ()
+    if found < (1 - MOST_MISSING) * promised:
+        raise RecordingError(f"the file is cut short: {found} of {promised} frames are there; get a whole copy of it")
+    return (f"its header promises {promised} frames, but {found} are there: the end may be cut off",)
+
+
+def as_points(numbers: Floats) -> Floats:
+    """Rows of coordinates (frames, 3 markers) as (markers, 3, frames)."""
+    points: Floats = numbers.T.reshape(numbers.shape[1] // 3, 3, len(numbers))
+    return points
+
+
+def until_blank(lines: list[str], start: int) -> list[str]:
+    """Lines from a place up to the first empty one."""
+    end = next((i for i in range(start, len(lines)) if not lines[i].strip(" ,;\t")), len(lines))
+    return lines[start:end]
+
+
+def find_delimiter(line: str) -> str:
+    """The comma, semicolon or tab, whichever is most frequent in a line."""
+    return max(",;\t", key=line.count)
+
+
+def cells_of(line: str, delimiter: str) -> list[str]:
+    """The cells of a line of a header, without spaces and quotes around them."""
+    return [cell.strip().strip("\"'").strip() for cell in line.split(delimiter)]
+
+
+_COORDINATE = re.compile(r"(?P<marker>.*\S)[\s_.:\-|]+(Pos)?(?P<axis>[xyzXYZ])(\s*[\[(]\s*(?P<unit>\w+)\s*[\])])?$")
+_COUNTERS = {"frame", "frame#", "frames", "sub frame", "index", "field"}
+
+
+def read_table(lines: list[str]) -> FileContents:
+    """Read a table whose header gives the marker and axis of each column, in any order."""
+    given: dict[str, str] = {}
+    start = 0
+    while start < len(lines) and (lines[start].startswith("#") or not lines[start].strip()):
+        key, colon, value = lines[start].lstrip("# ").partition(":")
+        if colon:
+            given[key.strip().lower()] = value.strip()
+        start += 1
+    if start == len(lines):
+        raise RecordingError("it holds only comments")
+    delimiter = find_delimiter(lines[start])
+    names = [name.strip().strip("\"'").strip() for name in lines[start].split(delimiter)]
+    places: dict[str, dict[str, int]] = {}
+    units, doubles = set(), []
+    for place, name in enumerate(names):
+        if found := _COORDINATE.match(name):
+            axes = places.setdefault(found["marker"].strip(), {})
+            doubles += [name] * (found["axis"].lower() in axes)
+            axes[found["axis"].lower()] = place
+            units.add(found["unit"] or "")
+    if not places:
+        found_names = ", ".join(names[:4])[:80]
+        raise RecordingError(f"line {start + 1}: no columns such as LFHD_X, LFHD_Y, LFHD_Z; found {found_names}")
+    if doubles:
+        raise RecordingError(f"line {start + 1}: two columns have the name {doubles[0]!r}")
+    for marker, axes in places.items():
+        if len(axes) < 3:
+            lacking = ", ".join(sorted({"x", "y", "z"} - set(axes)))
+            raise RecordingError(f"line {start + 1}: marker {marker} has no column for {lacking}")
+    end = max(i for i, line in enumerate(lines, start=1) if line.strip())
+    numbers = Rows(lines[start + 1 : end], start + 2, delimiter).numbers(len(names))
+    columns = [axes[axis] for axes in places.values() for axis in "xyz"]
+    low = [name.lower() for name in names]
+    notes: tuple[str, ...] = ()
+    if low[0] in _COUNTERS:
+        numbers, notes = with_all_frames(numbers[:, 0], numbers, start + 2)
+    rate = _number(given["rate"], "rate") if "rate" in given else rate_of_times(low, numbers, start + 2)
+    unit = given.get("unit") or (units.pop() if len(units) == 1 else "") or None
+    return FileContents(list(places), as_points(numbers[:, columns]), rate, unit, notes=notes)
+
+
+def rate_of_times(names: list[str], numbers: Floats, first: int) -> float | None:
+    """Frames per second from a column of seconds; None if there is none."""
+    place = next(
+        (i for i, name in enumerate(names) if re.fullmatch(r"time(stamp)?(\s*[\[(]\s*s\w*\s*[\])])?|t|time_s", name)),
+        None,
+    )
+    if place is None or len(numbers) < 2:
+        return None
+    steps = np.diff(numbers[:, place])
+    step = float(np.nanmedian(steps)) if not np.isnan(steps).all() else np.nan
+    present = np.asarray(~np.isnan(numbers).all(axis=1))  # a frame that the file leaves out has no time
+    uneven = ~(np.abs(steps - step) < 0.5 * step) & present[1:] & present[:-1]
+    if uneven.any():
+        row = int(uneven.argmax())
+        raise RecordingError(f"line {first + row + 1}: the step in time is {steps[row]:g} s, elsewhere {step:g} s")
+    return float((len(numbers) - 1) / (numbers[-1, place] - numbers[0, place]))
+
+
+def _number(text: str, what: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise RecordingError(f"its {what} {text!r} is not a number") from None
+
+
+_SAME = 0.01
+"""Relative difference of two rates that is rounding."""
+_UNEVEN = 0.5
+"""Steps of time by which a step may differ from the median one."""
+
+
+def read_trc(lines: list[str]) -> FileContents:
+    """Read a TRC file.
+
+    Where the rate of the header contradicts the column Time, the column is believed, with a note: programs that
+    resample a recording often leave the header as it was.
+
+    Raises:
+        RecordingError: one line, without the file's name.
+    """
+    if len(lines) < 6 or not lines[0].lstrip('"').startswith("PathFileType"):
+        raise RecordingError(
+            "not a TRC file: it must begin with PathFileType and have five lines of header before the rows"
+        )
+    if "\t" not in lines[3] and "," in lines[3]:
+        lines = [line.replace(",", "\t").replace('"', "") for line in lines]
+    header = dict(zip(lines[1].split(), lines[2].split(), strict=False))
+    if "\t" not in lines[3]:  # some programs write spaces
+        lines = [*lines[:3], *("\t".join(line.split()) for line in lines[3:])]
+    cells = [cell.strip() for cell in lines[3].strip().split("\t")]
+    labels = [cell for cell in cells[2:] if cell]
+    start = next((i for i in range(4, len(lines)) if re.match(r"\s*-?\d+(\.0*)?[\s]", lines[i])), len(lines))
+    rows = until_blank(lines, start)
+    try:
+        frames, markers, rate = int(header["NumFrames"]), int(header["NumMarkers"]), float(header["DataRate"])
+    except (KeyError, ValueError):
+        raise RecordingError("line 2 and 3 must give DataRate, NumFrames and NumMarkers") from None
+    if len(labels) != markers:
+        raise RecordingError(f"line 4 has {len(labels)} labels, but line 3 gives {markers} markers")
+    numbers = Rows(rows, start + 1, "\t").numbers(2 + 3 * markers)
+    numbers, notes = with_all_frames(numbers[:, 0], numbers, start + 1)
+    notes += missing_frames_note(len(numbers), frames)
+    used, words = _rate(rate, numbers[:, 1])
+    return FileContents(labels, as_points(numbers[:, 2:]), used, header.get("Units"), notes=notes + words)
+
+
+def _rate(header: float, times: Floats) -> tuple[float, tuple[str, ...]]:
+    """The rate by the header or by the column Time (frames,), and a note if they contradict each other."""
+    frames = np.flatnonzero(np.isfinite(times))
+    if len(frames) < 2:
+        return header, ()
+    steps = np.diff(times[frames]) / np.diff(frames)
+    step = float(np.median(steps))
+    if not step > 0.0:  # some programs leave the column at zero
+        return header, ()
+    rounding = _resolution(times[frames])
+    if (np.abs(steps - step) > max(_UNEVEN * step, 1.5 * rounding)).any():
+        return header, (f"its column Time has uneven steps: the header's rate of {header:g} Hz is used",)
+    duration = float(times[frames[-1]] - times[frames[0]])
+    rate = float(frames[-1] - frames[0]) / duration
+    if header > 0.0 and abs(header / rate - 1.0) < _SAME + rounding / duration:
+        return header, ()
+    if header > 0.0 and abs(header / rate / 1000.0 - 1.0) < _SAME:
+        return header, (f"its column Time is in milliseconds: the header's rate of {header:g} Hz is used",)
+    rounded = round(rate, 3)
+    return rounded, (
+        f"its header gives {header:g} Hz, but its column Time {rounded:g} Hz: the column is believed; "
+        "give another rate with --rate",
+    )
+
+
+def _resolution(times: Floats) -> float:
+    """The power of ten to which times are rounded, seconds."""
+    for digits in range(7):
+        if (np.abs(times - np.round(times, digits)) < 1e-9).all():
+            return float(10.0**-digits)
+    return 0.0
+
+
+_AXIS = re.compile(r"([XYZ])\s*\d*$", re.I)
+_FIRST = 20
+"""Lines in which the headers must be."""
+_RATES = ("rate", "datarate", "frequency", "framerate", "camerarate", "samplerate")
+_TWO_LINE_COUNTERS = ("frame", "frames", "item", "sample", "field")
+
+
+def find_axes(lines: list[str]) -> int | None:
+    """The number, from 0, of the line of axes below a line of labels; None if there is none."""
+    for number, line in enumerate(lines[1:_FIRST], start=1):
+        cells = cells_of(line, find_delimiter(line))
+        axes = [found[1].upper() for cell in cells if (found := _AXIS.match(cell))]
+        whole = len(axes) >= 3 and len(axes) % 3 == 0 and axes == list("XYZ") * (len(axes) // 3)
+        others = [cell for cell in cells if cell and not _AXIS.match(cell)]
+        above = lines[number - 1]
+        if whole and len(others) <= 2 and not above.startswith("#") and any(cells_of(above, find_delimiter(line))):
+            return number
+    return None
+
+
+def read_two_lines(lines: list[str], axes: int) -> FileContents:
+    """Read a table whose line of axes is known (see `find_axes`).
+
+    Raises:
+        RecordingError: one line, without the file's name: a marker without a label, rows that do not fit.
+    """
+    delimiter = find_delimiter(lines[axes])
+    low, heads = cells_of(lines[axes], delimiter), cells_of(lines[axes - 1], delimiter)
+    heads += [""] * (len(low) - len(heads))
+    places = [i for i, cell in enumerate(low) if (found := _AXIS.match(cell)) and found[1].upper() == "X"]
+    if nameless := [i for i in places if not heads[i]]:
+        raise RecordingError(f"line {axes}, column {nameless[0] + 1}: no label above the axes {low[nameless[0]]}")
+    end = max(i for i, line in enumerate(lines, start=1) if line.strip())
+    start = next((i for i in range(axes + 1, end) if lines[i].strip(" ,;\t")), end)
+    numbers = Rows(lines[start:end], start + 1, delimiter).numbers(len(low))
+    first = [(low[i] or heads[i]).lower().rstrip("#") for i in range(places[0])]
+    notes: tuple[str, ...] = ()
+    if first and first[0] in _TWO_LINE_COUNTERS:
+        numbers, notes = with_all_frames(numbers[:, 0], numbers, start + 1)
+    columns = [column for i in places for column in (i, i + 1, i + 2)]
+    given = _keys(lines[: axes - 1], delimiter)
+    rate = next((value for key in _RATES if (value := _number_or_none(given.get(key, ""))) is not None), None)
+    return FileContents(
+        labels=[heads[i] for i in places],
+        points=as_points(np.ascontiguousarray(numbers[:, columns])),
+        rate=rate_of_times(first, numbers, start + 1) if rate is None else rate,
+        unit=given.get("unit") or given.get("units") or None,
+        notes=notes,
+    )
+
+
+def _keys(lines: list[str], delimiter: str) -> dict[str, str]:
+    """Values of keys above the headers: a key and its value in one line, or keys in one line and values below."""
+    given: dict[str, str] = {}
+    table = [cells_of(line.lstrip("# "), delimiter) for line in lines]
+    for cells, below in zip(table, [*table[1:], []], strict=True):
+        if len(cells) > 1 and _number_or_none(cells[0]) is None and (len(cells) == 2 or not any(cells[2:])):
+            given.setdefault(_plain(cells[0]), cells[1])
+        elif len(cells) == 1 and ":" in cells[0]:
+            key, _, value = cells[0].partition(":")
+            given.setdefault(_plain(key), value.strip())
+        else:
+            for key, value in zip(cells, below, strict=False):
+                given.setdefault(_plain(key), value)
+    return given
+
+
+def _plain(key: str) -> str:
+    return re.sub(r"[^a-z]", "", re.sub(r"[(\[].*", "", key.lower()))
+
+
+def _number_or_none(text: str) -> float | None:
+    try:
+        return float(text)
+    except ValueError:
+        return None

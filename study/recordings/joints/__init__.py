@@ -1,0 +1,1 @@
+"""Joint centres from the poses of two segments."""

@@ -1,0 +1,456 @@
+"""Estimates of one joint, from markers on spheres in one segment's axes, or from the poses of both segments.
+
+A sphere fit uses the noise of the segment's pose (`pose_noise`) as long as the markers' motion exceeds it. Where that
+noise would explain the motion along some direction, the noise is taken for isotropic, as slowly sliding soft tissue
+may be. Where even that hides the motion, no noise is taken off: that is GDKE's answer, which is biased towards the
+markers but never far away.
+
+Agreement of the estimates of one joint from its two segments, against their errors.
+
+A joint whose segments both have poses is estimated up to three times. Soft tissue that moves alike in every frame
+shows in no standard error, but it makes the estimates differ. A joint whose estimate another reliable one contradicts
+is not known to its standard error.
+
+Two estimates contradict each other if they are more than a centimetre apart, across a hinge's axis, and that is beyond
+the 80 % quantile of χ² for the sum of their covariances; or if their axes differ by more than 20°, which over a limb's
+thickness (3 cm) is a centimetre. The covariances are added as for independent errors. In truth the estimates share
+their markers, and errors in common do not make them differ, so the rule is conservative. With noise of 1-5 mm alone it
+flags one in a hundred of the joints with two sides. If soft tissue slides by 2-3 cm, it flags two in three of the
+joints that this moves by more than 2 cm. A joint with one estimate cannot be checked.
+
+Only estimates with a valid standard error can contradict: not those that noise hides or could explain. Two estimates of
+a hinge that are more than 5 cm apart along the axis are not compared, because the error of the axis would decide their
+distance across it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+from scipy import special
+
+from study.arrays import Bools, Floats
+from study.fits.samples import Worded
+from study.recordings.joints.center import (
+    CONDITION_LIMIT,
+    CenterFit,
+    LocalMarker,
+    center_only,
+    fit_center,
+    reject_off_sphere,
+    reject_outliers,
+)
+from study.recordings.joints.poses import SegmentPoses
+from study.recordings.joints.symmetric import SymmetricFit
+from study.recordings.pose_noise import PoseNoise
+from study.recordings.rigid import mean_rotated_covariance, relative_rotation
+
+CENTIMETRE = 0.01
+"""Metres: the accuracy that the paper asks for. A larger standard error in some direction makes a centre unsure."""
+FEWEST_FRAMES = 10
+"""Fewest frames that show how they scatter, and so give a standard error."""
+SIGNIFICANT = 2.0
+"""Standard errors by which the smallest extent must exceed the noise, as for `als`."""
+_STILL = 0.005
+"""Standard deviation of a marker's place, over its distance from the template's middle, below which it did not move."""
+
+Side = Literal["parent", "child", "both"]
+"""Segment in whose axes the markers were, or both."""
+NoiseModel = Literal["pose", "isotropic", "none"]
+"""Noise that a fit took off: that of the pose and the markers, the same in all directions, or none."""
+
+
+class JointStatus(Worded):
+    """Reliability of a joint, with the text that a user reads."""
+
+    OK = 0, "ok"
+    HINGE = 1, "hinge: known across its axis; its place along the axis is not known, or from soft tissue alone"
+    DISAGREE = 2, "its two segments contradict each other by more than 1 cm or 20°, beyond what their errors explain"
+    REVERSES = 3, "bending and straightening put it more than 1 cm apart, beyond what their errors explain"
+    ONE_AXIS = 4, "a ball joint that moved about one axis: its place along it is not known, or from soft tissue alone"
+    UNSURE = 5, "moved too little for its noise and its skin, or was seen too briefly: a standard error may exceed 1 cm"
+    INSIGNIFICANT = 6, "along some direction the noise of the segment's pose would explain how far the markers moved"
+    NOT_POSITIVE_DEFINITE = 7, "the noise hides how far the markers moved: the centre is biased towards them"
+    STILL = 8, "did not move: the markers stay in place in the segment's axes"
+    NO_FRAME = 9, "neither of its segments has a pose"
+    UNSEEN = 10, "its markers were not seen, or never together with a pose"
+
+
+USABLE = (JointStatus.OK, JointStatus.HINGE)
+"""A joint that a skeleton can be built on without reservation."""
+DOUBTED = (JointStatus.DISAGREE, JointStatus.REVERSES, JointStatus.ONE_AXIS)
+"""A joint that is drawn, and doubted: its estimates contradict each other, or it moved about one axis only."""
+
+
+def largest_error(covariance: Floats, axis: Floats | None) -> float:
+    """Largest standard error, metres, of a place with a covariance (3, 3), m², across an axis (3,) if there is one."""
+    if np.isnan(covariance).any():
+        return float("nan")
+    across = np.eye(3) if axis is None else np.eye(3) - np.outer(axis, axis)
+    return float(np.sqrt(max(np.linalg.eigvalsh(across @ covariance @ across)[-1], 0.0)))
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A joint's place in one of its segments.
+
+    Attributes:
+        side: "parent" for the child's markers in the parent's axes; "child" for the reverse; "both" for the point in
+            which the two poses agree, in the parent's axes.
+        poses: of the segment in whose axes it is.
+        markers: names of the markers that it is fitted to.
+        center: (3,), metres.
+        covariance: of the centre (3, 3), m², errors of the joints that the poses rest on included.
+        axis: direction along which the centre is not known (3,), or None.
+        noise: the noise that was taken off.
+        frames: number of frames used.
+        effective_frames: effective number of independent frames.
+        used: samples used (M, frames).
+        sphere: the fit of one side, or None.
+        pair: the fit of both sides, or None.
+        status: reliability.
+        skin: part of the covariance that comes from skin, of this joint and of those that the poses rest on (3, 3), m².
+        floor: standard error from skin that is common to the markers of a segment, for a slope of 5 mm/rad, metres. No
+            marker shows such skin, so it is part of no covariance. NaN until it is known.
+    """
+
+    side: Side
+    poses: SegmentPoses
+    markers: tuple[str, ...]
+    center: Floats
+    covariance: Floats
+    axis: Floats | None
+    noise: NoiseModel
+    frames: int
+    effective_frames: float
+    used: Bools
+    sphere: CenterFit | None
+    pair: SymmetricFit | None
+    status: JointStatus = JointStatus.OK
+    skin: Floats = field(default_factory=lambda: np.zeros((3, 3)))
+    floor: float = float("nan")
+
+    @property
+    def standard_error(self) -> float:
+        """Largest standard error across the axis, metres."""
+        return largest_error(self.covariance, self.axis)
+
+    def placed_along_axis(self, x: Floats) -> "Estimate":
+        """The estimate moved along its axis to where a point of the world (3, frames), metres, is on average.
+
+        It stays where it is if it has no axis, or the point is never seen together with the pose.
+        """
+        place = np.full(3, np.nan) if self.axis is None else self.poses.mean_place(x)
+        if self.axis is None or np.isnan(place).any():
+            return self
+        return replace(self, center=self.center + ((place - self.center) @ self.axis) * self.axis)
+
+    def as_ball(self) -> "Estimate":
+        """The estimate of a joint that is known to be a ball: a hinge's is not reliable along its axis."""
+        return replace(self, status=JointStatus.ONE_AXIS) if self.status == JointStatus.HINGE else self
+
+    def with_status(self) -> "Estimate":
+        """The same estimate with the status that follows from its noise, error and frames."""
+        if self.noise == "none":
+            status = JointStatus.NOT_POSITIVE_DEFINITE
+        elif self.noise == "isotropic" or (self.sphere is not None and not self.sphere.exceeds_noise):
+            status = JointStatus.INSIGNIFICANT
+        elif not (self.standard_error < CENTIMETRE and self.frames >= FEWEST_FRAMES):
+            status = JointStatus.UNSURE
+        else:
+            status = JointStatus.OK if self.axis is None else JointStatus.HINGE
+        return replace(self, status=status)
+
+
+def estimate_from_spheres(
+    side: Side, poses: SegmentPoses, names: Sequence[str], markers: Sequence[LocalMarker], hinge: bool
+) -> Estimate | None:
+    """Estimate a joint from the spheres on which markers move in a segment's axes.
+
+    Args:
+        side: "parent" or "child": the segment that the poses belong to.
+        poses: of that segment.
+        names: of the markers.
+        markers: in the segment's axes.
+        hinge: True if the joint is known to be a hinge.
+
+    Returns:
+        The estimate, without its status; None if the markers do not move.
+    """
+    found = _fit_with_noise(markers, poses, hinge)
+    if found is None:
+        return None
+    noise, fit, kept = found
+    return Estimate(
+        side=side,
+        poses=poses,
+        markers=tuple(names),
+        center=fit.center,
+        covariance=fit.covariance + fit.shape + _doubt_of_noise(noise, fit, kept, poses),
+        axis=fit.least if hinge and fit.axis is None else fit.axis,
+        noise=noise,
+        frames=fit.frames,
+        effective_frames=fit.effective_frames,
+        used=np.stack([marker.used for marker in kept]),
+        sphere=fit,
+        pair=None,
+    )
+
+
+def estimate_from_poses(parent: SegmentPoses, child: SegmentPoses, pair: SymmetricFit, hinge: bool) -> Estimate:
+    """Estimate a joint from the point in which its two segments agree; the status is not set yet."""
+    return Estimate(
+        side="both",
+        poses=parent,
+        markers=child.points,
+        center=pair.in_parent,
+        covariance=pair.covariance,
+        axis=pair.axes[0] if hinge or pair.hinge else None,
+        noise="pose",
+        frames=pair.frames,
+        effective_frames=pair.effective_frames,
+        used=child.good & parent.known,
+        sphere=None,
+        pair=pair,
+    )
+
+
+def local_marker(poses: SegmentPoses, x: Floats, accepted: Bools) -> LocalMarker:
+    """Express a marker (3, frames) in a segment's axes; its noise is taken to be that of the segment's own markers.
+
+    ``accepted`` (frames,) are the samples that may be used.
+    """
+    y = poses.to_local(x)
+    return LocalMarker(y, poses.known & accepted & ~np.isnan(y[0]), poses.sigma**2)
+
+
+def _fit_with_noise(
+    markers: Sequence[LocalMarker], poses: SegmentPoses, hinge: bool
+) -> tuple[NoiseModel, CenterFit, list[LocalMarker]] | None:
+    """Fit a centre without outliers, with the first noise model that leaves the markers' motion significant."""
+    clean, exact = reject_outliers(markers), poses.noise.removed
+    if all(_is_still(marker, poses) for marker in clean):
+        return None
+    models: tuple[tuple[NoiseModel, PoseNoise, float | None], ...]
+    models = (("pose", poses.noise, None), ("isotropic", exact, None), ("none", exact, 0.0))
+    for name, pose_noise, size in models:
+        fit = fit_center(clean, pose_noise, size=size)
+        if fit is not None and hinge and fit.axis is None and not fit.clear and size is None:
+            planar = fit_center(clean, pose_noise, True)
+            fit = planar if planar is not None and planar.significance > SIGNIFICANT else fit
+        if fit is None:
+            return None
+        kept = [reject_off_sphere(marker, fit.center, fit.axis) for marker in clean]
+        if any(a.used.sum() < b.used.sum() for a, b in zip(kept, clean, strict=True)):
+            fit = fit_center(kept, pose_noise, (hinge and fit.axis is not None) or None, size) or fit
+        determined = fit.clear or fit.axis is not None or not hinge
+        significant = fit.condition < CONDITION_LIMIT and fit.significance > SIGNIFICANT and fit.exceeds_noise
+        if name == "none" or (significant and determined):
+            return name, fit, kept
+    return None
+
+
+def _doubt_of_noise(noise: NoiseModel, fit: CenterFit, markers: Sequence[LocalMarker], poses: SegmentPoses) -> Floats:
+    """Covariance (3, 3), m², of a centre whose noise is not what was taken off.
+
+    Where the noise is not of its expected shape, the correction for noise is not known, and counts as an error. Where
+    noise hides the motion, no more is known than that the joint is between the two segments.
+    """
+    if noise == "isotropic":
+        plain = center_only(markers, poses.noise.removed, fit.axis is not None, 0.0)
+        return np.zeros((3, 3)) if plain is None else np.outer(fit.center - plain, fit.center - plain)
+    if noise == "none":
+        away = [np.nanmean(m.y[:, m.used], axis=1) - poses.template.mean(axis=0) for m in markers if m.used.any()]
+        return float(max((a @ a for a in away), default=0.0)) * np.eye(3)
+    return np.zeros((3, 3))
+
+
+def _is_still(marker: LocalMarker, poses: SegmentPoses) -> bool:
+    """True if a marker stays in place in a segment's axes."""
+    y = marker.y[:, marker.used]
+    if y.shape[1] < 2:
+        return True
+    away = y.mean(axis=1) - poses.template.mean(axis=0)
+    return bool(np.linalg.eigvalsh(np.cov(y))[-1] < _STILL**2 * (away @ away))
+
+
+COMPARABLE = (*USABLE, JointStatus.UNSURE)
+"""Estimates whose covariance is valid, be it large."""
+_SIDES_LEVEL = 0.2
+"""Chance at which two sides of like accuracy would count as apart if their errors were independent."""
+_WAYS_LEVEL = 0.0125
+"""Chance at which a joint without skin would count as contradictory about an axis; most are tested about two."""
+_AXES = np.radians(20.0)
+"""Angle between two axes above which they are not axes of one hinge."""
+_ALONG = 0.05
+"""Metres along a hinge's axis beyond which two places on it are not compared."""
+_AXIS_ERROR = np.radians(10.0)
+"""Standard error of a hinge's axis: it moves a place by that times the distance along the axis."""
+
+
+@dataclass(frozen=True)
+class PlaceDifference:
+    """Difference between two places of one joint.
+
+    Attributes:
+        vector: from one to the other (3,), metres; across the axis of a hinge.
+        chi_square: squared distance in units of the standard errors.
+        directions: number of directions in which it is known.
+    """
+
+    vector: Floats
+    chi_square: float
+    directions: int
+
+    @property
+    def distance(self) -> float:
+        """Length of the difference, metres."""
+        return float(np.linalg.norm(self.vector))
+
+    def is_beyond(self, level: float) -> bool:
+        """True if it is more than a centimetre, and errors would make it as large with less than this probability."""
+        return bool(self.distance > CENTIMETRE and special.chdtrc(self.directions, self.chi_square) < level)
+
+
+@dataclass(frozen=True)
+class SideDifference(PlaceDifference):
+    """Difference of another side's estimate from the chosen one, in the chosen one's axes.
+
+    Attributes:
+        side: of the other estimate.
+        angle: between their axes, radians; 0 if not both have one.
+    """
+
+    side: Side
+    angle: float
+
+    @property
+    def contradicts(self) -> bool:
+        """True if not both estimates can be as accurate as their errors say."""
+        return self.is_beyond(_SIDES_LEVEL) or self.angle > _AXES
+
+    @property
+    def text(self) -> str:
+        """Description of the contradiction, for a user."""
+        place = f"puts it {1000 * self.distance:.0f} mm away"
+        axis = f"turns its axis by {np.degrees(self.angle):.0f}°"
+        both = f"{axis} and {place}" if self.angle > _AXES else place
+        source = {"parent": "in its parent's axes", "child": "in its child's axes", "both": "from both segments"}
+        return f"its estimate {source[self.side]} {both}, beyond what the errors explain"
+
+
+def side_differences(chosen: Estimate, others: Sequence[Estimate]) -> list[SideDifference]:
+    """Differences of the other estimates from the chosen one; those that cannot be compared are left out."""
+    comparable = [e for e in others if e.status in COMPARABLE and e.frames >= FEWEST_FRAMES]
+    found = [_difference(chosen, other) for other in comparable]
+    return [each for each in found if each is not None]
+
+
+def check_against_sides(chosen: Estimate, others: Sequence[Estimate]) -> tuple[Estimate, str]:
+    """Flag an estimate that another side's contradicts, and widen its covariance.
+
+    No fit can tell which of two contradictory estimates is right. The chosen one stays where it is, and its covariance
+    grows by the square of the difference, which is its error if the other is right. So all that is printed, drawn and
+    built on it covers both.
+
+    Returns:
+        The estimate, and the reason to doubt it, or "". An estimate that is not usable anyway is returned unchanged.
+    """
+    if chosen.status not in USABLE:
+        return chosen, ""
+    against = [each for each in side_differences(chosen, others) if each.contradicts]
+    if not against:
+        return chosen, ""
+    worst = max(against, key=lambda each: each.distance)
+    covariance = chosen.covariance + np.outer(worst.vector, worst.vector)
+    return replace(chosen, covariance=covariance, status=JointStatus.DISAGREE), worst.text
+
+
+@dataclass(frozen=True)
+class WayDifference(PlaceDifference):
+    """Difference between the centres from frames in which a joint rotates one way and the other about an axis."""
+
+    @property
+    def contradicts(self) -> bool:
+        """True if not both centres can be as accurate as their errors say."""
+        return self.is_beyond(_WAYS_LEVEL)
+
+    @property
+    def text(self) -> str:
+        """Description of the contradiction, for a user."""
+        return (
+            f"bending and straightening put it {1000 * self.distance:.0f} mm apart, beyond what the errors explain: "
+            "skin moves with it"
+        )
+
+
+def way_difference(first: tuple[Floats, Floats], second: tuple[Floats, Floats], axis: Floats | None) -> WayDifference:
+    """Difference of two centres (3,), each with its covariance (3, 3), across an axis (3,) if there is one."""
+    (one, covariance), (two, other) = first, second
+    basis = np.eye(3) if axis is None else np.linalg.svd(axis[None])[2][1:].T
+    across = basis.T @ (two - one)
+    errors = basis.T @ (covariance + other) @ basis
+    chi_square = float(across @ np.linalg.pinv(errors, hermitian=True) @ across)
+    return WayDifference(basis @ across, chi_square, len(across))
+
+
+def check_both_ways(chosen: Estimate, ways: Sequence[WayDifference]) -> tuple[Estimate, str]:
+    """Flag an estimate of which bending and straightening contradict each other, and widen its covariance likewise.
+
+    Args:
+        chosen: estimate.
+        ways: differences about each axis, in its axes. The covariance grows by the square of each that contradicts.
+
+    Returns:
+        The estimate, and the reason to doubt it, or "".
+    """
+    against = [each for each in ways if each.contradicts]
+    if not against:
+        return chosen, ""
+    worst = max(against, key=lambda each: each.distance)
+    squares = sum(np.outer(each.vector, each.vector) for each in against)
+    status = JointStatus.REVERSES if chosen.status in USABLE else chosen.status
+    return replace(
+        chosen, covariance=chosen.covariance + squares, skin=chosen.skin + squares, status=status
+    ), worst.text
+
+
+def mean_difference(chosen: Estimate, x: Floats) -> Floats:
+    """Mean difference of a point of the world (3, frames) from an estimate, in its axes (3,), metres.
+
+    It is taken across the axis, if the estimate has one; NaN if no frame has both.
+    """
+    y = chosen.poses.to_local(x)
+    y = y[:, ~np.isnan(y[0])]
+    if not y.shape[1]:
+        return np.full(3, np.nan)
+    off: Floats = y.mean(axis=1) - chosen.center
+    return off if chosen.axis is None else np.asarray(off - (off @ chosen.axis) * chosen.axis)
+
+
+def _difference(chosen: Estimate, other: Estimate) -> SideDifference | None:
+    """Difference of two estimates; None if no frame has both, or they are too far apart along an axis."""
+    one, two = chosen.poses, other.poses
+    both = one.known & two.known
+    if not both.any():
+        return None
+    rotation = relative_rotation(one.rotation[:, :, both], two.rotation[:, :, both])
+    mean = rotation.mean(axis=2)
+    off = other.center if one is two else one.to_local(two.to_world(other.center))[:, both].mean(axis=1)
+    off = off - chosen.center
+    basis, angle = np.eye(3), 0.0
+    errors = chosen.covariance + mean_rotated_covariance(rotation, other.covariance)
+    other_axis = None if other.axis is None else mean @ other.axis / np.linalg.norm(mean @ other.axis)
+    if chosen.axis is not None and other_axis is not None:
+        angle = float(np.arccos(min(abs(chosen.axis @ other_axis), 1.0)))
+    axis = other_axis if chosen.axis is None else chosen.axis
+    if axis is not None:
+        along = float(off @ axis)
+        if abs(along) > _ALONG:
+            return None
+        basis = np.linalg.svd(axis[None])[2][1:].T
+        errors = errors + (_AXIS_ERROR * along) ** 2 * np.eye(3)
+    across = basis.T @ off
+    chi_square = float(across @ np.linalg.pinv(basis.T @ errors @ basis, hermitian=True) @ across)
+    return SideDifference(basis @ across, chi_square, len(across), other.side, angle)

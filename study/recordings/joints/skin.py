@@ -1,0 +1,343 @@
+"""Covariance of a joint's centre from skin that moves with the joint's own angle.
+
+A marker at lever arm a, whose skin moves by Bθ for the joint's rotation vector θ, moves the centre by about (Bᵀâ) × â,
+without a trace in the residuals (theory §12). So the covariance rests on the size of B alone. The entries of B have the
+variance β² of the segment: for the segment on which the markers are, half of it common to its markers; for the segment
+in whose axes the centre is fitted, each marker's own.
+
+The slope of a segment's skin: how far its markers leave their rigid template as a joint rotates, in m/rad.
+
+Errors of joints from skin that moves with them: the part that markers show, and a floor for the unseen part.
+
+The slope β of a segment's skin, m/rad, is measured where three markers of its own fix its pose (`skin_slope`), and
+drawn to the mean of those that were measured in the body so far; a segment without such a pose, as a thigh with two
+markers, gets that mean. `skin_response` turns the slope into a covariance. Skin that does not follow the angle makes
+the centre from frames in which the joint bends differ from the centre from frames in which it straightens.
+"""
+
+import itertools
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from study.arrays import Bools, Floats, Ints
+from study.recordings.joints.center import CONDITION_LIMIT, LocalMarker, fit_center
+from study.recordings.joints.estimate import SIGNIFICANT, Estimate, WayDifference, way_difference
+from study.recordings.joints.poses import SegmentPoses
+from study.recordings.joints.symmetric import symmetric_fit
+from study.recordings.markersets import Joint
+from study.recordings.pose_noise import skew
+from study.recordings.recording import Recording
+from study.recordings.rigid import (
+    angles_about_center,
+    mean_rotated_covariance,
+    relative_rotation,
+    rotation_vectors,
+    turning_ways,
+)
+
+_COMMON = 0.5
+"""Share of the variance of the skin that is common to the markers of a segment."""
+_LEVI_CIVITA = np.zeros((3, 3, 3))
+for _i, _j, _k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+    _LEVI_CIVITA[_i, _j, _k], _LEVI_CIVITA[_i, _k, _j] = 1.0, -1.0
+
+
+class Cluster(NamedTuple):
+    """The points that a segment's pose is fitted to, in its axes.
+
+    Attributes:
+        points: (m, 3), metres.
+        on_skin: which of them are markers (m,), and not joints.
+    """
+
+    points: Floats
+    on_skin: Bools
+
+    def shifts(self, place: Floats) -> Floats:
+        """Displacements (skin markers, 3, 3) of a point (3,) fixed in the segment per displacement of each marker."""
+        v = self.points - self.points.mean(axis=0)
+        k = skew(v)
+        inverse = np.linalg.pinv(np.einsum("mij,mkj->ik", k, k))
+        arm = skew(place - self.points.mean(axis=0))
+        each = np.eye(3) / len(v) - arm @ inverse @ k
+        return np.asarray(each[self.on_skin])
+
+
+class MarkerResponse(NamedTuple):
+    """Response of a sphere fit's centre to radial displacements that are linear in the joint's angles.
+
+    Attributes:
+        inverse: inverse of the normal matrix (3, 3), 0 along a dropped axis.
+        slopes: Σ over the frames of w r z θᵀ for each marker (M, 3, 3).
+        arms: unit lever arms (M, 3).
+        places: mean places of the markers (M, 3), metres.
+    """
+
+    inverse: Floats
+    slopes: Floats
+    arms: Floats
+    places: Floats
+
+
+def sphere_skin(response: MarkerResponse, frame: Cluster, markers: float, own: float) -> Floats:
+    """Covariance (3, 3), m², of a centre that is fitted to spheres.
+
+    Args:
+        response: of the fit.
+        frame: of the segment in whose axes it is fitted.
+        markers: β² of the skin below the markers on spheres, (m/rad)².
+        own: β² of the skin of the frame's segment.
+    """
+    u = response.arms
+    along = u @ u.T
+    shared = markers * (_COMMON * along + (1.0 - _COMMON) * np.eye(len(u)))
+    if not len(u):
+        return np.zeros((3, 3))
+    h = np.stack([np.einsum("i,kij->kj", arm, frame.shifts(at)) for arm, at in zip(u, response.places, strict=True)])
+    shared = shared + own * np.einsum("jki,lki->jl", h, h)
+    total = np.einsum("jl,jai,lbi->ab", shared, response.slopes, response.slopes)
+    return np.asarray(response.inverse @ total @ response.inverse)
+
+
+def pair_skin(angles: Floats, basis: Floats, moved: Floats) -> Floats:
+    """Covariance (3, 3), m², of the point in which two segments agree.
+
+    Args:
+        angles: second moments of the joint's rotation vectors (3, 3), rad².
+        basis: directions in which the point is known (3, d), in the same axes.
+        moved: covariance of the displacement between the point's two images per radian about each axis (3, 3),
+            (m/rad)².
+    """
+    matrix = np.trace(angles) * np.eye(3) - angles
+    inverse = basis @ np.linalg.pinv(basis.T @ matrix @ basis, hermitian=True) @ basis.T
+    total = np.einsum("ijk,abc,jb,kc->ia", _LEVI_CIVITA, _LEVI_CIVITA, angles @ angles, moved)
+    return np.asarray(inverse @ total @ inverse)
+
+
+def image_skin(cluster: Cluster, place: Floats, own: float) -> Floats:
+    """Covariance (3, 3) of the displacement of a point of a segment, for skin of unit variance along each axis.
+
+    Args:
+        cluster: of the segment.
+        place: of the point (3,), metres.
+        own: share of the variance that is each marker's own; the rest is common to all.
+    """
+    each = cluster.shifts(place)
+    return np.asarray(own * np.einsum("kij,klj->il", each, each) + (1.0 - own) * np.eye(3))
+
+
+_BLOCKS = 16
+"""Stretches of time from which the share of the noise is found, long enough to be independent of each other."""
+_FEWEST = 6
+"""Fewest frames for each regressor."""
+
+
+def skin_slope(departures: Floats, angles: Floats) -> float:
+    """Measure the mean square slope of the skin of a segment against the angles of a joint.
+
+    The departures from the rigid template are regressed on the rotation vector and its six quadratics. What these
+    explain, less what noise alone would explain, belongs to the skin. The rigid fit takes six of the 3m coordinates.
+
+    Args:
+        departures: of the markers from their places in the template (m, 3, frames), metres; NaN where one is missing.
+        angles: rotation vectors of the joint (3, frames), radians; NaN where unknown.
+
+    Returns:
+        Mean square of an entry of the tensor (3, 3) that takes the rotation vector to a marker's displacement,
+        (m/rad)²; NaN if the frames are too few, or m < 3.
+    """
+    m = len(departures)
+    d = departures.reshape(3 * m, -1)
+    known = ~(np.isnan(d).any(axis=0) | np.isnan(angles[0]))
+    n = int(known.sum())
+    if m < 3 or n < 9 * _FEWEST:
+        return float("nan")
+    d, x = d[:, known], angles[:, known]
+    x = x - x.mean(axis=1, keepdims=True)
+    quadratics = [x[i] * x[j] for i in range(3) for j in range(i, 3)]
+    regressors = np.concatenate([x, quadratics])
+    regressors -= regressors.mean(axis=1, keepdims=True)
+    d = d - d.mean(axis=1, keepdims=True)
+    rows = np.linalg.svd(regressors, full_matrices=False)[2]  # orthonormal
+    coefficients = rows @ d.T
+    rest = d - coefficients.T @ rows
+    edges = np.linspace(0, n, _BLOCKS + 1).astype(int)
+    blocks = [rows[:, a:b] @ rest[:, a:b].T for a, b in itertools.pairwise(edges)]
+    noise = sum(float((block**2).sum()) for block in blocks) * _BLOCKS / (_BLOCKS - 1)
+    explained = max(float((coefficients**2).sum()) - noise, 0.0) / (3 * m * n)
+    return explained * 3 * m / (3 * m - 6) / max(float((x**2).sum()) / n, 1e-300)
+
+
+_FRAMES = 600
+"""Frames, spread over the recording, on which skin is measured."""
+_LEAST_RATE = 10.0
+"""Frames for each second that are kept, whatever the length of the recording."""
+_LAG = 0.05
+"""Seconds before and after a frame whose angles decide which way the joint rotates in it."""
+_PRIOR = 3.0
+"""Coordinates that a segment's markers must show for its own slope to weigh as much as the mean of the body's."""
+_UNSEEN = 1.5
+"""Factor on the mean for a segment that shows none of its slope, as the others scatter about their mean."""
+_FLOOR = 0.005
+"""m/rad: slope of skin that is common to the markers of a segment, half of it on the segment of the axes."""
+
+
+class _Slopes(NamedTuple):
+    """Mean square slopes β² of the skin on the segment of an estimate's axes, and on the other, (m/rad)²."""
+
+    own: float
+    other: float
+
+
+class SkinErrors:
+    """Skin of the segments of one recording, measured joint by joint.
+
+    Args:
+        recording: with the markers.
+        poses: of the segments whose own markers fix them.
+    """
+
+    def __init__(self, recording: Recording, poses: Mapping[str, SegmentPoses]) -> None:
+        self.recording, self.own = recording, dict(poses)
+        step = max(min(recording.frames // _FRAMES, int(recording.rate / _LEAST_RATE)), 1)
+        self.part: Ints = np.arange(0, recording.frames, step)
+        self.lag = max(round(_LAG * recording.rate / step), 1)
+        self.departures = {name: self._departures(each) for name, each in self.own.items()}
+        self.measured: list[float] = []
+
+    def add(self, estimate: Estimate, joint: Joint, child: SegmentPoses | None) -> Estimate:
+        """Add the error from skin to an estimate's covariance, and find its floor.
+
+        Args:
+            estimate: of the joint.
+            joint: that it is of.
+            child: poses of the child, for an estimate from both segments.
+        """
+        angles = self._angles(estimate, joint, child)
+        frame = estimate.poses.segment
+        other = joint.parent if frame == joint.child else joint.child
+        slopes = _Slopes(self._slope(frame, angles), self._slope(other, angles))
+        limit = _Slopes((0.5 * _FLOOR) ** 2, _FLOOR**2)
+        skin, floor = self._covariances(estimate, child, angles, (slopes, limit))
+        return replace(
+            estimate,
+            covariance=estimate.covariance + skin,
+            skin=estimate.skin + skin,
+            floor=float(np.sqrt(max(np.linalg.eigvalsh(floor)[-1], 0.0))),
+        )
+
+    def ways(self, estimate: Estimate, joint: Joint, child: SegmentPoses | None) -> list[WayDifference]:
+        """Compare an estimate's centres from the frames in which the joint rotates one way and the other.
+
+        Args:
+            estimate: of the joint.
+            joint: that it is of.
+            child: poses of the child, for an estimate from both segments.
+
+        Returns:
+            A difference for each axis about which the joint rotates: two, one for a hinge, fewer where a fit fails.
+        """
+        found = []
+        both = turning_ways(self._angles(estimate, joint, child), self.lag, 2 if estimate.axis is None else 1)
+        for ways in both:
+            one, two = (self._refit(estimate, child, self.part[frames]) for frames in ways)
+            if one is not None and two is not None:
+                found.append(way_difference(one, two, estimate.axis))
+        return found
+
+    def _refit(self, estimate: Estimate, child: SegmentPoses | None, part: Ints) -> tuple[Floats, Floats] | None:
+        """Centre (3,) and covariance (3, 3) of an estimate from some of the frames; None if they do not give one."""
+        poses = estimate.poses.in_frames(part)
+        if estimate.pair is not None and child is not None:
+            pair = symmetric_fit(poses, child.in_frames(part), estimate.pair.hinge)
+            return None if pair is None else (pair.in_parent, pair.covariance)
+        markers = [
+            LocalMarker(poses.to_local(self.recording.of(name)[:, part]), used[part], poses.sigma**2)
+            for name, used in zip(estimate.markers, estimate.used, strict=True)
+        ]
+        noise = poses.noise if estimate.noise == "pose" else poses.noise.removed
+        hinge = estimate.sphere is not None and estimate.sphere.axis is not None
+        fit = fit_center(markers, noise, hinge, 0.0 if estimate.noise == "none" else None)
+        if fit is None or not (fit.condition < CONDITION_LIMIT and fit.significance > SIGNIFICANT):
+            return None
+        return fit.center, fit.covariance
+
+    def _angles(self, estimate: Estimate, joint: Joint, child: SegmentPoses | None) -> Floats:
+        """Rotation vectors of the joint (3, frames of the part) in the axes of an estimate, radians."""
+        one = estimate.poses.in_frames(self.part)
+        two = child or self.own.get(joint.parent if one.segment == joint.child else joint.child)
+        if two is not None:
+            return rotation_vectors(relative_rotation(one.rotation, two.in_frames(self.part).rotation))
+        y = one.to_local(np.stack([self.recording.of(name)[:, self.part] for name in estimate.markers]))
+        return angles_about_center(y, estimate.used[:, self.part], estimate.center)
+
+    def _slope(self, segment: str, angles: Floats) -> float:
+        """β² of a segment's skin with a joint, (m/rad)²; 0 if no segment showed any so far."""
+        found = skin_slope(self.departures[segment], angles) if segment in self.departures else float("nan")
+        if not np.isnan(found):
+            self.measured.append(found)
+        if not self.measured:
+            return 0.0
+        mean = float(np.mean(self.measured))
+        if np.isnan(found):
+            return _UNSEEN * mean
+        shown = 3 * len(self.departures[segment]) - 6
+        return (shown * found + _PRIOR * mean) / (shown + _PRIOR)
+
+    def _departures(self, poses: SegmentPoses) -> Floats:
+        """Distances of a segment's markers from its template (m, 3, frames of the part); NaN unless all are good."""
+        x = np.stack([self.recording.of(name)[:, self.part] for name in poses.points])
+        y = poses.in_frames(self.part).to_local(x) - poses.template[:, :, None]
+        return np.where(poses.good[:, self.part].all(axis=0), y, np.nan)
+
+    def _covariances(
+        self, estimate: Estimate, child: SegmentPoses | None, angles: Floats, several: tuple[_Slopes, ...]
+    ) -> list[Floats]:
+        """Covariance of an estimate's centre from skin (3, 3), m², for each of several slopes."""
+        frame = self._cluster(estimate.poses)
+        if estimate.pair is None or child is None:
+            response = self._response(estimate, angles)
+            return [sphere_skin(response, frame, slopes.other, slopes.own) for slopes in several]
+        x = angles[:, ~np.isnan(angles[0])]
+        x = x - x.mean(axis=1, keepdims=True)
+        one, two = estimate.poses.in_frames(self.part), child.in_frames(self.part)
+        both = one.known & two.known
+        rotation = relative_rotation(one.rotation[:, :, both], two.rotation[:, :, both])
+        images = image_skin(frame, estimate.center, 1.0)
+        others = mean_rotated_covariance(rotation, image_skin(self._cluster(two), estimate.pair.in_child, 0.5))
+        basis = _across(estimate.axis)
+        moved = [slopes.own * images + slopes.other * others for slopes in several]
+        return [pair_skin(x @ x.T / max(x.shape[1], 1), basis, each) for each in moved]
+
+    def _response(self, estimate: Estimate, angles: Floats) -> MarkerResponse:
+        """Response of a sphere fit to skin."""
+        fit, poses = estimate.sphere, estimate.poses.in_frames(self.part)
+        assert fit is not None
+        basis = _across(fit.axis)
+        within = basis @ basis.T
+        inverse = basis @ np.linalg.pinv(basis.T @ fit.normal @ basis, hermitian=True) @ basis.T
+        rows = []
+        for name, seen, weight in zip(estimate.markers, estimate.used, fit.weights, strict=True):
+            y = poses.to_local(self.recording.of(name)[:, self.part])
+            used = seen[self.part] & ~np.isnan(angles[0]) & ~np.isnan(y[0])
+            if not (weight > 0.0 and used.sum() > 1):
+                continue
+            place = y[:, used].mean(axis=1)
+            arm = within @ (place - estimate.center)
+            length = max(float(np.linalg.norm(arm)), 1e-300)
+            z = within @ (y[:, used] - place[:, None])
+            rows.append((weight * length * z @ angles[:, used].T / used.sum(), arm / length, place))
+        slopes, arms, places = (np.array([row[i] for row in rows]) for i in range(3))
+        return MarkerResponse(inverse, slopes.reshape(-1, 3, 3), arms.reshape(-1, 3), places.reshape(-1, 3))
+
+    def _cluster(self, poses: SegmentPoses) -> Cluster:
+        """Points of a segment's pose: markers on skin, and joints."""
+        return Cluster(poses.template, np.array([name in self.recording.markers for name in poses.points]))
+
+
+def _across(axis: Floats | None) -> Floats:
+    """Directions across an axis as columns (3, 2); all three, if there is none."""
+    return np.eye(3) if axis is None else np.asarray(np.linalg.svd(axis[None])[2][1:].T)

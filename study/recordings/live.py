@@ -1,0 +1,410 @@
+"""Lines of a stream: each is a frame, a JSON object of labels and positions, ``{"LASI": [412.1, 680.3, 966.2], ...}``.
+
+A marker that is not seen is left out, or null. Blank lines are skipped.
+
+Joints that grow with the frames of a stream, in constant memory: incremental fits of the paper's section 4.
+
+The pose of a parent segment comes from a rigid fit of its markers to their shape in the most typical of the first
+frames with all of them. In its axes each marker of the child adds to a `study.Incremental`, and MGDK's centre follows
+from all of them. Frames in which a marker jumps are left out, since one would spoil the moments for ever. The noise is
+taken for the same in all directions, which that of a pose is not, and no second side is checked: a finished recording
+is for `study joint`, which does both.
+
+Source: paper §4 (IGDK), eqs 22-25.
+"""
+
+import json
+import socket
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from study.arrays import Floats
+from study.fits.incremental import Incremental
+from study.fits.markers import JointFit, mgdk_so_far
+from study.fits.samples import Status
+from study.recordings.joints.estimate import CENTIMETRE
+from study.recordings.recording import RecordingError
+from study.recordings.rigid import fit_rigid_motion, to_local
+
+_LARGEST = 65536
+"""Bytes of the largest datagram."""
+
+
+class FrameError(Exception):
+    """A line that is not a frame; the message, one line, says why."""
+
+
+def read_frame(line: str, unit: float) -> dict[str, Floats]:
+    """Read a frame from its line.
+
+    Args:
+        line: JSON.
+        unit: metres per unit of its numbers.
+
+    Returns:
+        The place of each marker that is seen (3,), metres.
+
+    Raises:
+        FrameError: if the line is no JSON object, or a position is not three finite numbers.
+    """
+    try:
+        values = json.loads(line)
+    except (ValueError, RecursionError):
+        raise FrameError("no JSON") from None
+    if not isinstance(values, dict):
+        raise FrameError('not an object of labels and positions, such as {"LASI": [412, 680, 966]}')
+    return {label: _place(label, value) * unit for label, value in values.items() if value is not None}
+
+
+def _place(label: str, value: object) -> Floats:
+    numbers = value if isinstance(value, list) and len(value) == 3 else []
+    if len(numbers) != 3 or not all(type(x) in (int, float) and abs(x) < 1e12 for x in numbers):
+        raise FrameError(f"the position of {label!r} is not three finite numbers")
+    return np.array(numbers, dtype=np.float64)
+
+
+def lines_of_input() -> Iterator[str]:
+    """Lines of the standard input, until its end."""
+    for line in sys.stdin.buffer:
+        yield line.decode("utf-8", "replace")
+
+
+def lines_of_port(port: int, announce: Callable[[str], None]) -> Iterator[str]:
+    """Lines of datagrams (UDP) that this machine sends to a port of its own, until an empty datagram.
+
+    Args:
+        port: its number; 0 for any free one.
+        announce: receives the address, as soon as datagrams can be received.
+
+    Raises:
+        RecordingError: if the port cannot be used.
+    """
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
+        try:
+            receiver.bind(("127.0.0.1", port))
+        except (OSError, OverflowError) as error:
+            reason = error.strerror if isinstance(error, OSError) else "a port is a number from 0 to 65535"
+            raise RecordingError(f"--udp {port}: cannot be used: {reason}") from None
+        announce(f"listening on 127.0.0.1:{receiver.getsockname()[1]}")
+        while datagram := receiver.recv(_LARGEST):
+            yield from datagram.decode("utf-8", "replace").splitlines()
+
+
+_BLOCKS = 16
+"""Most blocks of frames; a jackknife takes half as many."""
+_BATCH = 25
+"""Frames that are added at once: one by one takes ten times as long."""
+_SHAPES = 5
+"""Frames of which the most typical gives a segment its shape; fewer cannot outvote one that is wrong."""
+_JUMP, _BENT = 10.0, 0.2
+"""Times the usual distance, and share of a segment's size, from which its markers do not have its shape."""
+_LABELS = 300
+"""Labels that are remembered: a stream may have any number of them."""
+_MOVED = np.radians(2.0)
+"""Least root mean square angle of motion, along every direction, of a joint that is known."""
+
+
+class GrowingSegment:
+    """A parent segment: its markers, and their shape once a few frames have shown them all.
+
+    Args:
+        markers: their labels, three or more.
+
+    Attributes:
+        template: the shape (m, 3), metres; None as long as it is not known.
+        size: root mean square distance of its markers from their centre, metres.
+        jumps: number of frames left out because they show another shape.
+    """
+
+    def __init__(self, markers: Sequence[str]) -> None:
+        self.markers = tuple(markers)
+        self.template: Floats | None = None
+        self.size, self.jumps = 0.0, 0
+        self._first: list[Floats] = []
+        self._recent = np.empty(0)
+
+    @property
+    def was_whole(self) -> bool:
+        """True if a frame has shown all markers."""
+        return bool(self._first)
+
+    def poses(self, frames: Sequence[Mapping[str, Floats]]) -> tuple[Floats, Floats]:
+        """Rotations R (3, 3, n) and origins o (3, n) in n frames, x = R a + o.
+
+        They are NaN where a frame does not show the markers, or not in their shape.
+        """
+        x = places(self.markers, frames)
+        if self.template is None:
+            self._first += [shape for shape in x.transpose(2, 0, 1) if not np.isnan(shape).any()]
+            if len(self._first) < _SHAPES:
+                return np.full((3, 3, len(frames)), np.nan), np.full((3, len(frames)), np.nan)
+            typical = most_typical(np.array(self._first))
+            self.template = typical - typical.mean(axis=0)
+            self.size = float(np.sqrt(np.mean(np.sum(self.template**2, axis=1))))
+        rotations, origins, known = fit_rigid_motion(self.template, x)
+        if known.any():
+            off = to_local(rotations, origins, x) - self.template[:, :, None]
+            rms = np.sqrt(np.nanmean(np.sum(off[:, :, known] ** 2, axis=1), axis=0))
+            self._recent = np.append(self._recent, rms)[-_BATCH:]
+            bent = np.flatnonzero(known)[rms > max(_JUMP * float(np.median(self._recent)), _BENT * self.size)]
+            rotations[:, :, bent], origins[:, bent] = np.nan, np.nan
+            self.jumps += len(bent)
+        return rotations, origins
+
+
+class GrowingJoint:
+    """A joint: the moments of its child's markers in the parent's axes, in blocks of successive frames.
+
+    Frames in succession are much alike, so their number says little about the error. The blocks do: a jackknife over
+    them repeats the fit without each (Quenouille 1949). When there are too many blocks, each two become one.
+
+    Args:
+        name: of the joint.
+        parent: the segment that holds it.
+        markers: of the child.
+
+    Attributes:
+        jumps: number of samples left out because they are far from those before and after.
+    """
+
+    def __init__(self, name: str, parent: GrowingSegment, markers: Sequence[str]) -> None:
+        self.name, self.parent, self.markers = name, parent, tuple(markers)
+        self.blocks: list[list[Incremental]] = []
+        self.batches = 0
+        self.length = 1
+        self.jumps = 0
+        self._recent = np.full((len(markers), 3, 0), np.nan)
+
+    def add(self, y: Floats) -> None:
+        """Add a batch of frames: the child's markers in the parent's axes (m, 3, n), metres; NaN where missing."""
+        y = self._without_jumps(y)
+        if self.batches == self.length * len(self.blocks):
+            if len(self.blocks) == _BLOCKS:
+                self.blocks = [merged(pair) for pair in zip(self.blocks[::2], self.blocks[1::2], strict=True)]
+                self.length *= 2
+            self.blocks.append([Incremental(3) for _ in self.markers])
+        for part, points in zip(self.blocks[-1], y, strict=True):
+            part.update(points.T)
+        self.batches += 1
+
+    def _without_jumps(self, y: Floats) -> Floats:
+        """The batch (m, 3, n), NaN where a marker is much farther from its middle than in most recent frames.
+
+        It must also be farther than the size of the joint, which a marker does not move in so few frames. Before there
+        are some frames to compare, all is NaN.
+        """
+        recent = np.concatenate([self._recent, y], axis=2)
+        self._recent = recent[:, :, -_BATCH:]
+        center = median(recent)[:, :, None]
+        usual = median(np.linalg.norm(recent - center, axis=1))
+        size = np.maximum(self.parent.size, np.linalg.norm(center[:, :, 0], axis=1))
+        jumps = np.linalg.norm(y - center, axis=1) > np.maximum(_JUMP * usual, size)[:, None]
+        self.jumps += int(jumps.sum())
+        few = np.sum(~np.isnan(recent[:, 0]), axis=1) < _SHAPES
+        return np.where((jumps | few[:, None])[:, None], np.nan, y)
+
+    def answer(self) -> "LiveAnswer":
+        """The joint as far as it is known."""
+        whole = merged(self.blocks) if self.blocks else [Incremental(3)]
+        found = mgdk_so_far(whole)
+        covariance = np.full((3, 3), np.inf)
+        if len(self.blocks) >= _BLOCKS // 2 and np.isfinite(found.center).all():
+            others = (merged([*self.blocks[:k], *self.blocks[k + 1 :]]) for k in range(len(self.blocks)))
+            centers = np.array([mgdk_so_far(other).center for other in others])
+            off = centers - centers.mean(axis=0)
+            covariance = (1.0 - 1.0 / len(self.blocks)) * (off.T @ off)
+        return LiveAnswer(replace(found, covariance=covariance), rms_angles(whole, found), self._lack(found))
+
+    def _lack(self, found: JointFit) -> str:
+        """Reason why there are too few points for a fit; empty if there are enough."""
+        if self.parent.template is None:
+            count = f"fewer than {_SHAPES} frames have" if self.parent.was_whole else "no frame has"
+            return f"{count} all markers of its parent"
+        if not found.count.any():
+            return "no frame has a marker of its child and enough of its parent's"
+        return "too few frames" if found.status == Status.TOO_FEW_POINTS else ""
+
+
+class LiveAnswer(NamedTuple):
+    """A joint so far.
+
+    Attributes:
+        fit: in the parent's axes, metres.
+        angles: root mean square angles of motion (3,), ascending.
+        lack: reason why there are too few points, or "".
+    """
+
+    fit: JointFit
+    angles: Floats
+    lack: str = ""
+
+    @property
+    def error(self) -> float:
+        """Largest standard error of the centre, metres; infinite if it is not known."""
+        if not np.isfinite(self.fit.covariance).all():
+            return float("inf")
+        return float(np.sqrt(max(np.linalg.eigvalsh(self.fit.covariance)[-1], 0.0)))
+
+    @property
+    def ok(self) -> bool:
+        """True if the joint moved, its fit is ok, and its standard error is below a centimetre in each direction."""
+        return not self.doubt
+
+    @property
+    def doubt(self) -> str:
+        """Reason why the joint is not ok, in words; empty if it is."""
+        if self.lack or not self.fit.ok:
+            return self.lack or self.fit.status.text
+        reasons = []
+        if not np.isfinite(self.error):
+            reasons.append("too few frames to know its error")
+        elif not self.error < CENTIMETRE:
+            reasons.append("its error is above 1 cm")
+        if not self.angles[0] > _MOVED:
+            reasons.append("it moved by less than 2° about some direction")
+        return " and ".join(reasons)
+
+    @property
+    def words(self) -> str:
+        """The answer in words, in millimetres and degrees."""
+        if not np.isfinite(self.fit.center).all():
+            return self.doubt
+        place = ", ".join(f"{1000 * x:.1f}" for x in self.fit.center)
+        moved = "-".join(f"{np.degrees(angle):.0f}°" for angle in self.angles[[0, 2]])
+        verdict = "ok" if self.ok else f"unsure: {self.doubt}" if self.fit.ok else self.doubt
+        noise = f"noise {1000 * self.fit.sigma:.1f} mm; moved {moved}"
+        return f"({place}) ± {1000 * self.error:.1f} mm; {noise}; {int(self.fit.count.sum())} samples; {verdict}"
+
+
+class LiveJoints:
+    """All joints of a stream.
+
+    Args:
+        joints: name, markers of the parent and markers of the child of each; letters may be small or capital, as for
+            `study joint`.
+
+    Attributes:
+        frames: number of frames so far.
+        joints: in the given order.
+        labels: those that came, the first few hundred of them.
+        lacking: those of the joints that have not come.
+        zeros: those of the joints that came at exactly (0, 0, 0), which is a gap.
+    """
+
+    def __init__(self, joints: Iterable[tuple[str, Sequence[str], Sequence[str]]]) -> None:
+        segments: dict[tuple[str, ...], GrowingSegment] = {}
+        self.frames = 0
+        self.joints: list[GrowingJoint] = []
+        self.labels: dict[str, None] = {}
+        self.lacking: dict[str, None] = {}
+        self.zeros: dict[str, None] = {}
+        for name, parent, child in joints:
+            segment = segments.setdefault(tuple(parent), GrowingSegment(parent))
+            self.joints.append(GrowingJoint(name, segment, child))
+            self.lacking |= dict.fromkeys((*parent, *child))
+        self._markers = {marker.casefold(): marker for marker in self.lacking} | {m: m for m in self.lacking}
+        self._spelt: dict[str, str] = {}
+        self._segments = list(segments.values())
+        self._waiting: list[Mapping[str, Floats]] = []
+
+    def add(self, frame: Mapping[str, Floats]) -> None:
+        """Add a frame: the place of each marker seen (3,), metres."""
+        self.frames += 1
+        if len(self.labels) < _LABELS:
+            self.labels |= dict.fromkeys(frame)
+        named = self._named(frame)
+        for marker in self.lacking.keys() & named.keys():
+            del self.lacking[marker]
+        self._waiting.append(named)
+        if len(self._waiting) == _BATCH:
+            self._settle()
+
+    def _named(self, frame: Mapping[str, Floats]) -> dict[str, Floats]:
+        """The frame under the names of the joints' markers."""
+        found: dict[str, Floats] = {}
+        for label, place in frame.items():
+            marker = self._markers.get(label) or self._markers.get(label.casefold())
+            if marker is None:
+                continue
+            if marker == label:
+                self._spelt[marker] = label
+            if self._spelt.setdefault(marker, label) != label:  # a stream may have labels that differ in case alone
+                continue
+            if place.any():
+                found[marker] = place
+            else:
+                self.zeros[marker] = None
+        return found
+
+    @property
+    def jumps(self) -> int:
+        """Number of samples and of poses that were left out, because a marker jumped."""
+        return sum(segment.jumps for segment in self._segments) + sum(joint.jumps for joint in self.joints)
+
+    def answers(self) -> dict[str, LiveAnswer]:
+        """Each joint as far as it is known."""
+        self._settle()
+        return {joint.name: joint.answer() for joint in self.joints}
+
+    def _settle(self) -> None:
+        """Add the frames that wait."""
+        frames, self._waiting = self._waiting, []
+        if not frames:
+            return
+        poses = {id(segment): segment.poses(frames) for segment in self._segments}
+        for joint in self.joints:
+            joint.add(to_local(*poses[id(joint.parent)], places(joint.markers, frames)))
+
+
+def most_typical(shapes: Floats) -> Floats:
+    """The shape (m, 3), of n, whose distances between markers are nearest to those of most others.
+
+    Args:
+        shapes: places of markers (n, m, 3), none missing.
+    """
+    distances = np.linalg.norm(shapes[:, :, None] - shapes[:, None], axis=3).reshape(len(shapes), -1)
+    apart = np.abs(distances[:, None] - distances[None]).max(axis=2)
+    return np.asarray(shapes[np.argmin(np.median(apart, axis=1))])
+
+
+def median(x: Floats) -> Floats:
+    """Median along the last axis of the numbers that are there (the upper of two); NaN where none is."""
+    count = np.sum(~np.isnan(x), axis=-1, keepdims=True)
+    place = np.minimum(count // 2, x.shape[-1] - 1)
+    return np.asarray(np.take_along_axis(np.sort(x, axis=-1), place, axis=-1)[..., 0])
+
+
+def places(markers: Sequence[str], frames: Sequence[Mapping[str, Floats]]) -> Floats:
+    """Places of markers (m, 3, n), metres, in n frames; NaN where missing."""
+    missing = np.full(3, np.nan)
+    rows = [[frame.get(marker, missing) for frame in frames] for marker in markers]
+    return np.ascontiguousarray(np.array(rows).transpose(0, 2, 1))
+
+
+def merged(blocks: Sequence[Sequence[Incremental]]) -> list[Incremental]:
+    """The moments of each marker (M) over several blocks."""
+    total = [Incremental(3) for _ in blocks[0]]
+    for block in blocks:
+        for mine, part in zip(total, block, strict=True):
+            mine.merge(part)
+    return total
+
+
+def rms_angles(markers: Sequence[Incremental], fit: JointFit) -> Floats:
+    """Root mean square angles of the markers' motion about a centre, along principal directions (3,), ascending.
+
+    They are 0 where they are not known.
+    """
+    total, count = np.zeros((3, 3)), 0.0
+    for marker, radius in zip(markers, fit.radii, strict=True):
+        if marker.moments is not None and radius > 0.0:
+            n = float(marker.moments.n[0])
+            total += (marker.moments.second[0] - n * fit.noise_variance * np.eye(3)) / radius**2
+            count += n
+    if not np.isfinite(total).all():  # so few points that their noise is not known
+        return np.zeros(3)
+    return np.asarray(np.sqrt(np.maximum(np.linalg.eigvalsh(total / max(count, 1.0)), 0.0)))

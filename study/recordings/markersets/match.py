@@ -1,0 +1,215 @@
+"""Match a marker set to a recording: the label of each marker, what is missing, and the joints that can be found."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+from study.recordings.markersets import Joint, MarkerSet, MarkerSetError, Segment, load_markerset, shipped
+from study.recordings.recording import Recording
+from study.text import nearest
+
+_ENOUGH = 4
+"""Joints that show that a recording is of a part of a set's body."""
+_NUMBERED = re.compile(r"(.*[^\W\d_]{2}[\W_]?)(\d+)$")
+"""A label of two letters or more and a number."""
+
+
+@dataclass(frozen=True, eq=False)
+class Match:
+    """A recording and a marker set on it."""
+
+    whole: MarkerSet
+    """The whole marker set."""
+    source: Recording
+    """The whole recording."""
+    labels: dict[str, str]
+    """The recording's label of each marker that it has."""
+    lacking: dict[str, tuple[str, ...]]
+    """The missing markers of each segment that lacks any; optional ones do not count."""
+    lost: dict[str, str]
+    """The reason for each joint that cannot be found."""
+    remarks: tuple[str, ...] = ()
+    """Sentences about sets that fit better."""
+
+    @cached_property
+    def markerset(self) -> MarkerSet:
+        """The set with the markers that the recording has and the joints that can be found; all segments remain."""
+        return _reduced(self.whole, self.labels, self.lost)
+
+    @cached_property
+    def recording(self) -> Recording:
+        """The recording with the markers of the set alone, under their names and in the order of the set."""
+        chosen = self.source.select(list(self.labels.values()))
+        return Recording(chosen.name, tuple(self.labels), chosen.positions, chosen.rate, chosen.notes)
+
+    @property
+    def joints(self) -> tuple[Joint, ...]:
+        """The joints that can be found."""
+        return self.markerset.joints
+
+    @property
+    def extra(self) -> tuple[str, ...]:
+        """Labels of the recording that are not markers of the set."""
+        used = set(self.labels.values())
+        return tuple(marker for marker in self.source.markers if marker not in used)
+
+    def lines(self) -> list[str]:
+        """The match in lines of text."""
+        lines = [
+            f"marker set {self.whole.name}: {len(self.labels)} of the recording's {len(self.source.markers)} markers "
+            f"belong to it, {len(self.joints)} of {len(self.whole.joints)} joints can be found"
+        ]
+        renamed = [f"{label} is {marker}" for marker, label in self.labels.items() if label != marker]
+        lines += [f"labels: {', '.join(renamed)}"] * bool(renamed)
+        lines += [
+            f"segment {segment} lacks {', '.join(map(self._missed, gone))}" for segment, gone in self.lacking.items()
+        ]
+        lines += [f"joint {joint} cannot be found: {why}" for joint, why in self.lost.items()]
+        lines += [f"not in the marker set: {', '.join(self.extra)}"] * bool(self.extra)
+        unused = clusters(self.extra)
+        lines += [f"clusters that it does not use: {', '.join(unused)}; a set of your own can"] * bool(unused)
+        return [*lines, *self.remarks]
+
+    def _missed(self, marker: str) -> str:
+        """A missing marker, with the label of the recording that it may have."""
+        label = nearest(marker, self.extra)
+        return marker if label is None else f"{marker} (did you mean {label}?)"
+
+
+def match(markerset: MarkerSet, recording: Recording) -> Match:
+    """Match a marker set to a recording.
+
+    A marker without any sample counts as missing. The parent of a joint needs three markers for its pose, or two if its
+    own joint to its parent is found, which is then the third point. The child needs one marker.
+    """
+    visible = [label for label, share in zip(recording.markers, recording.missing(), strict=True) if share < 1]
+    upper = {label.upper(): label for label in reversed(visible)}
+    every = (*markerset.markers(), *markerset.landmarks())
+    labels = {m: label for m in every if (label := _label(markerset, m, upper)) is not None}
+    lacking = {
+        segment.name: lacks
+        for segment in markerset.segments
+        if (lacks := tuple(m for m in segment.markers if m not in labels and m not in markerset.optional))
+    }
+    return Match(markerset, recording, labels, lacking, _lost(markerset, set(labels)))
+
+
+def choose(recording: Recording, candidates: Sequence[str] | None = None) -> Match:
+    """Choose the marker set that fits a recording best: the most joints, then the most markers, then fewest aliases.
+
+    A set is chosen only if most of its joints can be found, or most of those whose segments the recording shows: at
+    least four of these, or with most of the recording's markers.
+
+    Args:
+        recording: a recording.
+        candidates: names or paths of marker sets; the shipped ones if None.
+
+    Raises:
+        MarkerSetError: if none of them fits.
+    """
+    names = shipped() if candidates is None else list(candidates)
+    matches = sorted((match(load_markerset(name), recording) for name in names), key=_quality, reverse=True)
+    if fitting := [found for found in matches if _fits(found)]:
+        return fitting[0]
+    labels = ", ".join(recording.markers[:8]) + (", ..." if len(recording.markers) > 8 else "")
+    if matches and matches[0].joints:
+        best = matches[0]
+        unused, name = clusters(best.extra), best.whole.name
+        words = f"with {name}, the nearest, {_share(best)} can be found; --markerset {name} uses it nevertheless"
+        words += f"; unused clusters are {', '.join(unused)}" if unused else ""
+    else:
+        tried = ", ".join(sorted(found.whole.name for found in matches)) or "none"
+        words = f"with none of {tried} can a joint be found among the labels {labels}"
+    remedy = "write your own: `study markersets cmu41 > mine.toml` gives a start, --markerset mine.toml uses it"
+    raise MarkerSetError(f"{recording.name}: no marker set fits: {words}; {remedy}")
+
+
+def with_better(found: Match) -> Match:
+    """The match with a remark if a shipped set finds more joints than the one that a user named."""
+    others = [match(load_markerset(name), found.source) for name in shipped()]
+    better = [other for other in others if len(other.joints) > len(found.joints) and _fits(other)]
+    if not better:
+        return found
+    best = max(better, key=_quality)
+    return replace(found, remarks=(f"marker set {best.whole.name} fits better: {_share(best)} can be found with it",))
+
+
+def clusters(labels: Sequence[str]) -> list[str]:
+    """Groups of three or more labels that differ by a number at the end alone, such as LTH1-LTH3."""
+    groups: dict[str, list[tuple[int, str]]] = {}
+    for label in labels:
+        if (found := _NUMBERED.match(label)) is not None:
+            groups.setdefault(found[1], []).append((int(found[2]), label))
+    return [f"{min(group)[1]}-{max(group)[1]}" for group in groups.values() if len(group) > 2]
+
+
+def _fits(found: Match) -> bool:
+    """True if a set fits a recording well enough to be chosen without being named."""
+    count = len(found.joints)
+    if 2 * count > len(found.whole.joints):
+        return True
+    shown = [j for j in found.whole.joints if any(m in found.labels for m in found.whole.segment(j.child).markers)]
+    most = 2 * len(found.labels) > len(found.source.markers)
+    return 2 * count > len(shown) and (count >= _ENOUGH or (count > 1 and most))
+
+
+def _share(found: Match) -> str:
+    return f"{len(found.joints)} of {len(found.whole.joints)} joints"
+
+
+def _quality(found: Match) -> tuple[int, int, int, int]:
+    """Order by how well a set fits: joints, markers, gaps in the segments that the recording shows, aliases."""
+    aliases = sum(marker != label for marker, label in found.labels.items())
+    shown = (s.name for s in found.whole.segments if any(marker in found.labels for marker in s.markers))
+    gaps = sum(len(found.lacking.get(name, ())) for name in shown)
+    return len(found.joints), len(found.labels), -gaps, -aliases
+
+
+def _label(markerset: MarkerSet, marker: str, labels: dict[str, str]) -> str | None:
+    """The recording's label of a marker, its name or an alias; None if the recording lacks it.
+
+    Args:
+        markerset: with the aliases.
+        marker: of the set.
+        labels: those of markers with samples, by their capitals.
+    """
+    names = (marker, *markerset.aliases.get(marker, ()))
+    return next((labels[name.upper()] for name in names if name.upper() in labels), None)
+
+
+def _lost(markerset: MarkerSet, seen: set[str]) -> dict[str, str]:
+    """Joints that cannot be found, each with the reason."""
+    joint_above = {joint.child: joint for joint in markerset.joints}
+    order = {segment.name: number for number, segment in enumerate(markerset.segments)}
+    lost: dict[str, str] = {}
+    for joint in sorted(markerset.joints, key=lambda joint: order[joint.child]):
+        parent = markerset.segment(joint.parent)
+        has = [marker for marker in parent.markers if marker in seen]
+        above = joint_above.get(parent.name)
+        helped = above is not None and above.name not in lost
+        if not any(marker in seen for marker in markerset.markers_for(joint)):
+            lost[joint.name] = f"{joint.child} has none of {', '.join(markerset.markers_for(joint))}"
+        elif len(has) + helped < 3:
+            words = f"{parent.name} has {len(has)} marker{'s' * (len(has) != 1)} ({', '.join(has) or 'none'})"
+            lost[joint.name] = f"{words}; its pose needs 3" + (f", or 2 and {above.name}" if above else "")
+    return {joint.name: lost[joint.name] for joint in markerset.joints if joint.name in lost}
+
+
+def _reduced(whole: MarkerSet, labels: dict[str, str], lost: dict[str, str]) -> MarkerSet:
+    def there(markers: Sequence[str]) -> tuple[str, ...]:
+        return tuple(marker for marker in markers if marker in labels)
+
+    def both(markers: Sequence[str]) -> bool:
+        return all(marker in labels for marker in markers)
+
+    return MarkerSet(
+        name=whole.name,
+        about=whole.about,
+        segments=tuple(Segment(name=s.name, markers=there(s.markers), parent=s.parent) for s in whole.segments),
+        joints=tuple(
+            j.model_copy(update={"markers": there(j.markers), "across": there(j.across) if both(j.across) else ()})
+            for j in whole.joints
+            if j.name not in lost
+        ),
+    )

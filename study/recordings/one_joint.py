@@ -1,0 +1,449 @@
+"""One joint of a recording, fitted to the markers of its two segments, with its range of motion and its doubts.
+
+Checks of the two points that place a hinge along its axis: they must be on its segments, and near the joint.
+
+Two clusters of markers as a marker set of one joint: the labels that a user gave, looked up in a recording.
+
+Joint centres that other programs left in a recording as points, and their distances from a joint fitted here.
+
+Gait software writes its centres beside the markers: LHJC, RHJC (Vicon's Plug-in Gait, Visual3D), L_HipCentre,
+RightHipCenter and the like. They are another method's answer, not the truth.
+
+One joint as a line for a reader, and as JSON for a program.
+"""
+
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from study.arrays import Floats
+from study.recordings.joints.estimate import CENTIMETRE, Estimate, JointStatus
+from study.recordings.joints.find import FoundJoint, FoundJoints, find_joints
+from study.recordings.joints.poses import SegmentPoses
+from study.recordings.joints.report import SHORT_TEXTS, accuracy_columns
+from study.recordings.markersets import Joint, MarkerSet, Segment
+from study.recordings.recording import Recording, RecordingError
+from study.recordings.rigid import relative_rotation, rotation_range
+from study.recordings.skeleton.calibrate import hull_distances
+from study.text import did_you_mean, json_text, number
+
+_LOOSE = 0.05
+"""Metres: greatest root mean square distance, from its mean place, of a point that is on a segment, with its skin."""
+_OFF = 0.05
+"""Metres: greatest distance from a hinge's axis of the middle of points at its ends. At real knees it is up to 3 cm."""
+_ALONG = 0.1
+"""Metres: greatest distance along the axis of that middle from the spheres' centre. At real knees it is up to 8 cm."""
+
+
+def misplaced_across(
+    found: FoundJoint, poses: Mapping[str, SegmentPoses], own: Sequence[str], recording: Recording
+) -> tuple[str, ...]:
+    """Find reasons why the two points across a hinge's axis are not at the joint.
+
+    Args:
+        found: the joint; one without such points, or without an axis, has no reason.
+        poses: of its segments.
+        own: markers that a user named on these.
+        recording: that has the points.
+
+    Returns:
+        Sentences: a point moves in the axes of each segment; the middle is far from the axis; the markers of a joint
+        that rotated about every direction show its place along the axis, and the middle is elsewhere.
+    """
+    estimate, across = found.estimate, found.joint.across
+    if estimate is None or estimate.axis is None or not across:
+        return ()
+    strange = [label for label in across if label not in own]
+    return (*_loose_points(strange, poses, recording), *_far_middle(estimate, across, recording))
+
+
+def _loose_points(labels: Sequence[str], poses: Mapping[str, SegmentPoses], recording: Recording) -> Iterator[str]:
+    for label in labels:
+        moves = min((_scatter(each.to_local(recording.of(label))) for each in poses.values()), default=0.0)
+        if moves > _LOOSE:
+            yield f"{label} is on neither segment: it moves by {1000 * moves:.0f} mm in their axes"
+
+
+def _far_middle(estimate: Estimate, across: Sequence[str], recording: Recording) -> Iterator[str]:
+    middle = estimate.poses.mean_place(0.5 * (recording.of(across[0]) + recording.of(across[1])))
+    if estimate.axis is None or np.isnan(middle).any():
+        return
+    name = f"the middle of {' and '.join(across)}"
+    off = middle - estimate.center
+    away = float(np.linalg.norm(off - (off @ estimate.axis) * estimate.axis))
+    if away > _OFF:
+        yield f"{name} is {1000 * away:.0f} mm from its axis"
+    shown = _shown_place(estimate)
+    along = 0.0 if shown is None else abs(float((middle - shown) @ estimate.axis))
+    if along > _ALONG:
+        yield f"it is no hinge: it rotated about every direction, and its centre is {1000 * along:.0f} mm from {name}"
+
+
+def _shown_place(estimate: Estimate) -> Floats | None:
+    """Place (3,) where the markers put a joint along its axis, too; None if they show nothing of it."""
+    if estimate.sphere is not None:
+        return estimate.sphere.center if estimate.sphere.axis is None else None
+    return estimate.pair.in_parent if estimate.pair is not None and not estimate.pair.hinge else None
+
+
+def _scatter(y: Floats) -> float:
+    """Root mean square distance of places (3, frames) from their mean; 0 if there are none."""
+    y = y[:, ~np.isnan(y[0])]
+    return float(np.sqrt(y.var(axis=1).sum())) if y.shape[1] else 0.0
+
+
+PARENT, CHILD, JOINT = "parent", "child", "joint"
+"""Names of the two segments and of the joint."""
+
+
+@dataclass(frozen=True)
+class Clusters:
+    """The markers on the two segments of a joint, by their labels in the recording."""
+
+    parent: tuple[str, ...]
+    """At least three: their pose gives the axes of the answer."""
+    child: tuple[str, ...]
+    """At least one; with three or more the child has a pose, and the joint a second opinion."""
+    across: tuple[str, ...] = ()
+    """The lateral and the medial point, midway between which a hinge lies along its axis, or none."""
+
+    @property
+    def markers(self) -> tuple[str, ...]:
+        """All markers, the parent's first."""
+        return self.parent + self.child
+
+    @property
+    def every(self) -> tuple[str, ...]:
+        """All markers, and the points for the axis."""
+        return tuple(dict.fromkeys(self.markers + self.across))
+
+    def markerset(self, hinge: bool) -> MarkerSet:
+        """The marker set with these two segments and one joint between them."""
+        return MarkerSet(
+            name="one joint",
+            segments=(
+                Segment(name=PARENT, markers=self.parent),
+                Segment(name=CHILD, markers=self.child, parent=PARENT),
+            ),
+            joints=(
+                Joint(name=JOINT, parent=PARENT, child=CHILD, kind="hinge" if hinge else "ball", across=self.across),
+            ),
+        )
+
+
+def find_clusters(recording: Recording, parent: str, child: str, across: str = "") -> Clusters:
+    """Look up the markers of two segments in a recording.
+
+    Args:
+        recording: that has them.
+        parent: labels with commas between them; a subject's prefix and the case of letters do not matter.
+        child: likewise.
+        across: likewise, the lateral and the medial point of a hinge; empty if there are none.
+
+    Raises:
+        RecordingError: one line: unknown labels, with the nearest ones of the recording; markers without any sample; a
+            marker that is named twice; fewer than three markers of the parent, none of the child, or one or more than
+            two for the axis.
+    """
+    given = {f"--{PARENT}": _split(parent), f"--{CHILD}": _split(child), "--across": _split(across)}
+    known = {label.casefold(): label for label in reversed(recording.markers)}
+    found: dict[str, list[str]] = {}
+    unknown: dict[str, list[str]] = {}
+    for option, names in given.items():
+        for name in names:
+            label = _label(name, recording.markers, known)
+            if label is None:
+                unknown.setdefault(option, []).append(name)
+            else:
+                found.setdefault(option, []).append(label)
+    if unknown:
+        listed = "; ".join(f"{option} {', '.join(map(repr, names))}" for option, names in unknown.items())
+        wrong = [name for names in unknown.values() for name in names]
+        remedy = did_you_mean(wrong, recording.markers)
+        raise RecordingError(f"{recording.name}: no marker of this name: {listed}; {remedy}")
+    clusters = Clusters(*(tuple(found.get(option, ())) for option in given))
+    _require_usable(recording, clusters)
+    return clusters
+
+
+def _split(names: str) -> list[str]:
+    return [name.strip() for name in names.split(",") if name.strip()]
+
+
+def _label(name: str, markers: Sequence[str], small: dict[str, str]) -> str | None:
+    """The recording's label for a name as a user gives it; None if there is none."""
+    for each in (name, name.rpartition(":")[2].strip()):
+        if each in markers:
+            return each
+        if each.casefold() in small:
+            return small[each.casefold()]
+    return None
+
+
+def _require_usable(recording: Recording, clusters: Clusters) -> None:
+    """Refuse clusters that cannot fix a joint whatever the motion."""
+    if twice := [label for label in dict.fromkeys(clusters.markers) if clusters.markers.count(label) > 1]:
+        raise RecordingError(
+            f"{recording.name}: {', '.join(twice)} is named twice; name each marker once, on the segment that it is on"
+        )
+    if clusters.across and len(set(clusters.across)) != 2:
+        raise RecordingError(f"{recording.name}: --across names {len(set(clusters.across))} points; it takes two")
+    never = [label for label in clusters.every if recording.missing()[recording.row(label)] == 1.0]
+    if never:
+        raise RecordingError(
+            f"{recording.name}: {', '.join(never)} has no sample in any frame; name other markers of the segment"
+        )
+    if not clusters.child:
+        raise RecordingError(f"{recording.name}: --child names no marker; one is enough, three give a second opinion")
+    if len(clusters.parent) < 3:
+        words = f"--parent names {len(clusters.parent)} markers; its axes need 3"
+        swap = "; --child has enough: exchange the two, the joint is the same point" if len(clusters.child) > 2 else ""
+        raise RecordingError(f"{recording.name}: {words}{swap}")
+
+
+_PATTERN = re.compile(r"(hip|knee|ankle|shoulder|elbow|wrist)[\s_.-]*(joint)?[\s_.-]*cent(re|er)|[hkaswe]jc$", re.I)
+NEAR = 0.1
+"""Metres within which another program's centre may be of this joint, and not of the other side's."""
+
+
+class LeftCentre(NamedTuple):
+    """A point of a recording that another program calls a joint's centre.
+
+    Attributes:
+        label: of the point.
+        distance: median over the frames of its distance from the joint, across the axis of a hinge, metres.
+        frames: number of frames with both.
+    """
+
+    label: str
+    distance: float
+    frames: int
+
+
+def is_centre(label: str) -> bool:
+    """True for the label of a joint's centre, such as LHJC, rkjc or Left_HipCentre."""
+    return _PATTERN.search(label.strip()) is not None
+
+
+def left_centres(recording: Recording, joint: Floats, axis: Floats | None = None) -> tuple[LeftCentre, ...]:
+    """Measure the distances of other programs' centres from a joint.
+
+    Args:
+        recording: that may hold such points.
+        joint: the joint's place in the recording (3, frames), metres; NaN where unknown.
+        axis: direction of a hinge's axis in the recording (3, frames), of length 1; None for a ball.
+
+    Returns:
+        One for each such point that is seen together with the joint, the nearest first.
+    """
+    found = []
+    for label in filter(is_centre, recording.markers):
+        off = recording.of(label) - joint
+        off = off if axis is None else off - (off * axis).sum(axis=0) * axis
+        distance = np.linalg.norm(off, axis=0)
+        distance = distance[~np.isnan(distance)]
+        if len(distance):
+            found.append(LeftCentre(label, float(np.median(distance)), len(distance)))
+    return tuple(sorted(found, key=lambda each: each.distance))
+
+
+_ERRORS = 3.0
+"""Standard errors beyond which another program's centre contradicts the joint, if it is a centimetre away, too."""
+
+
+@dataclass(frozen=True)
+class OneJoint:
+    """A joint between two clusters of markers. Lengths are in metres, angles in degrees; NaN where there is none.
+
+    Attributes:
+        recording: its name.
+        clusters: the markers that the joint was fitted to.
+        found: the joint in both segments, with its status and estimates.
+        in_recording: mean place over the frames, in the recording's axes (3,).
+        frame: number, from 1, of the frame in which the parent's axes are the recording's; their origin is the mean of
+            the parent's markers. 0 if the parent has no pose.
+        places: of the parent's markers in its axes (markers, 3).
+        error: largest standard error, across the axis of a hinge.
+        moved: least and greatest root mean square angle of the markers' motion about the joint.
+        turn: angle about the mean orientation within which 95 % of the child's rotations in the parent lie.
+        frames: number of frames used.
+        effective_frames: effective number of independent frames.
+        compared: centres that other programs left in the recording, the nearest first.
+        misplaced: reasons why the points across its axis cannot be there.
+        doubts: all reasons not to rely on the joint.
+    """
+
+    recording: str
+    clusters: Clusters
+    found: FoundJoint
+    in_recording: Floats
+    frame: int
+    places: Floats
+    error: float
+    moved: tuple[float, float]
+    turn: float
+    frames: int
+    effective_frames: float
+    compared: tuple[LeftCentre, ...]
+    misplaced: tuple[str, ...]
+    doubts: tuple[str, ...]
+
+    @property
+    def ok(self) -> bool:
+        """True if the joint is of the kind that the user gave, ball or hinge, and reliable."""
+        return self.found.status == _wanted(self.found) and not self.misplaced
+
+
+def fit_one_joint(recording: Recording, clusters: Clusters, hinge: bool = False) -> OneJoint:
+    """Fit the joint between two clusters of markers.
+
+    The fit is that of phase 1 (`find_joints`) on a marker set of two segments.
+
+    Args:
+        recording: that has the markers.
+        clusters: the markers of the two segments.
+        hinge: True if the joint is known to be a hinge, such as a knee or an elbow.
+
+    Returns:
+        The joint; one that cannot be found has a status, a reason and NaN for its place.
+    """
+    joints = find_joints(clusters.markerset(hinge), recording.select(clusters.every))
+    found = joints[JOINT]
+    parent, child = joints.poses.get(PARENT), joints.poses.get(CHILD)
+    world, axis = np.full((3, recording.frames), np.nan), None
+    if parent is not None:
+        world = parent.to_world(found.in_parent)
+        if not np.isnan(found.axis_in_parent).any():
+            axis = np.einsum("ijt,j->it", parent.rotation, found.axis_in_parent)
+    known = ~np.isnan(world[0])
+    turn = np.nan
+    if parent is not None and child is not None:
+        turn = float(np.degrees(rotation_range(relative_rotation(parent.rotation, child.rotation))))
+    accuracy = accuracy_columns(found)
+    compared = left_centres(recording, world, axis)
+    misplaced = misplaced_across(found, joints.poses, clusters.markers, recording)
+    doubts = [*misplaced, *_doubts(found, joints, recording, world), *_contradictions(compared, accuracy["error"])]
+    return OneJoint(
+        recording=recording.name,
+        clusters=clusters,
+        found=found,
+        in_recording=world[:, known].mean(axis=1) if known.any() else np.full(3, np.nan),
+        frame=0 if parent is None else _reference(parent.rotation),
+        places=np.full((len(clusters.parent), 3), np.nan) if parent is None else parent.template,
+        error=accuracy["error"],
+        moved=(accuracy["moved_least"], accuracy["moved_most"]),
+        turn=turn,
+        frames=0 if found.estimate is None else found.estimate.frames,
+        effective_frames=accuracy["worth"],
+        compared=compared,
+        misplaced=misplaced,
+        doubts=tuple(doubts),
+    )
+
+
+def _reference(rotation: Floats) -> int:
+    """Number, from 1, of the frame in which a segment's axes are the recording's; 0 if there is none."""
+    trace = np.nan_to_num(np.einsum("iit->t", rotation), nan=-1.0)
+    return int(trace.argmax()) + 1 if trace.size else 0
+
+
+def _wanted(found: FoundJoint) -> JointStatus:
+    """The status of a reliable joint of the kind that the user gave: a ball that moved as a hinge has no centre."""
+    return JointStatus.HINGE if found.joint.kind == "hinge" else JointStatus.OK
+
+
+def _doubts(found: FoundJoint, joints: FoundJoints, recording: Recording, world: Floats) -> list[str]:
+    """Reasons not to rely on a joint: its status, a pose that is missing, a place outside the body."""
+    doubts = []
+    if found.status != _wanted(found):
+        doubts.append(found.reason)
+    doubts += joints.without_pose.values() if found.estimate is None else ()
+    rows = [row for row, label in enumerate(recording.markers) if not is_centre(label)]
+    if not np.isnan(world).all():
+        (hull,) = hull_distances(recording.positions[rows], world[None])
+        doubts += [hull.doubt] if hull.doubt else []
+    return doubts
+
+
+def _contradictions(compared: tuple[LeftCentre, ...], error: float) -> list[str]:
+    """The doubt where the nearest of other programs' centres may be of this joint, but contradicts its error."""
+    if not compared or not max(CENTIMETRE, _ERRORS * error) < compared[0].distance < NEAR:
+        return []
+    label, distance, _ = compared[0]
+    return [f"{label} of another program is {1000 * distance:.0f} mm away, beyond what the error explains"]
+
+
+def joint_line(joint: OneJoint) -> str:
+    """A joint in one line: status, centre, error, range of motion, comparison and doubts; millimetres and degrees."""
+    return "; ".join(_parts(joint))
+
+
+def joint_json(joint: OneJoint) -> str:
+    """A joint as a JSON object, in metres and degrees; null where there is no number.
+
+    Keys: ``recording``; ``parent_markers``, an object with the place of each in the parent's axes; ``child_markers``;
+    ``kind``; ``ok``; ``status``, in words as in the table of `study joints`; ``doubts``; ``center``, in the parent's
+    axes; ``covariance``; ``error``; ``axis`` of a hinge; ``center_in_recording``, the mean over the frames;
+    ``axes_frame``, the frame, from 1, in which the parent's axes are the recording's; ``moved_least``, ``moved_most``;
+    ``turn``; ``side``, the segment in whose axes it was fitted, or both; ``frames``; ``effective_frames``;
+    ``compared``, a list of objects with ``label``, ``distance`` and ``frames``.
+    """
+    found, estimate = joint.found, joint.found.estimate
+    places = zip(joint.clusters.parent, joint.places, strict=True)
+    values = {
+        "recording": joint.recording,
+        "parent_markers": dict(places),
+        "child_markers": list(joint.clusters.child),
+        "kind": found.joint.kind,
+        "ok": joint.ok,
+        "status": SHORT_TEXTS[found.status],
+        "doubts": list(joint.doubts),
+        "center": found.in_parent,
+        "covariance": found.covariance,
+        "error": joint.error,
+        "axis": None if np.isnan(found.axis_in_parent).any() else found.axis_in_parent,
+        "center_in_recording": joint.in_recording,
+        "axes_frame": joint.frame,
+        "moved_least": joint.moved[0],
+        "moved_most": joint.moved[1],
+        "turn": joint.turn,
+        "side": None if estimate is None else estimate.side,
+        "frames": joint.frames,
+        "effective_frames": joint.effective_frames,
+        "compared": [each._asdict() for each in joint.compared],
+    }
+    return json_text(values)
+
+
+def _parts(joint: OneJoint) -> Iterator[str]:
+    found = joint.found
+    yield f"{joint.recording}: {SHORT_TEXTS[found.status]}"
+    if not np.isnan(found.in_parent).any():
+        yield f"centre ({_millimetres(found.in_parent)}) ± {1000 * joint.error:.1f} mm in the parent's axes"
+        yield f"mean ({_millimetres(joint.in_recording)}) mm in the recording's"
+    if not np.isnan(found.axis_in_parent).any():
+        between = " and ".join(found.joint.across)
+        place = f"midway between {between}" if between else "not known"
+        yield f"axis ({', '.join(f'{x:.3f}' for x in found.axis_in_parent)}), the place along it is {place}"
+    turned = "" if math.isnan(joint.turn) else f", 95 % of the rotations within {joint.turn:.0f}°"
+    if not math.isnan(joint.moved[0]):
+        yield f"moved {joint.moved[0]:.0f}°-{joint.moved[1]:.0f}°{turned}"
+    if joint.frames:
+        yield f"{joint.frames} frames, effectively {number(joint.effective_frames, '.0f')}"
+    across = "" if np.isnan(found.axis_in_parent).any() else " across the axis"
+    yield from (
+        f"{_comparison(each)}{across}" for i, each in enumerate(joint.compared) if i == 0 or each.distance < NEAR
+    )
+    yield f"doubts: {'; '.join(joint.doubts)}" if joint.doubts else "no doubts"
+
+
+def _comparison(centre: LeftCentre) -> str:
+    return f"{centre.label} of another program is {1000 * centre.distance:.1f} mm away"
+
+
+def _millimetres(place: Floats) -> str:
+    return ", ".join(f"{1000 * x:.1f}" for x in place)

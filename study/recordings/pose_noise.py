@@ -1,0 +1,322 @@
+"""Noise of a segment pose: it moves all markers that are expressed in the segment's axes.
+
+A pose fitted to noisy markers is displaced by ε̄ and rotated by a small angle δ. A point at v from the centroid of the
+pose's markers, whose own noise is ε, then has in the segment's axes the error ε - ε̄ + v × δ, of covariance
+
+    F(v) = s² I + Cov ε̄ + [v] Cov δ [v]ᵀ - [v] Cov(δ, ε̄) - (…)ᵀ,                                               (*)
+
+and to second order it appears at (I - B) v, nearer to the centroid, with B = ½ (Tr Cov δ - Cov δ). Both follow from
+the shape of the template alone, up to the size of the noise. The noise is neither isotropic nor the same for all
+samples. Four markers on a pelvis rotate a marker of the thigh by a tenth of a degree per tenth of a millimetre, and
+three in a thin triangle rotate it far more about the long side. A sphere fit that takes this noise for isotropic is
+biased by centimetres at the knee. The moments of a marker are corrected for it sample by sample.
+
+Generalised eigenvalues of two small symmetric matrices: the extent of points in units of their noise.
+
+Long-run covariance of a sum over correlated video frames, and the autocorrelation time of a series.
+
+Frames of a recording follow each other within milliseconds, and soft tissue that is displaced in one still is in the
+next. So the covariance of a fit must count effectively independent frames. The score of a frame, which is its part of
+the estimating equations, carries what is needed: errors common to markers, unequal noise, correlation in time. The
+variance of the sum of scores is their spectrum at frequency zero. It is estimated by the mean over the lowest
+frequencies, up to a fraction of 1/τ, with τ = 1 + 2 Σ ρ(k) summed up to the first lag of at least 5τ.
+
+Source: Sokal 1997 (τ); Lazarus, Lewis, Stock & Watson 2018 (equal weights on the lowest frequencies).
+"""
+
+import math
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy import fft
+
+from study.arrays import Bools, Floats, Ints
+from study.fits.jit import compiled
+from study.fits.linalg import diagonalise
+
+
+@compiled
+def diagonalise_pair(c: Floats, f: Floats, scratch: Floats, values: Floats, vectors: Floats) -> None:
+    """Find V with VᵀFV = I and VᵀCV diagonal, for C (d, d) and a positive definite F (d, d).
+
+    ``values`` (d,) receives the diagonal, ascending and not below 0; ``vectors`` (d, d) receives V, one direction a
+    column; ``scratch`` is (2, d, d).
+    """
+    d = len(values)
+    inverse, inner = scratch[0], scratch[1]
+    # Cholesky's factor L of F, and its inverse row by row
+    for i in range(d):
+        for j in range(i + 1):
+            entry = f[i, j]
+            for k in range(j):
+                entry -= inner[i, k] * inner[j, k]
+            inner[i, j] = math.sqrt(entry) if i == j else entry / inner[j, j]
+    for i in range(d):
+        for j in range(d):
+            entry = 1.0 if i == j else 0.0
+            for k in range(j, i):
+                entry -= inner[i, k] * inverse[k, j]
+            inverse[i, j] = entry / inner[i, i] if j <= i else 0.0
+    for i in range(d):
+        for j in range(i + 1):
+            entry = 0.0
+            for k in range(i + 1):
+                for m in range(j + 1):
+                    entry += inverse[i, k] * c[k, m] * inverse[j, m]
+            inner[i, j] = entry
+            inner[j, i] = entry
+    diagonalise(inner, vectors)
+    for k in range(d):
+        values[k] = max(inner[k, k], 0.0)
+    for k in range(d):
+        for i in range(d):
+            entry = 0.0
+            for m in range(i, d):
+                entry += inverse[m, i] * vectors[m, k]
+            vectors[i, k] = entry  # row i is not needed again: L⁻ᵀ is triangular
+
+
+def smallest_generalised_eigenvalue(c: Floats, f: Floats) -> float:
+    """Least λ with det(C - λF) = 0, not below 0, for C (d, d) and a positive definite F (d, d)."""
+    d = len(c)
+    values = np.empty(d)
+    diagonalise_pair(c, f, np.empty((2, d, d)), values, np.empty((d, d)))
+    return float(values[0])
+
+
+_WINDOW = 5.0
+"""Autocorrelations are summed up to a lag of this many τ."""
+_WIDTH = 10.0
+"""The spectrum is averaged up to the frequency 1/(10 τ)..."""
+_FEWEST = 8
+"""...but over no fewer frequencies than these."""
+
+
+def autocorrelation_time(series: Floats) -> Floats:
+    """Integrated autocorrelation times of series of mean 0.
+
+    Args:
+        series: (k, frames). A frame without a value is 0 in it and adds nothing to the sum.
+
+    Returns:
+        Times (k,), in frames; at least 1, and 1 for a series of zeros.
+    """
+    n = series.shape[1]
+    if n < 2:
+        return np.ones(len(series))
+    size = fft.next_fast_len(2 * n, real=True)
+    spectrum = fft.rfft(series, size, axis=1)
+    covariance = fft.irfft(spectrum.real**2 + spectrum.imag**2, size, axis=1)
+    tau = np.empty(len(series))
+    _sum_autocorrelations(covariance, n, tau)
+    return tau
+
+
+@compiled
+def _sum_autocorrelations(covariance: Floats, n: int, tau: Floats) -> None:
+    """Put autocorrelation times into ``tau`` (k,), from autocovariances (k, n or more) of lags from 0."""
+    for row in range(len(tau)):
+        tau[row] = 1.0
+        if not covariance[row, 0] > 0.0:
+            continue
+        for lag in range(1, n):
+            tau[row] += 2.0 * covariance[row, lag] / covariance[row, 0]
+            if lag >= _WINDOW * tau[row]:
+                break
+        tau[row] = max(tau[row], 1.0)
+
+
+def long_run_covariance(scores: Floats) -> tuple[Floats, Floats]:
+    """Estimate the covariance of a sum over correlated frames.
+
+    Args:
+        scores: contribution of each frame to the sums (k, frames), of mean 0.
+
+    Returns:
+        Covariance of the sums (k, k), in no direction less than for independent frames; and the covariance for
+        independent frames (k, k).
+    """
+    n = scores.shape[1]
+    independent = scores @ scores.T
+    scale = np.sqrt(np.maximum(np.diag(independent), 1e-300))
+    scaled = scores / scale[:, None]
+    tau = float(autocorrelation_time(scaled).max())
+    count = int(min(max(n / (_WIDTH * tau), _FEWEST), (n - 1) // 2))
+    if count < 1:
+        return independent, independent
+    lowest = fft.rfft(scaled, axis=1)[:, 1 : count + 1]
+    spectrum = (lowest @ lowest.conj().T).real / count
+    # ratio to the covariance for independent frames, direction by direction
+    values, vectors = np.linalg.eigh(independent / np.outer(scale, scale))
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    inverse = np.linalg.pinv(root)
+    ratios, axes = np.linalg.eigh(inverse @ spectrum @ inverse.T)
+    inflated = root @ (axes * np.maximum(ratios, 1.0)) @ axes.T @ root.T
+    return inflated * np.outer(scale, scale), independent
+
+
+class PatternNoise(NamedTuple):
+    """Noise of one marker in each pattern, as compiled code takes it; see `PoseNoise` for shapes.
+
+    ``shift`` includes the marker's own noise; ``expansion`` and ``mean_shift`` undo the mean effects of the noise.
+    """
+
+    pattern: Ints
+    centroid: Floats
+    shift: Floats
+    tilt: Floats
+    cross: Floats
+    expansion: Floats
+    mean_shift: Floats
+
+
+@dataclass(frozen=True)
+class PoseNoise:
+    """Noise of points fixed in the world, or in another segment, when they are expressed in a segment's axes.
+
+    It differs between the frames of a recording only by the set of points that the pose was fitted to: by the
+    frame's pattern.
+
+    Attributes:
+        pattern: number of each frame's pattern (frames,); -1 where the pose is unknown.
+        centroid: of the points in each pattern (patterns, 3), metres, in the segment's axes.
+        shift: covariance of ε̄ (patterns, 3, 3), m².
+        tilt: covariance of δ (patterns, 3, 3), rad².
+        cross: covariance of δ with ε̄ (patterns, 3, 3), rad m.
+    """
+
+    pattern: Ints
+    centroid: Floats
+    shift: Floats
+    tilt: Floats
+    cross: Floats
+
+    @classmethod
+    def of(cls, template: Floats, noise: Floats, used: Bools, known: Bools) -> "PoseNoise":
+        """Propagate the noise of a template's points to its fitted pose.
+
+        Args:
+            template: points (m, 3), metres.
+            noise: covariance of each point's own noise (m, 3, 3), m², in the segment's axes.
+            used: samples that the pose was fitted to (m, frames).
+            known: frames in which the pose is known (frames,).
+        """
+        bits = (np.where(used, 1, 0) << np.arange(len(template))[:, None]).sum(axis=0)
+        found, where = np.unique(bits[known], return_inverse=True)
+        pattern = np.full(used.shape[1], -1)
+        pattern[known] = where
+        masks = (found[:, None] >> np.arange(len(template))) & 1
+        parts = [_first_order(template[mask == 1], noise[mask == 1]) for mask in masks]
+        centroid, shift, tilt, cross = (
+            np.array([part[i] for part in parts]).reshape(-1, *shape)
+            for i, shape in enumerate([(3,), (3, 3), (3, 3), (3, 3)])
+        )
+        return cls(pattern, centroid, shift, tilt, cross)
+
+    def covariance_at(self, point: Floats) -> Floats:
+        """Mean over frames of the covariance (3, 3), m², that the pose gives to a point fixed in the segment (3,)."""
+        weights = np.bincount(self.pattern[self.pattern >= 0], minlength=len(self.centroid))
+        k = skew(np.asarray(point) - self.centroid)
+        mixed = k @ self.cross
+        each = self.shift + k @ self.tilt @ k.swapaxes(1, 2) - mixed - mixed.swapaxes(1, 2)
+        return np.asarray(np.einsum("k,kij->ij", weights / max(weights.sum(), 1), each))
+
+    def expansion(self, size: float = 1.0) -> Floats:
+        """I + B (patterns, 3, 3) for noise of variance ``size``: undoes the mean contraction towards the centroid."""
+        trace = np.trace(self.tilt, axis1=1, axis2=2)[:, None, None]
+        return np.asarray(np.eye(3) + 0.5 * size * (trace * np.eye(3) - self.tilt))
+
+    def mean_shift(self, size: float = 1.0) -> Floats:
+        """Mean of δ × ε̄ (patterns, 3), metres: the mean displacement of points for noise of variance ``size``."""
+        c = self.cross
+        parts = [c[:, 1, 2] - c[:, 2, 1], c[:, 2, 0] - c[:, 0, 2], c[:, 0, 1] - c[:, 1, 0]]
+        return size * np.stack(parts, axis=1)
+
+    def of_marker(self, own: float, size: float) -> PatternNoise:
+        """Noise of a marker in each pattern.
+
+        Args:
+            own: variance of the marker's own noise, m².
+            size: variance of all noise, in units of what this and ``own`` say, for its mean effects.
+        """
+        shift = self.shift + own * np.eye(3)
+        expansion, mean_shift = self.expansion(size), self.mean_shift(size)
+        return PatternNoise(self.pattern, self.centroid, shift, self.tilt, self.cross, expansion, mean_shift)
+
+    def patterns_beyond(self, angle: float) -> Bools:
+        """Patterns (patterns,) whose rotation about some axis has a standard deviation above an angle, radians."""
+        return np.asarray(np.linalg.eigvalsh(self.tilt)[:, -1] > angle**2)
+
+    def in_frames(self, frames: Ints | slice) -> "PoseNoise":
+        """The same noise in some of the frames."""
+        return replace(self, pattern=self.pattern[frames])
+
+    def without(self, frames: Bools) -> "PoseNoise":
+        """The same noise with the pose unknown in these frames (frames,)."""
+        return replace(self, pattern=np.where(frames, -1, self.pattern))
+
+    @property
+    def removed(self) -> "PoseNoise":
+        """The noise of an exact pose: only the isotropic noise of the markers themselves is left."""
+        none = np.zeros_like(self.tilt)
+        return replace(self, shift=none, tilt=none, cross=none)
+
+    @property
+    def worst_angle(self) -> float:
+        """Standard deviation of the pose's rotation about its worst axis in its worst pattern, radians."""
+        return float(np.sqrt(np.linalg.eigvalsh(self.tilt)[:, -1].max(initial=0.0)))
+
+
+@compiled
+def covariance_of_sample(v0: float, v1: float, v2: float, noise: PatternNoise, p: int, f: Floats) -> None:
+    """Put the covariance F (3, 3) of a marker at v from the centroid in pattern p, by (*), into ``f``."""
+    shift, tilt, cross = noise.shift[p], noise.tilt[p], noise.cross[p]
+    for j in range(3):
+        # column j of [v] T; row i of [v] is v × e_i
+        f[0, j] = v1 * tilt[2, j] - v2 * tilt[1, j]
+        f[1, j] = v2 * tilt[0, j] - v0 * tilt[2, j]
+        f[2, j] = v0 * tilt[1, j] - v1 * tilt[0, j]
+    for i in range(3):
+        a, b, c = f[i, 0], f[i, 1], f[i, 2]
+        f[i, 0], f[i, 1], f[i, 2] = v1 * c - v2 * b, v2 * a - v0 * c, v0 * b - v1 * a
+    for j in range(3):
+        a, b, c = cross[0, j], cross[1, j], cross[2, j]
+        x0, x1, x2 = v1 * c - v2 * b, v2 * a - v0 * c, v0 * b - v1 * a
+        f[0, j] -= x0
+        f[1, j] -= x1
+        f[2, j] -= x2
+        f[j, 0] -= x0
+        f[j, 1] -= x1
+        f[j, 2] -= x2
+    for i in range(3):
+        for j in range(3):
+            f[i, j] += shift[i, j]
+
+
+def skew(v: Floats) -> Floats:
+    """Matrices [v] (…, 3, 3) with [v] w = v × w."""
+    result = np.zeros((*v.shape, 3))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        result[..., k, j] = v[..., i]
+        result[..., j, k] = -v[..., i]
+    return result
+
+
+def _first_order(points: Floats, noise: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    """Centroid, Cov ε̄, Cov δ and Cov(δ, ε̄) of Kabsch's fit to points (k, 3), to first order: δ = I⁻¹ Σ a × ε."""
+    centroid = points.mean(axis=0)
+    k = skew(points - centroid)
+    inverse = np.linalg.pinv(np.einsum("mij,mkj->ik", k, k))
+    rotated = np.einsum("ij,mjk->mik", inverse, k)
+    shift = noise.sum(axis=0) / len(points) ** 2
+    tilt = np.einsum("mij,mjk,mlk->il", rotated, noise, rotated)
+    cross = np.einsum("mij,mjk->ik", rotated, noise) / len(points)
+    return centroid, shift, tilt, cross
+
+
+def rigid_residual_operator(points: Floats) -> Floats:
+    """Projection I - A A⁺ (3m, 3m) of stacked noise (m, 3) on what a rigid fit to points (m, 3) leaves of it."""
+    k = skew(points - points.mean(axis=0))
+    design = np.concatenate([np.broadcast_to(np.eye(3), k.shape), -k], axis=2).reshape(-1, 6)
+    return np.asarray(np.eye(len(design)) - design @ np.linalg.pinv(design))

@@ -1,0 +1,390 @@
+"""A recording: the position of each marker in each frame, in metres.
+
+Name markers by the labels of points: without subjects' prefixes, and each name once.
+
+Make a recording of a file's contents: units, labels and missing samples, for every format.
+
+Describe a recording in lines of text: markers, frames, rate, gaps, and the extent of each marker's motion.
+
+The origin of a stored table: the name of the recording's file, and a digest of its bytes.
+
+The digest decides: a renamed or copied file is the same recording, another file of the same name is not.
+"""
+
+import hashlib
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from study.arrays import Bools, Floats, Ints
+from study.files import InputError
+from study.text import columns
+
+
+class RecordingError(InputError):
+    """A recording cannot be used; the message, one line, gives its name, the place and the reason."""
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """Marker positions over time.
+
+    A missing sample is NaN in all three coordinates.
+    """
+
+    name: str
+    """The stem of the file's name, without unprintable characters."""
+    markers: tuple[str, ...]
+    """Labels without the subject's prefix, each different."""
+    positions: Floats
+    """(markers, 3, frames), metres; contiguous over frames."""
+    rate: float
+    """Frames per second."""
+    notes: tuple[str, ...] = ()
+    """Messages to the user about the reading: markers left out, labels changed, a unit assumed."""
+
+    def __post_init__(self) -> None:
+        positions = np.ascontiguousarray(self.positions, dtype=np.float64).view()
+        if positions.ndim != 3 or positions.shape[:2] != (len(self.markers), 3):
+            wanted = f"({len(self.markers)}, 3, frames)"
+            raise RecordingError(f"{self.name}: positions have shape {positions.shape}; they must be {wanted}")
+        if len(set(self.markers)) < len(self.markers):
+            twice = next(marker for marker in self.markers if self.markers.count(marker) > 1)
+            raise RecordingError(f"{self.name}: two markers have the label {twice!r}; change one of them")
+        if not (np.isfinite(self.rate) and self.rate > 0):
+            raise RecordingError(f"{self.name}: its rate is {self.rate:g} frames per second, but must be above 0")
+        positions.flags.writeable = False
+        object.__setattr__(self, "positions", positions)
+
+    @property
+    def frames(self) -> int:
+        """Number of frames."""
+        return int(self.positions.shape[2])
+
+    @property
+    def duration(self) -> float:
+        """Seconds from the first frame to the last."""
+        return (self.frames - 1) / self.rate
+
+    def of(self, marker: str) -> Floats:
+        """Positions of one marker (3, frames), metres; a view."""
+        positions: Floats = self.positions[self.row(marker)]
+        return positions
+
+    def row(self, marker: str) -> int:
+        """Row of a marker in `positions`.
+
+        Raises:
+            RecordingError: if there is no such marker.
+        """
+        try:
+            return self.markers.index(marker)
+        except ValueError:
+            known = ", ".join(self.markers) or "none"
+            raise RecordingError(f"{self.name}: no marker {marker!r}; there are {known}") from None
+
+    def seen(self) -> Bools:
+        """True where a marker has a sample (markers, frames)."""
+        seen: Bools = ~np.isnan(self.positions[:, 0])
+        return seen
+
+    def missing(self) -> Floats:
+        """Share of the frames in which each marker is missing (markers,)."""
+        share: Floats = 1.0 - self.seen().mean(axis=1)
+        return share
+
+    def select(self, markers: Sequence[str] | None = None, frames: slice | Ints | None = None) -> "Recording":
+        """The recording with these markers, in this order, and these frames; all if None.
+
+        Raises:
+            RecordingError: if there is no such marker.
+        """
+        names = self.markers if markers is None else tuple(markers)
+        positions = self.positions[[self.row(marker) for marker in names]]
+        return replace(self, markers=names, positions=positions if frames is None else positions[:, :, frames])
+
+
+def one_after_another(recordings: Sequence[Recording], name: str) -> Recording:
+    """Recordings joined in time, with the markers that any of them has; the rate is the first one's.
+
+    Args:
+        recordings: at least one.
+        name: of the result.
+    """
+    markers = tuple(dict.fromkeys(marker for recording in recordings for marker in recording.markers))
+    parts = []
+    for recording in recordings:
+        part = np.full((len(markers), 3, recording.frames), np.nan)
+        part[[markers.index(marker) for marker in recording.markers]] = recording.positions
+        parts.append(part)
+    notes = tuple(f"{recording.name}: {note}" for recording in recordings for note in recording.notes)
+    return Recording(name, markers, np.concatenate(parts, axis=2), recordings[0].rate, notes)
+
+
+@dataclass(frozen=True)
+class MarkerNames:
+    """The points of a file that are markers, and their names."""
+
+    rows: tuple[int, ...]
+    """Numbers of these points in the file, from 0."""
+    markers: tuple[str, ...]
+    """Their names, each different."""
+    notes: tuple[str, ...]
+    """Messages about points that were left out or renamed."""
+
+
+def name_points(labels: Sequence[str], subject: str | None = None, prefixes: Sequence[str] = ()) -> MarkerNames:
+    """Name the points of a file.
+
+    A label is a marker's name, perhaps after a subject's name and a colon (``male:LFHD``). Two points with one label
+    are both renamed (``LFHD#1``, ``LFHD#2``): nothing tells which of them is the marker, and a marker that is sometimes
+    another one does more harm than a missing one.
+
+    Args:
+        labels: one per point, as in the file; empty for a point without a label.
+        subject: the subject whose markers to take, if the file has several.
+        prefixes: of the labels, if the file gives them, such as ``male:``.
+
+    Raises:
+        RecordingError: if there are several subjects and none is chosen, or the chosen one is missing.
+    """
+    parts = [_split(printable(label.strip()), [printable(each.strip()) for each in prefixes]) for label in labels]
+    rows = _of_subject([owner for owner, _ in parts], subject)
+    names = [parts[row][1] or f"point {row + 1}" for row in rows]
+    notes = []
+    if len(rows) < len(labels):
+        notes.append(f"{len(labels) - len(rows)} points of other subjects are left out")
+    doubles = [name for name, count in Counter(names).items() if count > 1]
+    for name in doubles:
+        places = [i for i, other in enumerate(names) if other == name]
+        points = ", ".join(str(rows[i] + 1) for i in places)
+        notes.append(
+            f"the label {name} is on points {points}: nothing tells which is the marker, so none of them is used"
+        )
+        for number, i in enumerate(places, start=1):
+            names[i] = f"{name}#{number}"
+    return MarkerNames(tuple(rows), tuple(names), tuple(notes))
+
+
+def printable(text: str) -> str:
+    """A label, or the name of a file, without unprintable characters."""
+    try:
+        text.encode()
+    except UnicodeEncodeError:  # surrogates stand for bytes that are not UTF-8, such as é or ü in an old file
+        text = text.encode("utf-8", "surrogateescape").decode("latin-1")
+    return "".join(c if c.isprintable() else "�" for c in text)
+
+
+def _split(label: str, prefixes: Sequence[str]) -> tuple[str, str]:
+    """A label's subject and marker."""
+    for prefix in prefixes:
+        if prefix and label.startswith(prefix) and len(label) > len(prefix):
+            return prefix.rstrip(":"), label[len(prefix) :].strip()
+    owner, colon, name = label.rpartition(":")
+    return (owner.strip(), name.strip()) if colon and name.strip() else ("", label)
+
+
+def _of_subject(owners: Sequence[str], subject: str | None) -> list[int]:
+    """Rows of the points of the subject, or of all points if there is only one subject.
+
+    These include points without a prefix, such as a prop or an unlabelled reflection.
+    """
+    counts = Counter(owner for owner in owners if owner)
+    listed = ", ".join(f"{owner} ({count} markers)" for owner, count in counts.items())
+    if subject is None:
+        if len(counts) > 1:
+            raise RecordingError(f"it holds {len(counts)} subjects: {listed}; choose one with --subject")
+        return list(range(len(owners)))
+    if subject not in counts:
+        raise RecordingError(f"no subject {subject!r} in it; there are {listed or 'none, the labels have no prefix'}")
+    return [row for row, owner in enumerate(owners) if owner == subject]
+
+
+UNITS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
+"""Metres in one of each."""
+_SPELLINGS = {"meter": "m", "metre": "m", "centimeter": "cm", "centimetre": "cm", "millimeter": "mm"}
+_SPELLINGS |= {"millimetre": "mm", "inch": "in", "inche": "in", "feet": "ft", "foot": "ft", "µm": "um", "μm": "um"}
+_BODY = 0.05, 20.0
+"""Least and greatest plausible extent of the markers, metres: one hand, and two dancers."""
+
+
+@dataclass(frozen=True, eq=False)
+class FileContents:
+    """The contents of a file of markers, as they are written there."""
+
+    labels: Sequence[str]
+    """One per point."""
+    points: Floats
+    """(points, 3, frames) in the file's unit; a missing sample is NaN or zero in all three."""
+    rate: float | None
+    """Frames per second; None if the file does not give it."""
+    unit: str | None
+    """None if the file does not give it."""
+    prefixes: Sequence[str] = ()
+    """Prefixes of labels, if the file gives them."""
+    notes: tuple[str, ...] = ()
+    """Messages to the user about the reading."""
+
+
+def assemble(
+    contents: FileContents,
+    name: str,
+    *,
+    unit: str | None = None,
+    rate: float | None = None,
+    subject: str | None = None,
+    usual_unit: str | None = None,
+) -> Recording:
+    """Make a recording of a file's contents.
+
+    Args:
+        contents: as the reader of the format returns them.
+        name: of the recording.
+        unit: of the file's numbers; overrides the file.
+        rate: frames per second; overrides the file.
+        subject: the subject whose markers to take, if there are several.
+        usual_unit: the unit to assume, with a note, if neither the file nor the caller gives one.
+
+    Raises:
+        RecordingError: one line, without the file's name: no markers, fewer than two frames, no samples, an unknown
+            unit, no rate, several subjects.
+    """
+    count, _, frames = contents.points.shape
+    if count == 0:
+        raise RecordingError("no markers in it")
+    if frames < 2:
+        raise RecordingError(f"{'1 frame' if frames else 'no frames'} in it; motion needs at least 2")
+    naming = name_points(contents.labels, subject, contents.prefixes)
+    notes = [*contents.notes, *naming.notes]
+    used = _unit(unit or contents.unit or usual_unit)
+    if unit is None and not contents.unit:
+        notes.append(f"the file does not give its unit: {used} assumed")
+    rate = contents.rate if rate is None else rate
+    if rate is None or not np.isfinite(rate) or rate <= 0:
+        found = "is not given" if rate is None else f"is {rate:g}"
+        raise RecordingError(f"its rate in frames per second {found}; give one above 0 with --rate")
+    positions = np.array(contents.points[list(naming.rows)], dtype=np.float64, order="C")
+    missing = ~np.isfinite(positions).all(axis=1) | (positions == 0).all(axis=1)
+    if missing.all():
+        raise RecordingError(f"none of its {len(naming.rows)} markers has a sample in any of its {frames} frames")
+    positions *= UNITS[used]
+    positions[np.broadcast_to(missing[:, None], positions.shape)] = np.nan
+    extent = _extent(positions, ~missing)
+    if not _BODY[0] <= extent <= _BODY[1]:
+        notes.append(f"its markers are {extent:.3g} m apart: is its unit {used} right? Give another with --unit")
+    return Recording(name, naming.markers, positions, float(rate), tuple(notes))
+
+
+def _unit(text: str | None) -> str:
+    """The unit, as a key of `UNITS`, from its name in a file or from a user."""
+    if text is None:
+        raise RecordingError(f"its unit is not given; give one of {', '.join(UNITS)} with --unit")
+    word = text.strip().lower()
+    word = word if word in UNITS else _SPELLINGS.get(word.rstrip("s."), word.rstrip("s."))
+    if word not in UNITS:
+        raise RecordingError(f"its unit {text!r} is not known; give one of {', '.join(UNITS)} with --unit")
+    return word
+
+
+def _extent(positions: Floats, seen: Bools) -> float:
+    """Median over some frames of the diagonal of the markers' bounding box, metres; `_BODY[0]` for one marker."""
+    some = np.unique(np.linspace(0, positions.shape[2] - 1, 200).astype(int))
+    some = some[seen[:, some].sum(axis=0) > 1]
+    if not len(some):
+        return _BODY[0]
+    chosen = positions[:, :, some]
+    box = np.nanmax(chosen, axis=0) - np.nanmin(chosen, axis=0)
+    return float(np.median(np.linalg.norm(box, axis=0)))
+
+
+STILL = 0.001
+"""A marker whose bounding box has a smaller diagonal does not move; metres."""
+
+
+@dataclass(frozen=True)
+class Gaps:
+    """Missing samples of a marker."""
+
+    missing: int
+    """Frames without a sample."""
+    gaps: int
+    """Runs of such frames."""
+    longest: int
+    """Frames in the longest run."""
+
+
+def gaps(seen: Bools) -> Gaps:
+    """Count the runs of frames in which a marker is missing.
+
+    Args:
+        seen: True where it has a sample (frames,).
+    """
+    edges = np.diff(np.concatenate([[True], seen, [True]]).astype(np.int8))
+    starts, ends = np.flatnonzero(edges == -1), np.flatnonzero(edges == 1)
+    return Gaps(int((~seen).sum()), len(starts), int((ends - starts).max(initial=0)))
+
+
+def extents(recording: Recording) -> Floats:
+    """Diagonal of the bounding box of each marker's path (markers,), metres; NaN for a marker without samples."""
+    positions = recording.positions
+    low = np.fmin.reduce(positions, axis=2)  # unlike nanmin, it does not warn about a marker without samples
+    high = np.fmax.reduce(positions, axis=2)
+    diagonal: Floats = np.linalg.norm(high - low, axis=1)
+    return diagonal
+
+
+def describe(recording: Recording) -> list[str]:
+    """Describe a recording.
+
+    Returns:
+        Lines: a headline, notes about the reading, problems, then one line per marker with its gaps.
+    """
+    seen, moved = recording.seen(), extents(recording)
+    count, frames = seen.shape
+    lines = [
+        f"{recording.name}: {count} markers, {frames:,} frames at {recording.rate:g} Hz, {recording.duration:.2f} s, "
+        f"{1 - seen.mean():.1%} of the samples missing"
+    ]
+    lines += [f"note: {note}" for note in recording.notes]
+    never = [recording.markers[row] for row in np.flatnonzero(~seen.any(axis=1))]
+    if never:
+        lines.append(f"without any sample: {', '.join(never)}")
+    still = [marker for marker, far in zip(recording.markers, moved, strict=True) if far < STILL]
+    if len(still) == count - len(never):
+        lines.append(f"no marker moves by more than {1000 * np.nanmax(moved):.2g} mm; joints cannot be found")
+    elif still:
+        lines.append(f"move by less than {1000 * STILL:g} mm: {', '.join(still)}")
+    rows = []
+    for marker, row, far in zip(recording.markers, seen, moved, strict=True):
+        found = gaps(row)
+        longest = f"{found.longest / recording.rate:.2f} s" if found.longest else "-"
+        extent = f"{far:.2f} m" if np.isfinite(far) else "-"
+        rows.append([marker, f"{found.missing / frames:.1%}", str(found.gaps), longest, extent])
+    return [*lines, *columns(rows, ["marker", "missing", "gaps", "longest", "extent"], "<>")]
+
+
+ORIGIN = ("recording", "digest")
+"""The columns: the file's stem, and the first `DIGITS` hexadecimal digits of its SHA-256."""
+DIGITS = 12
+
+
+def digest_of(file: Path) -> str:
+    """The first `DIGITS` hexadecimal digits of a file's SHA-256.
+
+    Raises:
+        RecordingError: if the file cannot be read.
+    """
+    try:
+        with file.open("rb") as content:
+            return hashlib.file_digest(content, "sha256").hexdigest()[:DIGITS]
+    except OSError as error:
+        raise RecordingError(f"{file}: cannot be read: {error.strerror or error}") from None
+
+
+def with_origin(table: pd.DataFrame, recording: str, digest: str) -> pd.DataFrame:
+    """The table with the columns `ORIGIN` before its own, the same in every row."""
+    return pd.DataFrame(dict(zip(ORIGIN, (recording, digest), strict=True)), index=table.index).join(table)

@@ -1,0 +1,539 @@
+"""A session: the trials of one subject with the markers on, calibrated one by one and merged if they fit each other.
+
+Common axes for calibrations of several trials: each trial's segments, moved onto those of a reference.
+
+Each trial has its own axes for a segment. Kabsch's fit of the markers that two trials share moves one trial's axes onto
+the other's; a segment with fewer than three markers takes the joint above it as one more point.
+
+One place for a joint from several trials of a session, weighted by what each trial knows of it.
+
+The trials whose estimate is reliable are weighted by the inverse of their covariances, so a trial that did not move the
+joint counts for next to nothing. A hinge counts across its axis only. Trials that contradict each other are found as
+segments that do are (`side_agreement`): the best one's place stays, and its covariance covers the other.
+
+Source: the weighted mean of independent estimates (Gauss-Markov).
+
+Merge the calibrations of several trials of one session: shapes averaged, joints from the trials that moved them.
+
+A functional calibration moves one joint after the other, each in a trial of its own. The merged calibration has all of
+them, and a static trial may give the shapes.
+
+Places of hinges along their axes, from a static trial with the medial markers, which are off during motion.
+
+The calibration of a session as lines for a reader, and its joints as a table.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from study.arrays import Floats
+from study.recordings.joints.estimate import USABLE, JointStatus, SideDifference
+from study.recordings.joints.find import FoundJoints, find_joints
+from study.recordings.joints.report import SHORT_TEXTS, joint_table
+from study.recordings.markersets import MarkerSet
+from study.recordings.recording import Recording, RecordingError
+from study.recordings.rigid import fit_rigid_motion
+from study.recordings.skeleton.calibrate import calibration_from, overruled, require_same_subject
+from study.recordings.skeleton.calibration import Calibration, JointPlace, SegmentShape
+from study.recordings.skeleton.draw import draw_skeleton
+from study.text import columns, number
+
+
+class AxesChange(NamedTuple):
+    """A change of axes, x ↦ R x + t, with R (3, 3) and t (3,), metres."""
+
+    rotation: Floats
+    shift: Floats
+
+    def place(self, points: Floats) -> Floats:
+        """Points (…, 3) in the new axes."""
+        return np.asarray(points @ self.rotation.T + self.shift)
+
+    def covariance(self, matrix: Floats) -> Floats:
+        """A covariance (3, 3) in the new axes."""
+        return np.asarray(self.rotation @ matrix @ self.rotation.T)
+
+
+UNKNOWN = AxesChange(np.full((3, 3), np.nan), np.full(3, np.nan))
+"""Change of axes where a trial and the reference share too little: places become NaN."""
+SAME = AxesChange(np.eye(3), np.zeros(3))
+
+
+@dataclass
+class SharedAxes:
+    """The axes of one segment that all trials are moved to, with the points that show them.
+
+    Attributes:
+        trial: number of the trial whose axes they are.
+        has_pose: True if the segment has a pose there; its axes are its parent's otherwise.
+        points: places of its markers, and of the joint above it, by name, metres.
+    """
+
+    trial: int
+    has_pose: bool
+    points: dict[str, Floats]
+
+
+def shape_points(calibration: Calibration, shape: SegmentShape) -> dict[str, Floats]:
+    """The points that fix a segment's pose (3,) by name: its markers and, if these are too few, the joint above it."""
+    points = dict(zip(shape.markers, shape.places, strict=True))
+    if not shape.has_own_pose:
+        for joint in calibration.joints:
+            if joint.joint.child == shape.segment and not np.isnan(joint.in_child).any():
+                points[joint.joint.name] = joint.in_child
+    return points
+
+
+def change_between(points: Mapping[str, Floats], onto: Mapping[str, Floats]) -> AxesChange:
+    """The change of axes that moves points nearest to those of the same names; `UNKNOWN` for fewer than three."""
+    common = [name for name in points if name in onto]
+    if len(common) < 3:
+        return UNKNOWN
+    template, x = (np.stack([each[name] for name in common]) for each in (points, onto))
+    rotation, origin, known = fit_rigid_motion(template, np.ascontiguousarray(x[:, :, None]))
+    return AxesChange(rotation[:, :, 0], origin[:, 0]) if known[0] else UNKNOWN
+
+
+def shared_axes(calibrations: Sequence[Calibration]) -> dict[str, SharedAxes]:
+    """For each segment the first trial in which it has a pose, or else the first that has markers of it."""
+    found: dict[str, SharedAxes] = {}
+    for index, calibration in enumerate(calibrations):
+        for shape in calibration.shapes:
+            before = found.get(shape.segment)
+            if before is None or (shape.has_pose and not before.has_pose):
+                found[shape.segment] = SharedAxes(index, shape.has_pose, shape_points(calibration, shape))
+    return found
+
+
+def axes_changes(index: int, calibration: Calibration, onto: Mapping[str, SharedAxes]) -> dict[str, AxesChange]:
+    """The change of axes of each segment of a trial, by its number among the trials."""
+    parents = {segment.name: segment.parent for segment in calibration.markerset.segments}
+    changes: dict[str, AxesChange] = {}
+    for shape in calibration.shapes:
+        reference, parent = onto[shape.segment], parents[shape.segment]
+        if reference.trial == index:
+            change = SAME
+        elif shape.has_pose and reference.has_pose:
+            change = change_between(shape_points(calibration, shape), reference.points)
+        elif shape.has_pose or reference.has_pose or parent is None:
+            change = UNKNOWN
+        else:  # its axes are its parent's
+            change = changes[parent]
+        changes[shape.segment] = change
+    return changes
+
+
+def moved(place: JointPlace, changes: Mapping[str, AxesChange]) -> JointPlace:
+    """A joint in the new axes of its two segments."""
+    parent, child = changes[place.joint.parent], changes[place.joint.child]
+    owner = (
+        child if np.isnan(place.in_parent).any() else parent
+    )  # the covariance is in the parent's axes, if it has any
+    return replace(
+        place,
+        in_parent=parent.place(place.in_parent),
+        in_child=child.place(place.in_child),
+        covariance=owner.covariance(place.covariance),
+        axis_in_parent=parent.rotation @ place.axis_in_parent,
+        axis_in_child=child.rotation @ place.axis_in_child,
+        mean_rotation=parent.rotation @ place.mean_rotation @ child.rotation.T,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class TrialPlace:
+    """A joint as one trial places it, in the axes that all trials have in common."""
+
+    trial: str
+    place: JointPlace
+
+    @property
+    def usable(self) -> bool:
+        """True if its place is known and reliable."""
+        return self.place.status in USABLE and not np.isnan(self.place.in_parent).any()
+
+    @property
+    def rank(self) -> tuple[bool, JointStatus, float]:
+        """Order by quality, the best first."""
+        place = self.place
+        error = place.standard_error
+        return bool(np.isnan(place.in_parent).any()), place.status, np.inf if np.isnan(error) else error
+
+
+@dataclass(frozen=True, eq=False)
+class PooledPlace:
+    """A joint from several trials.
+
+    Attributes:
+        place: of the joint, with the names of the trials that it comes from.
+        parts: each trial's place that was looked at, the best first.
+    """
+
+    place: JointPlace
+    parts: tuple[TrialPlace, ...]
+
+
+def pool_places(parts: Sequence[TrialPlace]) -> PooledPlace:
+    """Pool the places of one joint.
+
+    Args:
+        parts: one for each trial, at least one.
+
+    Returns:
+        The weighted mean of the reliable ones; the best one if none is reliable.
+    """
+    ranked = tuple(sorted(parts, key=lambda part: part.rank))
+    best, used = ranked[0], [part for part in ranked if part.usable]
+    if len(used) < 2:
+        return PooledPlace(replace(best.place, trials=(best.trial,)), ranked)
+    contradictions = [(part, difference(best.place, part.place)) for part in used[1:]]
+    against = [(part, each) for part, each in contradictions if each.contradicts]
+    if against:
+        part, worst = max(against, key=lambda pair: pair[1].distance)
+        place = replace(
+            best.place,
+            status=JointStatus.DISAGREE,
+            reason=_contradiction(best.trial, part.trial, worst),
+            covariance=best.place.covariance + np.outer(worst.vector, worst.vector),
+            trials=(best.trial,),
+        )
+        return PooledPlace(place, ranked)
+    known = [_information(part.place, best.place.axis_in_parent) for part in used]
+    turn = best.place.mean_rotation
+    turned = [turn.T @ each @ turn for each in known]
+    place = replace(
+        best.place,
+        in_parent=_mean([part.place.in_parent for part in used], known),
+        in_child=_mean([part.place.in_child for part in used], turned),
+        covariance=np.linalg.pinv(np.sum(known, axis=0), hermitian=True),
+        trials=tuple(part.trial for part in used),
+    )
+    return PooledPlace(place, ranked)
+
+
+def difference(one: JointPlace, other: JointPlace) -> SideDifference:
+    """Difference of another trial's place from a joint's, across the axis of either, in the parent's axes."""
+    axes = [place.axis_in_parent for place in (one, other) if not np.isnan(place.axis_in_parent).any()]
+    basis = _basis(axes[0]) if axes else np.eye(3)
+    off = basis.T @ (other.in_parent - one.in_parent)
+    errors = basis.T @ (one.covariance + other.covariance) @ basis
+    angle = float(np.arccos(np.minimum(np.abs(axes[0] @ axes[1]), 1.0))) if len(axes) == 2 else 0.0
+    chi_square = float(off @ np.linalg.pinv(errors, hermitian=True) @ off)
+    return SideDifference(basis @ off, chi_square, len(off), "parent", angle)
+
+
+def _contradiction(best: str, other: str, found: SideDifference) -> str:
+    turn = f", its axis turned by {np.degrees(found.angle):.0f}°" if found.angle > 0.0 else ""
+    return (
+        f"{other} puts it {1000 * found.distance:.0f} mm from where {best} does{turn}: beyond what the errors explain"
+    )
+
+
+def _basis(axis: Floats) -> Floats:
+    """Two directions across an axis, as columns (3, 2)."""
+    return np.asarray(np.linalg.svd(axis[None])[2][1:].T)
+
+
+def _information(place: JointPlace, axis: Floats) -> Floats:
+    """Inverse of a covariance (3, 3) across the best trial's axis or, if that has none, across the place's own."""
+    along = place.axis_in_parent if np.isnan(axis).any() else axis
+    basis = np.eye(3) if np.isnan(along).any() else _basis(along)
+    return np.asarray(basis @ np.linalg.pinv(basis.T @ place.covariance @ basis, hermitian=True) @ basis.T)
+
+
+def _mean(points: Sequence[Floats], known: Sequence[Floats]) -> Floats:
+    """Mean of points (3,) weighted by information; in directions without any it is the first point that is known."""
+    there = [(point, each) for point, each in zip(points, known, strict=True) if not np.isnan(point).any()]
+    if not there:
+        return np.full(3, np.nan)
+    first = there[0][0]
+    total = np.sum([each for _, each in there], axis=0)
+    pull = np.sum([each @ (point - first) for point, each in there], axis=0)
+    return np.asarray(first + np.linalg.pinv(total, hermitian=True) @ pull)
+
+
+@dataclass(frozen=True, eq=False)
+class Merged:
+    """The calibration of a session.
+
+    Attributes:
+        calibration: merged from all trials; the misfits of its shapes are those of the trials.
+        joints: of the marker set, each with its places in the trials.
+    """
+
+    calibration: Calibration
+    joints: tuple[PooledPlace, ...]
+
+
+def merge_calibrations(markerset: MarkerSet, calibrations: Sequence[Calibration], static: int | None = None) -> Merged:
+    """Merge calibrations of one subject in one session.
+
+    Args:
+        markerset: of all of them; a trial need not show all of its markers.
+        calibrations: one for each trial, in the same marker set.
+        static: number of the trial whose shapes are taken, where it has them; the mean of all trials' if None.
+    """
+    onto = shared_axes(calibrations)
+    changes = [axes_changes(index, calibration, onto) for index, calibration in enumerate(calibrations)]
+    shapes = tuple(
+        _merged_shape(segment.name, onto[segment.name], calibrations, changes, static) for segment in markerset.segments
+    )
+    joints = tuple(
+        pool_places(
+            [
+                TrialPlace(calibration.source, moved(calibration[joint.name], change))
+                for calibration, change in zip(calibrations, changes, strict=True)
+            ]
+        )
+        for joint in markerset.joints
+    )
+    return Merged(
+        Calibration(
+            source=", ".join(calibration.source for calibration in calibrations),
+            frames=sum(calibration.frames for calibration in calibrations),
+            markerset=markerset,
+            shapes=shapes,
+            joints=tuple(joint.place for joint in joints),
+        ),
+        joints,
+    )
+
+
+def _merged_shape(
+    name: str,
+    reference: SharedAxes,
+    calibrations: Sequence[Calibration],
+    changes: Sequence[Mapping[str, AxesChange]],
+    static: int | None,
+) -> SegmentShape:
+    """Mean shape of a segment over the trials, weighted by their frames; a static trial's for the markers it has."""
+    placed: dict[str, list[_Placed]] = {}
+    first = calibrations[reference.trial].shape(name)
+    own = first.has_own_pose
+    for index, (calibration, change) in enumerate(zip(calibrations, changes, strict=True)):
+        shape = calibration.shape(name)
+        if shape.has_pose != reference.has_pose or np.isnan(change[name].shift).any():
+            continue
+        own = own or shape.has_own_pose
+        for marker, place, scatter in zip(shape.markers, shape.places, shape.scatter, strict=True):
+            part = _Placed(change[name].place(place), float(scatter), calibration.frames, index == static)
+            placed.setdefault(marker, []).append(part)
+    markers = tuple(marker for marker in calibrations[0].markerset.segment(name).markers if marker in placed)
+    merged = [_mean_place(placed[marker]) for marker in markers]
+    return SegmentShape(
+        segment=name,
+        markers=markers,
+        places=np.array([place for place, _ in merged]).reshape(-1, 3),
+        scatter=np.array([scatter for _, scatter in merged]),
+        has_own_pose=own,
+        reason=first.reason,
+    )
+
+
+class _Placed(NamedTuple):
+    """A marker's place in one trial."""
+
+    place: Floats
+    scatter: float
+    frames: int
+    static: bool
+
+
+def _mean_place(parts: Sequence[_Placed]) -> tuple[Floats, float]:
+    """A marker's place (3,), and its root mean square distance from there over all trials, metres."""
+    chosen = [part for part in parts if part.static] or parts
+    place = np.average([part.place for part in chosen], axis=0, weights=[part.frames for part in chosen])
+    square = [np.nan_to_num(part.scatter) ** 2 + ((part.place - place) ** 2).sum() for part in parts]
+    return place, float(np.sqrt(np.average(square, weights=[part.frames for part in parts])))
+
+
+def hinges_placed(merged: Merged, static: Calibration, found: FoundJoints, recording: Recording) -> Merged:
+    """Move hinges along their axes to the middle of the two points across them, as far as a static trial shows these.
+
+    Args:
+        merged: calibration of the session.
+        static: calibration of the static trial alone.
+        found: its joints, with the poses of its segments.
+        recording: the static trial.
+    """
+    joints = []
+    for joint in merged.joints:
+        middle = _middle(joint.place, merged.calibration, static, found, recording)
+        joints.append(replace(joint, place=_along_axis(joint.place, middle)))
+    calibration = replace(merged.calibration, joints=tuple(joint.place for joint in joints))
+    return replace(merged, calibration=calibration, joints=tuple(joints))
+
+
+def _middle(
+    place: JointPlace, merged: Calibration, static: Calibration, found: FoundJoints, recording: Recording
+) -> Floats:
+    """Middle of the two points in the parent's axes (3,), metres; NaN if the trial does not show it."""
+    parent, across = place.joint.parent, place.joint.across
+    poses = found.poses.get(parent)
+    if poses is None or len(across) != 2 or not set(across) <= set(recording.markers):
+        return np.full(3, np.nan)
+    middle = poses.mean_place(0.5 * (recording.of(across[0]) + recording.of(across[1])))
+    onto = shape_points(merged, merged.shape(parent))
+    return change_between(shape_points(static, static.shape(parent)), onto).place(middle)
+
+
+def _along_axis(place: JointPlace, middle: Floats) -> JointPlace:
+    """A hinge moved along its axis to next to a point in the parent's axes (3,), in both segments."""
+    axis = place.axis_in_parent
+    if np.isnan(axis).any() or np.isnan(middle).any() or np.isnan(place.in_parent).any():
+        return place
+    step = float((middle - place.in_parent) @ axis)
+    in_child = place.axis_in_child * np.sign((place.mean_rotation @ place.axis_in_child) @ axis)
+    if np.isnan(in_child).any():  # a child without a pose
+        in_child = place.mean_rotation.T @ axis
+    return replace(place, in_parent=place.in_parent + step * axis, in_child=place.in_child + step * in_child)
+
+
+@dataclass(frozen=True, eq=False)
+class Session:
+    """The calibration of one subject from several trials.
+
+    Attributes:
+        found: joints of each trial, found in it alone.
+        merged: the calibration from all of them.
+        overruled: misfits between trials that were accepted by force, a line each.
+    """
+
+    found: tuple[FoundJoints, ...]
+    merged: Merged
+    overruled: tuple[str, ...]
+
+
+def calibrate_session(
+    markerset: MarkerSet, trials: Sequence[Recording], static: Recording | None = None, force: bool = False
+) -> Session:
+    """Calibrate each trial and merge them.
+
+    Each trial must fit the calibration merged from those before it.
+
+    Args:
+        markerset: of all trials; each may lack markers.
+        trials: recordings, each with a name of its own.
+        static: one more trial, whose shapes of segments are taken.
+        force: merge trials that seem to show different subjects.
+
+    Raises:
+        RecordingError: if a trial shows another subject, and ``force`` is not given; if two have one name.
+    """
+    every = [*trials, *([] if static is None else [static])]
+    names = [trial.name for trial in every]
+    if twice := [name for name in dict.fromkeys(names) if names.count(name) > 1]:
+        raise RecordingError(f"{', '.join(twice)}: given twice; name each trial once, and give each a name of its own")
+    found = tuple(find_joints(markerset, trial) for trial in every)
+    calibrations = [calibration_from(joints, trial) for joints, trial in zip(found, every, strict=True)]
+    forced: list[str] = []
+    for index in range(1, len(every)):
+        before = _with_misfits(merge_calibrations(markerset, calibrations[:index]), every[:index])
+        if not any(shape.has_own_pose for shape in before.calibration.shapes):
+            continue
+        drawn = draw_skeleton(before.calibration, every[index])
+        if force:
+            forced += overruled(drawn)
+        else:
+            require_same_subject(drawn)
+    fixed = None if static is None else len(trials)
+    merged = merge_calibrations(markerset, calibrations, fixed)
+    if fixed is not None:
+        merged = hinges_placed(merged, calibrations[fixed], found[fixed], every[fixed])
+    merged = _with_misfits(merged, every)
+    return Session(found, merged, tuple(forced))
+
+
+def _with_misfits(merged: Merged, trials: Sequence[Recording]) -> Merged:
+    """Add the misfits of the shapes, root mean square over the trials."""
+    calibration = merged.calibration
+    if not any(shape.has_own_pose for shape in calibration.shapes):
+        return merged
+    misfits = np.array([draw_skeleton(calibration, trial).misfits for trial in trials])
+    total = _mean_square(misfits, np.array([trial.frames for trial in trials], dtype=np.float64))
+    shapes = (replace(shape, misfit=float(m)) for shape, m in zip(calibration.shapes, total, strict=True))
+    return replace(merged, calibration=replace(calibration, shapes=tuple(shapes)))
+
+
+def _mean_square(misfits: Floats, frames: Floats) -> Floats:
+    """Root mean square of misfits (trials, segments) over trials with weights (trials,); NaN where all are NaN."""
+    weights = np.where(np.isnan(misfits), 0.0, frames[:, None])
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.sqrt((weights * np.nan_to_num(misfits) ** 2).sum(axis=0) / weights.sum(axis=0)))
+
+
+def refit_shapes(calibration: Calibration, recording: Recording) -> Calibration:
+    """Fit the shapes of a calibration's segments to another recording of the session; its joints stay in their axes.
+
+    Skin carries the markers a little elsewhere in another posture, and a recording may have markers that the
+    calibration lacks. Segments whose markers alone do not fix a pose keep their shapes.
+
+    Args:
+        calibration: of the same subject with the same markers (see `subject_check`).
+        recording: markers under the calibration's names.
+    """
+    here = calibration_from(find_joints(calibration.markerset, recording), recording)
+    merged = merge_calibrations(calibration.markerset, [calibration, here], static=1).calibration
+    shapes = (
+        new if old.has_own_pose and here.shape(old.segment).has_own_pose else old
+        for old, new in zip(calibration.shapes, merged.shapes, strict=True)
+    )
+    return replace(calibration, shapes=tuple(replace(s, misfit=calibration.shape(s.segment).misfit) for s in shapes))
+
+
+def session_lines(session: Session) -> Iterator[str]:
+    """Lay out the merged joints, a line each in millimetres, with the trials that each comes from."""
+    yield from session.overruled
+    titles = ["joint", "status", *(f"{axis} / mm" for axis in "xyz"), "error", "apart", "from"]
+    yield from columns(map(_row, session.merged.joints), titles, "<<>>>>><")
+    yield "x, y, z: centre in its parent; error: largest standard error; apart: farthest reliable trial; all in mm"
+    for joint in session.merged.joints:
+        place = joint.place
+        if place.status not in USABLE:
+            yield f"{place.joint.name}: {place.reason}"
+        left = [part for part in joint.parts if part.trial not in place.trials]
+        if left and place.status in USABLE:
+            yield f"{place.joint.name}: not from {', '.join(map(_left_out, left))}"
+
+
+def session_table(session: Session) -> pd.DataFrame:
+    """Tabulate joints, a row for each trial and joint.
+
+    Returns:
+        The columns of `joint_table`, in the axes of each trial; ``recording``, its name; ``merged``, True if the merged
+        place rests on this row.
+    """
+    tables = []
+    for found in session.found:
+        table = joint_table(found)
+        table.insert(0, "recording", found.recording)
+        table["merged"] = [found.recording in joint.place.trials for joint in session.merged.joints]
+        tables.append(table)
+    return pd.concat(tables, ignore_index=True)
+
+
+def _row(joint: PooledPlace) -> list[str]:
+    place = joint.place
+    apart = [difference(place, part.place).distance for part in joint.parts if part.usable]
+    return [
+        place.joint.name,
+        SHORT_TEXTS[place.status],
+        *(_millimetres(float(x)) for x in place.in_parent),
+        _millimetres(place.standard_error),
+        _millimetres(max(apart)) if len(apart) > 1 else "-",
+        ", ".join(place.trials) if not np.isnan(place.in_parent).all() else "-",
+    ]
+
+
+def _left_out(part: TrialPlace) -> str:
+    error = part.place.standard_error
+    size = "" if np.isnan(error) else f", ± {1000 * error:.1f} mm"
+    return f"{part.trial} ({SHORT_TEXTS[part.place.status]}{size})"
+
+
+def _millimetres(metres: float) -> str:
+    return number(1000 * metres, ".1f")

@@ -1,0 +1,1 @@
+"""Skeletons: calibration of a subject, and its joints in every frame."""

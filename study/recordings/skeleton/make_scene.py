@@ -1,0 +1,319 @@
+"""From joints over time to a scene: principal directions of their errors, ends of limbs, bones, z up.
+
+A skeleton over time as tables: joints in every frame, and the lengths of bones.
+
+A summary of a skeleton, for other programs.
+
+The scene of a skeleton: its joints with their errors, and the reasons to doubt some of them.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from scipy.spatial.transform import Rotation
+
+from study.arrays import Bytes, Floats
+from study.recordings.joints.estimate import USABLE
+from study.recordings.markersets import MarkerSet
+from study.recordings.recording import Recording, RecordingError
+from study.recordings.skeleton.calibrate import UNEVEN, check_subject, hull_distances
+from study.recordings.skeleton.draw import Skeleton
+from study.recordings.skeleton.scene import Flag, Scene, bones, mirrored, side, upright_rotation
+from study.text import columns, number
+
+_TIP = 0.7
+"""A limb ends in the middle of its markers that are at least this share of the farthest one's distance away."""
+
+
+@dataclass(frozen=True, eq=False)
+class SceneJoint:
+    """A joint as a scene shows it.
+
+    Attributes:
+        name: of the joint.
+        parent: name of the segment in which it is fixed.
+        child: name of the segment that rotates about it.
+        center: (3, frames), metres; NaN where unknown.
+        rotation: of the parent (3, 3, frames), NaN where unknown.
+        covariance: of the centre in the parent's axes (3, 3), m²; NaN if it is not known.
+        axis: direction in the parent's axes (3,) along which the centre is not known; None if there is none.
+        flags: `Flag` in each frame (frames,); frames without a centre become unknown by themselves.
+        doubt: reason to doubt it, or "".
+    """
+
+    name: str
+    parent: str
+    child: str
+    center: Floats
+    rotation: Floats
+    covariance: Floats
+    axis: Floats | None = None
+    flags: Bytes | None = None
+    doubt: str = ""
+
+
+def make_scene(
+    recording: Recording, markerset: MarkerSet, joints: Sequence[SceneJoint], source: str, notes: Sequence[str] = ()
+) -> Scene:
+    """Make a scene.
+
+    Args:
+        recording: markers over time.
+        markerset: whose segments the joints are between; its markers are looked up in the recording.
+        joints: those that were found; a joint that is known in no frame is left out, with a note.
+        source: origin of the joints, in words.
+        notes: remarks for the viewer.
+
+    Raises:
+        RecordingError: if no joint is known in any frame.
+    """
+    known = [joint for joint in joints if not np.isnan(joint.center).all()]
+    notes = [*notes, *(f"{j.name} is not shown: {j.doubt or 'known in no frame'}" for j in joints if j not in known)]
+    if not known:
+        raise RecordingError(f"{recording.name}: none of its joints is known in any frame; there is nothing to show")
+    ends = _ends(recording, markerset, known)
+    centers = np.stack([joint.center for joint in known])
+    points = np.concatenate([centers, *(end[None] for end in ends.values())])
+    fixed = [
+        [i for i, joint in enumerate(known) if segment.name in (joint.parent, joint.child)]
+        + [len(known) + i for i, name in enumerate(ends) if name == segment.name]
+        for segment in markerset.segments
+    ]
+    flags = np.stack([np.zeros(recording.frames) if j.flags is None else j.flags for j in known]).astype(np.uint8)
+    flags[np.isnan(centers[:, 0])] = Flag.UNKNOWN
+    sides = [*(side(joint.name) for joint in known), *map(side, ends)]
+    principal = [_principal_directions(joint) for joint in known]
+    upright = upright_rotation(recording)
+    remarks = ["the recording's y is shown as up"] if upright[2, 1] else []
+    directions = zip(known, principal, strict=True)
+    orientations = [_orientations(upright, joint.rotation, axes) for joint, (_, axes) in directions]
+    return Scene(
+        name=recording.name,
+        source=source,
+        rate=recording.rate,
+        markers=recording.markers,
+        places=upright @ recording.positions,
+        joints=tuple(joint.name for joint in known),
+        centers=upright @ centers,
+        tips=tuple(ends),
+        ends=upright @ points[len(known) :],
+        bones=bones(fixed, points, sides),
+        flags=flags,
+        doubts=tuple(joint.doubt for joint in known),
+        errors=np.stack([errors for errors, _ in principal]),
+        orientations=np.stack(orientations),
+        notes=(*notes, *remarks),
+    )
+
+
+def _ends(recording: Recording, markerset: MarkerSet, joints: Sequence[SceneJoint]) -> dict[str, Floats]:
+    """Ends of limbs (3, frames), by segment: of segments that rotate about a joint and carry none."""
+    inner = {joint.parent for joint in joints}
+    found = {}
+    for joint in joints:
+        names = [marker for marker in markerset.segment(joint.child).markers if marker in recording.markers]
+        if joint.child in inner or not names:
+            continue
+        places = np.stack([recording.of(name) for name in names])
+        away = np.linalg.norm(places - joint.center, axis=1)
+        far = np.array([np.nanmedian(row) if not np.isnan(row).all() else 0.0 for row in away])
+        found[joint.child] = np.asarray(places[far >= _TIP * far.max()].mean(axis=0))
+    return found
+
+
+def _principal_directions(joint: SceneJoint) -> tuple[Floats, Floats]:
+    """Standard errors (3,) along principal directions, and these as columns (3, 3), right-handed; the axis last."""
+    if np.isnan(joint.covariance).any():
+        return np.full(3, np.nan), np.eye(3)
+    axis = np.empty((0, 3)) if joint.axis is None else joint.axis[None] / np.linalg.norm(joint.axis)
+    across = np.linalg.svd(axis)[2][len(axis) :] if len(axis) else np.eye(3)  # directions as rows
+    values, vectors = np.linalg.eigh(across @ joint.covariance @ across.T)
+    errors = np.concatenate([np.sqrt(np.maximum(values, 0.0))[::-1], np.full(len(axis), np.nan)])
+    directions = np.concatenate([vectors.T[::-1] @ across, axis]).T
+    directions[:, 1] *= np.sign(np.linalg.det(directions))
+    return errors, directions
+
+
+def _orientations(upright: Floats, rotation: Floats, axes: Floats) -> Floats:
+    """Quaternions x, y, z, w (frames, 4) of axes fixed in a segment, in the upright world, without jumps of sign."""
+    frames = rotation.shape[2]
+    result = np.full((frames, 4), np.nan)
+    known = ~np.isnan(rotation[0, 0])
+    if known.any():
+        matrices = np.einsum("ij,jkt,kl->til", upright, rotation[:, :, known], axes)
+        found = Rotation.from_matrix(matrices).as_quat()
+        flips = np.cumprod(np.concatenate([[1.0], np.sign((found[1:] * found[:-1]).sum(axis=1) + 1e-300)]))
+        result[known] = found * flips[:, None]
+    return result
+
+
+def skeleton_table(scene: Scene) -> pd.DataFrame:
+    """Tabulate joints, a row per frame and joint.
+
+    Returns:
+        Columns: frame, from 1; time, seconds; joint; x, y, z, metres, z up; known: "seen", "bridged" or "unknown";
+        error_x, error_y, error_z, standard errors of the place along x, y and z in this frame, metres (see
+        `frame_errors`).
+    """
+    errors = frame_errors(scene)
+    count, frames = len(scene.joints), scene.frames
+    words = np.array([flag.name.lower() for flag in Flag])
+    return pd.DataFrame(
+        {
+            "frame": np.repeat(np.arange(1, frames + 1), count),
+            "time": np.repeat(np.arange(frames) / scene.rate, count),
+            "joint": np.tile(np.array(scene.joints), frames),
+            **{axis: scene.centers[:, i].T.ravel() for i, axis in enumerate("xyz")},
+            "known": words[scene.flags.T.ravel()],
+            **{f"error_{axis}": errors[:, i].T.ravel() for i, axis in enumerate("xyz")},
+        }
+    )
+
+
+def frame_errors(scene: Scene) -> Floats:
+    """Standard errors of the joints along the world's axes in each frame (joints, 3, frames), metres.
+
+    They are those of the joint's place in its parent, rotated with the parent; of a hinge, of the part across its axis.
+    NaN in frames in which the joint is bridged or unknown: nothing shows the error of a pose that was not seen.
+    """
+    errors = np.full(scene.centers.shape, np.nan)
+    squares = np.nan_to_num(scene.errors) ** 2
+    for joint, (turns, flags) in enumerate(zip(scene.orientations, scene.flags, strict=True)):
+        shown = (flags == Flag.SEEN) & ~np.isnan(turns[:, 0])
+        if shown.any() and not np.isnan(scene.errors[joint]).all():
+            axes = Rotation.from_quat(turns[shown]).as_matrix()
+            errors[joint][:, shown] = np.sqrt((axes**2 @ squares[joint]).T)
+    return errors
+
+
+def bone_table(scene: Scene) -> pd.DataFrame:
+    """Tabulate bones, a row per bone between two joints.
+
+    Returns:
+        Columns: start, end; length, its median over time, and spread, its standard deviation (metres); error, upper
+        bound of the length's standard error from those of its joints (metres); uneven, difference from the other
+        side's length, relative to their mean; NaN where there is no other side.
+    """
+    worst = np.array([np.nanmax(row) if not np.isnan(row).all() else np.nan for row in scene.errors])
+    rows = []
+    for i, j in scene.bones:
+        if max(i, j) >= len(scene.joints):
+            continue
+        length = np.linalg.norm(scene.centers[i] - scene.centers[j], axis=0)
+        length = length[~np.isnan(length)]
+        if len(length):
+            names = {"start": scene.joints[i], "end": scene.joints[j]}
+            error = float(np.hypot(worst[i], worst[j]))
+            rows.append({**names, "length": np.median(length), "spread": length.std(), "error": error})
+    table = pd.DataFrame(rows, columns=["start", "end", "length", "spread", "error"])
+    pairs = [frozenset(pair) for pair in zip(table["start"], table["end"], strict=True)]
+    lengths = dict(zip(pairs, table["length"], strict=True))
+    across = [frozenset(map(mirrored, pair)) for pair in pairs]
+    other = [lengths.get(b, np.nan) if a != b else np.nan for a, b in zip(pairs, across, strict=True)]
+    table["uneven"] = (table["length"] - other) / (0.5 * (table["length"] + other))
+    return table
+
+
+def skeleton_lines(scene: Scene) -> Iterator[str]:
+    """Lay out bones, distances of joints from the markers' hull, shares of bridged frames, and reasons to doubt."""
+    bones = [
+        [
+            f"{row['start']} - {row['end']}",
+            f"{row['length']:.3f} m",
+            _millimetres(row["error"]),
+            _millimetres(row["spread"]),
+            "" if np.isnan(row["uneven"]) else f"{round(100 * row['uneven'], 1) + 0.0:+.1f} %",  # no minus before zero
+            "uneven" if abs(row["uneven"]) > UNEVEN else "",
+        ]
+        for row in bone_table(scene).to_dict("records")
+    ]
+    yield from columns(bones, ["bone", "length", "error", "varies", "left to right"], "<>>>><")
+    hulls = [
+        [name, number(hull.share_outside, ".0%"), _millimetres(hull.distance) if hull.distance > 0.0 else "-"]
+        for name, hull in zip(scene.joints, hull_distances(scene.places, scene.centers), strict=True)
+    ]
+    yield from columns(hulls, ["joint", "outside", "by"], "<>")
+    yield "outside: share of frames outside the markers' hull; by: 95 % quantile of the distance outside it"
+    for name, flags in zip(scene.joints, scene.flags, strict=True):
+        shares = [(flag, (flags == flag).mean()) for flag in Flag if flag != Flag.SEEN]
+        lacking = [f"{flag.name.lower()} in {share:.1%} of the frames" for flag, share in shares if share]
+        if lacking:
+            yield f"{name}: {', '.join(lacking)}"
+    for name, doubt in zip(scene.joints, scene.doubts, strict=True):
+        if doubt:
+            yield f"{name}: not reliable: {doubt}"
+    yield from (f"note: {note}" for note in scene.notes)
+
+
+def _millimetres(metres: float) -> str:
+    return "-" if np.isnan(metres) else f"{1000 * metres:.1f} mm"
+
+
+def skeleton_data(scene: Scene) -> dict[str, object]:
+    """Describe a skeleton.
+
+    Returns:
+        ``recording``, ``rate``, ``frames``, ``source`` of the joints; ``joints``, each with ``joint``, ``doubt`` (a
+        reason, or null), ``error`` (its largest standard error, metres), the shares of the frames in which it is
+        ``seen``, ``bridged``, ``unknown`` and ``outside`` of the markers' hull, and ``distance`` outside it, metres;
+        ``bones``, as in `bone_table`; ``notes``.
+    """
+    hulls = hull_distances(scene.places, scene.centers)
+    joints = []
+    for name, doubt, errors, flags, hull in zip(
+        scene.joints, scene.doubts, scene.errors, scene.flags, hulls, strict=True
+    ):
+        known = errors[~np.isnan(errors)]
+        row = {"joint": name, "doubt": doubt or None, "error": float(known.max()) if len(known) else None}
+        row |= {flag.name.lower(): float((flags == flag).mean()) for flag in Flag}
+        joints.append(row | {"outside": hull.share_outside, "distance": hull.distance})
+    return {
+        "recording": scene.name,
+        "rate": scene.rate,
+        "frames": scene.frames,
+        "source": scene.source,
+        "joints": joints,
+        "bones": bone_table(scene).to_dict("records"),
+        "notes": list(scene.notes),
+    }
+
+
+def skeleton_scene(skeleton: Skeleton, recording: Recording) -> Scene:
+    """Make the scene of a skeleton.
+
+    Joints that are not reliable carry the reason, those far outside the markers' hull among them. A skeleton drawn with
+    another subject's calibration says so, too.
+
+    Args:
+        skeleton: of phase 2.
+        recording: that it was drawn from.
+
+    Raises:
+        RecordingError: if none of its joints is known in any frame.
+    """
+    check, calibration = check_subject(skeleton), skeleton.calibration
+    own = calibration.source == skeleton.name
+    source = "joints found in this recording" if own else f"joints found in {calibration.source}"
+    joints = []
+    hull = hull_distances(recording.positions, skeleton.centers)
+    for place, center, flags, distance in zip(calibration.joints, skeleton.centers, skeleton.flags, hull, strict=True):
+        reasons = [] if place.status in USABLE else [place.reason]
+        reasons += [distance.doubt] if distance.doubt else []
+        reasons += [] if check.same else ["another subject's calibration"]
+        joints.append(
+            SceneJoint(
+                name=place.joint.name,
+                parent=place.joint.parent,
+                child=place.joint.child,
+                center=center,
+                rotation=skeleton.rotation(place.joint.parent),
+                covariance=place.covariance,
+                axis=None if np.isnan(place.axis_in_parent).any() else place.axis_in_parent,
+                flags=flags,
+                doubt="; ".join(reasons),
+            )
+        )
+    notes = [*recording.notes, *([] if check.same and not check.misfits else [check.text])]
+    return make_scene(recording, calibration.markerset, joints, source, notes)

@@ -1,0 +1,225 @@
+"""Least-squares poses of a segment in the frames that show enough of its markers, about its joint where it is known.
+
+Two markers and the joint, or three markers without it, fix the rotation, by Kabsch's fit about the joint instead of
+the centroid. A marker that is far from its place in the segment, such as a swapped one, is rejected and the rest are
+fitted again. Time is proportional to the number of markers.
+
+Source: paper §10 (second phase); theory §1.2.
+
+Poses of a segment in frames that show too few of its markers to fit its rotation.
+
+The markers that are left show a direction. The segment is rotated from its expected pose by the shortest arc that takes
+the expected direction to the one seen; the rotation about that direction is the expected one.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from study.arrays import Bools, Floats, Ints
+from study.fits.jit import compiled
+from study.recordings.rigid import best_rotation, centroids, cross_sums
+
+
+class PivotPath(NamedTuple):
+    """The joint that a segment rotates about.
+
+    Attributes:
+        local: its place in the segment's axes (3,), metres.
+        world: its place in the world (3, frames), metres; NaN where it is not known.
+    """
+
+    local: Floats
+    world: Floats
+
+
+class SegmentPath(NamedTuple):
+    """Poses of a segment, as they are fitted and completed.
+
+    Attributes:
+        rotation: R (3, 3, frames), NaN where unknown.
+        origin: o (3, frames), metres, NaN where unknown.
+        fitted: frames in which enough markers are used to fit the pose (frames,).
+        used: samples used (m, frames).
+        square: mean square distance of these from their places (frames,), m²; NaN in frames that are not fitted.
+    """
+
+    rotation: Floats
+    origin: Floats
+    fitted: Bools
+    used: Bools
+    square: Floats
+
+
+def fit_full_poses(places: Floats, limits: Floats, x: Floats, pivot: PivotPath) -> SegmentPath:
+    """Fit a segment's poses in the frames that show enough of its markers.
+
+    Args:
+        places: of its markers in its axes (m, 3), metres.
+        limits: largest distance of each from there (m,), metres.
+        x: the markers in the world (m, 3, frames), metres; NaN where missing.
+        pivot: its joint.
+    """
+    n = x.shape[2]
+    path = SegmentPath(
+        rotation=np.full((3, 3, n), np.nan),
+        origin=np.full((3, n), np.nan),
+        fitted=np.zeros(n, dtype=np.bool_),
+        used=~np.isnan(x[:, 0]),
+        square=np.full(n, np.nan),
+    )
+    _fit_full_poses(places, limits, x, pivot, path)
+    return path
+
+
+@compiled
+def _count(used: Bools, t: int) -> int:
+    count = 0
+    for k in range(used.shape[0]):
+        if used[k, t]:
+            count += 1
+    return count
+
+
+@compiled
+def _fit_full_poses(places: Floats, limits: Floats, x: Floats, pivot: PivotPath, path: SegmentPath) -> None:
+    """Compiled part of `fit_full_poses`."""
+    pin, at = pivot
+    rotation, origin, fitted, used, square = path
+    m, n = used.shape
+    cross, scratch, vectors, r = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    for t in range(n):
+        pinned = at[0, t] == at[0, t]
+        fitted[t] = False
+        for k in range(m):  # the distance from the joint does not depend on the rotation
+            if pinned and used[k, t]:
+                wanted = away = 0.0
+                for i in range(3):
+                    wanted += (places[k, i] - pin[i]) ** 2
+                    away += (x[k, i, t] - at[i, t]) ** 2
+                if abs(math.sqrt(away) - math.sqrt(wanted)) > limits[k]:
+                    used[k, t] = False
+        least = 2 if pinned else 3
+        count = _count(used, t)
+        while count >= least:
+            a, b = (pin[0], pin[1], pin[2]), (at[0, t], at[1, t], at[2, t])
+            if not pinned:
+                _, a, b = centroids(places, x, used, t)
+            cross_sums(places, x, used, t, a, b, cross)
+            if not best_rotation(cross, scratch, vectors, r):
+                break
+            o0 = b[0] - r[0, 0] * a[0] - r[0, 1] * a[1] - r[0, 2] * a[2]
+            o1 = b[1] - r[1, 0] * a[0] - r[1, 1] * a[1] - r[1, 2] * a[2]
+            o2 = b[2] - r[2, 0] * a[0] - r[2, 1] * a[1] - r[2, 2] * a[2]
+            worst, which, total = 0.0, -1, 0.0
+            for k in range(m):
+                if used[k, t]:
+                    p0, p1, p2 = places[k, 0], places[k, 1], places[k, 2]
+                    f0 = x[k, 0, t] - o0 - r[0, 0] * p0 - r[0, 1] * p1 - r[0, 2] * p2
+                    f1 = x[k, 1, t] - o1 - r[1, 0] * p0 - r[1, 1] * p1 - r[1, 2] * p2
+                    f2 = x[k, 2, t] - o2 - r[2, 0] * p0 - r[2, 1] * p1 - r[2, 2] * p2
+                    far = f0 * f0 + f1 * f1 + f2 * f2
+                    total += far
+                    if far > worst * limits[k] ** 2:
+                        worst, which = far / limits[k] ** 2, k
+            if worst > 1.0:
+                used[which, t] = False
+                count -= 1
+                continue
+            fitted[t] = True
+            square[t] = total / count
+            origin[0, t], origin[1, t], origin[2, t] = o0, o1, o2
+            for i in range(3):
+                for j in range(3):
+                    rotation[i, j, t] = r[i, j]
+            break
+
+
+_HALF_TURN = -0.999999
+"""Cosine of the arc below which its plane is undefined, so that the expected rotation is kept."""
+
+
+class ExpectedPoses(NamedTuple):
+    """Poses of a segment that are expected in frames that do not show it.
+
+    Attributes:
+        frames: numbers of these frames (w,).
+        rotation: (3, 3, w), NaN where unknown.
+        origin: (3, w), metres, NaN where unknown; for a segment without a pivot.
+    """
+
+    frames: Ints
+    rotation: Floats
+    origin: Floats
+
+
+@compiled
+def _rotate_by_arc(u: Floats, v: Floats, r: Floats) -> None:
+    """Rotate r (3, 3), in place, by the shortest arc that takes the direction u (3,) to v (3,)."""
+    uu = math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
+    vv = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    if not (uu > 0.0 and vv > 0.0):
+        return
+    c = (u[0] * v[0] + u[1] * v[1] + u[2] * v[2]) / (uu * vv)
+    if c < _HALF_TURN:
+        return
+    w0 = (u[1] * v[2] - u[2] * v[1]) / (uu * vv)
+    w1 = (u[2] * v[0] - u[0] * v[2]) / (uu * vv)
+    w2 = (u[0] * v[1] - u[1] * v[0]) / (uu * vv)
+    h = 1.0 / (1.0 + c)
+    for j in range(3):
+        a, b, d = r[0, j], r[1, j], r[2, j]
+        along = h * (w0 * a + w1 * b + w2 * d)
+        r[0, j] = c * a + w1 * d - w2 * b + along * w0
+        r[1, j] = c * b + w2 * a - w0 * d + along * w1
+        r[2, j] = c * d + w0 * b - w1 * a + along * w2
+
+
+@compiled
+def complete_poses(places: Floats, x: Floats, pivot: PivotPath, expected: ExpectedPoses, path: SegmentPath) -> None:
+    """Complete a segment's poses, in place, in frames that show too few of its markers.
+
+    Args:
+        places: of its markers in its axes (m, 3), metres.
+        x: the markers in the world (m, 3, frames), metres.
+        pivot: its joint.
+        expected: its expected poses in the frames to complete.
+        path: its poses; ``rotation`` and ``origin`` are completed.
+    """
+    pin, at = pivot
+    wanted, expected_rotation, expected_origin = expected
+    rotation, origin, _, used, _ = path
+    m = used.shape[0]
+    u, v, a, b, r = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty((3, 3))
+    for w in range(len(wanted)):
+        t = wanted[w]
+        pinned, count = at[0, t] == at[0, t], 0
+        for i in range(3):
+            a[i], b[i] = pin[i], at[i, t]
+            for j in range(3):
+                r[i, j] = expected_rotation[i, j, w]
+        for k in range(m):
+            if used[k, t]:
+                count += 1
+                if count == 1:
+                    for i in range(3):  # without a joint, the first marker takes its place
+                        a[i], b[i] = (pin[i], at[i, t]) if pinned else (places[k, i], x[k, i, t])
+                        v[i] = 0.0
+                        u[i] = 0.0
+                for i in range(3):
+                    v[i] += x[k, i, t] - b[i]
+                    u[i] += (
+                        r[i, 0] * (places[k, 0] - a[0])
+                        + r[i, 1] * (places[k, 1] - a[1])
+                        + r[i, 2] * (places[k, 2] - a[2])
+                    )
+        if count > 0:
+            _rotate_by_arc(u, v, r)
+        for i in range(3):
+            if pinned or count > 0:
+                origin[i, t] = b[i] - r[i, 0] * a[0] - r[i, 1] * a[1] - r[i, 2] * a[2]
+            else:
+                origin[i, t] = expected_origin[i, w]
+            for j in range(3):
+                rotation[i, j, t] = r[i, j]

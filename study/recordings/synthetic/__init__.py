@@ -1,0 +1,1 @@
+"""Synthetic recordings of bodies whose joints are known."""

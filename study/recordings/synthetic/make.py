@@ -1,0 +1,419 @@
+"""Artefacts of real recordings, drawn for synthetic ones: noise, soft tissue, gaps and swapped markers.
+
+The truth about a synthetic body - segments, joints and missing samples - and its tables beside the recording.
+
+Random motion of the articulated body within its natural range: smooth, in strides, or each frame drawn anew.
+
+Laws by which the skin moves the markers on their segments, for synthetic bodies.
+
+What skin does to a joint's centre depends on what it moves with (theory §12): a displacement that is linear in the
+joint's own angle moves the centre and leaves next to no residual, above all one that is common to a segment's markers.
+
+Make a recording of an articulated body whose joints are known; estimators and skeletons are tested on it.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from scipy.spatial.transform import Rotation
+
+from study.arrays import Bools, Floats, Ints
+from study.fits.streams import stream
+from study.recordings.recording import Recording, RecordingError
+from study.recordings.rigid import nearest_rotation
+from study.recordings.synthetic.body import JOINTS, MARKERS, PARTS, BodyPart, nearest_pairs, unit
+from study.recordings.synthetic.recipe import Recipe
+
+_GAP = 0.2  # mean duration of a gap, seconds
+_SWAP = 0.15  # mean duration of a swap, seconds
+
+
+@dataclass(frozen=True)
+class Swap:
+    """Two markers whose labels are exchanged for some frames."""
+
+    first: int
+    """First frame of the swap."""
+    end: int
+    """First frame after the swap."""
+    markers: tuple[str, str]
+
+
+def marker_noise(shape: tuple[int, ...], sigma: float, seed: int) -> Floats:
+    """Draw isotropic normal noise with the standard deviation ``sigma`` of each coordinate, metres."""
+    return sigma * stream(seed, "synthetic", "noise").standard_normal(shape)
+
+
+def soft_tissue(phases: Floats, rate: float, amplitude: float, seed: int) -> Floats:
+    """Draw the soft-tissue artefact of each marker: its displacement on its segment.
+
+    Half of it follows the angle of the segment's joint, as skin does over a moving joint; half oscillates in time, as
+    muscle and fat do. The directions of both are random and fixed for a marker.
+
+    Args:
+        phases: angle of the joint of each marker's segment, -1 to 1 over its range (markers, frames).
+        rate: frames per second.
+        amplitude: largest displacement, metres.
+        seed: of directions and frequencies.
+
+    Returns:
+        Displacements in the segments' axes (markers, 3, frames), metres.
+    """
+    rng = stream(seed, "synthetic", "soft tissue")
+    directions = rng.standard_normal((2, len(phases), 3))
+    directions /= np.linalg.norm(directions, axis=2, keepdims=True)
+    frequency, start = rng.uniform(0.5, 2.0, len(phases)), rng.uniform(0, 2 * np.pi, len(phases))
+    time = np.arange(phases.shape[1]) / rate
+    oscillation = np.sin(2 * np.pi * frequency[:, None] * time + start[:, None])
+    courses = np.stack([phases, oscillation])
+    displacement: Floats = 0.5 * amplitude * np.einsum("kmi,kmt->mit", directions, courses)
+    return displacement
+
+
+def gaps(markers: int, frames: int, rate: float, share: float, seed: int) -> Bools:
+    """Draw the missing samples (markers, frames), in runs; each marker lacks the given share of frames, rounded."""
+    rng = stream(seed, "synthetic", "gaps")
+    mask = np.zeros((markers, frames), dtype=bool)
+    for row in mask:
+        for first, end in _runs(rng, frames, round(share * frames), _GAP * rate):
+            row[first:end] = True
+    return mask
+
+
+def swapped_labels(pairs: Sequence[tuple[str, str]], frames: int, rate: float, share: float, seed: int) -> list[Swap]:
+    """Draw swaps: in the given share of the frames one of the pairs is exchanged."""
+    rng = stream(seed, "synthetic", "swaps")
+    runs = _runs(rng, frames, round(share * frames), _SWAP * rate)
+    return [Swap(first, end, pairs[int(rng.integers(len(pairs)))]) for first, end in runs]
+
+
+def _runs(rng: np.random.Generator, frames: int, count: int, mean: float) -> list[tuple[int, int]]:
+    """Draw runs of frames: ``count`` frames in all, of the mean length ``mean``, at least one frame apart."""
+    free = frames - count
+    number = min(max(round(count / max(mean, 1.0)), 1), count, free + 1)
+    if number == 0:
+        return []
+    inside = _lengths(rng, count, number)
+    # the stretches before the first and after the last run may be empty, those between runs may not
+    outside = _lengths(rng, free + 2, number + 1)
+    firsts = np.cumsum(outside[:-1]) - 1 + np.concatenate([[0], np.cumsum(inside[:-1])])
+    return [(int(first), int(first + length)) for first, length in zip(firsts, inside, strict=True)]
+
+
+def _lengths(rng: np.random.Generator, total: int, parts: int) -> Ints:
+    """Cut a whole number into parts of at least one, each way with the same probability."""
+    cuts = np.sort(rng.choice(total - 1, parts - 1, replace=False)) + 1
+    return np.diff(np.concatenate([[0], cuts, [total]]))
+
+
+@dataclass(frozen=True, eq=False)
+class BodyTruth:
+    """True segment poses, joints and markers of a synthetic body.
+
+    Lengths are in metres. The origin of a segment is the joint to its parent.
+    """
+
+    segments: tuple[str, ...]
+    rotations: Floats
+    """(segments, frames, 3, 3), from a segment's axes to the world's."""
+    origins: Floats
+    """(segments, 3, frames), in the world."""
+    markers: tuple[str, ...]
+    offsets: Floats
+    """(markers, 3): each marker in its segment's axes, without soft-tissue artefact."""
+    joints: tuple[str, ...]
+    parents: tuple[str, ...]
+    """Parent segment of each joint; the joint is fixed in it."""
+    children: tuple[str, ...]
+    """Child segment of each joint."""
+    centers: Floats
+    """(joints, 3, frames), in the world."""
+    in_parent: Floats
+    """(joints, 3): each joint in its parent's axes; in its child's axes it is the origin."""
+    axes: Floats
+    """(joints, 3): unit vectors along hinge axes, equal in the parent's and the child's axes; NaN for ball joints."""
+    bones: dict[tuple[str, str], float]
+    """Length of each bone: two joints of one segment, the one to its parent first."""
+    swaps: tuple[Swap, ...]
+    missing: Bools
+    """(markers, frames)."""
+
+
+def write_truth(truth: BodyTruth, path: str | Path) -> tuple[Path, Path]:
+    """Write the truth about a synthetic body beside its recording.
+
+    Args:
+        truth: of the body.
+        path: of the recording; its suffix is replaced.
+
+    Returns:
+        ``….joints.parquet``, a row per joint: names, kind, centre and axis in the parent's axes, and the bone that ends
+        there; ``….truth.parquet``, a row per frame and joint: the centre in the world and the rotation vector of the
+        child segment. Metres and radians.
+
+    Raises:
+        RecordingError: if they cannot be written.
+    """
+    path = Path(path)
+    out = path.with_suffix(".joints.parquet"), path.with_suffix(".truth.parquet")
+    try:
+        for columns, target in zip((_joint_columns(truth), _frame_columns(truth)), out, strict=True):
+            pq.write_table(pa.table(columns), target, compression="zstd")
+    except OSError as error:
+        raise RecordingError(f"{path.parent}: cannot be written: {error.strerror or error}") from None
+    return out
+
+
+def _joint_columns(truth: BodyTruth) -> dict[str, object]:
+    """Columns of the table with a row per joint."""
+    bones = dict.fromkeys(truth.joints, ("", np.nan)) | {end: (start, d) for (start, end), d in truth.bones.items()}
+    return {
+        "joint": truth.joints,
+        "parent": truth.parents,
+        "child": truth.children,
+        "kind": ["ball" if np.isnan(axis[0]) else "hinge" for axis in truth.axes],
+        **{f"center_{axis}": truth.in_parent[:, i] for i, axis in enumerate("xyz")},
+        **{f"axis_{axis}": truth.axes[:, i] for i, axis in enumerate("xyz")},
+        "bone_from": [bones[joint][0] for joint in truth.joints],
+        "bone_length": [bones[joint][1] for joint in truth.joints],
+    }
+
+
+def _frame_columns(truth: BodyTruth) -> dict[str, object]:
+    """Columns of the table with a row per frame and joint."""
+    count, _, frames = truth.centers.shape
+    children = [truth.segments.index(child) for child in truth.children]
+    vectors = Rotation.from_matrix(truth.rotations[children].reshape(-1, 3, 3)).as_rotvec()
+    return {
+        "frame": np.tile(np.arange(1, frames + 1), count),
+        "joint": np.repeat(truth.joints, frames),
+        **{f"center_{axis}": truth.centers[:, i].ravel() for i, axis in enumerate("xyz")},
+        **{f"turn_{axis}": vectors[:, i] for i, axis in enumerate("xyz")},
+    }
+
+
+_WEIGHTS = np.array([0.5, 0.3, 0.2])  # of three sinusoids; their sum is 1, so that no angle leaves its range
+_SLOW, _FAST = 0.1, 0.7  # hertz: periods of 1.4 to 10 seconds
+_STRIDE = np.array([0.6, 0.18, 0.07])  # of a stride and its harmonics, in gait; the rest of the course is smooth
+_STRIDES = 0.8, 1.1  # hertz
+_GAIT = np.array([0.5, 0.3, 0.3])  # share of the range of motion about y, x and z that gait uses, near standing
+_ROOM = np.array([1.2, 1.2, 0.12])  # metres: largest excursion of the pelvis to either side
+
+Style = Literal["smooth", "independent", "gait"]
+"""Smooth courses; each frame drawn anew, with angles uniform over their ranges; or strides of a part of the range."""
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """The pose of each segment in each frame."""
+
+    rotations: Floats
+    """(segments, frames, 3, 3), from the segment's axes to the world's."""
+    origins: Floats
+    """(segments, 3, frames), metres."""
+    phases: Floats
+    """(segments, frames): angle about y of the joint to the parent, -1 to 1 over its range."""
+
+
+def draw_motion(frames: int, rate: float, seed: int, *, height: float, reach: float, style: Style) -> Motion:
+    """Draw a motion of the body.
+
+    Args:
+        frames: number of frames.
+        rate: frames per second.
+        seed: of the motion; each angle has a stream of its own.
+        height: of the body, metres.
+        reach: share of each joint's natural range of motion, about its middle; 0 for a stiff body.
+        style: of the courses in time.
+    """
+    rotations = np.empty((len(PARTS), frames, 3, 3))
+    origins = np.empty((len(PARTS), 3, frames))
+    phases = np.empty((len(PARTS), frames))
+    row = {part.name: i for i, part in enumerate(PARTS)}
+    for i, part in enumerate(PARTS):
+        courses = np.array([_course(frames, rate, style, seed, part.name, a) for a in "yxz"])
+        phases[i] = courses[0]
+        rotation = _rotations(part, courses, reach, style)
+        if part.parent is None:
+            wander = np.array([_course(frames, rate, style, seed, part.name, f"to {a}") for a in "xyz"])
+            rotations[i] = rotation
+            origins[i] = wander * _ROOM[:, None] + np.array([[0.0], [0.0], [0.53 * height]])
+            continue
+        parent = row[part.parent]
+        rotations[i] = rotations[parent] @ rotation
+        origins[i] = origins[parent] + rotations[parent].dot(height * np.array(part.at)).T
+    return Motion(rotations, origins, phases)
+
+
+def _course(frames: int, rate: float, style: Style, seed: int, *name: str) -> Floats:
+    """Draw a random course between -1 and 1 (frames,) from the stream of this name."""
+    rng = stream(seed, "synthetic", "motion", *name)
+    if style == "independent":
+        return rng.uniform(-1, 1, frames)
+    frequency = np.exp(rng.uniform(np.log(_SLOW), np.log(_FAST), len(_WEIGHTS)))
+    start = rng.uniform(0, 2 * np.pi, len(_WEIGHTS))
+    time = np.arange(frames) / rate
+    course: Floats = _WEIGHTS @ np.sin(2 * np.pi * frequency[:, None] * time + start[:, None])
+    if style == "gait":  # strides of one rate in the whole body, and a smooth course that tells one from the next
+        stride = stream(seed, "synthetic", "motion", "stride").uniform(*_STRIDES)
+        harmonics = stride * np.arange(1, 1 + len(_STRIDE))
+        start = stream(seed, "synthetic", "motion", "strides", *name).uniform(0, 2 * np.pi, len(_STRIDE))
+        course = (1 - _STRIDE.sum()) * course + _STRIDE @ np.sin(2 * np.pi * harmonics[:, None] * time + start[:, None])
+    return course
+
+
+def _rotations(part: BodyPart, courses: Floats, reach: float, style: Style) -> Floats:
+    """Rotations of a segment in its parent's axes (frames, 3, 3), from courses (3, frames) about y, x and z."""
+    low, high = np.radians(np.array(part.ranges)).T[:, :, None]
+    middle, half = (low + high) / 2, reach * (high - low) / 2
+    if style == "gait":
+        half = _GAIT[:, None] * half
+        middle = np.clip(0.0, low + half, high - half)
+    angles = middle + half * courses
+    if part.axis is not None:
+        rotation = Rotation.from_rotvec(angles[0][:, None] * unit(part.axis))
+    elif part.parent is None:  # heading first, then lean, so that the lean does not depend on the heading
+        rotation = Rotation.from_euler("ZYX", angles[[2, 0, 1]].T)
+    else:
+        rotation = Rotation.from_euler("YXZ", angles.T)
+    matrices: Floats = rotation.as_matrix()
+    return matrices
+
+
+_SIGNS = np.array([[a, b, c] for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)], dtype=float).T
+
+
+def skin_motion(recipe: Recipe, motion: Motion, segment_of: Ints) -> Floats:
+    """Draw the displacement of each marker on its segment by the recipe's law, largest at its ``soft_tissue``.
+
+    The laws are ``mixed`` (see `soft_tissue`); ``random``: smooth in time, independent of the motion; ``angle``: linear
+    in the rotation vector of the segment's joint, each marker in its own way; ``velocity``: the same with its rate of
+    change; ``cluster``: linear in the rotation vector, equal for all markers of a segment. The pelvis has no joint to a
+    parent; its skin follows the waist.
+
+    Args:
+        recipe: its ``skin``, ``soft_tissue``, ``rate`` and ``seed``.
+        motion: of the body.
+        segment_of: number of each marker's segment (markers,).
+
+    Returns:
+        Displacements in the segments' axes (markers, 3, frames), metres.
+    """
+    joint_of = np.where(segment_of == 0, 1, segment_of)
+    if recipe.skin == "mixed":
+        return soft_tissue(motion.phases[joint_of], recipe.rate, recipe.soft_tissue, recipe.seed)
+    if recipe.skin == "random":
+        return recipe.soft_tissue * _random(len(segment_of), motion.phases.shape[1], recipe.rate, recipe.seed)
+    clusters = segment_of if recipe.skin == "cluster" else np.arange(len(segment_of))
+    tensors = _tensors(clusters, recipe.seed)
+    drive = np.array([_DRIVES[recipe.skin](angles, recipe.rate) for angles in _rotation_vectors(motion)])
+    return np.asarray(recipe.soft_tissue * np.einsum("mik,mkt->mit", tensors, drive[joint_of]))
+
+
+def _random(markers: int, frames: int, rate: float, seed: int) -> Floats:
+    """Displacements of at most 1 (markers, 3, frames): three oscillations of .2 to 2 hertz along random directions."""
+    rng = stream(seed, "synthetic", "skin", "random")
+    frequency = np.exp(rng.uniform(np.log(0.2), np.log(2.0), (3, markers, 1)))
+    waves = np.sin(2 * np.pi * (frequency * np.arange(frames) / rate + rng.uniform(size=(3, markers, 1))))
+    directions = rng.standard_normal((3, markers, 3))
+    directions /= 3.0 * np.linalg.norm(directions, axis=2, keepdims=True)
+    return np.asarray(np.einsum("kmi,kmt->mit", directions, waves))
+
+
+def _tensors(clusters: Ints, seed: int) -> Floats:
+    """Random tensors (markers, 3, 3), equal within a cluster, that take vectors in the cube of side 2 to at most 1."""
+    drawn = stream(seed, "synthetic", "skin", "tensors").standard_normal((clusters.max() + 1, 3, 3))[clusters]
+    return np.asarray(drawn / np.linalg.norm(drawn @ _SIGNS, axis=1).max(axis=1)[:, None, None])
+
+
+def _rotation_vectors(motion: Motion) -> Floats:
+    """Rotation vectors of each segment in its parent's axes, about the mean rotation (segments, 3, frames)."""
+    rows = {part.name: i for i, part in enumerate(PARTS)}
+    vectors = np.zeros((len(PARTS), 3, motion.phases.shape[1]))
+    for i, part in enumerate(PARTS):
+        if part.parent is not None:
+            relative = np.swapaxes(motion.rotations[rows[part.parent]], 1, 2) @ motion.rotations[i]
+            mean = nearest_rotation(relative.sum(axis=0))
+            vectors[i] = Rotation.from_matrix(relative @ mean.T).as_rotvec().T
+    return vectors
+
+
+def _to_unit(vectors: Floats) -> Floats:
+    """Vectors (3, frames), all divided by the largest component of any."""
+    return vectors / max(float(np.abs(vectors).max()), 1e-300)
+
+
+def _velocity(vectors: Floats, rate: float) -> Floats:
+    return _to_unit(np.gradient(vectors, 1.0 / rate, axis=1))
+
+
+_DRIVES: dict[str, Callable[[Floats, float], Floats]] = {
+    "angle": lambda vectors, _: _to_unit(vectors),
+    "cluster": lambda vectors, _: _to_unit(vectors),
+    "velocity": _velocity,
+}
+
+
+def synthesize(recipe: Recipe | None = None) -> tuple[Recording, BodyTruth]:
+    """Make a recording and the truth about it.
+
+    Motion, noise, soft-tissue artefact, gaps and swaps are drawn from streams of their own: a change of one leaves the
+    others as they are, and the same recipe gives the same bytes.
+
+    Args:
+        recipe: the settings; their defaults if None.
+    """
+    r = recipe or Recipe()
+    style: Style = "independent" if r.independent else "gait" if r.gait else "smooth"
+    motion = draw_motion(r.frames, r.rate, r.seed, height=r.height, reach=r.reach, style=style)
+    segment_of = np.array([i for i, part in enumerate(PARTS) for _ in part.markers])
+    offsets = r.height * np.array([place for part in PARTS for place in part.markers.values()])
+    local = offsets[:, :, None] + skin_motion(r, motion, segment_of)
+    positions = np.empty((len(MARKERS), 3, r.frames))
+    for row, segment in enumerate(segment_of):
+        positions[row] = np.einsum("tij,jt->it", motion.rotations[segment], local[row]) + motion.origins[segment]
+    positions += marker_noise(positions.shape, r.noise, r.seed)
+    swaps = swapped_labels(nearest_pairs(), r.frames, r.rate, r.swaps, r.seed)
+    for swap in swaps:
+        pair = [MARKERS.index(marker) for marker in swap.markers]
+        positions[pair, :, swap.first : swap.end] = positions[pair[::-1], :, swap.first : swap.end]
+    missing = gaps(len(MARKERS), r.frames, r.rate, r.gaps, r.seed)
+    positions[np.broadcast_to(missing[:, None], positions.shape)] = np.nan
+    recording = Recording(f"synthetic-{r.seed}", MARKERS, positions, r.rate)
+    children = [i for i, part in enumerate(PARTS) if part.joint]
+    in_parent = r.height * np.array([PARTS[i].at for i in children])
+    axes = [PARTS[i].axis for i in children]
+    truth = BodyTruth(
+        segments=tuple(part.name for part in PARTS),
+        rotations=motion.rotations,
+        origins=motion.origins,
+        markers=MARKERS,
+        offsets=offsets,
+        joints=JOINTS,
+        parents=tuple(str(PARTS[i].parent) for i in children),
+        children=tuple(PARTS[i].name for i in children),
+        centers=motion.origins[children],
+        in_parent=in_parent,
+        axes=np.array([np.full(3, np.nan) if axis is None else unit(axis) for axis in axes]),
+        bones=_bones(in_parent),
+        swaps=tuple(swaps),
+        missing=missing,
+    )
+    return recording, truth
+
+
+def _bones(in_parent: Floats) -> dict[tuple[str, str], float]:
+    """Length from a segment's joint to its parent to each joint that is fixed in the segment."""
+    joint_of = {part.name: part.joint for part in PARTS}
+    lengths = np.linalg.norm(in_parent, axis=1)
+    found = {}
+    for part, length in zip((part for part in PARTS if part.joint), lengths, strict=True):
+        start = joint_of[str(part.parent)]
+        if start is not None:
+            found[start, str(part.joint)] = float(length)
+    return found

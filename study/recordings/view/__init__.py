@@ -1,0 +1,1 @@
+"""Pictures of skeletons: figures, videos and an interactive page."""

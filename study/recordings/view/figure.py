@@ -1,0 +1,414 @@
+"""View a scene from a direction, in parallel projection: lengths across the view keep their scale.
+
+Error ellipsoids of joints: their half axes, and the factor by which they are drawn larger.
+
+Colours of skeletons in figures, videos and the viewer: one per side of the body, and one for doubtful joints.
+
+Draw a skeleton with matplotlib; for the next frame its artists move.
+
+Figure 1: the skeleton in one frame, with its markers, bones and joints, and the error ellipsoid of each joint.
+
+The paper shows a skeleton during a karate exercise. Here each joint has its 95 % error ellipsoid, enlarged by a factor
+that the figure states. That of a hinge is a disc, and a line shows its axis, along which the data do not place it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.colors import to_rgba
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+from study import style
+from study.arrays import Bools, Floats, Ints
+from study.recordings.recording import RecordingError
+from study.recordings.skeleton.scene import Flag, Scene
+
+
+@dataclass(frozen=True)
+class Camera:
+    """The direction of view, z up: ``azimuth`` from x to y and ``elevation`` above the horizon, degrees."""
+
+    azimuth: float = 30.0
+    elevation: float = 10.0
+
+    @property
+    def axes(self) -> Floats:
+        """Directions to the right, up, and towards the viewer, as rows (3, 3)."""
+        a, e = np.radians([self.azimuth, self.elevation])
+        return np.array(
+            [
+                [-np.sin(a), np.cos(a), 0.0],
+                [-np.cos(a) * np.sin(e), -np.sin(a) * np.sin(e), np.cos(e)],
+                [np.cos(a) * np.cos(e), np.sin(a) * np.cos(e), np.sin(e)],
+            ]
+        )
+
+    def project(self, x: Floats) -> Floats:
+        """Coordinates of points (…, 3) to the right, up and towards the viewer (…, 3), metres."""
+        projected: Floats = x @ self.axes.T
+        return projected
+
+
+def outlines(half: Floats, directions: Floats, camera: Camera, corners: int = 48) -> Floats:
+    """Outlines of ellipsoids about zero (ellipsoids, corners, 2), metres right and up.
+
+    The parallel projection P of an ellipsoid {M u : |u| ≤ 1} is {P M u}, the ellipse of the matrix P M Mᵀ Pᵀ.
+
+    Args:
+        half: lengths of the half axes (ellipsoids, 3); one of zero gives a disc.
+        directions: of these axes, as columns (ellipsoids, 3, 3).
+        camera: the direction of view.
+        corners: of the polygons.
+    """
+    matrix = camera.axes[:2] @ (directions * half[:, None])
+    values, vectors = np.linalg.eigh(matrix @ matrix.transpose(0, 2, 1))
+    angle = np.linspace(0.0, 2.0 * np.pi, corners, endpoint=False)
+    circle = np.stack([np.cos(angle), np.sin(angle)])
+    ellipse: Floats = (vectors * np.sqrt(np.maximum(values, 0.0))[:, None]) @ circle
+    return ellipse.transpose(0, 2, 1)
+
+
+LEVEL = 0.95
+"""Probability that an ellipsoid contains its joint, if the standard errors are right."""
+_FACTORS = (1, 2, 3, 5, 10, 20, 30, 50, 100)
+_SIZE, _LONGEST = 0.045, 0.4
+"""Largest half axis, as drawn, of the median ellipsoid, and of the longest; metres."""
+
+
+def surface(known: int) -> float:
+    """Distance from centre to surface in standard errors, for a joint that is known in this many directions."""
+    return float(np.sqrt(chi2.ppf(LEVEL, known))) if known else 0.0
+
+
+def half_axes(scene: Scene) -> Floats:
+    """Half axes of the ellipsoids (joints, 3), metres; zero in a direction without a standard error."""
+    known = ~np.isnan(scene.errors)
+    factors = np.array([surface(int(row.sum())) for row in known])
+    half: Floats = np.where(known, scene.errors, 0.0) * factors[:, None]
+    return half
+
+
+def exaggeration(scene: Scene) -> int:
+    """The factor by which ellipsoids are drawn larger, so that they are visible."""
+    longest = half_axes(scene).max(axis=1)
+    longest = longest[longest > 0.0]
+    if not len(longest):
+        return 1
+    most = min(_SIZE / np.median(longest), _LONGEST / longest.max())
+    return max([factor for factor in _FACTORS if factor <= most], default=1)
+
+
+def hinges(scene: Scene) -> Bools:
+    """True for joints that are known across an axis, but not along it (joints,)."""
+    found: Bools = np.isnan(scene.errors[:, 2]) & ~np.isnan(scene.errors[:, 0])
+    return found
+
+
+SIDES = {"left": "#0072b2", "right": "#c2580a", "": "#4a4a4a"}
+"""Bones of the left side, of the right side, and between them."""
+MARKER = "#7d8a94"
+ELLIPSOID = "#009e73"
+FLAGGED = "#c2187e"
+"""A joint that is not reliable, in all frames or in this one."""
+FLOOR = "#dde2e6"
+SHADOW = "#e9ecee"
+GHOST = "#7a5fb5"
+"""A second motion beside or over the first one."""
+
+_SQUARE = 0.5
+"""Distance between the lines on the floor, metres."""
+_ROD = 0.06
+"""Distance from a hinge to either end of the line along its axis, metres."""
+
+
+@dataclass(frozen=True)
+class DrawingSizes:
+    """Widths of lines and marks, in points."""
+
+    bone: float = 2.8
+    casing: float = 1.3
+    """White margin of a bone where it passes in front of another."""
+    joint: float = 3.6
+    marker: float = 2.6
+
+
+class SkeletonDrawing:
+    """The artists of a skeleton, and their places in each frame."""
+
+    def __init__(self, ax: Axes, scene: Scene, camera: Camera, sizes: DrawingSizes, factor: int | None = None) -> None:
+        self.scene, self.camera, self.sizes = scene, camera, sizes
+        self.factor = exaggeration(scene) if factor is None else factor
+        self._points, self._sides = scene.points, scene.sides()
+        self._half = self.factor * half_axes(scene)
+        self._with_ellipsoid = [i for i, row in enumerate(self._half) if row.any()]
+        self._hinges = hinges(scene)
+        self._doubtful = np.array([bool(doubt) for doubt in scene.doubts])
+        self.ground = scene.floor
+        width = sizes.bone + 2.0 * sizes.casing
+        self._floor = LineCollection([], colors=FLOOR, linewidths=0.6, zorder=0)
+        self._shadow = LineCollection([], colors=SHADOW, linewidths=width, capstyle="round", zorder=1)
+        (self._markers,) = ax.plot([], [], "o", color=MARKER, markersize=sizes.marker, markeredgewidth=0.0, zorder=4)
+        self._bones = LineCollection([], capstyle="round", zorder=3)
+        self._rods = LineCollection([], colors=ELLIPSOID, linewidths=1.0, zorder=4)
+        self._ellipsoids = PolyCollection(
+            [], facecolors=to_rgba(ELLIPSOID, 0.3), edgecolors=ELLIPSOID, linewidths=0.7, zorder=5
+        )
+        for collection in (self._floor, self._shadow, self._bones, self._rods, self._ellipsoids):
+            ax.add_collection(collection)
+        self._joints = ax.scatter([], [], s=sizes.joint**2, linewidths=0.9, zorder=6)
+        ax.set_aspect("equal")
+        ax.set_axis_off()
+
+    def show(self, frame: int, around: Floats | None = None) -> None:
+        """Show a frame.
+
+        Args:
+            frame: number of the frame, from 0.
+            around: centre of the lines on the floor (2,); the skeleton's middle if None.
+        """
+        scene, camera = self.scene, self.camera
+        x = self._points[:, :, frame]
+        seen = camera.project(x)
+        flat = x.copy()
+        flat[:, 2] = self.ground
+        below = camera.project(flat)[:, :2]
+        known = [bone for bone in scene.bones if not np.isnan(x[list(bone), 0]).any()]
+        known.sort(key=lambda bone: float(seen[list(bone), 2].sum()))  # the farthest first
+        self._shadow.set_segments([below[list(bone)] for bone in known])
+        self._draw_bones(known, seen, frame)
+        self._markers.set_data(*camera.project(scene.places[:, :, frame])[:, :2].T)
+        self._draw_joints(seen, frame)
+        middle = np.nanmean(x[:, :2], axis=0) if len(known) else np.zeros(2)
+        self._floor.set_segments(list(_grid(middle if around is None else around, self.ground, camera)))
+
+    def _draw_bones(self, bones: list[tuple[int, int]], seen: Floats, frame: int) -> None:
+        """Draw each bone on a wider white one, so that the nearer of two crossing bones is visible."""
+        lines, colors, widths, styles = [], [], [], []
+        for bone in bones:
+            lines += [seen[list(bone), :2]] * 2
+            ends = {self._sides[i] for i in bone} - {""}
+            bridged = any(i < len(self.scene.joints) and self.scene.flags[i, frame] != Flag.SEEN for i in bone)
+            colors += ["white", SIDES[ends.pop() if len(ends) == 1 else ""]]
+            widths += [self.sizes.bone + 2.0 * self.sizes.casing, self.sizes.bone]
+            styles += ["solid", (0.0, (0.8, 1.4)) if bridged else "solid"]
+        self._bones.set_segments(lines)
+        self._bones.set(color=colors, linewidths=widths, linestyles=styles or "solid")
+
+    def _draw_joints(self, seen: Floats, frame: int) -> None:
+        """Draw the joints, their ellipsoids, and the axes of hinges."""
+        scene = self.scene
+        count = len(scene.joints)
+        flagged = self._doubtful | (scene.flags[:, frame] != Flag.SEEN)
+        self._joints.set_offsets(seen[:count, :2])
+        self._joints.set_facecolor(["white" if flag else SIDES[""] for flag in flagged])
+        self._joints.set_edgecolor([FLAGGED if flag else "white" for flag in flagged])
+        known = [i for i in self._with_ellipsoid if not np.isnan(scene.orientations[i, frame]).any()]
+        rotations = Rotation.from_quat(scene.orientations[known, frame]).as_matrix() if known else np.empty((0, 3, 3))
+        shapes = outlines(self._half[known], rotations, self.camera) if known else np.empty((0, 1, 2))
+        self._ellipsoids.set_verts(list(shapes + seen[known, None, :2]))
+        rods = [
+            seen[i, :2] + np.array([[-_ROD], [_ROD]]) * (self.camera.axes[:2] @ rotation[:, 2])
+            for i, rotation in zip(known, rotations, strict=True)
+            if self._hinges[i]
+        ]
+        self._rods.set_segments(rods)
+
+
+def _grid(middle: Floats, height: float, camera: Camera, squares: int = 5) -> Floats:
+    """Lines of a grid that is fixed to the floor, projected (lines, 2, 2): squares about a point (2,)."""
+    first = np.round(middle / _SQUARE) - squares // 2 - 0.5 * (squares % 2)
+    marks = _SQUARE * (first[:, None] + np.arange(squares + 1))
+    low, high = marks[:, 0], marks[:, -1]
+    lines = [[[x, low[1], height], [x, high[1], height]] for x in marks[0]]
+    lines += [[[low[0], y, height], [high[0], y, height]] for y in marks[1]]
+    return camera.project(np.array(lines))[..., :2]
+
+
+_ELEVATION = 8.0
+_CANDIDATES = 60
+"""Number of frames among which `prepare` chooses."""
+_AZIMUTHS = np.arange(0.0, 360.0, 15.0)
+"""Directions of view among which `prepare` chooses, degrees."""
+_HEIGHT = 4.9
+"""Height of the picture, inches."""
+_REACH = 0.06
+"""Distance from the skeleton to the labels beside it, in parts of the picture's width."""
+_LETTER = 0.058
+"""Mean width of a letter of the labels, inches."""
+
+
+@dataclass(frozen=True, eq=False)
+class SkeletonView:
+    """One frame of a motion from one direction.
+
+    Attributes:
+        scene: the motion.
+        frame: number of the frame, from 0.
+        camera: the direction of view.
+        factor: by which ellipsoids are drawn larger.
+        labels: text beside each joint.
+    """
+
+    scene: Scene
+    frame: int
+    camera: Camera
+    factor: int
+    labels: tuple[str, ...]
+
+
+def prepare(
+    scene: Scene, frame: int | None = None, azimuth: float | None = None, factor: int | None = None
+) -> SkeletonView:
+    """Choose a frame and a direction of view.
+
+    Args:
+        scene: the motion.
+        frame: number of the frame, from 0; if None, one in which all joints are known and appear well apart.
+        azimuth: direction of view, degrees from x to y; if None, one from which they appear well apart.
+        factor: by which ellipsoids are drawn larger; if None, one that makes them visible.
+
+    Raises:
+        RecordingError: if there is no such frame.
+    """
+    if frame is not None and not 0 <= frame < scene.frames:
+        raise RecordingError(f"{scene.name}: no frame {frame}; there are 0 to {scene.frames - 1}")
+    frames = _complete(scene) if frame is None else np.array([frame])
+    azimuths = _AZIMUTHS if azimuth is None else np.array([azimuth])
+    best, camera = max(
+        ((int(t), Camera(float(a), _ELEVATION)) for t in frames for a in azimuths),
+        key=lambda pair: _apart(scene.points[:, :, pair[0]], pair[1]),
+    )
+    labels = tuple(_label(scene, joint, best) for joint in range(len(scene.joints)))
+    return SkeletonView(scene, best, camera, exaggeration(scene) if factor is None else factor, labels)
+
+
+def _complete(scene: Scene) -> Ints:
+    """Some of the frames with the fewest missing markers and bridged joints."""
+    bad = (scene.flags != Flag.SEEN).sum(axis=0) + np.isnan(scene.places[:, 0]).sum(axis=0)
+    best = np.flatnonzero(bad == bad.min())
+    some: Ints = best[np.unique(np.linspace(0, len(best) - 1, _CANDIDATES).astype(int))]
+    return some
+
+
+def _apart(points: Floats, camera: Camera) -> float:
+    """Mean logarithm of the distances between projected points; it is low if one hides another."""
+    seen = camera.project(points[~np.isnan(points[:, 0])])[:, :2]
+    i, j = np.triu_indices(len(seen), 1)
+    return float(np.log(np.linalg.norm(seen[i] - seen[j], axis=1) + 0.02).mean()) if len(seen) > 1 else 0.0
+
+
+def _label(scene: Scene, joint: int, frame: int) -> str:
+    """Name of a joint and its largest standard error."""
+    name = scene.joints[joint].replace("_", " ")
+    errors = scene.errors[joint]
+    known = errors[~np.isnan(errors)]
+    text = f"{name} {1000 * known.max():.1f} mm" if len(known) else name
+    return text + " (bridged)" * bool(scene.flags[joint, frame] == Flag.BRIDGED) + "*" * bool(scene.doubts[joint])
+
+
+@style.journal()
+def draw(view: SkeletonView) -> Figure:
+    """Draw the skeleton with labels beside its joints."""
+    scene = view.scene
+    figure = Figure(figsize=(style.PAGE, _HEIGHT))
+    ax = figure.add_axes((0.0, 0.1, 1.0, 0.9))
+    drawing = SkeletonDrawing(ax, scene, view.camera, DrawingSizes(), view.factor)
+    drawing.show(view.frame)
+    shown = np.concatenate([scene.points[:, :, view.frame], scene.places[:, :, view.frame]])
+    shown = np.concatenate([shown, np.column_stack([shown[:, :2], np.full(len(shown), drawing.ground)])])
+    seen = view.camera.project(shown[~np.isnan(shown[:, 0])])[:, :2]
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    margin = _REACH * style.PAGE + _LETTER * (max(map(len, view.labels)) + 1)
+    width = max(
+        1.08 * (high[1] - low[1]) * style.PAGE / (0.9 * _HEIGHT),
+        (high[0] - low[0]) * style.PAGE / (style.PAGE - 2.0 * margin),
+    )
+    height = width * 0.9 * _HEIGHT / style.PAGE
+    middle = 0.5 * (low + high)
+    ax.set_xlim(middle[0] - 0.5 * width, middle[0] + 0.5 * width)
+    ax.set_ylim(middle[1] - 0.5 * height, middle[1] + 0.5 * height)
+    _draw_labels(ax, view, (float(low[0]), float(high[0])))
+    _scale(ax)
+    _draw_legend(figure, view)
+    style.stamp(figure, f"{scene.name}, frame {view.frame + 1:,} of {scene.frames:,}; {scene.source}")
+    return figure
+
+
+def _draw_labels(ax: Axes, view: SkeletonView, sides: tuple[float, float]) -> None:
+    """Draw labels in two columns beside the skeleton, each with a thin line to its joint."""
+    seen = view.camera.project(view.scene.centers[:, :, view.frame])[:, :2]
+    known = np.flatnonzero(~np.isnan(seen[:, 0]))
+    (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
+    reach = _REACH * (right - left)
+    columns = _columns(seen[:, 0], view.scene.sides(), known)
+    for part, at, align in zip(columns, (sides[0] - reach, sides[1] + reach), ("right", "left"), strict=True):
+        if not len(part):
+            continue
+        wanted = (seen[part, 1] - bottom) / (top - bottom)
+        heights = bottom + (top - bottom) * style.spread(list(wanted), [0.042] * len(part))
+        for joint, height in zip(part, heights, strict=True):
+            elbow = at + (0.35 if align == "right" else -0.35) * reach
+            x, y = seen[joint]
+            ax.plot([at, elbow, x], [height, height, y], color=style.FAINT, linewidth=0.45, zorder=3.5)
+            color = FLAGGED if view.labels[joint].endswith(("*", ")")) else style.INK
+            ax.text(at, height, f" {view.labels[joint]} ", ha=align, va="center", fontsize=style.SMALL, color=color)
+
+
+def _columns(across: Floats, sides: tuple[str, ...], known: Ints) -> tuple[Ints, Ints]:
+    """Joints with labels on the left of the picture, and those with labels on the right.
+
+    The joints of one side of the body are on one side of the picture, so that few lines cross; the others are on the
+    side with more room.
+    """
+    means = {side: np.mean([across[i] for i in known if sides[i] == side] or [np.nan]) for side in ("left", "right")}
+    first = "right" if means["right"] < means["left"] else "left"
+    columns: tuple[list[int], list[int]] = ([], [])
+    for i in sorted(known, key=lambda i: sides[i] == ""):
+        fewer = int(len(columns[1]) < len(columns[0]))
+        columns[fewer if sides[i] == "" else int(sides[i] != first)].append(int(i))
+    return np.array(columns[0], dtype=int), np.array(columns[1], dtype=int)
+
+
+def _scale(ax: Axes) -> None:
+    """Draw a scale bar of half a metre."""
+    (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
+    x, y = left + 0.03 * (right - left), bottom + 0.03 * (top - bottom)
+    ax.plot([x, x + 0.5], [y, y], color=style.INK, linewidth=1.2, solid_capstyle="butt")
+    box = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}
+    place = {"ha": "center", "va": "bottom", "zorder": 2.0}
+    ax.text(x + 0.25, y + 0.012 * (top - bottom), "0.5 m", fontsize=style.SMALL, bbox=box, **place)  # type: ignore[arg-type]
+
+
+def _draw_legend(figure: Figure, view: SkeletonView) -> None:
+    """Draw the legend below the picture."""
+    scene = view.scene
+    larger = f", enlarged {view.factor} times" if view.factor > 1 else ", in true size"
+    handles: list[Line2D | Patch] = [
+        Line2D([], [], color=SIDES[side], linewidth=3.0, solid_capstyle="round", label=words)
+        for side, words in (("left", "left"), ("right", "right"))
+    ]
+    handles.append(Line2D([], [], color=MARKER, marker="o", markersize=3.5, linestyle="none", label="marker"))
+    if not np.isnan(scene.errors).all():
+        words = f"{100 * LEVEL:.0f} % error ellipsoid of a joint{larger}"
+        handles.append(Patch(facecolor=to_rgba(ELLIPSOID, 0.3), edgecolor=ELLIPSOID, label=words))
+    if hinges(scene).any():
+        handles.append(Line2D([], [], color=ELLIPSOID, linewidth=1.0, label="axis of a hinge"))
+    if any(scene.doubts):
+        look = {"markerfacecolor": "white", "markeredgecolor": FLAGGED, "markersize": 4.5, "linestyle": "none"}
+        handles.append(Line2D([], [], marker="o", label="* not reliable", **look))  # type: ignore[arg-type]
+    figure.legend(
+        handles=handles,
+        loc="lower center",
+        bbox_to_anchor=(0.5, 0.055),
+        ncols=len(handles),
+        columnspacing=1.4,
+        handlelength=1.4,
+    )
+    words = "Numbers: largest standard error of the joint in its segment; for a hinge across its axis."
+    figure.text(0.5, 0.04, words, ha="center", va="bottom", fontsize=style.SMALL)

@@ -1,0 +1,205 @@
+"""Write the viewer: one HTML page with the moving skeleton, which needs no other file and no network.
+
+The parts of the page are in the folder ``viewer``: its style, six scripts, and the library three.js with its licence.
+`page.html` joins them.
+
+Write a scene as JSON, for the viewer and for other programs.
+
+Positions are 16-bit integer counts of a step, about a tenth of a millimetre, in base64; see docs/recordings.md.
+"""
+
+import base64
+import hashlib
+import json
+from pathlib import Path
+
+import numpy as np
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+from study.arrays import Floats
+from study.files import RunError, write
+from study.recordings.recording import RecordingError
+from study.recordings.skeleton.scene import Scene
+from study.recordings.view import figure
+from study.recordings.view.figure import LEVEL, exaggeration, half_axes
+
+FORMAT = "sphere-fit-study motion"
+VERSION = 1
+MISSING = -32768
+"""The count of an unknown coordinate."""
+_LARGEST = 32767
+_RATE = 60.0
+"""Largest number of frames per second; screens show no more."""
+
+
+def motion_document(scene: Scene, rate: float = _RATE) -> dict[str, object]:
+    """The document that JSON stores for a scene.
+
+    Args:
+        scene: the motion.
+        rate: largest number of frames per second; a faster motion keeps every second, third, ... frame.
+
+    Returns:
+        Names, numbers and lists. The arrays are in base64, 16-bit integers with the low byte first: ``markers``
+        (frames, markers, 3) and ``points`` (frames, joints and tips, 3) in steps from ``origin``, -32768 if unknown;
+        ``turns`` (frames, joints, 4), quaternions x, y, z, w times 32767 that rotate an ellipsoid's axes to the
+        world's; and ``flags`` (frames, joints) in bytes, as `Flag`.
+    """
+    shown = scene.at_most(rate)
+    places = np.concatenate([shown.places, shown.points])
+    low, high = _range(places)
+    origin = 0.5 * (low + high)
+    step = max(float((high - low).max()) / (2 * _LARGEST), 1e-6)
+    counts = _rounded((places - origin[:, None]) / step).transpose(2, 0, 1)
+    half = np.where(np.isnan(shown.errors), np.nan, half_axes(shown))
+    joints = [
+        {"name": name, "doubt": doubt, "errors": _numbers(errors), "half_axes": _numbers(axes)}
+        for name, doubt, errors, axes in zip(shown.joints, shown.doubts, shown.errors, half, strict=True)
+    ]
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "name": shown.name,
+        "source": shown.source,
+        "notes": list(shown.notes),
+        "rate": shown.rate,
+        "frames": shown.frames,
+        "unit": "m",
+        "up": "z",
+        "floor": round(shown.floor, 4),
+        "markers": list(shown.markers),
+        "joints": joints,
+        "tips": list(shown.tips),
+        "sides": list(shown.sides()),
+        "bones": [list(bone) for bone in shown.bones],
+        "level": LEVEL,
+        "exaggeration": exaggeration(shown),
+        "step": step,
+        "origin": [round(float(x), 6) for x in origin],
+        "arrays": {
+            "markers": _base64(counts[:, : len(shown.markers)]),
+            "points": _base64(counts[:, len(shown.markers) :]),
+            "turns": _base64(_rounded(_LARGEST * shown.orientations).transpose(1, 0, 2)),
+            "flags": base64.b64encode(np.ascontiguousarray(shown.flags.T).tobytes()).decode(),
+        },
+    }
+
+
+def motion_text(scene: Scene, rate: float = _RATE) -> str:
+    """A scene as JSON text; see `motion_document`."""
+    return json.dumps(motion_document(scene, rate), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+
+
+def write_motion(scene: Scene, path: str | Path) -> Path:
+    """Write a scene as JSON, for the viewer to open.
+
+    Raises:
+        RecordingError: if it cannot be written.
+    """
+    path = Path(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write(path, motion_text(scene).encode())
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be written: {error.strerror or error}") from None
+    return path
+
+
+def _range(places: Floats) -> tuple[Floats, Floats]:
+    """Least and greatest coordinates (3,)."""
+    along = places.transpose(1, 0, 2).reshape(3, -1)
+    return np.nanmin(along, axis=1), np.nanmax(along, axis=1)
+
+
+def _rounded(numbers: Floats) -> "np.typing.NDArray[np.int16]":
+    """Numbers rounded to 16-bit integers; `MISSING` for NaN."""
+    rounded = np.clip(np.rint(numbers), -_LARGEST, _LARGEST)
+    return np.where(np.isnan(rounded), MISSING, rounded).astype("<i2")
+
+
+def _base64(counts: "np.typing.NDArray[np.int16]") -> str:
+    return base64.b64encode(np.ascontiguousarray(counts).tobytes()).decode()
+
+
+def _numbers(row: Floats) -> list[float | None]:
+    """Lengths rounded to a micrometre, metres; None for NaN."""
+    return [None if np.isnan(x) else round(float(x), 6) for x in row]
+
+
+_FOLDER = Path(__file__).parent / "viewer"
+_SCRIPTS = ("motion.js", "flat.js", "stage.js", "ghost.js", "labels.js", "page.js")
+THREE = "0.187.0"
+"""Release of three.js in the folder; `three.entry.js` has the commands that put another one there."""
+
+
+def viewer_page(scene: Scene, rate: float = _RATE) -> str:
+    """The page that shows a scene.
+
+    Args:
+        scene: the motion.
+        rate: largest number of frames per second; a faster motion keeps every second, third, ... frame.
+
+    Returns:
+        The document. The same scene gives the same bytes.
+    """
+    environment = Environment(
+        loader=FileSystemLoader(_FOLDER, encoding="utf-8"),
+        autoescape=False,  # nearly all of it is code; names from a user are escaped below
+        undefined=StrictUndefined,
+        keep_trailing_newline=True,
+    )
+    scripts = _scripts()
+    hashes = (base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in scripts)
+    return environment.get_template("page.html").render(
+        digests=" ".join(f"'sha256-{text}'" for text in hashes),  # the only scripts that may run
+        title=_escaped(scene.name),
+        style=_part("page.css"),
+        # in a script, HTML reads only its end tag and the start of a comment; without "<" there is neither
+        motion=motion_text(scene, rate).replace("<", "\\u003c"),
+        three=THREE,
+        scripts=scripts,
+    )
+
+
+def write_viewer(scene: Scene, path: str | Path, rate: float = _RATE) -> Path:
+    """Write the page that shows a scene, whole or not at all.
+
+    Returns:
+        The path.
+
+    Raises:
+        RunError: if it cannot be written.
+    """
+    path = Path(path)
+    page = viewer_page(scene, rate)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write(path, page.encode("utf-8", "replace"))
+    except OSError as error:
+        raise RunError(f"{path}: cannot be written: {error.strerror or error}") from None
+    return path
+
+
+def _scripts() -> tuple[str, str]:
+    """The library with its licence, and the viewer."""
+    colors = {
+        "sides": figure.SIDES,
+        "marker": figure.MARKER,
+        "ellipsoid": figure.ELLIPSOID,
+        "flagged": figure.FLAGGED,
+        "floor": figure.FLOOR,
+        "ghost": figure.GHOST,
+    }
+    library = f"\n/*\n{_part('three.LICENSE.txt').strip()}\n*/\n{_part('three.min.js')}\n"
+    viewer = "\n".join(_part(name) for name in _SCRIPTS)
+    return library, f'\n"use strict";\nconst COLORS = {json.dumps(colors)};\n{viewer}\n'
+
+
+def _part(name: str) -> str:
+    """A file of the viewer."""
+    return (_FOLDER / name).read_text(encoding="utf-8")
+
+
+def _escaped(text: str) -> str:
+    """Text with the characters escaped that mean something in HTML."""
+    return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")

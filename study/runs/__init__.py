@@ -1,1 +1,0 @@
-"""Bytes and processes: schemas, the run folder, provenance, the plan, the runner."""

@@ -1,1 +1,0 @@
-"""Adaptive runs: trials are added to a cell until a measure is precise enough."""

@@ -1,1 +1,0 @@
-"""Workers: threads, processes or a Dask cluster that compute units."""

@@ -1,0 +1,1 @@
+"""Simulation: a config becomes tables, figures, verdicts and a report."""

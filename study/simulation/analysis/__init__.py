@@ -1,0 +1,1 @@
+"""Analysis of finished runs: summaries, comparisons, costs and archives."""

@@ -1,0 +1,386 @@
+"""Archive of runs: one zip file with tables, schemas, configs, how to rerun, and metadata that machines read.
+
+Metadata of an archive: RO-Crate 1.1 with the profile of process runs, one action for each run.
+
+Pages of an archive for people: how to rerun, the studies by ADEMP; and CodeMeta for machines.
+"""
+
+import json
+import zipfile
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import datetime, timedelta
+from importlib import resources
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from study.files import RunError, explained, replacing
+from study.fits.registry import ESTIMATORS
+from study.simulation.analysis.verify import verify
+from study.simulation.experiment.conditions import CONDITIONS, LAW, OUTLIER_SHARE
+from study.simulation.experiment.config import Study
+from study.simulation.runs import schemas
+from study.simulation.runs.run_folder import Manifest, Run
+from study.simulation.runs.runner import budget_message
+from study.simulation.statistics import MEASURES
+
+Entity = dict[str, Any]
+
+LICENCE = "https://spdx.org/licenses/BSD-3-Clause"
+PROFILE = "https://w3id.org/ro/wfrun/process/0.5"
+CRATE = "https://w3id.org/ro/crate/1.1"
+PARQUET = "application/vnd.apache.parquet"
+_KINDS = {".md": "text/markdown", ".cff": "text/yaml", ".json": "application/json", ".toml": "application/toml"}
+_WORDS = {
+    "README.md": "How to read the tables, and how to compute them again",
+    "ADEMP.md": "The studies by aims, data, estimands, methods and performance measures",
+    "CITATION.cff": "How to cite the software and the paper",
+    "codemeta.json": "Metadata of the software",
+}
+
+
+class ArchivedRun(NamedTuple):
+    """A run that is archived.
+
+    Attributes:
+        name: of the run.
+        study: its config.
+        manifest: its manifest.
+        config: the config's text.
+        tables: names of its tables.
+        files: their files, with those of the config and the manifest.
+    """
+
+    name: str
+    study: Study
+    manifest: Manifest
+    config: str
+    tables: list[str]
+    files: list[Path]
+
+
+def metadata(runs: Sequence[ArchivedRun], texts: Mapping[str, int]) -> Entity:
+    """The content of ro-crate-metadata.json.
+
+    Args:
+        runs: the runs.
+        texts: names of the other files that the archive has, with their sizes in bytes.
+
+    Returns:
+        A JSON-LD object.
+    """
+    files = [_text(name, size) for name, size in texts.items()]
+    actions: list[Entity] = []
+    software: dict[str, Entity] = {}
+    for run in runs:
+        tool = _software(run)
+        software[tool["@id"]] = tool
+        files += _run_files(run)
+        actions.append(_action(run, tool["@id"]))
+    names = ", ".join(run.name for run in runs)
+    root = {
+        "@id": "./",
+        "@type": "Dataset",
+        "conformsTo": {"@id": PROFILE},
+        "name": f"Monte-Carlo study of sphere fits: {names}",
+        "description": "Runs of sphere-fit-study: tables, their schemas, configs, provenance, and how to rerun them.",
+        "datePublished": max(str(run.manifest["started"]) for run in runs)[:10],
+        "license": {"@id": LICENCE},
+        "hasPart": [{"@id": each["@id"]} for each in files],
+        "mentions": [{"@id": each["@id"]} for each in actions],
+    }
+    about = {
+        "@id": "ro-crate-metadata.json",
+        "@type": "CreativeWork",
+        "conformsTo": {"@id": CRATE},
+        "about": {"@id": "./"},
+    }
+    profile = {"@id": PROFILE, "@type": "CreativeWork", "name": "Process Run Crate", "version": "0.5"}
+    licence = {"@id": LICENCE, "@type": "CreativeWork", "name": "BSD 3-Clause", "url": LICENCE}
+    graph = [about, root, profile, licence, *software.values(), *actions, *files]
+    return {"@context": [f"{CRATE}/context", "https://w3id.org/ro/terms/workflow-run/context"], "@graph": graph}
+
+
+def _text(name: str, size: int) -> Entity:
+    words = _WORDS.get(name, "Config of a study" if name.startswith("configs/") else "Columns of a run's tables")
+    kind = _KINDS[Path(name).suffix]
+    return {"@id": name, "@type": "File", "name": words, "encodingFormat": kind, "contentSize": str(size)}
+
+
+def _run_files(run: ArchivedRun) -> list[Entity]:
+    """An entity for each file of a run; tables have their digests."""
+    found = []
+    for path in run.files:
+        entity = {
+            "@id": f"runs/{run.name}/{path.name}",
+            "@type": "File",
+            "name": f"{path.stem} of {run.name}",
+            "encodingFormat": PARQUET if path.suffix == ".parquet" else _KINDS[path.suffix],
+            "contentSize": str(path.stat().st_size),
+        }
+        if path.stem in run.tables:
+            entity["sha256"] = run.manifest["tables"][path.stem]
+        found.append(entity)
+    return found
+
+
+def _action(run: ArchivedRun, software: str) -> Entity:
+    """The computation of a run."""
+    start = datetime.fromisoformat(str(run.manifest["started"]))
+    end = start + timedelta(seconds=float(run.manifest["seconds"]))
+    return {
+        "@id": f"#run-{run.name}",
+        "@type": "CreateAction",
+        "name": f"study run {run.name}",
+        "description": f"{run.manifest['fits']} fits in {run.manifest['cells']} cells",
+        "startTime": start.isoformat(timespec="seconds"),
+        "endTime": end.isoformat(timespec="seconds"),
+        "actionStatus": "http://schema.org/CompletedActionStatus",
+        "instrument": {"@id": software},
+        "object": {"@id": f"configs/{run.name}.toml"},
+        "result": [{"@id": f"runs/{run.name}/{name}.parquet"} for name in run.tables],
+    }
+
+
+def _software(run: ArchivedRun) -> Entity:
+    """The program that computed a run, in its version."""
+    made_by = run.manifest["software"]
+    version = str(made_by["study"])
+    commit = str(made_by.get("commit") or "")
+    packages = {"python": made_by["python"], **made_by["packages"]}
+    return {
+        "@id": f"#sphere-fit-study-{version}-{commit[:10] or 'unknown'}",
+        "@type": "SoftwareApplication",
+        "name": "sphere-fit-study",
+        "description": f"Commit {commit or 'unknown'}; with " + ", ".join(f"{k} {v}" for k, v in packages.items()),
+        "softwareVersion": version,
+        "license": {"@id": LICENCE},
+    }
+
+
+_PERFORMANCE = (
+    "; ".join(f"`{name}`: {measure.meaning}" for name, measure in MEASURES.items() if not name.endswith("_all"))
+    + ". A name with `_all` counts fits that are not ok as infinitely wrong. Each measure has its Monte-Carlo standard"
+    " error in the column `…_error`. No data set is drawn again."
+)
+
+
+def readme(runs: Sequence[ArchivedRun]) -> str:
+    """Instructions to read the tables, and to compute them again."""
+    first = runs[0]
+    packages = first.manifest["software"]["packages"]
+    pinned = "\n".join(f"    {name}=={version}" for name, version in packages.items())
+    rows = "\n".join(
+        f"| `runs/{run.name}` | `configs/{run.name}.toml` | {run.manifest['fits']:,} | {', '.join(run.tables)} |"
+        for run in runs
+    )
+    python = first.manifest["software"]["python"]
+    version, commit = first.manifest["software"]["study"], first.manifest["software"].get("commit") or "unknown"
+    return f"""# Runs of sphere-fit-study
+
+| run | config | fits | tables |
+| --- | --- | --- | --- |
+{rows}
+
+Tables are Apache Parquet; `schemas/` says what each column is, in which unit. `manifest.json` of each run has the
+SHA-256 of its tables, the software, the machine and the times. `ADEMP.md` describes the studies, `CITATION.cff` says
+what to cite, and `ro-crate-metadata.json` has all of this for machines (RO-Crate 1.1, Process Run Crate).
+
+## Compute them again
+
+Install sphere-fit-study {version} (commit {commit}) with Python {python} and these packages:
+
+{pinned}
+
+Then, in this folder,
+
+    study verify runs/{first.name}                                          # digests, and a share computed again
+    study run configs/{first.name}.toml --out again/{first.name}
+    study diff runs/{first.name} again/{first.name}
+
+compute the run again. The tables `errors` and `summary` have the same digests, on any number of workers. (A
+table names the commit that made it: another commit gives another digest, and `study diff` says if the numbers are equal
+to the bit.) `timings` has the seconds of another time. A run with estimators of one's own needs
+`--plugin FILE`; its manifest names the file.
+"""
+
+
+def ademp(runs: Sequence[ArchivedRun]) -> str:
+    """The studies by aims, data-generating mechanisms, estimands, methods and performance measures."""
+    parts = [
+        "# The studies by ADEMP",
+        "Aims, data-generating mechanisms, estimands, methods and performance measures, as Morris, White & Crowther\n"
+        "(Statistics in Medicine 38 (2019) 2074-2102) ask of simulation studies.",
+    ]
+    for run in runs:
+        study = run.study
+        comments = [line.lstrip("# ") for line in run.config.splitlines() if line.startswith("#")]
+        trials = getattr(study.design, "trials", None)
+        data = f"Points on a sphere in {study.dimension} dimensions, x = c + r u + σ z: u uniform on a cap, "
+        parts += [
+            f"## {run.name}",
+            "**Aims.** " + (comments[0] if comments else "As the config says."),
+            f"**Data.** {data}{_noise(study)}. {_conditions(run)} Trials: {trials:,}. Seed: {study.seed}.",
+            "**Estimands.** The centre c; radius and noise beside it.",
+            "**Methods.** " + "; ".join(f"`{name}` ({_reference(name)})" for name in study.estimators) + ".",
+            f"**Performance.** {_PERFORMANCE} {run.manifest['failures']:,} of {run.manifest['fits']:,} fits raised.",
+        ]
+    return "\n\n".join(parts) + "\n"
+
+
+def _reference(name: str) -> str:
+    return ESTIMATORS[name].reference if name in ESTIMATORS else "the user's own"
+
+
+def _noise(study: Study) -> str:
+    """The law of the noise z."""
+    given = study.design.given()
+    if study.noise_shape is not None:
+        rows = ", ".join(f"[{_values(list(row))}]" for row in study.noise_shape)
+        words = f"z normal with the covariance [{rows}]"
+    else:
+        words = "z of covariance I, by the law of the noise" if LAW.name in given else "z normal"
+    outliers = "; some samples are outliers, displaced in a random direction" if OUTLIER_SHARE.name in given else ""
+    return words + outliers
+
+
+def _conditions(run: ArchivedRun) -> str:
+    """The conditions of a design as its manifest has them."""
+    design = run.manifest["config"]["design"]
+    given = {name: value for name, value in design.items() if name in CONDITIONS and value is not None}
+    words = "; ".join(f"{CONDITIONS[name].symbol}: {_values(value)}" for name, value in given.items())
+    return f"{'Every combination' if design['kind'] == 'grid' else 'Each trial draws its own conditions'}: {words}."
+
+
+def _values(value: object) -> str:
+    if isinstance(value, dict):
+        return ", ".join(f"{key} {each}" for key, each in value.items())
+    return (
+        ", ".join(f"{each:g}" if isinstance(each, float) else str(each) for each in value)
+        if isinstance(value, list)
+        else str(value)
+    )
+
+
+def codemeta(runs: Sequence[ArchivedRun]) -> dict[str, object]:
+    """CodeMeta 3.0 of the software that computed the runs."""
+    software = runs[0].manifest["software"]
+    return {
+        "@context": "https://w3id.org/codemeta/3.0",
+        "@type": "SoftwareSourceCode",
+        "name": "sphere-fit-study",
+        "description": "Monte-Carlo study of closed-form sphere fits (Knight & Semwal 2009), and the fits as a library",
+        "version": software["study"],
+        "license": LICENCE,
+        "programmingLanguage": {"@type": "ComputerLanguage", "name": "Python", "version": software["python"]},
+        "softwareRequirements": [f"{name}=={version}" for name, version in software["packages"].items()],
+        "author": [{"@type": "Organization", "name": "The sphere-fit-study authors"}],
+    }
+
+
+_WHEN = (1980, 1, 1, 0, 0, 0)
+"""Time stamp of every file in the archive, so that equal runs make equal archives."""
+
+
+def archive(runs: Sequence[Run], out: Path) -> Path:
+    """Write runs and what is needed to read and repeat them into one zip file.
+
+    Args:
+        runs: finished runs, each of another config.
+        out: the file, which ends in .zip.
+
+    Returns:
+        The file.
+
+    Raises:
+        RunError: if a run is not finished, or its budget stopped it, or a table is missing or damaged (the message has
+            the command that mends it); if two runs have one name; or if the file cannot be written.
+    """
+    if out.suffix != ".zip":
+        raise RunError(f"{out}: give a name that ends in .zip")
+    names = [run.study.run_name() for run in runs]
+    for name in names:
+        if names.count(name) > 1:
+            raise RunError(f"{name}: given twice; an archive has a run once")
+    found = [_archived(run) for run in runs]
+    texts = {
+        "README.md": readme(found),
+        "ADEMP.md": ademp(found),
+        "CITATION.cff": citation(),
+        "codemeta.json": _json(codemeta(found)),
+        **{f"configs/{run.name}.toml": run.config for run in found},
+        **{f"schemas/{run.name}.json": _json(_schemas(run)) for run in found},
+    }
+    sizes = {name: len(text.encode()) for name, text in texts.items()}
+    texts = {"ro-crate-metadata.json": _json(metadata(found, sizes)), **texts}
+    with explained(out, of_run=False):
+        out.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(out) as temporary, zipfile.ZipFile(temporary, "w") as file:
+            for name, text in texts.items():
+                file.writestr(_entry(name), text, zipfile.ZIP_DEFLATED)
+            for run in found:
+                for path in run.files:
+                    _copy(file, path, f"runs/{run.name}/{path.name}")
+    return out
+
+
+def _archived(run: Run) -> ArchivedRun:
+    """Check that a run's tables are as they were written, and return it for the archive."""
+    if (stopped := budget_message(run)) is not None:  # the config alone would compute other tables
+        raise RunError(stopped)
+    checked = verify(run, share=0.0)
+    if checked.faults:
+        raise RunError(checked.faults[0])
+    stored = sorted(run.manifest()["tables"])
+    for name in stored:
+        run.check(name)
+    files = [run.folder / "config.toml", run.folder / "manifest.json", *(run.path(name) for name in stored)]
+    text = (run.folder / "config.toml").read_text(encoding="utf-8")
+    return ArchivedRun(run.study.run_name(), run.study, run.manifest(), text, stored, files)
+
+
+def _copy(file: zipfile.ZipFile, path: Path, name: str) -> None:
+    """Copy a file into the archive in pieces; tables are compressed already."""
+    kind = zipfile.ZIP_STORED if path.suffix == ".parquet" else zipfile.ZIP_DEFLATED
+    entry = _entry(name)
+    entry.compress_type, entry.file_size = kind, path.stat().st_size
+    with open(path, "rb") as source, file.open(entry, "w") as target:
+        while piece := source.read(1 << 20):
+            target.write(piece)
+
+
+def _entry(name: str) -> zipfile.ZipInfo:
+    entry = zipfile.ZipInfo(name, _WHEN)
+    entry.external_attr = 0o644 << 16
+    return entry
+
+
+def _schemas(run: ArchivedRun) -> dict[str, list[dict[str, str]]]:
+    """Columns of each table: name, type, unit and meaning."""
+    declared = schemas.declared(run.study.dimension, run.study.conditions())
+    return {
+        name: [
+            {"name": column.name, "type": str(column.type), "unit": column.unit, "meaning": column.meaning}
+            for column in declared.get(name, [])
+        ]
+        for name in run.tables
+    }
+
+
+def citation() -> str:
+    """Text of CITATION.cff, which stands in the package, or in a checkout beside it."""
+    package = Path(str(resources.files("study")))
+    path = next(each / "CITATION.cff" for each in (package, package.parent) if (each / "CITATION.cff").is_file())
+    return path.read_text(encoding="utf-8")
+
+
+def _json(content: object) -> str:
+    return json.dumps(content, ensure_ascii=False, indent=2) + "\n"
+
+
+def printed(runs: Sequence[Run], out: Path) -> Iterator[str]:
+    """The archive in words."""
+    with zipfile.ZipFile(out) as file:
+        entries = file.infolist()
+    size = sum(entry.file_size for entry in entries) / 1e6
+    count = "1 run" if len(runs) == 1 else f"{len(runs)} runs"
+    yield f"{out}: {count}, {len(entries)} files, {size:.1f} MB unpacked"

@@ -1,0 +1,292 @@
+"""Comparison of two runs: identical, the same within Monte-Carlo error, or different.
+
+Each group and estimator is one comparison, by the strongest test that the stored tables allow:
+
+- Both runs have error tables and share their draws: the sign test. If neither run is better, the number of data sets
+  on which its error is the larger one is binomial.
+- The draws differ: Mann & Whitney's test on errors over bound.
+- One run has only its summary: medians are compared by their Monte-Carlo errors, shares of ok fits by Fisher's exact
+  test.
+
+Fits that are not ok count as worse than any other. Runs are called different if any comparison is less probable than
+one in a thousand divided by the number of comparisons (Bonferroni). So equal runs are called different at most once in
+a thousand times, whatever the dependence between the comparisons.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+import scipy
+
+from study.arrays import Floats
+from study.files import RunError
+from study.fits import Status
+from study.simulation.analysis.summary import Grouped, Key
+from study.simulation.experiment.conditions import label
+from study.simulation.runs.provenance import described
+from study.simulation.runs.run_folder import Run
+from study.text import columns
+
+FALSE_ALARM = 1e-3
+"""Largest probability with which two equal runs are called different."""
+_COLUMNS = ["cell", "trial", "error", "radius_error", "bound", "status"]
+_ROUNDING = 1e-6
+"""Errors of the same fit on another machine may differ by this share of the bound."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """The comparison of one group and estimator.
+
+    Attributes:
+        key: names of the group and the estimator.
+        words: the group's conditions in words.
+        measure: name of the measure that is compared.
+        one, other: the measure in the two runs.
+        chance: probability of so large a difference between equal runs.
+        trials: the smaller of the two numbers of trials.
+        equal: true if all numbers of the trials that both runs have are the same to the bit.
+        whole: true if both runs have the same trials; of summaries, as many.
+    """
+
+    key: Key
+    words: str
+    measure: str
+    one: float
+    other: float
+    chance: float
+    trials: int
+    equal: bool
+    whole: bool
+
+    @property
+    def deviation(self) -> float:
+        """The difference in standard errors: the normal deviate that is as improbable."""
+        size = float(scipy.stats.norm.isf(0.5 * max(self.chance, 1e-300)))
+        return math.copysign(size, self.other - self.one) if math.isfinite(self.other - self.one) else size
+
+
+@dataclass(frozen=True)
+class Difference:
+    """The result of comparing two runs.
+
+    Attributes:
+        runs: the two runs.
+        how: the test that was used, in words.
+        found: one or two comparisons per group and estimator.
+        only: number of pairs of group and estimator that only the first run has, and only the second.
+    """
+
+    runs: tuple[Run, Run]
+    how: str
+    found: list[Comparison]
+    only: tuple[int, int]
+
+    @property
+    def threshold(self) -> float:
+        """The chance below which a comparison makes runs different."""
+        return FALSE_ALARM / len(self.found)
+
+    @property
+    def different(self) -> bool:
+        """True if any comparison is too improbable for equal runs."""
+        return any(each.chance < self.threshold for each in self.found)
+
+    @property
+    def verdict(self) -> str:
+        """The result in words."""
+        if not self.identical:
+            return "different" if self.different else "the same within Monte-Carlo error"
+        return "identical" if self.whole else "identical in the trials that both have"
+
+    @property
+    def identical(self) -> bool:
+        """True if everything that both runs have is the same to the bit."""
+        return all(each.equal for each in self.found)
+
+    @property
+    def whole(self) -> bool:
+        """True if the runs have the same groups, estimators and trials."""
+        return self.only == (0, 0) and all(each.whole for each in self.found)
+
+
+def compare(one: Run, other: Run) -> Difference:
+    """Compare two runs by their error tables if both have them, else by their summaries.
+
+    Raises:
+        RunError: if a run has neither, or they have nothing in common.
+    """
+    tables = one.has("errors") and other.has("errors")
+    found, only, how = _by_errors(one, other) if tables else _by_summary(one, other)
+    if not found:
+        raise RunError(f"{one.folder} and {other.folder}: no cell and estimator is in both")
+    return Difference((one, other), how, found, only)
+
+
+def _by_errors(one: Run, other: Run) -> tuple[list[Comparison], tuple[int, int], str]:
+    a, b = Grouped(one), Grouped(other)
+    if a.by_decade != b.by_decade:
+        raise RunError(f"{one.folder} and {other.folder}: a grid and a random design have no groups in common")
+    paired = one.study.stem() == other.study.stem() and _draws(one) == _draws(other)
+    shared = [key for key in a.counts if key in b.counts]
+    columns = [*_COLUMNS, *(condition.name for condition in one.study.conditions())]
+    found = []
+    for keys in a.batches(shared):
+        mine, theirs = a.read(keys, columns), b.read(keys, _COLUMNS)
+        found += [_paired(key, pd.DataFrame(mine[key]), pd.DataFrame(theirs[key]), paired) for key in keys]
+    only = len(a.counts) - len(shared), len(b.counts) - len(shared)
+    return found, only, "errors, trial by trial" if paired else "errors over bound; the draws are not shared"
+
+
+def _draws(run: Run) -> str:
+    """The way in which cells share draws: runs have the same data sets only if they agree in it."""
+    return getattr(run.study.design, "draws", run.study.design.kind)
+
+
+def _paired(key: Key, one: pd.DataFrame, other: pd.DataFrame, paired: bool) -> Comparison:
+    """Compare a group by fits of the same data sets, or by its distributions if there are none."""
+    both = one.merge(other, on=["cell", "trial"], suffixes=("_a", "_b")) if paired else one.iloc[:0]
+    words = _words(one.iloc[0], key)
+    values = [_over_bound(frame, suffix) for frame, suffix in ((one, ""), (other, ""))]
+    medians = [float(np.median(v)) if len(v) else math.nan for v in values]
+    blank = Comparison(
+        key, words, "median over bound", medians[0], medians[1], 1.0, min(len(one), len(other)), False, False
+    )
+    if not len(both):
+        differ = len(np.unique(np.concatenate(values))) > 1
+        chance = scipy.stats.mannwhitneyu(values[0], values[1]).pvalue if differ else 1.0
+        return replace(blank, chance=float(chance))
+    same = True
+    for name in ("error", "radius_error", "status"):
+        same = same and both[f"{name}_a"].equals(both[f"{name}_b"].rename(f"{name}_a"))
+    first, second = _over_bound(both, "_a"), _over_bound(both, "_b")
+    with np.errstate(invalid="ignore"):
+        rounding = (np.abs(first - second) <= _ROUNDING) | (first == second)
+    worse, better = int(np.sum(second[~rounding] > first[~rounding])), int(np.sum(second[~rounding] < first[~rounding]))
+    chance = scipy.stats.binomtest(worse, worse + better).pvalue if worse + better else 1.0
+    return replace(
+        blank,
+        one=float(np.median(first)),
+        other=float(np.median(second)),
+        chance=float(chance),
+        trials=len(both),
+        equal=same,
+        whole=len(both) == len(one) == len(other),
+    )
+
+
+def _over_bound(frame: pd.DataFrame, suffix: str) -> Floats:
+    """Errors over the bound; infinite for fits that are not ok, and where the bound is infinite."""
+    error, bound = frame[f"error{suffix}"].to_numpy(), frame[f"bound{suffix}"].to_numpy()
+    ok = (frame[f"status{suffix}"] == Status.OK).to_numpy() & np.isfinite(bound)
+    with np.errstate(all="ignore"):
+        return np.where(ok, error / bound, np.inf)
+
+
+def _by_summary(one: Run, other: Run) -> tuple[list[Comparison], tuple[int, int], str]:
+    frames = [run.table("summary").astype({"estimator": str}).set_index(["group", "estimator"]) for run in (one, other)]
+    a, b = frames
+    shared = [key for key in a.index if key in b.index]
+    columns = [name for name in a.columns if name in b.columns]
+    found = []
+    for key in shared:
+        mine, theirs = a.loc[key], b.loc[key]
+        equal = bool(mine[columns].equals(theirs[columns]))
+        words, trials = _words(mine, key), int(min(mine["planned"], theirs["planned"]))
+        whole = bool(mine["planned"] == theirs["planned"])
+        for measure, values in (("share ok", _shares(mine, theirs)), ("median over bound", _medians(mine, theirs))):
+            found.append(Comparison(key, words, measure, *values, trials, equal, whole))
+    return found, (len(a) - len(shared), len(b) - len(shared)), "summaries; one run has no error table"
+
+
+def _shares(one: "pd.Series[float]", other: "pd.Series[float]") -> tuple[float, float, float]:
+    counts = [[int(row["ok"]), int(row["planned"] - row["ok"])] for row in (one, other)]
+    return one["ok"] / one["planned"], other["ok"] / other["planned"], float(scipy.stats.fisher_exact(counts)[1])
+
+
+def _medians(one: "pd.Series[float]", other: "pd.Series[float]") -> tuple[float, float, float]:
+    """Medians of ok fits, and the probability of their difference.
+
+    Their Monte-Carlo errors come from about √n order statistics, so the difference follows Student's t with √n degrees
+    of freedom.
+    """
+    values = [float(row["ratio_median_ok"]) for row in (one, other)]
+    error = math.hypot(one["ratio_median_ok_error"], other["ratio_median_ok_error"])
+    away = abs(values[1] - values[0])
+    if not away > 0.0 or not math.isfinite(error):
+        return values[0], values[1], 1.0
+    freedom = math.sqrt(min(one["ok"], other["ok"]))
+    return values[0], values[1], 2.0 * float(scipy.stats.t.sf(away / error, freedom)) if error > 0.0 else 0.0
+
+
+def _words(row: "pd.Series[float]", key: Key) -> str:
+    """A group in words: a decade of σ/r, or a cell's conditions and its name."""
+    if key[0].startswith(("1e+", "1e-")):  # a cell's name has no sign
+        return f"σ/r = {key[0]} …"
+    return f"{label(row)}, cell {key[0]}"
+
+
+def as_data(found: Difference) -> dict[str, object]:
+    """A comparison for other programs: the verdict, the two runs, the test, and a mapping per comparison."""
+    runs = [
+        {"folder": run.folder, "run": run.study.run_name(), "made_by": run.maker(), "only_here": only}
+        for run, only in zip(found.runs, found.only, strict=True)
+    ]
+    comparisons = [
+        {
+            "group": each.key[0],
+            "estimator": each.key[1],
+            "conditions": each.words,
+            "measure": each.measure,
+            "first": each.one,
+            "second": each.other,
+            "deviation": each.deviation,
+            "chance": each.chance,
+            "trials": each.trials,
+            "equal": each.equal,
+            "same_trials": each.whole,
+            "different": each.chance < found.threshold,
+        }
+        for each in found.found
+    ]
+    data = {"verdict": found.verdict, "runs": runs, "test": found.how, "threshold": found.threshold}
+    return {**data, "comparisons": comparisons}
+
+
+def printed(found: Difference, most: int = 5) -> Iterator[str]:
+    """A comparison for a terminal: the verdict, the test, and the largest differences.
+
+    Args:
+        found: the comparison.
+        most: number of differences to list.
+    """
+    names = [str(run.folder) for run in found.runs]
+    yield f"{names[0]} and {names[1]}: {found.verdict}"
+    for name, run, only in zip(names, found.runs, found.only, strict=True):
+        more = f"; {only:,} pairs of group and estimator are in this run only" if only else ""
+        yield f"  {name}: {run.study.run_name()}, {described(run.maker())}{more}"
+    equal = sum(each.equal for each in found.found)
+    yield f"  compared: {found.how}; {len(found.found):,} comparisons, {equal:,} of them equal to the bit"
+    if found.identical:
+        return
+    limit = float(scipy.stats.norm.isf(0.5 * found.threshold))
+    beyond = sum(each.chance < found.threshold for each in found.found)
+    yield f"  {beyond:,} deviate by more than {limit:.2f} standard errors (marked !), which makes runs different;"
+    yield f"  equal runs deviate so far at most once in {1 / FALSE_ALARM:g} times"
+    rows = [
+        [
+            "!" if each.chance < found.threshold else "",
+            f"{each.words}, {each.key[1]}",
+            each.measure,
+            f"{each.one:.4g}",
+            f"{each.other:.4g}",
+            f"{each.deviation:+.2f}",
+            f"{each.trials:,}",
+        ]
+        for each in sorted(found.found, key=lambda c: (c.chance, c.key))[:most]
+    ]
+    titles = ["", "group and estimator", "measure", "first run", "second run", "standard errors", "trials"]
+    yield from columns(rows, titles, "<<<>", indent=2)

@@ -1,0 +1,350 @@
+"""The summary table: per cell, or per decade of relative noise, and estimator.
+
+Failures count: every quantile comes twice, of the fits whose status is ok (``_ok``) and of all planned fits with the
+others counted as worse than any (``_all``).
+
+An error table read by group and estimator, a part at a time, so that any length fits in memory.
+
+The worst trials of a run: the largest errors among the fits whose status is ok.
+"""
+
+from collections.abc import Collection, Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import ArrayLike, NDArray
+
+from study.arrays import Floats, Ints
+from study.files import RunError, writing
+from study.fits import Status
+from study.simulation.experiment.compute import Columns
+from study.simulation.experiment.conditions import STORED, bound_law, named_in
+from study.simulation.runs import schemas
+from study.simulation.runs.run_folder import Run
+from study.simulation.statistics import NEEDED, as_columns, row
+from study.text import columns, did_you_mean
+
+Key = tuple[str, str]
+"""Names of a group and an estimator."""
+ROWS = 1 << 20
+"""Rows in memory at a time, or those of one group if it has more."""
+
+
+def label(errors: pd.DataFrame, by_decade: bool) -> pd.DataFrame:
+    """An error table with columns ``group``, whose words are coded, and ``decade``.
+
+    Args:
+        errors: the table, or some of its rows.
+        by_decade: group by decade of σ/r (a random design) instead of by cell (a grid).
+    """
+    if not by_decade:
+        return errors.assign(group=errors["cell"].astype("category"), decade=np.nan)
+    names, codes, lower = _decades(errors["noise"] / errors["radius"])
+    return errors.assign(group=pd.Categorical.from_codes(codes, categories=pd.Index(names)), decade=lower)
+
+
+def decade(values: ArrayLike) -> Floats:
+    """Exponent of ten at the lower end of each value's decade; a value just below it by rounding counts as in it."""
+    return np.asarray(np.floor(np.log10(values) + 1e-9))
+
+
+class Grouped:
+    """A stored error table, by group and estimator.
+
+    Args:
+        run: the finished run.
+
+    Attributes:
+        by_decade: true if a group is a decade of σ/r, false if it is a cell.
+        counts: rows of each group and estimator, in the order of a summary.
+
+    Raises:
+        RunError: if the table is missing or cannot be read.
+    """
+
+    def __init__(self, run: Run) -> None:
+        self._run = run
+        self._file: pq.ParquetFile = run.read("errors", pq.ParquetFile)
+        self.by_decade = run.study.design.one_trial_a_cell
+        self.counts: dict[Key, int] = {}
+        self._where: dict[Key, tuple[int, int]] = {}
+        for index in range(self._file.num_row_groups):
+            keys, key_of_row, _ = self._chunk(index, [])
+            for key, rows in zip(keys, np.bincount(key_of_row).tolist(), strict=True):
+                self.counts[key] = self.counts.get(key, 0) + rows
+                self._where[key] = self._where.get(key, (index, index))[0], index
+        if self.by_decade:
+            self.counts = dict(sorted(self.counts.items(), key=lambda item: int(item[0][0][2:])))
+
+    def batches(self, keys: Collection[Key] | None = None) -> Iterator[list[Key]]:
+        """Keys in batches that can be read together.
+
+        Args:
+            keys: the keys to go through; all if None.
+        """
+        batch: list[Key] = []
+        rows = 0
+        for key in self.counts if keys is None else keys:
+            if batch and rows + self.counts[key] > ROWS:
+                yield batch
+                batch, rows = [], 0
+            batch.append(key)
+            rows += self.counts[key]
+        if batch:
+            yield batch
+
+    def read(self, keys: Collection[Key], columns: list[str]) -> dict[Key, Columns]:
+        """Rows of some groups and estimators, in the order of the table.
+
+        Args:
+            keys: names of groups and estimators; one that is not in the table has no entry in the result.
+            columns: columns of the error table; ``decade`` is added.
+
+        Returns:
+            The columns of each group and estimator, words as objects.
+        """
+        places = {key: place for place, key in enumerate(key for key in dict.fromkeys(keys) if key in self.counts)}
+        if not places:
+            return {}
+        span = [self._where[key] for key in places]
+        parts: dict[str, list[NDArray[Any]]] = {name: [] for name in columns}
+        place_of_row = []
+        for index in range(min(first for first, _ in span), max(last for _, last in span) + 1):
+            here, key_of_row, table = self._chunk(index, columns)
+            place = np.array([places.get(key, -1) for key in here])[key_of_row]
+            wanted = np.flatnonzero(place >= 0)
+            place_of_row.append(place[wanted])
+            for name, found in parts.items():
+                found.append(_values(table[name])[wanted])
+        order = np.argsort(np.concatenate(place_of_row), kind="stable")
+        whole = {name: np.concatenate(found)[order] for name, found in parts.items()}
+        ends = np.cumsum([self.counts[key] for key in places])
+        result = {}
+        for key, end in zip(places, ends, strict=True):
+            rows = slice(end - self.counts[key], end)
+            lower = float(key[0][2:]) if self.by_decade else np.nan
+            decades = np.full(self.counts[key], lower)
+            result[key] = {name: values[rows] for name, values in whole.items()} | {"decade": decades}
+        return result
+
+    def _chunk(self, index: int, columns: list[str]) -> tuple[list[Key], Ints, pa.Table]:
+        """A row group: its keys in the order in which they appear, the place of each row's key among them, its rows."""
+        conditions = ["noise", "radius"] if self.by_decade else ["cell"]
+        table = self._file.read_row_group(index, columns=list(dict.fromkeys([*columns, *conditions, "estimator"])))
+        estimators, estimator_of_row = _coded(table["estimator"])
+        if self.by_decade:
+            groups, group_of_row, _ = _decades(_values(table["noise"]) / _values(table["radius"]))
+        else:
+            groups, group_of_row = _coded(table["cell"])
+        code = group_of_row.astype(np.int64) * len(estimators) + estimator_of_row
+        found = pd.unique(code)
+        place = np.zeros(len(groups) * len(estimators), dtype=np.int64)
+        place[found] = np.arange(len(found))
+        keys = [divmod(int(each), len(estimators)) for each in found]
+        return [(groups[g], estimators[e]) for g, e in keys], place[code], table
+
+
+def _decades(ratio: ArrayLike) -> tuple[list[str], Ints, Ints]:
+    """Names of the decades that occur, the place of each value's among them, and its exponent."""
+    lower = decade(ratio).astype(int)
+    powers, codes = np.unique(lower, return_inverse=True)
+    return [f"1e{power:+03d}" for power in powers], codes, lower
+
+
+def _coded(column: pa.ChunkedArray) -> tuple[list[str], Ints]:
+    """The words of a column, and the place of each row's word among them."""
+    coded = column.combine_chunks()
+    return coded.dictionary.to_pylist(), coded.indices.to_numpy()
+
+
+def _values(column: pa.ChunkedArray) -> NDArray[Any]:
+    """A column as an array, words as objects."""
+    if pa.types.is_dictionary(column.type):
+        words, codes = _coded(column)
+        return np.array(words, dtype=object)[codes]
+    values: NDArray[Any] = column.to_numpy()
+    return values
+
+
+def summarise(run: Run) -> None:
+    """Summarise a run's error table and store the summary beside it, with few groups in memory at a time."""
+    columns, grouped = schemas.summary(run.study.conditions()), Grouped(run)
+    with writing(run.folder):
+        run.join("summary", columns, rows_of_groups(run, grouped), {"study.config": run.study.canonical()})
+        run.record("summary")
+
+
+def rows_of_groups(run: Run, grouped: Grouped, keys: Collection[Key] | None = None) -> Iterator[pa.Table]:
+    """Compute rows of a run's summary from its error table, some at a time.
+
+    Args:
+        run: the run.
+        grouped: its error table.
+        keys: groups and estimators; all if None.
+    """
+    conditions = run.study.conditions()
+    columns, needed = schemas.summary(conditions), [*(condition.name for condition in conditions), *NEEDED]
+    for some in grouped.batches(keys):
+        found = grouped.read(some, needed)
+        yield schemas.table(columns, as_columns([row(*key, found[key]) for key in some]))
+
+
+def summary(errors: pd.DataFrame, by_decade: bool) -> pd.DataFrame:
+    """Performance measures of an error table.
+
+    Args:
+        errors: the error table.
+        by_decade: group by decade of σ/r (a random design) instead of by cell (a grid).
+
+    Returns:
+        A row per group and estimator, in the order of the table; columns as `study.simulation.runs.schemas.summary`
+        declares them.
+    """
+    errors = label(errors, by_decade)
+    if by_decade:
+        errors = errors.sort_values("decade", kind="stable")
+    needed = [*(condition.name for condition in STORED if condition.name in errors), *NEEDED, "decade"]
+    groups = errors.groupby(["group", "estimator"], sort=False, observed=True)
+    parts = (((str(g), str(e)), {name: part[name].to_numpy() for name in needed}) for (g, e), part in groups)
+    return pd.DataFrame([row(*key, columns) for key, columns in parts])
+
+
+_GROUPS = 8
+"""Row groups of an error table in memory at a time: a million rows."""
+
+
+def worst(errors: pd.DataFrame, count: int = 5, estimator: str | None = None) -> pd.DataFrame:
+    """The trials with the largest error over the bound, among the fits that are ok.
+
+    A trial counts once, with the estimator that errs most on it: LLS and GDKE are the same fit, and would list every
+    trial twice. Trials whose directions do not determine the centre have an infinite bound and are left out.
+
+    Args:
+        errors: the error table.
+        count: number of trials.
+        estimator: the estimator whose fits are used; all estimators if None.
+
+    Returns:
+        At most ``count`` rows of the error table, the worst first, with a column ``ratio``, error over bound, and an
+        index from 0. Equal ratios are in the order of cell, trial and estimator by name.
+    """
+    ratio = _ratios(errors)
+    if estimator is not None:
+        ratio[(errors["estimator"] != estimator).to_numpy()] = np.nan
+    # a trial has a row per estimator: among so many rows are the trials asked for, and those as bad as the last
+    most = min(count * max(1, errors["estimator"].nunique()), int(np.sum(~np.isnan(ratio))))
+    least = np.partition(ratio[~np.isnan(ratio)], -most)[-most] if most else np.inf
+    where = np.flatnonzero(ratio >= least)
+    found = errors.iloc[where].assign(ratio=ratio[where])
+    # sorted by name, not by the code of a dictionary
+    found = found.assign(cell=found["cell"].astype(str), estimator=found["estimator"].astype(str))
+    found = found.sort_values(["ratio", "cell", "trial", "estimator"], ascending=[False, True, True, True])
+    return found.drop_duplicates(["cell", "trial"]).head(count).reset_index(drop=True)
+
+
+def worst_of_groups(errors: pd.DataFrame, by_decade: bool) -> pd.DataFrame:
+    """The trial with the largest error over the bound of each group and estimator, among the fits that are ok.
+
+    Args:
+        errors: the error table.
+        by_decade: group by decade of σ/r (a random design) instead of by cell (a grid), as the summary does.
+
+    Returns:
+        A row per group and estimator that has such a trial: ``group``, ``estimator``, ``cell``, ``trial`` and
+        ``ratio``, error over bound. Of equal ratios the first of the table counts.
+    """
+    ratio = pd.Series(_ratios(errors)).dropna()
+    groups = decade(errors["noise"] / errors["radius"]) if by_decade else pd.factorize(errors["cell"])[0]
+    keys = [groups[ratio.index], pd.factorize(errors["estimator"])[0][ratio.index]]
+    where = ratio.groupby(keys, sort=True).idxmax().to_numpy()
+    named = errors[["cell", "trial", "estimator", "noise", "radius"]].iloc[where]
+    found = label(named, by_decade).astype({"group": str, "cell": str, "estimator": str})
+    return found.assign(ratio=ratio[where].to_numpy())[["group", "estimator", "cell", "trial", "ratio"]]
+
+
+def _ratios(errors: pd.DataFrame) -> Floats:
+    """Error over bound of each row; NaN where the fit is not ok or there is no finite bound."""
+    bound = errors["bound"].to_numpy()
+    use = (errors["status"] == Status.OK).to_numpy() & np.isfinite(bound)
+    with np.errstate(all="ignore"):
+        return np.where(use, errors["error"].to_numpy() / bound, np.nan)
+
+
+def of_run(run: Run, count: int, estimator: str | None = None) -> pd.DataFrame:
+    """The worst trials of a run, as `worst` finds them in its error table.
+
+    Raises:
+        RunError: if the run did not finish, or does not have the estimator.
+    """
+    known = run.study.estimators
+    if estimator is not None and estimator not in known:
+        raise RunError(f"{run.folder}: no estimator {estimator!r} in this run; {did_you_mean(estimator, known)}")
+    return worst(pd.concat([worst(part, count, estimator) for part in _parts(run)], ignore_index=True), count)
+
+
+class WorstOfRun(NamedTuple):
+    """The worst trials of a run, and the worst of each group and estimator; see `worst` and `worst_of_groups`."""
+
+    trials: pd.DataFrame
+    of_groups: pd.DataFrame
+
+
+def worst_of_run(run: Run, count: int = 5) -> WorstOfRun:
+    """Find the worst trials in one pass through a run's error table.
+
+    Raises:
+        RunError: if the run did not finish.
+    """
+    by_decade = run.study.design.one_trial_a_cell
+    found = [WorstOfRun(worst(part, count), worst_of_groups(part, by_decade)) for part in _parts(run)]
+    groups = pd.concat([part.of_groups for part in found], ignore_index=True)
+    first = groups.groupby(["group", "estimator"], sort=False)["ratio"].idxmax()
+    return WorstOfRun(worst(pd.concat([part.trials for part in found], ignore_index=True), count), groups.loc[first])
+
+
+def _parts(run: Run) -> Iterator[pd.DataFrame]:
+    """A run's error table, some rows at a time: new memory for millions of rows takes longer than reading them."""
+    conditions = [condition.name for condition in run.study.conditions()]
+    columns = ["cell", "trial", *conditions, "estimator", "error", "bound", "status"]
+    file: pq.ParquetFile = run.read("errors", pq.ParquetFile)
+    for first in range(0, max(1, file.num_row_groups), _GROUPS):  # a table without rows is a part without rows
+        groups = range(first, min(first + _GROUPS, file.num_row_groups))
+        yield file.read_row_groups(list(groups), columns=columns).to_pandas()
+
+
+def as_data(run: Run, found: pd.DataFrame) -> dict[str, object]:
+    """The worst trials for other programs: the run's name, the bound in words, and a mapping per trial."""
+    conditions = [condition.name for condition in run.study.conditions()]
+    trials = [
+        {
+            "name": f"{row['cell']}/{row['trial']}",
+            **{name: row[name] for name in ("cell", "trial", "estimator", "ratio", "error", "bound", *conditions)},
+        }
+        for row in found.to_dict("records")
+    ]
+    return {"run": run.study.run_name(), "bound": bound_law(conditions) or "Cramér-Rao bound", "trials": trials}
+
+
+def printed(run: Run, found: pd.DataFrame) -> Iterator[str]:
+    """The worst trials for a terminal, each by the name that `study replay RUN NAME` takes."""
+    conditions = [condition.name for condition in run.study.conditions()]
+    shown = named_in(conditions)
+    bound = bound_law(conditions) or "Cramér-Rao bound"
+    yield f"{run.study.run_name()}: the largest errors over the {bound} of fits that are ok"
+    rows = [
+        [
+            f"{row['cell']}/{row['trial']}",
+            row["estimator"],
+            f"{row['ratio']:.4g}",
+            f"{row['error'] / row['radius']:.3g}",
+            *(condition.written(condition.of(row)) for condition in shown),
+        ]
+        for row in found.to_dict("records")
+    ]
+    titles = ["trial", "estimator", "over bound", "error/r", *(condition.symbol for condition in shown)]
+    yield from columns(rows, titles, "<<>")
+    if len(found):
+        yield f"to see the first: study replay {run.folder} {found['cell'][0]}/{found['trial'][0]} --plot worst.png"

@@ -1,0 +1,371 @@
+"""The summary of a run for a terminal, and for other programs: median errors in units of the bound.
+
+Medians that an efficient estimator would have, beside those measured: at the Cramér-Rao and the attainable bound.
+
+Choice of rows of a summary: those that a user asks for, and of these as many as fit a screen.
+"""
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+import pandas as pd
+
+from study.fits.cap import cap_moments
+from study.simulation.analysis.regret import median_at_bound, median_attainable
+from study.simulation.analysis.summary import decade
+from study.simulation.experiment.conditions import (
+    ANGLE,
+    CENTER,
+    CONDITIONS,
+    NOISE,
+    NOISE_OVER_RADIUS,
+    RADIUS,
+    Condition,
+    RowValues,
+    Value,
+    bound_law,
+    distinguishing,
+)
+from study.simulation.experiment.config import Study
+from study.simulation.runs.run_folder import Run
+from study.text import columns, did_you_mean
+
+
+class AtBounds(NamedTuple):
+    """Medians of error over √tr CRLB, for Gaussian errors.
+
+    Attributes:
+        cramer_rao: at the Cramér-Rao bound, which treats the directions as known.
+        attainable: at the attainable bound, which does not; NaN where it cannot be formed.
+    """
+
+    cramer_rao: float
+    attainable: float
+
+
+def has_bounds(study: Study) -> bool:
+    """True if every cell of a study has both bounds: in a grid, with isotropic Gaussian noise."""
+    departs = bound_law([condition.name for condition in study.conditions()]) != ""
+    return study.noise_law.isotropic and not departs and not study.design.one_trial_a_cell
+
+
+def medians_at_bounds(study: Study, row: RowValues) -> AtBounds:
+    """Medians of efficient estimators in the cell of a row of the summary."""
+    angle, noise = float(ANGLE.of(row)), float(NOISE_OVER_RADIUS.of(row))
+    at_bound = median_at_bound(cap_moments(math.radians(angle), study.dimension), study.dimension)
+    return AtBounds(at_bound, median_attainable(angle, noise, study.dimension))
+
+
+_SAME = 1e-3
+"""Medians that differ by less than this share are printed alike."""
+
+
+@dataclass(frozen=True)
+class RowChoice:
+    """The rows of a summary that a user asks for.
+
+    Attributes:
+        where: for each condition the values that it may have; all cells, if empty.
+        estimators: names of estimators; all, if empty.
+    """
+
+    where: dict[str, list[Value]] = field(default_factory=dict)
+    estimators: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, run: Run, where: Iterable[str], estimators: str | None) -> Self:
+        """Read a choice as the command line has it.
+
+        Args:
+            run: the run to choose from.
+            where: texts like ``angle=45,samples=1000``; a condition stands with its name or its symbol.
+            estimators: names with commas between; None for all.
+
+        Raises:
+            ValueError: if a text cannot be read, or the run does not have the condition or the estimator.
+        """
+        named = tuple(name.strip() for name in estimators.split(",")) if estimators is not None else ()
+        if unknown := [name for name in named if name not in run.study.estimators]:
+            words = f"not in this run; {did_you_mean(unknown, run.study.estimators)}"
+            raise ValueError(f"--estimators {', '.join(unknown)}: {words}")
+        wanted: dict[str, list[Value]] = {}
+        for text in (part.strip() for words in where for part in words.split(",")):
+            key, equals, value = map(str.strip, text.partition("="))
+            if not equals or not value:
+                raise ValueError(f"--where {text!r}: not CONDITION=VALUE, such as angle=45")
+            condition = _condition(run, key)
+            wanted.setdefault(condition.name, []).append(_value(condition, value))
+        return cls(wanted, named)
+
+    def rows(self, summary: pd.DataFrame) -> pd.DataFrame:
+        """The chosen rows of a summary table.
+
+        In a random design a value of σ/r chooses the decade that it lies in.
+
+        Raises:
+            ValueError: if no cell has the values.
+        """
+        use = np.ones(len(summary), dtype=bool)
+        for name, wanted in self.where.items():
+            condition = CONDITIONS[name]
+            if len(summary) and condition is NOISE_OVER_RADIUS and np.isfinite(summary["decade"]).all():
+                found = pd.Series([f"1e{power:+03.0f}" for power in summary["decade"]], index=summary.index)
+                here = found.isin([f"1e{power:+03.0f}" for power in decade([float(value) for value in wanted])])
+            else:
+                found = pd.Series([condition.written(value) for value in _values(condition, summary)], summary.index)
+                here = found.isin([condition.written(value) for value in wanted])
+            if len(summary) and not here.any():
+                texts = " or ".join(condition.written(value) for value in wanted)
+                raise ValueError(f"--where {name}={texts}: no cell has it; there are {_some(found)}")
+            use &= here.to_numpy()
+        if len(summary) and not use.any():
+            raise ValueError(f"--where: no cell has these values of {', '.join(self.where)} together")
+        chosen = summary[use]
+        return chosen[chosen["estimator"].isin(self.estimators)] if self.estimators else chosen
+
+
+def once_by_scaling(summary: pd.DataFrame) -> pd.DataFrame:
+    """Rows of a grid's summary without the cells that repeat another one in a larger or shifted space.
+
+    Errors over the bound do not depend on the radius and the centre if σ/r is the same, as all estimators follow a
+    change of scale and a shift. With shared draws the numbers are the same, but for rounding. A cell is left out if
+    its counts are equal to those of an earlier one, and its medians and their errors agree to a thousandth.
+    """
+    free = {NOISE.name, RADIUS.name, CENTER.name}
+    fixed = [c.name for c in CONDITIONS.values() if c.stored and c.name in summary and c.name not in free]
+    numbers = [*fixed, "ok", "planned", "ratio_median_ok", "ratio_median_ok_error"]
+    ratios = (f"{value:.9g}" for value in _values(NOISE_OVER_RADIUS, summary))
+    known: dict[tuple[object, ...], list[list[float]]] = {}
+    by_group: dict[str, list[tuple[str, tuple[object, ...]]]] = {}
+    for group, ratio, row in zip(summary["group"], ratios, summary[numbers].itertuples(index=False), strict=True):
+        by_group.setdefault(str(group), []).append((ratio, tuple(row)))
+    kept = set()
+    for group, rows in by_group.items():
+        ratio, first = rows[0]
+        measured = [[float(str(value)) for value in row[len(fixed) :]] for _, row in rows]
+        flat = [value for values in measured for value in values]
+        others = known.setdefault((ratio, *first[: len(fixed)]), [])
+        if not any(np.allclose(flat, other, rtol=_SAME, atol=0.0, equal_nan=True) for other in others):
+            others.append(flat)
+            kept.add(group)
+    return summary[summary["group"].astype(str).isin(kept)]
+
+
+def evenly_spread(keys: Sequence[tuple[Value, ...]], most: int, weights: Sequence[float] = ()) -> list[bool]:
+    """Choose at most so many of the cells of a grid, evenly spread over its conditions, with both ends of each.
+
+    Values are left out of the condition that has most of them for its weight, one after another, until the cells are
+    few enough.
+
+    Args:
+        keys: the values of the conditions of each cell.
+        most: largest number of cells to choose.
+        weights: of the conditions; twice the weight keeps twice the values. 1 each, if empty.
+
+    Returns:
+        True for each cell that is chosen.
+    """
+    if len(keys) <= most:
+        return [True] * len(keys)
+    axes = [list(dict.fromkeys(values)) for values in zip(*keys, strict=True)]
+    axes = [axis if isinstance(axis[0], str) else sorted(axis) for axis in axes]
+    counts, weights = [len(axis) for axis in axes], weights or [1.0] * len(axes)
+    while max(counts) > 1:
+        shares = [count / weight if count > 1 else 0.0 for count, weight in zip(counts, weights, strict=True)]
+        longest = shares.index(max(shares))
+        counts[longest] -= 1
+        shown = [set(_spread(axis, count)) for axis, count in zip(axes, counts, strict=True)]
+        chosen = [all(value in some for value, some in zip(key, shown, strict=True)) for key in keys]
+        if sum(chosen) <= most:
+            if any(chosen):
+                return chosen
+            break
+    places = set(_spread(range(len(keys)), most))  # cells that are no grid
+    return [place in places for place in range(len(keys))]
+
+
+def _spread(values: Sequence[Value], count: int) -> list[Value]:
+    """Choose so many of some values in equal steps, the first and the last one included."""
+    return [values[int(place)] for place in np.linspace(0, len(values) - 1, count).round()]
+
+
+def _condition(run: Run, key: str) -> Condition:
+    """The condition of a run with a name or a symbol."""
+    known = {NOISE_OVER_RADIUS.name: NOISE_OVER_RADIUS}
+    if not run.study.design.one_trial_a_cell:  # otherwise a row has many values of the others
+        known = {c.name: c for c in run.study.conditions()} | known
+    by_symbol = {condition.symbol: condition for condition in known.values()}
+    if key not in known and key not in by_symbol:
+        raise ValueError(f"--where {key}: not a condition of the rows; {did_you_mean(key, known)}")
+    return known.get(key) or by_symbol[key]
+
+
+def _value(condition: Condition, text: str) -> Value:
+    """A value of a condition, given as text."""
+    if condition.kind is str:
+        return text
+    try:
+        value = float(text.removesuffix(condition.mark) if condition.mark else text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value) or not condition.allowed(value):
+        raise ValueError(f"--where {condition.name}={text}: must be {condition.rule}")
+    return value
+
+
+def _values(condition: Condition, summary: pd.DataFrame) -> list[Value]:
+    """The values of a condition in the rows of a summary."""
+    if condition is NOISE_OVER_RADIUS:
+        return [float(value) for value in summary[NOISE.name] / summary[RADIUS.name]]
+    return list(summary[condition.name])
+
+
+def _some(values: "pd.Series[str]", most: int = 12) -> str:
+    """The different values, or the first of them."""
+    texts = [str(value) for value in values.unique()]
+    return ", ".join(texts[:most]) + (f" and {len(texts) - most} others" if len(texts) > most else "")
+
+
+ROWS = 32
+"""Most rows of a table that, with the lines about it, fits 40 lines."""
+
+
+def printed(run: Run, choice: RowChoice | None = None, every: bool = False) -> Iterator[str]:
+    """The medians of error over bound of a run.
+
+    Args:
+        run: a finished run.
+        choice: the rows; all if None.
+        every: print each of them; otherwise cells that are the same by scaling are printed once, and of more than
+            `ROWS` rows some that are evenly spread.
+
+    Yields:
+        A title, a legend, a header, and a line per group: for each estimator the median error of the ok fits over the
+        bound with its Monte-Carlo error, and in brackets the share of fits that are not ok, if there are any. Before
+        them stand the medians of estimators with Gaussian errors at the two bounds, where the cells have them. Last
+        come the numbers of rows that were left out.
+
+    Raises:
+        ValueError: if no cell has the values of the choice.
+    """
+    table = run.table("summary")
+    frame = (choice or RowChoice()).rows(table)
+    yield f"{run.study.run_name()}: median error of the centre over the {_bound(frame)} ± its Monte-Carlo error"
+    yield "Fits that are not ok are left out; brackets give their share."
+    if frame.empty:
+        yield "no cell has a trial yet"
+        return
+    chosen, notes = (frame, []) if every else _fitting(run, frame)
+    named, bounded = distinguishing(chosen), has_bounds(run.study)
+    yield _legend(chosen, named)
+    if bounded:
+        yield "CRLB and attainable: the median of Gaussian errors at the Cramér-Rao bound and at the attainable bound."
+    rows, at_bounds = [], _AtBounds(run.study)
+    for _, part in chosen.groupby("group", sort=False):
+        fits = part.to_dict("records")
+        bounds = [f"{value:.3g}" for value in at_bounds(fits[0])] if bounded else []
+        rows.append([_conditions(fits[0], named), *bounds, *map(_median, fits)])
+    yield from columns(rows, ["", *(["CRLB", "attainable"] if bounded else []), *dict.fromkeys(chosen["estimator"])])
+    yield from notes
+
+
+def as_data(run: Run, choice: RowChoice) -> dict[str, Any]:
+    """The chosen rows for other programs: run, bound, names of the conditions, and a mapping per row.
+
+    Raises:
+        ValueError: if no cell has the values of the choice.
+    """
+    frame = choice.rows(run.table("summary"))
+    bounded, at_bounds = has_bounds(run.study), _AtBounds(run.study)
+    rows: list[dict[str, Any]] = []
+    for _, part in frame.groupby("group", sort=False):
+        fits = part.to_dict("records")
+        more: dict[str, float] = {}
+        if not run.study.design.one_trial_a_cell:
+            more["noise_over_radius"] = NOISE_OVER_RADIUS.of(fits[0])
+        if bounded:
+            at = at_bounds(fits[0])
+            more |= {"median_cramer_rao": at.cramer_rao, "median_attainable": at.attainable}
+        rows += [{str(name): value for name, value in fit.items()} | more for fit in fits]
+    conditions = [condition.name for condition in run.study.conditions()]
+    return {"run": run.study.run_name(), "bound": _bound(frame), "conditions": conditions, "rows": rows}
+
+
+def as_csv(run: Run, choice: RowChoice) -> str:
+    """The chosen rows of the summary table as CSV, all columns, with a header; an empty field is not a number.
+
+    Raises:
+        ValueError: if no cell has the values of the choice.
+    """
+    return choice.rows(run.table("summary")).to_csv(index=False, lineterminator="\n")
+
+
+class _AtBounds:
+    """Medians at the bounds, computed once for cells that differ by scaling alone."""
+
+    def __init__(self, study: Study) -> None:
+        self.study = study
+        self.known: dict[tuple[float, str], AtBounds] = {}
+
+    def __call__(self, row: RowValues) -> AtBounds:
+        key = float(ANGLE.of(row)), f"{NOISE_OVER_RADIUS.of(row):.12g}"
+        if key not in self.known:
+            self.known[key] = medians_at_bounds(self.study, row)
+        return self.known[key]
+
+
+def _bound(frame: pd.DataFrame) -> str:
+    return bound_law(frame.columns) or "Cramér-Rao bound"
+
+
+def _fitting(run: Run, frame: pd.DataFrame) -> tuple[pd.DataFrame, list[str]]:
+    """The rows that fit a screen, and lines about the rows that are left out."""
+    total, notes = frame["group"].nunique(), []
+    if not run.study.design.one_trial_a_cell:
+        frame = once_by_scaling(frame)
+    if same := total - (different := frame["group"].nunique()):
+        cells = "1 cell has" if same == 1 else f"{same:,} cells have"
+        notes.append(f"{cells} the numbers of one above, as only scale or centre differ; --all shows them.")
+    first = frame.drop_duplicates("group")
+    named = distinguishing(first)
+    keys = [_place(row, named) for row in first.to_dict("records")]
+    weights = [2.0 if condition is NOISE_OVER_RADIUS else 1.0 for condition in named]  # estimators part along it
+    use = evenly_spread(keys, ROWS, weights[: len(keys[0])])
+    if not all(use):
+        frame = frame[frame["group"].isin(first["group"][use])]
+        more = "--all shows all, --where and --estimators choose, --csv is for other programs."
+        notes.append(f"{sum(use):,} of {different:,} rows, evenly spread; {more}")
+    return frame, notes
+
+
+def _place(row: RowValues, named: list[Condition]) -> tuple[Any, ...]:
+    """The place of a group in the design, for conditions whose values may be rounded differently."""
+    if np.isfinite(row["decade"]):
+        return (row["decade"],)
+    return tuple(v if isinstance(v := c.of(row), str) else float(f"{v:.9g}") for c in named)
+
+
+def _legend(frame: pd.DataFrame, named: list[Condition]) -> str:
+    """The meaning of the symbols in the first column."""
+    if np.isfinite(frame["decade"].iloc[0]):
+        first = int(frame["decade"].iloc[0])
+        return f"{NOISE_OVER_RADIUS.symbol} = 1e{first:+03d} …: the trials with σ/r from 1e{first:+03d} to ten times it"
+    return "; ".join(f"{c.symbol}: {c.meaning.removesuffix(f' {c.symbol}')}" for c in named)
+
+
+def _conditions(row: RowValues, named: list[Condition]) -> str:
+    """The conditions of a group."""
+    if np.isfinite(row["decade"]):
+        return f"{NOISE_OVER_RADIUS.symbol} = 1e{int(row['decade']):+03d} …"
+    return ", ".join(condition.label(row) for condition in named)
+
+
+def _median(row: RowValues) -> str:
+    if row["ok"] == 0:
+        return "none ok"
+    failed = 1.0 - row["ok"] / row["planned"]
+    text = f"{row['ratio_median_ok']:.3g} ± {row['ratio_median_ok_error']:.2g}"
+    return text + (f" ({failed:.1%})" if failed > 0 else "")

@@ -1,0 +1,315 @@
+"""A claim of the paper, the numbers behind it, and its verdict.
+
+A `Claim` names the tables that it reads. Its ``measure`` turns them into numbers, each with its Monte-Carlo error, and
+its ``judge`` turns the numbers into a verdict by the rule that ``criterion`` states. No verdict is written down
+anywhere: it changes with the tables, and without them there is none.
+
+The stored tables that claims are judged by.
+
+Evaluation of claims: from stored tables to findings, and from findings to the claims table.
+"""
+
+import math
+from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from pathlib import Path
+from typing import NamedTuple
+
+import pandas as pd
+import pyarrow as pa
+from pandas.api import types
+
+from study.arrays import Ints
+from study.files import RunError
+from study.simulation.analysis.regret import JointMarkers, joint_markers
+from study.simulation.experiment.conditions import STORED
+from study.simulation.runs import schemas
+from study.simulation.runs.run_folder import Run
+from study.simulation.statistics import UNKNOWN, Measure
+
+_NAMED = frozenset(
+    (
+        "gdke",
+        "ugdk",
+        "ugdk_cov",
+        "als",
+        "mle",
+        "mle_centroid",
+        "mle_mirror",
+        "lls",
+        "lls_nr",
+        "lls_nr_raw",
+        "lls_single",
+    )
+)
+"""Estimators that a claim names. Rows of the others are not read: they are half of the largest table."""
+_ALWAYS = ("cell", "trial", *(condition.name for condition in STORED), "estimator", "status")
+"""Columns of an error table that every claim may use."""
+
+_COSTS = ("flops_per_sample", "paper_flops", "scalar_seconds", "vector_seconds")
+"""Columns of a cost table that hold numbers."""
+
+
+class TableMissing(Exception):  # noqa: N818  no error: most sets of runs lack some claim's tables
+    """A table that a claim reads is missing; the message names it and the command that makes it."""
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """The runs that claims are judged by.
+
+    Attributes:
+        runs: runs by the name of their config: ``paper`` of configs/paper.toml.
+        cost: the table of `study cost`, or None.
+        recordings: spreads of joints from case studies, or None; columns as in
+            `study.simulation.claims.recordings`.
+    """
+
+    runs: Mapping[str, Run]
+    cost: pd.DataFrame | None = None
+    recordings: pd.DataFrame | None = None
+    _read: dict[tuple[str, str], pd.DataFrame] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _order: dict[str, Ints] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _joints: dict[str, list[JointMarkers]] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    @classmethod
+    def of(cls, runs: Iterable[Run], cost: Path | None = None, recordings: pd.DataFrame | None = None) -> "Evidence":
+        """Collect runs of different configs, the file of a cost table, and spreads of joints.
+
+        Raises:
+            RunError: if two runs are of one config's name, or a file cannot be read.
+        """
+        named: dict[str, Run] = {}
+        for run in runs:
+            name = run.study.name
+            if name in named:
+                raise RunError(f"{named[name].folder} and {run.folder}: both are runs named {name!r}; give one of them")
+            named[name] = run
+        return cls(named, None if cost is None else _read_cost(cost), recordings)
+
+    def table(self, config: str, name: str) -> pd.DataFrame:
+        """A table of the run of a config, read once.
+
+        Raises:
+            TableMissing: if there is no such run, or it did not finish.
+        """
+        if (config, name) not in self._read:
+            self._read[config, name] = self._stored(config, name)
+        return self._read[config, name]
+
+    def errors(self, config: str, *columns: str) -> pd.DataFrame:
+        """The error table of the run of a config: cell by cell for each of the estimators that claims name.
+
+        Args:
+            config: its name.
+            columns: columns beside the conditions, the estimator and the status. Each is read once, and the order of
+                the rows is the same for all: a table of millions of rows is not read whole.
+
+        Raises:
+            TableMissing: as `table`.
+        """
+        known = self._read.get((config, "errors"), pd.DataFrame())
+        missing = [name for name in (columns if len(known.columns) else [*_ALWAYS, *columns]) if name not in known]
+        if missing:
+            found = self._stored(config, "errors", missing, _NAMED)
+            if config not in self._order:
+                keys = found[["estimator", "cell"]].reset_index(drop=True)
+                self._order[config] = keys.sort_values(["estimator", "cell"], kind="stable").index.to_numpy()
+            found = found.take(self._order[config]).reset_index(drop=True)
+            known = found if known.empty else known.assign(**{name: found[name] for name in missing})
+            self._read[config, "errors"] = known
+        return known
+
+    def _stored(self, config: str, name: str, *selection: Collection[str]) -> pd.DataFrame:
+        if config not in self.runs:
+            raise TableMissing(f"needs a run of configs/{config}.toml")
+        try:
+            return self.runs[config].table(name, *selection)
+        except RunError as error:
+            raise TableMissing(str(error)) from None
+
+    def joints(self, config: str) -> list[JointMarkers]:
+        """The joints of a run with several radii, from its errors and points.
+
+        Raises:
+            TableMissing: as `table`.
+        """
+        if config not in self._joints:
+            self._joints[config] = list(joint_markers(self.errors(config), self.table(config, "points")))
+        return self._joints[config]
+
+    def costs(self) -> pd.DataFrame:
+        """The cost table.
+
+        Raises:
+            TableMissing: if none was given.
+        """
+        if self.cost is None:
+            raise TableMissing("needs the cost table: `study cost` makes it")
+        return self.cost
+
+    def spreads(self) -> pd.DataFrame:
+        """Spreads of joints of recordings.
+
+        Raises:
+            TableMissing: if none were given.
+        """
+        if self.recordings is None:
+            raise TableMissing("needs a recording: `study case-study FILE --out DIR`, then `--recording DIR` here")
+        return self.recordings
+
+
+def _read_cost(path: Path) -> pd.DataFrame:
+    remedy = "`study cost --out FILE.parquet` makes one"
+    if not path.is_file():
+        raise RunError(f"{path}: no cost table; {remedy}")
+    try:
+        table: pd.DataFrame = schemas.read(path)
+    except (
+        OSError,
+        pa.ArrowException,
+        ValueError,
+        KeyError,
+        TypeError,
+    ):  # the last two if the text about the columns is garbled
+        raise RunError(f"{path}: not a cost table: damaged, or not parquet; {remedy}") from None
+    odd = [name for name in _COSTS if name not in table or not types.is_numeric_dtype(table[name])]
+    if "estimator" not in table or odd:
+        words = ", ".join(odd or ["estimator"])
+        raise RunError(f"{path}: not a cost table: {words} missing or not numbers; {remedy}")
+    return table
+
+
+class Verdict(StrEnum):
+    """The outcome of a claim."""
+
+    REPRODUCED = "reproduced"
+    PARTLY = "partly"
+    NOT_REPRODUCED = "not reproduced"
+    NOT_EVALUATED = "not evaluated"
+
+
+class Number(NamedTuple):
+    """One number behind a verdict.
+
+    Attributes:
+        words: name of the quantity with its unit, for a reader: "GDKE's bias over its own standard deviation".
+        value: the number.
+        error: its Monte-Carlo standard error; 0 for a count, NaN if there is none.
+        trials: the smallest number of data sets behind it; 0 if it comes from no trial.
+    """
+
+    words: str
+    value: float
+    error: float
+    trials: int
+
+    @classmethod
+    def of(cls, words: str, measure: Measure, trials: int) -> "Number":
+        """A measure with its name."""
+        return cls(words, measure.value, measure.error, trials)
+
+    @classmethod
+    def unknown(cls, words: str) -> "Number":
+        """A number that the tables do not allow."""
+        return cls.of(words, UNKNOWN, 0)
+
+    def __str__(self) -> str:
+        """The name, the number and its error."""
+        if math.isnan(self.error) or self.error <= 1e-9 * abs(self.value):  # none, or rounding
+            return f"{self.words}: {self.value:.4g}"
+        return f"{self.words}: {self.value:.4g} ± {self.error:.2g}"
+
+
+def only_known(numbers: Iterable[Number]) -> list[Number]:
+    """The numbers that are not NaN: for those that explain a verdict and do not enter it."""
+    return [number for number in numbers if not math.isnan(number.value)]
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One statement of the paper and the rule by which it is judged.
+
+    Attributes:
+        name: a word or two for it, in lower case with hyphens.
+        section: section of the paper.
+        statement: the paper's statement, in our words.
+        quantity: the quantity that is measured.
+        criterion: the rule from the numbers to the verdict, in words; it says what ``judge`` does.
+        reads: tables, as "config/table"; "cost" for the cost table, "case-study" for those of recordings.
+        measure: function from the tables to numbers, the headline first.
+        judge: function from these numbers, in that order, to a verdict. It sees nothing else.
+        figure: name of the figure that shows it, or "".
+        remark: background for a reader: the source of the paper's number, the explanation of ours.
+    """
+
+    name: str
+    section: str
+    statement: str
+    quantity: str
+    criterion: str
+    reads: tuple[str, ...]
+    measure: Callable[[Evidence], list[Number]]
+    judge: Callable[[list[Number]], Verdict]
+    figure: str = ""
+    remark: str = ""
+
+
+class Finding(NamedTuple):
+    """A claim's verdict and the numbers behind it, or the reason why it could not be evaluated."""
+
+    claim: Claim
+    verdict: Verdict
+    numbers: list[Number]
+    reason: str = ""
+
+
+def evaluate(claims: Iterable[Claim], evidence: Evidence) -> list[Finding]:
+    """Judge claims by the tables at hand.
+
+    Returns:
+        A finding per claim. A claim is not evaluated if a table is missing, or holds too few trials or conditions for
+        one of the claim's numbers; the finding gives the reason.
+    """
+    return [_evaluate(claim, evidence) for claim in claims]
+
+
+def _evaluate(claim: Claim, evidence: Evidence) -> Finding:
+    try:
+        numbers = claim.measure(evidence)
+    except TableMissing as missing:
+        return Finding(claim, Verdict.NOT_EVALUATED, [], str(missing))
+    unknown = [number.words for number in numbers if math.isnan(number.value)]
+    if unknown:
+        reason = f"too few trials or conditions in the tables for: {'; '.join(unknown)}"
+        return Finding(claim, Verdict.NOT_EVALUATED, numbers, reason)
+    return Finding(claim, claim.judge(numbers), numbers)
+
+
+def frame(findings: Iterable[Finding], evidence: Evidence) -> pd.DataFrame:
+    """The claims table: a row per claim; columns as `study.simulation.runs.schemas.CLAIMS` declares them."""
+    rows = []
+    for number, (claim, verdict, numbers, reason) in enumerate(findings, start=1):
+        head = numbers[0] if numbers else Number.unknown("")
+        used = {config for config, _, table in (read.partition("/") for read in claim.reads) if table}
+        rows.append(
+            {
+                "number": number,
+                "name": claim.name,
+                "section": claim.section,
+                "statement": claim.statement,
+                "quantity": claim.quantity,
+                "value": head.value,
+                "error": head.error,
+                "trials": min((n.trials for n in numbers if n.trials), default=0),
+                "verdict": str(verdict),
+                "finding": reason or "\n".join(map(str, numbers)),
+                "criterion": claim.criterion,
+                "remark": claim.remark,
+                "reads": ", ".join(claim.reads),
+                "runs": ", ".join(evidence.runs[name].study.run_name() for name in sorted(used & set(evidence.runs))),
+                "figure": claim.figure,
+            }
+        )
+    return pd.DataFrame(rows, columns=[column.name for column in schemas.CLAIMS])

@@ -1,0 +1,274 @@
+"""Claims of sections 4.1 and 4.4 on outliers of MLE and of LLS: their places and their causes.
+
+An outlier is a fit whose error exceeds ten times √tr CRLB, as in figure 2. For LLS a fit without a number counts as
+well, and only data sets count on which GDKE has no outlier: GDKE is the same fit in exact arithmetic, so these outliers
+are numerical.
+"""
+
+import math
+
+import numpy as np
+import pandas as pd
+
+from study.fits import Status
+from study.simulation.claims.claim import Claim, Evidence, Number, Verdict
+from study.simulation.claims.measures import LEAST, by_estimator, error_over, has_estimators, median, relative_noise
+from study.simulation.statistics import FAR, UNKNOWN, share
+
+_ABOUT_RADIUS = (0.3, 3.0)
+"""Errors over r that count as equal to the radius."""
+_NOISE_ABOUT_RADIUS = (0.1, 10.0)
+"""Relative noise in the claim's range."""
+_CURED = 1.0 / 3.0
+"""Share of the error that is left, at most, where another minimum cures an outlier."""
+_TWO_MINIMA = 1e-3
+"""Relative difference of errors above which two fits are at different minima."""
+_ROUNDING, _SMALL, _LARGE = 1e-12, 1e-6, 1e10
+"""Relative noise: below the first, rounding of the points themselves matters; the others are the paper's limits."""
+_ON_SPHERE = 0.1
+"""Distance to the sphere over r up to which a centre lies on it."""
+_CLEAR = 3
+"""Least number of outliers that is no accident."""
+_FEW = 5
+"""Least number of outliers behind a median; there are fewer of them than of other fits."""
+
+
+def _count(words: str, flags: "pd.Series[bool]") -> Number:
+    """Share of data sets whose flag is true; unknown if there are too few."""
+    total = len(flags)
+    return Number.of(words, share(int(flags.sum()), total) if total >= LEAST else UNKNOWN, total)
+
+
+def _clear(number: Number) -> bool:
+    """True if a share stands for three data sets or more."""
+    return round(number.value * number.trials) >= _CLEAR
+
+
+# MLE -----------------------------------------------------------------------------------------------------------------
+
+
+def _mle_outliers(errors: pd.DataFrame) -> tuple["pd.Series[bool]", pd.DataFrame, "pd.Series[float]"]:
+    """MLE's outliers whose error is about the radius, errors over r by estimator, and σ/r; a row per data set."""
+    relative = by_estimator(errors, error_over(errors, "radius"))
+    ratio = by_estimator(errors, error_over(errors, "bound"))
+    noise = by_estimator(errors, relative_noise(errors))["mle"]
+    low, high = _ABOUT_RADIUS
+    outliers = (ratio["mle"] > FAR) & (relative["mle"] >= low) & (relative["mle"] <= high)
+    return outliers, relative, noise
+
+
+def _measure_mle(evidence: Evidence) -> list[Number]:
+    errors = evidence.errors("starts", "error", "bound", "noise_variance")
+    words = "share of trials, .1 r ≤ σ ≤ 10 r, in which MLE's error is .3 r to 3 r and above 10 bounds"
+    starts = ("mle", "mle_centroid", "mle_mirror")
+    if not has_estimators(errors, *starts, "gdke"):
+        return [Number.unknown(words)]
+    outliers, relative, noise = _mle_outliers(errors)
+    low, high = _NOISE_ABOUT_RADIUS
+    found = _count(words, outliers[(noise >= low) & (noise <= high)])
+    if math.isnan(found.value) or found.value == 0.0:
+        return [found]
+    residual = by_estimator(errors, errors["noise_variance"])[list(starts)][outliers].fillna(math.inf)
+    least = residual.to_numpy().argmin(axis=1)
+    best = np.take_along_axis(relative[list(starts)][outliers].to_numpy(), least[:, None], axis=1)[:, 0]
+    of_mle, of_gdke = relative["mle"][outliers], relative["gdke"][outliers]
+    cured = best < _CURED * of_mle
+    quiet = relative[noise < 0.01]
+    other = (quiet["mle_mirror"] - quiet["mle"]).abs() > _TWO_MINIMA * quiet["mle"]
+    return [
+        found,
+        Number.of(
+            "share of these outliers whose error the best minimum from three starts reduces to a third or less",
+            share(int(cured.sum()), len(cured)) if len(cured) >= _FEW else UNKNOWN,
+            len(cured),
+        ),
+        Number.of("GDKE's error over MLE's in these outliers, median", median(of_gdke / of_mle, _FEW), len(cured)),
+        Number.of("σ/r of these outliers, median", median(noise[outliers], _FEW), len(cured)),
+        _count("share of trials, σ < .01 r, in which a start beyond the points ends at another minimum", other),
+        _runaways(relative, by_estimator(errors, errors["status"])),
+    ]
+
+
+def _runaways(relative: pd.DataFrame, status: pd.DataFrame) -> Number:
+    """Share of MLE fits that are ok and yet so far off that their sphere is a plane."""
+    return _count(
+        "share of all trials in which MLE's error exceeds 10⁴ r and its status is ok",
+        (relative["mle"] > 1e4) & (status["mle"] == Status.OK),
+    )
+
+
+def _judge_mle(numbers: list[Number]) -> Verdict:
+    if not _clear(numbers[0]):
+        return Verdict.NOT_REPRODUCED
+    cured = numbers[1]
+    return Verdict.REPRODUCED if cured.value - 2.0 * cured.error > 0.5 else Verdict.PARTLY
+
+
+# LLS -----------------------------------------------------------------------------------------------------------------
+
+_VERSIONS = {
+    "lls": "no singular values cut",
+    "lls_nr_raw": "singular values cut at 1e-6",
+    "lls_nr": "centred, singular values cut at 1e-5",
+    "lls_single": "single precision",
+}
+
+
+def _numerical(errors: pd.DataFrame, estimator: str) -> "pd.Series[bool]":
+    """True for data sets with an outlier of this estimator and none of GDKE."""
+    ratio = by_estimator(errors, error_over(errors, "bound"))
+    return (ratio[estimator] > FAR) & (ratio["gdke"] <= FAR)
+
+
+def _measure_small(evidence: Evidence) -> list[Number]:
+    errors, paper = (evidence.errors(config, "error", "bound") for config in ("outliers", "paper"))
+    if not (has_estimators(errors, *_VERSIONS, "gdke") and has_estimators(paper, "lls", "gdke")):
+        return [Number.unknown("outliers of LLS")]
+    noise = by_estimator(errors, relative_noise(errors))["gdke"]
+    small, middle = (noise > _ROUNDING) & (noise < _SMALL), (noise >= 10.0 * _SMALL) & (noise < _LARGE)
+    numbers = [
+        _count(f"share of outliers of LLS, 1e-12 r < σ < 1e-6 r, {words}", _numerical(errors, name)[small])
+        for name, words in _VERSIONS.items()
+    ]
+    above = pd.concat([_numerical(errors, name)[middle] for name in ("lls_nr_raw", "lls_nr")])
+    numbers.append(_count("share of outliers of LLS, 1e-5 r ≤ σ < 1e10 r, both cuts", above))
+    below = by_estimator(paper, relative_noise(paper))["gdke"] < _SMALL
+    numbers.append(
+        _count(
+            "share of outliers of LLS, paper's design, σ < 1e-6 r, no singular values cut",
+            _numerical(paper, "lls")[below],
+        )
+    )
+    return numbers
+
+
+def _judge_small(numbers: list[Number]) -> Verdict:
+    uncut, raw, centred, _, above = numbers[:5]
+    if _clear(uncut):
+        return Verdict.REPRODUCED
+    cut = max(raw, centred, key=lambda n: n.value)
+    return Verdict.PARTLY if _clear(cut) and above.value < 0.1 * cut.value else Verdict.NOT_REPRODUCED
+
+
+def _measure_place(evidence: Evidence) -> list[Number]:
+    errors = evidence.errors("outliers", "error", "bound")
+    if not has_estimators(errors, "lls_nr", "lls_nr_raw", "gdke"):
+        return [Number.unknown("error of LLS outliers over the radius")]
+    relative = by_estimator(errors, error_over(errors, "radius"))
+    noise = by_estimator(errors, relative_noise(errors))["gdke"]
+    numbers = []
+    for name in ("lls_nr", "lls_nr_raw"):
+        found = relative[name][_numerical(errors, name) & (noise > _ROUNDING) & (noise < _SMALL)].to_numpy()
+        near = share(int(np.sum(np.abs(found - 1.0) <= _ON_SPHERE)), len(found)) if len(found) >= _FEW else UNKNOWN
+        words = _VERSIONS[name]
+        numbers.append(Number.of(f"median error over r of LLS's outliers, {words}", median(found, _FEW), len(found)))
+        numbers.append(Number.of(f"share of these outliers within r/10 of the sphere, {words}", near, len(found)))
+    return numbers
+
+
+def _judge_place(numbers: list[Number]) -> Verdict:
+    on = [number.value - 2.0 * number.error > 0.5 for number in numbers[1::2]]
+    if all(on):
+        return Verdict.REPRODUCED
+    return Verdict.PARTLY if any(on) else Verdict.NOT_REPRODUCED
+
+
+def _measure_large(evidence: Evidence) -> list[Number]:
+    errors, paper = (evidence.errors(config, "error", "bound") for config in ("outliers", "paper"))
+    if not (has_estimators(errors, "lls", "lls_single", "gdke") and has_estimators(paper, "lls", "gdke")):
+        return [Number.unknown("outliers of LLS")]
+    noise = by_estimator(errors, relative_noise(errors))["gdke"]
+    large = noise > _LARGE
+    single = _numerical(errors, "lls_single")
+    overflown = by_estimator(errors, errors["status"])["lls_single"] == Status.NOT_FINITE
+    first = noise[overflown & (noise > 1.0)].to_numpy()
+    beyond = by_estimator(paper, relative_noise(paper))["gdke"] > _LARGE
+    edge = float(np.min(first)) if len(first) else math.inf
+    return [
+        _count("share of outliers or failures of LLS, σ > 1e10 r, double precision", _numerical(errors, "lls")[large]),
+        _count("share of outliers or failures of LLS, σ > 1e10 r, single precision", single[large]),
+        _count(
+            "share of outliers or failures of LLS, r ≤ σ ≤ 1e9 r, single precision",
+            single[(noise >= 1.0) & (noise <= 1e9)],
+        ),
+        Number("smallest σ/r at which sums in single precision overflow", edge, 0.0, len(noise)),
+        _count(
+            "share of outliers or failures of LLS, paper's design, σ > 1e10 r, double precision",
+            _numerical(paper, "lls")[beyond],
+        ),
+    ]
+
+
+def _judge_large(numbers: list[Number]) -> Verdict:
+    double, single, between = numbers[:3]
+    if _clear(double):
+        return Verdict.REPRODUCED
+    return Verdict.PARTLY if _clear(single) and between.value < 0.1 * single.value else Verdict.NOT_REPRODUCED
+
+
+CLAIMS: tuple[Claim, ...] = (
+    Claim(
+        name="mle-outliers",
+        section="4.1",
+        statement="MLE has outliers whose error equals the radius, because it has multiple solutions there.",
+        quantity="MLE's outliers with an error of about the radius, and the error at the best minimum from three "
+        "starts",
+        criterion="Reproduced if there are such outliers (three or more) and the best minimum from three starts "
+        "reduces the error of more than half of them to a third or less, by two standard errors; partly if there are "
+        "outliers and it does not; not reproduced if there are none. All fits count.",
+        reads=("starts/errors",),
+        measure=_measure_mle,
+        judge=_judge_mle,
+        figure="fig2_error",
+        remark="Such outliers need many samples: only then is an error of one radius ten times the bound. All three "
+        "starts end at the same centre, and GDKE's centre is as far off: the noise pulls the only minimum towards the "
+        "points. Multiple solutions exist at small noise: from a start beyond the points the sphere tends to a plane.",
+    ),
+    Claim(
+        name="lls-outliers-small",
+        section="4.1",
+        statement="LLS has outliers where the noise is below about 1e-6 of the radius, because of the finite "
+        "representation of numbers.",
+        quantity="outliers of LLS that GDKE does not have on the same points, caps of up to 5°",
+        criterion="Reproduced if LLS without a cut of singular values has such outliers for σ < 1e-6 r (three or "
+        "more); partly if only LLS with a cut has them, and less than a tenth as often for σ ≥ 1e-5 r; not reproduced "
+        "otherwise. Failures count.",
+        reads=("outliers/errors", "paper/errors"),
+        measure=_measure_small,
+        judge=_judge_small,
+        figure="fig2_error",
+        remark="A cut of small singular values, as in the book that the paper takes its programs from, makes outliers "
+        "on tiny caps up to just this noise; above it, the bound itself reaches the radius. One in 36 of the paper's "
+        "angles is so small. Single precision makes outliers too, the more the smaller the noise is, and it fails at "
+        "both of the paper's limits.",
+    ),
+    Claim(
+        name="lls-outliers-place",
+        section="4.4",
+        statement="In LLS's outliers the estimated centre erroneously lies on the sphere.",
+        quantity="error over radius of the outliers that a cut of small singular values makes",
+        criterion="Reproduced if with both cuts more than half of the outliers, by two standard errors, have their "
+        "centre within r/10 of the sphere; partly if with one of the cuts; not reproduced if with none.",
+        reads=("outliers/errors",),
+        measure=_measure_place,
+        judge=_judge_place,
+        remark="With the cut, a centred design matrix leaves the centre at the points' centroid, on the sphere. A "
+        "design matrix that is not centred leaves it at ½p|p|²/(|p|² + 1) with the points at p: half way to the points "
+        "for a large sphere near the origin.",
+    ),
+    Claim(
+        name="lls-outliers-large",
+        section="4.1",
+        statement="LLS has outliers where the noise is above 1e10 times the radius, because of the finite "
+        "representation of numbers.",
+        quantity="outliers of LLS that GDKE in double precision does not have on the same points, and failures",
+        criterion="Reproduced if LLS in double precision has them for σ > 1e10 r (three or more); partly if only LLS "
+        "in single precision has them, and less than a tenth as often for r ≤ σ ≤ 1e9 r; not reproduced otherwise.",
+        reads=("outliers/errors", "paper/errors"),
+        measure=_measure_large,
+        judge=_judge_large,
+        figure="fig2_error",
+        remark="Sums of third powers overflow in single precision (above 3.4e38) if the points are about 1e12 units "
+        "apart, which is σ of 1e10 r to 1e11 r for the paper's radii. GDKE in single precision would overflow as well.",
+    ),
+)

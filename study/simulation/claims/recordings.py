@@ -1,0 +1,175 @@
+"""The claim of section 9.1 on recordings: above about 200 samples most joints are within a centimetre.
+
+All fits to a joint share the frames of its recording, in every case study of it, and joints of one name in several
+recordings are alike. So each joint counts once, by the share of its spreads that are below a centimetre, and every
+standard error is over joints.
+
+Read stored case studies, for the paper's claim on recordings: the scatter of joint centres from random frames.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from pandas.api import types
+
+from study.arrays import Floats
+from study.files import InputError
+from study.simulation.claims.claim import Claim, Evidence, Number, Verdict, only_known
+from study.simulation.runs import schemas
+from study.simulation.statistics import Measure, mean, share
+
+_MANY = 200
+"""Samples above which the claim promises a centimetre."""
+_CENTIMETRE = 0.01
+_FEWEST = 5
+"""Least number of joints: all of four are on one side by chance with probability 2⁻⁴ > .05."""
+
+
+def _measure_recordings(evidence: Evidence) -> list[Number]:
+    spreads = evidence.spreads()
+    spreads = spreads.assign(sure=spreads["spread"].where(~spreads["doubted"], np.inf))
+    many = spreads["samples"] > _MANY
+    above, upto = _below(spreads[many], "spread"), _below(spreads[~many], "spread")
+    joints, recordings = (above.index.unique(level).size for level in ("joint", "recording"))
+    of = f"{joints} joints of {recordings} recording{'s' * (recordings != 1)}"
+    gain = _per_joint(above - upto)
+    return [
+        _share(f"share of {of} with a spread below 1 cm, above {_MANY} samples", above),
+        _over_joints(f"that share minus the share up to {_MANY} samples, joint by joint", mean(gain), len(gain)),
+        _share("that share with joints that are in doubt counted as farther", _below(spreads[many], "sure")),
+        *only_known(
+            [
+                _share(
+                    "that share with the error of the whole recording's fit in place of the spread",
+                    _below(spreads[many], "error"),
+                ),
+                _share("that share with every axis of hinges, as in the paper", _below(spreads[many], "with_axes")),
+            ]
+        ),
+    ]
+
+
+def _below(spreads: pd.DataFrame, column: str) -> "pd.Series[float]":
+    """For each joint in each recording the share of its spreads that are below a centimetre.
+
+    Case studies of one recording with different seeds are pooled, so that their order does not matter.
+    """
+    below = (spreads[column] < _CENTIMETRE).astype(float)
+    return below.groupby([spreads["joint"], spreads["recording"]]).mean()
+
+
+def _per_joint(values: "pd.Series[float]") -> Floats:
+    """Each joint's mean over the recordings that have a value; every recording has the same weight."""
+    return np.asarray(values.dropna().groupby("joint").mean(), dtype=float)
+
+
+def _share(words: str, below: "pd.Series[float]") -> Number:
+    joints = _per_joint(below)
+    return _over_joints(words, share(float(joints.sum()), len(joints)), len(joints))
+
+
+def _over_joints(words: str, measure: Measure, joints: int) -> Number:
+    enough = joints >= _FEWEST
+    return Number.of(words, measure, joints) if enough else Number.unknown(f"{words} (needs {_FEWEST} joints)")
+
+
+def _judge_recordings(numbers: list[Number]) -> Verdict:
+    above, gain, undoubted = numbers[:3]
+    if above.value <= 0.5:
+        return Verdict.NOT_REPRODUCED
+    most = (number.value - 2.0 * number.error > 0.5 for number in (above, undoubted))
+    sure = all(most) and gain.value - 2.0 * gain.error > 0.0
+    return Verdict.REPRODUCED if sure else Verdict.PARTLY
+
+
+CLAIMS: tuple[Claim, ...] = (
+    Claim(
+        name="recordings-within-1-cm",
+        section="9.1",
+        statement="On recordings, most joints are within one centimetre above about 200 samples.",
+        quantity="median distance of a joint's centre, fitted to random frames, from the centre by the whole recording",
+        criterion="Reproduced if, by two standard errors over joints, more than half of the spreads above 200 samples "
+        "are below 1 cm and of joints that are not in doubt, and a larger share than up to 200 samples; not reproduced "
+        "if at most half are below 1 cm; partly otherwise.",
+        reads=("case-study",),
+        measure=_measure_recordings,
+        judge=_judge_recordings,
+        remark="A spread within one recording is not a distance to the truth: skin that moves with a joint does not "
+        "show in it, so a joint counts for the verdict where its own error raises no doubt. Frames near in time are "
+        "correlated, so that the fit to the whole recording errs too. The paper accounts for neither. The standard "
+        "errors do not account for errors that the joints of one body share, nor for joints that had no sphere.",
+    ),
+)
+
+_SCATTER = "case-study-scatter.parquet"
+_ORIGIN = ("recording", "digest")
+_COLUMNS = {
+    **dict.fromkeys(_ORIGIN, types.is_string_dtype),
+    "joint": types.is_string_dtype,
+    "way": types.is_string_dtype,
+    "dropped": types.is_bool_dtype,
+    "samples": types.is_integer_dtype,
+    "median": types.is_float_dtype,
+    "error": types.is_float_dtype,
+}
+_ROW = ["joint", "samples"]
+
+
+def read_case_studies(folders: Sequence[Path]) -> pd.DataFrame:
+    """Read the scatter of joint centres over random subsets of the frames of recordings.
+
+    Consecutive frames are left out, as the paper took random ones.
+
+    Args:
+        folders: of `study case-study`, at least one; several may be of one recording, with different seeds.
+
+    Returns:
+        A row per case study, joint and N: ``recording``, the digest of the recording's file; ``joint``; ``samples``, N;
+        and in metres ``spread``, the median distance from the whole recording's centre, without the axis of a hinge if
+        the case study dropped it, where a failed fit counts as farther than any other; ``with_axes``, the same with
+        every axis kept, as in the paper; ``error``, the spread and the standard error of the whole recording's centre
+        together; ``doubted``, whether the joint is in doubt, as all are in a table that does not say.
+
+    Raises:
+        InputError: if a folder has no case study, one that cannot be read or does not name its recording, or the
+            same one as another folder.
+    """
+    found = [_read(folder) for folder in folders]
+    for place, table in enumerate(found):
+        for before in range(place):
+            if table.equals(found[before]):
+                same = f"{folders[before]} and {folders[place]}"
+                raise InputError(f"{same}: the same case study; give it once, else its subsets count twice")
+    return pd.concat(found, ignore_index=True)
+
+
+def _read(folder: Path) -> pd.DataFrame:
+    """Read one case study; see `read_case_studies`."""
+    path, command = folder / _SCATTER, f"`study case-study FILE --out {folder}`"
+    remedy, again = f"{command} writes one", f"run the case study again: {command}"
+    try:
+        scatter: pd.DataFrame = schemas.read(path)
+    except (FileNotFoundError, NotADirectoryError):
+        raise InputError(f"{folder}: not the folder of a case study, as it has no {_SCATTER}; {remedy}") from None
+    except (OSError, ValueError, KeyError, TypeError):  # the last two if the text about the columns is garbled
+        raise InputError(f"{path}: cannot be read: it is damaged, or not parquet; {remedy}") from None
+    if not set(_ORIGIN) <= set(scatter):
+        absent = f"{path.name} has no columns {' and '.join(_ORIGIN)}"
+        raise InputError(f"{folder}: a case study that does not name its recording: {absent}; {again}")
+    odd = [name for name, fits in _COLUMNS.items() if name not in scatter or not fits(scatter[name])]
+    if odd:
+        raise InputError(f"{path}: written by another version: {', '.join(odd)} missing or of another type; {remedy}")
+    if scatter["digest"].nunique() != 1:
+        raise InputError(f"{path}: of {scatter['digest'].nunique()} recordings, not of one; {again}")
+    random = scatter[scatter["way"] == "random"]
+    if random.empty or random.duplicated([*_ROW, "dropped"]).any():
+        raise InputError(f"{path}: not one row per joint and number of random frames; {remedy}")
+    hinges = set(random.loc[random["dropped"], "joint"])
+    across = random[random["dropped"] == random["joint"].isin(hinges)].set_index(_ROW)
+    kept = random[~random["dropped"]].set_index(_ROW)
+    columns = {"spread": across["median"], "with_axes": kept["median"], "error": across["error"]}
+    # a table of before doubts were stored rests on errors without skin
+    columns["doubted"] = across["doubted"].astype(bool) if "doubted" in across else pd.Series(True, across.index)
+    return pd.DataFrame(columns).reset_index().assign(recording=scatter["digest"].iloc[0])

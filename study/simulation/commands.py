@@ -1,0 +1,442 @@
+"""Commands about configs and runs, for `study.cli`, with their exit codes; the worker of a cluster.
+
+Commands on the tables of runs and on estimators, for `study.cli`.
+
+The command `study coverage`.
+
+Commands that judge the claims and write the page, for `study.cli`.
+
+The option ``--plugin`` of commands that must know the estimators of a user's own files.
+"""
+
+import functools
+import inspect
+import os.path
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from study.options import ExitCode, Json
+
+RUNS = Path("results")
+"""Folder of the runs, below the current one."""
+
+
+def run_folder(argument: str) -> Path:
+    """The folder of a run, given itself, as the config of a run in `RUNS`, or as the name of a shipped config."""
+    path = Path(argument)
+    if os.path.isdir(path) or path.suffix not in ("", ".toml"):
+        return path
+    from study.simulation.experiment.config import load, shipped_configs
+
+    config = path if path.suffix else shipped_configs().get(argument)
+    return path if config is None else RUNS / load(config).run_name()
+
+
+_FOLDER = "folder of a run, or the config of a run in results/, such as configs/paper.toml, or paper if it is shipped"
+Folder = Annotated[Path, typer.Argument(metavar="RUN", parser=run_folder, help=_FOLDER)]
+CONFIG_HELP = "config file, or name of a shipped config (see `study configs`)"
+Config = Annotated[Path, typer.Argument(metavar="CONFIG", help=CONFIG_HELP)]
+Jobs = Annotated[int, typer.Option("--jobs", "-j", min=1, max=1024, help="number of workers")]
+
+
+def configs() -> None:
+    """List the shipped configs. `study plan` and `study run` take them by name."""
+    from study.simulation.experiment.config import shipped_configs, summary_line
+    from study.text import columns
+
+    for line in columns([name, summary_line(path)] for name, path in shipped_configs().items()):
+        typer.echo(line)
+
+
+def plan(config: Config, jobs: Jobs = 2, as_json: Json = False) -> None:
+    """Predict a study's size and time without running it.
+
+    The exit code is 5 if the run would take more than a week.
+
+    With --json: run, jobs, and parts, a list of title, cells, units, trials, draws, samples, fits, bytes and seconds;
+    one part, or two if the config has [precision].
+    """
+    from study.simulation.experiment.config import config_file, load
+    from study.simulation.runs.plan import extremes, warning
+    from study.simulation.runs.plan import plan as make_plan
+    from study.text import columns, json_text
+
+    study = load(config_file(config))
+    plans = {title: make_plan(part, jobs) for title, part in extremes(study).items()}
+    if as_json:
+        parts = [{"title": title, **vars(found)} for title, found in plans.items()]
+        typer.echo(json_text({"run": study.run_name(), "jobs": jobs, "parts": parts}))
+    else:
+        typer.echo(f"{study.run_name()}")
+        for title, found in plans.items():
+            if title:
+                typer.echo(f"  {title}")
+            for line in columns(found.lines(), indent=2):
+                typer.echo(line)
+    if (words := warning(study, next(iter(plans.values())), jobs)) is not None:  # the first is the least work
+        typer.echo(words, err=True)
+        raise typer.Exit(ExitCode.TOO_LONG)
+
+
+def worker(
+    scheduler: Annotated[str, typer.Argument(metavar="ADDRESS", help="address of a Dask scheduler: tcp://host:8786")],
+    options: Annotated[list[str] | None, typer.Argument(metavar="-- OPTION…", help="see `dask worker --help`")] = None,
+) -> None:
+    """Start a Dask worker whose results equal those of this machine.
+
+    They are equal to the last bit.
+    """
+    from study.simulation.runs.workers import serve
+
+    serve(scheduler, options or [])
+
+
+def status(folder: Folder, as_json: Json = False) -> None:
+    """Print the state of a run.
+
+    These are its units, parts, failures, tables, and the software that made it.
+
+    With --json: run, folder, state, finished, writer, units (total, done, missing), cells (total, target, cap, open;
+    null without [precision]), parts (whole, damaged, set_aside), failures (fits, failed, lost; null until the run is
+    finished), tables, damaged, and made_by.
+    """
+    from study.simulation.runs.status import printed
+    from study.simulation.runs.status import status as status_of
+    from study.text import json_text
+
+    found = status_of(folder)
+    for line in [json_text(vars(found))] if as_json else printed(found):
+        typer.echo(line)
+
+
+Where = Annotated[
+    list[str] | None,
+    typer.Option("--where", metavar="CONDITION=VALUE,…", help="cells with these values, such as angle=45,samples=1000"),
+]
+Some = Annotated[
+    str | None, typer.Option("--estimators", "-e", metavar="NAME,…", help="such as als,mle [default: all]")
+]
+All = Annotated[bool, typer.Option("--all", help="print every row; by default some that are evenly spread")]
+Csv = Annotated[bool, typer.Option("--csv", help="print all columns of the summary table as CSV")]
+
+
+def summary(
+    folder: Folder,
+    where: Where = None,
+    estimators: Some = None,
+    every: All = False,
+    as_json: Json = False,
+    as_csv: Csv = False,
+) -> None:
+    """Print a run's median errors over the bound.
+
+    The table fits a screen: of many cells it has some that are evenly spread over the conditions, and cells that differ
+    by scaling alone are printed once. If --where gives a condition several times, cells with any of the values count.
+
+    --csv and --json have every cell that --where and --estimators choose. With --json: run, bound, conditions (their
+    names), and rows, each with the columns of the summary table and, where they are known, noise_over_radius and the
+    medians at the bounds, median_cramer_rao and median_attainable.
+    """
+    from study.simulation.analysis.summary_text import RowChoice, as_data, printed
+    from study.simulation.analysis.summary_text import as_csv as csv_text
+    from study.simulation.runs.run_folder import Run
+    from study.text import json_text
+
+    if as_json and as_csv:
+        raise typer.BadParameter("give --json or --csv, not both")
+    run = Run.open(folder)
+    try:
+        choice = RowChoice.of(run, where or [], estimators)
+        if as_json:
+            lines = [json_text(as_data(run, choice))]
+        else:
+            lines = csv_text(run, choice).splitlines() if as_csv else list(printed(run, choice, every))
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from None
+    for line in lines:
+        typer.echo(line)
+
+
+def diff(
+    one: Annotated[Path, typer.Argument(metavar="RUN_A", parser=run_folder, help="folder of a run, or its config")],
+    other: Annotated[Path, typer.Argument(metavar="RUN_B", parser=run_folder, help="folder of another run")],
+    as_json: Json = False,
+) -> None:
+    """Compare two runs.
+
+    The verdict is identical, identical in the trials that both have, the same within Monte-Carlo error, or different
+    (exit code 1).
+
+    With --json: verdict, runs (folder, run, made_by, only_here), test, threshold of the chance, and comparisons, each
+    with group, estimator, conditions, measure, first, second, deviation in standard errors, chance, trials, equal,
+    same_trials and different.
+    """
+    from study.simulation.analysis.compare import as_data, compare, printed
+    from study.simulation.runs.run_folder import Run
+    from study.text import json_text
+
+    found = compare(Run.open(one), Run.open(other))
+    for line in [json_text(as_data(found))] if as_json else printed(found):
+        typer.echo(line)
+    if found.different:
+        raise typer.Exit(ExitCode.FAILURE)
+
+
+def verify(
+    folder: Folder,
+    share: Annotated[
+        float, typer.Option("--share", min=0.0, max=1.0, help="share of the units that are computed again")
+    ] = 0.01,
+) -> None:
+    """Verify a run before it is quoted.
+
+    All tables are checked by their digests, and a share of the units is computed again and compared to the bit. The
+    exit code is 1 if anything differs.
+    """
+    from study.simulation.analysis.verify import printed
+    from study.simulation.analysis.verify import verify as check
+    from study.simulation.runs.run_folder import Run
+
+    found = check(Run.open(folder), share)
+    for line in printed(found):
+        typer.echo(line)
+    if found.faults:
+        raise typer.Exit(ExitCode.FAILURE)
+
+
+def archive(
+    folders: Annotated[
+        list[Path], typer.Argument(metavar="RUN", parser=run_folder, help="folders of runs, or their configs")
+    ],
+    out: Annotated[Path, typer.Option("--out", help="file of the archive, which ends in .zip")] = Path("archive.zip"),
+) -> None:
+    """Write runs into one file to deposit.
+
+    The zip file has the tables, their schemas, the configs, how to rerun them, the studies by ADEMP, how to cite, and
+    metadata as RO-Crate and CodeMeta. A run with a damaged table, or one that its budget stopped, is refused with
+    the command that mends it.
+    """
+    from study.simulation.analysis.archive import archive as write
+    from study.simulation.analysis.archive import printed
+    from study.simulation.runs.run_folder import Run
+
+    runs = [Run.open(folder) for folder in folders]
+    for line in printed(runs, write(runs, out)):
+        typer.echo(line)
+
+
+def worst(
+    folder: Folder,
+    count: Annotated[int, typer.Option("--count", "-n", min=1, help="number of trials")] = 10,
+    estimator: Annotated[str | None, typer.Option("--estimator", "-e", help="one estimator [default: all]")] = None,
+    as_json: Json = False,
+) -> None:
+    """List the trials with the largest errors.
+
+    Errors are in units of the bound; only fits whose status is ok count.
+
+    With --json: run, bound, and trials, each with the name that `study replay` takes, cell, trial, estimator, ratio
+    (error over bound), error, bound, and the conditions.
+    """
+    from study.simulation.analysis.summary import as_data, of_run, printed
+    from study.simulation.runs.run_folder import Run
+    from study.text import json_text
+
+    run = Run.open(folder)
+    found = of_run(run, count, estimator)
+    for line in [json_text(as_data(run, found))] if as_json else printed(run, found):
+        typer.echo(line)
+
+
+def regret(
+    folder: Folder,
+    csv: Annotated[Path | None, typer.Option("--csv", help="file to write the table to")] = None,
+) -> None:
+    """Compare each estimator with the best in every cell.
+
+    The numbers are geometric means, over the cells of a grid, of the median error and of its 95 % quantile.
+    """
+    from study.files import save_frame
+    from study.simulation.analysis.regret import of_run, printed
+    from study.simulation.analysis.regret import regret as means
+    from study.simulation.runs.run_folder import Run
+
+    run = Run.open(folder)
+    table = means(of_run(run))
+    if csv is not None:
+        save_frame(table, csv)
+    for line in printed(run, table):
+        typer.echo(line)
+
+
+def estimators() -> None:
+    """List the estimators, their cost and their sources."""
+    from study.simulation.analysis.regret import estimators_printed
+
+    for line in estimators_printed():
+        typer.echo(line)
+
+
+def check(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Python file with estimators of your own")],
+    limit: Annotated[
+        float, typer.Option("--limit", metavar="SECONDS", min=0.1, help="time in which a single fit should be done")
+    ] = 60.0,
+) -> None:
+    """Check the properties that an estimator should have.
+
+    These are equivariance, exactness without noise and the like. Each violation is described (exit code 1); a fit that
+    does not return in time is one. What the file prints goes to standard error.
+    """
+    from study.fits.check import check_file, printed
+
+    found = check_file(file, limit=limit)
+    for line in printed(found):
+        typer.echo(line)
+    if any(report.violations for report in found):
+        raise typer.Exit(ExitCode.FAILURE)
+
+
+def cost(
+    out: Annotated[Path, typer.Option("--out", help="file of the table, .csv or .parquet")] = Path(
+        "results/cost.parquet"
+    ),
+) -> None:
+    """Measure the cost of a fit beside the paper's figures.
+
+    Operations are counted and fits are timed; the table is stored.
+    """
+    from study.files import save_frame
+    from study.simulation.analysis.cost import cost_table, printed
+
+    table = cost_table()
+    save_frame(table, out)
+    for line in printed(table):
+        typer.echo(line)
+
+
+_CONFIG = "config of a coverage study, such as configs/coverage.toml"
+CoverageConfig = Annotated[Path, typer.Argument(metavar="CONFIG", help=_CONFIG)]
+Threads = Annotated[int, typer.Option("--jobs", "-j", min=1, max=1024, help="number of threads")]
+CoverageOut = Annotated[Path | None, typer.Option("--out", help="folder of the results; results/NAME if absent")]
+
+
+def coverage(config: CoverageConfig, jobs: Threads = 2, out: CoverageOut = None) -> None:
+    """Measure how often intervals hold the truth.
+
+    The table is stored as coverage.parquet and coverage.csv, with its figure, and printed.
+    """
+    from study.files import save_frame
+    from study.simulation.coverage import draw, measure, printed, read_design
+    from study.style import save
+
+    design = read_design(config)
+    folder = out or RUNS / design.name
+    table = measure(design, jobs)
+    for suffix in ("parquet", "csv"):
+        save_frame(table, folder / f"coverage.{suffix}")
+    fewer = ", fewer for large N" if table["trials"].nunique() > 1 else ""
+    stamp = f"{design.name} · seed {design.seed} · {int(table['trials'].max()):,} trials a cell{fewer}"
+    for path in save(draw(table, stamp), folder / "fig_coverage"):
+        typer.echo(str(path))
+    for line in printed(table):
+        typer.echo(line)
+
+
+Folders = Annotated[
+    list[Path],
+    typer.Argument(metavar="RUN", parser=run_folder, help="folders of runs, or their configs, each of another config"),
+]
+Cost = Annotated[Path | None, typer.Option("--cost", help="table that `study cost` stores, for the claims on cost")]
+_RECORDING = "folder that `study case-study` wrote; may be given several times"
+Recordings = Annotated[list[Path] | None, typer.Option("--recording", metavar="DIR", help=_RECORDING)]
+Page = Annotated[Path | None, typer.Option("--out", help="file of the page [default: RUN/report.html]")]
+Bench = Annotated[Path | None, typer.Option("--bench", help="table that `make bench` stores")]
+
+
+def claims(folders: Folders, cost: Cost = None, recording: Recordings = None, as_json: Json = False) -> None:
+    """Judge the paper's claims by runs.
+
+    The verdicts and the numbers behind them are printed, and stored in the first run's folder, where that run must be
+    finished. If no claim can be judged, earlier verdicts stay. If the folder cannot be written, the exit code is 1.
+
+    With --json: runs, a list of names; verdicts, the count of each; claims, a list of the columns of the stored table:
+    number, name, section, statement, quantity, value, error, trials, verdict, finding, criterion, remark, reads, runs
+    and figure.
+    """
+    from study.simulation.claims import as_data, judge_all, key, printed, save, stored
+    from study.simulation.claims.recordings import read_case_studies
+    from study.simulation.runs.run_folder import Run
+    from study.text import json_text
+
+    runs = [Run.open(folder) for folder in folders]
+    runs[0].manifest()  # without a sound one, no verdict could be stored
+    spreads = read_case_studies(recording) if recording else None
+    known = key(runs, cost, spreads)
+    before = stored(runs[0], known)
+    judged = judge_all(runs, cost, spreads) if before is None else before
+    try:
+        if before is None:
+            save(runs[0], judged, known)
+    finally:  # verdicts that cannot be stored are printed all the same
+        for line in [json_text(as_data(runs, judged))] if as_json else printed(judged):
+            typer.echo(line)
+
+
+def report(
+    folders: Folders,
+    out: Page = None,
+    cost: Cost = None,
+    recording: Recordings = None,
+    bench: Bench = None,
+    jobs: Jobs = 2,
+) -> None:
+    """Write one HTML page about runs.
+
+    It has the claims, figures, tables and provenance, and needs no other file.
+    """
+    from study.simulation.claims import judge_all, key, stored
+    from study.simulation.claims.recordings import read_case_studies
+    from study.simulation.report.page import read_bench, render, save
+    from study.simulation.runs.run_folder import Run
+
+    runs = [Run.open(folder) for folder in folders]
+    measured = read_bench(bench) if bench else None
+    spreads = read_case_studies(recording) if recording else None
+    judged = stored(runs[0], key(runs, cost, spreads))
+    if judged is None:
+        judged = judge_all(runs, cost, spreads)
+    typer.echo(str(save(render(runs, judged, measured, jobs), out or runs[0].folder / "report.html")))
+
+
+def _load(paths: list[Path] | None) -> list[Path] | None:
+    """Load the files before anything else of a command is read, because configs name what they register."""
+    if paths:
+        from study.fits.registry import load
+
+        for path in paths:
+            load(path)
+    return paths
+
+
+_HELP = "Python file with estimators of your own; may be given several times"
+Plugins = Annotated[
+    list[Path] | None, typer.Option("--plugin", metavar="FILE", help=_HELP, is_eager=True, callback=_load)
+]
+
+
+def with_plugins(command: Callable[..., None]) -> Callable[..., None]:
+    """The same command with the option ``--plugin``, whose files are loaded when the option is read."""
+
+    @functools.wraps(command)
+    def called(*arguments: object, plugin: object = None, **named: object) -> None:
+        command(*arguments, **named)
+
+    option = inspect.Parameter("plugin", inspect.Parameter.KEYWORD_ONLY, default=None, annotation=Plugins)
+    signature = inspect.signature(command)
+    vars(called)["__signature__"] = signature.replace(parameters=[*signature.parameters.values(), option])
+    called.__annotations__ = {**command.__annotations__, "plugin": Plugins}
+    return called

@@ -1,0 +1,372 @@
+"""The config of a coverage study: caps, numbers of samples, and noise up to the level at which curvature is lost.
+
+Noise is given by κ = (v/σ²)√(N/2), the least variance v of the directions over the standard error of the noise's
+variance. It compares the extent along the cap's axis with the noise. Curvature is lost near κ = 1, whatever the cap.
+
+Coverage of one cell: draws, fits, intervals, and shares with their Monte-Carlo errors.
+
+The coverage table in words: one row per N and cap, a column per κ; and what the whole table says.
+
+Coverage of the radius against the noise: over all fits, and over the fits that are called ok.
+
+A point is a cell; its colour is the number of samples. The band is .93 to .97. Look at: the interval within the band
+up to σ = .2 r and near it up to .5 r, above and below; and the standard errors, which leave it where the noise grows,
+most of all among the fits that the estimators call ok.
+"""
+
+import math
+from collections.abc import Iterator
+from itertools import product
+from pathlib import Path
+from typing import Annotated, NamedTuple
+
+import numpy as np
+import pandas as pd
+from joblib import Parallel, delayed
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from pydantic import AfterValidator, Field, ValidationError
+from scipy.special import stdtrit
+
+from study import style
+from study.arrays import Bools, Floats
+from study.fits import ESTIMATORS, Samples, Status, cap
+from study.fits.bounds import Cap, attainable_bound, cramer_rao, crlb
+from study.fits.intervals import intervals
+from study.fits.registry import fit_samples
+from study.fits.streams import lanes
+from study.simulation.experiment.config import EstimatorNames, FolderName
+from study.text import columns
+from study.toml import ConfigError, Distinct, Fault, Frozen, report, toml_tables, toml_text
+
+
+def _without_noise(names: tuple[str, ...]) -> tuple[str, ...]:
+    if given := [name for name in names if ESTIMATORS[name].needs]:
+        raise ValueError(f"{', '.join(map(repr, given))}: needs the noise, which no interval is given; leave it out")
+    return names
+
+
+_LEAST_TRIALS = 20
+"""Trials of a cell from which shares and medians have errors."""
+_Degrees = Annotated[float, Field(gt=0.0, le=180.0)]
+
+
+class CoverageCell(NamedTuple):
+    """One condition: N, φ in degrees, κ, σ in radii, and its number of trials."""
+
+    samples: int
+    angle: float
+    kappa: float
+    sigma: float
+    trials: int
+
+
+class CoverageDesign(Frozen):
+    """A coverage study on spherical caps in three dimensions.
+
+    Attributes:
+        name: name of the results' folder.
+        seed: of the streams.
+        estimators: those whose estimate ± t standard errors is compared with the interval.
+        angle: half-angles of the caps, in degrees.
+        samples: numbers of samples N.
+        kappa: values of κ.
+        largest_noise: cells with σ above this many radii are left out.
+        level: nominal coverage.
+        trials: number of trials of a cell.
+        most_samples: number of samples of all trials of a cell, at most: cells with large N have fewer trials.
+    """
+
+    name: FolderName
+    seed: Annotated[int, Field(ge=0)]
+    estimators: Annotated[EstimatorNames, AfterValidator(_without_noise)]
+    angle: Distinct[_Degrees]
+    samples: Distinct[Annotated[int, Field(ge=6)]]
+    kappa: Distinct[Annotated[float, Field(gt=0.0)]]
+    largest_noise: Annotated[float, Field(gt=0.0)] = 0.9
+    level: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.95
+    trials: Annotated[int, Field(ge=100)] = 4000
+    most_samples: Annotated[int, Field(ge=10_000)] = 4_000_000
+
+    def cells(self) -> list[CoverageCell]:
+        """All conditions whose noise is not too large."""
+        found = []
+        for n, angle, kappa in product(self.samples, self.angle, self.kappa):
+            sigma = relative_noise(n, angle, kappa)
+            if sigma <= self.largest_noise:
+                found.append(CoverageCell(n, angle, kappa, sigma, min(self.trials, self.most_samples // n)))
+        return found
+
+
+def relative_noise(samples: int, angle: float, kappa: float) -> float:
+    """The noise σ in radii that has a κ."""
+    return math.sqrt(least_variance(angle) / kappa * math.sqrt(samples / 2.0))
+
+
+def least_variance(angle: float) -> float:
+    """The least variance v of directions that are uniform on a cap of a half-angle in degrees, in three dimensions."""
+    height = 2.0 * math.sin(math.radians(angle) / 2.0) ** 2
+    along = height * height / 12.0
+    across = 0.5 * (1.0 - (along + (1.0 - height / 2.0) ** 2))
+    return min(along, across)
+
+
+def read_design(path: Path) -> CoverageDesign:
+    """Read a config of a coverage study.
+
+    Raises:
+        ConfigError: with every fault, its place and its value.
+    """
+    text = toml_text(path)
+    try:
+        design = CoverageDesign.model_validate(toml_tables(text, str(path)))
+    except ValidationError as error:
+        known: dict[tuple[str, ...], list[str]] = {(): list(CoverageDesign.model_fields)}
+        raise ConfigError.listing(str(path), text, report(error, known)) from None
+    if faults := list(_faults(design)):
+        raise ConfigError.listing(str(path), text, faults)
+    return design
+
+
+def _faults(design: CoverageDesign) -> Iterator[Fault]:
+    """Faults of a design whose entries are fine by themselves."""
+    least = min(relative_noise(*each) for each in product(design.samples, design.angle, design.kappa))
+    if least > design.largest_noise:
+        words = f"leaves no cell, as the least noise is {least:.3g} radii; raise it, or kappa"
+        yield Fault(("largest_noise",), words, design.largest_noise)
+    most = max(design.samples)
+    if design.most_samples < _LEAST_TRIALS * most:
+        trials = f"{design.most_samples // most:,} of the {_LEAST_TRIALS} trials that a cell with N = {most:,} needs"
+        words = f"is enough for {trials}; give at least {_LEAST_TRIALS * most:,}, or smaller samples"
+        yield Fault(("most_samples",), words, design.most_samples)
+
+
+INTERVAL = "interval"
+_BATCH = 400_000
+"""Samples that are drawn at a time."""
+_LARGEST_WIDTH = 1e9
+
+
+def measure(design: CoverageDesign, jobs: int = 2) -> pd.DataFrame:
+    """Measure every cell of a design.
+
+    Args:
+        design: the config.
+        jobs: number of threads; no number depends on it.
+
+    Returns:
+        A row per cell and method, an estimator or "interval". ``samples``, ``angle``, ``kappa``, ``sigma``, ``trials``;
+        ``radius``, ``axis``, ``across``: share of all trials in which the truth is covered, of the radius, of the
+        centre along the cap's axis and across it; ``ok``: share of fits that are ok, by the estimator's own status,
+        and for the interval by `Intervals.identified`; ``radius_ok``: coverage of the radius of those; ``open``: share
+        without an upper end; ``width``: median width over that of ± t standard deviations of the Cramér-Rao bound;
+        ``width_attainable``: over those of the attainable bound. Beside each share and width its Monte-Carlo standard
+        error, ``…_error``.
+    """
+    cells = design.cells()
+    order = sorted(cells, key=lambda cell: -cell.samples * cell.trials)  # long ones first, so that threads end together
+    rows = Parallel(n_jobs=jobs, backend="threading")(delayed(_cell)(design, cell) for cell in order)
+    by_cell = dict(zip(order, rows, strict=True))
+    return pd.DataFrame([row for cell in cells for row in by_cell[cell]])
+
+
+def _cell(design: CoverageDesign, cell: CoverageCell) -> list[dict[str, object]]:
+    """Rows of a cell, one per method."""
+    state = lanes(design.seed, "coverage", cell.samples, cell.angle, cell.kappa)
+    found: dict[str, list[Floats]] = {name: [] for name in (*design.estimators, INTERVAL)}
+    left = cell.trials
+    while left > 0:
+        batch = min(left, max(_BATCH // cell.samples, 1))
+        left -= batch
+        directions, noise = np.empty((batch, 3, cell.samples)), np.empty((batch, 3, cell.samples))
+        cap.draw(state, math.radians(cell.angle), directions, noise)
+        directions[:, 0] = 1.0 - directions[:, 0]
+        samples = Samples(directions + cell.sigma * noise)
+        for name, outcome in _outcomes(design, samples, directions, cell.sigma).items():
+            found[name].append(outcome)
+    return [_row(cell, name, np.concatenate(parts)) for name, parts in found.items()]
+
+
+def _outcomes(design: CoverageDesign, samples: Samples, directions: Floats, sigma: float) -> dict[str, Floats]:
+    """Six numbers of each trial and method: covered (radius, axis, across), ok, open, and the relative width."""
+    _, d, n = samples.shape
+    quantile = float(stdtrit(n - d - 1, 0.5 * (1.0 + design.level)))
+    efficient = 2.0 * quantile * np.sqrt(crlb(directions.swapaxes(1, 2), sigma)[:, d, d])
+    found = {}
+    for name in design.estimators:
+        fit = fit_samples(samples, name)
+        with np.errstate(all="ignore"):
+            half = quantile * fit.standard_errors
+            estimate = np.column_stack([fit.center, fit.radius])
+            ends = np.stack([estimate - half, estimate + half], axis=2)
+        found[name] = _outcome(ends, fit.own_status == Status.OK, efficient)
+    known = intervals(samples, design.level)
+    both = np.concatenate([known.center, known.radius[:, None]], axis=1)
+    found[INTERVAL] = _outcome(both, known.identified, efficient)
+    return found
+
+
+def _outcome(ends: Floats, ok: Bools, efficient: Floats) -> Floats:
+    truth = np.array([0.0, 0.0, 0.0, 1.0])
+    covered = (ends[:, :, 0] <= truth) & (truth <= ends[:, :, 1])  # False where an end is NaN
+    width = (ends[:, 3, 1] - ends[:, 3, 0]) / efficient
+    width = np.where(np.isnan(width), np.inf, width)
+    return np.column_stack([covered[:, 3], covered[:, 0], covered[:, 1], ok, np.isinf(ends[:, 3, 1]), width])
+
+
+def _row(cell: CoverageCell, name: str, outcome: Floats) -> dict[str, object]:
+    """Shares of a cell with their binomial errors, and the median width with its own."""
+    row: dict[str, object] = {**cell._asdict(), "method": name}
+    ok = outcome[:, 3] == 1.0
+    for place, column in enumerate(("radius", "axis", "across", "ok", "open")):
+        row[column], row[f"{column}_error"] = _share(outcome[:, place])
+    row["radius_ok"], row["radius_ok_error"] = _share(outcome[ok, 0])
+    ordered = np.minimum(np.sort(outcome[:, 5]), _LARGEST_WIDTH)
+    reach = 0.5 * math.sqrt(len(ordered))  # of the median's rank
+    low, middle, high = (ordered[int(0.5 * len(ordered) + by)] for by in (-reach, 0.0, reach))
+    bounded = high < _LARGEST_WIDTH
+    width = float(middle) if middle < _LARGEST_WIDTH else math.inf
+    width_error = float(0.5 * (high - low)) if bounded else math.nan
+    larger = _attainable_ratio(cell)
+    widths = {"width": width, "width_error": width_error}
+    return row | widths | {"width_attainable": width / larger, "width_attainable_error": width_error / larger}
+
+
+def _attainable_ratio(cell: CoverageCell) -> float:
+    """Standard deviation of the radius at the attainable bound over that at the Cramér-Rao bound; NaN if out of reach.
+
+    The attainable bound does not know the directions, as no interval does.
+    """
+    try:
+        reached = attainable_bound(cell.angle, cell.sigma)[3, 3]
+    except ValueError:  # noise hides the cap
+        return math.nan
+    return math.sqrt(reached / cramer_rao(Cap(math.radians(cell.angle), cell.sigma, 3))[3, 3])
+
+
+def _share(hits: Floats) -> tuple[float, float]:
+    """Share of hits and its standard error, at least that of half a hit; NaN where nothing was counted."""
+    n = len(hits)
+    if n == 0:
+        return math.nan, math.nan
+    share = float(hits.mean())
+    held = min(max(share, 0.5 / n), 1.0 - 0.5 / n)
+    return share, math.sqrt(held * (1.0 - held) / n)
+
+
+_LITTLE, _MUCH = 0.2, 0.5
+
+
+def printed(table: pd.DataFrame) -> Iterator[str]:
+    """Lines: coverage of the radius by each method over all fits, of each cell; then a summary of each method."""
+    methods = list(dict.fromkeys(table["method"]))
+    head, *rows = by_cell(table, methods)
+    yield f"Coverage of the radius over all fits: {' / '.join(methods)}"
+    yield from columns(rows, head)
+    yield ""
+    yield from columns([summary(table, name) for name in methods], TITLES)
+
+
+def by_cell(table: pd.DataFrame, methods: list[str]) -> list[list[str]]:
+    """Coverage of the radius in every cell: a row of titles, then one per N and cap with a column per κ."""
+    kappas = sorted(table["kappa"].unique())
+    rows = [["N", "cap", *[f"κ={kappa:g}" for kappa in kappas]]]
+    for (n, angle), part in table.groupby(["samples", "angle"]):
+        cells = []
+        for kappa in kappas:
+            here = part[part["kappa"] == kappa].set_index("method")["radius"]
+            cells.append("/".join(_three_digits(here[name]) for name in methods) if len(here) else "-")
+        rows.append([f"{n}", f"{angle:g}°", *cells])
+    return rows
+
+
+TITLES = [
+    "method",
+    "σ < .2 r: mean",
+    "within .93-.97",
+    "least",
+    "σ ≤ .5 r: least",
+    "centre: least",
+    "ok fits: mean",
+    "ok fits: least",
+    "width at κ=100, N ≥ 40",
+]
+
+
+def summary(table: pd.DataFrame, name: str) -> list[str]:
+    """Coverage by one method over the cells, in the order of `TITLES`."""
+    part = table[table["method"] == name]
+    little, some = part[part["sigma"] < _LITTLE], part[part["sigma"] <= _MUCH]
+    inside = little["radius"].between(0.93, 0.97)
+    often = part[(part["ok"] >= 0.2) & (part["sigma"] < 0.35)]
+    clear = part[(part["kappa"] == 100.0) & (part["samples"] >= 40) & (part["sigma"] < _LITTLE)]["width_attainable"]
+    center = np.minimum(some["axis"], some["across"])
+    return [
+        "interval" if name == INTERVAL else f"{name} ± t s.e.",
+        _three_digits(little["radius"].mean()),
+        f"{100.0 * inside.mean():.0f} %",
+        _three_digits(little["radius"].min()),
+        _three_digits(some["radius"].min()),
+        _three_digits(center.min()),
+        _three_digits(often["radius_ok"].mean()),
+        _three_digits(often["radius_ok"].min()),
+        f"{clear.min():.2f}-{clear.max():.2f}" if len(clear) else "-",
+    ]
+
+
+def _three_digits(value: float) -> str:
+    """Three digits without the leading zero."""
+    return f"{value:.3f}".removeprefix("0")
+
+
+_LEVEL, _LOW, _HIGH = 0.95, 0.93, 0.97
+_LEAST_OK = 0.2
+"""Cells in which fewer fits are ok are left out of the lower row."""
+_COLORS = ("#56b4e9", "#0072b2", "#009e73", "#e69f00", "#d55e00", "#882255")
+
+
+@style.journal()
+def draw(table: pd.DataFrame, stamp: str) -> Figure:
+    """Draw the table of `study.simulation.coverage.measure`: a column of panels per method."""
+    methods = list(dict.fromkeys(table["method"]))
+    numbers = sorted(table["samples"].unique())
+    figure = Figure(figsize=(style.PAGE, 4.4), layout="constrained")
+    axes = figure.subplots(2, len(methods), sharex=True, sharey="row", squeeze=False)
+    for column, method in enumerate(methods):
+        part = table[table["method"] == method]
+        often = part[part["ok"] >= _LEAST_OK]
+        _points(axes[0, column], part, "radius", numbers)
+        _points(axes[1, column], often, "radius_ok", numbers)
+        title = "interval" if method == INTERVAL else f"{style.label(method)} ± t s.e."
+        axes[0, column].set_title(title, loc="left")
+        axes[1, column].set_xlabel("noise σ / radius")
+    axes[0, 0].set_ylabel("coverage, all fits")
+    axes[1, 0].set_ylabel("coverage, fits that are ok")
+    handles = [
+        Line2D([], [], linestyle="", marker="o", markersize=4, color=_COLORS[k % len(_COLORS)], label=f"N = {n:,}")
+        for k, n in enumerate(numbers)
+    ]
+    figure.legend(handles=handles, loc="outside upper center", ncols=len(handles))
+    style.stamp(figure, stamp)
+    return figure
+
+
+def _points(ax: Axes, part: pd.DataFrame, column: str, numbers: list[int]) -> None:
+    """Cells of one method; log-odds would hide a coverage of zero, so the axis is linear."""
+    ax.axhspan(_LOW, _HIGH, color="#dddddd", linewidth=0.0, zorder=0)
+    ax.axhline(_LEVEL, color="black", linewidth=0.6, zorder=1)
+    for k, n in enumerate(numbers):
+        rows = part[part["samples"] == n]
+        ax.errorbar(
+            rows["sigma"],
+            rows[column],
+            yerr=rows[f"{column}_error"],
+            fmt="o",
+            markersize=2.6,
+            linewidth=0.6,
+            color=_COLORS[k % len(_COLORS)],
+        )
+    ax.set_xscale("log")
+    ax.set_ylim(-0.03, 1.03)
+    ax.set_yticks(np.arange(0.0, 1.01, 0.2))

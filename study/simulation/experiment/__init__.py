@@ -1,0 +1,1 @@
+"""The experiment: conditions, designs, configs, and the draws of each trial."""

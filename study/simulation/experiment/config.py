@@ -1,0 +1,578 @@
+"""Read a study's config: TOML in, a frozen `Study` out, or one message with every fault.
+
+Faults of a config whose noise is not normal: entries that are for normal noise alone, or without effect.
+
+The section ``[posterior]`` of a config: cells and trials, likelihood, and length of the chains.
+
+The section ``[precision]`` of a config: cells get trials until the Monte-Carlo error of a measure is small enough.
+
+The error is computed at checkpoints: after a first number of trials, after twice as many, and so on up to
+`design.trials`, the cap. A cell stops at the first checkpoint at which the error is small enough for every estimator
+that the target is for. So the decision depends on the cell's own rows, and on no other cell's.
+
+A rule that stops at a small *estimated* error prefers errors that were estimated too small. With few checkpoints, each
+of twice the trials, that costs little: the true standard error is within the target, and the interval of 2 targets on
+either side covers the truth in 97 % of cells. The interval of 2 stored errors covers it in 93 %, against 93 to 95 %
+after a number of trials that is fixed beforehand (`tests/statistics/test_precision_coverage.py`).
+
+The configs that come with the package, found by name from any folder.
+
+In an installed package they are its data; in a checkout they stand in the folder ``configs`` beside it.
+"""
+
+import hashlib
+import math
+import os.path
+from collections.abc import Collection, Mapping, Sequence
+from importlib import resources
+from itertools import product
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self, Union
+
+import numpy as np
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    PlainValidator,
+    SerializeAsAny,
+    TypeAdapter,
+    ValidationError,
+    model_validator,
+)
+
+from study.fits import ESTIMATORS
+from study.fits.samples import Worded
+from study.simulation.experiment.conditions import (
+    ANGLE,
+    CONDITIONS,
+    DEPARTURES,
+    LAW,
+    LAWS,
+    NOISE,
+    OUTLIER_SHARE,
+    OUTLIER_SIZE,
+    RADIUS,
+    SAMPLES,
+    STORED,
+    Condition,
+    Distribution,
+    Value,
+    is_number,
+)
+from study.simulation.experiment.designs import MAX_CELLS, Cell, Design, GridDesign, RandomDesign
+from study.simulation.experiment.noise import NoiseLaw, gaussian
+from study.text import did_you_mean
+from study.toml import ConfigError, Distinct, Fault, Frozen, Listed, distinct, report, toml_tables, toml_text
+
+
+def departure_faults(given: Collection[str], has: Mapping[str, bool]) -> list[Fault]:
+    """Find entries that do not go with another law of the noise, or with outliers.
+
+    Args:
+        given: names of the conditions that a design gives, without those at their defaults.
+        has: for ``posterior`` and ``noise_shape``, true if the config has one.
+    """
+    named = [condition.name for condition in DEPARTURES if condition.name in given]
+    faults = []
+    if named and has["posterior"]:
+        words = f"its likelihoods are of normal noise without outliers: take {' and '.join(named)} out of the design"
+        faults.append(Fault(("posterior",), words))
+    if LAW.name in named and has["noise_shape"]:
+        faults.append(Fault(("noise_shape",), f"is the covariance of normal noise: take {LAW.name} out of the design"))
+    if OUTLIER_SIZE.name in named and OUTLIER_SHARE.name not in named:
+        words = f"has no effect without {OUTLIER_SHARE.name}, the probability of an outlier"
+        faults.append(Fault(("design", OUTLIER_SIZE.name), words))
+    return faults
+
+
+Noise = Literal["known", "unknown"]
+Likelihood = Literal["geometric", "whole_sphere"]
+
+
+class ChainStatus(Worded):
+    """The way a chain ended."""
+
+    OK = 0, "ok"
+    NOT_CONVERGED = 1, "the chain did not reach 50 autocorrelation times, stable to 1 %, within its budget of steps"
+    AT_PRIOR = 2, "the posterior reaches the prior's box, which decides the answer: the data alone do not bound it"
+    NO_START = 3, "no finite error ellipsoid within the prior's box to start from"
+    NOT_MIXED = 4, "walkers that started at different modes of the posterior did not mix within the budget of steps"
+
+
+def _listed(value: object) -> Sequence[Any]:
+    """Make a list of one value."""
+    return value if isinstance(value, list | tuple) else (value,)
+
+
+def _conditions(value: object) -> tuple[tuple[str, tuple[Value, ...]], ...]:
+    """Check ``where``, which has conditions and the values chosen of each."""
+    if not isinstance(value, dict):
+        raise ValueError("must be a table of conditions and values, such as { angle = [60, 180], samples = 100 }")
+    unknown = [key for key in value if key not in CONDITIONS]
+    if unknown:
+        raise ValueError(f"{', '.join(unknown)} unknown: conditions are {', '.join(CONDITIONS)}")
+    listed = {key: _listed(values) for key, values in value.items()}
+    if any(not values for values in listed.values()):
+        raise ValueError("every list must have a value; leave a condition out to choose all of its cells")
+    if any(not CONDITIONS[key].holds(v) for key, values in listed.items() for v in values):
+        raise ValueError("every value must be a number")
+    return tuple((key, tuple(v if isinstance(v, str) else float(v) for v in values)) for key, values in listed.items())
+
+
+class Posterior(Frozen):
+    """Ensemble posteriors of (c, r) for some of a study's trials.
+
+    Attributes:
+        trials: number of trials of each chosen cell: the first ones.
+        where: conditions that choose cells, each with the values chosen; all cells, if empty.
+        noise: known; unknown, so that σ is one more parameter; or both, with a chain for each.
+        likelihood: geometric; if the angle of every chosen cell is 180°, also whole_sphere, or both.
+        box: half-width of the prior box on the centre, about the true one, in true radii.
+        walkers: number of walkers of the ensemble.
+        max_steps: most steps of a chain, which ends earlier if it has converged.
+        keep_draws: number of trials of each chosen cell whose draws are stored, thinned: the first ones.
+    """
+
+    trials: Annotated[int, Field(ge=1)] = 4
+    where: Annotated[tuple[tuple[str, tuple[float | str, ...]], ...], BeforeValidator(_conditions)] = ()
+    noise: Annotated[Distinct[Noise], BeforeValidator(_listed)] = ("known", "unknown")
+    likelihood: Annotated[Distinct[Likelihood], BeforeValidator(_listed)] = ("geometric",)
+    box: Annotated[float, Field(gt=0.0, le=1e3)] = 10.0
+    walkers: Annotated[int, Field(ge=8, le=4096)] = 64
+    max_steps: Annotated[int, Field(ge=100, le=10_000_000)] = 20_000
+    keep_draws: Annotated[int, Field(ge=0)] = 1
+
+    def chooses(self, cell: Cell) -> bool:
+        """True if the config chooses a cell; values agree to nine digits."""
+        values = cell.values
+        return all(any(same(CONDITIONS[name].of(values), v) for v in chosen) for name, chosen in self.where)
+
+
+def posterior_faults(posterior: Posterior, design: Design, dimension: int, shaped: bool) -> list[Fault]:
+    """Find entries of a ``[posterior]`` that a study cannot satisfy.
+
+    Args:
+        posterior: the config's section.
+        design: the study's.
+        dimension: the study's.
+        shaped: the study's noise has a shape.
+    """
+    where = dict(posterior.where)
+    possible = {name: design.values(condition) for name, condition in CONDITIONS.items()}
+    faults = []
+    for name, chosen in where.items():
+        values = possible[name]
+        for value in chosen:
+            if values is not None and not any(same(value, v) for v in values):
+                words = value if isinstance(value, str) else f"{value:.12g}"
+                faults.append(Fault(("posterior", "where"), f"no cell has {name} = {words}"))
+    if "trials" in posterior.model_fields_set and posterior.trials > design.trials:
+        words = f"more trials than a cell has: design.trials = {design.trials:,}"
+        faults.append(Fault(("posterior", "trials"), words, posterior.trials))
+    angles = where.get(ANGLE.name) or possible[ANGLE.name] or (math.nan,)
+    if "whole_sphere" in posterior.likelihood and any(v != 180.0 for v in angles):
+        words = "whole_sphere is wrong on caps: choose cells of the whole sphere with where = { angle = 180 }"
+        faults.append(Fault(("posterior", "likelihood"), words))
+    least = min(map(float, where.get(SAMPLES.name, ())), default=design.least_samples())
+    if "unknown" in posterior.noise and least < dimension + 2:
+        words = f"an unknown noise needs at least {dimension + 2} samples, not {least:g}; choose with where"
+        faults.append(Fault(("posterior", "noise"), words))
+    least_walkers = 2 * (dimension + 3)
+    if posterior.walkers < least_walkers:
+        words = f"at least {least_walkers} are needed in dimension {dimension}"
+        faults.append(Fault(("posterior", "walkers"), words, posterior.walkers))
+    if shaped:
+        faults.append(Fault(("posterior",), "its likelihoods are of isotropic noise: take noise_shape out"))
+    return faults
+
+
+def same(a: Value, b: Value) -> bool:
+    """True if two values of a condition are the same word, or agree to nine digits."""
+    if isinstance(a, str) or isinstance(b, str):
+        return a == b
+    return abs(a - b) <= 1e-9 * max(abs(a), abs(b))
+
+
+MEASURES = (
+    *("_".join(words) for words in product(("relative", "ratio"), ("median", "q05", "q95"), ("ok", "all"))),
+    *("far_ok", "far_all", "axis_median_ok", "tail_index", "bias", "rmse"),
+)
+"""The measures of the summary that have a Monte-Carlo error."""
+_SHARES = ("far_ok", "far_all")
+"""Measures that are shares of fits."""
+
+
+def _known(name: str) -> str:
+    if name not in MEASURES:
+        raise ValueError(f"no measure of the summary; {did_you_mean(name, MEASURES)}")
+    return name
+
+
+class Precision(Frozen):
+    """The rule by which a cell has enough trials.
+
+    Attributes:
+        measure: the measure of the summary whose Monte-Carlo error decides.
+        target: the error that is small enough, in the measure's own unit.
+        relative_target: the same as a fraction of the measure; give one of the two.
+        estimators: the estimators whose error must be so small; all of the study's, if None.
+        first: trials at the first checkpoint. From 100 trials, the error of a quantile is itself known to 30 %.
+        seconds: time after which one `study run` starts no new work; the finished tables do not depend on it.
+    """
+
+    measure: Annotated[str, AfterValidator(_known)] = "ratio_median_ok"
+    target: Annotated[float, Field(gt=0.0)] | None = None
+    relative_target: Annotated[float, Field(gt=0.0, lt=1.0)] | None = None
+    estimators: Distinct[str] | None = None
+    first: Annotated[int, Field(ge=100)] = 250
+    seconds: Annotated[float, Field(gt=0.0)] | None = None
+
+    @model_validator(mode="after")
+    def _one_target(self) -> Self:
+        given = [name for name in ("target", "relative_target") if getattr(self, name) is not None]
+        if len(given) != 1:
+            found = " and ".join(given) or "neither"
+            raise ValueError(f"give target or relative_target, one of the two (found {found})")
+        return self
+
+    def checkpoints(self, cap: int) -> list[int]:
+        """Numbers of trials at which a cell is examined, up to the most that it may have."""
+        points = [min(self.first, cap)]
+        while points[-1] < cap:
+            points.append(min(2 * points[-1], cap))
+        return points
+
+    def goal(self, value: float) -> float:
+        """The largest error that is small enough, for a measure of this value."""
+        return self.target if self.target is not None else float(self.relative_target or 0.0) * abs(value)
+
+    def reached(self, value: float, error: float) -> bool:
+        """True if the error of a measure is small enough; one that is infinite, or not a number, never is."""
+        return math.isfinite(error) and error <= self.goal(value)
+
+
+def precision_faults(precision: Precision, estimators: Sequence[str], design: Design, keep: str) -> list[Fault]:
+    """Find entries of a ``[precision]`` that a study cannot satisfy.
+
+    Args:
+        precision: the config's section.
+        estimators: the study's.
+        design: the study's, whose number of trials is the most that a cell has.
+        keep: the study's: errors or summary.
+    """
+    faults = []
+    if precision.relative_target is not None and precision.measure in _SHARES:
+        words = f"{precision.measure} is a share, which may be 0, and no error is a fraction of 0: give target instead"
+        faults.append(Fault(("precision", "relative_target"), words, precision.relative_target))
+    if design.one_trial_a_cell:
+        words = 'a random design has one trial in a cell: design.kind = "grid", or leave [precision] out'
+        faults.append(Fault(("precision",), words))
+    if keep == "summary":
+        faults.append(Fault(("precision",), 'needs the errors, which keep = "summary" does not store'))
+    if not design.one_trial_a_cell and design.trials < precision.first:
+        words = f"design.trials = {design.trials} is the cap, and below the first checkpoint: raise it, or lower first"
+        faults.append(Fault(("precision", "first"), words, precision.first))
+    unknown = [name for name in precision.estimators or () if name not in estimators]
+    if unknown:
+        words = f"{', '.join(map(repr, unknown))} not among the study's; {did_you_mean(unknown, estimators)}"
+        faults.append(Fault(("precision", "estimators"), words))
+    return faults
+
+
+_EITHER: Any = Annotated[Union[RandomDesign, GridDesign], Field(discriminator="kind")]  # noqa: UP007  two variables
+MAX_SAMPLES = 1_000_000_000
+"""Limit of a trial's samples, whose directions, noise and points lie in memory together."""
+_DESIGNS: TypeAdapter[Design] = TypeAdapter(_EITHER)
+
+
+def _known_estimators(names: tuple[str, ...]) -> tuple[str, ...]:
+    unknown = [name for name in names if name not in ESTIMATORS]
+    if unknown:
+        raise ValueError(f"{', '.join(map(repr, unknown))} unknown; {did_you_mean(unknown, ESTIMATORS)}")
+    return names
+
+
+FolderName = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]{0,60}$")]
+EstimatorNames = Annotated[Distinct[str], AfterValidator(_known_estimators)]
+
+
+class Study(Frozen):
+    """A study: its config, complete and checked."""
+
+    name: FolderName
+    """First part of the name of the run's folder: lower-case letters, digits and hyphens."""
+    seed: Annotated[int, Field(ge=0)]
+    """Another seed gives other draws."""
+    dimension: Annotated[int, Field(ge=2, le=50)] = 3
+    """2 for circles, 3 for spheres, or more."""
+    estimators: EstimatorNames
+    """Names of the estimators that fit each data set."""
+    noise_shape: Listed[Listed[float]] | None = None
+    """Covariance matrix (d, d) of a sample's noise in units of σ²; the identity if absent."""
+    keep_points: Annotated[int, Field(ge=0)] = 0
+    """Number of trials of each cell whose points are stored: the first ones."""
+    tolerate_failures: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
+    """Largest share of fits that may raise or kill their worker; above it a finished run ends with exit code 3."""
+    route: Literal["points", "moments"] = "points"
+    """Fits are computed from points, with rounding, as in the paper; or from the joint moments of directions and noise,
+    for closed forms only, which gives the statistical error without rounding, and all noise levels at once."""
+    keep: Literal["errors", "summary"] = "errors"
+    """The table that is stored: the error of every fit, or only their summary."""
+    design: Annotated[SerializeAsAny[Design], PlainValidator(_DESIGNS.validate_python)]
+    posterior: Posterior | None = None
+    precision: Precision | None = None
+    """The rule by which a cell has enough trials; without it, each has as many as the design says."""
+
+    @property
+    def noise_law(self) -> NoiseLaw:
+        """The law of the noise of a sample."""
+        return gaussian(self.noise_shape, self.dimension)
+
+    def cells(self) -> int:
+        """Number of cells: in a random design, one per trial."""
+        return self.design.cells()
+
+    def independent(self) -> bool:
+        """True if no two cells share their directions and noise."""
+        return self.design.independent()
+
+    def conditions(self) -> tuple[Condition, ...]:
+        """The conditions that have a column in the study's tables."""
+        given = self.design.given()
+        return tuple(c for c in STORED if not c.silent or c.name in given)
+
+    def canonical(self) -> str:
+        """The config as JSON, as far as it determines the error table.
+
+        That leaves out ``[posterior]``, the tolerance of failures, and the budget of time.
+        """
+        left_out: dict[str, Any] = dict.fromkeys(("posterior", "tolerate_failures"), True) | {"precision": {"seconds"}}
+        return self.model_dump_json(exclude=left_out | dict.fromkeys(self._unused(), True))
+
+    def stem(self) -> str:
+        """The entries that determine a row besides its cell, trial and estimator, as JSON: the seed, for example."""
+        left_out = {"posterior", "precision", "tolerate_failures", "name", "design", "estimators", "keep_points"}
+        return self.model_dump_json(exclude={*left_out, *self._unused()})
+
+    def _unused(self) -> set[str]:
+        """Newer entries that are at their defaults; they are left out, so that older configs keep their digest."""
+        names = ("route", "keep", "precision")
+        return {name for name in names if getattr(self, name) == type(self).model_fields[name].default}
+
+    def digest(self) -> str:
+        """Digest of the canonical config, ten hexadecimal digits."""
+        return hashlib.sha256(self.canonical().encode()).hexdigest()[:10]
+
+    def run_name(self) -> str:
+        """Name of the run's folder."""
+        return f"{self.name}-{self.digest()}"
+
+
+def parse(text: str, source: str = "config") -> Study:
+    """Read a config.
+
+    Args:
+        text: the TOML document.
+        source: its name in messages.
+
+    Raises:
+        ConfigError: with every fault, its place, its value and the values allowed.
+    """
+    raw = toml_tables(text, source)
+    faults = _faults_between_keys(raw)
+    study = None
+    try:
+        study = Study.model_validate(raw)
+    except ValidationError as error:
+        faults = distinct(faults + report(error, _KEYS, _path))
+    if study is not None and study.cells() > MAX_CELLS:
+        faults.append(Fault(("design",), f"{study.cells():,} cells; at most {MAX_CELLS:,} are allowed"))
+    elif study is not None:
+        refusing = {"posterior": study.posterior is not None, "noise_shape": study.noise_shape is not None}
+        faults += departure_faults(study.design.given(), refusing)
+        faults += _moment_faults(study.design) if study.route == "moments" else []
+        faults += _level_faults(study.design)
+        if study.posterior is not None:
+            faults += posterior_faults(study.posterior, study.design, study.dimension, study.noise_shape is not None)
+        if study.precision is not None:
+            faults += precision_faults(study.precision, study.estimators, study.design, study.keep)
+    if faults or study is None:
+        raise ConfigError.listing(source, text, faults)
+    return study
+
+
+def load(path: Path) -> Study:
+    """Read a config file; see `parse`."""
+    return read(path)[0]
+
+
+def read(path: Path) -> tuple[Study, str]:
+    """Read a config file and return its text as well; see `parse`."""
+    text = toml_text(path)
+    return parse(text, str(path)), text
+
+
+def _faults_between_keys(raw: dict[str, Any]) -> list[Fault]:
+    """Find entries that do not go together. Those of the wrong type are left to the schema."""
+    faults: list[Fault] = []
+    design, d = raw.get("design"), raw.get("dimension", 3)
+    if not isinstance(d, int) or not isinstance(design, dict):
+        return faults
+    given = [key for key in (NOISE.name, NOISE.alternative) if key in design]
+    if len(given) != 1:
+        found = " and ".join(given) or "neither"
+        words = f"give noise or noise_over_radius, one of the two (found {found})"
+        either = () if given else tuple(("design", str(key)) for key in (NOISE.name, NOISE.alternative))
+        faults.append(Fault(("design",), words, wants=either))
+    counts = _sample_counts(design.get("samples"))
+    if counts and min(counts) < d + 1:
+        words = f"{min(counts):g} samples are too few: a sphere in dimension {d} needs at least {d + 1}"
+        faults.append(Fault(("design", "samples"), words, design["samples"]))
+    if counts and max(counts) > MAX_SAMPLES:
+        words = f"{max(counts):g} samples are too many for memory: at most {MAX_SAMPLES:,} are allowed"
+        faults.append(Fault(("design", "samples"), words, design["samples"]))
+    shape = raw.get("noise_shape")
+    if shape is not None:
+        faults += _shape_faults(shape, d)
+    return faults + _route_faults(raw, design)
+
+
+def _level_faults(design: Design) -> list[Fault]:
+    """Find noise that float64 cannot hold both as σ and as σ over the radius."""
+    given = design.given()
+    name = NOISE.name if NOISE.name in given else NOISE.alternative
+    if name not in given:  # which is another fault
+        return []
+    noises, radii = (
+        entry.possible() if isinstance(entry, Distribution) else entry for entry in (given[name], given[RADIUS.name])
+    )
+    for noise, radius in product((min(noises), max(noises)), (min(radii), max(radii))):
+        if noise > 0.0 and radius > 0.0:  # the lower end of a law is never drawn
+            other = noise / radius if name == NOISE.name else noise * radius
+            if not 0.0 < other < math.inf:
+                kind = "σ/r" if name == NOISE.name else "σ"
+                words = f"with radius = {radius:g} {kind} is {other:g} in float64: give another noise or radius"
+                return [Fault(("design", str(name)), words, noise)]
+    return []
+
+
+def _route_faults(raw: dict[str, Any], design: dict[str, Any]) -> list[Fault]:
+    """Find entries that do not go with the route through joint moments, or with storing summaries alone."""
+    faults: list[Fault] = []
+    grid = design.get("kind") == "grid"
+    if raw.get("route") == "moments":
+        names = raw.get("estimators")
+        known = [name for name in names if name in ESTIMATORS] if isinstance(names, list) else []
+        others = [name for name in known if not ESTIMATORS[name].moments_suffice]
+        if others:
+            closed = ", ".join(name for name, entry in ESTIMATORS.items() if entry.moments_suffice)
+            faults.append(
+                Fault(("estimators",), f"{', '.join(others)} need the points; the moments suffice for {closed}")
+            )
+        if raw.get("noise_shape") is not None:
+            faults.append(Fault(("noise_shape",), 'the route "moments" is for isotropic noise'))
+        if raw.get("keep_points"):
+            faults.append(Fault(("keep_points",), 'the route "moments" forms no points'))
+        if not grid:
+            faults.append(Fault(("route",), 'a random design draws every trial for one level: route = "points"'))
+    if raw.get("keep") == "summary":
+        if not grid:
+            faults.append(Fault(("keep",), 'a random design has one trial in a cell: keep = "errors"'))
+        if raw.get("keep_points"):
+            faults.append(Fault(("keep_points",), 'belongs to the errors, which keep = "summary" does not store'))
+    return faults
+
+
+def _moment_faults(design: Design) -> list[Fault]:
+    """Find conditions that fits from joint moments would take no account of, unless they are at their defaults."""
+    given = [CONDITIONS[name] for name in design.given()]
+    unknown = [c.name for c in given if not c.by_moments and design.values(c) != (c.default,)]
+    if not unknown:
+        return []
+    words = f'the route "moments" takes no account of {" and ".join(unknown)}'
+    return [Fault(("route",), f'{words}: take {"it" if len(unknown) == 1 else "them"} out, or route = "points"')]
+
+
+def _sample_counts(samples: object) -> list[int]:
+    """Numbers of samples that a design's entry can give, ends of ranges among them; none if the schema refuses it."""
+    if isinstance(samples, dict):
+        if "law" in samples:
+            ends = [samples.get(key) for key in ("low", "high", "value")]
+            values = [*ends, *_as_list(samples.get("values"))]
+        else:
+            values = [v for ends in samples.values() for v in _as_list(ends)[:2]]
+    else:
+        values = _as_list(samples)
+    return [round(v) for v in values if isinstance(v, int | float) and is_number(v)]
+
+
+def _as_list(value: object) -> list[Any]:
+    return list(value) if isinstance(value, list) else [value]
+
+
+def _shape_faults(shape: object, d: int) -> list[Fault]:
+    """Check that a noise shape is a covariance (d, d)."""
+    try:
+        matrix = np.asarray(shape, dtype=float)
+        good = matrix.shape == (d, d) and bool(np.all(np.isfinite(matrix))) and bool(np.all(matrix == matrix.T))
+        if good:
+            values = np.linalg.eigvalsh(matrix)
+            good = bool(values[0] > d * np.finfo(float).eps * values[-1])
+    except (ValueError, TypeError, OverflowError):
+        good = False
+    words = f"must be a symmetric, positive definite {d} × {d} matrix (list of rows)"
+    return [] if good else [Fault(("noise_shape",), words, shape)]
+
+
+_KEYS: dict[tuple[str, ...], list[str]] = {
+    (): list(Study.model_fields),
+    ("posterior",): list(Posterior.model_fields),
+    ("precision",): list(Precision.model_fields),
+    ("design",): sorted({*RandomDesign.model_fields, *GridDesign.model_fields}),
+    ("design", "kind"): ["random", "grid"],
+    **{("design", name): ["law", "value", "values", "low", "high", "linspace", "logspace"] for name in CONDITIONS},
+}
+
+
+def _path(location: Sequence[str | int]) -> tuple[str | int, ...]:
+    """Drop the names of union members, which are not in the file, from a schema's location.
+
+    They follow the key that has the union as its type: ``design, random, noise, uniform, low``.
+    """
+    path = list(location)
+    if path[:1] == ["design"] and len(path) > 1 and path[1] in ("random", "grid"):
+        kind = path.pop(1)
+        if kind == "random" and len(path) > 2 and path[2] in LAWS:
+            path.pop(2)
+    return tuple(path)
+
+
+def shipped_configs() -> dict[str, Path]:
+    """Files of the shipped configs by name, in the order of the alphabet."""
+    package = Path(str(resources.files("study")))
+    folder = next((each for each in (package / "configs", package.parent / "configs") if each.is_dir()), None)
+    return {} if folder is None else {path.stem: path for path in sorted(folder.glob("*.toml"), key=lambda p: p.stem)}
+
+
+def shipped_config(name: str) -> Path:
+    """The file of a shipped config.
+
+    Raises:
+        ConfigError: if there is no such config; the message offers the nearest name and lists all.
+    """
+    known = shipped_configs()
+    if name not in known:
+        raise ConfigError(f"{name}: neither a file nor a shipped config; {did_you_mean(Path(name).name, known)}")
+    return known[name]
+
+
+def config_file(argument: Path) -> Path:
+    """The file that a user means: the given one, or a shipped config if there is no such file and no suffix."""
+    return argument if argument.suffix or os.path.exists(argument) else shipped_config(str(argument))
+
+
+def summary_line(path: Path) -> str:
+    """The first comment line of a config; empty if it has none."""
+    first = path.read_text(encoding="utf-8").partition("\n")[0]
+    return first.removeprefix("#").strip() if first.startswith("#") else ""

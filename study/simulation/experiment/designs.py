@@ -1,0 +1,697 @@
+"""Cells, each of them one combination of conditions, and the batches of trials that are drawn together.
+
+Entries of a config's ``[design]``, made from the table of conditions: axes of a grid, laws of a random design.
+
+Groups of cells that share draws, and the units of work that they are cut into.
+
+The interface of a design, which a grid and a random design have in common.
+
+A grid: every combination of the listed values is a cell of so many trials.
+
+A random design: each trial draws its own conditions from declared laws, as in the paper's §4.1.
+"""
+
+import hashlib
+import math
+import operator
+from abc import abstractmethod
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from itertools import chain, product
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Protocol, Self
+
+import numpy as np
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    SerializerFunctionWrapHandler,
+    create_model,
+    model_serializer,
+)
+
+from study.fits.streams import Name, stream
+from study.simulation.experiment.conditions import (
+    CENTER,
+    CONDITIONS,
+    NOISE,
+    RADIUS,
+    SAMPLES,
+    SILENT,
+    Condition,
+    Constant,
+    Distribution,
+    Law,
+    Value,
+    is_number,
+)
+from study.toml import Frozen, each_once, shorten
+
+Further = tuple[tuple[str, Value], ...]
+"""Names and values of silent conditions that are not at their defaults, in the order of the table."""
+
+
+class Level(NamedTuple):
+    """The noise σ, radius r and centre c with which draws are placed, in the unit of a cell, and further conditions."""
+
+    sigma: float
+    radius: float
+    center: tuple[float, ...]
+    further: Further = ()
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One combination of the conditions of the experiment.
+
+    Attributes:
+        samples: number of samples N.
+        noise: σ, standard deviation of each coordinate.
+        angle: confinement half-angle φ in degrees.
+        radius: r, in the unit of the noise.
+        center: c (d,).
+        scale: the unit in which the points are formed and fitted. Fits depend on it by rounding alone, so cells of a
+            grid whose radii differ by a power of ten are fitted once.
+        further: the silent conditions, see `Further`.
+    """
+
+    samples: int
+    noise: float
+    angle: float
+    radius: float
+    center: tuple[float, ...]
+    scale: float = 1.0
+    further: Further = ()
+
+    @classmethod
+    def of(cls, values: Mapping[str, Value], center: tuple[float, ...], scale: float = 1.0) -> "Cell":
+        """Make a cell from the values of its conditions by name, of which the noise may be relative to the radius."""
+        radius = float(values["radius"])
+        sigma = float(values["noise"]) if "noise" in values else float(values["noise_over_radius"]) * radius
+        return cls(int(values["samples"]), sigma, float(values["angle"]), radius, center, scale, further(values))
+
+    @cached_property
+    def name(self) -> str:
+        """Digest of the conditions, ten hexadecimal digits; it is the same in every study."""
+        numbers = [self.samples, *(float(v).hex() for v in (self.noise, self.angle, self.radius, *self.center))]
+        return hashlib.blake2b(repr([*numbers, *self.further]).encode(), digest_size=5).hexdigest()
+
+    @cached_property
+    def level(self) -> Level:
+        """The level at which draws are placed, in units of ``scale``."""
+        if self.scale == 1.0:
+            return Level(self.noise, self.radius, self.center, self.further)
+        center = tuple(rounded(v / self.scale) for v in self.center)
+        return Level(rounded(self.noise / self.scale), rounded(self.radius / self.scale), center, self.further)
+
+    @property
+    def distance(self) -> float:
+        """Distance |c| of the centre from the origin."""
+        return math.hypot(*self.center)
+
+    @property
+    def values(self) -> dict[str, Value]:
+        """The values of all stored conditions by name."""
+        known = {
+            "samples": self.samples,
+            "noise": self.noise,
+            "angle": self.angle,
+            "radius": self.radius,
+            "center": self.distance,
+        }
+        return known | {c.name: c.default for c in SILENT if c.default is not None} | dict(self.further)
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Trials drawn together from one pair of streams, and the cells in which they are placed.
+
+    Attributes:
+        stream: name of the draw.
+        first: number of the first trial.
+        trials: number of trials.
+        cells: the cells.
+        skip: number of trials before the first, which are drawn from the same streams and left out.
+    """
+
+    stream: Name
+    first: int
+    trials: int
+    cells: tuple[Cell, ...]
+    skip: int = 0
+
+    @property
+    def samples(self) -> int:
+        """Number of samples of each trial."""
+        return self.cells[0].samples
+
+    @property
+    def angle(self) -> float:
+        """Confinement half-angle in degrees."""
+        return self.cells[0].angle
+
+
+@dataclass(frozen=True)
+class Unit:
+    """The work that is given to a worker at once: batches in order."""
+
+    batches: tuple[Batch, ...]
+
+
+def further(values: Mapping[str, Value]) -> Further:
+    """Select the silent conditions that are not at their defaults."""
+    return tuple((c.name, values[c.name]) for c in SILENT if values.get(c.name, c.default) != c.default)
+
+
+def rounded(value: float) -> float:
+    """Round to twelve digits: readable, and the same on machines whose exp differs in the last bit. -0.0 is 0.0."""
+    return float(f"{value:.12g}") + 0.0
+
+
+MAX_CELLS = 10_000_000
+
+TypeAndDefault = tuple[Any, Any]
+"""Type and default of a field, as `pydantic.create_model` takes them."""
+_TUPLES: dict[type, Any] = {int: tuple[int, ...], float: tuple[float, ...], str: tuple[str, ...]}
+
+
+def axes() -> dict[str, Any]:
+    """The fields of a grid by the condition's name."""
+    return {name: axis(condition) for name, condition in CONDITIONS.items() if condition.axis}
+
+
+def laws() -> dict[str, Any]:
+    """The fields of a random design by the condition's name."""
+    return {name: law(condition) for name, condition in CONDITIONS.items() if condition.law}
+
+
+def axis(condition: Condition) -> TypeAndDefault:
+    """The field of a condition in a grid: the tuple of its values."""
+    values: Any = Annotated[_TUPLES[condition.kind], BeforeValidator(lambda given: _expanded(condition, given))]
+    return _field(condition, values, None if condition.default is None else (condition.default,))
+
+
+def law(condition: Condition) -> TypeAndDefault:
+    """The field of a condition in a random design: the law that it is drawn from."""
+    laws: Any = Annotated[Law, AfterValidator(lambda given: _within(condition, given))]
+    default = None if condition.default is None else Constant(law="constant", value=float(condition.default))
+    return _field(condition, laws, default)
+
+
+def _field(condition: Condition, given: Any, default: object) -> TypeAndDefault:
+    if condition.alternative:
+        return given | None, None
+    return given, ... if default is None else default
+
+
+def _expanded(condition: Condition, given: Any) -> tuple[Value, ...]:
+    """Expand a grid axis, which is a value, a list, ``linspace`` or ``logspace``, and check every value."""
+    values: list[Any]
+    if isinstance(given, dict):
+        values = _spaced(given)
+        if condition.kind is int:
+            values = [float(round(v)) if math.isfinite(v) else v for v in values]
+    else:
+        values = list(given) if isinstance(given, list | tuple) else [given]
+    if not values:
+        raise ValueError(f"the list is empty; give at least one value, each {condition.rule}")
+    wrong = [v for v in values if not condition.holds(v) or not condition.allowed(v)]
+    if wrong:
+        listed = ", ".join(shorten(v) for v in wrong[:5]) + (", …" if len(wrong) > 5 else "")
+        raise ValueError(f"{listed} not allowed: every value must be {condition.rule}")
+    if condition.kind is float:
+        values = [v + 0.0 for v in values]  # -0.0 is 0.0
+    found: tuple[Value, ...] = tuple(map(condition.kind, values))
+    # a range of whole numbers may round to equal ones; in a list, a second one is a mistake
+    return tuple(dict.fromkeys(found)) if isinstance(given, dict) else each_once(found)
+
+
+def _spaced(given: dict[str, Any]) -> list[float]:
+    """Values of ``{ linspace = [first, last, count] }`` or ``{ logspace = [first, last, count] }``, ends included."""
+    words = "write { linspace = [first, last, count] } or { logspace = [first, last, count] }"
+    if len(given) != 1 or next(iter(given)) not in ("linspace", "logspace"):
+        raise ValueError(f"keys {', '.join(given) or 'none'} not understood: {words}")
+    ((kind, ends),) = given.items()
+    if not isinstance(ends, list) or len(ends) != 3 or not all(is_number(v) for v in ends):
+        raise ValueError(f"{kind} = {ends!r} not understood: {words}")
+    first, last, count = ends
+    if not isinstance(count, int) or not 1 <= count <= MAX_CELLS:
+        raise ValueError(f"count = {count!r} in {kind} must be a whole number from 1 to {MAX_CELLS}")
+    if count == 1 and first != last:
+        raise ValueError(f"{kind} from {first} to {last} cannot be 1 value: {words}")
+    if kind == "logspace" and not (first > 0 and last > 0):
+        raise ValueError(f"logspace from {first} to {last} must have both ends above 0")
+    space = np.linspace if kind == "linspace" else np.geomspace
+    with np.errstate(all="ignore"):  # a range beyond floating point gives values that are not allowed
+        values = space(float(first), float(last), count)
+    # twelve digits: 0.1 instead of 0.10000000000000002, on every machine
+    return [float(f"{v:.12g}") for v in values]
+
+
+def _within(condition: Condition, given: Distribution) -> Distribution:
+    """Check that a law stays within the values allowed for a condition; an open lower end may touch the limit."""
+    values = given.possible()
+    if given.continuous and condition.kind is int:
+        values = tuple(float(round(v)) for v in values)
+    elif given.continuous and values[0] == 0.0:
+        values = values[1:]
+    wrong = [f"{v:.12g}" for v in dict.fromkeys(values) if not condition.allowed(v)]
+    if wrong:
+        raise ValueError(f"{' and '.join(wrong)} not allowed: every value must be {condition.rule}")
+    return given
+
+
+class Group(Protocol):
+    """Cells that share draws; or the trials of a random design, each of which is a cell of its own."""
+
+    @property
+    def stream(self) -> Name:
+        """Name of the draws, without the number of the block."""
+
+    @property
+    def cells(self) -> tuple[Cell, ...]:
+        """The cells; none if every trial draws its own."""
+
+    @property
+    def samples(self) -> int:
+        """Number of samples of each trial; 0 if every trial draws its own."""
+
+    @property
+    def width(self) -> int:
+        """Number of data sets of a trial: one for each cell."""
+
+    @property
+    def size(self) -> int:
+        """Number of trials in a block, which are drawn from one pair of streams."""
+
+    @property
+    def levels(self) -> int:
+        """Number of levels at which the draws are placed and fitted."""
+
+    @property
+    def digest(self) -> bytes:
+        """Digest of all that determines the draws and the cells, without the study's seed."""
+
+    def trials_per_unit(self, levels: int) -> int:
+        """Number of trials in a unit, if each is fitted at so many levels."""
+
+    def batches(self, first: int, last: int) -> Iterator[Batch]:
+        """The batches that hold the trials from first to before last."""
+
+    def places(self, first: int, last: int) -> Iterator[tuple[Cell, int, int]]:
+        """The cells of the trials from first to before last, each with its first trial and the one after its last."""
+
+    def sizes(self, first: int, last: int) -> Iterator[tuple[int, int]]:
+        """Numbers of samples of the trials from first to before last, each with the number of such trials."""
+
+    def load(self, first: int, last: int) -> tuple[int, int]:
+        """Numbers of samples and of batches that are drawn for the trials from first to before last."""
+
+    def only(self, cells: Collection[Cell]) -> Self:
+        """The same group with some of its cells."""
+
+    def shared(self, other: Self) -> tuple[Self | None, Self | None]:
+        """Split off the cells that another group of the same stream has too: those and the rest, None if empty."""
+
+
+@dataclass(frozen=True)
+class Span:
+    """A unit before its batches are made: some trials of a group, so light that a million of them fit in memory.
+
+    Attributes:
+        group: the cells.
+        first: number of the first trial.
+        last: one more than that of the last.
+    """
+
+    group: Group
+    first: int
+    last: int
+
+    @property
+    def rows(self) -> int:
+        """Number of data sets: trials times cells."""
+        return (self.last - self.first) * self.group.width
+
+    @property
+    def words(self) -> str:
+        """The unit for a message: ``trials 0 to 99 of 4 cells with N = 20``."""
+        cells, trials = self.group.cells, f"trials {self.first:,} to {self.last - 1:,}"
+        count = "1 cell" if len(cells) == 1 else f"{len(cells):,} cells"
+        return f"{trials} of {count} with N = {self.group.samples:,}" if cells else trials
+
+    def unit(self) -> Unit:
+        """The unit."""
+        return Unit(tuple(self.group.batches(self.first, self.last)))
+
+
+class Design(Frozen):
+    """Conditions of a study, and the number of trials."""
+
+    kind: str
+    trials: Annotated[int, Field(ge=1, le=MAX_CELLS)]
+    """Number of data sets: in each cell of a grid, or in all cells of a random design together."""
+    one_trial_a_cell: ClassVar[bool]
+    """Every trial is a cell of its own, so that measures of performance combine many cells."""
+
+    @abstractmethod
+    def cells(self) -> int:
+        """Number of cells."""
+
+    @abstractmethod
+    def trials_of(self, samples: int) -> int:
+        """Number of trials of the cells with so many samples."""
+
+    @abstractmethod
+    def least_samples(self) -> int:
+        """The smallest number of samples that a cell can have."""
+
+    @abstractmethod
+    def values(self, condition: Condition) -> tuple[Value, ...] | None:
+        """The values that a condition takes; None where a law leaves them open."""
+
+    @abstractmethod
+    def independent(self) -> bool:
+        """True if no two cells share their directions and noise."""
+
+    @abstractmethod
+    def same_draws(self, other: "Design") -> bool:
+        """True if a trial of a cell that both designs have is the same data set, where all else is equal."""
+
+    @abstractmethod
+    def groups(self, seed: int, dimension: int) -> Iterator[Group]:
+        """The groups of cells that share draws, in the order of the tables."""
+
+    def given(self) -> dict[str, Any]:
+        """The axes, or the laws, by the condition's name; silent conditions only if they are not at their default."""
+        found = {}
+        for name, condition in CONDITIONS.items():
+            entry = getattr(self, name, None)
+            if entry is not None and not (condition.silent and entry == type(self).model_fields[name].default):
+                found[name] = entry
+        return found
+
+    def _unwritten(self) -> set[str]:
+        """Names of the entries that have no effect."""
+        return {condition.name for condition in SILENT} - set(self.given())
+
+    @model_serializer(mode="wrap")
+    def _written(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out entries without effect, so that a config keeps its digest when new entries are invented."""
+        left_out = self._unwritten()
+        return {key: value for key, value in handler(self).items() if key not in left_out}
+
+
+BLOCK_SAMPLES = 2**15
+BLOCK_TRIALS = 1000
+_SAMPLES_PER_UNIT = 8_000_000
+_FITS_PER_UNIT = 20_000
+"""Data sets of a unit, of any number of samples: its rows lie in memory until they are written."""
+
+
+class Grid(Design):
+    """A grid, of which `GridDesign` adds the axes."""
+
+    kind: Literal["grid"]
+    """Every combination of the values is a cell."""
+    draws: Literal["shared", "independent"] = "shared"
+    """Cells of equal samples and angle share their draws, so that differences are precise; or each cell has its own."""
+    most_samples: Annotated[int, Field(ge=1)] | None = None
+    """Limit of trials times samples: cells of many samples have fewer trials."""
+    one_trial_a_cell = False
+
+    def cells(self) -> int:
+        """Number of combinations."""
+        return math.prod(len(values) for values in self.given().values())
+
+    def trials_of(self, samples: int) -> int:
+        """Number of trials of each cell of so many samples."""
+        return self.trials if self.most_samples is None else max(1, min(self.trials, self.most_samples // samples))
+
+    def least_samples(self) -> int:
+        """The smallest number of samples listed."""
+        return min(map(int, self.given()[SAMPLES.name]))
+
+    def values(self, condition: Condition) -> tuple[Value, ...]:
+        """The values that a condition takes: also those of σ if σ/r is listed, and the reverse."""
+        given: dict[str, tuple[Value, ...]] = self.given()
+        if condition.name in given:
+            return given[condition.name]
+        if condition.alternative:
+            change = operator.mul if condition is NOISE else operator.truediv
+            other = given.get(condition.alternative, ())
+            return tuple(change(float(v), float(r)) for v, r in product(other, given[RADIUS.name]))
+        return () if condition.default is None else (condition.default,)
+
+    def independent(self) -> bool:
+        """True if every cell has draws of its own."""
+        return self.draws == "independent" or self.cells() == 1
+
+    def same_draws(self, other: Design) -> bool:
+        """True if the other is a grid whose cells share draws in the same way."""
+        return _sharing(self) == _sharing(other)
+
+    def groups(self, seed: int, dimension: int) -> Iterator["GridGroup"]:
+        """A group for each number of samples, angle and other drawn condition; or one for each cell, if independent."""
+        given = self.given()
+        apart = [name for name in given if CONDITIONS[name].own_draws]
+        together = [name for name in given if name not in apart]
+        for drawn in product(*(given[name] for name in apart)):
+            common = dict(zip(apart, drawn, strict=True))
+            placed = product(*(given[name] for name in together))
+            cells = tuple(_cell(common | dict(zip(together, values, strict=True)), dimension) for values in placed)
+            name: Name = ("draw", cells[0].samples, cells[0].angle, dimension, *chain(*further(common)))
+            if self.draws == "shared":
+                yield GridGroup(name, cells)
+            else:
+                yield from (GridGroup((*name, cell.name), (cell,)) for cell in cells)
+
+    def _unwritten(self) -> set[str]:
+        return super()._unwritten() | ({"most_samples"} if self.most_samples is None else set())
+
+
+Axes: Any = create_model("Axes", __base__=Design, __module__=__name__, **axes())
+GridDesign: type[Grid] = create_model("GridDesign", __base__=(Grid, Axes), __module__=__name__)
+"""A grid with all of its entries: kind and trials, then the axes, then the others. The digest needs this order."""
+
+
+@dataclass(frozen=True)
+class GridGroup:
+    """Cells of a grid that share draws.
+
+    Attributes:
+        stream: name of the draws, without the number of the block.
+        cells: the cells, all of the same number of samples and angle.
+    """
+
+    stream: Name
+    cells: tuple[Cell, ...]
+
+    @property
+    def samples(self) -> int:
+        """Number of samples of each trial."""
+        return self.cells[0].samples
+
+    @property
+    def width(self) -> int:
+        """Number of cells."""
+        return len(self.cells)
+
+    @cached_property
+    def size(self) -> int:
+        """Number of trials in a block, which are drawn from one pair of streams."""
+        return block_trials(self.samples)
+
+    @cached_property
+    def levels(self) -> int:
+        """Number of levels at which the draws are placed and fitted."""
+        return len({cell.level for cell in self.cells}) if len(self.cells) > 1 else 1
+
+    @cached_property
+    def digest(self) -> bytes:
+        """Digest of all that determines the draws and the cells, without the study's seed."""
+        values = [(c.samples, c.noise, c.angle, c.radius, c.center, *c.further) for c in self.cells]
+        return hashlib.blake2b(repr((self.stream, self.size, values)).encode(), digest_size=16).digest()
+
+    def trials_per_unit(self, levels: int) -> int:
+        """Whole blocks: enough for a worker to be busy, and so few that the unit's rows fit in memory."""
+        enough = -(-_SAMPLES_PER_UNIT // (self.size * self.samples * levels))
+        return self.size * min(enough, max(1, _FITS_PER_UNIT // (self.size * self.width)))
+
+    def batches(self, first: int, last: int) -> Iterator[Batch]:
+        """The batches that hold the trials from first to before last."""
+        for block in range(first // self.size, -(-last // self.size)):
+            begin, start = block * self.size, max(first, block * self.size)
+            trials = min(last, begin + self.size) - start
+            yield Batch((*self.stream, block), start, trials, self.cells, skip=start - begin)
+
+    def places(self, first: int, last: int) -> Iterator[tuple[Cell, int, int]]:
+        """Every cell, each with all of these trials."""
+        return ((cell, first, last) for cell in self.cells)
+
+    def sizes(self, first: int, last: int) -> Iterator[tuple[int, int]]:
+        """The one number of samples, with the number of trials from first to before last."""
+        yield self.samples, last - first
+
+    def load(self, first: int, last: int) -> tuple[int, int]:
+        """Numbers of samples and of batches that are drawn for the trials from first to before last."""
+        return (last - first) * self.samples, -(-last // self.size) - first // self.size
+
+    def only(self, cells: Collection[Cell]) -> "GridGroup":
+        """The same group with some of its cells."""
+        return GridGroup(self.stream, tuple(cell for cell in self.cells if cell in cells))
+
+    def shared(self, other: Group) -> tuple["GridGroup | None", "GridGroup | None"]:
+        """Split off the cells that another group of the same stream has too: those and the rest, None if empty."""
+        known = frozenset(other.cells)
+        some, rest = self.only(known), self.only(frozenset(self.cells) - known)
+        if some.cells and rest.cells:
+            return some, rest
+        return (self, None) if some.cells else (None, self)
+
+
+def block_trials(samples: int) -> int:
+    """Number of trials that are drawn from one pair of streams; it depends on the number of samples alone."""
+    return max(1, min(BLOCK_TRIALS, BLOCK_SAMPLES // samples))
+
+
+def diagonal_center(distance: float, dimension: int) -> tuple[float, ...]:
+    """Centre of a grid's cells: on the main diagonal, at a distance from the origin."""
+    return (distance / math.sqrt(dimension),) * dimension
+
+
+def _cell(values: Mapping[str, Value], dimension: int) -> Cell:
+    """Make the cell of a combination of values; it is fitted in a unit of about its radius."""
+    scale = float(f"1e{math.floor(math.log10(float(values[RADIUS.name])))}")
+    return Cell.of(values, diagonal_center(float(values[CENTER.name]), dimension), scale)
+
+
+def _sharing(design: Design) -> dict[str, object]:
+    return design.model_dump(include={"kind", "draws"})
+
+
+_BLOCK = 1024
+"""Number of trials whose values are drawn from one stream."""
+_TRIALS_PER_UNIT = 25
+
+
+class Random(Design):
+    """A random design, of which `RandomDesign` adds the laws."""
+
+    kind: Literal["random"]
+    """Every trial draws its own conditions from the laws."""
+    one_trial_a_cell = True
+
+    def cells(self) -> int:
+        """Number of trials."""
+        return self.trials
+
+    def trials_of(self, samples: int) -> int:
+        """Number of trials of the whole design, whatever number of samples they draw."""
+        return self.trials
+
+    def least_samples(self) -> int:
+        """The smallest number of samples that can be drawn."""
+        law: Distribution = self.given()[SAMPLES.name]
+        return round(min(law.possible()))
+
+    def values(self, condition: Condition) -> tuple[Value, ...] | None:
+        """The values that a condition takes; None where a law leaves them open."""
+        law: Distribution | None = self.given().get(condition.name)
+        if law is not None:
+            return None if law.continuous else law.possible()
+        return None if condition.default is None else (condition.default,)
+
+    def independent(self) -> bool:
+        """True: every trial has draws of its own."""
+        return True
+
+    def same_draws(self, other: Design) -> bool:
+        """True if the other is a random design of the same laws."""
+        return self.model_dump(exclude={"trials"}) == other.model_dump(exclude={"trials"})
+
+    def groups(self, seed: int, dimension: int) -> Iterator["RandomGroup"]:
+        """One group of all trials."""
+        yield RandomGroup(seed, dimension, self)
+
+
+Laws: Any = create_model("Laws", __base__=Design, __module__=__name__, **laws())
+RandomDesign: type[Random] = create_model("RandomDesign", __base__=(Random, Laws), __module__=__name__)
+"""A random design with all of its entries: kind and trials, then the laws."""
+
+
+@dataclass(frozen=True)
+class RandomGroup:
+    """The trials of a random design, each of which is a cell of its own.
+
+    Attributes:
+        seed: the study's.
+        dimension: the study's.
+        design: the laws; the number of trials has no effect.
+    """
+
+    seed: int
+    dimension: int
+    design: Random
+
+    stream: ClassVar[Name] = ("trial",)
+    cells: ClassVar[tuple[Cell, ...]] = ()
+    samples = 0
+    width = size = levels = 1
+
+    @cached_property
+    def digest(self) -> bytes:
+        """Digest of the laws, without the study's seed."""
+        content = (_BLOCK, self.design.model_dump_json(exclude={"trials"}))
+        return hashlib.blake2b(repr(content).encode(), digest_size=16).digest()
+
+    def trials_per_unit(self, levels: int) -> int:
+        """A few: their numbers of samples are not known before they are drawn."""
+        return _TRIALS_PER_UNIT
+
+    def batches(self, first: int, last: int) -> Iterator[Batch]:
+        """A batch for each of the trials from first to before last."""
+        for i in range(first, last):
+            yield Batch((*self.stream, i), i, 1, (self.cell(i),))
+
+    def places(self, first: int, last: int) -> Iterator[tuple[Cell, int, int]]:
+        """The cell of each trial, with that trial alone."""
+        return ((self.cell(i), i, i + 1) for i in range(first, last))
+
+    def sizes(self, first: int, last: int) -> Iterator[tuple[int, int]]:
+        """Number of samples of each of the trials from first to before last."""
+        return ((int(self._drawn(SAMPLES, i)), 1) for i in range(first, last))
+
+    def load(self, first: int, last: int) -> tuple[int, int]:
+        """Numbers of samples and of batches that are drawn for the trials from first to before last."""
+        return sum(samples for samples, _ in self.sizes(first, last)), last - first
+
+    def only(self, cells: Collection[Cell]) -> "RandomGroup":
+        """The group itself: its cells are drawn."""
+        return self
+
+    def shared(self, other: Group) -> tuple["RandomGroup", None]:
+        """The group itself and nothing besides: a trial draws the same cell wherever the laws are the same."""
+        return self, None
+
+    def cell(self, trial: int) -> Cell:
+        """Draw the cell of a trial. Every condition is drawn from a stream of its own."""
+        values: dict[str, Value] = {name: self._drawn(CONDITIONS[name], trial) for name in self.design.given()}
+        heading = stream(self.seed, "design", "heading", trial).standard_normal(self.dimension)
+        center = float(values[CENTER.name]) * heading / np.linalg.norm(heading)
+        return Cell.of(values, tuple(rounded(v) for v in center))
+
+    def _drawn(self, condition: Condition, trial: int) -> float:
+        """Draw the value of a condition for a trial; rounded, if it is a whole number."""
+        law: Distribution = getattr(self.design, condition.name)
+        block, index = divmod(trial, _BLOCK)
+        number = law.at(_uniforms(self.seed, condition.name, block)[index])
+        number = rounded(number) if law.continuous else number
+        return round(number) if condition.kind is int else number
+
+
+@lru_cache(maxsize=64)
+def _uniforms(seed: int, name: str, block: int) -> tuple[float, ...]:
+    """Draw uniform numbers of a condition for a block of trials."""
+    return tuple(stream(seed, "design", name, block).random(_BLOCK).tolist())

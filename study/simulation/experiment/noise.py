@@ -1,0 +1,337 @@
+"""Random numbers beside the directions and normals of a batch, each kind from streams of its own.
+
+The interface of a departure from normal noise: another law of the same covariance, or outliers.
+
+Gaussian laws of the noise of a sample: draws, covariance, and the Cramér-Rao bound under them.
+
+Laplace's law: tails of e^{-|x|} in each coordinate.
+
+Outliers: some samples lie far from where their noise alone would put them.
+
+Student's t law: heavy tails, the same in every direction.
+
+The uniform law: no tails at all.
+
+The laws of noise that a config may name, and the steps from normal noise to that of a cell.
+"""
+
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+import scipy
+
+from study.arrays import Floats
+from study.fits.bounds import bound_from_scatter, normal_weights, weighted_scatter
+from study.fits.jit import CHUNK
+from study.fits.streams import Name, stream
+
+
+class Source(NamedTuple):
+    """Trials drawn together from one named stream; `skip` of them, before the first, are left out."""
+
+    name: Name
+    skip: int
+    trials: int
+
+
+@dataclass(frozen=True)
+class FurtherNumbers:
+    """Further random numbers of a batch of trials. Drawing them changes no other numbers.
+
+    Attributes:
+        seed: the study's.
+        sources: the draws of the batch, in the order of its trials.
+        trials: the trials that are wanted, of those of all sources; all, if None.
+    """
+
+    seed: int
+    sources: Sequence[Source]
+    trials: slice | None = None
+
+    def draw(self, kind: Name, numbers: Callable[[np.random.Generator, int], Floats]) -> Floats:
+        """Draw numbers of one kind for each trial (b, …): always the same ones.
+
+        Args:
+            kind: last part of the names of the streams, which distinguishes these numbers from others.
+            numbers: gives numbers of so many trials (trials, …) from a generator.
+        """
+        parts = [numbers(stream(self.seed, *s.name, *kind), s.skip + s.trials)[s.skip :] for s in self.sources]
+        whole = np.concatenate(parts)
+        return whole if self.trials is None else whole[self.trials]
+
+    def only(self, trials: slice) -> "FurtherNumbers":
+        """The numbers of some trials alone."""
+        return FurtherNumbers(self.seed, self.sources, trials)
+
+
+class Departure(Protocol):
+    """A step that turns noise at σ = 1 into noise of another law."""
+
+    def applied(self, noise: Floats, numbers: FurtherNumbers) -> Floats:
+        """The noise of the other law (b, d, n), in fresh memory.
+
+        Args:
+            noise: at σ = 1 (b, d, n); standard normal numbers, if no other step came before.
+            numbers: further random numbers of the same trials.
+        """
+
+
+class OtherLaw(Departure, Protocol):
+    """A law of noise that is not normal, of covariance I: σ means the same in all."""
+
+    @property
+    def excess_kurtosis(self) -> float:
+        """The excess kurtosis of a coordinate."""
+
+
+class NoiseLaw(Protocol):
+    """A law of the noise of a sample, of any size σ."""
+
+    @property
+    def isotropic(self) -> bool:
+        """True if the covariance is σ² I; estimators then take σ."""
+
+    @property
+    def words(self) -> str:
+        """The law in words, for a reader."""
+
+    def unit_noise(self, normals: Floats) -> Floats:
+        """Noise at σ = 1 (b, d, n), from standard normal numbers of the same shape."""
+
+    def covariance(self, sigma: float) -> Floats:
+        """Covariance of a sample (d, d)."""
+
+    def given(self, sigma: float) -> float | Floats:
+        """The noise as an argument of estimators: σ, or the covariance (d, d) if it is not isotropic."""
+
+    def unit_bound(self, directions: Floats) -> Floats:
+        """The Cramér-Rao bound of (c, r) at σ = 1 for these directions (b, d+1, d+1).
+
+        Args:
+            directions: unit vectors (b, d, n), with the height 1 - u₁ in place of u₁.
+        """
+
+
+@dataclass(frozen=True)
+class IsotropicGaussian:
+    """Independent normal noise of the same size in every coordinate.
+
+    Attributes:
+        dimension: number of coordinates d.
+    """
+
+    dimension: int
+    isotropic = True
+    words = "the same noise in all directions"
+
+    def unit_noise(self, normals: Floats) -> Floats:
+        """The normal numbers themselves."""
+        return normals
+
+    def covariance(self, sigma: float) -> Floats:
+        """σ² I."""
+        return sigma**2 * np.eye(self.dimension)
+
+    def given(self, sigma: float) -> float:
+        """The standard deviation σ."""
+        return sigma
+
+    def unit_bound(self, directions: Floats) -> Floats:
+        """The bound with equal weights of all samples."""
+        return _bound(directions, np.ones((1, CHUNK)))  # a row of n would be read from memory
+
+
+@dataclass(frozen=True)
+class AnisotropicGaussian:
+    """Normal noise of any covariance.
+
+    Attributes:
+        shape: covariance of a sample in units of σ², as rows of numbers (d, d).
+    """
+
+    shape: tuple[tuple[float, ...], ...]
+    isotropic = False
+    words = "noise not the same in all directions"
+
+    def unit_noise(self, normals: Floats) -> Floats:
+        """The normal numbers times Cholesky's root of the shape."""
+        return np.asarray(np.linalg.cholesky(self._matrix) @ normals)
+
+    def covariance(self, sigma: float) -> Floats:
+        """σ² times the shape."""
+        return sigma**2 * self._matrix
+
+    def given(self, sigma: float) -> Floats:
+        """The covariance."""
+        return self.covariance(sigma)
+
+    def unit_bound(self, directions: Floats) -> Floats:
+        """The bound with the weight of each sample by the noise along its direction."""
+        u = directions.swapaxes(1, 2).copy()
+        u[:, :, 0] = 1.0 - u[:, :, 0]
+        return _bound(directions, normal_weights(u, self._matrix))
+
+    @cached_property
+    def _matrix(self) -> Floats:
+        return np.array(self.shape)
+
+
+def gaussian(shape: tuple[tuple[float, ...], ...] | None, dimension: int) -> NoiseLaw:
+    """The Gaussian law of a covariance.
+
+    Args:
+        shape: covariance of a sample in units of σ² (d, d); the identity if None.
+        dimension: d.
+    """
+    if shape is None or np.array_equal(shape, np.eye(dimension)):
+        return IsotropicGaussian(dimension)
+    return AnisotropicGaussian(shape)
+
+
+def _bound(directions: Floats, weights: Floats) -> Floats:
+    """The bound at σ = 1 of directions (b, d, n) and weights of samples.
+
+    It is exact at tiny angles, because it is formed from heights: the sign of u₁ drops out of the variances,
+    and its offset from the mean.
+    """
+    sums, mean, scatter = weighted_scatter(directions, weights)
+    scatter[:, 0, 1:] *= -1.0
+    scatter[:, 1:, 0] *= -1.0
+    mean[:, 0] = 1.0 - mean[:, 0]
+    return bound_from_scatter(sums, mean, scatter)
+
+
+@dataclass(frozen=True)
+class LaplaceNoise:
+    """Independent coordinates of density e^{-√2 |x|}/√2: variance 1, excess kurtosis 3.
+
+    The law of a sample is not the same in every direction: it reaches farther along the axes.
+    """
+
+    excess_kurtosis = 3.0
+
+    def applied(self, noise: Floats, numbers: FurtherNumbers) -> Floats:
+        """The quantile of each normal number z in this law: -sign(z) (ln 2 + ln Φ(-|z|))/√2, exact in the tails."""
+        return np.asarray(-np.sign(noise) * (math.log(2.0) + scipy.special.log_ndtr(-np.abs(noise))) * math.sqrt(0.5))
+
+
+@dataclass(frozen=True)
+class Outliers:
+    """Each sample is displaced with some probability, by a given distance, in a direction uniform on the sphere.
+
+    The covariance of a sample grows by share × size² σ²/d I. Studies that differ in share or size alone displace in the
+    same directions, and the outliers of a smaller share are among those of a larger one.
+
+    Attributes:
+        share: probability of a displacement.
+        size: its length, in units of σ.
+    """
+
+    share: float
+    size: float
+
+    def applied(self, noise: Floats, numbers: FurtherNumbers) -> Floats:
+        """The noise, with the displacement added where a uniform number of the sample is below the share."""
+        _, d, n = noise.shape
+        number = numbers.draw(("outliers", "choice"), lambda g, trials: g.random((trials, n)))
+        away = numbers.draw(("outliers", "direction"), lambda g, trials: g.standard_normal((trials, d, n)))
+        length = np.where(number < self.share, self.size, 0.0) / np.sqrt(np.einsum("bdn,bdn->bn", away, away))
+        return np.asarray(noise + length[:, None] * away)
+
+
+@dataclass(frozen=True)
+class StudentNoise:
+    """Multivariate t noise of ν degrees of freedom, scaled to the covariance I.
+
+    The coordinates of a sample share one χ² number. So its law is the same in every direction, and a sample is far off
+    in all coordinates together. Each coordinate is a t number times √((ν - 2)/ν), whose excess kurtosis is 6/(ν - 4)
+    for ν > 4 and infinite below.
+
+    Attributes:
+        freedom: ν > 2; below there is no covariance.
+    """
+
+    freedom: float
+
+    @property
+    def excess_kurtosis(self) -> float:
+        """6/(ν - 4), or infinity."""
+        return 6.0 / (self.freedom - 4.0) if self.freedom > 4.0 else math.inf
+
+    def applied(self, noise: Floats, numbers: FurtherNumbers) -> Floats:
+        """Normal noise z as z √((ν - 2)/χ²), with a χ² number of ν degrees of freedom for each sample."""
+        n = noise.shape[2]
+        square = numbers.draw(("student", self.freedom), lambda g, trials: g.chisquare(self.freedom, (trials, n)))
+        square /= self.freedom - 2.0
+        return noise / np.sqrt(square)[:, None]
+
+
+@dataclass(frozen=True)
+class UniformNoise:
+    """Independent coordinates uniform on [-√3, √3]: variance 1, excess kurtosis -6/5.
+
+    The law of a sample is not the same in every direction: it fills a cube along the axes.
+    """
+
+    excess_kurtosis = -1.2
+
+    def applied(self, noise: Floats, numbers: FurtherNumbers) -> Floats:
+        """The quantile of each normal number z in this law: √3 (2Φ(z) - 1) = √3 erf(z/√2)."""
+        return np.asarray(math.sqrt(3.0) * scipy.special.erf(math.sqrt(0.5) * noise))
+
+
+NORMAL = "normal"
+LAWS: dict[str, OtherLaw] = {"laplace": LaplaceNoise(), "uniform": UniformNoise()}
+"""The laws without parameters, besides the normal one. All have the covariance σ² I."""
+
+RULE = f"{NORMAL}, {', '.join(LAWS)} or student(ν) with ν above 2, such as student(5)"
+SIZE = 10.0
+"""Length of an outlier's displacement in units of σ, where a config gives none."""
+
+
+def freedom(word: str) -> float | None:
+    """The degrees of freedom ν of ``student(ν)``; None for another word, or if ν is not above 2.
+
+    A number has one way of writing, so that a law has one name: ``student(5)``, not ``student(5.0)``.
+    """
+    number = re.fullmatch(r"student\(([0-9.e+]+)\)", word)
+    try:
+        value = float(number[1]) if number else math.nan
+    except ValueError:
+        return None
+    return value if 2.0 < value < math.inf and number and f"{value:g}" == number[1] else None
+
+
+def excess_kurtosis(word: str) -> float:
+    """The excess kurtosis of a coordinate under a law: 0 if normal, larger with heavier tails."""
+    nu = freedom(word)
+    if nu is not None:
+        return StudentNoise(nu).excess_kurtosis
+    return 0.0 if word == NORMAL else LAWS[word].excess_kurtosis
+
+
+def is_law(word: str) -> bool:
+    """True if a word names a law."""
+    return word == NORMAL or word in LAWS or freedom(word) is not None
+
+
+def departures(conditions: Mapping[str, Any]) -> list[Departure]:
+    """The steps that lead from normal noise to that of a cell: another law, then outliers; none for normal noise.
+
+    Args:
+        conditions: values of the conditions ``law``, ``outlier_share`` and ``outlier_size``, as far as they are not at
+            their defaults; others do not matter.
+    """
+    law, share = conditions.get("law", NORMAL), conditions.get("outlier_share", 0.0)
+    steps: list[Departure] = []
+    if law != NORMAL:
+        nu = freedom(law)
+        steps.append(LAWS[law] if nu is None else StudentNoise(nu))
+    if share > 0.0:
+        steps.append(Outliers(share, conditions.get("outlier_size", SIZE)))
+    return steps

@@ -1,0 +1,319 @@
+"""Draw a batch and form its points: one draw of unit directions u and unit noise z serves every σ, r and c.
+
+Cut a study into units of work: its groups of cells that share draws, and spans of their trials.
+
+Draw one trial again from its name: the same points to the last bit, on whatever machine its run was computed.
+"""
+
+import math
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import chain
+
+import numpy as np
+
+from study.arrays import Floats
+from study.fits import Samples, cap
+from study.fits.jit import Placed, form
+from study.fits.streams import lanes
+from study.simulation.experiment.config import Study
+from study.simulation.experiment.designs import Batch, Cell, Group, Level, Span, Unit
+from study.simulation.experiment.noise import FurtherNumbers, NoiseLaw, Source, departures
+from study.text import nearest
+
+Array = Callable[[str, tuple[int, ...]], Floats]
+"""Makes an array of a name and shape, with any content."""
+
+
+def new(name: str, shape: tuple[int, ...]) -> Floats:
+    """A fresh array; the name does not matter."""
+    return np.empty(shape)
+
+
+class Workspace(threading.local):
+    """Reuse arrays within a thread: fresh memory costs as much as the arithmetic on it.
+
+    An array is valid until the next one of the same name is requested.
+    """
+
+    def __init__(self) -> None:
+        self._arrays: dict[str, Floats] = {}
+
+    def __call__(self, name: str, shape: tuple[int, ...]) -> Floats:
+        """An array of a shape, with any content."""
+        size = math.prod(shape)
+        if name not in self._arrays or self._arrays[name].size < size:
+            self._arrays[name] = np.empty(size)
+        return self._arrays[name][:size].reshape(shape)
+
+
+@dataclass(frozen=True)
+class Draws:
+    """The draws of a batch, before they are placed on any sphere.
+
+    Attributes:
+        directions: unit vectors (b, d, n) about the first axis, with the height 1 - u₁ in place of u₁.
+        unit_noise: noise at σ = 1 (b, d, n).
+        law: the Gaussian law of the noise.
+        numbers: further random numbers, for levels with noise of another law or with outliers.
+    """
+
+    directions: Floats
+    unit_noise: Floats
+    law: NoiseLaw
+    numbers: FurtherNumbers
+
+    def place(self, level: Level, array: Array = new) -> Samples:
+        """Form the points x = c + r u + σ z of a level (b, d, n), with the noise as estimators take it."""
+        noise = self.unit_noise
+        for departure in departures(dict(level.further)):
+            noise = departure.applied(noise, self.numbers)
+        points = form(self._placed([level], noise), array("points", noise.shape))
+        return Samples(points, self.law.given(level.sigma))
+
+    def place_each(self, levels: Sequence[Level]) -> Samples:
+        """Place the draws at several levels: all levels of the first trial, then of the next one.
+
+        The points are formed when they are read. The noise must be normal and isotropic.
+        """
+        return Samples(
+            self._placed(levels, self.unit_noise), np.tile([level.sigma for level in levels], len(self.unit_noise))
+        )
+
+    def _placed(self, levels: Sequence[Level], noise: Floats) -> Placed:
+        center = np.array([level.center for level in levels])
+        radius = np.array([level.radius for level in levels])
+        sigma = np.array([level.sigma for level in levels])
+        return Placed(self.directions, noise, center, radius, sigma)
+
+    def only(self, trial: int) -> "Draws":
+        """One trial of the batch, counted from its first."""
+        one = slice(trial, trial + 1)
+        return Draws(self.directions[one], self.unit_noise[one], self.law, self.numbers.only(one))
+
+    def unit_bound(self) -> Floats:
+        """The Cramér-Rao bound of (c, r) at σ = 1, for the realised directions (b, d+1, d+1), of normal noise."""
+        return self.law.unit_bound(self.directions)
+
+
+def draw(study: Study, batches: Sequence[Batch], array: Array = new) -> Draws:
+    """Draw batches of equal cells from their named streams."""
+    d, samples, angle = study.dimension, batches[0].samples, math.radians(batches[0].angle)
+    trials = sum(batch.skip + batch.trials for batch in batches)
+    directions, normals = array("directions", (trials, d, samples)), array("normals", (trials, d, samples))
+    used = np.ones(trials, dtype=bool)
+    first = 0
+    for batch in batches:
+        part = slice(first, first + batch.skip + batch.trials)
+        cap.draw(lanes(study.seed, *batch.stream), angle, directions[part], normals[part])
+        used[first : first + batch.skip] = False
+        first = part.stop
+    if not used.all():
+        directions, normals = directions[used], normals[used]
+    law = study.noise_law
+    numbers = FurtherNumbers(study.seed, [Source(batch.stream, batch.skip, batch.trials) for batch in batches])
+    return Draws(directions, law.unit_noise(normals), law, numbers)
+
+
+_FITS_IN_MEMORY = 4_000_000
+"""Fits of a unit whose summary alone is kept: their errors take some 190 bytes each until they are summed up."""
+_SAMPLES_IN_SUMMARY = 20_000_000_000
+"""Samples that such a unit draws and fits, over its levels: some minutes, which a kill costs."""
+
+
+def groups(study: Study) -> Iterator[Group]:
+    """The study's groups of cells that share draws, in the order of its tables."""
+    return study.design.groups(study.seed, study.dimension)
+
+
+def trials_of(study: Study, group: Group) -> int:
+    """Number of trials that a study gives to the cells of a group, which may be another study's."""
+    return study.design.trials_of(group.samples)
+
+
+def units(study: Study) -> Iterator[Unit]:
+    """The study's units, in the order of its tables; they depend on nothing but the config."""
+    return (span.unit() for span in spans(study))
+
+
+def spans(study: Study) -> Iterator[Span]:
+    """The study's units as spans, in the order of its tables."""
+    return (span for group in groups(study) for span in spans_of(study, group))
+
+
+def spans_of(study: Study, group: Group, below: int | None = None) -> Iterator[Span]:
+    """The units of a group as spans; only those with trials below a number, if one is given."""
+    trials = trials_of(study, group)
+    if study.keep == "summary":
+        yield from (Span(some, 0, trials if below is None else min(below, trials)) for some in _few(study, group))
+        return
+    step = _step(study, group)
+    for first in range(0, trials if below is None else min(below, trials), step):
+        yield Span(group, first, min(trials, first + step))
+
+
+def sizes_of(study: Study, group: Group) -> Iterator[tuple[Span, int]]:
+    """The units of a group, of equal ones the first alone; each with the number of those that are equal in size."""
+    if study.keep == "summary" or study.design.one_trial_a_cell:
+        yield from ((span, 1) for span in spans_of(study, group))
+        return
+    trials, step = trials_of(study, group), _step(study, group)
+    whole, rest = divmod(trials, step)
+    if whole:
+        yield Span(group, 0, step), whole
+    if rest:
+        yield Span(group, trials - rest, trials), 1
+
+
+def _step(study: Study, group: Group) -> int:
+    """Number of trials of each unit of a group, but the last, in a study that keeps its errors."""
+    return group.trials_per_unit(1 if study.route == "moments" else group.levels)
+
+
+def _few(study: Study, group: Group) -> Iterator[Group]:
+    """Cut a group to so few cells that all their trials, of which a summary is made, are few enough for one unit.
+
+    Each of these groups makes the draws of all trials again.
+    """
+    trials, cells, levels = trials_of(study, group), group.cells, group.levels
+    at_once = max(1, _FITS_IN_MEMORY // (trials * max(1, len(study.estimators))))
+    if study.route == "points":  # a level costs as much as the draw
+        at_once = min(at_once, max(1, _SAMPLES_IN_SUMMARY // (trials * group.samples) - 1) * (len(cells) // levels))
+    if at_once >= len(cells):
+        yield group
+        return
+    for first in range(0, len(cells), at_once):
+        yield group.only(cells[first : first + at_once])
+
+
+_MOST_COMPARED = 20_000
+
+
+class ReplayError(Exception):
+    """A trial that a study does not have; the message says which ones it has."""
+
+
+@dataclass(frozen=True)
+class Address:
+    """The place of a trial in a study.
+
+    Attributes:
+        batch: the trials that are drawn from the same streams.
+        cell: its condition, one of the batch's.
+        trial: its number.
+    """
+
+    batch: Batch
+    cell: Cell
+    trial: int
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One data set, with the truth.
+
+    Attributes:
+        cell: its condition.
+        trial: its number.
+        samples: the points (1, d, n) and the noise.
+        level: the same in units of the cell's scale, as the estimators take them.
+        unit_bound: Cramér-Rao bound of (c, r) at σ = 1, for the realised directions (d+1, d+1).
+    """
+
+    cell: Cell
+    trial: int
+    samples: Samples
+    level: Samples
+    unit_bound: Floats
+
+
+def addresses(study: Study, below: int | None = None) -> Iterator[Address]:
+    """The places of a study's trials, cell by cell in the order of its tables.
+
+    Args:
+        study: the config.
+        below: only trials with a number below this one are listed, if it is given.
+    """
+    for span in chain.from_iterable(spans_of(study, group, below) for group in groups(study)):
+        for batch in span.unit().batches:
+            last = batch.first + batch.trials
+            for cell in batch.cells:
+                for trial in range(batch.first, last if below is None else min(below, last)):
+                    yield Address(batch, cell, trial)
+
+
+def locate(study: Study, cell: str) -> tuple[Cell, list[Span]]:
+    """Find a cell of a study by its name.
+
+    Args:
+        study: the config.
+        cell: the cell's name, or enough of its beginning to tell it from all others.
+
+    Returns:
+        The cell, and the spans of its trials: in a random design, one for each trial.
+
+    Raises:
+        ReplayError: if there is no such cell, or more than one.
+    """
+    found: dict[str, tuple[Cell, list[Span]]] = {}
+    names: list[str] = []
+    for group in groups(study):
+        for each, first, last in group.places(0, trials_of(study, group)):
+            names += [each.name] * (len(names) < _MOST_COMPARED)
+            if each.name.startswith(cell):
+                found.setdefault(each.name, (each, []))[1].append(Span(group, first, last))
+    if not found:
+        close = nearest(cell, names)
+        hint = "the" if close is None else f"did you mean {close}? The"
+        raise ReplayError(
+            f"cell {cell!r}: no such cell in {study.run_name()}; {hint} error table's first column has them"
+        )
+    if len(found) > 1:
+        raise ReplayError(f"cell {cell!r}: not one cell but {len(found)}: {', '.join(sorted(found)[:5])} …")
+    return next(iter(found.values()))
+
+
+def parse_name(cell: str, trial: int | None) -> tuple[str, int]:
+    """Read a cell's name and a trial's number, which a user gives one by one or as ``CELL/TRIAL``.
+
+    Raises:
+        ReplayError: if the two are given in neither way.
+    """
+    name, _, number = cell.partition("/")
+    if trial is None and number.isascii() and number.isdigit():
+        return name, int(number)
+    if trial is None or number:
+        raise ReplayError(f"trial {cell!r}: give a cell and the number of a trial, or both as CELL/TRIAL")
+    return cell, trial
+
+
+def find(study: Study, cell: str, trial: int) -> Address:
+    """Find a trial of a study.
+
+    Args:
+        study: the config.
+        cell: the cell's name, or enough of its beginning to tell it from all others.
+        trial: number of the trial.
+
+    Raises:
+        ReplayError: if there is no such cell, more than one, or no such trial in it.
+    """
+    place, where = locate(study, cell)
+    for span in where:
+        if span.first <= trial < span.last:
+            batches = span.group.batches(span.first, span.last)
+            return Address(next(b for b in batches if b.first <= trial < b.first + b.trials), place, trial)
+    first, last = where[0].first, where[-1].last - 1
+    whole = 1 < sum(span.last - span.first for span in where) == last - first + 1
+    numbers = f"{first} to {last}" if whole else ", ".join(str(i) for s in where for i in range(s.first, s.last))
+    raise ReplayError(f"trial {trial}: cell {place.name} has trial {numbers}")
+
+
+def replay(study: Study, address: Address) -> Trial:
+    """Draw a trial again."""
+    batch, cell = address.batch, address.cell
+    draws = draw(study, [batch]).only(address.trial - batch.first)
+    level = draws.place(cell.level)
+    samples = Samples(cell.scale * level.x, draws.law.given(cell.noise))
+    return Trial(cell, address.trial, samples, level, draws.unit_bound()[0])

@@ -1,0 +1,347 @@
+"""Shared drawing of figures 3 and 4: the whole circle on the left, its centre with error ellipses on the right.
+
+The ellipses are centred on the estimate, as the paper draws them, and have the size of the estimator's spread over
+all trials of the cell (`choose`). The dots are the centres fitted to other trials, so that the ellipse can be judged
+by eye; they lie about the estimator's own median, not about the truth.
+
+The data set of figures 3 to 5: the kept trial that is nearest to the paper's, its fits, and how they spread.
+
+The paper shows one arc of 100 points with noise 0.05 and says of it that the spectral radius ρ(Σ̂C⁻¹), UGDK's Leontief
+condition, is 0.557238. Of the trials whose points were kept, the one with the nearest ρ is taken, for all the figures.
+
+Lengths are in radii, and positions are measured from the true centre. The axis of the arc is the first coordinate;
+errors along and across it are uncorrelated, because the arc is its own mirror image. Spreads are robust, because UGDK's
+errors have neither variance nor mean.
+"""
+
+import math
+import textwrap
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle, Ellipse, Rectangle
+from matplotlib.ticker import MaxNLocator
+
+from study import style
+from study.arrays import Floats
+from study.fits import Status
+from study.simulation.claims.ugdk import PAPER_CONDITION
+from study.simulation.figures import NotApplicable, Tables
+from study.simulation.statistics import inside, quantile, robust_sd
+
+LEVELS = (0.68, 0.95)
+_LEAST_TRIALS = 50
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Bias and spread of an estimator's centre over all trials of the cell, in radii.
+
+    Attributes:
+        bias: median error along the axis and across it.
+        sd: robust standard deviation along the axis and across it.
+        covered: trials whose own 95 % ellipse, this spread about the estimate, has the true centre inside.
+        ok: trials whose fit is ok; the others are left out of the spread and count as not covered.
+    """
+
+    bias: tuple[float, float]
+    sd: tuple[float, float]
+    covered: int
+    ok: int
+
+    def distance(self, x: float, y: float) -> float:
+        """Length of an error in these standard deviations."""
+        return math.hypot(x / self.sd[0], y / self.sd[1])
+
+
+class FittedCircle(NamedTuple):
+    """A fitted circle: its centre, measured from the true one, and radius, in true radii."""
+
+    x: float
+    y: float
+    radius: float
+
+    @property
+    def off(self) -> float:
+        """Distance of its centre from the true one."""
+        return math.hypot(self.x, self.y)
+
+
+@dataclass(frozen=True)
+class DataSet:
+    """The chosen trial and its cell.
+
+    Attributes:
+        run: the run's name.
+        trial: the trial's number.
+        trials: how many trials its cell has.
+        samples: N.
+        noise: σ over the radius.
+        angle: φ in degrees.
+        condition: ρ of this trial.
+        points: x, y of the points.
+        fits: each estimator's fit to them.
+        errors: estimator, x, y of the fitted centres of all trials of the cell that are ok.
+        spreads: of each estimator.
+    """
+
+    run: str
+    trial: int
+    trials: int
+    samples: int
+    noise: float
+    angle: float
+    condition: float
+    points: pd.DataFrame
+    fits: dict[str, FittedCircle]
+    errors: pd.DataFrame
+    spreads: dict[str, Spread]
+
+    @property
+    def caption(self) -> str:
+        """The conditions in words."""
+        return f"$N$ = {self.samples}, $σ/r$ = {self.noise:.4g}, $φ$ = {self.angle:g}°, $ρ$ = {self.condition:.4f}"
+
+    @property
+    def stamp(self) -> str:
+        """Text of the stamp: the run and its trials."""
+        return f"{self.run} · trial {self.trial} of {self.trials:,}"
+
+
+def choose(tables: Tables, estimators: list[str]) -> DataSet:
+    """Find the trial and measure its cell.
+
+    Args:
+        tables: the run.
+        estimators: the ones that the figure is about, besides UGDK.
+
+    Raises:
+        NotApplicable: if the run is not of circles on a grid, kept no points, or lacks an estimator or trials.
+    """
+    if tables.dimension != 2:
+        raise NotApplicable(f"shows circles: needs dimension = 2 in the config, not {tables.dimension}")
+    if tables.design != "grid":
+        raise NotApplicable('needs many trials of one condition: kind = "grid" in the config')
+    missing = [name for name in ["ugdk", *estimators] if name not in tables.estimators]
+    if missing:
+        raise NotApplicable(f"needs the estimator {' and '.join(dict.fromkeys(missing))}")
+    if tables.points is None:
+        raise NotApplicable("needs kept points: set keep_points in the config")
+    errors, points = tables.errors, tables.points
+    kept = errors.merge(points[["cell", "trial"]].astype({"cell": str}).drop_duplicates(), on=["cell", "trial"])
+    kept = kept[(kept["estimator"] == "ugdk") & (kept["status"] == Status.OK)]
+    if kept.empty:
+        raise NotApplicable("UGDK has no ok fit among the trials whose points were kept")
+    row = kept.iloc[int((kept["condition"] - PAPER_CONDITION).abs().to_numpy().argmin())]
+    cell = errors[errors["cell"] == row["cell"]]
+    trials = cell["trial"].nunique()
+    if trials < _LEAST_TRIALS:
+        raise NotApplicable(f"needs at least {_LEAST_TRIALS} trials of a cell to show a spread, not {trials}")
+    radius = row["radius"]
+    mine = points[(points["cell"] == row["cell"]) & (points["trial"] == row["trial"])]
+    fits = cell[cell["trial"] == row["trial"]]
+    ok = cell[cell["status"] == Status.OK]
+    return DataSet(
+        run=tables.name,
+        trial=int(row["trial"]),
+        trials=trials,
+        samples=int(row["samples"]),
+        noise=float(row["noise"] / radius),
+        angle=float(row["angle"]),
+        condition=float(row["condition"]),
+        points=pd.DataFrame(
+            {axis: (mine[f"x_{i}"] - mine[f"center_{i}"]) / radius for i, axis in ((1, "x"), (2, "y"))}
+        ),
+        fits={
+            str(fit["estimator"]): FittedCircle(
+                fit["error_1"] / radius, fit["error_2"] / radius, 1.0 + fit["radius_error"] / radius
+            )
+            for fit in fits.to_dict("records")
+        },
+        errors=pd.DataFrame(
+            {"estimator": ok["estimator"].astype(str), "x": ok["error_1"] / radius, "y": ok["error_2"] / radius}
+        ),
+        spreads={
+            str(name): _spread((part[["error_1", "error_2"]] / radius).to_numpy())
+            for name, part in ok.groupby("estimator", observed=True, sort=False)
+        },
+    )
+
+
+def _spread(errors: Floats) -> Spread:
+    """Median and robust standard deviation of errors (trials, 2)."""
+    along, across = errors.T
+    bias = quantile(along, 0.5).value, quantile(across, 0.5).value
+    sd = robust_sd(along), robust_sd(across)
+    return Spread(bias, sd, int(inside(errors, np.array(sd), LEVELS[-1]).sum()), len(errors))
+
+
+def reach(level: float) -> float:
+    """Semi-axes, in standard deviations, of the ellipse that holds a bivariate normal with the given probability."""
+    return math.sqrt(-2.0 * math.log1p(-level))
+
+
+Window = tuple[float, float, float, float]
+
+_SHOWN_TRIALS = 500
+_SHAPE = 0.36  # height over width
+
+
+@dataclass(frozen=True)
+class EllipseFrame:
+    """Content of figure 3 or 4.
+
+    Attributes:
+        data: the data set.
+        estimator: the one shown.
+        window: left, right, bottom, top of the enlarged part, in radii from the true centre.
+    """
+
+    data: DataSet
+    estimator: str
+    window: Window
+
+    @property
+    def spread(self) -> Spread:
+        """The estimator's spread."""
+        return self.data.spreads[self.estimator]
+
+    @property
+    def distance(self) -> float:
+        """From the estimate to the true centre, in standard deviations of the estimator."""
+        fit = self.data.fits[self.estimator]
+        return self.spread.distance(fit.x, fit.y)
+
+
+def prepare(tables: Tables, estimator: str) -> EllipseFrame:
+    """Choose the data set, and a window that holds both figures' ellipses, so that they can be compared.
+
+    Raises:
+        NotApplicable: see `study.simulation.figures.ellipse.choose`.
+    """
+    data = choose(tables, [estimator])
+    shown = [name for name in ("gdke", "ugdk") if name in data.spreads]
+    half = reach(LEVELS[-1]) * np.array([data.spreads[name].sd for name in shown])
+    centers = np.array([[data.fits[name].x, data.fits[name].y] for name in shown])
+    corners = np.vstack([centers - half, centers + half, [[0.0, 0.0]]])
+    (left, bottom), (right, top) = corners.min(axis=0), corners.max(axis=0)
+    return EllipseFrame(data, estimator, window([left, right], [bottom, top], pad=0.1, spare=0.3))
+
+
+def window(x: Sequence[float], y: Sequence[float], pad: float, spare: float, below: float = 0.5) -> Window:
+    """Left, right, bottom and top of a window of fixed shape, with room for the words below it.
+
+    Args:
+        x: positions that must be inside.
+        y: likewise.
+        pad: margin left and right, in parts of what must be inside.
+        spare: least share of the height for labels above and below.
+        below: share of the spare height that is below.
+    """
+    wide, tall = (1.0 + 2.0 * pad) * (max(x) - min(x)), (max(y) - min(y)) / (1.0 - spare)
+    wide = max(wide, tall / _SHAPE)
+    tall = _SHAPE * wide
+    left, bottom = 0.5 * (min(x) + max(x) - wide), min(y) - below * (tall - max(y) + min(y))
+    return left, left + wide, bottom, bottom + tall
+
+
+@style.journal()
+def draw(frame: EllipseFrame) -> Figure:
+    """Draw the two panels."""
+    figure = Figure(figsize=(style.PAGE, 2.95), layout="constrained")
+    whole, zoom = figure.subplots(1, 2, width_ratios=[1.0, 1.45])
+    _draw_whole(whole, frame)
+    _draw_zoom(zoom, frame)
+    style.stamp(figure, f"{frame.data.stamp}; spread over {frame.spread.ok:,} trials")
+    return figure
+
+
+def draw_data(ax: Axes, data: DataSet) -> None:
+    """The points, the true circle and its centre, on axes of equal scale."""
+    ax.add_patch(Circle((0.0, 0.0), 1.0, fill=False, linewidth=0.8, linestyle=(0, (4, 2.5)), edgecolor="black"))
+    ax.scatter(data.points["x"], data.points["y"], s=4, color="#777777", linewidths=0.0, zorder=3)
+    ax.plot(0.0, 0.0, marker="+", color="black", markersize=7, markeredgewidth=1.0, zorder=6)
+    ax.text(0.02, 0.015, "dashed: true circle", transform=ax.transAxes, va="bottom", fontsize=style.SMALL)
+    frame_axes(ax)
+
+
+def frame_axes(ax: Axes) -> None:
+    """Name the axes and give them one scale; no grid, which would run through the words."""
+    ax.grid(False)
+    ax.set_aspect("equal", anchor="N")
+    ax.set_xlabel("$(x_1 − c_1)/r$, along the arc's axis")
+    ax.set_ylabel("$(x_2 − c_2)/r$")
+
+
+def _draw_whole(ax: Axes, frame: EllipseFrame) -> None:
+    data, color = frame.data, style.color(frame.estimator)
+    fit = data.fits[frame.estimator]
+    draw_data(ax, data)
+    ax.add_patch(Circle((fit.x, fit.y), fit.radius, fill=False, linewidth=1.3, edgecolor=color, zorder=4))
+    ax.plot(fit.x, fit.y, marker=style.marker(frame.estimator), color=color, markersize=4, zorder=5)
+    left, right, bottom, top = frame.window
+    ax.add_patch(
+        Rectangle((left, bottom), right - left, top - bottom, fill=False, linewidth=0.6, edgecolor=style.FAINT)
+    )
+    span = max(1.25, abs(fit.x) + fit.radius + 0.1)
+    ax.set_xlim(-span, span)
+    ax.set_ylim(-span, span)
+    ax.set_title(f"{style.label(frame.estimator)}'s circle", loc="left")
+
+
+def _draw_zoom(ax: Axes, frame: EllipseFrame) -> None:
+    data, spread, color = frame.data, frame.spread, style.color(frame.estimator)
+    fit = data.fits[frame.estimator]
+    others = data.errors[data.errors["estimator"] == frame.estimator].iloc[:_SHOWN_TRIALS]
+    ax.scatter(others["x"], others["y"], s=3, color=style.FAINT, alpha=0.35, linewidths=0.0, zorder=2, rasterized=True)
+    for level in LEVELS:
+        width, height = (2.0 * reach(level) * sd for sd in spread.sd)
+        ax.add_patch(Ellipse((fit.x, fit.y), width, height, fill=False, edgecolor=color, linewidth=1.0, zorder=4))
+    ax.plot(fit.x, fit.y, marker=style.marker(frame.estimator), color=color, markersize=4, zorder=5)
+    ax.plot(0.0, 0.0, marker="+", color="black", markersize=9, markeredgewidth=1.2, zorder=6)
+    wide, tall = (reach(LEVELS[-1]) * sd for sd in spread.sd)
+    left, right, bottom, top = frame.window
+    ax.set_xlim(left, right)
+    ax.set_ylim(bottom, top)
+    beside: dict[str, Any] = {"textcoords": "offset points", "fontsize": style.SMALL, "zorder": 7}
+    text = f"68 % and 95 % of {style.label(frame.estimator)}'s spread"
+    if fit.x > 0.5 * (left + right) + wide:  # there is no room to its right
+        ax.annotate(text, (fit.x + wide, fit.y + tall), (0, 4), ha="right", va="bottom", color=color, **beside)
+    else:
+        ax.annotate(text, (fit.x, fit.y + tall), (0, 4), ha="center", va="bottom", color=color, **beside)
+    ax.annotate("true centre", (0.0, min(0.0, fit.y - tall)), (0, -6), ha="center", va="top", **beside)
+    frame_axes(ax)
+    ax.yaxis.set_major_locator(MaxNLocator(3))
+    ax.set_title("the framed part", loc="left")
+    write_below(ax, [data.caption, *_words(frame), _dots_words(others, frame.window)])
+
+
+def write_below(ax: Axes, lines: list[str]) -> None:
+    """Lines of words below a panel and its label."""
+    wrapped = [part for line in lines for part in textwrap.wrap(line, 68, subsequent_indent="    ")]
+    for row, words in enumerate(wrapped):
+        below = (0, -40 - 11 * row)
+        ax.annotate(words, (0.0, 0.0), below, "axes fraction", "offset points", va="top", fontsize=style.SMALL)
+
+
+def _words(frame: EllipseFrame) -> list[str]:
+    """Lines that give the bias and the coverage in numbers."""
+    spread, trials = frame.spread, frame.data.trials
+    bias, sd = style.number(spread.bias[0]), style.number(spread.sd[0])
+    in_sd = style.decimals(spread.bias[0] / spread.sd[0], 1)
+    return [
+        f"median bias along the axis: {bias} r = {in_sd} sd (sd = {sd} r)",
+        f"true centre: {frame.distance:.1f} sd from this estimate (the 95 % ellipse: {reach(LEVELS[-1]):.2f} sd)",
+        f"95 % ellipses with the true centre inside: {spread.covered:,} of {trials:,} ({spread.covered / trials:.0%})",
+    ]
+
+
+def _dots_words(dots: pd.DataFrame, window: Window) -> str:
+    left, right, bottom, top = window
+    outside = int((~(dots["x"].between(left, right) & dots["y"].between(bottom, top))).sum())
+    return f"dots: centres of {len(dots)} trials" + (f", {outside} of them off the scale" if outside else "")

@@ -1,0 +1,282 @@
+"""Figure 2: relative error against relative noise, over 28 decades; below, each error over its own bound.
+
+The paper's figure 2 overlays four estimators and rings the outliers. The paper reads it as one straight line, error =
+noise, for all of them, with UGDK closest to the Cramér-Rao bound. Here every trial is a dot, every estimator has its
+panels, and nothing is left out: a fit whose error is beyond ten times its own bound is ringed, one whose status is not
+ok is a cross, and fits off the scale are counted. Above is the paper's view. Each trial has its own N and φ, and so
+its own bound: a dot above the line of the bound's median need not be far from its own bound. Below is the error over
+the trial's own √tr CRLB, with its median in each decade.
+
+Look at: above, the straight line over most decades; UGDK's crosses to the right of σ ≈ r, where the noise exceeds the
+extent of the sphere; and the slopes, which are of the ok fits alone. Below, the shoulder of LLS and GDKE for σ from
+10⁻⁴ r to r (their bias, of order σ²); UGDK beyond; and how an efficient estimator's dots scatter about 0.8.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from study import style
+from study.arrays import Floats
+from study.fits import Status
+from study.simulation.analysis.summary import decade
+from study.simulation.figures import NotApplicable, Tables
+from study.simulation.statistics import FAR, theil_sen
+
+_MOST_COLUMNS = 4
+_MOST_FOR_SLOPE = 2000  # Theil and Sen's slope takes memory of their square
+_LEAST_PER_DECADE = 10
+_LEFT_OUT = 0.02
+"""Share of the ratios at each end that may lie off the scale: UGDK's run over many decades."""
+
+
+@dataclass(frozen=True)
+class ErrorFrame:
+    """Content of figure 2.
+
+    Attributes:
+        dots: a row per fit: estimator, noise, error and bound over the radius, error over bound (ratio), kind ("ok",
+            "far" or "not ok").
+        bound: the running median of bound over radius: noise, bound, trials behind it.
+        medians: median of the ratio over all fits: estimator, noise, ratio, in decades of at least ten trials.
+        panels: a row per estimator: slope with its 95 % interval, and counts of fits.
+        noise_limits: ends of the horizontal axis, in powers of ten.
+        error_limits: ends of the vertical axis of the errors, in powers of ten.
+        ratio_limits: likewise, of the ratios.
+        stamp: the run's name and trials.
+    """
+
+    dots: pd.DataFrame
+    bound: pd.DataFrame
+    medians: pd.DataFrame
+    panels: pd.DataFrame
+    noise_limits: tuple[int, int]
+    error_limits: tuple[int, int]
+    ratio_limits: tuple[int, int]
+    stamp: str
+
+
+def prepare(tables: Tables) -> ErrorFrame:
+    """Relative errors, the running median of the bound, slopes and counts.
+
+    Raises:
+        NotApplicable: unless the design is random, over at least a decade of relative noise.
+    """
+    if tables.design != "random":
+        raise NotApplicable('needs a random design (kind = "random"), in which every trial draws its own noise')
+    errors = tables.errors
+    ok = errors["status"] == Status.OK
+    kind = np.where(ok, np.where(errors["error"] > FAR * errors["bound"], "far", "ok"), "not ok")
+    dots = pd.DataFrame(
+        {
+            "estimator": errors["estimator"].astype(str),
+            "noise": errors["noise"] / errors["radius"],
+            "error": errors["error"] / errors["radius"],
+            "bound": errors["bound"] / errors["radius"],
+            "ratio": errors["error"] / errors["bound"],
+            "kind": kind,
+        }
+    )
+    low, high = math.floor(np.log10(dots["noise"].min())), math.ceil(np.log10(dots["noise"].max()))
+    if dots["noise"].max() < 10.0 * dots["noise"].min():
+        raise NotApplicable("needs relative noise σ/r over at least a decade: widen the law of the noise in the config")
+    limits = _robust_limits(dots["error"].to_numpy())
+    panels = pd.DataFrame([_panel(str(name), part, limits) for name, part in dots.groupby("estimator", sort=False)])
+    bound = _running_bound(dots[dots["estimator"] == panels["estimator"].iloc[0]])
+    stamp = f"{tables.name} · {panels['planned'].min():,} trials"
+    if len(bound):
+        stamp += f", at least {bound['trials'].min()} in each decade of the CRLB's median"
+    ratios = _robust_limits(dots["ratio"].to_numpy(), _LEFT_OUT)
+    return ErrorFrame(dots, bound, _medians(dots), panels, (low, high), limits, ratios, stamp)
+
+
+def _robust_limits(error: Floats, left_out: float = 0.002) -> tuple[int, int]:
+    """Powers of ten around all but an outermost share of errors at each end, and a decade more."""
+    usable = error[np.isfinite(error) & (error > 0.0)]
+    if not len(usable):
+        raise NotApplicable("no fit has a finite error")
+    low, high = np.quantile(np.log10(usable), [left_out, 1.0 - left_out])
+    return math.floor(low) - 1, math.ceil(high) + 1
+
+
+def _panel(name: str, part: pd.DataFrame, limits: tuple[int, int]) -> dict[str, object]:
+    """One estimator's slope and counts."""
+    usable = part[(part["kind"] != "not ok") & (part["error"] > 0.0) & np.isfinite(part["error"])]
+    some = usable.iloc[:_MOST_FOR_SLOPE]  # trials are exchangeable
+    slope = low = high = math.nan
+    if len(some) >= 3:
+        slope, low, high = theil_sen(np.log10(some["noise"].to_numpy()), np.log10(some["error"].to_numpy()))
+    on_scale = (part["error"] >= 10.0 ** limits[0]) & (part["error"] <= 10.0 ** limits[1])
+    return {
+        "estimator": name,
+        "slope": slope,
+        "slope_low": low,
+        "slope_high": high,
+        "planned": len(part),
+        "far": int((part["kind"] == "far").sum()),
+        "not_ok": int((part["kind"] == "not ok").sum()),
+        "off_scale": int((~on_scale).sum()),  # zero and non-finite errors count too
+    }
+
+
+def _running_bound(trials: pd.DataFrame) -> pd.DataFrame:
+    """Median of the bound in each decade of noise; each trial has its own N and φ, hence its own bound."""
+    decades = trials.groupby(decade(trials["noise"]))
+    medians = decades.agg(noise=("noise", "median"), bound=("bound", "median"), trials=("bound", "size"))
+    return medians[medians["trials"] >= _LEAST_PER_DECADE].reset_index(drop=True)
+
+
+def _medians(dots: pd.DataFrame) -> pd.DataFrame:
+    """Median of error over own bound in each decade of noise, of all fits; one without a number counts as infinite."""
+    groups = dots.assign(ratio=dots["ratio"].fillna(np.inf)).groupby(["estimator", decade(dots["noise"])], sort=False)
+    medians = groups.agg(noise=("noise", "median"), ratio=("ratio", "median"), trials=("ratio", "size")).reset_index(0)
+    return medians[medians["trials"] >= _LEAST_PER_DECADE].sort_values("noise").reset_index(drop=True)
+
+
+@style.journal()
+def draw(frame: ErrorFrame) -> Figure:
+    """Draw for each estimator the paper's view, and below it the errors over their own bounds."""
+    count = len(frame.panels)
+    columns = min(count, _MOST_COLUMNS)
+    rows = math.ceil(count / columns)
+    figure = Figure(figsize=(style.PAGE, 4.3 * rows + 0.7), layout="constrained")
+    axes = figure.subplots(2 * rows, columns, sharex=True, squeeze=False, height_ratios=[1.25, 1.0] * rows)
+    places = [(2 * row, column) for row in range(rows) for column in range(columns)]
+    for (row, column), (_, panel) in zip(places, frame.panels.iterrows(), strict=False):
+        _draw_panel(axes[row, column], frame, panel, narrow=columns > 1)
+        _draw_ratios(axes[row + 1, column], frame, panel["estimator"])
+        for ax, words in (
+            (axes[row, column], "error over radius, $|ĉ − c|/r$"),
+            (axes[row + 1, column], "error over own √tr CRLB"),
+        ):
+            ax.tick_params(labelleft=column == 0, labelbottom=ax is axes[row + 1, column])
+            ax.set_ylabel(words if column == 0 else "")
+        axes[row + 1, column].set_xlabel("noise over radius, $σ/r$")
+    for row, column in places[count:]:
+        axes[row, column].remove()
+        axes[row + 1, column].remove()
+    _label_lines(axes[0, 0], frame)
+    figure.legend(handles=_key(), loc="outside upper center", ncols=4, handletextpad=0.2, columnspacing=2.0)
+    style.stamp(figure, frame.stamp)
+    return figure
+
+
+def _draw_panel(ax: Axes, frame: ErrorFrame, panel: "pd.Series[Any]", narrow: bool) -> None:
+    name = panel["estimator"]
+    _scales(ax, frame, frame.error_limits, narrow)
+    _draw_dots(ax, frame, name, "error")
+    low, high = (10.0**power for power in frame.noise_limits)
+    ax.plot([low, high], [low, high], color=style.FAINT, linewidth=0.8, dashes=(5, 2.5), zorder=4)
+    ax.plot(frame.bound["noise"], frame.bound["bound"], color="black", linewidth=1.0, zorder=4)
+    words = _words(panel)
+    at: dict[str, Any] = {"xy": (0.0, 1.0), "xycoords": "axes fraction", "textcoords": "offset points"}
+    if narrow:  # the corner that the diagonal leaves free is too small
+        above = 5.0 + 1.35 * style.SMALL * (1 + words.count("\n"))
+        ax.annotate(style.label(name), xytext=(0, above), va="bottom", fontsize=9, weight="bold", **at)
+        ax.annotate(words, xytext=(0, 3), va="bottom", fontsize=style.SMALL, linespacing=1.35, **at)
+    else:
+        ax.annotate(style.label(name), xytext=(6, -2), va="top", fontsize=9, weight="bold", **at)
+        ax.annotate(words, xytext=(6, -18), va="top", fontsize=style.SMALL, linespacing=1.35, **at)
+
+
+def _draw_dots(ax: Axes, frame: ErrorFrame, name: str, column: str) -> None:
+    """Draw the fits of one estimator: ok, beyond ten times their bound, not ok."""
+    color = style.color(name)
+    dots = frame.dots[frame.dots["estimator"] == name]
+    plain, far, bad = (dots[dots["kind"] == kind] for kind in ("ok", "far", "not ok"))
+    cloud: dict[str, Any] = {"linewidths": 0.0, "rasterized": True}  # thousands of dots would swell the SVG
+    ax.scatter(
+        bad["noise"], bad[column], s=7, marker="x", color=style.FAINT, alpha=0.45, rasterized=True, linewidths=0.6
+    )
+    ax.scatter(plain["noise"], plain[column], s=4, color=color, alpha=0.4, zorder=3, **cloud)
+    ax.scatter(far["noise"], far[column], s=4, color=color, zorder=3, **cloud)
+    ax.scatter(far["noise"], far[column], s=18, facecolors="none", edgecolors=style.INK, linewidths=0.5, zorder=5)
+
+
+def _draw_ratios(ax: Axes, frame: ErrorFrame, name: str) -> None:
+    """Draw each error over its own bound, and the median in each decade."""
+    _scales(ax, frame, frame.ratio_limits, True)
+    _draw_dots(ax, frame, name, "ratio")
+    ax.axhline(1.0, color="black", linewidth=1.0, zorder=4)
+    ax.axhline(FAR, color=style.FAINT, linewidth=0.8, dashes=(5, 2.5), zorder=4)
+    mine = frame.medians[frame.medians["estimator"] == name]
+    ax.plot(mine["noise"], mine["ratio"], color="white", linewidth=2.6, zorder=5)
+    ax.plot(mine["noise"], mine["ratio"], color=style.INK, linewidth=1.2, zorder=6, dashes=(2, 1))
+    low, high = (10.0**power for power in frame.ratio_limits)
+    ratio = frame.dots.loc[frame.dots["estimator"] == name, "ratio"]
+    off = int((~((ratio >= low) & (ratio <= high))).sum())
+    if off:
+        ax.text(0.03, 0.97, f"{off:,} off the scale", transform=ax.transAxes, va="top", fontsize=style.SMALL)
+
+
+def _scales(ax: Axes, frame: ErrorFrame, limits: tuple[int, int], narrow: bool) -> None:
+    """Set logarithmic axes with ticks at the same powers of ten in all panels."""
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    ax.set_xlim(*(10.0**power for power in frame.noise_limits))
+    ax.set_ylim(*(10.0**power for power in limits))
+    ax.set_xticks(_ticks(frame.noise_limits, narrow), minor=False)
+    ax.set_yticks(_ticks(limits, narrow), minor=False)
+    ax.minorticks_off()
+
+
+def _words(panel: "pd.Series[Any]") -> str:
+    if math.isfinite(panel["slope"]):
+        lines = [f"slope {panel['slope']:.3f} [{panel['slope_low']:.3f}, {panel['slope_high']:.3f}]"]
+    else:
+        lines = ["too few ok fits for a slope"]
+    lines.append(f"{panel['far']:,} beyond 10 × √tr CRLB")
+    lines.append(f"{panel['not_ok']:,} of {panel['planned']:,} not ok")
+    if panel["off_scale"]:
+        lines.append(f"{panel['off_scale']:,} off the scale")
+    return "\n".join(lines)
+
+
+def _label_lines(ax: Axes, frame: ErrorFrame) -> None:
+    """Name the two lines, once, in the corners that the diagonal leaves free."""
+    at = frame.noise_limits[1] - 0.09 * (frame.noise_limits[1] - frame.noise_limits[0])
+    ax.text(10.0**at, 10.0**at, "error = noise  ", ha="right", va="bottom", fontsize=style.SMALL, color="#666666")
+    if len(frame.bound):
+        row = frame.bound.iloc[round(0.55 * (len(frame.bound) - 1))]
+        ax.annotate(
+            "√tr CRLB,\nmedian in each decade",
+            (row["noise"], row["bound"]),
+            (0.97, 0.16),
+            textcoords="axes fraction",
+            ha="right",
+            va="center",
+            fontsize=style.SMALL,
+            arrowprops={"arrowstyle": "-", "linewidth": 0.6, "color": "black", "relpos": (0.6, 1.0), "shrinkB": 0},
+        )
+
+
+def _ticks(limits: tuple[int, int], narrow: bool) -> list[float]:
+    """A few powers of ten within the limits, 1 among them."""
+    step = max(1, round((limits[1] - limits[0]) / (3 if narrow else 6)))
+    return [10.0**power for power in range(math.ceil(limits[0] / step) * step, limits[1] + 1, step)]
+
+
+def _key() -> list[Line2D]:
+    """Legend entries of the three marks."""
+    plain: dict[str, Any] = {"linestyle": "none", "markeredgewidth": 0.6}
+    return [
+        Line2D([], [], marker="o", markersize=2.5, color="#555555", label="a fit that is ok", **plain),
+        Line2D(
+            [],
+            [],
+            marker="o",
+            markersize=5,
+            markerfacecolor="none",
+            color=style.INK,
+            label="ok, error beyond 10 × its own √tr CRLB",
+            **plain,
+        ),
+        Line2D([], [], marker="x", markersize=3.5, color=style.FAINT, label="a fit whose status is not ok", **plain),
+        Line2D([], [], linewidth=1.2, color=style.INK, dashes=(2, 1), label="median in each decade"),
+    ]

@@ -1,0 +1,221 @@
+"""Efficiency: median error over the Cramér-Rao bound against relative noise, per estimator.
+
+One panel per cap angle. The unit is the median of an estimator with Gaussian errors at the Cramér-Rao bound. That
+bound treats the directions as known. The dashed line is the attainable bound, which does not: an estimator on it is
+efficient. Medians are of all fits, whatever their status; a fit without a number counts as worse than any. Of a run
+with many estimators five are drawn, the default and the paper's first; the stamp names the others, which `study
+summary` has. Marks below the curves are where theory puts the changes: GDKE's bias exceeds its scatter at
+s* = r √(Kₐ/N) / m₁, UGDK leaves the bound at σ² = v/2, and UGDK's matrix begins to fail at κ = (v/σ²) √(N/2) = 3, with
+v = r²Kₐ the variance of the points along the axis.
+
+Look at: GDKE leaves the bound first, by a factor that grows as √N. To subtract the known noise (UGDK) costs more than
+to estimate it from the same points (ALS). Past κ = 3 the noise hides the sphere, and no estimator works; those whose
+errors are bounded err least. Curves fall below 1 there only because the bound does not hold for biased estimators.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from study import style
+from study.fits.cap import CapMoments, cap_moments
+from study.simulation.analysis.regret import (
+    gdke_leaves,
+    median_at_bound,
+    median_attainable,
+    noise_at_kappa,
+    ugdk_leaves,
+)
+from study.simulation.figures import NotApplicable, Tables, at_first
+from study.simulation.statistics import quantile
+
+_LEAST_LEVELS = 4
+_MOST_PANELS = 6
+_MOST_CURVES = 5
+_FIRST = ("gdke", "ugdk", "mle", "als", "corrected")
+"""Estimators that are drawn before any others."""
+_LOW, _HIGH = 0.5, 10.0  # shown at least
+
+
+@dataclass(frozen=True)
+class EfficiencyFrame:
+    """Content of the figure.
+
+    Attributes:
+        curves: a row per angle, noise and estimator: the median error in units of an efficient estimator's, and its
+            Monte-Carlo error; infinite where more than half of the fits have no number.
+        attainable: a row per angle and noise: the same median for Gaussian errors at the attainable bound.
+        marks: a row per angle: σ/r at which GDKE leaves the bound, UGDK leaves it, and UGDK fails.
+        samples: N.
+        stamp: the run's name and trials.
+    """
+
+    curves: pd.DataFrame
+    attainable: pd.DataFrame
+    marks: pd.DataFrame
+    samples: int
+    stamp: str
+
+
+def prepare(tables: Tables) -> EfficiencyFrame:
+    """Medians over the bound, at the greatest number of samples, and at the first radius and centre.
+
+    Raises:
+        NotApplicable: unless the design is a grid with at least four levels of isotropic noise.
+    """
+    if tables.design != "grid":
+        raise NotApplicable('needs many trials of each condition: kind = "grid" in the config')
+    if not tables.noise_law.isotropic:
+        raise NotApplicable("compares with an isotropic bound: needs a config without noise_shape")
+    tables.require_errors()
+    cells = tables.summary.drop_duplicates("group")  # the conditions of each cell, where the error table repeats them
+    cells = at_first(cells[cells["samples"] == cells["samples"].max()], besides=("noise", "angle"))
+    level = cells["noise"] / cells["radius"]
+    if level.nunique() < _LEAST_LEVELS:
+        raise NotApplicable(f"needs at least {_LEAST_LEVELS} levels of noise in the grid, not {level.nunique()}")
+    samples = int(cells["samples"].iloc[0])
+    place = dict(zip(cells["group"], zip(cells["angle"], level, strict=True), strict=True))
+    caps = {angle: cap_moments(math.radians(angle), tables.dimension) for angle in cells["angle"].unique()}
+    shown = _shown(tables.estimators)
+    errors = tables.some_errors(["cell", "estimator", "error", "bound"], shown)
+    ratios = (errors["error"] / errors["bound"]).fillna(np.inf)
+    rows = []
+    for (cell, estimator), part in ratios.groupby([errors["cell"], errors["estimator"]], observed=True, sort=False):
+        if cell not in place:
+            continue
+        angle, noise = place[cell]
+        unit = median_at_bound(caps[angle], tables.dimension)
+        median = quantile(part.to_numpy(), 0.5)
+        rows.append((angle, str(estimator), noise, median.value / unit, median.error / unit, len(part)))
+    columns = ["angle", "estimator", "level", "ratio", "error", "trials"]
+    curves = pd.DataFrame(rows, columns=columns)
+    levels = curves[["angle", "level"]].drop_duplicates()
+    units = {angle: median_at_bound(moments, tables.dimension) for angle, moments in caps.items()}
+    reached = [
+        median_attainable(angle, noise, tables.dimension) / units[angle]
+        for angle, noise in zip(levels["angle"], levels["level"], strict=True)
+    ]
+    least = curves["trials"].min()
+    return EfficiencyFrame(
+        curves=curves,
+        attainable=levels.assign(ratio=reached),
+        marks=pd.DataFrame([{"angle": angle, **_marks(moments, samples)} for angle, moments in caps.items()]),
+        samples=samples,
+        stamp=" · ".join([tables.name, *_others(tables.estimators, shown), f"at least {least:,} {_behind(curves)}"]),
+    )
+
+
+def _shown(estimators: list[str]) -> list[str]:
+    """Estimators that are drawn: the first of `_FIRST`, then others in the order of the config."""
+    order = sorted(estimators, key=lambda name: _FIRST.index(name) if name in _FIRST else len(_FIRST))
+    return order[:_MOST_CURVES]
+
+
+def _others(estimators: list[str], shown: list[str]) -> list[str]:
+    names = [style.label(name) for name in estimators if name not in shown]
+    return [f"not drawn: {', '.join(names)}"] if names else []
+
+
+def _behind(curves: pd.DataFrame) -> str:
+    """Words on the trials, and the typical Monte-Carlo error."""
+    relative = (curves["error"] / curves["ratio"])[np.isfinite(curves["ratio"]) & np.isfinite(curves["error"])]
+    usual = f", usual standard error {100.0 * relative.median():.1f} %" if len(relative) else ""
+    return f"trials behind each median{usual}"
+
+
+def _marks(moments: CapMoments, samples: int) -> dict[str, float]:
+    """Relative noise at which theory predicts each change."""
+    return {
+        "gdke": gdke_leaves(samples, moments),
+        "ugdk": ugdk_leaves(moments),
+        "fails": noise_at_kappa(3.0, samples, moments),
+    }
+
+
+@style.journal()
+def draw(frame: EfficiencyFrame) -> Figure:
+    """Draw a panel per angle, two in a row, with one legend above."""
+    angles = list(frame.marks["angle"])[:_MOST_PANELS]
+    rows = math.ceil(len(angles) / 2)
+    figure = Figure(figsize=(style.PAGE, 0.7 + 2.5 * rows), layout="constrained")
+    axes = figure.subplots(rows, 2 if len(angles) > 1 else 1, sharex=True, sharey=True, squeeze=False)
+    for ax, angle in zip(axes.flat, angles, strict=False):
+        _panel(ax, frame, angle)
+    for ax in axes.flat[len(angles) :]:
+        ax.set_visible(False)
+    for ax in axes[-1]:
+        ax.set_xlabel("noise over radius, $σ/r$")
+    for ax in axes[:, 0]:
+        ax.set_ylabel("median error,\nCramér-Rao = 1")
+    names = list(dict.fromkeys(frame.curves["estimator"]))
+    handles = [
+        Line2D([], [], color=style.color(n), marker=style.marker(n), markersize=3.5, label=style.label(n))
+        for n in names
+    ]
+    handles.append(Line2D([], [], color="black", linewidth=1.0, linestyle=(0, (4, 2)), label="attainable bound"))
+    handles.append(Line2D([], [], color="black", linewidth=0.8, label="Cramér-Rao bound"))
+    marked = (
+        "ticks below: where, by theory, GDKE leaves the bound ($s^*$), UGDK leaves it ($σ^2=v/2$), UGDK fails ($κ=3$)"
+    )
+    figure.legend(
+        handles=handles,
+        loc="outside upper center",
+        ncols=min(len(handles), 5),
+        title=marked,
+        title_fontsize=style.SMALL,
+    )
+    style.stamp(figure, frame.stamp)
+    return figure
+
+
+def _panel(ax: Axes, frame: EfficiencyFrame, angle: float) -> None:
+    """Draw the panel of one angle."""
+    mine = frame.curves[frame.curves["angle"] == angle]
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    ratios = frame.curves["ratio"][np.isfinite(frame.curves["ratio"])]
+    ax.set_ylim(min(_LOW, 0.9 * ratios.min()) / 1.8, max(_HIGH, 1.3 * ratios.max()))  # with room for the marks
+    ax.axhline(1.0, color="black", linewidth=0.8)
+    attainable = frame.attainable[frame.attainable["angle"] == angle].sort_values("level")
+    ax.plot(attainable["level"], attainable["ratio"], color="black", linewidth=1.0, linestyle=(0, (4, 2)), zorder=4)
+    curves = list(mine.groupby("estimator", sort=False))
+    for place, (name, curve) in enumerate(curves):
+        shown = curve.sort_values("level")
+        size = 1.0 - place / len(curves)  # larger marks first: later ones do not hide them
+        ax.plot(
+            shown["level"],
+            shown["ratio"],
+            color=style.color(str(name)),
+            marker=style.marker(str(name)),
+            markersize=2.2 + 2.4 * size,
+            markeredgewidth=0.0,
+            linewidth=0.7 + 0.9 * size,
+            zorder=3,
+        )
+    marks = frame.marks[frame.marks["angle"] == angle].iloc[0]
+    low, high = mine["level"].min(), mine["level"].max()
+    ax.set_xlim(low / 1.3, high * 1.3)
+    present = set(mine["estimator"])
+    for key, words, name, side in (
+        ("gdke", "$s^*$", "gdke", "left"),
+        ("ugdk", "$σ^2=v/2$", "ugdk", "right"),
+        ("fails", "$κ=3$", "ugdk", "left"),
+    ):
+        if name in present and low <= marks[key] <= high:
+            ax.axvline(marks[key], 0.0, 0.09, color=style.color(name), linewidth=1.2, zorder=1)
+            ax.annotate(
+                words,
+                (marks[key], 0.0),
+                (2 if side == "left" else -2, 2),
+                ("data", "axes fraction"),
+                "offset points",
+                ha=side,
+                fontsize=style.SMALL,
+                color=style.color(name),
+            )
+    ax.set_title(f"$φ$ = {angle:g}°, $N$ = {frame.samples:,}", loc="left")

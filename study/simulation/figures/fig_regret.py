@@ -1,0 +1,120 @@
+"""Regret: error of each estimator over that of the best estimator in each cell of a grid.
+
+One row per estimator, the best on top; a point per cell, in a lane for each number of samples, few samples above. Left
+the median error, right its 95 % quantile; a cross is the geometric mean over all cells, written beside it. Points at
+the right edge lie beyond it.
+
+Look at: an estimator that is safe to use without knowing the cell has all of its points near 1, in both panels. If its
+mean is small on the left but its points reach far on the right, it is usually good and sometimes much worse than the
+best.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from study import style
+from study.simulation.analysis.regret import QUANTILES, by_cell, regret
+from study.simulation.figures import NotApplicable, Tables
+
+_FEWEST_CELLS = 6
+_EDGE = 12.0
+_TITLES = {"median": "median error", "q95": "95 % quantile of the error"}
+
+
+@dataclass(frozen=True)
+class RegretFrame:
+    """Content of the figure.
+
+    Attributes:
+        cells: a row per cell and estimator, see `study.simulation.analysis.regret.by_cell`.
+        means: a row per estimator, the best first, see `study.simulation.analysis.regret.regret`.
+        stamp: the run's name and its cells.
+    """
+
+    cells: pd.DataFrame
+    means: pd.DataFrame
+    stamp: str
+
+
+def prepare(tables: Tables) -> RegretFrame:
+    """Regret in each cell, and its means.
+
+    Raises:
+        NotApplicable: unless the design is a grid of at least six cells, with two estimators or more.
+    """
+    if tables.design != "grid":
+        raise NotApplicable('needs many trials of each condition: kind = "grid" in the config')
+    errors, names = tables.errors, tables.estimators
+    if errors["cell"].nunique() < _FEWEST_CELLS or len(names) < 2:
+        raise NotApplicable(f"needs two estimators or more, and at least {_FEWEST_CELLS} cells in the grid")
+    if errors["trial"].max() < 1:
+        raise NotApplicable("needs two trials of each cell or more")
+    cells = by_cell(errors, names)
+    means = regret(cells)
+    means = means[means["samples"] == 0].sort_values("median", kind="stable")
+    trials = 1 + errors.groupby("cell", observed=True)["trial"].max().min()
+    words = f"{cells['cell'].nunique()} cells in {tables.dimension} dimensions, of at least {trials:,} trials each"
+    return RegretFrame(cells, means, f"{tables.name} · {words}")
+
+
+@style.journal()
+def draw(frame: RegretFrame) -> Figure:
+    """Draw the two panels, with one legend of the numbers of samples above."""
+    names = list(frame.means["estimator"])
+    figure = Figure(figsize=(style.PAGE, 1.1 + 0.42 * len(names)), layout="constrained")
+    for ax, name in zip(figure.subplots(1, 2, sharex=True, sharey=True), QUANTILES, strict=True):
+        _panel(ax, frame, name, names)
+    figure.axes[0].set_yticks(range(len(names)), [style.label(name) for name in names])
+    figure.axes[0].set_ylim(len(names) - 0.5, -0.5)
+    sizes = sorted(frame.cells["samples"].unique())
+    handles = [
+        Line2D([], [], color=_shade(place, len(sizes)), marker="o", linewidth=0, markersize=3.5, label=f"$N$ = {n:,}")
+        for place, n in enumerate(sizes)
+    ]
+    figure.legend(handles=handles, loc="outside upper center", ncols=len(sizes))
+    style.stamp(figure, frame.stamp)
+    return figure
+
+
+def _shade(place: int, count: int) -> tuple[float, float, float]:
+    """Colour of a number of samples: light for few, dark for many."""
+    share = place / max(count - 1, 1)
+    light, dark = np.array([0.62, 0.79, 0.88]), np.array([0.03, 0.19, 0.42])
+    red, green, blue = (1.0 - share) * light + share * dark
+    return float(red), float(green), float(blue)
+
+
+def _panel(ax: Axes, frame: RegretFrame, name: str, names: list[str]) -> None:
+    """Draw the cells and the means of one quantile."""
+    sizes = sorted(frame.cells["samples"].unique())
+    for row, estimator in enumerate(names):
+        mine = frame.cells[frame.cells["estimator"] == estimator]
+        for place, samples in enumerate(sizes):
+            ratios = mine[mine["samples"] == samples][name].to_numpy()
+            ratios = ratios[np.logical_not(np.isnan(ratios))]
+            lane = np.full(len(ratios), row + 0.64 * ((place + 0.5) / len(sizes) - 0.5))
+            shown, color = np.minimum(ratios, _EDGE), _shade(place, len(sizes))
+            ax.plot(shown, lane, "o", color=color, markersize=2.4, markeredgewidth=0.0, alpha=0.8, clip_on=False)
+        mean = float(frame.means.loc[frame.means["estimator"] == estimator, name].iloc[0])
+        ax.plot(min(mean, _EDGE), row, "+", color=style.INK, markersize=9, markeredgewidth=1.3, zorder=4)
+        ax.annotate(
+            style.decimals(mean, 2),
+            (1.0, row),
+            (6, 0),
+            ("axes fraction", "data"),
+            "offset points",
+            va="center",
+            fontsize=style.SMALL,
+        )
+    ax.set_xscale("log")
+    ax.set_xlim(1.0, _EDGE)
+    ax.set_xticks([1, 2, 3, 5, 10], ["1", "2", "3", "5", "10"])
+    ax.minorticks_off()
+    ax.grid(visible=False, axis="y")
+    ax.set_xlabel("over the best in the cell")
+    ax.set_title(_TITLES[name], loc="left")

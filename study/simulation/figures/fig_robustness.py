@@ -1,0 +1,194 @@
+"""Robustness: median error against the share of outliers, and against the tails of the noise, per estimator.
+
+One row of panels per cap angle. Left, the noise is normal and a share of the samples is displaced in random directions;
+right, there are no outliers, and the laws of the noise stand in the order of their excess kurtosis, all with the same
+covariance σ² I. The unit is the median of an estimator with Gaussian errors at the Gaussian bound of the same σ, so 1
+is efficient with normal noise. A fit that is not ok counts as worse than any. Bars are 95 % intervals of the median;
+every law has the same normal numbers behind it, so that differences between laws are more precise than the bars.
+
+The dashed line is the error of an efficient estimator that takes the outliers for noise: a share p of displacements by
+s σ makes the variance of a coordinate σ² (1 + p s²/d).
+
+Look at: on the left, least-squares fits follow the dashed line, as if all samples had become noisier. The biased
+ones (GDKE, LLS) leave it on a cap, because their bias grows as the variance does. On the right, on an axis of its own,
+next to nothing changes: the error of least squares depends on the covariance alone.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from study import style
+from study.fits.cap import cap_moments
+from study.simulation.analysis.regret import median_at_bound
+from study.simulation.experiment.conditions import LAW, OUTLIER_SHARE, OUTLIER_SIZE
+from study.simulation.experiment.noise import NORMAL, excess_kurtosis, freedom
+from study.simulation.figures import NotApplicable, Tables, at_first
+
+_LEAST = 3
+_MOST_ROWS = 4
+_TOP, _ROW, _BOTTOM = 0.5, 2.2, 0.75  # inches
+_DODGE = 0.08
+"""Distance between the marks of two estimators at one place."""
+
+
+@dataclass(frozen=True)
+class RobustnessFrame:
+    """Content of the figure.
+
+    Attributes:
+        shares: a row per angle, share of outliers and estimator, with normal noise: the median error in units of an
+            efficient estimator's, and its Monte-Carlo error; infinite where more than half of the fits are not ok.
+        tails: a row per angle, law and estimator, without outliers, likewise; in the order of the excess kurtosis.
+        size: length of an outlier's displacement, in units of σ.
+        dimension: d.
+        samples: N.
+        stamp: the run's name and trials.
+    """
+
+    shares: pd.DataFrame
+    tails: pd.DataFrame
+    size: float
+    dimension: int
+    samples: int
+    stamp: str
+
+
+def prepare(tables: Tables) -> RobustnessFrame:
+    """Medians from the summary, at the first number of samples, noise, radius and centre.
+
+    Raises:
+        NotApplicable: unless the design is a grid of several shares of outliers, with none among them, and of several
+            laws of the noise, with the normal one among them.
+    """
+    if tables.design != "grid":
+        raise NotApplicable('needs many trials of each condition: kind = "grid" in the config')
+    if not tables.noise_law.isotropic:
+        raise NotApplicable("compares with an isotropic bound: needs a config without noise_shape")
+    law, share, size = LAW.name, OUTLIER_SHARE.name, OUTLIER_SIZE.name
+    for name, least in ((law, NORMAL), (share, 0.0)):
+        found = set(tables.summary[name]) if name in tables.summary else set()
+        if len(found) < _LEAST or least not in found:
+            raise NotApplicable(f"needs at least {_LEAST} values of {name} in the grid, with {least} among them")
+    rows = at_first(tables.summary, besides=("angle", law, share))
+    unit = {
+        angle: median_at_bound(cap_moments(math.radians(angle), tables.dimension), tables.dimension)
+        for angle in rows["angle"].unique()
+    }
+    medians = pd.DataFrame(
+        {
+            "angle": rows["angle"],
+            "estimator": rows["estimator"].astype(str),
+            "law": rows[law].astype(str),
+            "share": rows[share],
+            "ratio": rows["ratio_median_all"].fillna(np.inf) / rows["angle"].map(unit),
+            "error": rows["ratio_median_all_error"] / rows["angle"].map(unit),
+        }
+    )
+    order = sorted(medians["law"].unique(), key=lambda word: (excess_kurtosis(word), -(freedom(word) or 0.0)))
+    tails = medians[medians["share"] == 0.0]
+    return RobustnessFrame(
+        shares=medians[medians["law"] == NORMAL].sort_values("share", kind="stable"),
+        tails=tails.sort_values("law", kind="stable", key=lambda words: words.map(order.index)),
+        size=float(rows[size].iloc[0]) if size in rows else float(OUTLIER_SIZE.default or 0.0),
+        dimension=tables.dimension,
+        samples=int(rows["samples"].iloc[0]),
+        stamp=f"{tables.name} · at least {int(rows['planned'].min()):,} trials behind each median",
+    )
+
+
+@style.journal()
+def draw(frame: RobustnessFrame) -> Figure:
+    """Draw a row of two panels per angle, with one legend above."""
+    angles = list(frame.shares["angle"].unique())[:_MOST_ROWS]
+    height = _TOP + _BOTTOM + _ROW * len(angles)
+    figure = Figure(figsize=(style.PAGE, height))
+    axes = figure.subplots(len(angles), 2, sharex="col", sharey="col", squeeze=False)
+    # a layout engine's solver rounds differently from time to time, and equal figures should be equal files
+    figure.subplots_adjust(
+        left=0.72 / style.PAGE,
+        right=1.0 - 0.05 / style.PAGE,
+        bottom=_BOTTOM / height,
+        top=1.0 - _TOP / height,
+        wspace=0.14,
+        hspace=0.2,
+    )
+    names = list(dict.fromkeys(frame.shares["estimator"]))
+    for (left, right), angle in zip(axes, angles, strict=True):
+        shares = frame.shares[frame.shares["angle"] == angle]
+        values = list(shares["share"].unique())
+        _panel(left, shares, "share", values, names)
+        as_noise = [math.sqrt(1.0 + share * frame.size**2 / frame.dimension) for share in values]
+        left.plot(range(len(values)), as_noise, color="black", linewidth=0.8, linestyle="--", zorder=2)
+        left.set_xticks(range(len(values)), [f"{100.0 * share:.3g} %" for share in values])
+        tails = frame.tails[frame.tails["angle"] == angle]
+        laws = list(tails["law"].unique())
+        _panel(right, tails, "law", laws, names)
+        right.set_xticks(range(len(laws)), [_law_label(word) for word in laws])
+        left.set_ylabel("median error,\nefficient = 1")
+        left.set_title(f"$φ$ = {angle:g}°, $N$ = {frame.samples:,}, normal noise", loc="left")
+        right.set_title(f"$φ$ = {angle:g}°, no outliers", loc="left")
+    _decades(axes[0, 0], frame.shares["ratio"])
+    _near_one(axes[0, 1], frame.tails["ratio"])
+    axes[-1, 0].set_xlabel(f"share of outliers, each displaced by {frame.size:g} $σ$")
+    axes[-1, 1].set_xlabel("law of the noise, and its excess kurtosis")
+    handles = [
+        Line2D([], [], color=style.color(n), marker=style.marker(n), markersize=3.5, label=style.label(n))
+        for n in names
+    ]
+    dashed = Line2D([], [], color="black", linewidth=0.8, linestyle="--", label="outliers taken for noise")
+    rows = -(-(len(names) + 1) // 8)  # eight in a row fill the page
+    figure.legend(handles=[*handles, dashed], loc="upper center", ncols=-(-(len(names) + 1) // rows), columnspacing=1.2)
+    style.stamp(figure, frame.stamp)
+    return figure
+
+
+def _panel(ax: Axes, rows: pd.DataFrame, column: str, places: list[object], names: Sequence[str]) -> None:
+    """Draw the medians of each estimator at places side by side, with their intervals."""
+    ax.axhline(1.0, color="black", linewidth=0.8)
+    ax.grid(visible=False, axis="x")
+    for number, name in enumerate(names):
+        mine = rows[rows["estimator"] == name]
+        x = np.array([places.index(value) for value in mine[column]]) + _DODGE * (number - 0.5 * (len(names) - 1))
+        ax.errorbar(
+            x,
+            np.where(np.isfinite(mine["ratio"]), mine["ratio"], np.nan),
+            yerr=1.96 * np.where(np.isfinite(mine["error"]), mine["error"], np.nan),
+            color=style.color(name),
+            marker=style.marker(name),
+            markersize=3.6,
+            markeredgewidth=0.0,
+            linewidth=0.5,
+            elinewidth=1.0,
+            zorder=3,
+        )
+
+
+def _decades(ax: Axes, ratios: pd.Series) -> None:
+    """Give the panels of outliers a logarithmic axis, with room for all medians."""
+    finite = ratios[np.isfinite(ratios)]
+    low, high = min(0.85, 0.9 * finite.min()), max(4.0, 1.25 * finite.max())
+    ax.set_yscale("log")
+    ticks = [t for t in (0.1, 0.2, 0.5, 1.0, 1.5, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0, 100.0) if low <= t <= high]
+    ax.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
+    ax.minorticks_off()
+    ax.set_ylim(low, high)
+
+
+def _near_one(ax: Axes, ratios: pd.Series) -> None:
+    """Give the panels of laws a linear axis of its own, on which small differences can be seen."""
+    finite = ratios[np.isfinite(ratios)]
+    ax.set_ylim(min(0.85, finite.min() - 0.1), max(1.2, finite.max() + 0.1))
+
+
+def _law_label(word: str) -> str:
+    """A law for an axis, with its excess kurtosis below."""
+    nu, excess = freedom(word), excess_kurtosis(word)
+    name = (word.capitalize() if word == "laplace" else word) if nu is None else f"$t_{{{nu:g}}}$"
+    return f"{name}\n{'∞' if math.isinf(excess) else style.number(excess)}"

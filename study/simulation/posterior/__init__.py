@@ -1,0 +1,1 @@
+"""Posteriors of single trials by ensemble samplers, and their calibration."""

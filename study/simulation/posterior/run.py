@@ -1,0 +1,468 @@
+"""The posterior tables of a run: chains computed by workers, stored as they finish, and joined at the end.
+
+Simulation-based calibration of posteriors and of the estimators' own covariances, over many trials.
+
+For a correct posterior the rank of the truth is uniform (Cook, Gelman & Rubin 2006; Talts et al. 2018), and sets of
+nominal level p contain the truth in a share p of the trials. An estimator is tested in the same way: its rank is the
+distribution function of its error law at the truth, its level that of the ellipsoid through the truth.
+
+In a grid the truth is fixed, in a random design it is drawn. The priors are flat where the posterior is, so both must
+give uniform ranks up to terms of the order of σ²/v, if the likelihood is that of the data.
+
+The tables of a chain: the posterior in numbers, each estimator's fit beside it, and stored draws.
+
+The chains that a config asks for, each computed from its name alone.
+
+A chain is named by its cell, trial, likelihood and whether the noise is known, and draws from a stream of that name. So
+its numbers depend neither on the number of workers nor on an interruption, and more trials or cells leave the other
+chains as they are.
+
+The posterior tables for a terminal: posteriors beside the MLE and the bound, and their calibration.
+"""
+
+import hashlib
+import json
+import math
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.compute as pc
+import scipy
+from scipy import special
+from threadpoolctl import threadpool_limits
+
+from study.arrays import Floats
+from study.files import RunError, writing
+from study.fits import ESTIMATORS, Samples, Status
+from study.fits.cap import cap_moments
+from study.fits.registry import fit_samples
+from study.fits.streams import old_stream
+from study.simulation.experiment.conditions import STORED, named_in
+from study.simulation.experiment.config import ChainStatus, Posterior, Study
+from study.simulation.experiment.designs import Cell
+from study.simulation.experiment.sampling import Address, Trial, addresses, replay
+from study.simulation.posterior.sampler import Chain, Prior, sample
+from study.simulation.runs import schemas
+from study.simulation.runs.parts import Packet, Parts
+from study.simulation.runs.run_folder import Run
+from study.simulation.runs.workers import Backend, Dispatch, Workers
+from study.text import columns, number
+
+KEYS = ["cell", "trial", "likelihood", "noise_is"]
+LEVELS = (0.68, 0.95)
+FLAT = 0.02
+"""σ²/v above which the posterior is skewed (docs/theory.md §6)."""
+
+
+def by_cell(posterior: pd.DataFrame, answers: pd.DataFrame) -> pd.DataFrame:
+    """Posteriors beside the MLE and the bound, cell by cell.
+
+    Args:
+        posterior: the posterior table.
+        answers: the table of the estimators' answers.
+
+    Returns:
+        A row per cell, likelihood and ``noise_is``, with the cell's conditions: the numbers ``chains`` and ``ok``, and
+        over the ok chains the largest ``shift`` of the posterior mean from the MLE in any component of (c, r), in
+        posterior sd (NaN without ``mle`` among the estimators), the ``least`` and ``most`` ratio of a component's sd to
+        the bound's, and the largest ``tau``.
+    """
+    endings = [name.removeprefix("away_") for name in answers.columns if name.startswith("away_")]
+    mle = answers[answers["estimator"] == "mle"].set_index(KEYS)[[f"away_{e}" for e in endings]]
+    shift = mle.abs().max(axis=1).reindex(posterior.set_index(KEYS).index)
+    ratio = posterior[[f"sd_{e}" for e in endings]].to_numpy() / posterior[[f"bound_{e}" for e in endings]].to_numpy()
+    found = posterior.assign(shift=shift.to_numpy(), least=ratio.min(axis=1), most=ratio.max(axis=1))
+    rows = []
+    conditions = [condition.name for condition in STORED if condition.name in found]
+    kept = ["cell", "likelihood", "noise_is", *conditions, "flatness"]
+    for _, part in found.groupby(["cell", "likelihood", "noise_is"], sort=False, observed=True):
+        ok = part[part["status"] == ChainStatus.OK]
+        row: dict[str, object] = {name: part[name].iloc[0] for name in kept}
+        row |= {"chains": len(part), "ok": len(ok), "shift": ok["shift"].max(), "tau": ok["tau"].max()}
+        rows.append(row | {"least": ok["least"].min(), "most": ok["most"].max()})
+    return pd.DataFrame(rows)
+
+
+def trials(posterior: pd.DataFrame, answers: pd.DataFrame) -> pd.DataFrame:
+    """Ranks and levels of every method, a row per chain and method.
+
+    Args:
+        posterior: the posterior table.
+        answers: the table of the estimators' answers.
+
+    Returns:
+        Columns ``method`` ("posterior" or an estimator), ``likelihood``, ``noise_is``, ``flatness``, ``ok``,
+        ``level`` and ``rank_…``. With chains of two likelihoods, an estimator's rows are those beside the first, so
+        that no fit counts twice.
+    """
+    ranks = [name for name in answers.columns if name.startswith("rank_")]
+    chains = posterior.assign(method="posterior", ok=posterior["status"] == ChainStatus.OK)
+    flatness = posterior.set_index(KEYS)["flatness"]
+    first = str(posterior["likelihood"].iloc[0])
+    fits = answers[answers["likelihood"] == first].assign(method=lambda f: f["estimator"].astype(str))
+    fits = fits.assign(ok=fits["status"] == Status.OK, flatness=flatness.reindex(fits.set_index(KEYS).index).to_numpy())
+    columns = ["method", "likelihood", "noise_is", "flatness", "ok", "level", *ranks]
+    extra = [name for name in posterior.columns if name.startswith("rank_") and name not in ranks]
+    return pd.concat([chains[columns + extra], fits[columns].reindex(columns=columns + extra)], ignore_index=True)
+
+
+def coverage(found: pd.DataFrame) -> pd.DataFrame:
+    """Share of trials in which a method's sets of nominal level contain the truth.
+
+    Args:
+        found: rows as `trials` gives them.
+
+    Returns:
+        A row per likelihood, ``noise_is``, method and nominal level: ``trials``, ``failed`` (those not ok, which
+        count as not containing the truth), ``share`` that contains it, ``low`` and ``high`` of its exact 95 % binomial
+        interval, and ``p`` of the exact binomial test of the nominal level.
+    """
+    rows = []
+    for keys, part in found.groupby(["likelihood", "noise_is", "method"], sort=False, observed=True):
+        inside, ok = part["level"].to_numpy(), part["ok"].to_numpy()
+        for level in LEVELS:
+            test = scipy.stats.binomtest(int(np.sum(ok & (inside < level))), len(part), level)
+            low, high = test.proportion_ci(0.95, method="exact")
+            row: dict[str, object] = dict(zip(["likelihood", "noise_is", "method"], keys, strict=True))
+            row |= {"level": level, "trials": len(part), "failed": int(np.sum(~ok)), "share": test.statistic}
+            rows.append(row | {"low": low, "high": high, "p": test.pvalue})
+    return pd.DataFrame(rows)
+
+
+def uniformity(found: pd.DataFrame) -> pd.DataFrame:
+    """Kolmogorov and Smirnov's test that ranks are uniform, parameter by parameter.
+
+    Args:
+        found: rows as `trials` gives them; only ok rows are used.
+
+    Returns:
+        A row per likelihood, ``noise_is``, method and parameter: ``trials``, ``mean`` of the ranks (0.5 if they are
+        uniform), ``distance`` from the uniform distribution, and its ``p``.
+    """
+    rows = []
+    parameters = [name for name in found.columns if name.startswith("rank_")]
+    for keys, part in found[found["ok"]].groupby(["likelihood", "noise_is", "method"], sort=False, observed=True):
+        for name in parameters:
+            ranks = part[name].dropna().to_numpy()
+            if len(ranks) < 2:
+                continue
+            test = scipy.stats.kstest(ranks, "uniform")
+            row: dict[str, object] = dict(zip(["likelihood", "noise_is", "method"], keys, strict=True))
+            row |= {"parameter": name.removeprefix("rank_"), "trials": len(ranks), "mean": float(ranks.mean())}
+            rows.append(row | {"distance": float(test.statistic), "p": float(test.pvalue)})
+    return pd.DataFrame(rows)
+
+
+Row = dict[str, Any]
+
+STORED_DRAWS = 2000
+"""Largest number of draws that are stored of a chain."""
+
+
+def rows(study: Study, trial: Trial, chain: Chain, key: Row, walkers: int, keep: bool) -> dict[str, pa.Table]:
+    """Rows of the three tables for one chain.
+
+    Args:
+        study: the config, which has the estimators whose fits are compared with the chain, and the conditions.
+        trial: the data set.
+        chain: the posterior of its sphere.
+        key: columns that identify the chain: cell, trial, likelihood, noise_is.
+        walkers: number of walkers.
+        keep: store draws.
+
+    Returns:
+        Tables ``posterior`` (one row), ``answers`` (a row per estimator) and ``draws`` (empty if they are not stored).
+    """
+    d = trial.samples.x.shape[1]
+    truth = np.array([*trial.cell.center, trial.cell.radius, trial.cell.noise])
+    known = key["noise_is"] == "known"
+    draws = chain.flat - truth[: d + 2 - known]
+    beside = [key | _answer(trial, name, draws, known) for name in study.estimators]
+    walker_by_walker = np.arange(len(draws)).reshape(-1, walkers).T.ravel()
+    chosen = np.linspace(0, len(draws) - 1, min(len(draws), STORED_DRAWS)).round().astype(int)
+    stored = draws[walker_by_walker[chosen]] if keep and len(draws) else draws[:0]
+    noise = stored[:, d + 1] + trial.cell.noise if not known else np.full(len(stored), trial.cell.noise)
+    columns = {f"error_{i + 1}": stored[:, i] for i in range(d)} | {"radius_error": stored[:, d], "noise": noise}
+    return {
+        "posterior": _table(schemas.posterior(d, study.conditions()), [key | _posterior(trial, chain, draws, walkers)]),
+        "answers": _table(schemas.answers(d), beside),
+        "draws": schemas.table(schemas.draws(d), {k: [v] * len(stored) for k, v in key.items()} | columns),
+    }
+
+
+def _table(columns: list[schemas.Column], found: list[Row]) -> pa.Table:
+    return schemas.table(columns, {column.name: [row[column.name] for row in found] for column in columns})
+
+
+def names(dimension: int) -> list[str]:
+    """Endings of the columns that exist once per parameter."""
+    return [*(str(i + 1) for i in range(dimension)), "radius", "noise"]
+
+
+def _posterior(trial: Trial, chain: Chain, draws: Floats, walkers: int) -> Row:
+    """The row of the posterior table; draws (n, parameters) are differences from the truth."""
+    cell, d = trial.cell, trial.samples.x.shape[1]
+    extent = cell.radius**2 * cap_moments(math.radians(cell.angle), d).along
+    row: Row = cell.values | {"flatness": cell.noise**2 / extent}
+    row |= {"status": int(chain.status), "tau": chain.tau, "acceptance": chain.acceptance}
+    row |= {"steps": chain.steps, "walkers": walkers, "draws": len(draws) / chain.tau}
+    unit = np.sqrt(np.diag(trial.unit_bound))
+    row |= {f"bound_{name}": cell.noise * unit[i] for i, name in enumerate(names(d)[: d + 1])}
+    correlation = trial.unit_bound[0] / unit / unit[0]
+    row |= {f"bound_with_{name}": correlation[i] for i, name in enumerate(names(d)[: d + 1]) if i}
+    row |= {"trace": math.nan, "level": math.nan}
+    for i, name in enumerate(names(d)):
+        known = i < draws.shape[1] and len(draws) > 0
+        values = draws[:, i] if known else np.full(1, math.nan)
+        row |= {f"mean_{name}": values.mean(), f"sd_{name}": values.std()}
+        row |= {
+            f"{label}_{name}": quantile
+            for label, quantile in zip(
+                schemas.POSTERIOR_QUANTILES,
+                np.quantile(values, list(schemas.POSTERIOR_QUANTILES.values())),
+                strict=True,
+            )
+        }
+        row[f"rank_{name}"] = float(np.mean(values < 0.0)) if known else math.nan
+    if len(draws):
+        center, covariance = draws[:, :d].mean(axis=0), np.cov(draws[:, :d].T)
+        squares = _squares(draws[:, :d] - center, covariance)
+        row["trace"] = float(np.trace(covariance))
+        row["level"] = float(np.mean(squares < _squares(center[None], covariance)))
+    return row
+
+
+def _answer(trial: Trial, name: str, draws: Floats, known: bool) -> Row:
+    """An estimator's row: its distance from the posterior mean, and the truth's quantiles in its own distribution."""
+    d = trial.samples.x.shape[1]
+    given = known or ESTIMATORS[name].needs == "noise"
+    samples = Samples(trial.samples.x, trial.samples.noise if given else None)
+    fit = fit_samples(samples, name)
+    answer = np.append(fit.center[0] - np.array(trial.cell.center), fit.radius[0] - trial.cell.radius)
+    error = fit.standard_errors[0]
+    spare, given = samples.x.shape[2] - d - 1, fit.noise_is_known
+    known_law = given or spare > 0
+    row: Row = {"estimator": name, "status": int(fit.own_status[0]), "distance": math.nan, "level": math.nan}
+    mean, sd = np.full(d + 1, math.nan), np.full(d + 1, math.nan)
+    if len(draws):
+        mean, sd = draws[:, : d + 1].mean(axis=0), draws[:, : d + 1].std(axis=0)
+        square = _squares((answer - mean)[None, :d], np.cov(draws[:, :d].T))
+        row["distance"] = float(np.sqrt(square[0]))
+    with np.errstate(all="ignore"):  # a fit may have no number, or no error
+        away, spread, ranks = (answer - mean) / sd, error / sd, -answer / error
+    for i, ending in enumerate(names(d)[: d + 1]):
+        row |= {f"away_{ending}": away[i], f"spread_{ending}": spread[i]}
+        rank = special.ndtr(ranks[i]) if given else special.stdtr(spare, ranks[i]) if known_law else math.nan
+        row[f"rank_{ending}"] = float(rank)
+    covariance = fit.covariance[0, :d, :d]
+    if known_law and np.isfinite(covariance).all() and np.isfinite(answer[:d]).all():
+        square = _squares(answer[None, :d], covariance)[0]
+        row["level"] = float(special.chdtr(d, square) if given else special.fdtr(d, spare, square / d))
+    return row
+
+
+def _squares(vectors: Floats, covariance: Floats) -> Floats:
+    """Squared Mahalanobis distances of vectors (n, d)."""
+    values, axes = np.linalg.eigh(covariance)
+    with np.errstate(all="ignore"):
+        return np.asarray((((vectors @ axes) ** 2) / values).sum(axis=1))
+
+
+FORMAT = 2
+"""Version of the sampler; a chain of another version is computed again."""
+
+
+@dataclass(frozen=True)
+class ChainTask:
+    """One chain to run.
+
+    Attributes:
+        address: the trial.
+        likelihood: name of the likelihood.
+        noise_is: "known" or "unknown".
+    """
+
+    address: Address
+    likelihood: str
+    noise_is: str
+
+    @property
+    def key(self) -> dict[str, str | int]:
+        """The columns that identify the chain in every table."""
+        where = self.address
+        names = {"likelihood": self.likelihood, "noise_is": self.noise_is}
+        return {"cell": where.cell.name, "trial": where.trial, **names}
+
+    def part(self, study: Study, posterior: Posterior) -> str:
+        """Name of the chain's part: a digest of all that determines it."""
+        settings = (posterior.box, posterior.walkers, posterior.max_steps, self._keeps_draws(posterior))
+        content = repr((FORMAT, study.seed, study.dimension, study.estimators, settings, self.key, self.address.cell))
+        return hashlib.sha256(content.encode()).hexdigest()[:20]
+
+    def compute(self, study: Study, posterior: Posterior) -> dict[str, pa.Table]:
+        """Run the chain; returns its rows of the posterior tables."""
+        trial = replay(study, self.address)
+        prior = prior_of(trial.cell, posterior, self.noise_is == "known")
+        random = old_stream(study.seed, "posterior", *self.key.values())
+        chain = sample(trial.samples, prior, self.likelihood, random, posterior.walkers, posterior.max_steps)
+        return rows(study, trial, chain, self.key, posterior.walkers, self._keeps_draws(posterior))
+
+    def _keeps_draws(self, posterior: Posterior) -> bool:
+        return self.address.trial < posterior.keep_draws
+
+
+def prior_of(cell: Cell, posterior: Posterior, known: bool) -> Prior:
+    """The prior of a cell's trials: a box about the true centre, and any radius that a centre in it can have."""
+    center, width = np.array(cell.center), posterior.box * cell.radius
+    return Prior(center, width, 2.0 * cell.radius + len(center) ** 0.5 * width, cell.noise, known)
+
+
+def chain_tasks(study: Study, posterior: Posterior) -> list[ChainTask]:
+    """Every chain that a config asks for, in the order of the tables."""
+    places = [a for a in addresses(study, posterior.trials) if posterior.chooses(a.cell)]
+    return [
+        ChainTask(place, name, noise) for place in places for name in posterior.likelihood for noise in posterior.noise
+    ]
+
+
+def printed(run: Run) -> Iterator[str]:
+    """The posterior tables in short.
+
+    Yields:
+        A title, a header, a line per cell and kind of chain (see `by_cell`), and then the calibration of all chains if
+        they are independent of each other.
+    """
+    found, beside = run.table("posterior"), run.table("answers")
+    yield f"{run.study.run_name()}: posteriors; shift of the mean from the MLE in sd, largest over the parameters"
+    conditions, rows = named_in(found), []
+    for row in by_cell(found, beside).to_dict("records"):
+        values = [condition.written(condition.of(row)) for condition in conditions]
+        rows.append([*values, row["likelihood"], row["noise_is"], f"{row['ok']}/{row['chains']}"])
+        if row["ok"]:
+            ratio = f"{row['least']:.2f} … {row['most']:.2f}"
+            rows[-1] += [number(row["shift"], ".2f"), ratio, f"{row['tau']:.0f}"]
+    symbols = [condition.symbol for condition in conditions]
+    titles = [*symbols, "likelihood", "noise", "ok", "shift", "sd over bound", "τ"]
+    yield from columns(rows, titles, ">" * len(symbols) + "<<>")
+    if run.study.independent():
+        yield from printed_calibration(trials(found, beside))
+
+
+def printed_calibration(found: pd.DataFrame) -> Iterator[str]:
+    """Coverage and uniformity of ranks, of the chains whose likelihood is nearly quadratic.
+
+    Args:
+        found: rows as `study.simulation.posterior.run.trials` gives them.
+
+    Yields:
+        A title, a header, and a line per method; nothing if no chain is nearly quadratic.
+    """
+    curved = found[found["flatness"] < FLAT]
+    if curved.empty:
+        return
+    yield f"calibration of {len(curved[curved['method'] == 'posterior'])} chains, those with σ²/v < {FLAT}:"
+    keys = ["likelihood", "noise_is", "method"]
+    ranks = {(*(row[key] for key in keys), row["parameter"]): row["p"] for row in uniformity(curved).to_dict("records")}
+    parameters = list(dict.fromkeys(key[-1] for key in ranks))
+    rows = []
+    for key, part in coverage(curved).groupby(keys, sort=False, observed=True):
+        shares = [f"{row['share']:.1%} ({row['low']:.1%} … {row['high']:.1%})" for _, row in part.iterrows()]
+        rows.append(
+            [*map(str, key), *shares, *(number(ranks.get((*key, name), math.nan), ".2g") for name in parameters)]
+        )
+    titles = [*(f"{level:.0%} set" for level in LEVELS), *(f"p of {name}" for name in parameters)]
+    yield from columns(rows, ["likelihood", "noise", "method", *titles], "<<<>")
+    yield "p: probability of ranks at least so far from uniform, by Kolmogorov and Smirnov's test, if they were uniform"
+
+
+_OUTPUTS = ("chain",)
+_HEAVY = 1e8
+"""Weight of a chain per sample, so large that each chain is sent to a worker alone."""
+Shared = tuple[Study, Posterior]
+
+
+def compute(run: Run, jobs: Workers | int = 2, progress: Callable[[float], None] | None = None) -> None:
+    """Compute the posterior tables that a run's config asks for; finished chains are not computed again.
+
+    Args:
+        run: the run; only its config is used.
+        jobs: number of workers, or the workers. Processes take the place of threads, because emcee's steps hold the
+            interpreter's lock.
+        progress: called after each chain with its share of the work.
+
+    Raises:
+        RunError: if the config asks for none, chooses no cell, or the folder cannot be written.
+    """
+    workers = Workers(jobs=jobs) if isinstance(jobs, int) else jobs
+    study, posterior = run.study, run.study.posterior
+    if posterior is None:
+        raise RunError(f"{run.folder}: its config has no [posterior]; add one, as in configs/posterior.toml")
+    todo = chain_tasks(study, posterior)
+    if not todo:
+        raise RunError(f"{run.folder}: [posterior] where = {dict(posterior.where)} chooses none of its cells")
+    keys = {task.part(study, posterior): task for task in todo}
+    metadata = {"study.config": study.canonical(), "study.posterior": json.dumps(list(keys))}
+    d = study.dimension
+    stored = {"answers": schemas.answers(d), "draws": schemas.draws(d)}
+    stored["posterior"] = schemas.posterior(d, study.conditions())
+    usable = all(map(run.valid, stored))
+    if usable and run.metadata("posterior").get("study.posterior") == metadata["study.posterior"]:
+        return
+    if workers.backend == "threads" and workers.jobs > 1:
+        workers = replace(workers, backend="loky")
+    with workers.open() as backend, threadpool_limits(limits=1), writing(run.folder):
+        parts = Parts(run.folder, "chains")
+        parts.load()
+        for name in parts.damaged:
+            print(f"{parts.folder / name}: damaged; moved to parts/damaged and computed again", file=sys.stderr)
+        if usable:
+            _keep_finished(run, parts, keys, list(stored))
+        run.forget(*stored)
+        _compute(parts, (study, posterior), keys, backend, progress)
+        for name, columns in stored.items():
+            found = (table for key in keys for _, _, table in parts.tables(key, name))
+            run.join(name, columns, found, metadata)
+        made = {"chains": len(todo), "seconds": round(parts.seconds, 3), "jobs": workers.jobs}
+        run.record(*stored, posterior=made)
+        parts.remove()
+
+
+def _keep_finished(run: Run, parts: Parts, wanted: dict[str, ChainTask], names: list[str]) -> None:
+    """Reuse chains of finished tables that were made for other settings, so that only new chains are computed."""
+    held = set(json.loads(run.metadata("posterior").get("study.posterior", "[]"))) & set(wanted)
+    stored = {name: run.arrow(name) for name in names} if held else {}
+    for part in held:
+        mine = pc.scalar(True)
+        for column, value in wanted[part].key.items():
+            mine = mine & (pc.field(column) == value)
+        parts.add(Packet.of([(part, _OUTPUTS)], [{name: table.filter(mine) for name, table in stored.items()}]))
+    parts.commit()
+
+
+def _compute(
+    parts: Parts, shared: Shared, keys: dict[str, ChainTask], backend: Backend, progress: Callable[[float], None] | None
+) -> None:
+    """Run the missing chains and store each as it finishes."""
+    missing = [item for item in keys.items() if not parts.outputs(item[0])]
+    lost: list[str] = []
+
+    def ended(items: tuple[tuple[str, ChainTask], ...], failure: str) -> None:
+        if failure:
+            lost.append(failure)
+        if progress is not None:
+            progress(len(items) / len(missing))
+
+    dispatch = Dispatch(backend, _chains, shared, parts)
+    dispatch.compute(missing, lambda item: _HEAVY * item[1].address.cell.samples, ended)
+    if lost:
+        raise RunError(f"{parts.folder.parent}: {len(lost)} chains could not be run: {lost[0]}; the others are stored")
+
+
+def _chains(shared: Shared, items: tuple[tuple[str, ChainTask], ...]) -> Packet:
+    """Run chains, in a worker."""
+    return Packet.of([(key, _OUTPUTS) for key, _ in items], [task.compute(*shared) for _, task in items])

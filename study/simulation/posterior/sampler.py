@@ -1,0 +1,456 @@
+"""One ensemble posterior of a sphere by emcee, from the MLE's ellipsoid until the chain is long enough.
+
+Most moves propose independent places from Student's distribution with the mean and covariance of the other half of the
+walkers. The posteriors here are so nearly normal that the integrated autocorrelation time τ (Goodman & Weare 2010, as
+emcee computes it) is then about 3 steps; with the stretch move it is about 50. One move in ten is differential
+evolution (ter Braak 2006), which also works for posteriors that are not normal. If there may be modes apart from the
+best sphere, half of the walkers start there, places are proposed in coordinates in which the modes are neighbours
+(`ray_coordinates`), and one move in five is to the other side of the points.
+
+A chain is long enough when what remains after its first fifth is 50 τ long, and τ is stable to 1 %. As τ does not
+notice walkers that stay at one mode each (`autocorrelation`), they must be mixed as well, by the variance between their
+means; otherwise the chain's status says so.
+
+Integrated autocorrelation times of an ensemble's chain, by emcee's rule.
+
+The autocorrelation is averaged over the walkers, each about its own mean (Goodman & Weare 2010), and summed up to the
+first lag M ≥ 5 τ(M) (Sokal 1989). Walkers that stay at one mode each go unnoticed: their means are subtracted.
+
+`emcee.autocorr.integrated_time` transforms each walker there and back. Here the walkers' spectra are averaged, so that
+one transform back serves all; the times are equal to rounding, at a tenth of the cost, which was a third of a chain's.
+
+Log-likelihoods of a sphere given points, for many spheres at once, up to a constant.
+
+Geometric: the distances Rᵢ = |xᵢ - c| are normal about r with the noise's σ. Maximum likelihood (paper §4.3)
+maximises it. It says nothing about directions, and holds for any cap.
+
+Whole sphere: the density of a point x = c + r u + σ z with u uniform on the whole sphere, integrated over u. With
+k = Rr/σ² and ν = d/2 - 1 it is (2πσ²)^(-d/2) exp(-(R - r)²/2σ²) Γ(ν+1) (2/k)^ν e^-k I_ν(k), and in three dimensions
+the Bessel function is a sinh. For k ≫ 1 it is the geometric one times (R r)^(-(d-1)/2) per point, which moves the
+radius by -(d-1)σ²/2r. It counts it as evidence where no points are, and so is wrong on a cap (theory §6).
+
+Spheres are given as offsets from a reference (c*, r*) near the data's own: R - r is then formed without the
+cancellation that would cost all digits where σ ≪ r.
+
+The prior of a sphere's parameters, and the log-posterior that the sampler evaluates.
+
+The prior is flat on the centre in a box and on the radius, and 1/σ on an unknown noise. The box is needed, as a flat
+prior on the whole space makes the posterior of a partial cap improper: towards a plane the likelihood tends to a
+constant.
+
+Moves of the ensemble sampler: independent proposals from a fitted distribution, and jumps across the points.
+"""
+
+import math
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import emcee
+import numpy as np
+import scipy
+
+from study.arrays import Floats
+from study.fits import Samples, Status
+from study.fits.jit import compiled
+from study.fits.registry import fit_samples
+from study.fits.streams import OldStream
+from study.simulation.experiment.config import ChainStatus
+from study.simulation.posterior.modes import RayCoordinates, other_modes_possible, spread_out
+
+_WINDOW = 5
+"""Lags that are summed, in units of τ."""
+
+
+def autocorrelation_times(chain: Floats) -> Floats:
+    """Integrated autocorrelation times of the parameters.
+
+    Args:
+        chain: (steps, walkers, parameters).
+
+    Returns:
+        The times (parameters,) in steps; NaN for a parameter that some walker never changed.
+    """
+    steps, _, parameters = chain.shape
+    length = 2 * emcee.autocorr.next_pow_two(steps)  # padded with zeros, so that the end does not meet the beginning
+    times = np.empty(parameters)
+    for index in range(parameters):
+        series = chain[:, :, index].T - chain[:, :, index].mean(axis=0)[:, None]
+        spectrum = np.fft.rfft(series, n=length)
+        power = spectrum.real**2 + spectrum.imag**2
+        power /= (series**2).sum(axis=1, keepdims=True)
+        correlation = np.fft.irfft(power.mean(axis=0))[:steps]
+        sums = 2.0 * np.cumsum(correlation) - 1.0
+        times[index] = sums[emcee.autocorr.auto_window(sums, _WINDOW)]
+    return times
+
+
+class Reference(NamedTuple):
+    """A point set relative to a reference sphere.
+
+    Attributes:
+        away: points less the reference centre (d, n).
+        distance: their lengths (n,).
+        excess: distances less the reference radius (n,).
+        radius: the reference radius.
+    """
+
+    away: Floats
+    distance: Floats
+    excess: Floats
+    radius: float
+
+    @classmethod
+    def of(cls, points: Floats, center: Floats, radius: float) -> "Reference":
+        """Express points (d, n) relative to a centre (d,) and a radius."""
+        away = np.ascontiguousarray(points - center[:, None])
+        distance = np.sqrt(np.einsum("dn,dn->n", away, away))
+        return cls(away, distance, distance - radius, float(radius))
+
+
+def geometric(reference: Reference, offsets: Floats, log_noise: Floats) -> Floats:
+    """Geometric log-likelihood: -N log σ - Σ(Rᵢ - r)²/2σ².
+
+    Args:
+        reference: the points.
+        offsets: centre less the reference's, and radius less the reference's (k, d+1).
+        log_noise: log σ (k,).
+
+    Returns:
+        The log-likelihood of each sphere (k,), up to the same constant.
+    """
+    squares = np.empty(len(offsets))
+    _square_sums(reference, offsets, squares)
+    return np.asarray(-0.5 * squares * np.exp(-2.0 * log_noise) - len(reference.distance) * log_noise)
+
+
+def whole_sphere(reference: Reference, offsets: Floats, log_noise: Floats) -> Floats:
+    """Log-likelihood of points that are spread evenly over the whole sphere; arguments as for `geometric`."""
+    d, n = reference.away.shape
+    residuals = np.empty((len(offsets), n))
+    _residuals(reference, offsets, residuals)
+    radius = reference.radius + offsets[:, d:]
+    precision = np.exp(-2.0 * log_noise)[:, None]
+    with np.errstate(invalid="ignore", divide="ignore"):  # spheres without a radius, which the prior rules out
+        k = (residuals + radius) * radius * precision
+        logs = -0.5 * residuals**2 * precision + _log_spread(k, d)
+        return np.asarray(logs.sum(axis=1) - d * n * log_noise)
+
+
+def _log_spread(k: Floats, dimension: int) -> Floats:
+    """Log of e^-k I_ν(k) Γ(ν+1) (2/k)^ν, ν = d/2 - 1; 0 at k = 0."""
+    k = np.maximum(k, 1e-20)
+    if dimension == 3:
+        return np.asarray(np.log(-np.expm1(-2.0 * k) / (2.0 * k)))
+    order = 0.5 * dimension - 1.0
+    bessel = np.log(scipy.special.ive(order, np.minimum(k, 1e8)))
+    large = -0.5 * np.log(2.0 * math.pi * k) + np.log1p((0.125 - 0.5 * order**2) / k)
+    return np.asarray(np.where(k > 1e8, large, bessel) + math.lgamma(order + 1.0) + order * np.log(2.0 / k))
+
+
+@compiled
+def _square_sums(reference: Reference, offsets: Floats, squares: Floats) -> None:
+    """Σ(Rᵢ - r)² for each offset."""
+    k, n = len(offsets), reference.distance.size
+    residuals = np.empty((1, n))
+    for j in range(k):
+        _residuals(reference, offsets[j : j + 1], residuals)
+        square, row = 0.0, residuals[0]
+        for i in range(n):
+            square += row[i] * row[i]
+        squares[j] = square
+
+
+@compiled
+def _residuals(reference: Reference, offsets: Floats, residuals: Floats) -> None:
+    """Rᵢ - r of each offset (k, n), from |y - δ| - |y| = (|δ|² - 2 y·δ) / (|y - δ| + |y|)."""
+    away, distance, excess, _ = reference
+    d, n = away.shape
+    for j in range(len(offsets)):
+        row = residuals[j]
+        square = 0.0
+        for i in range(d):
+            square += offsets[j, i] ** 2
+        for m in range(n):
+            row[m] = square
+        for i in range(d):
+            y, twice = away[i], 2.0 * offsets[j, i]
+            for m in range(n):
+                row[m] -= twice * y[m]
+        rise = offsets[j, d]
+        for m in range(n):
+            reach = distance[m] * distance[m] + row[m]
+            row[m] = excess[m] + row[m] / (math.sqrt(max(reach, 0.0)) + distance[m] + 1e-300) - rise
+
+
+LIKELIHOODS = {"geometric": geometric, "whole_sphere": whole_sphere}
+NOISE_RANGE = 1e3
+"""Factor by which an unknown σ may differ from the middle of its prior."""
+
+
+@dataclass(frozen=True)
+class Prior:
+    """The range of the parameters.
+
+    Attributes:
+        center: middle of the box (d,).
+        width: half-width of the box, in the unit of the points.
+        radius: largest radius; the smallest is 0.
+        noise: σ if it is known; else the middle of the range of log σ, three decades either way.
+        known: true if σ is known.
+    """
+
+    center: Floats
+    width: float
+    radius: float
+    noise: float
+    known: bool
+
+
+@dataclass(frozen=True)
+class LogPosterior:
+    """The log-posterior of walkers, which are offsets from a start scaled by a matrix.
+
+    Attributes:
+        prior: the range of the parameters.
+        name: name of the likelihood, in `LIKELIHOODS`.
+        reference: the points, prepared about the start.
+        origin: parameters of the start: centre, radius, and log σ if σ is unknown (p,).
+        spread: matrix from walkers to offsets (p, p).
+    """
+
+    prior: Prior
+    name: str
+    reference: Reference
+    origin: Floats
+    spread: Floats
+
+    def __call__(self, walkers: Floats) -> Floats:
+        """Log-posteriors of walkers (k, p), up to a constant; -∞ outside the prior's range."""
+        prior, origin, offsets = self.prior, self.origin, walkers @ self.spread.T
+        d = len(prior.center)
+        center, radius = origin[:d] + offsets[:, :d], origin[d] + offsets[:, d]
+        allowed = (np.abs(center - prior.center) < prior.width).all(axis=1) & (radius > 0.0) & (radius < prior.radius)
+        if prior.known:
+            log_noise = np.full(len(offsets), math.log(prior.noise))
+        else:
+            log_noise = origin[d + 1] + offsets[:, d + 1]  # 1/σ is flat in log σ
+            allowed &= np.abs(log_noise - math.log(prior.noise)) < math.log(NOISE_RANGE)
+        value = np.full(len(offsets), -np.inf)
+        value[allowed] = LIKELIHOODS[self.name](self.reference, offsets[allowed, : d + 1], log_noise[allowed])
+        return value
+
+
+_FREEDOM = 5.0
+"""Degrees of freedom of the proposals: their tails are heavier than the posterior's, so that no walker is stuck."""
+
+
+class FittedMove(emcee.moves.RedBlueMove):  # type: ignore[misc]
+    """Propose places independent of the walker's own, from Student's distribution fitted to the resting walkers.
+
+    Args:
+        rays: coordinates in which to fit and to propose; the walkers' own if None.
+    """
+
+    def __init__(self, rays: RayCoordinates | None = None) -> None:
+        super().__init__()
+        self.rays = rays
+
+    def get_proposal(self, s: Floats, c: list[Floats], random: OldStream) -> tuple[Floats, Floats]:
+        """Places for walkers ``s`` (k, p) given the resting walkers ``c``, and log-ratios of proposal densities."""
+        others = np.concatenate(c, axis=0)
+        if self.rays is None:
+            return _drawn(s, others, random)
+        here, volume = self.rays.coordinates(s)
+        places, balance = _drawn(here, self.rays.coordinates(others)[0], random)
+        walkers, after = self.rays.walkers(places)
+        return walkers, balance + after - volume
+
+
+class MirrorMove(emcee.moves.RedBlueMove):  # type: ignore[misc]
+    """Propose the sphere at the same distance on the other side of the points, for a mode with few walkers."""
+
+    def __init__(self, rays: RayCoordinates) -> None:
+        super().__init__()
+        self.rays = rays
+
+    def get_proposal(self, s: Floats, c: list[Floats], random: OldStream) -> tuple[Floats, Floats]:
+        """Mirrored places of walkers ``s`` (k, p), and log-ratios of volumes."""
+        here, volume = self.rays.coordinates(s)
+        here[:, : len(self.rays.points)] *= -1.0
+        walkers, after = self.rays.walkers(here)
+        return walkers, after - volume
+
+
+def _drawn(s: Floats, others: Floats, random: OldStream) -> tuple[Floats, Floats]:
+    """Student's draws (k, p) with others' mean and covariance, and the log-density at ``s`` less that at the draws."""
+    mean = others.mean(axis=0)
+    away = others - mean
+    root = np.linalg.cholesky(away.T @ away * (1.0 / (len(others) - 1)))  # as np.cov has it, in a third of its time
+    stretch = np.sqrt(_FREEDOM / random.chisquare(_FREEDOM, len(s)))
+    unit = random.standard_normal(s.shape) * stretch[:, None]
+    back = np.linalg.solve(root, (s - mean).T).T
+    here, there = (-0.5 * (_FREEDOM + s.shape[1]) * np.log1p((u**2).sum(axis=1) / _FREEDOM) for u in (back, unit))
+    return mean + unit @ root.T, here - there
+
+
+_FITTED = 0.9
+"""Share of independent proposals; the other moves are differential evolution."""
+_MIRRORED = 0.2
+"""Share of moves across the points, taken from the independent proposals, if other modes are possible."""
+_FIRST_LENGTH = 100
+"""Steps before the chain's length is checked first."""
+_WARM_UP = 0.2
+"""Share of the chain that is dropped at its beginning."""
+_LENGTH = 50.0
+"""Least length of the rest, in units of τ."""
+_STABLE = 0.01
+"""Largest relative change of τ between two checks."""
+_MIXED = 0.1
+"""Largest share of a variance that may lie between the walkers' own means."""
+_RIM = 0.9
+"""Draws beyond this share of the box's half-width are at its rim."""
+_AT_RIM = 0.01
+"""Largest share of draws at the rim for which the box does not decide the result."""
+
+
+@dataclass(frozen=True)
+class Chain:
+    """The result of a chain.
+
+    Attributes:
+        status: how it ended.
+        draws: draws of (c, r), and of σ if it is unknown (steps, walkers, parameters); empty if it could not start.
+        tau: largest of the parameters' autocorrelation times, in steps.
+        acceptance: share of proposals accepted.
+        steps: all steps taken, the warm-up included.
+    """
+
+    status: ChainStatus
+    draws: Floats = field(repr=False)
+    tau: float = math.nan
+    acceptance: float = math.nan
+    steps: int = 0
+
+    @property
+    def flat(self) -> Floats:
+        """The draws of all walkers (draws, parameters)."""
+        return self.draws.reshape(-1, self.draws.shape[2])
+
+
+class _Sampler(emcee.EnsembleSampler):  # type: ignore[misc]
+    """emcee's sampler, for a log-posterior of all walkers at once that never returns NaN."""
+
+    def compute_log_prob(self, coords: Floats) -> tuple[Floats, None]:
+        """Log-posteriors of walkers (k, p), without emcee's search of each walker's answer for further data."""
+        return self.log_prob_fn(coords), None
+
+
+def sample(samples: Samples, prior: Prior, name: str, random: OldStream, walkers: int, max_steps: int) -> Chain:
+    """Run a chain.
+
+    Args:
+        samples: one point set (1, d, n); its noise is not used.
+        prior: the range of the parameters.
+        name: name of the likelihood, in `LIKELIHOODS`.
+        random: source of random numbers.
+        walkers: number of walkers.
+        max_steps: number of steps after which a chain that is not long enough is reported as not converged.
+
+    Returns:
+        The chain; it never raises on data.
+    """
+    start = _start(samples, prior)
+    if start is None:
+        return Chain(ChainStatus.NO_START, np.empty((0, walkers, samples.x.shape[1] + 2 - prior.known)))
+    origin, spread = start
+    parameters = len(spread)
+    reference = Reference.of(samples.x[0], origin[: parameters - 2 + prior.known], origin[-2 + prior.known])
+    log_posterior = LogPosterior(prior, name, reference, origin, spread)
+    first = random.standard_normal((walkers, parameters))
+    moves = [(FittedMove(), _FITTED), (emcee.moves.DEMove(), 1.0 - _FITTED)]
+    rays = RayCoordinates(samples.x[0], origin, spread)
+    if other_modes_possible(rays, prior.width, log_posterior):
+        first = spread_out(rays, first, prior.width, random)
+        moves = [(FittedMove(rays), _FITTED - _MIRRORED), (MirrorMove(rays), _MIRRORED), moves[1]]
+    first = _inside(first, log_posterior)
+    sampler = _Sampler(walkers, parameters, log_posterior, moves=moves)
+    state = emcee.State(first, random_state=random.get_state())
+    status, tau = _until_long_enough(sampler, state, max_steps)
+    taken = sampler.get_chain().shape[0]
+    draws = origin + sampler.get_chain(discard=int(_WARM_UP * taken)) @ spread.T
+    if not prior.known:
+        draws[..., -1] = np.exp(draws[..., -1])
+    if status is ChainStatus.OK:
+        d = len(prior.center)
+        rim = np.abs(draws[..., :d] - prior.center).max(axis=-1) > _RIM * prior.width
+        status = ChainStatus.AT_PRIOR if rim.mean() > _AT_RIM else status
+    return Chain(status, draws, tau, float(np.mean(sampler.acceptance_fraction)), taken)
+
+
+def _until_long_enough(
+    sampler: emcee.EnsembleSampler, state: emcee.State | None, max_steps: int
+) -> tuple[ChainStatus, float]:
+    """Run until the chain is 50 τ long, τ is stable, and the walkers are mixed; returns the status and the last τ."""
+    target, before, taken = min(_FIRST_LENGTH, max_steps), math.inf, 0
+    while True:
+        state = sampler.run_mcmc(state, target - taken, skip_initial_state_check=True)
+        taken = target
+        chain = sampler.get_chain(discard=int(_WARM_UP * taken))
+        with np.errstate(all="ignore"):  # walkers that never moved have no autocorrelation
+            tau = float(np.max(autocorrelation_times(chain)))
+        needed = _LENGTH * tau
+        enough = len(chain) >= needed
+        if enough and abs(before - tau) < _STABLE * tau and _mixed(chain):
+            return ChainStatus.OK, tau
+        if taken >= max_steps:
+            return ChainStatus.NOT_MIXED if enough and not _mixed(chain) else ChainStatus.NOT_CONVERGED, tau
+        before = tau
+        ahead = math.ceil(needed / (1.0 - _WARM_UP)) if math.isfinite(needed) else 0
+        target = min(max(ahead, math.ceil(1.1 * taken)), 4 * taken, max_steps)
+
+
+def _mixed(chain: Floats) -> bool:
+    """True if little of the variance of a chain (steps, walkers, parameters) lies between its walkers' means.
+
+    For independent walkers with chains of 50 τ, a 50th of the variance does. That share follows χ²; even for 8 walkers
+    it exceeds a tenth in only 1 of 10⁵ chains.
+    """
+    between, total = chain.mean(axis=0).var(axis=0), chain.var(axis=(0, 1))
+    return bool((between <= _MIXED * total).all())
+
+
+def _start(samples: Samples, prior: Prior) -> tuple[Floats, Floats] | None:
+    """Parameters of the best sphere, and a matrix from unit walkers to offsets; None if there is no usable fit.
+
+    The best sphere is the MLE's, or GDKE's if the MLE diverged or has no covariance.
+    """
+    given = Samples(samples.x, prior.noise if prior.known else None)
+    d, n = samples.x.shape[1:]
+    for name in ("mle", "gdke"):
+        fit = fit_samples(given, name)
+        center, radius, covariance = fit.center[0], fit.radius[0], fit.covariance[0]
+        noise = prior.noise if prior.known else math.sqrt(max(fit.noise_variance[0], 0.0))
+        usable = fit.own_status[0] == Status.OK and np.isfinite(covariance).all()
+        usable &= prior.noise / NOISE_RANGE < noise < prior.noise * NOISE_RANGE
+        if not usable or np.abs(center - prior.center).max() >= prior.width or radius >= prior.radius:
+            continue
+        try:
+            spread = np.linalg.cholesky(covariance)
+        except np.linalg.LinAlgError:
+            continue
+        if prior.known:
+            return np.append(center, radius), spread
+        whole = np.zeros((d + 2, d + 2))
+        whole[: d + 1, : d + 1], whole[d + 1, d + 1] = spread, 1.0 / math.sqrt(2.0 * n)
+        return np.concatenate([center, [radius, math.log(noise)]]), whole
+    return None
+
+
+def _inside(walkers: Floats, log_posterior: LogPosterior) -> Floats:
+    """Halve the offsets of walkers outside the prior's range until they are inside, as the start is."""
+    for _ in range(60):
+        outside = np.isneginf(log_posterior(walkers))
+        if not outside.any():
+            break
+        walkers[outside] *= 0.5
+    return walkers

@@ -1,0 +1,277 @@
+"""The page: its sections and their order.
+
+The section of the paper's claims: each with its verdict, the numbers behind it, and the rule that joins them.
+
+Section on speed: the ratios that `make bench` stored, by group, with the machine's name.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
+
+from study.files import RunError, write
+from study.simulation.claims.claim import Verdict
+from study.simulation.figures import gathered
+from study.simulation.report import words
+from study.simulation.report.blocks import (
+    Badge,
+    Block,
+    Content,
+    Facts,
+    Folded,
+    InlineCode,
+    Items,
+    Link,
+    Row,
+    Section,
+    Table,
+    Text,
+    coded,
+)
+from study.simulation.report.explorer import digests, explorer_section
+from study.simulation.report.material import Material, answer
+from study.simulation.report.posterior import posterior_section
+from study.simulation.report.runs import overview_section, run_id, run_section
+from study.simulation.report.words import count, readable
+from study.simulation.runs.run_folder import Run
+
+_LOOKS = {
+    Verdict.REPRODUCED: "good",
+    Verdict.PARTLY: "partly",
+    Verdict.NOT_REPRODUCED: "bad",
+    Verdict.NOT_EVALUATED: "untested",
+}
+
+
+def claims_section(material: Material) -> Iterable[Section]:
+    """Section of the claims: first those with a verdict, then those without, and why."""
+    claims = material.claims
+    yield Section("The paper's claims", "claims", [*_claims(material, claims)])
+
+
+def _claims(material: Material, claims: pd.DataFrame) -> Iterable[Block]:
+    if claims.empty:
+        yield Text(
+            "No claim of the paper was judged: that takes runs of the project's own configs, such as paper.toml."
+        )
+        return
+    without = claims["verdict"] == Verdict.NOT_EVALUATED
+    judged, rest = claims[~without], claims[without]
+    if judged.empty:
+        yield Text("These runs can judge none of the claims.")
+    else:
+        head = ["No.", "§", "The paper says", "Found"]
+        rows = [_judged(row, material) for row in judged.rename(columns={"name": "claim"}).itertuples()]
+        caption = "Each verdict is computed from numbers with their Monte-Carlo errors, by the rule given with them."
+        yield Table("The paper's claims and what was found", caption, head, rows, prose=True)
+    if not rest.empty:
+        rows = [
+            Row([str(r.number), str(r.section), str(r.statement), coded(str(r.finding))]) for r in rest.itertuples()
+        ]
+        table = Table("Claims not evaluated", "", ["No.", "§", "Claim", "Why not"], rows, prose=True)
+        title = f"{len(rows)} claim{'s' * (len(rows) > 1)} not evaluated, and why"
+        yield from _missing(rest, judged, material)
+        yield Folded(title, table)
+
+
+def tally(claims: pd.DataFrame) -> Text:
+    """The sentence that counts each verdict, in the order of the verdicts."""
+    found = Counter(str(verdict) for verdict in claims["verdict"])
+    order = [*(str(v) for v in Verdict if str(v) in found), *sorted(set(found) - {str(v) for v in Verdict})]
+    badges: list[str | Block] = [f"{len(claims)} claim{'s' * (len(claims) > 1)}: "]
+    for verdict in order:
+        badges += [_badge(verdict, f"{found[verdict]} {verdict}"), " "]
+    return Text(badges[:-1])
+
+
+def _badge(verdict: str, words: str) -> Badge:
+    return Badge(words, _LOOKS.get(Verdict(verdict), "untested") if verdict in set(Verdict) else "untested")
+
+
+def _judged(row: Any, material: Material) -> Row:
+    """A claim with a verdict; the row comes from `DataFrame.itertuples`."""
+    name = str(row.figure)
+    places = {record.name: run_id(record) for record in material.records}
+    runs: list[str | Block] = []
+    for run in filter(None, str(row.runs).split(", ")):
+        runs += [", "] * bool(runs) + [Link(run, places[run]) if run in places else run]
+    facts: list[tuple[str, Content]] = [
+        ("Measured", str(row.quantity)),
+        ("Criterion", str(row.criterion)),
+        ("Remark", str(row.remark)),
+        ("Trials", f"at least {count(int(row.trials))} behind each number" if row.trials else ""),
+        ("Runs", runs),
+        ("Tables", InlineCode(str(row.reads)) if row.reads else ""),
+        ("Figure", Link(name, name) if name in material.pictures else name),
+    ]
+    numbers = Items([readable(part) for part in str(row.finding).splitlines()])
+    rule = Facts([(term, content) for term, content in facts if content])
+    verdict = str(row.verdict)
+    found: list[str | Block] = [
+        Text([_badge(verdict, verdict)]),
+        Text(coded(answer(str(row.claim), verdict, str(row.finding)))),
+        Folded("Numbers and rule", [numbers, rule]),
+    ]
+    cells: list[Content] = [str(row.number), str(row.section), str(row.statement), found]
+    return Row(cells, id=f"claim-{row.number}")
+
+
+def _missing(rest: pd.DataFrame, judged: pd.DataFrame, material: Material) -> Iterable[Block]:
+    """Sentence that names the runs or tables that the remaining claims need."""
+    reads = _reads(rest)
+    given = {record.run.study.name for record in material.records}
+    configs = dict.fromkeys(config for config, _, table in (read.partition("/") for read in reads) if table)
+    needed: list[str | Block] = [f"configs/{name}.toml" for name in configs if name not in given]
+    if needed:
+        needed = [f"runs of {', '.join(map(str, needed))}"]
+    for table, option in (("cost", "--cost"), ("case-study", "--recording")):
+        if table in reads and table not in _reads(judged):
+            needed += [", and "] * bool(needed) + [
+                "what ",
+                InlineCode(f"study {table}"),
+                " writes, given by ",
+                InlineCode(option),
+            ]
+    if needed:
+        yield Text(["Missing are ", *needed, "."])
+
+
+def _reads(claims: pd.DataFrame) -> list[str]:
+    return [part for cell in claims["reads"] for part in str(cell).split(", ")]
+
+
+COLUMNS = ("group", "what", "cost", "measured", "ratio", "aim", "machine")
+
+_TIMES = ((1e9, "s"), (1e6, "ms"), (1e3, "µs"))
+
+
+def read_bench(path: Path) -> pd.DataFrame:
+    """The table that `make bench` writes.
+
+    Raises:
+        RunError: if it cannot be read, or is no such table.
+    """
+    try:
+        found = pd.read_csv(path, dtype=str, keep_default_na=False)
+    except (OSError, UnicodeDecodeError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
+        raise RunError(f"{path}: cannot be read: {error}; make bench writes it") from None
+    if tuple(found.columns) != COLUMNS or found.empty:
+        raise RunError(f"{path}: no table of ratios: needs the columns {', '.join(COLUMNS)}; make bench writes it")
+    return found
+
+
+def _spoken(cost: str, unit: str) -> str:
+    """A cost in the unit that suits it: 8.69e+06 ns are 8.69 ms."""
+    if unit != "ns":
+        return f"{cost}{words.JOINED}{unit}"
+    value = float(cost)
+    size, name = next((pair for pair in _TIMES if value >= pair[0]), (1.0, "ns"))
+    return f"{words.timed(value / size)}{words.JOINED}{name}"
+
+
+def speed_section(material: Material) -> Iterable[Section]:
+    """Section with a table per group of benchmarks; empty if there are none."""
+    if material.bench is None:
+        return
+    machine = material.bench["machine"].iloc[0]
+    content: list[Block] = [
+        Text(
+            f"Measured on {machine}, in one run. A ratio compares a row with the row of its group whose ratio is 1, by "
+            "the best of many rounds of each. A group without such a row has times alone."
+        )
+    ]
+    for group, part in material.bench.groupby("group", sort=False):
+        cells = part[["what", "cost", "measured", "ratio", "aim"]].to_numpy(dtype=str).tolist()
+        rows = [Row([what, _spoken(cost, unit), words.readable(ratio), aim]) for what, cost, unit, ratio, aim in cells]
+        head = ["What", "Cost", "Ratio", "Aim"]
+        content.append(Table(f"Speed: {group}", str(group), head, rows, numeric=frozenset({1, 2})))
+    yield Section("Speed", "speed", content)
+
+
+def figures_section(material: Material) -> Iterable[Section]:
+    """Section of figures, each once, with the reasons for those that are missing."""
+    content: list[Block] = list(material.pictures.values())
+    if not content:
+        content.append(Text("These runs can feed none of the figures."))
+    if material.undrawn:
+        runs = len(material.records)
+        reasons = [f"{name}: {gathered(reasons, runs)}" for name, reasons in material.undrawn.items()]
+        some = f"{len(reasons)} figure{'s' * (len(reasons) > 1)} not drawn, and why"
+        content.append(Folded(some, Items(reasons)))
+    yield Section("Figures", "figures", content)
+
+
+def run_sections(material: Material) -> Iterable[Section]:
+    """Sections of each run: results and provenance."""
+    return (run_section(record) for record in material.records)
+
+
+SECTIONS: list[Callable[[Material], Iterable[Section]]] = [
+    claims_section,
+    explorer_section,
+    figures_section,
+    posterior_section,
+    speed_section,
+    overview_section,
+    run_sections,
+]
+"""The page, in order. Each entry gives one section, several, or none where the runs have nothing for it."""
+
+
+def render(runs: Sequence[Run], claims: pd.DataFrame, bench: pd.DataFrame | None = None, jobs: int = 1) -> str:
+    """Write the page about runs: one HTML document that needs no other file.
+
+    Args:
+        runs: finished runs, at least one, no two of the same name.
+        claims: the claims table; columns as `study.simulation.runs.schemas.CLAIMS`, perhaps without rows.
+        bench: the table that `make bench` stores, if it is to be shown; see `study.simulation.report.page`.
+        jobs: number of processes; in the second one figures are drawn.
+
+    Returns:
+        The document. The same runs and claims give the same bytes.
+
+    Raises:
+        RunError: if a run did not finish, is given twice, or a table cannot be read.
+    """
+    material = Material.of(runs, claims, bench, jobs)
+    sections = [section for make in SECTIONS for section in make(material)]
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent, encoding="utf-8"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.filters["coded"] = coded
+    return environment.get_template("template.html").render(
+        names=", ".join(record.name for record in material.records),
+        sets=count(sum(record.trials for record in material.records)),
+        findings=material.findings,
+        tally=tally(claims) if len(claims) else None,
+        lead=material.lead,
+        sections=sections,
+        digests=Markup(digests()),
+    )
+
+
+def save(page: str, path: Path) -> Path:
+    """Write a page to a file, whole or not at all.
+
+    Returns:
+        The path.
+
+    Raises:
+        RunError: if it cannot be written.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write(path, page.encode("utf-8", "replace"))  # a folder's name may hold bytes that are not text
+    except OSError as error:
+        raise RunError(f"{path}: cannot be written: {error.strerror or error}") from None
+    return path

@@ -1,0 +1,347 @@
+"""First section of the page: the runs and the machines.
+
+Table of adaptive runs: cells by the reason why they got no more trials.
+
+Provenance of a run: time, versions, machine, and the command that reproduces it.
+
+Section of a run: errors over the bound, statuses of the fits, the worst trials.
+"""
+
+import shlex
+from collections.abc import Callable, Iterable
+from functools import partial
+
+import numpy as np
+import pandas as pd
+
+from study import style
+from study.fits import Status
+from study.fits.samples import explain
+from study.simulation.analysis.summary_text import has_bounds, medians_at_bounds
+from study.simulation.experiment.conditions import LABELS, SAMPLES, RowValues, bound_law, named_in
+from study.simulation.report import words
+from study.simulation.report.blocks import (
+    Block,
+    Content,
+    Facts,
+    Folded,
+    Heading,
+    InlineCode,
+    Link,
+    Note,
+    Row,
+    Section,
+    Table,
+    Text,
+    Verbatim,
+    coded,
+)
+from study.simulation.report.material import Material, Record
+from study.simulation.runs.run_folder import plugins
+
+_HEAD = ["Run", "Design", "Estimators", "Trials", "Samples", "Seed", "Computed on", "Seconds", "Workers"]
+
+
+def overview_section(material: Material) -> Iterable[Section]:
+    """A row per run."""
+    caption = "Trials are data sets, over all cells; samples are the points in them, each fitted by every estimator."
+    rows = [_row(record) for record in material.records]
+    table = Table("The runs", caption, _HEAD, rows, numeric=frozenset({3, 4, 5, 7, 8}), stacked=True)
+    yield Section("What was run", "runs", [table])
+
+
+def run_id(record: Record) -> str:
+    """Anchor of a run's section."""
+    return f"run-{record.name}"
+
+
+def _row(record: Record) -> Row:
+    study, manifest = record.run.study, record.manifest
+    machine = manifest.machine
+    cores = f", {machine.cores}\u00a0cores" if machine.cores else ""
+    law = "" if study.noise_law.isotropic else f"; {study.noise_law.words}"
+    return Row(
+        [
+            [Link(record.name, run_id(record)), Note(["of the config ", InlineCode(study.name)])],
+            f"{words.dimension(study)}; {words.design(study)}{law}",
+            coded(", ".join(map(words.estimator, record.estimators))),
+            words.count(record.trials),
+            words.count(record.samples) if record.samples < 1_000_000 else words.number(record.samples),
+            str(study.seed),
+            [f"{machine.processor}{cores}", Note(words.moment(manifest.started))],
+            words.timed(manifest.seconds),
+            str(manifest.jobs),
+        ]
+    )
+
+
+_REASONS = {
+    "target": "the target is reached",
+    "cap": "the cap is reached, the target not",
+    "budget": "the budget of time ended",
+}
+
+
+def precision(record: Record) -> list[Block]:
+    """Table with a row per reason why cells got no more trials."""
+    asked, frame = record.run.study.precision, record.run.table("precision")
+    assert asked is not None
+    if asked.target is not None:
+        goal = f"at most {words.number(asked.target)}"
+    else:
+        goal = f"at most {words.number(100.0 * (asked.relative_target or 0.0))} % of it"
+    whose = ", ".join(asked.estimators) if asked.estimators else "every estimator"
+    rows = []
+    for reason, meaning in _REASONS.items():
+        part = frame[frame["reason"] == reason]
+        if len(part):
+            least, most = words.count(int(part["trials"].min())), words.count(int(part["trials"].max()))
+            rows.append(Row([meaning, words.count(len(part)), least if least == most else f"{least} to {most}"]))
+    caption = (
+        "A cell stops at the first checkpoint where the Monte-Carlo error is small enough. A cell stops early if that "
+        "error is estimated too small, so quote the target instead: 2 targets on either side hold the truth in 97 % "
+        "of the cells that reached theirs, 2 of the errors shown in 93 %."
+    )
+    head = ["Why there are no more trials", "cells", "trials of each"]
+    table = Table(f"Trials by need, {record.name}", caption, head, rows, numeric=frozenset({1, 2}))
+    told: list[str | Block] = [
+        "Trials were added until the Monte-Carlo error of ",
+        InlineCode(asked.measure),
+        f" was {goal}, for {whose}.",
+    ]
+    return [Text(told), table]
+
+
+_MANY_SAMPLES = 12
+_STEPS = {
+    "draw": "drawing directions and noise",
+    "bound": "the Cramér-Rao bound",
+    "points": "placing the points",
+    "moments": "moments, shared by all estimators",
+}
+
+
+def times(record: Record) -> list[Block]:
+    """Seconds of each step, and nanoseconds per sample, in all and by the number of samples."""
+    frame = record.timings.assign(step=record.timings["step"].astype(str))
+    frame = frame.assign(handled=frame["fits"] * frame["samples"])
+    steps = list(dict.fromkeys(frame["step"]))
+    rows = []
+    for step, part in frame.groupby("step", sort=False):
+        seconds = words.timed(float(part["seconds"].sum()))
+        rows.append(Row([_step(str(step)), words.count(int(part["fits"].sum())), seconds, _per_sample(part)]))
+    caption = (
+        f"Seconds are of all workers together ({record.manifest.jobs}); the run took "
+        f"{words.timed(record.manifest.seconds)} s by the clock, {words.timed(record.manifest.seconds_computing)} s of "
+        "them computing. An estimator's time is without the moments."
+    )
+    head = ["Step", "Data sets", "Seconds", "ns per sample"]
+    blocks: list[Block] = [Table(f"Time by step, {record.name}", caption, head, rows, numeric=frozenset({1, 2, 3}))]
+    if frame["samples"].nunique() > 1:
+        blocks.append(
+            Folded("Nanoseconds per sample, by the number of samples", _by_samples(frame, steps, record.name))
+        )
+    return blocks
+
+
+def _by_samples(frame: pd.DataFrame, steps: list[str], name: str) -> Table:
+    """Table whose columns are numbers of samples, or their decades if there are many."""
+    text: Callable[[int], str]
+    if frame["samples"].nunique() > _MANY_SAMPLES:
+        frame = frame.assign(level=np.floor(np.log10(frame["samples"]) + 1e-9).astype(int))
+        caption, text = "By the decade of the number of samples N, from its lower end.", words.power_of_ten
+    else:
+        frame = frame.assign(level=frame["samples"])
+        caption, text = "By the number of samples N.", words.count
+    levels = sorted(set(frame["level"]))
+    rows = []
+    for step in steps:
+        part = frame[frame["step"] == step]
+        rows.append(Row([_step(step), *(_per_sample(part[part["level"] == level]) for level in levels)]))
+    head = ["Step", *(text(int(level)) for level in levels)]
+    numeric = frozenset(range(1, len(head)))
+    return Table(f"Nanoseconds per sample, {name}", caption, head, rows, numeric=numeric)
+
+
+def _per_sample(part: pd.DataFrame) -> str:
+    handled = int(part["handled"].sum())
+    return words.timed(1e9 * float(part["seconds"].sum()) / handled) if handled else "–"
+
+
+def _step(name: str) -> str:
+    return _STEPS.get(name, style.label(name))
+
+
+def provenance(record: Record) -> list[Block]:
+    """Facts on a run's origin, and the command that reproduces it."""
+    manifest, folder = record.manifest, record.run.folder
+    software, machine = manifest.software, manifest.machine
+    commit: Content = "unknown: not run from a checkout"
+    if software.commit:
+        state = "with changes that were not committed" if software.dirty else "nothing uncommitted"
+        commit = [InlineCode(software.commit), f", {state}"]
+    packages = ", ".join(f"{name} {version}" for name, version in software.packages.items() if version)
+    threads = ", ".join(f"{pool} {n}" for pool, n in machine.threads.items())
+    facts: list[tuple[str, Content]] = [
+        ("Version", f"sphere-fit-study {software.study}, Python {software.python}"),
+        ("Commit", commit),
+        ("Packages", packages),
+        ("Machine", f"{machine.processor}, {machine.cores or 'unknown number of'} cores, {machine.system}"),
+        ("Code generated for", software.code_generated_for),
+        ("Threads of libraries", threads or "no limits"),
+        ("Workers", str(manifest.jobs)),
+        ("Started", words.moment(manifest.started)),
+        ("Seed", str(record.run.study.seed)),
+        ("Digest of the config", InlineCode(record.run.study.digest())),
+        (f"SHA-256 of {record.main}.parquet", InlineCode(record.fingerprint)),
+    ]
+    command = ["study", "run", str(folder / "config.toml"), "--jobs", str(manifest.jobs), *plugins(record.run.own())]
+    again = shlex.join(command)
+    other = shlex.quote(f"{folder}-again")
+    return [
+        Facts(facts),
+        Folded("The config, as it was given", Verbatim(record.config, f"Config of {record.name}")),
+        Text("To run it again, into another folder; with the same versions the error table is equal to the byte:"),
+        Verbatim(f"{again} --out {other}", f"Command that runs {record.name} again"),
+        *([Text("The commit above does not hold all of the code that ran.")] if software.dirty else []),
+    ]
+
+
+_LONG = 40
+_TOO_LONG = 1000
+
+
+def run_section(record: Record) -> Section:
+    """Section with all tables of a run."""
+    shown = {
+        "Error against the bound": ("efficiency", efficiency),
+        **({"Trials by need": ("precision", precision)} if record.run.has("precision") else {}),
+    }
+    folded = {
+        "How the fits ended": ("status", statuses),
+        "The worst trials": ("worst", worst_trials),
+        "Time": ("time", times),
+        "Provenance": ("provenance", provenance),
+    }
+    content: list[Block] = []
+    for title, (name, make) in shown.items():
+        content += [Heading(title, f"{name}-{record.name}"), *make(record)]
+    for title, (name, make) in folded.items():
+        content.append(Folded(title, make(record), printed=False, id=f"{name}-{record.name}"))
+    return Section(f"Run {record.name}", run_id(record), content, listed=False)
+
+
+def efficiency(record: Record) -> list[Block]:
+    """Median error over the bound: a row per group, a column per estimator."""
+    frame = record.summary
+    if frame["group"].nunique() > _TOO_LONG:
+        return [Text(["There are too many conditions for a table; ", InlineCode("summary.parquet"), " has them."])]
+    by_decade = bool(frame["decade"].notna().any())
+    titles, conditions, fixed = _conditions(frame, by_decade)
+    shown = [name for name in record.estimators if name in set(frame["estimator"])]
+    bounded, rows = has_bounds(record.run.study), []
+    groups: dict[object, list[RowValues]] = {}
+    for row in frame.to_dict("records"):
+        groups.setdefault(row["group"], []).append(row)
+    for part in groups.values():
+        found = {str(row["estimator"]): row for row in part}
+        first = next(iter(found.values()))
+        cells: list[Content] = [*(make(first) for make in conditions), words.count(int(first["planned"]))]
+        if bounded:
+            cells += [f"{value:.3g}" for value in medians_at_bounds(record.run.study, first)]
+        rows.append(Row([*cells, *(_ratio(found[name]) if name in found else "–" for name in shown)]))
+    least = words.count(int(frame["planned"].min()))
+    law = f" ({name})" if (name := bound_law(frame)) else ""
+    efficient = (
+        "The columns CRLB and attainable have the medians of Gaussian errors at the Cramér-Rao bound, which treats the "
+        "directions as known, and at the attainable bound, which does not. "
+        if bounded
+        else "An estimator with Gaussian errors at the bound has about 0.7 to 0.9. "
+    )
+    caption = (
+        f"Distance of the estimated from the true centre over the bound √tr CRLB{law} of the same points: median of "
+        "the fits that are ok, ± its Monte-Carlo error (∞: too few fits for one); below it the share of those that are "
+        f"not. {efficient}"
+        f"At least {least} trial{'s' * (least != '1')} a row{fixed}."
+    )
+    head = [*titles, "trials", *(["CRLB", "attainable"] if bounded else []), *(style.label(name) for name in shown)]
+    table = Table(f"Error over the bound, {record.name}", caption, head, rows, numeric=frozenset(range(len(head))))
+    if len(rows) <= _LONG:
+        return [table]
+    summary = f"The table of all {words.count(len(rows))} conditions"
+    return [Text("There are many conditions; the figures show them better."), Folded(summary, table, printed=False)]
+
+
+def _conditions(frame: pd.DataFrame, by_decade: bool) -> tuple[list[str], list[Callable[[RowValues], str]], str]:
+    """Titles and formats of the columns that distinguish groups, and the conditions that all groups share."""
+    if by_decade:
+        return ["σ/r from"], [_decade], ""
+    made = {c: partial(words.condition, c) for c in LABELS if not c.stored or c.name in frame}
+    records = frame.drop_duplicates("group").to_dict("records")
+    columns = {c: [make(row) for row in records] for c, make in made.items()}
+    vary = [c for c, texts in columns.items() if len(set(texts)) > 1] or [SAMPLES]
+    fixed = ", ".join(f"{c.symbol} = {texts[0]}" for c, texts in columns.items() if c not in vary)
+    return [c.symbol for c in vary], [made[c] for c in vary], f", all at {fixed}" if fixed else ""
+
+
+def _decade(row: RowValues) -> str:
+    return words.power_of_ten(int(row["decade"]))
+
+
+def _ratio(row: RowValues) -> Content:
+    ok, planned = int(row["ok"]), int(row["planned"])
+    if ok == 0:
+        return "none ok"
+    text = words.measured(row["ratio_median_ok"], row["ratio_median_ok_error"])
+    return [text, Note(f"{words.percent(planned - ok, planned)} not ok")] if ok < planned else text
+
+
+def statuses(record: Record) -> list[Block]:
+    """Table of counts: a row per status that occurs, a column per estimator."""
+    known = ["planned", *(status.name.lower() for status in Status)]
+    names = [name for name in known if name in record.summary]  # an older run may lack newer statuses
+    counts = record.summary.groupby("estimator", observed=True, sort=False)[names].sum()
+    rows = []
+    for name in names:
+        total = [int(counts[name][estimator]) for estimator in record.estimators]
+        if name in ("planned", "ok") or any(total):
+            text = "planned" if name == "planned" else Status[name.upper()].text
+            rows.append(Row([text, *map(words.count, total)]))
+    head = ["Fits", *(style.label(name) for name in record.estimators)]
+    caption = "None is ever drawn again or left out."
+    numeric = frozenset(range(1, len(head)))
+    return [Table(f"How the fits ended, {record.name}", caption, head, rows, numeric=numeric)]
+
+
+def worst_trials(record: Record) -> list[Block]:
+    """Table of the trials with the largest errors over the bound, with the commands that replay them."""
+    frame = record.worst
+    if frame is None:
+        return [Text('The study kept its summary alone (keep = "summary"): which trials were worst is not known.')]
+    if frame.empty:
+        return [Text("No fit is ok and has a finite bound.")]
+    folder = shlex.quote(str(record.run.folder))
+    conditions = named_in(frame)
+    rows = [
+        Row(
+            [
+                InlineCode(str(row["cell"])),
+                str(row["trial"]),
+                style.label(str(row["estimator"])),
+                *(words.condition(condition, row) for condition in conditions),
+                words.timed(row["ratio"]),
+                explain(int(row["status"])),
+                InlineCode(f"study replay {folder} {shlex.quote(str(row['cell']))} {row['trial']}"),
+            ]
+        )
+        for _, row in frame.iterrows()
+    ]
+    symbols = [c.symbol for c in conditions]
+    head = ["Cell", "Trial", "Estimator", *symbols, "Error over bound", "Status", "To see it again"]
+    law = f" ({name})" if (name := bound_law(frame)) else ""
+    caption = (
+        f"Largest error over a finite bound{law} among the fits that are ok; a trial counts once, by its worst "
+        "estimator. The command draws the same points again; the fits that it shows are those of the version installed."
+    )
+    label = f"The worst trials, {record.name}"
+    return [Table(label, caption, head, rows, numeric=frozenset({1, *range(3, 4 + len(conditions))}), stacked=True)]

@@ -1,0 +1,1 @@
+"""Runs: work is cut into units, computed by workers and stored in a folder."""

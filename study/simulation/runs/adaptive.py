@@ -1,0 +1,348 @@
+"""Precision of cells, from their stored rows: a performance measure of each estimator and its Monte-Carlo error.
+
+Progress of the cells that share their draws: which of them are open, and why the others are not.
+
+Rounds of an adaptive run: from checkpoint to checkpoint, trials are added to the cells that are still open.
+
+In each round, every group of cells that share their draws goes on to its next checkpoint, with only those cells whose
+measure is not known well enough. These decisions are not stored. They follow from the parts, and a resumed run finds
+them again. So they depend neither on the workers nor on interruptions.
+
+A time budget: seconds after which a run starts no new work.
+"""
+
+import math
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import chain
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from study.arrays import Ints
+from study.simulation.experiment.compute import Columns
+from study.simulation.experiment.config import Precision, Study
+from study.simulation.experiment.designs import Cell, Group, Span
+from study.simulation.experiment.sampling import groups, spans_of, trials_of
+from study.simulation.runs import schemas
+from study.simulation.runs.jobs import Jobs, Layout, stored_rows
+from study.simulation.runs.parts import Parts
+from study.simulation.statistics import Measure, measured
+
+CellBatch = list[tuple[list[Span], list[Cell]]]
+"""Groups of cells, each with the pieces of its trials and the cells to measure."""
+COLUMNS = ("radius", "error", "error_1", "bound", "status")
+_ROWS = 1 << 20
+"""Rows read at a time; those of a single cell if it has more."""
+
+
+@dataclass(frozen=True)
+class CellPrecision:
+    """Precision of a cell at a checkpoint.
+
+    Attributes:
+        trials: number of its trials.
+        estimator: the one that is farthest from the target.
+        value: its measure.
+        error: the Monte-Carlo error of the measure.
+        goal: the largest error that is small enough.
+        reached: true if the error of every estimator is small enough.
+    """
+
+    trials: int
+    estimator: str
+    value: float
+    error: float
+    goal: float
+    reached: bool
+
+
+def measure_cells(
+    jobs: Jobs, parts: Parts, places: Sequence[list[Span]], precision: Precision
+) -> Iterator[tuple[Cell, CellPrecision]]:
+    """Find the precision of cells from all of their trials.
+
+    Args:
+        jobs: the study's.
+        parts: the stored rows, which have all of these trials.
+        places: for each group of cells the pieces of its trials, in order; the last one has the cells to measure.
+        precision: the config's section.
+    """
+    names = precision.estimators or jobs.study.estimators
+    for batch in _batches(places, len(jobs.study.estimators)):
+        cells = [cell for _, some in batch for cell in some]
+        trials = [pieces[-1].last for pieces, some in batch for _ in some]
+        rows = _split(_read(jobs, parts, batch), [cell.name for cell in cells], names)
+        for cell, count, found in zip(cells, trials, rows, strict=True):
+            measures = {name: measured(precision.measure, each) for name, each in zip(names, found, strict=True)}
+            yield cell, _worst(precision, count, measures)
+
+
+def _read(jobs: Jobs, parts: Parts, batch: CellBatch) -> pa.Table:
+    """Read the rows of some cells, those of each in the order of its trials."""
+    found: list[pa.Table] = []
+    order = sorted((index, number) for number, (pieces, _) in enumerate(batch) for index in range(len(pieces)))
+    for index, number in order:  # across groups first: what was computed together is stored together
+        pieces, cells = batch[number]
+        wanted = pa.array([cell.name for cell in cells])
+        for _, table in stored_rows(jobs, parts, pieces[index], "errors"):
+            rows = table.select(["cell", "estimator", *COLUMNS])
+            if len(cells) < len(pieces[index].group.cells):
+                rows = rows.filter(pc.is_in(rows["cell"].cast(pa.string()), wanted))
+            found.append(rows)
+    return pa.concat_tables(found)
+
+
+def _worst(precision: Precision, trials: int, measures: dict[str, Measure]) -> CellPrecision:
+    """Precision of the estimator that is farthest from the target."""
+
+    def distance(name: str) -> float:
+        value, error = measures[name]
+        goal = precision.goal(value)
+        return error / goal if np.isfinite(error) and goal > 0.0 else np.inf
+
+    worst = max(measures, key=distance)  # the first of equals
+    value, error = measures[worst]
+    reached = all(precision.reached(*each) for each in measures.values())
+    return CellPrecision(trials, worst, value, error, precision.goal(value), reached)
+
+
+def _batches(places: Sequence[list[Span]], estimators: int) -> Iterator[CellBatch]:
+    """Take as many groups at a time, or cells of one, as memory should hold."""
+    batch: CellBatch = []
+    held = 0
+    for pieces in places:
+        each = pieces[-1].last * estimators
+        cells = list(pieces[-1].group.cells)
+        while cells:
+            room = max((_ROWS - held) // each, 0 if batch else 1)
+            if room:
+                some = cells[:room]
+                batch.append((pieces, some))
+                held += each * len(some)
+                cells = cells[room:]
+            if cells:
+                yield batch
+                batch, held = [], 0
+    if batch:
+        yield batch
+
+
+def _split(table: pa.Table, cells: list[str], estimators: Sequence[str]) -> Iterator[list[Columns]]:
+    """Split rows by cell and estimator, each in the order of its trials."""
+    cell, estimator = _codes(table, "cell", cells), _codes(table, "estimator", estimators)
+    use = np.flatnonzero((cell >= 0) & (estimator >= 0))
+    code = cell[use] * len(estimators) + estimator[use]
+    use = use[np.argsort(code, kind="stable")]
+    ends = np.cumsum(np.bincount(code, minlength=len(cells) * len(estimators)))
+    columns = {name: table[name].to_numpy()[use] for name in COLUMNS}
+    begin = 0
+    for place in range(len(cells)):
+        found = []
+        for end in ends[place * len(estimators) : (place + 1) * len(estimators)]:
+            found.append({name: values[begin:end] for name, values in columns.items()})
+            begin = int(end)
+        yield found
+
+
+def _codes(table: pa.Table, column: str, words: Sequence[str]) -> Ints:
+    """Place of each row's word among others; -1 for a word that is not among them."""
+    known = {word: place for place, word in enumerate(words)}
+    found = [
+        np.array([known.get(word, -1) for word in chunk.dictionary.to_pylist()], dtype=np.int64)[chunk.indices]
+        for chunk in table[column].chunks
+    ]
+    return np.concatenate(found) if found else np.empty(0, dtype=np.int64)
+
+
+TARGET, CAP, BUDGET = "target", "cap", "budget"
+NOTHING = CellPrecision(0, "", math.nan, math.nan, math.nan, False)
+"""Precision of a cell before its first checkpoint."""
+
+
+class GroupProgress:
+    """Progress of a group of cells through its checkpoints.
+
+    Args:
+        group: all of its cells.
+        checkpoints: numbers of trials at which the cells are measured.
+
+    Attributes:
+        stages: trials from one checkpoint to the next, of the cells that were open then. The cells of the last one are
+            not measured yet, or no cell is open any more.
+        found: the last precision of each cell.
+        reasons: for each cell that is not open any more, why.
+    """
+
+    def __init__(self, group: Group, checkpoints: list[int]) -> None:
+        self.group, self.checkpoints = group, checkpoints
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget all measures, and begin at the first checkpoint."""
+        self.stages = [Span(self.group, 0, self.checkpoints[0])]
+        self.found: dict[Cell, CellPrecision] = {}
+        self.reasons: dict[Cell, str] = {}
+
+    @property
+    def open(self) -> bool:
+        """True if a cell is to have more trials."""
+        return len(self.reasons) < len(self.group.cells)
+
+    def take(self, cell: Cell, precision: CellPrecision) -> None:
+        """Note a cell's precision, and close the cell if it needs, or may have, no more trials."""
+        self.found[cell] = precision
+        if precision.reached:
+            self.reasons[cell] = TARGET
+        elif precision.trials == self.checkpoints[-1]:
+            self.reasons[cell] = CAP
+
+    def go_on(self) -> None:
+        """Begin the next stage, with the open cells."""
+        left = {cell for cell in self.group.cells if cell not in self.reasons}
+        last = self.stages[-1].last
+        self.stages.append(Span(self.group.only(left), last, self.checkpoints[len(self.stages)]))
+
+    def stop(self) -> None:
+        """Leave out the last stage, and close all cells."""
+        self.stages.pop()
+        for cell in self.group.cells:
+            self.reasons.setdefault(cell, BUDGET)
+
+
+class Rounds(Layout):
+    """The layout of an adaptive run, as far as it is known.
+
+    Args:
+        study: the config of a grid, with a precision.
+    """
+
+    def __init__(self, study: Study) -> None:
+        assert study.precision is not None
+        super().__init__(study)
+        self._jobs = Jobs(study)
+        self.precision: Precision = study.precision
+        self.progress = {
+            group.stream: GroupProgress(group, self.precision.checkpoints(trials_of(study, group)))
+            for group in groups(study)
+        }
+
+    def units(self) -> Iterator[Span]:
+        """The units that hold trials, in the order of the tables."""
+        for progress in self.progress.values():
+            if progress.stages:
+                yield from spans_of(self.study, progress.group, progress.stages[-1].last)
+
+    def cut(self, span: Span) -> Iterator[Span]:
+        """Cut a unit into the pieces that the stages have of it."""
+        for stage in self.progress[span.group.stream].stages:
+            yield from _within(span, stage)
+
+    def pending(self) -> Iterator[Span]:
+        """Pieces of the stages that are not measured yet."""
+        return chain.from_iterable(self._pieces(progress)[1] for progress in self.progress.values() if progress.open)
+
+    def advance(self, parts: Parts) -> bool:
+        """Measure the stages that are complete, and begin the next ones; false if no group goes on.
+
+        Args:
+            parts: the stored rows.
+        """
+        places = {}
+        for stream, progress in self.progress.items():
+            if progress.open:
+                before, now = self._pieces(progress)
+                if next(self._jobs.missing(now, parts.outputs), None) is None:
+                    places[stream] = before + now
+        found = dict(measure_cells(self._jobs, parts, list(places.values()), self.precision))
+        further = False
+        for stream in places:
+            progress = self.progress[stream]
+            for cell in progress.stages[-1].group.cells:
+                progress.take(cell, found[cell])
+            if progress.open:
+                progress.go_on()
+                further = True
+        return further
+
+    def _pieces(self, progress: GroupProgress) -> tuple[list[Span], list[Span]]:
+        """Pieces of the stages that are measured, and of the last one."""
+        found: tuple[list[Span], list[Span]] = [], []
+        for stage in progress.stages:
+            for span in spans_of(self.study, progress.group, stage.last):
+                found[stage is progress.stages[-1]].extend(_within(span, stage))
+        return found
+
+    def restart(self) -> None:
+        """Forget all measures, because some of the rows are lost."""
+        for progress in self.progress.values():
+            progress.restart()
+
+    def stop(self) -> None:
+        """Go no further: the open cells stay as they were at their last checkpoint."""
+        for progress in self.progress.values():
+            if progress.open:
+                progress.stop()
+
+    def ahead(self) -> float:
+        """Share of the pending trials in all that may still be added."""
+        now = possible = 0
+        for progress in self.progress.values():
+            if progress.open:
+                stage = progress.stages[-1]
+                now += stage.rows
+                possible += len(stage.group.cells) * (progress.checkpoints[-1] - stage.first)
+        return now / possible if possible else 1.0
+
+    def reasons(self) -> Counter[str]:
+        """Numbers of closed cells by their reason."""
+        return Counter(chain.from_iterable(progress.reasons.values() for progress in self.progress.values()))
+
+    def table(self) -> pa.Table:
+        """The precision table, with a row per cell, of a run that goes no further."""
+        rows = []
+        for progress in self.progress.values():
+            for cell in progress.group.cells:
+                found = progress.found.get(cell, NOTHING)
+                rows.append(
+                    {
+                        "cell": cell.name,
+                        **cell.values,
+                        "trials": found.trials,
+                        "checkpoints": sum(point <= found.trials for point in progress.checkpoints),
+                        **{name: getattr(found, name) for name in ("estimator", "value", "error", "goal")},
+                        "reason": progress.reasons[cell],
+                    }
+                )
+        columns = schemas.precision(self.study.conditions())
+        return schemas.table(columns, {c.name: [row[c.name] for row in rows] for c in columns})
+
+
+def _within(span: Span, stage: Span) -> Iterator[Span]:
+    """Cut a unit to the trials that a stage has of it."""
+    first, last = max(span.first, stage.first), min(span.last, stage.last)
+    if first < last:
+        yield Span(stage.group, first, last)
+
+
+class TimeBudget:
+    """Seconds from now; once spent, it stays spent.
+
+    Args:
+        seconds: how many; None for no limit.
+        clock: gives the time in seconds.
+    """
+
+    def __init__(self, seconds: float | None = None, clock: Callable[[], float] = time.monotonic) -> None:
+        self.seconds = seconds
+        self._clock = clock
+        self._end = math.inf if seconds is None else clock() + seconds
+        self._spent = False
+
+    def spent(self) -> bool:
+        """Tell whether the time is over."""
+        self._spent = self._spent or self._clock() >= self._end
+        return self._spent

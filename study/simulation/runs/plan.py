@@ -1,0 +1,380 @@
+"""Cost of a study before it runs: counts, bytes, and seconds predicted from a short calibration.
+
+Compile the loops that studies and claims use, so that none waits for the compiler: once after an installation.
+
+``python -m study.simulation.runs.plan CONFIG…``. Numba keeps the compiled code beside the sources. A plan of a study
+computes a few of its trials, and so compiles what its run needs.
+
+Calibration for `study plan`: seconds per trial on this machine, measured on a study's own conditions.
+"""
+
+import logging
+import os
+import sys
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from itertools import chain, islice
+from pathlib import Path
+from time import perf_counter
+from typing import NamedTuple
+
+import numpy as np
+
+from study import instruction_set
+from study.arrays import Floats
+from study.files import RunError
+from study.simulation.experiment.compute import TOGETHER, compute, levels
+from study.simulation.experiment.config import Study
+from study.simulation.experiment.designs import Batch, Cell, Span, Unit
+from study.simulation.experiment.sampling import groups, sizes_of, trials_of
+from study.simulation.runs.jobs import tables, takes_long
+from study.text import DAY, duration, size
+
+_PAUSE = 5.0
+"""Seconds between two lines where standard error is no terminal."""
+
+
+class Progress(logging.Handler):
+    """Count loops as they are compiled: a line that changes on a terminal, elsewhere one line every few seconds."""
+
+    def __init__(self) -> None:
+        from rich.console import Console
+
+        super().__init__(logging.DEBUG)
+        self.console = Console(stderr=True, highlight=False, soft_wrap=True)
+        self.status = self.console.status("")  # shows nothing where there is no terminal
+        self.task, self.loops = "", 0
+        self.start = self.last = perf_counter()
+
+    def begin(self, task: str) -> None:
+        """Show a task that may compile loops."""
+        self.task = task
+        self._show()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Count a loop."""
+        if record.levelno == logging.DEBUG:
+            self.loops += 1
+            self._show()
+
+    def end(self) -> None:
+        """Print the sum."""
+        self.console.print(f"compiled {self.loops} loops in {perf_counter() - self.start:.0f} s")
+
+    def _show(self) -> None:
+        now = perf_counter()
+        words = f"compiling: {self.task}, {self.loops} loops so far, {now - self.start:.0f} s"
+        self.status.update(words)
+        if not self.console.is_terminal and now - self.last >= _PAUSE:
+            self.console.print(words)
+            self.last = now
+
+
+def compile_loops(configs: list[Path]) -> None:
+    """Compile the loops of studies, and of fits in two and three dimensions with their intervals.
+
+    Args:
+        configs: files of the studies.
+    """
+    progress, log = Progress(), logging.getLogger("study.fits.jit")
+    log.addHandler(progress)
+    log.setLevel(logging.DEBUG)
+    log.propagate = False
+    with progress.status:
+        _compile(configs, progress)
+    progress.end()
+
+
+def _compile(configs: list[Path], progress: Progress) -> None:
+    import numpy as np
+
+    from study.fits import fit
+    from study.simulation.experiment.config import load
+
+    for number, config in enumerate(configs, start=1):
+        progress.begin(f"{config} ({number} of {len(configs)})")
+        for part in extremes(load(config)).values():
+            plan(part, 1)
+    for dimension in (2, 3):
+        progress.begin(f"fits in {dimension} dimensions")
+        points = np.cos(np.arange(60.0 * dimension) ** 2).reshape(2, 30, dimension)
+        points /= np.linalg.norm(points, axis=2, keepdims=True)
+        for answer in (fit(points, "ugdk", noise=0.01), fit(points[0]), fit(points[0], noise=0.01)):
+            str(answer)  # computes the intervals
+
+
+if __name__ == "__main__":
+    instruction_set.fix()
+    compile_loops([Path(name) for name in sys.argv[1:]])
+
+_SIZES = 7
+_MOST_PROBED = 250_000
+"""Largest number of samples that is measured; beyond it, time is proportional to the number."""
+_CELLS = 6
+_LEVELS = 5
+_REPEATS = 3
+_LONG_PROBE = 0.05
+"""A measurement that takes longer than so many seconds is not repeated, unless it is the first."""
+_MOST_SUMMARISED = 20_000
+"""Largest number of trials whose summary is measured; beyond it, time is proportional to the number."""
+_PER_TRIAL = ("draw", "bound")
+
+
+class Kind(NamedTuple):
+    """Trials of equal cost: with the same number of samples N, and of levels and cells that share each draw."""
+
+    samples: int
+    levels: int
+    cells: int
+
+
+@dataclass(frozen=True)
+class Pace:
+    """Seconds of one worker while all workers compute, at k numbers of samples.
+
+    Attributes:
+        samples: the numbers of samples, ascending (k,).
+        draw: seconds per trial for the draw and all that its levels share (k,).
+        level: seconds per trial and level of noise and radius, for the fits of all estimators (k,).
+        summary: seconds to summarise a cell for all estimators; 0 in a study that keeps its errors.
+    """
+
+    samples: Floats
+    draw: Floats
+    level: Floats
+    summary: float
+
+    def of(self, work: Mapping[Kind, int]) -> float:
+        """Predict the seconds of some work: numbers of trials by their kind."""
+        return sum(
+            trials * (self._at(self.draw, kind.samples) + kind.levels * self._at(self.level, kind.samples))
+            for kind, trials in work.items()
+        )
+
+    def _at(self, seconds: Floats, samples: int) -> float:
+        """Interpolate linearly between the measured sizes, and in proportion beyond the last."""
+        beyond = max(1.0, samples / float(self.samples[-1]))
+        return float(beyond * np.interp(samples, self.samples, seconds))
+
+
+def measure(study: Study, cells: Sequence[Cell], jobs: int) -> Pace:
+    """Compute a few trials of several sizes, on all workers at once, since they share memory and interpreter.
+
+    Args:
+        study: the config.
+        cells: conditions of it, of all sizes.
+        jobs: number of workers.
+    """
+    bare = study.model_copy(update={"keep_points": 0, "keep": "errors"})
+    sizes = np.unique([min(cell.samples, _MOST_PROBED) for cell in cells])
+    if len(sizes) > _SIZES:
+        wanted = np.geomspace(sizes[0], sizes[-1], _SIZES)
+        sizes = np.unique([sizes[np.abs(np.log(sizes / size)).argmin()] for size in wanted])
+    probes = [_probes(study, cells, int(size)) for size in sizes]
+    jobs = min(jobs, os.cpu_count() or 1)
+    with ThreadPoolExecutor(jobs) as pool:  # outside the main thread: see `study.simulation.runs.workers`
+        found = list(pool.map(lambda _: [_timed(bare, units) for units in probes], range(jobs)))
+        summary = pool.submit(_time_of_summary, study, cells).result() if study.keep == "summary" else 0.0
+    draw, level = np.median(np.array(found), axis=0).T
+    if study.route == "moments":  # a fit takes as long at any size, and a run makes those of all trials at once
+        level = np.full(len(level), level.min())
+    return Pace(sizes.astype(float), draw, level, summary)
+
+
+def _probes(study: Study, cells: Sequence[Cell], size: int) -> list[Unit]:
+    """Units of so many samples, of conditions far apart, each as large as a run computes at once."""
+    most = max(_CELLS * _LEVELS, len(cells) // _SIZES)
+    near = sorted(cells, key=lambda cell: abs(np.log(cell.samples / size)))[:most]
+    chosen = [near[i] for i in np.linspace(0, len(near) - 1, min(_CELLS, len(near))).astype(int)]
+    if study.design.one_trial_a_cell:
+        batches = (Batch(("probe", i), 0, 1, (replace(cell, samples=size),)) for i, cell in enumerate(chosen))
+        return [Unit((batch,)) for batch in batches]
+    trials = min(study.design.trials_of(size), max(1, TOGETHER // size))
+    units = []
+    for i, cell in enumerate(chosen):
+        alike = [replace(c, samples=size) for c in near if c.angle == cell.angle]
+        places = [group[0] for group in levels(tuple(alike))]
+        some = tuple(alike[places[k]] for k in np.linspace(0, len(places) - 1, min(_LEVELS, len(places))).astype(int))
+        units.append(Unit((Batch(("probe", i), 0, trials, some),)))
+    return units
+
+
+def _timed(study: Study, units: list[Unit]) -> tuple[float, float]:
+    """Seconds per trial, and per trial and level, averaged over units."""
+    shared = {*_PER_TRIAL, "moments"} if study.route == "moments" else set(_PER_TRIAL)
+    found = []
+    for unit in units:
+        ((batch,), best) = unit.batches, (np.inf, np.inf)
+        for repeat in range(_REPEATS):
+            began = perf_counter()
+            timings = tables(study, unit, compute(study, unit))["timings"]
+            whole = perf_counter() - began
+            drawing = timings["seconds"][np.isin(timings["step"].astype(str), list(shared))].sum()
+            best = min(best, (whole - drawing, drawing))
+            if repeat and whole > _LONG_PROBE:  # the first one may have loaded compiled code
+                break
+        count = len(list(levels(batch.cells)))
+        found.append((best[1] / batch.trials, best[0] / (batch.trials * count)))
+    draw, level = np.mean(found, axis=0)
+    return float(draw), float(level)
+
+
+def _time_of_summary(study: Study, cells: Sequence[Cell]) -> float:
+    """Seconds to summarise a cell, measured at the smallest number of samples."""
+    smallest = min(cells, key=lambda cell: cell.samples)
+    trials = study.design.trials_of(smallest.samples)
+    few = min(trials, _MOST_SUMMARISED)
+    unit = Unit((Batch(("probe", 0), 0, few, (smallest,)),))
+    best = np.inf
+    for _ in range(_REPEATS):
+        timings = tables(study, unit, compute(study, unit))["timings"]
+        best = min(best, timings["seconds"][timings["step"] == "summary"].sum())
+    return float(best) * trials / few
+
+
+_ROW_BYTES = 51.0
+"""Typical measured size of a row of a compressed error table, whose doubles hardly compress."""
+_POINT_BYTES = 25.0
+_ROW_SECONDS = 1e-6
+"""Typical time to write a row and to summarise it: five seconds for five million."""
+_START_SECONDS = 2.0
+"""Typical time in which worker processes start."""
+_MOST_COUNTED = 300_000
+"""Number of cells that are counted one by one, in some seconds."""
+_MOST_CELLS = 5000
+"""Number of cells from which the calibration takes its conditions."""
+_LONG = 7.0 * DAY
+"""Seconds above which a plan comes with a warning."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The size of a study.
+
+    Attributes:
+        cells: conditions; in a random design, one per trial.
+        units: pieces of work.
+        trials: data sets, over all cells.
+        draws: samples drawn from the generator.
+        samples: samples fitted, per estimator: the draws, times the cells that share them.
+        fits: data sets times estimators.
+        bytes: predicted size of the tables.
+        seconds: predicted time on so many workers, with compiled code ready.
+    """
+
+    cells: int
+    units: int
+    trials: int
+    draws: int
+    samples: int
+    fits: int
+    bytes: float
+    seconds: float
+
+    def lines(self) -> list[tuple[str, str]]:
+        """Labels and values for the terminal."""
+        return [
+            ("cells", f"{self.cells:,}"),
+            ("trials", f"{self.trials:,}"),
+            ("draws", f"{self.draws:,} samples"),
+            ("samples", f"{self.samples:,} for each estimator"),
+            ("fits", f"{self.fits:,}"),
+            ("storage", size(self.bytes)),
+            ("time", f"{duration(self.seconds)} predicted"),
+        ]
+
+
+def plan(study: Study, jobs: int) -> Plan:
+    """Count a study's work and predict its time, without running it.
+
+    Args:
+        study: the config.
+        jobs: number of workers.
+
+    Raises:
+        RunError: if a grid has too many cells to be counted.
+    """
+    if study.cells() > _MOST_COUNTED:
+        return _extrapolated(study, jobs)
+    portions: Counter[frozenset[tuple[Kind, int]]] = Counter()
+    for group in groups(study):
+        for span, units in sizes_of(study, group):
+            portions[frozenset(_portion(span).items())] += units
+    work: Counter[Kind] = Counter()
+    for portion, units in portions.items():
+        work.update({kind: units * trials for kind, trials in portion})
+    trials = sum(count * kind.cells for kind, count in work.items())
+    samples = sum(count * kind.cells * kind.samples for kind, count in work.items())
+    n_units = portions.total()
+    processes = jobs > 1 and takes_long(study)  # they do not wait for one interpreter, but take a while to start
+    pace = measure(study, _some_cells(study), 1 if processes else jobs)
+    longest = max(pace.of(dict(portion)) for portion in portions)
+    fits = trials * len(study.estimators)
+    rows = study.cells() * len(study.estimators) if study.keep == "summary" else fits
+    kept = min(study.keep_points, study.design.trials) * samples / study.design.trials
+    seconds = pace.of(work)
+    seconds += pace.summary * study.cells() if study.keep == "summary" else 0.0
+    return Plan(
+        cells=study.cells(),
+        units=n_units,
+        trials=trials,
+        draws=sum(count * kind.samples for kind, count in work.items()),
+        samples=samples,
+        fits=fits,
+        bytes=_ROW_BYTES * rows + _POINT_BYTES * kept,
+        seconds=max(seconds / min(jobs, n_units), longest) + _ROW_SECONDS * rows + _START_SECONDS * processes,
+    )
+
+
+def warning(study: Study, least: Plan, jobs: int) -> str | None:
+    """Warning for a study that would take more than a week; None for another.
+
+    Args:
+        study: the config.
+        least: the plan of the least work that it can take.
+        jobs: number of workers.
+    """
+    if least.seconds <= _LONG:
+        return None
+    words = f"would take {duration(least.seconds)} with --jobs {jobs}, which is more than a week"
+    remedy = "give fewer trials, samples or cells, or more workers (--jobs, or a cluster with --backend dask)"
+    return f"{study.run_name()}: {words}; {remedy}"
+
+
+def extremes(study: Study) -> dict[str, Study]:
+    """Studies of the least and the most work that a config can take, by title; itself alone if its work is fixed."""
+    if study.precision is None:
+        return {"": study}
+    first = min(study.precision.first, study.design.trials)
+    least = study.model_copy(update={"design": study.design.model_copy(update={"trials": first})})
+    return {f"up to the first checkpoint, {first:,} trials": least, "at most, with every cell at the cap": study}
+
+
+def _extrapolated(study: Study, jobs: int) -> Plan:
+    """Plan a random design by its first trials, which are like the others; RunError for a grid."""
+    if not study.design.one_trial_a_cell:
+        words = f"{study.cells():,} cells are too many to plan; at most {_MOST_COUNTED:,} are counted"
+        hint = "plan it with fewer values of a condition: size and time grow with their number"
+        raise RunError(f"{study.run_name()}: {words}; {hint}")
+    few = _MOST_COUNTED // 10
+    design = study.design.model_copy(update={"trials": few})
+    found, times = plan(study.model_copy(update={"design": design}), jobs), study.design.trials / few
+    counts = {name: round(getattr(found, name) * times) for name in ("cells", "units", "trials", "draws", "samples")}
+    return Plan(**counts, fits=round(found.fits * times), bytes=found.bytes * times, seconds=found.seconds * times)
+
+
+def _portion(span: Span) -> Counter[Kind]:
+    """Numbers of trials of a unit by their kind."""
+    group, found = span.group, Counter[Kind]()
+    for samples, trials in group.sizes(span.first, span.last):
+        found[Kind(samples, group.levels, group.width)] += trials
+    return found
+
+
+def _some_cells(study: Study) -> list[Cell]:
+    """Some thousands of the study's cells, evenly spread."""
+    places = (group.places(0, trials_of(study, group)) for group in groups(study))
+    cells = (cell for cell, _, _ in chain.from_iterable(places))
+    return list(islice(cells, 0, None, max(1, study.cells() // _MOST_CELLS)))

@@ -1,0 +1,493 @@
+"""The run folder, and the tables in it.
+
+    results/<name>-<digest>/
+        config.toml        the config, as it was given
+        manifest.json      config, software, machine, seconds, digests of the tables and of itself; ends a run
+        parts/             finished rows of a run that is not finished; see `study.simulation.runs.parts`
+        errors.parquet     a row per cell, trial and estimator
+        failures.parquet   fits that raised an exception or whose worker died, if there are any
+        timings.parquet    seconds; a table of its own, so that error tables can be compared byte by byte
+        points.parquet     points of the trials that the config keeps
+        precision.parquet  number of trials of each cell, and why it has no more, where the config has a [precision]
+        summary.parquet    performance measures with their Monte-Carlo error
+        posterior.parquet, answers.parquet, draws.parquet   ensemble posteriors, where the config has a [posterior]
+        claims.parquet     verdicts on the paper's claims, where `study claims` was given the run first
+        kept/              pictures, and the keys of their sources; see `study.simulation.runs.kept`
+
+Workers compute and write nothing; the parent alone writes, and only while it holds the folder's lock. A table is read
+only if its digest is the one in the manifest, and its columns are those declared.
+
+The manifest of a run: what was computed, by what, and the digests of its tables and of the manifest itself.
+
+A manifest that does not have its own digest, or whose fields are not as declared, is damaged: nothing in it is used.
+"""
+
+import json
+import os
+from collections.abc import Callable, Collection, Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from study import files
+from study.files import RunError, explained, join, write, write_table
+from study.fits.registry import origins
+from study.simulation.experiment.config import Study, load
+from study.simulation.runs import schemas
+from study.simulation.runs.parts import DAMAGED, FORMAT
+from study.toml import ConfigError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+Manifest = dict[str, Any]
+"""A manifest as JSON has it."""
+NAME = "manifest.json"
+DIGEST = "digest"
+_ALWAYS: dict[str, type | tuple[type, ...]] = {"format": int, "run": str, "tables": dict}
+_FINISHED: dict[str, type | tuple[type, ...]] = {
+    **dict.fromkeys(("cells", "fits", "failures", "lost", "jobs"), int),
+    **dict.fromkeys(("seconds", "seconds_computing"), (int, float)),
+    **dict.fromkeys(("started", "backend"), str),
+    **dict.fromkeys(("config", "estimators", "software", "machine"), dict),
+    "also_computed_by": list,
+}
+"""Fields of a run that is finished; chains may be stored before."""
+_PERHAPS: dict[str, type | tuple[type, ...]] = {
+    "posterior": dict,
+    "precision": dict,
+    "stopped_after": (int, float),
+    "own_estimators": list,
+}
+
+
+class ManifestMissingError(RunError):
+    """A run without a manifest, because it is not finished."""
+
+
+class ManifestDamagedError(RunError):
+    """A manifest that was changed since it was written, or is not as this program writes it."""
+
+
+class ManifestNewerError(RunError):
+    """A manifest that a newer version of this program wrote."""
+
+
+def save(folder: Path, content: Manifest) -> None:
+    """Write the manifest of a run, with its digest."""
+    rest = {key: value for key, value in content.items() if key != DIGEST}
+    whole = rest | {DIGEST: files.of_json(rest)}
+    write(folder / NAME, (json.dumps(whole, indent=2, ensure_ascii=False) + "\n").encode())
+
+
+def read(folder: Path, keep: str, own: Collection[str] = ()) -> Manifest:
+    """Read the manifest of a run.
+
+    Args:
+        folder: the run's.
+        keep: name of the table whose presence means that the run has been finished.
+        own: files or packages whose estimators the run has, for messages.
+
+    Raises:
+        ManifestMissingError: if it is not there.
+        ManifestDamagedError: if its digest is not that of its content, or a field is missing or of another type.
+        ManifestNewerError: if a newer version of this program wrote it.
+    """
+    path = folder / NAME
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise ManifestMissingError(f"{path}: missing; finish the run with {rerun(folder, own)}") from None
+    except OSError as error:
+        raise RunError(f"{path}: cannot be read: {error.strerror or error}; make it readable, or remove it") from None
+    except (ValueError, RecursionError):
+        found = None
+    fault = "not JSON, or no object" if not isinstance(found, dict) else _digest_fault(found)
+    if not fault and isinstance(found["format"], int) and found["format"] > FORMAT:
+        made = found["software"].get("study", "unknown") if isinstance(found.get("software"), dict) else "unknown"
+        words = f"made by a newer version of this program ({made})"
+        raise ManifestNewerError(f"{folder}: {words}; update it, or choose another folder with --out")
+    fault = fault or _field_fault(found, keep)
+    if fault:
+        raise ManifestDamagedError(f"{path}: damaged: {fault}; {rerun(folder, own)} makes it again")
+    checked: Manifest = found
+    return checked
+
+
+def rerun(folder: Path, own: Collection[str]) -> str:
+    """The command that makes a run again, or resumes it.
+
+    Args:
+        folder: the run's.
+        own: files or packages whose estimators it has; packages are found without an option.
+    """
+    return f"`{' '.join(['study run', str(folder / 'config.toml'), '--out', str(folder), *plugins(own)])}`"
+
+
+def plugins(own: Collection[str]) -> list[str]:
+    """The options that give the files among the origins of estimators."""
+    return [word for name in own if name.endswith(".py") for word in ("--plugin", name)]
+
+
+def own_estimators(folder: Path) -> list[str]:
+    """Files or packages whose estimators a run has, by its manifest, whatever else is wrong with that.
+
+    Returns:
+        Their names; none if all estimators were shipped, or the manifest does not say.
+    """
+    try:
+        found = json.loads((folder / NAME).read_text(encoding="utf-8"))
+        return [str(entry["from"]) for entry in found["own_estimators"]]
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return []
+
+
+def _digest_fault(found: Mapping[str, Any]) -> str | None:
+    """Compare a manifest with its own digest."""
+    if DIGEST not in found:
+        return f"no field '{DIGEST}', so that nothing vouches for the tables"
+    rest = {key: value for key, value in found.items() if key != DIGEST}
+    if found[DIGEST] != files.of_json(rest):
+        return f"its {DIGEST} is not that of its content"
+    return None if "format" in found else "no field 'format'"
+
+
+def _field_fault(found: Mapping[str, Any], keep: str) -> str | None:
+    """Find a field that is missing or of another type."""
+    needed = _ALWAYS | (_FINISHED if isinstance(found.get("tables"), dict) and keep in found["tables"] else {})
+    for name, kind in (needed | _PERHAPS).items():
+        if name not in found:
+            if name in needed:
+                return f"no field '{name}'"
+        elif not isinstance(found[name], kind) or isinstance(found[name], bool):
+            return f"{name} = {json.dumps(found[name])[:40]} is not as this program writes it"
+    words = [*found["tables"].values(), *found.get("estimators", {})]
+    versions, numbers = found.get("estimators", {}).values(), found.get("precision", {}).values()
+    made_by = [found.get("software", {}), *found.get("also_computed_by", [])]
+    entries = [*made_by, *found.get("own_estimators", [])]
+    if not all(isinstance(entry, dict) for entry in entries) or not all(
+        isinstance(made.get(name), str | None) for made in made_by for name in ("study", "commit")
+    ):
+        return "software or own_estimators are not as this program writes them"
+    shipped = "own_estimators" not in found  # the version of an own estimator is a digest of its code
+    fine = all(isinstance(word, str) for word in words) and all(isinstance(number, int) for number in numbers)
+    if not fine or not all(isinstance(version, int if shipped else int | str) for version in versions):
+        return "tables or estimators are not as this program writes them"
+    return None
+
+
+T = TypeVar("T")
+_TEMPORARY = ".*.tmp"
+"""Pattern of the temporary files that a killed writer leaves."""
+
+
+class Run:
+    """A run's folder on disk.
+
+    Args:
+        folder: its path.
+        study: the config that it belongs to.
+    """
+
+    def __init__(self, folder: Path, study: Study) -> None:
+        self.folder = folder
+        self.study = study
+
+    @classmethod
+    def create(cls, folder: Path, study: Study) -> "Run":
+        """Make a folder for a study, or use the one that is there if it belongs to the same config.
+
+        Raises:
+            RunError: if it belongs to another config or a newer version, is a file, or cannot be written.
+        """
+        _refuse_other_names(folder)
+        with explained(folder):
+            found_folder = folder.exists()
+        if found_folder:
+            if not folder.is_dir():
+                raise RunError(f"{folder}: is a file, not a run folder; choose another with --out")
+            if (folder / "config.toml").exists():
+                cls(folder, study).refuse_newer()
+                cls._refuse_another(folder, study)
+            elif any(path.name != ".lock" and not path.match(_TEMPORARY) for path in folder.iterdir()):
+                raise RunError(f"{folder}: is not empty and no run folder; choose another with --out")
+        with explained(folder):
+            folder.mkdir(parents=True, exist_ok=True)
+        return cls(folder, study)
+
+    @classmethod
+    def _refuse_another(cls, folder: Path, study: Study) -> None:
+        """Raise a RunError if neither the config in a folder nor its manifest is the study's."""
+        try:
+            if cls(folder, study).manifest()["run"] == study.run_name():
+                return  # the config may be damaged; it is written again
+        except RunError:
+            pass
+        found = cls.open(folder).study
+        if found.digest() != study.digest():
+            words = f"holds a run of another config ({found.run_name()}, not {study.run_name()})"
+            raise RunError(f"{folder}: {words}; choose another folder with --out, or remove this one")
+
+    @classmethod
+    def open(cls, folder: Path) -> "Run":
+        """Open an existing run.
+
+        Raises:
+            RunError: if there is none, or its config cannot be read.
+        """
+        _refuse_other_names(folder)
+        try:
+            found = (folder / "config.toml").is_file()
+        except OSError as error:
+            words = f"cannot be read: {error.strerror or error}; make it readable, or give another folder"
+            raise RunError(f"{folder}: {words}") from None
+        if not found:
+            raise RunError(f"{folder}: not a run folder (no config.toml in it); `study run CONFIG` makes one")
+        try:
+            return cls(folder, load(folder / "config.toml"))
+        except ConfigError as error:
+            words = "; ".join(line.strip() for line in str(error).splitlines())
+            own = ", ".join(own_estimators(folder))
+            hint = f"; it was made with estimators of {own}: give --plugin FILE" if own else ""
+            again = f"`study run CONFIG --out {folder}`, with the config that it was made of, writes it again"
+            raise RunError(f"{folder}: its config cannot be read any more: {words}; {again}{hint}") from None
+
+    def begin(self, config: str) -> "Run":
+        """Store the config's text, remove the temporary files of a killed writer, and return the run."""
+        with explained(self.folder):
+            for place in (self.folder, self.folder / "parts"):
+                for path in place.glob(_TEMPORARY):
+                    path.unlink()
+            path = self.folder / "config.toml"
+            if not path.is_file() or path.read_bytes() != config.encode():
+                write(path, config.encode())
+        return self
+
+    def path(self, name: str) -> Path:
+        """File of a table."""
+        return self.folder / f"{name}.parquet"
+
+    def has(self, name: str) -> bool:
+        """True if a table is stored."""
+        return self.path(name).is_file()
+
+    def table(
+        self, name: str, columns: Collection[str] | None = None, estimators: Collection[str] | None = None
+    ) -> "pd.DataFrame":
+        """Read a stored table into a data frame.
+
+        Args:
+            name: the table's.
+            columns: names of columns, of which those that the table has are read; all if None.
+            estimators: names of estimators, whose rows are read; all if None.
+
+        Raises:
+            RunError: if it is not there, because the run did not finish.
+        """
+        return self.read(name, lambda path: schemas.read(path, columns, estimators))
+
+    def arrow(self, name: str) -> pa.Table:
+        """Read a stored table into Arrow's memory; see `table`."""
+        table: pa.Table = self.read(name, pq.read_table)
+        return table
+
+    def read(self, name: str, read: Callable[[Path], T]) -> T:
+        """Read a table's file with a function; see `table`."""
+        path = self.require(name)
+        try:
+            return read(path)
+        except (OSError, pa.ArrowException, ValueError, KeyError) as error:
+            words = " ".join(str(error).split())
+            raise RunError(f"{path}: cannot be read: {words}; {self.again(name)} makes it again") from None
+
+    def require(self, name: str) -> Path:
+        """Give the path of a table that is there and as its manifest says; see `table`."""
+        path = self.path(name)
+        if name == "errors" and self.study.keep == "summary":
+            raise RunError(
+                f'{path}: not stored: the study keeps its summary alone; keep = "errors" in the config stores it'
+            )
+        if not path.is_file():
+            raise RunError(f"{path}: missing; finish the run with {self.again()}")
+        self.check(name)
+        return path
+
+    def check(self, name: str) -> None:
+        """Raise a RunError unless a stored table has the digest that its manifest says, and the columns declared."""
+        path, known = self.path(name), self.manifest()
+        if name not in known["tables"]:
+            raise RunError(f"{path}: not in {NAME}, so not of this run; {self.again(name)} makes it")
+        if self.fingerprint(name) != known["tables"][name]:
+            words = f"damaged: its SHA-256 is not the one in {NAME}"
+            raise RunError(f"{path}: {words}; {self.again(name)} makes it again")
+        if fault := self.column_fault(name):
+            raise RunError(f"{path}: {fault}; {self.again(name)} makes it again")
+
+    def column_fault(self, name: str) -> str | None:
+        """The fault of a stored table's columns, whatever its digest; None if they are those declared."""
+        declared = schemas.declared(self.study.dimension, self.study.conditions()).get(name, [])
+        try:
+            return schemas.fault(pq.read_schema(self.path(name)), declared)
+        except (OSError, pa.ArrowException, ValueError) as error:
+            return f"cannot be read: {' '.join(str(error).split())}"
+
+    def again(self, name: str = "") -> str:
+        """The command that makes a table again, or all of them."""
+        if name == "claims":
+            return f"`{' '.join(['study claims', str(self.folder), *plugins(self.own())])}`"
+        return rerun(self.folder, self.own())
+
+    def own(self) -> list[str]:
+        """Files or packages whose estimators the run has."""
+        return [str(origin["from"]) for origin in origins(self.study.estimators)]
+
+    def valid(self, name: str) -> bool:
+        """True if a table is stored, and has the digest that its manifest says, and the columns declared."""
+        try:
+            same = self.has(name) and self.manifest()["tables"].get(name) == self.fingerprint(name)
+            return same and self.column_fault(name) is None
+        except RunError:
+            return False
+
+    def metadata(self, name: str) -> dict[str, str]:
+        """Metadata of a stored table; empty if it is not there or cannot be read."""
+        try:
+            found = pq.read_schema(self.path(name)).metadata
+        except (OSError, pa.ArrowInvalid):
+            return {}
+        return {key.decode(): value.decode() for key, value in (found or {}).items()}
+
+    def fingerprint(self, name: str) -> str | None:
+        """SHA-256 of a table's file; None if it is not there."""
+        return files.of_file(self.path(name))
+
+    def save(self, name: str, table: pa.Table) -> None:
+        """Write a whole table, and note its digest in the manifest; nothing is written if that is damaged."""
+        self._manifest_or_new()
+        with explained(self.folder):
+            write_table(self.path(name), table)
+        self.record(name)
+
+    def _manifest_or_new(self) -> Manifest:
+        """The manifest, or the beginning of one if there is none."""
+        try:
+            return self.manifest()
+        except ManifestMissingError:
+            return {"format": FORMAT, "run": self.study.run_name(), "tables": {}}
+
+    def record(self, *names: str, **entries: object) -> None:
+        """Note the digests of tables, and other entries, in the manifest; one is begun if there is none."""
+        known = self._manifest_or_new()
+        tables = known["tables"] | {name: self.fingerprint(name) for name in names}
+        self.save_manifest(known | entries | {"tables": tables})
+
+    def forget(self, *names: str) -> None:
+        """Take tables that are about to be replaced out of the manifest, if there is one."""
+        with_manifest = (self.folder / NAME).is_file()
+        if with_manifest and set(names) & set((known := self.manifest())["tables"]):
+            tables = {name: digest for name, digest in known["tables"].items() if name not in names}
+            self.save_manifest(known | {"tables": tables})
+
+    def join(
+        self, name: str, columns: list[schemas.Column], parts: Iterable[pa.Table], metadata: Mapping[str, str]
+    ) -> None:
+        """Write a table from parts, without holding all of them in memory."""
+        with explained(self.folder):
+            join(self.path(name), schemas.schema(columns, metadata), parts)
+
+    def remove(self, name: str) -> None:
+        """Remove a table, if it is there."""
+        with explained(self.folder):
+            self.path(name).unlink(missing_ok=True)
+
+    def set_aside(self, name: str) -> None:
+        """Move a damaged table to ``parts/damaged``; the manifest still has it, until it is made again."""
+        self._move_aside(self.path(name))
+
+    def set_manifest_aside(self) -> str | None:
+        """Move a damaged manifest to ``parts/damaged``; returns its fault, None if it is not damaged."""
+        try:
+            self.manifest()
+        except ManifestDamagedError as error:
+            self._move_aside(self.folder / NAME)
+            return str(error).rsplit("; ", 1)[0]
+        except ManifestMissingError:
+            pass
+        return None
+
+    def _move_aside(self, path: Path) -> None:
+        with explained(self.folder):
+            if path.is_file():
+                (self.folder / "parts" / DAMAGED).mkdir(parents=True, exist_ok=True)
+                path.replace(self.folder / "parts" / DAMAGED / path.name)
+
+    def save_manifest(self, content: Manifest) -> None:
+        """Write the manifest, with its digest."""
+        with explained(self.folder):
+            save(self.folder, content)
+
+    def manifest(self) -> Manifest:
+        """The manifest.
+
+        Raises:
+            ManifestMissingError: if it is not there, because the run did not finish.
+            ManifestDamagedError: if it was changed since it was written, or is of another run.
+            ManifestNewerError: if a newer version of this program wrote it.
+        """
+        found = read(self.folder, self.study.keep, self.own())
+        if found["run"] != self.study.run_name():
+            words = f"damaged: of {found['run']}, where config.toml is of {self.study.run_name()}"
+            again = f"`study run CONFIG --out {self.folder}`, with the config that it was made of, mends it"
+            raise ManifestDamagedError(f"{self.folder / NAME}: {words}; {again}")
+        return found
+
+    def stopped(self) -> float | None:
+        """Seconds of the budget that stopped the run before its end; None if none did."""
+        try:
+            found = self.manifest().get("stopped_after")
+        except RunError:
+            return None
+        return float(found) if isinstance(found, int | float) else None
+
+    def trials(self) -> dict[str, int]:
+        """Number of trials of each cell of an adaptive run, by name; empty while there is no precision table."""
+        if not self.has("precision"):
+            return {}
+        found = self.table("precision", ["cell", "trials"])
+        return dict(zip(found["cell"].astype(str), found["trials"].astype(int), strict=True))
+
+    def maker(self) -> dict[str, object]:
+        """The software that finished the run, as `provenance.software` has it; empty if it is not known."""
+        try:
+            found = self.manifest().get("software", {})
+        except RunError:
+            return {}
+        return found if isinstance(found, dict) else {}
+
+    def makers(self) -> list[dict[str, object]]:
+        """The software that finished the run, and any other that computed some of its rows; none if it is not known."""
+        try:
+            others = self.manifest().get("also_computed_by", [])
+        except RunError:
+            return []
+        return [each for each in (self.maker(), *others) if each]
+
+    def refuse_newer(self) -> None:
+        """Raise a RunError if a newer program finished the run, whose files this one might read wrongly."""
+        try:
+            self.manifest()
+        except ManifestNewerError:
+            raise
+        except RunError:
+            return
+
+
+def _refuse_other_names(folder: Path) -> None:
+    """Raise a RunError if a folder's path is not UTF-8, since Arrow opens no other files."""
+    try:
+        os.fspath(folder.absolute()).encode()
+    except UnicodeEncodeError:
+        raise RunError(f"{folder.absolute()}: this name is not UTF-8, as Arrow needs it; choose another") from None

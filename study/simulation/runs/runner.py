@@ -1,0 +1,289 @@
+"""The runner: computes what is missing of a study's run, stores it as it comes back, and joins it to tables.
+
+The last step of a run: its parts are joined to tables, and the manifest is written.
+"""
+
+import contextlib
+import json
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from datetime import UTC, datetime
+from itertools import chain, islice
+from pathlib import Path
+
+import pyarrow as pa
+from threadpoolctl import threadpool_limits
+
+from study.files import RunError, writing
+from study.fits import ESTIMATORS
+from study.fits.registry import only_here, origins
+from study.simulation.experiment.config import Study
+from study.simulation.runs import jobs, provenance, run_folder, schemas
+from study.simulation.runs.adaptive import BUDGET, TARGET, Rounds, TimeBudget
+from study.simulation.runs.jobs import Job, Jobs, Layout, execute, give_up
+from study.simulation.runs.parts import FORMAT, Parts
+from study.simulation.runs.reuse import EarlierRun, ReuseLayout, beside, finished, set_damaged_aside, up_to_date
+from study.simulation.runs.run_folder import Run
+from study.simulation.runs.workers import Backend, Dispatch, Workers
+
+
+def finish(
+    store: Run, parts: Parts, layout: Layout, started: datetime, workers: Workers, budget: TimeBudget | None = None
+) -> None:
+    """Join the parts to the run's tables, in the order of the units, and remove them, unless a budget stopped the run.
+
+    The error table's metadata hold the config and the software, but nothing of time, machine or workers, so that equal
+    runs are equal to the byte. The manifest comes last: a run that is killed before is finished again from its parts.
+
+    Args:
+        store: the run.
+        parts: the stored rows of all its units.
+        layout: the units, and how each was cut. Cells that are still open stay as they were at their last checkpoint.
+        started: time at which the run started.
+        workers: the workers that computed it.
+        budget: its time budget.
+
+    Raises:
+        RunError: if the folder cannot be written; the parts stay.
+    """
+    study, clock = store.study, time.perf_counter()
+    metadata = {"study.config": study.canonical(), "study.software": json.dumps(parts.software)}
+    store.forget(*schemas.of_units(study.dimension, study.conditions()), "precision")  # they are about to be replaced
+    store.remove("summary")
+    written, causes, reasons = [], Counter[str](), Counter[str]()
+    if isinstance(layout, Rounds):
+        layout.stop()
+        reasons = layout.reasons()
+        store.join("precision", schemas.precision(study.conditions()), [layout.table()], metadata)
+        written.append("precision")
+    for name, columns in schemas.of_units(study.dimension, study.conditions()).items():
+        rows = jobs.rows(study, parts, layout, name)
+        if name == "failures":
+            rows = _counted(rows, causes)
+        first = list(islice(rows, 1))
+        if first or name in (study.keep, "timings") or (name == "points" and study.keep_points):
+            store.join(name, columns, chain(first, rows), metadata)
+            written.append(name)
+        else:
+            store.remove(name)
+    before = store.manifest() if (store.folder / run_folder.NAME).is_file() else {"tables": {}}
+    store.save_manifest(
+        {key: value for key, value in before.items() if key == "posterior"}
+        | ({"precision": dict(reasons)} if reasons else {})
+        | ({"stopped_after": budget.seconds} if budget and reasons[BUDGET] else {})
+        | {
+            "format": FORMAT,
+            "run": study.run_name(),
+            "config": study.model_dump(mode="json"),
+            "cells": study.cells(),
+            "fits": sum(piece.rows for piece in layout.pieces()) * len(study.estimators),
+            "failures": causes.total(),
+            "lost": causes["worker"],
+            "estimators": {name: ESTIMATORS[name].version for name in study.estimators},
+            "tables": {name: store.fingerprint(name) for name in written} | before["tables"],
+            **({"own_estimators": own} if (own := origins(study.estimators)) else {}),
+            "started": started.isoformat(timespec="seconds"),
+            "seconds_computing": round(parts.seconds, 3),
+            "seconds": round(parts.seconds + time.perf_counter() - clock, 3),
+            "jobs": workers.jobs,
+            "backend": workers.backend,
+            "software": parts.software,
+            "also_computed_by": parts.made_by,
+            "machine": provenance.machine(),
+        }
+    )
+    if not reasons[BUDGET]:
+        parts.remove()
+
+
+def budget_message(run: Run) -> str | None:
+    """Message for a run that its budget stopped; None for another."""
+    if (seconds := run.stopped()) is None:
+        return None
+    found, all_cells = run.manifest()["precision"], run.manifest()["cells"]
+    done = f"{found.get(TARGET, 0):,} of {all_cells:,} cells reached the target"
+    return f"{run.folder}: stopped by its budget of {seconds:g} s: {done}; {run.again()} resumes it"
+
+
+def failure_message(run: Run) -> str | None:
+    """Message for a finished run whose share of failed fits is larger than its config tolerates; None for another."""
+    found, tolerated = run.manifest(), run.study.tolerate_failures
+    failures, fits = found["failures"], found["fits"]
+    if failures <= tolerated * fits:
+        return None
+    words = f"{failures:,} of {fits:,} fits raised an exception or killed their worker"
+    return f"{run.path('failures')}: {words}; tolerate_failures = {tolerated:g}"
+
+
+def _counted(rows: Iterator[pa.Table], causes: Counter[str]) -> Iterator[pa.Table]:
+    """Count the causes of failures as their rows pass."""
+    for table in rows:
+        causes.update(table["cause"].cast(pa.string()).to_pylist())
+        yield table
+
+
+Progress = Callable[[float], None]
+"""Callback for progress: called with the share of all work, in [0, 1], that was done since the last call."""
+Warn = Callable[[str], None]
+"""Callback for warnings, each a line."""
+
+
+def weight(job: Job) -> float:
+    """Weight of a job; the heaviest are computed first."""
+    return job.weight
+
+
+def run(
+    study: Study,
+    config: str,
+    folder: Path,
+    jobs: Workers | int = 2,
+    progress: Progress | None = None,
+    warn: Warn | None = None,
+    budget: TimeBudget | None = None,
+) -> Run:
+    """Run a study, or resume its run.
+
+    Args:
+        study: the config.
+        config: its text, stored beside the tables.
+        folder: the run's folder.
+        jobs: number of threads, or other workers.
+        progress: callback for progress.
+        warn: callback for warnings; they go to standard error if there is none.
+        budget: time after which no new work is started, for an adaptive study; by default the config's.
+
+    Returns:
+        The finished run, or one that its budget stopped (`Run.stopped`); run it again to resume it. The error table of
+        a finished run depends neither on the workers, nor on their order, nor on interruptions.
+
+    Raises:
+        RunError: if the folder belongs to another config, is being written to, or cannot be written, or the workers
+            cannot be started. What was finished is kept.
+        ValueError: if the study has a budget and no precision.
+    """
+    if study.precision is None and budget is not None:
+        raise ValueError(f"{study.run_name()}: a budget is for a config with [precision]")
+    budget = budget or TimeBudget(study.precision.seconds if study.precision else None)
+    workers = Workers(jobs=jobs) if isinstance(jobs, int) else jobs
+    if workers.backend != "threads" and (names := only_here(study.estimators)):
+        words = f"registered by this program alone, which {workers.backend} workers do not know"
+        raise RunError(f"{', '.join(names)}: {words}; use threads, or a file of estimators with --plugin")
+    with contextlib.ExitStack() as stack:
+        backend = stack.enter_context(workers.open())
+        stack.enter_context(threadpool_limits(limits=1))
+        store = Run.create(folder, study)
+        stack.enter_context(writing(folder))
+        parts = Parts(folder, "units", provenance.software())
+        started = datetime.now(UTC)
+        set_damaged_aside(store, warn or _print)
+        store.begin(config)
+        if finished(store) and up_to_date(store):
+            parts.remove()  # of a run that was killed just before this, its last step
+            return store
+        computation = _Computation(store, parts, budget, progress or (lambda share: None), warn or _print)
+        computation.prepare()
+        computation.compute(backend)
+        while computation.layout.advance(parts) or not computation.whole():
+            computation.compute(backend)
+        finish(store, parts, computation.layout, started, workers, budget)
+        return store
+
+
+def _print(line: str) -> None:
+    print(line, file=sys.stderr)
+
+
+class _Computation:
+    """A run that is being computed."""
+
+    def __init__(self, store: Run, parts: Parts, budget: TimeBudget, progress: Progress, warn: Warn) -> None:
+        self.store, self.parts, self.budget, self.progress, self.warn = store, parts, budget, progress, warn
+        self.study = store.study
+        self.jobs = Jobs(self.study)
+        self.layout = Layout(self.study)
+        self.reported = 0
+        self.left = 1.0
+
+    def prepare(self) -> None:
+        """Read the stored parts, and reuse the rows of an earlier run."""
+        self.parts.load()
+        self.report_damage()
+        for made in self.parts.made_by:
+            self.warn(f"{self.store.folder}: resumes what {provenance.described(made)} computed")
+        if self.study.precision is not None:
+            self.layout = Rounds(self.study)
+            return
+        source = self._source()
+        if source is None:
+            return
+        self.layout = ReuseLayout(self.study, source.run.study)
+        self.parts.note = source.run.study.canonical()
+        self.parts.sources = source.run.makers()
+        taken = total = 0
+        for job in self.missing():
+            total += 1
+            if (packet := source.take(job)) is not None:
+                taken += 1
+                self.parts.add(packet)
+        self.parts.commit()
+        others = [provenance.described(made) for made in self.parts.sources if made != self.parts.software]
+        self.parts.sources = []
+        if taken:
+            words = f"rows of {taken:,} of {total:,} units are taken from {source.run.folder}"
+            by = f", made by {', '.join(others)}" if others else ""
+            self.warn(f"{self.store.folder}: {words}{by}")
+
+    def _source(self) -> EarlierRun | None:
+        """The run whose rows are reused; a resumed run stays with the one that it began with."""
+        before = Study.model_validate_json(self.parts.note) if self.parts.note else None
+        self.layout = ReuseLayout(self.study, before)
+        if self.parts.count and before is None:
+            return None
+        for run in (self.store, beside(self.study, self.store.folder)):
+            if run is None or (before is not None and run.study.canonical() != before.canonical()):
+                continue
+            if (source := EarlierRun.of(run)) is not None:
+                return source
+        return None
+
+    def report_damage(self) -> None:
+        """Warn of the parts that were set aside since the last call."""
+        for name in self.parts.damaged[self.reported :]:
+            self.warn(f"{self.parts.folder / name}: damaged; set aside in parts/damaged, and computed again")
+        self.reported = len(self.parts.damaged)
+
+    def whole(self) -> bool:
+        """Read all parts again; if some were damaged meanwhile, their rows are pending again."""
+        if self.parts.whole():
+            return True
+        self.report_damage()
+        self.layout.restart()
+        return False
+
+    def missing(self) -> Iterator[Job]:
+        """The jobs that are still to be computed, as far as the layout knows them."""
+        return self.jobs.missing(self.layout.pending(), self.parts.outputs)
+
+    def compute(self, backend: Backend) -> None:
+        """Compute the missing jobs, as far as the budget goes, and store their rows."""
+        whole = sum(weight(job) for job in self.missing())
+        share = self.left * self.layout.ahead() if whole else 0.0
+        self.left -= share
+        lost: list[tuple[Job, str]] = []
+
+        def ended(jobs: tuple[Job, ...], failure: str) -> None:
+            if failure:
+                lost.extend((job, failure) for job in jobs)
+            self.progress(share * sum(weight(job) for job in jobs) / whole)
+
+        Dispatch(backend, execute, self.study, self.parts).compute(self.missing(), weight, ended, self.budget.spent)
+        for job, failure in lost:  # stored at the end, so that an interrupted run tries them again
+            self.parts.add(give_up(self.study, (job,), failure))
+        if lost:
+            job, failure = lost[0]
+            count = "1 unit is lost" if len(lost) == 1 else f"{len(lost):,} units are lost, the first of them"
+            self.warn(f"{self.store.folder}: {count}, {job.span.words}: {failure}")
+        self.parts.commit()

@@ -1,0 +1,185 @@
+"""Status of a run, found without changing it."""
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from study.files import RunError, holder
+from study.simulation.experiment.config import Study
+from study.simulation.experiment.sampling import spans
+from study.simulation.runs.adaptive import CAP, TARGET, Rounds
+from study.simulation.runs.jobs import Jobs, Layout
+from study.simulation.runs.parts import DAMAGED, Parts
+from study.simulation.runs.provenance import described, other_version
+from study.simulation.runs.reuse import ReuseLayout, damaged, finished, up_to_date
+from study.simulation.runs.run_folder import ManifestMissingError, Run
+from study.text import columns
+
+
+@dataclass(frozen=True)
+class RunStatus:
+    """The status of a run.
+
+    Attributes:
+        run: its name.
+        folder: its folder.
+        state: its state in words.
+        finished: True if its tables are written and whole, and `study run` would compute none of it again.
+        writer: the process that writes it at this moment; None if there is none.
+        units: numbers of units by ``total``, ``done`` and ``missing``; those of a finished run with a target of
+            precision are not counted, and None.
+        cells: numbers of cells by ``total``, those that reached the ``target`` and the ``cap``, and those that are
+            ``open``; None without a target of precision.
+        parts: numbers of stored parts by ``whole``, ``damaged`` and ``set_aside``, damaged before.
+        failures: numbers of ``fits``, of those that ``failed``, and of those ``lost`` because a worker died; None until
+            the run is finished.
+        tables: names of the stored tables.
+        damaged: those of them that are damaged, and tables that are missing.
+        made_by: the software of each part of it, as `study.simulation.runs.provenance.software` has it.
+    """
+
+    run: str
+    folder: Path
+    state: str
+    finished: bool
+    writer: str | None
+    units: dict[str, int | None]
+    cells: dict[str, int] | None
+    parts: dict[str, int]
+    failures: dict[str, int] | None
+    tables: list[str]
+    damaged: list[str]
+    made_by: list[dict[str, object]]
+
+
+def status(folder: Path) -> RunStatus:
+    """Find the status of a run, without changing it.
+
+    Args:
+        folder: the run's.
+
+    Raises:
+        RunError: if there is no run, or it is of a newer version.
+    """
+    run = Run.open(folder)
+    run.refuse_newer()
+    parts = Parts(folder, "units")
+    parts.load(set_aside=False)
+    layout, broken = _layout(run, parts), damaged(run)
+    aside = len(list((parts.folder / DAMAGED).glob("*.part"))) if parts.folder.is_dir() else 0
+    return RunStatus(
+        run=run.study.run_name(),
+        folder=folder,
+        state=_state(run, parts, bool(broken)),
+        finished=finished(run) and up_to_date(run) and not broken,
+        writer=holder(run.folder),
+        units=_units(run, parts, layout),
+        cells=None if run.study.precision is None else _cells(run, layout),
+        parts={"whole": parts.count, "damaged": len(parts.damaged), "set_aside": aside},
+        failures=_failures(run),
+        tables=sorted(path.stem for path in run.folder.glob("*.parquet")),
+        damaged=sorted(broken),
+        made_by=_made_by(run, parts),
+    )
+
+
+def printed(found: RunStatus) -> Iterator[str]:
+    """The status of a run for a terminal."""
+    yield f"{found.run}: {found.state}"
+    yield from columns(_facts(found), indent=2)
+
+
+def _facts(found: RunStatus) -> Iterator[tuple[str, str]]:
+    """Names and values of the lines."""
+    if found.writer is not None:
+        yield "written by", f"{found.writer}, at this moment"
+    total, done, missing = found.units.values()
+    if not missing:
+        yield "units", "all done" if total is None else f"{total:,}, all done"
+    else:
+        known = f"{total:,} up to this round" if found.cells else f"{total:,}"
+        yield "units", f"{known}, of which {done:,} are done and {missing:,} missing"
+    if (cells := found.cells) is not None:
+        counts = [f"{cells['target']:,} reached the target", f"{cells['cap']:,} the cap", f"{cells['open']:,} are open"]
+        yield "cells", f"{cells['total']:,}, of which {', '.join(counts)}"
+    parts = found.parts
+    damage = f"{parts['damaged']:,} damaged, {parts['set_aside']:,} set aside as damaged before"
+    yield "parts", f"{parts['whole']:,} whole, {damage}"
+    yield "failures", _failures_in_words(found.failures)
+    names = [f"{name} (damaged)" if name in found.damaged else name for name in found.tables]
+    names += [f"{name} (missing)" for name in found.damaged if name not in found.tables]
+    yield "tables", ", ".join(names) or "none"
+    for made in found.made_by or [{}]:
+        yield "made by", described(made) + (", not this one" if other_version(made) else "")
+
+
+def _state(run: Run, parts: Parts, broken: bool) -> str:
+    try:
+        run.manifest()
+    except ManifestMissingError:
+        pass
+    except RunError as error:
+        return str(error)
+    if finished(run) and broken:
+        return "finished, but a table is damaged or missing; `study run` makes it again"
+    if finished(run):
+        return "finished" if up_to_date(run) else "finished, but `study run` would compute some of it again"
+    if broken:
+        return "damaged; `study run` computes the lost rows again"
+    if (seconds := run.stopped()) is not None:
+        return f"stopped by its budget of {seconds:g} s; `study run` resumes it"
+    return "begun, not finished" if parts.count else "not begun, or nothing of it is stored"
+
+
+def _layout(run: Run, parts: Parts) -> Layout:
+    """The units of a run, cut as the stored parts are."""
+    if run.study.precision is None:
+        return ReuseLayout(run.study, Study.model_validate_json(parts.note) if parts.note else None)
+    rounds = Rounds(run.study)
+    try:
+        while rounds.advance(parts):
+            pass
+    except FileNotFoundError:  # the run has finished meanwhile: its manifest has what the parts had
+        parts.load(set_aside=False)
+        return Rounds(run.study)
+    return rounds
+
+
+def _units(run: Run, parts: Parts, layout: Layout) -> dict[str, int | None]:
+    if finished(run) and up_to_date(run):
+        total = None if run.study.precision else sum(1 for _ in spans(run.study))
+        return {"total": total, "done": total, "missing": 0}
+    count = sum(1 for _ in layout.pieces())
+    missing = sum(1 for _ in Jobs(run.study).missing(layout.pending(), parts.outputs))
+    return {"total": count, "done": count - missing, "missing": missing}
+
+
+def _cells(run: Run, layout: Layout) -> dict[str, int]:
+    """Numbers of cells that have enough trials, by the reason, and of those that are open."""
+    found = Counter(run.manifest()["precision"]) if finished(run) else Counter[str]()
+    if not found and isinstance(layout, Rounds):
+        found = layout.reasons()
+    total = run.study.cells()
+    return {"total": total, "target": found[TARGET], "cap": found[CAP], "open": total - found.total()}
+
+
+def _made_by(run: Run, parts: Parts) -> list[dict[str, object]]:
+    """The software of the tables, and that of the parts, each once."""
+    found = run.makers()
+    return found + [made for made in parts.made_by if made and made not in found]
+
+
+def _failures(run: Run) -> dict[str, int] | None:
+    try:
+        manifest = run.manifest()
+        return {"fits": manifest["fits"], "failed": manifest["failures"], "lost": manifest["lost"]}
+    except (RunError, KeyError):  # chains may be stored before the run is finished
+        return None
+
+
+def _failures_in_words(failures: dict[str, int] | None) -> str:
+    if failures is None:
+        return "known when the run is finished"
+    fits = f"{failures['failed']:,} of {failures['fits']:,} fits"
+    return f"{fits}, {failures['lost']:,} of them because a worker died"

@@ -1,0 +1,413 @@
+"""Statistics of a sample of errors, each with its Monte-Carlo standard error (Morris, White & Crowther 2019).
+
+Medians and quantiles are the headline, because the errors of sphere fits have heavy tails: UGDK's have no mean at any
+number of samples, GDKE's no variance at n ≤ d + 2. Moments are given only where they exist (`moments_exist`).
+
+Performance measures of an estimator in one group of fits, by name, each with its Monte-Carlo error.
+
+They are those of Morris, White & Crowther (2019) as far as they exist for errors with heavy tails. Every quantile comes
+twice: of the fits whose status is ok (``_ok``), and of all fits with the others counted as infinite (``_all``).
+
+Rows of the summary table: for each group of fits and estimator, counts of each status and performance measures.
+
+A group is a cell, or, in a random design, a decade of σ/r. Failures count: no planned fit is left out, and a measure of
+all fits counts those that are not ok as infinite.
+
+Theil and Sen's slope: the median of the slopes between all pairs of points, with its interval.
+
+The numbers are those of `scipy.stats.theilslopes`. They are computed here because that library takes half a second to
+load, a third of the time in which a figure is drawn.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property, partial
+from statistics import NormalDist
+from typing import NamedTuple
+
+import numpy as np
+import scipy
+
+from study.arrays import Bools, Floats
+from study.fits import Status
+from study.simulation.experiment.compute import Columns, Errors
+from study.simulation.experiment.conditions import STORED
+
+
+class Measure(NamedTuple):
+    """A number and its Monte-Carlo standard error."""
+
+    value: float
+    error: float
+
+
+UNKNOWN = Measure(math.nan, math.nan)
+_FURTHER = 0.005
+"""Share of a sample that shows a tail which begins far out."""
+_ONE_SIGMA = 0.5 * (1.0 + math.erf(math.sqrt(0.5)))  # probability below +1 sd of a Gaussian
+
+
+def quantile(values: Floats, p: float) -> Measure:
+    """Quantile of a sample, with an error that assumes nothing about its distribution.
+
+    The number of values below the true quantile is binomial, so the order statistics one binomial standard deviation
+    below and above enclose it with 68 % confidence; half their distance is the error.
+
+    Args:
+        values: the sample, infinities allowed.
+        p: probability in (0, 1).
+
+    Returns:
+        Quantile and error; the error is infinite where the enclosing order statistics do not exist or are.
+    """
+    n = len(values)
+    if n == 0:
+        return UNKNOWN
+    ordered = np.sort(values)
+    spread = math.sqrt(n * p * (1.0 - p))
+    low, high = n * p - spread - 0.5, n * p + spread - 0.5  # the i-th of n, from 0, has rank i + ½
+    value = _order_statistic(ordered, n * p - 0.5)
+    if low < 0.0 or high > n - 1.0:
+        return Measure(value, math.inf)
+    bottom, top = _order_statistic(ordered, low), _order_statistic(ordered, high)
+    return Measure(value, 0.5 * (top - bottom) if math.isfinite(top) else math.inf)
+
+
+def _order_statistic(ordered: Floats, rank: float) -> float:
+    """Value at a fractional rank, counted from 0, of ordered values that may end in infinities."""
+    rank = min(max(rank, 0.0), len(ordered) - 1.0)
+    below = int(rank)
+    share = rank - below
+    if share == 0.0:
+        return float(ordered[below])
+    return float((1.0 - share) * ordered[below] + share * ordered[below + 1])
+
+
+def robust_sd(values: Floats) -> float:
+    """Half of the range from the 15.87 % to the 84.13 % quantile.
+
+    It is one standard deviation of Gaussian errors, and exists for UGDK's, which have neither variance nor mean.
+    """
+    return 0.5 * (quantile(values, _ONE_SIGMA).value - quantile(values, 1.0 - _ONE_SIGMA).value)
+
+
+def inside(errors: Floats, sd: Floats, level: float) -> Bools:
+    """Find the error ellipsoids that contain the truth. Their centres are the estimates, their axes the coordinates'.
+
+    Args:
+        errors: of the estimates (trials, d).
+        sd: their standard deviations (d,), which give all ellipsoids their size.
+        level: probability that an ellipsoid contains the truth if the errors are Gaussian about 0.
+
+    Returns:
+        True for each ellipsoid that contains the truth (trials,).
+    """
+    return np.asarray(np.sum((errors / sd) ** 2, axis=1) <= scipy.special.chdtri(errors.shape[1], 1.0 - level))
+
+
+def share(count: float, total: int) -> Measure:
+    """Share of trials, with the binomial standard error of Agresti & Coull (1998), which is not 0 for none or all.
+
+    If trials count in part, so that the count is not whole, the error is an upper bound.
+    """
+    if total == 0:
+        return UNKNOWN
+    adjusted = (count + 2.0) / (total + 4.0)
+    return Measure(count / total, math.sqrt(adjusted * (1.0 - adjusted) / (total + 4.0)))
+
+
+def mean(values: Floats) -> Measure:
+    """Mean and its standard error."""
+    n = len(values)
+    return Measure(float(np.mean(values)), float(np.std(values, ddof=1)) / math.sqrt(n)) if n > 1 else UNKNOWN
+
+
+def root_mean_square(values: Floats) -> Measure:
+    """Root mean square, with its error by the delta method."""
+    square = mean(values**2)
+    if not square.value > 0.0:
+        return UNKNOWN
+    root = math.sqrt(square.value)
+    return Measure(root, 0.5 * square.error / root)
+
+
+def tail_index(values: Floats, part: float = 0.05) -> Measure:
+    """Hill's estimate of α in P(X > x) ~ x^-α, from the largest values of the sample (Hill 1975).
+
+    Args:
+        values: the sample.
+        part: the share of the sample that is taken for its tail.
+
+    Returns:
+        Index and standard error α/√k; unknown if fewer than ten values are in the tail.
+    """
+    count = int(part * len(values))
+    if count < 10:
+        return UNKNOWN
+    ordered = np.sort(values)[-count - 1 :]
+    excess = float(np.mean(np.log(ordered[1:] / ordered[0]))) if ordered[0] > 0.0 else 0.0
+    return Measure(1.0 / excess, 1.0 / excess / math.sqrt(count)) if 0.0 < excess < math.inf else UNKNOWN
+
+
+def moments_exist(values: Floats) -> bool:
+    """True if a mean square exists as far as a sample can tell.
+
+    The tail index of the largest 5 % is above 2 by two standard errors, and that of the largest 0.5 % is not below 2 by
+    two: the geometric fit has Gaussian errors up to where a set in a thousand has its centre run away, and a tail
+    of index 1 from there on (theory 0.4).
+    """
+    index, further = tail_index(values), tail_index(values, _FURTHER)
+    return index.value - 2.0 * index.error > 2.0 and not further.value + 2.0 * further.error < 2.0
+
+
+class PowerLaw(NamedTuple):
+    """y = factor · x^exponent, with the exponent's standard error."""
+
+    exponent: float
+    error: float
+    factor: float
+
+
+def power_law(x: Floats, y: Floats, y_error: Floats) -> PowerLaw:
+    """Fit a power law by least squares in the logarithms, weighted by Monte-Carlo errors.
+
+    The exponent's error follows from the weights; it is enlarged by √(χ²/dof) if the points scatter more than that.
+    """
+    use = np.isfinite(y) & (y > 0.0) & np.isfinite(y_error) & (y_error > 0.0)
+    if use.sum() < 3:
+        return PowerLaw(math.nan, math.nan, math.nan)
+    lx, ly, weight = np.log(x[use]), np.log(y[use]), (y[use] / y_error[use]) ** 2
+    middle = np.average(lx, weights=weight)
+    spread = float(np.sum(weight * (lx - middle) ** 2))
+    exponent = float(np.sum(weight * (lx - middle) * ly)) / spread
+    level = float(np.average(ly, weights=weight))
+    misfit = float(np.sum(weight * (ly - level - exponent * (lx - middle)) ** 2)) / (use.sum() - 2)
+    return PowerLaw(exponent, math.sqrt(max(misfit, 1.0) / spread), math.exp(level - exponent * middle))
+
+
+FAR = 10.0
+"""Error over √tr CRLB beyond which a fit is an outlier."""
+
+
+@dataclass(frozen=True)
+class Fits:
+    """Fits of one estimator.
+
+    Args:
+        columns: error, error_1, bound, radius and status, as the error table has them (n,).
+    """
+
+    columns: Columns
+
+    @cached_property
+    def ok(self) -> Bools:
+        """True for fits whose status is ok (n,)."""
+        return np.asarray(self.columns["status"] == Status.OK)
+
+    @cached_property
+    def relative(self) -> Floats:
+        """Error over radius (n,)."""
+        with np.errstate(all="ignore"):
+            return np.asarray(self.columns["error"] / self.columns["radius"])
+
+    @cached_property
+    def ratio(self) -> Floats:
+        """Error over bound (n,); infinite where the directions do not determine the centre and there is no bound."""
+        bound = self.columns["bound"]
+        with np.errstate(all="ignore"):
+            return np.where(np.isfinite(bound), self.columns["error"] / bound, np.inf)
+
+    @cached_property
+    def axis(self) -> Floats:
+        """Error along the cap's axis over bound, of the fits that are ok; infinite where there is no bound."""
+        bound = self.columns["bound"][self.ok]
+        with np.errstate(all="ignore"):
+            return np.where(np.isfinite(bound), self.columns["error_1"][self.ok] / bound, np.inf)
+
+    @cached_property
+    def tail(self) -> Measure:
+        """Tail index of error over bound, of the fits that are ok."""
+        return tail_index(self.ratio[self.ok])
+
+    @cached_property
+    def moments_exist(self) -> bool:
+        """True if the mean square of error over bound exists, as far as the fits that are ok can tell."""
+        return moments_exist(self.ratio[self.ok])
+
+
+def _quantile_ok(name: str, p: float, fits: Fits) -> Measure:
+    values: Floats = getattr(fits, name)
+    return quantile(values[fits.ok], p)
+
+
+def _quantile_all(name: str, p: float, fits: Fits) -> Measure:
+    return quantile(np.where(fits.ok, getattr(fits, name), np.inf), p)
+
+
+def _far_ok(fits: Fits) -> Measure:
+    return share(int(np.sum((fits.ratio > FAR) & fits.ok)), int(np.sum(fits.ok)))
+
+
+def _far_all(fits: Fits) -> Measure:
+    return share(int(np.sum((fits.ratio > FAR) | ~fits.ok)), len(fits.ok))
+
+
+class Performance(NamedTuple):
+    """A performance measure: its meaning, and the function that computes it."""
+
+    meaning: str
+    of: Callable[[Fits], Measure]
+
+
+def _quantiles() -> dict[str, Performance]:
+    found = {}
+    for name, quantity in (("relative", "error over radius"), ("ratio", "error over √tr CRLB")):
+        for part, p, words in (
+            ("median", 0.5, "median"),
+            ("q05", 0.05, "5 % quantile"),
+            ("q95", 0.95, "95 % quantile"),
+        ):
+            of_ok, of_all = partial(_quantile_ok, name, p), partial(_quantile_all, name, p)
+            found[f"{name}_{part}_ok"] = Performance(f"{words} of {quantity}, of the fits that are ok", of_ok)
+            found[f"{name}_{part}_all"] = Performance(f"{words} of {quantity}, all others counted as infinite", of_all)
+    return found
+
+
+_GUARD = "only where the tail index exceeds 2 by two errors"
+MEASURES = _quantiles() | {
+    "far_ok": Performance("share of the ok fits with an error beyond 10 times the bound", _far_ok),
+    "far_all": Performance("share of all fits that are beyond 10 times the bound or not ok", _far_all),
+    "axis_median_ok": Performance(
+        "median of the error along the cap's axis, over the bound: the bias that always exists",
+        lambda fits: quantile(fits.axis, 0.5),
+    ),
+    "tail_index": Performance(
+        "Hill's index of the error's tail; moments of that order and above do not exist", lambda fits: fits.tail
+    ),
+    "bias": Performance(
+        f"mean error along the axis over the bound; {_GUARD}",
+        lambda fits: mean(fits.axis) if fits.moments_exist else UNKNOWN,
+    ),
+    "rmse": Performance(
+        f"root mean square of error over bound; {_GUARD}",
+        lambda fits: root_mean_square(fits.ratio[fits.ok]) if fits.moments_exist else UNKNOWN,
+    ),
+}
+"""Every performance measure of the summary, in the order of its columns."""
+
+
+def measured(name: str, columns: Columns) -> Measure:
+    """Compute one performance measure.
+
+    Args:
+        name: the measure's.
+        columns: rows of one estimator, as `Fits` takes them.
+    """
+    return MEASURES[name].of(Fits(columns))
+
+
+Row = dict[str, str | float]
+"""A row of the summary table: a value for each column."""
+NEEDED = ["error", "error_1", "bound", "status"]
+"""Columns of the error table that a row of the summary is made of, besides the conditions."""
+
+
+def row(group: str, estimator: str, fits: Columns) -> Row:
+    """Summarise the fits of one estimator in one group.
+
+    Args:
+        group: name of the group.
+        estimator: name of the estimator.
+        fits: rows of the error table: the conditions, the columns `NEEDED`, and ``decade``.
+
+    Returns:
+        A value for each column of the summary table.
+    """
+    status = fits["status"]
+    found: Row = {
+        "group": group,
+        "estimator": estimator,
+        "decade": fits["decade"][0],
+        "planned": len(status),
+    }
+    for condition in STORED:
+        if condition.name in fits:
+            values = fits[condition.name]
+            varying = "" if condition.kind is str else np.nan
+            found[condition.name] = values[0] if np.all(values == values[0]) else varying
+    found |= {s.name.lower(): int(np.sum(status == s)) for s in Status}
+    measures = Fits(fits)
+    for name, measure in MEASURES.items():
+        found[name], found[f"{name}_error"] = measure.of(measures)
+    return found
+
+
+def of_errors(errors: Errors) -> Columns:
+    """Summarise whole cells of a grid from their errors in memory, for a study that keeps no error table.
+
+    Args:
+        errors: all trials of some cells.
+
+    Returns:
+        Columns of the summary table, with the rows that the stored errors would have.
+    """
+    distance, bound, rows = errors.distance, errors.center_bound, []
+    for place, cell in enumerate(errors.cells):
+        of_cell = {name: np.array([cell.values[name]]) for name in errors.conditions}
+        for index, estimator in enumerate(errors.estimators):
+            of_fits = {
+                "error": distance[place, index],
+                "error_1": errors.center[place, index, :, 0],
+                "bound": bound[place],
+                "status": errors.status[place, index],
+                "decade": np.array([np.nan]),
+            }
+            rows.append(row(cell.name, estimator, of_cell | of_fits))
+    return as_columns(rows)
+
+
+def as_columns(rows: list[Row]) -> Columns:
+    """Turn rows of the summary table into columns."""
+    columns = {name: [row[name] for row in rows] for name in rows[0]} if rows else {}
+    return {
+        name: np.array(values, dtype=object if isinstance(values[0], str) else None) for name, values in columns.items()
+    }
+
+
+class RobustSlope(NamedTuple):
+    """A slope, and the ends of its interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+def theil_sen(x: Floats, y: Floats, level: float = 0.95) -> RobustSlope:
+    """Slope of y over x, with Sen's interval from the variance of Kendall's tau (Sen 1968, eq. 2.6).
+
+    Args:
+        x: first coordinates of the points (n,), n ≥ 2, all finite. Pairs with the same x count for nothing.
+        y: second coordinates (n,), likewise.
+        level: probability that the interval contains the slope.
+
+    Returns:
+        The slope and its interval; NaN where all x are the same.
+    """
+    right = x[:, np.newaxis] - x
+    use = right > 0.0
+    slopes = np.sort((y[:, np.newaxis] - y)[use] / right[use])
+    if not len(slopes):
+        return RobustSlope(math.nan, math.nan, math.nan)
+    n, pairs = len(y), len(slopes)
+    variance = (n * (n - 1) * (2 * n + 5) - _ties(x) - _ties(y)) / 18.0
+    away = NormalDist().inv_cdf(0.5 + 0.5 * level) * math.sqrt(max(variance, 0.0))
+    low = max(round(0.5 * (pairs - away)) - 1, 0)
+    high = min(round(0.5 * (pairs + away)), pairs - 1)
+    return RobustSlope(float(np.median(slopes)), float(slopes[low]), float(slopes[high]))
+
+
+def _ties(values: Floats) -> int:
+    """Part of the variance of Kendall's tau that is lost to values that occur more than once."""
+    _, counts = np.unique(values, return_counts=True)
+    return sum(int(k) * (int(k) - 1) * (2 * int(k) + 5) for k in counts)

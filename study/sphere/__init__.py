@@ -1,1 +1,0 @@
-"""Spheres and samples on them: arrays only, no config, no files, no study."""

@@ -1,1 +1,0 @@
-"""Random numbers inside compiled loops: NumPy's own, to the bit."""

@@ -1,1 +1,0 @@
-"""Statistics of simulated errors, each with its Monte-Carlo standard error."""

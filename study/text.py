@@ -1,0 +1,207 @@
+"""Tables for a terminal: rows as aligned columns of plain text.
+
+Help of a command line whose commands stand in titled groups, with its exit codes at the end.
+
+Results as JSON, for other programs.
+
+The known name nearest to one that a user misspelt, and the words that offer it.
+
+Numbers in tables for a terminal.
+"""
+
+import difflib
+import json
+import math
+import textwrap
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar
+
+from rich.cells import cell_len
+from typer.core import TyperGroup
+
+if TYPE_CHECKING:
+    from typer._click import Context, HelpFormatter
+
+
+_GAP = "  "
+
+
+def columns(
+    rows: Iterable[Sequence[str]],
+    header: Sequence[str] = (),
+    align: str = "<",
+    indent: int = 0,
+    width: int | None = None,
+) -> Iterator[str]:
+    """Lay out rows as aligned columns, two spaces apart.
+
+    The lines depend on the arguments alone, never on the terminal.
+
+    Args:
+        rows: texts, one per column; a row may leave out its last ones.
+        header: titles of the columns; no header line if empty.
+        align: a mark per column, ``<`` for left and ``>`` for right; the last mark serves all further columns.
+        indent: spaces before each line.
+        width: longest line: the last column is wrapped between words to keep within it, the others never are.
+            Nothing is wrapped if it is None.
+
+    Yields:
+        Lines without trailing spaces.
+    """
+    lines = [list(line) for line in ([header] if header else [])] + [list(row) for row in rows]
+    count = max(map(len, lines), default=0)
+    if count == 0:
+        return
+    filled = [line + [""] * (count - len(line)) for line in lines]
+    widths = [max(map(cell_len, texts)) for texts in zip(*filled, strict=True)]
+    start = indent + sum(widths[:-1]) + len(_GAP) * (count - 1)
+    if width is not None:
+        widths[-1] = max(min(widths[-1], width - start), 1)
+    for *line, last in filled:
+        wrapped = [last] if width is None else textwrap.wrap(last, widths[-1], break_long_words=False) or [""]
+        for piece in wrapped:
+            texts = zip([*line, piece], widths, align.ljust(count, align[-1]), strict=False)
+            yield (" " * indent + _GAP.join(_padded(*text) for text in texts)).rstrip()
+            line = [""] * (count - 1)
+
+
+def _padded(text: str, width: int, mark: str) -> str:
+    """A text with spaces up to a width, counted in cells of a terminal: a combining accent takes none."""
+    spaces = " " * (width - cell_len(text))
+    return spaces + text if mark == ">" else text + spaces
+
+
+_OTHER = "Commands"
+"""Title of the commands without a group."""
+
+
+class GroupedHelp(TyperGroup):
+    """A command line that lists its commands by group, in the order in which they were added.
+
+    The group of a command is its ``rich_help_panel``, which typer itself heeds only where it prints with colours and
+    boxes. The exit codes are the ``exit_codes`` of a subclass.
+    """
+
+    exit_codes: ClassVar[Mapping[int, str]] = {}
+    """Meaning of each exit code, in words."""
+
+    def format_commands(self, ctx: "Context", formatter: "HelpFormatter") -> None:
+        """Write a section for each group; the names are aligned over all of them."""
+        commands = [(name, command) for name in self.list_commands(ctx) if (command := self.get_command(ctx, name))]
+        width = max((len(name) for name, _ in commands), default=0)
+        groups: dict[str, list[tuple[str, str]]] = {}
+        for name, command in commands:
+            if not command.hidden:
+                words = command.get_short_help_str(formatter.width - 6 - width)
+                groups.setdefault(_title(command), []).append((name.ljust(width), words))
+        for title, rows in groups.items():
+            with formatter.section(title):
+                formatter.write_dl(rows)
+
+    def format_epilog(self, ctx: "Context", formatter: "HelpFormatter") -> None:
+        """Write the exit codes."""
+        super().format_epilog(ctx, formatter)
+        if self.exit_codes:
+            with formatter.section("Exit codes"):
+                formatter.write_dl([(str(int(code)), words) for code, words in self.exit_codes.items()])
+
+
+def _title(command: object) -> str:
+    panel = getattr(command, "rich_help_panel", None)
+    return panel if isinstance(panel, str) else _OTHER
+
+
+def json_text(data: Mapping[str, object] | Sequence[object]) -> str:
+    """A mapping as a JSON object, in the order of its keys; or a list.
+
+    Args:
+        data: what JSON has, mappings, lists, tuples, texts, numbers and None; also arrays of NumPy, and paths.
+
+    Returns:
+        The text, indented by two spaces, its letters as they are. NaN and infinities, which JSON does not have, are
+        null.
+
+    Raises:
+        TypeError: if there is anything else in it.
+    """
+    return json.dumps(_plain(data), indent=2, ensure_ascii=False, allow_nan=False)
+
+
+def _plain(value: object) -> object:
+    if hasattr(value, "tolist"):  # an array or a number of NumPy
+        value = value.tolist()
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if isinstance(value, Mapping):
+        return {str(key): _plain(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(each) for each in value]
+    return str(value) if isinstance(value, Path) else value
+
+
+def nearest(name: str, known: Iterable[str]) -> str | None:
+    """The known name most like an unknown one, or the only one that begins with it; None if there is neither.
+
+    Capitals count as small letters.
+    """
+    small = {each.casefold(): each for each in known}
+    name = name.casefold()
+    longer = [each for each in small if name and each.startswith(name)]
+    close = difflib.get_close_matches(name, list(small), n=1) or (longer if len(longer) == 1 else [])
+    return small[close[0]] if close else None
+
+
+def did_you_mean(names: str | Iterable[str], known: Iterable[str]) -> str:
+    """The remedy for an unknown name, as the end of a message.
+
+    Args:
+        names: the unknown name, or several.
+        known: the names that are known, in the order in which to list them.
+
+    Returns:
+        "did you mean 'kasa'? Known are kasa, lls"; without a name that is much like it, "known are kasa, lls".
+    """
+    known = list(known)
+    found = [nearest(name, known) for name in ([names] if isinstance(names, str) else names)]
+    close = list(dict.fromkeys(name for name in found if name is not None))
+    listed = f"nown are {', '.join(known)}"
+    return f"did you mean {' and '.join(map(repr, close))}? K{listed}" if close else f"k{listed}"
+
+
+_BYTES = {"EB": 1e18, "PB": 1e15, "TB": 1e12, "GB": 1e9, "MB": 1e6}
+DAY = 86_400.0
+YEAR = 365.25 * DAY
+_TIMES = {"years": YEAR, "days": DAY, "h": 3600.0, "min": 60.0, "s": 1.0}
+
+
+def number(value: float, form: str = ".3g") -> str:
+    """A number in a format of Python's; "-" for NaN."""
+    return "-" if math.isnan(value) else f"{value:{form}}"
+
+
+def with_error(value: float, error: float) -> str:
+    """A value to the second digit of its error: 12.345 ± 0.067."""
+    if not math.isfinite(value):
+        return "-"
+    if not (math.isfinite(error) and error > 0.0):
+        return f"{value:.6g} ± ?"
+    digits = 1 - int(f"{error:.1e}".partition("e")[2])  # of the rounded error: 0.0996 is 0.10
+    if not -6 <= digits <= 12:
+        return f"{value:.6g} ± {error:.2g}"
+    return " ± ".join(f"{round(each, digits) + 0.0:.{max(digits, 0)}f}" for each in (value, error))
+
+
+def size(count: float) -> str:
+    """A number of bytes in the largest unit of which there are at least two, from MB: 3.6 TB."""
+    return _in_units(count, _BYTES, "MB")
+
+
+def duration(seconds: float) -> str:
+    """A time in the largest unit of which there are at least two, from s: 3.6 years."""
+    return _in_units(seconds, _TIMES, "s")
+
+
+def _in_units(value: float, units: dict[str, float], least: str) -> str:
+    unit = next((name for name, factor in units.items() if value >= 2.0 * factor), least)
+    return f"{value / units[unit]:,.1f} {unit}"

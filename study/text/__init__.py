@@ -1,1 +1,0 @@
-"""The ground: aligned columns, numbers in few digits, the nearest known name; and the instructions of compiled code."""

@@ -1,0 +1,199 @@
+"""Reading of TOML, and faults of a config, each with its line, its place, its value and the values allowed.
+
+Models of TOML documents: a frozen section, and its lists, which become tuples.
+"""
+
+import json
+import pathlib
+import re
+import tomllib
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, TypeVar
+
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+
+from study.text import did_you_mean, nearest
+
+Path = tuple[str | int, ...]
+_MISSING = object()
+_MARK = "\N{ZERO WIDTH NO-BREAK SPACE}"
+"""The mark with which some editors begin a file in UTF-8."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One fault.
+
+    Attributes:
+        path: keys and indices that lead to the entry.
+        words: the sentence about it.
+        value: its value, which the message shows if it is given.
+        wants: entries of which one would settle it, because it is missing.
+        means: the known entry nearest to an unknown one.
+    """
+
+    path: Path
+    words: str
+    value: object = _MISSING
+    wants: tuple[Path, ...] = ()
+    means: Path | None = None
+
+    def place(self) -> str:
+        """The key as a user would write it: ``design.angle[2]``."""
+        text = ""
+        for part in self.path:
+            text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else str(part)
+        return _printable(text) or "the file"
+
+
+class ConfigError(Exception):
+    """A config that cannot be used; the message has all of its faults."""
+
+    @classmethod
+    def listing(cls, source: str, text: str, faults: Sequence[Fault]) -> "ConfigError":
+        """One message for all faults, in the order of the file."""
+        lines = []
+        for fault in faults:
+            value = "" if fault.value is _MISSING else f" = {shorten(fault.value)}"
+            lines.append((_line(text, fault.path), f"{fault.place()}{value}: {fault.words}"))
+        lines.sort(key=lambda entry: entry[0])
+        count = "1 fault" if len(lines) == 1 else f"{len(lines)} faults"
+        return cls("\n".join([f"{source}: {count}", *(f"  line {line}: {words}" for line, words in lines)]))
+
+
+def toml_text(path: pathlib.Path, kind: type[ConfigError] = ConfigError) -> str:
+    """The text of a TOML file; an error of a kind if it cannot be read."""
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text; save it as UTF-8"
+        raise kind(f"{path}: cannot be read: {reason}") from None
+
+
+def toml_tables(text: str, source: str, kind: type[ConfigError] = ConfigError) -> dict[str, Any]:
+    """The tables of a TOML document; an error of a kind, which names the source, if it is none."""
+    try:
+        return tomllib.loads(text.removeprefix(_MARK))
+    except (ValueError, RecursionError) as error:  # for numbers of thousands of digits, and thousands of brackets, too
+        raise kind(f"{source}: not TOML: {error}") from None
+
+
+def report(
+    error: ValidationError,
+    known: Mapping[tuple[str, ...], list[str]],
+    path_of: Callable[[Sequence[str | int]], Path] = tuple,
+) -> list[Fault]:
+    """Turn the errors of a schema into faults, with the nearest known key for each unknown one.
+
+    Args:
+        error: the errors.
+        known: known keys by the path of their table.
+        path_of: the path in the file for a location in the schema, which also names members of unions.
+    """
+    faults: dict[Path, Fault] = {}
+    for entry in error.errors(include_url=False):
+        path = path_of(entry["loc"])
+        words = entry["msg"].removeprefix("Value error, ")
+        value: object = _MISSING if entry["type"] == "missing" else entry["input"]
+        wants: tuple[Path, ...] = ()
+        means = None
+        if entry["type"] == "extra_forbidden":
+            names = known.get(tuple(str(part) for part in path[:-1]), [])
+            words, means = _unknown(str(path[-1]), names), (*path[:-1], nearest(str(path[-1]), names) or "")
+        elif entry["type"] == "missing":
+            words, wants = "required, but missing", (path,)
+        elif entry["type"] == "tuple_type":
+            words = f"must be a list, such as [{json.dumps(value)}]" if isinstance(value, str) else "must be a list"
+        elif entry["type"] in ("model_type", "model_attributes_type"):
+            words = f"must be one table, whose entries follow a line [{path[-1]}]"
+        elif entry["type"] == "too_short":
+            words = "must have a value"
+        elif entry["type"] == "string_pattern_mismatch":  # of a name, which becomes one of a folder
+            words = "must be small letters, digits and hyphens, 61 at most, such as 'my-study'"
+        elif entry["type"] in ("union_tag_invalid", "union_tag_not_found"):
+            context = entry["ctx"]
+            path = (*path, str(context["discriminator"]).strip("'"))
+            words = f"must be one of {context.get('expected_tags') or _listed(known.get(tuple(map(str, path)), []))}"
+            value = context.get("tag", _MISSING)
+            if value is _MISSING:
+                words, wants = f"required, but missing; {words}", (path,)
+        faults.setdefault(path, Fault(path, words[0].lower() + words[1:], value, wants, means))
+    return list(faults.values())
+
+
+def distinct(faults: Sequence[Fault]) -> list[Fault]:
+    """Leave out what follows from another fault: a second one of an entry, and a missing entry that is misspelt."""
+    first: dict[Path, Fault] = {}
+    for fault in faults:
+        first.setdefault(fault.path, fault)
+    meant = {fault.means for fault in first.values()}
+    return [fault for fault in first.values() if not meant & set(fault.wants)]
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Names in quotation marks, with commas."""
+    return ", ".join(map(repr, names))
+
+
+def _unknown(key: str, known: list[str]) -> str:
+    """The sentence about an unknown key."""
+    if key in known:
+        return "unknown key: not one of this kind of design"
+    return f"unknown key; {did_you_mean(key, known)}"
+
+
+def _line(text: str, path: Path) -> int:
+    """Line of a key in a TOML document, from 1; of its table, or 1, if the key is not there."""
+    section: tuple[str, ...] = ()
+    best, best_depth = 1, 0
+    for number, line in enumerate(text.splitlines(), start=1):
+        if header := re.match(r"\s*\[+([^\[\]]+)\]+\s*(#.*)?$", line):
+            section = tuple(part.strip().strip("\"'") for part in header[1].split("."))
+            here = section
+        elif key := re.match(r"\s*([\w.\"'-]+)\s*=", line):
+            here = (*section, *(part.strip("\"'") for part in key[1].split(".")))
+        else:
+            continue
+        if len(here) > best_depth and here == path[: len(here)]:
+            best, best_depth = number, len(here)
+    return best
+
+
+def _printable(text: str) -> str:
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+
+
+def shorten(value: object) -> str:
+    """A value for a message, cut to 60 characters."""
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+T = TypeVar("T")
+
+
+class Frozen(BaseModel):
+    """A section of a document: immutable, typed strictly, no unknown keys, no NaN."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+
+def as_tuple(value: object) -> object:
+    """A tuple, which a frozen model holds, of a list, which TOML has; anything else as it is."""
+    return tuple(value) if isinstance(value, list) else value
+
+
+def each_once(values: tuple[T, ...]) -> tuple[T, ...]:
+    """The values, of which none may be there twice: a second one would be lost, or count twice."""
+    twice = [repr(v) if isinstance(v, str) else f"{v:.12g}" for v, count in Counter(values).items() if count > 1]
+    if twice:
+        raise ValueError(f"{', '.join(twice)} given more than once; give each value once")
+    return values
+
+
+Listed = Annotated[tuple[T, ...], BeforeValidator(as_tuple)]
+"""A list of any length."""
+Distinct = Annotated[Listed[T], Field(min_length=1), AfterValidator(each_once)]
+"""A list of at least one value, each of them there once."""

@@ -1,0 +1,446 @@
+"""Files of one's own estimators: what they register, and one line for each way in which they cannot be used.
+
+`study check`: estimators that violate one property each, and the sentence about it.
+
+A user's own estimator: with a function and a line in the registry it works like any other.
+"""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import study
+from study import Status
+from study.fits import Estimates, Estimator, Samples, fit
+from study.fits.check import check_estimator, printed
+from study.fits.fitting import choose
+from study.fits.point_files import PointFileError
+from study.fits.registry import ORIGINS, PluginError, PluginFile, load, load_text, loaded, origins
+from study.fits.samples import blank
+from study.simulation.analysis import regret
+from study.simulation.experiment.config import parse
+from study.simulation.runs import runner
+from study.toml import ConfigError
+
+MEAN = "def mean(points):\n    c = points.mean(axis=0)\n    return c, np.linalg.norm(points - c, axis=1).mean()\n"
+
+
+def test_a_file_registers(write_plugin, rng):
+    """Its estimators are called by name; batches, a noise variance and statuses come for free."""
+    path = write_plugin(MEAN + "study.register('mean', mean, reference='a book')")
+    assert load(path) == ("mean",)
+    points = rng.standard_normal((2, 3, 30, 3))
+    fit = study.fit(points, "mean")
+    np.testing.assert_allclose(fit.center, points.mean(axis=2), rtol=1e-12)
+    residual = np.linalg.norm(points - fit.center[:, :, None], axis=3) - fit.radius[..., None]
+    np.testing.assert_allclose(fit.noise_variance, (residual**2).sum(axis=2) / 26, rtol=1e-9)
+    assert np.all(fit.own_status == Status.OK)
+    assert study.ESTIMATORS["mean"].reference == "a book"
+
+
+def test_a_file_that_changed_replaces_itself(write_plugin):
+    """Loading it again does nothing; once it has changed, its old estimators go, and versions differ."""
+    path = write_plugin(MEAN + "study.register('mean', mean)")
+    load(path)
+    first = study.ESTIMATORS["mean"]
+    load(path)
+    assert study.ESTIMATORS["mean"] is first
+    write_plugin(MEAN + "study.register('mean', mean)\nstudy.register('other', mean)")
+    assert load(path) == ("mean", "other")
+    assert study.ESTIMATORS["mean"].version != first.version
+    write_plugin(MEAN + "study.register('other', mean)")
+    load(path)
+    assert "mean" not in study.ESTIMATORS
+    (found,) = origins(["als", "other"])
+    assert (found["from"], found["estimators"]) == ("my.py", ["other"])
+    assert len(found["sha256"]) == 64
+
+
+def test_a_worker_loads_the_text(tmp_path):
+    """The text alone is enough: the file need not be there."""
+    load_text(PluginFile(str(tmp_path / "gone.py"), f"import numpy as np, study\n{MEAN}study.register('mean', mean)"))
+    assert "mean" in study.ESTIMATORS
+    assert [path for path, _ in loaded()] == [str(tmp_path / "gone.py")]
+
+
+REFUSED = {
+    "raises": ("1 / 0", "my.py: line 3: ZeroDivisionError: division by zero"),
+    "no Python": ("def f(:", "my.py: line 3: SyntaxError: invalid syntax"),
+    "exit": ("raise SystemExit(3)", "my.py: line 3: SystemExit: 3"),
+    "nothing": ("x = 1", r"my.py: registers no estimator; it should call study.register\(name, function\)"),
+    "a taken name": (
+        MEAN + "study.register('als', mean)",
+        r"line 6: ValueError: register\('als'\): the name is taken by a shipped estimator; choose another",
+    ),
+    "its own name": (
+        MEAN + "study.register('mean', mean)\nstudy.register('mean', mean)",
+        r"line 7: ValueError: register\('mean'\): the name is taken by my.py; choose another",
+    ),
+    "no name": (MEAN + "study.register('My Mean', mean)", "line 6: ValueError: .* lower-case letters, digits and unde"),
+    "no function": ("study.register('mean', 3)", r"line 3: TypeError: register\('mean'\): int is not a function"),
+    "an unknown need": (MEAN + "study.register('mean', mean, needs='luck')", "line 6: ValueError: .* needs = 'luck'"),
+    "a raising estimator": (
+        "study.register('bad', lambda points: 1 / 0)",
+        "my.py: bad: fails on 20 sound points: ZeroDivisionError: division by zero",
+    ),
+    "a centre of the wrong shape": (
+        "study.register('bad', lambda points: (points, 1.0))",
+        r"bad: fails on 20 sound points: ValueError: returned a centre of shape \(20, 3\), expected \(3,\)",
+    ),
+    "a radius of the wrong shape": (
+        "study.register('bad', lambda points: (points[0], points[0]))",
+        r"bad: fails on 20 sound points: ValueError: returned a radius of shape \(3,\), expected one number",
+    ),
+    "no radius": (
+        "study.register('bad', lambda points: points[0])",
+        r"bad: fails on 20 sound points: TypeError: returned ndarray of shape \(3,\), expected a centre and a radius",
+    ),
+    "batched, no fit": (
+        "study.register('bad', lambda samples: None, batched=True)",
+        "bad: fails on 20 sound points: returned NoneType, expected a ",
+    ),
+    "batched, wrong shape": (
+        "from study.fits.samples import blank\n"
+        "study.register('bad', lambda s: blank(s.shape[0] + 1, s.shape[1]), batched=True)",
+        r"bad: fails on 20 sound points: center has shape \(3, 3\), expected \(2, 3\)",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", list(REFUSED))
+def test_refused(write_plugin, case):
+    """One line, with the file, the line or the estimator, and the reason; nothing stays registered."""
+    text, words = REFUSED[case]
+    before = dict(study.ESTIMATORS)
+    with pytest.raises(PluginError, match=words) as raised:
+        load(write_plugin(text))
+    assert "\n" not in str(raised.value)
+    assert before == study.ESTIMATORS
+    assert not ORIGINS
+
+
+def test_a_file_that_is_not_there(tmp_path):
+    """So is a file that cannot be read."""
+    with pytest.raises(PluginError, match=r"none.py: cannot be read: No such file or directory"):
+        load(tmp_path / "none.py")
+
+
+def test_what_goes_wrong_on_data_is_a_status(rng):
+    """An exception is a failed fit, a number that is not finite one without a sphere; huge points are not passed on."""
+
+    def picky(points):
+        assert np.all(np.isfinite(points))
+        if points[0, 0] > 0:
+            raise ArithmeticError("no\nno")
+        return points[0], np.nan
+
+    study.register("picky", picky)
+    points = rng.standard_normal((3, 9, 2))
+    points[0, 0, 0], points[1, 0, 0], points[2, 0, 0] = 1.0, -1.0, 1e200
+    fit = study.fit(points, "picky")
+    assert fit.status.tolist() == [Status.FAILED, Status.SINGULAR, Status.NOT_FINITE]
+    assert np.all(np.isnan(fit.radius))
+    study.register("needy", lambda points, noise: (points[0], noise), needs="noise")
+    with pytest.raises(ValueError, match="noise = None: this estimator needs the standard deviation"):
+        study.fit(points, "needy")
+
+
+def test_the_noise_is_passed_on(rng):
+    """An estimator that needs it has σ, or the covariance, as its second argument; each set its own."""
+    seen = []
+
+    def needy(points, noise):
+        seen.append(noise)
+        points[:] = 0.0  # its own copy
+        return points[0], 1.0
+
+    study.register("needy", needy, needs="noise")
+    points = rng.standard_normal((2, 9, 2))
+    before = points.copy()
+    study.fit(points, "needy", 0.3)
+    study.ESTIMATORS["needy"](study.Samples(points.swapaxes(1, 2), np.array([0.1, 0.2])))
+    study.fit(points[0], "needy", [[1.0, 0.0], [0.0, 4.0]])
+    assert seen[:4] == [0.3, 0.3, 0.1, 0.2]
+    np.testing.assert_array_equal(seen[4], [[1.0, 0.0], [0.0, 4.0]])
+    np.testing.assert_array_equal(points, before)
+
+
+def test_a_batched_function(rng):
+    """The full form takes all sets at once, and is asked to fill in the answer."""
+
+    def mean(samples):
+        result = blank(samples.shape[0], samples.shape[1])
+        result.center[:], result.radius[:] = samples.points.mean(axis=1), 2.0
+        return result
+
+    study.register("mean", mean, batched=True)
+    points = rng.standard_normal((4, 9, 2))
+    np.testing.assert_allclose(study.fit(points, "mean").center, points.mean(axis=1), rtol=0, atol=1e-15)
+
+
+def test_a_notebook_may_register_again():
+    """A cell that is executed twice replaces its estimator; it has no place in worker processes."""
+    study.register("mean", lambda points: (points.mean(axis=0), 1.0))
+    study.register("mean", lambda points: (points.mean(axis=0), 2.0))
+    assert study.fit(np.eye(4, 3), "mean").radius == 2.0
+
+
+class Point:
+    """An entry point of a package that is not installed."""
+
+    dist, value = None, "package:f"
+
+    def __init__(self, name, found):
+        self.name, self._found = name, found
+
+    def load(self):
+        """The object, or its exception."""
+        if isinstance(self._found, Exception):
+            raise self._found
+        return self._found
+
+
+def test_installed_packages(monkeypatch):
+    """Functions and estimators of packages are registered; one that cannot be loaded costs a warning, and no other."""
+    from study.fits import registry
+
+    points = [
+        Point("bad", ImportError("no such thing")),
+        Point("als", lambda points: (points[0], 1.0)),
+        Point("first", lambda points: (points[0], 1.0)),
+        Point("second", study.Estimator(study.ESTIMATORS["gdke"].function, "a book")),
+    ]
+    monkeypatch.setattr(registry, "entry_points", lambda group: points)
+    with pytest.warns(UserWarning, match="is left out") as warned:
+        registry.load_installed()
+    assert [str(w.message) for w in warned] == [
+        "estimator 'bad' of package:f is left out: ImportError: no such thing",
+        "estimator 'als' of package:f is left out: ValueError: register('als'): the name is taken by a shipped "
+        "estimator; choose another",
+    ]
+    assert set(ORIGINS) == {"first", "second"}
+    assert study.fit(np.eye(4, 3), "first").radius == 1.0
+
+
+def sound(points):
+    """Coope's fit, which has all properties."""
+    matrix = np.column_stack([2.0 * points, np.ones(len(points))])
+    *center, k = np.linalg.lstsq(matrix, (points**2).sum(axis=1), rcond=None)[0]
+    return np.array(center), np.sqrt(k + np.dot(center, center))
+
+
+def larger(points):
+    """A radius that is 2 % too large."""
+    center, radius = sound(points)
+    return center, 1.02 * radius
+
+
+def pulled(points):
+    """Pulled to the origin."""
+    center, radius = sound(points)
+    away = np.linalg.norm(center)
+    return (center * (1.0 - 0.1 * np.exp(-away)) if away < 1e9 else center), radius
+
+
+def axes(points):
+    """Noisy along the axes: the largest residual's sign along the first one."""
+    center, radius = sound(points)
+    residual = np.linalg.norm(points - center, axis=1) - radius
+    return center + np.ptp(residual) * np.eye(len(center))[0], radius
+
+
+def metric(points):
+    """A limit of the radius in metres."""
+    center, radius = sound(points)
+    return center, min(radius, 100.0)
+
+
+def first(points):
+    """The first sample counts twice."""
+    return sound(np.vstack([points[:1], points]))
+
+
+def drunk(points):
+    """Random numbers."""
+    center, radius = sound(points)
+    return center, radius * (1.0 + 1e-9 * np.random.default_rng().random())
+
+
+def negative(samples):
+    """A noise variance below 0."""
+    result = simple(samples)
+    result.noise_variance[:] = -1.0
+    return result
+
+
+def simple(samples):
+    """Coope's fit of a batch, without any care."""
+    result = blank(samples.shape[0], samples.shape[1])
+    for t, x in enumerate(samples.points):
+        result.center[t], result.radius[t] = sound(x) if np.all(np.abs(x) < 1e50) else (np.nan, np.nan)
+    result.noise_variance[:] = 0.0
+    return result
+
+
+def neighbour(samples):
+    """Depends on the number of sets."""
+    result = simple(samples)
+    result.radius[:] *= 1.0 + 0.001 * (len(result.radius) - 1)
+    return result
+
+
+def touching(samples):
+    """Changes the points."""
+    result = simple(samples)
+    samples.x[:, 0, 0] += 1.0
+    return result
+
+
+def raising(samples):
+    """Raises where points are not finite."""
+    if not np.all(np.isfinite(samples.points)):
+        raise FloatingPointError("infinite")
+    return simple(samples)
+
+
+VIOLATIONS = {
+    larger: "not exact without noise: the radius is 1.02 instead of 1 (d = 2, N = 7, seed 0)",
+    metric: "depends on the unit of length: all lengths times 1000: the radius is 100 instead of ",
+    drunk: "another answer for the same points: use no random numbers but those of a fixed seed (d = 2, N = 7, seed 0)",
+    first: "depends on the order of the samples: in another order: the ",
+    pulled: "does not move with the points: shifted by ",
+    axes: "does not rotate with the points: rotated: the centre is ",
+    negative: "the noise variance is -1, and should not be negative (d = 2, N = 7, seed 0)",
+    neighbour: "differs in a batch: fitted alone and beside other sets: the radius is ",
+    touching: "changes the points that it is given (d = 2, N = 7, seed 0)",
+    raising: "raises on a point at infinity: FloatingPointError: infinite (d = 2)",
+}
+
+BATCHED = (negative, neighbour, touching, raising)
+
+
+@pytest.fixture
+def reported():
+    """The report on a function."""
+
+    def report(function):
+        study.register("mine", function, batched=function in BATCHED)
+        return check_estimator("mine", budget=1e9)
+
+    return report
+
+
+def test_a_sound_estimator(reported):
+    """Without violations there is one line, with the numbers of properties and data sets."""
+    assert list(printed([reported(sound)])) == ["mine: all 9 properties hold on 12 data sets"]
+
+
+@pytest.mark.parametrize("function", list(VIOLATIONS), ids=lambda f: f.__name__)
+def test_a_violation_in_words(reported, function):
+    """The property that is violated is said in words, with the first data set that violates it."""
+    lines = list(printed([reported(function)]))
+    assert any(line.startswith(f"mine: {VIOLATIONS[function]}") for line in lines), lines
+
+
+def test_circles_alone(reported):
+    """An estimator of circles is checked in the plane; the rest is left out, with the reason."""
+
+    def circle(points):
+        if points.shape[1] != 2:
+            raise ValueError("circles only")
+        return sound(points)
+
+    assert list(printed([reported(circle)])) == [
+        "mine: all 9 properties hold on 6 data sets",
+        "mine: d = 3 is left out: ValueError: circles only",
+    ]
+
+
+def test_a_slow_estimator_has_fewer_data_sets(reported):
+    """With no time at all, no data set is taken, and that is said."""
+    study.register("mine", sound)
+    report = check_estimator("mine", budget=0.0)
+    assert report.sets == 0
+    assert "the estimator is slow" in report.remarks[0]
+
+
+def test_shipped_estimators_pass():
+    """The checks ask nothing that the shipped closed forms do not have."""
+    for name in ("als", "gdke", "taubin"):
+        assert check_estimator(name, budget=1e9).violations == ()
+
+
+CONFIG = """
+name = "own"
+seed = 3
+estimators = ["gdke", "coope"]
+[design]
+kind = "grid"
+trials = 40
+samples = [12, 60]
+noise = 0.02
+angle = [60, 180]
+radius = 2.0
+"""
+
+
+def coope(samples: Samples) -> Estimates:
+    """Coope's fit: |x|² = 2c·x + k in least squares, once for each set."""
+    result = blank(samples.shape[0], samples.shape[1])
+    for t, x in enumerate(samples.points):
+        beta = np.linalg.lstsq(np.column_stack([2 * x, np.ones(len(x))]), np.sum(x**2, axis=1))[0]
+        result.center[t], result.radius[t] = beta[:-1], np.sqrt(beta[-1] + beta[:-1] @ beta[:-1])
+    return result
+
+
+@pytest.fixture
+def registered(monkeypatch):
+    """Register `coope` for one test."""
+    monkeypatch.setitem(study.ESTIMATORS, "coope", Estimator(coope, "Coope 1993"))
+
+
+@pytest.mark.usefixtures("registered")
+@pytest.mark.parametrize("d", [2, 3, 5])
+def test_through_the_library(rng, on_cap, d):
+    """`study.fit` calls it by name, and adds batches, missing samples and errors, which it does not handle itself."""
+    points = on_cap(rng, 30, 100.0, d, 0.02, radius=2.0, center=1.0, sets=6)[0].reshape(2, 3, 30, d)
+    points[1, 2, :4, 0] = np.nan
+    mine, theirs = fit(points, "coope", noise=0.02), fit(points, "gdke", noise=0.02)
+    np.testing.assert_allclose(mine.center, theirs.center, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(mine.radius, theirs.radius, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(mine.covariance, theirs.covariance, rtol=1e-8, atol=1e-14)
+    np.testing.assert_allclose(mine.residual_rms, theirs.residual_rms, rtol=1e-8)
+    np.testing.assert_array_equal(mine.count, theirs.count)
+    assert np.all(mine.own_status == Status.OK)
+
+
+@pytest.mark.usefixtures("registered")
+def test_in_a_study(tmp_path):
+    """A config that names it is valid, and the run's table has its rows beside the others', on the same points."""
+    runner.run(parse(CONFIG), CONFIG, tmp_path / "run", 2)
+    table = pd.read_parquet(tmp_path / "run" / "errors.parquet")
+    mine, theirs = (table[table["estimator"] == name].reset_index(drop=True) for name in ("coope", "gdke"))
+    assert len(mine) == len(theirs) == 40 * 4
+    for column in ("cell", "trial", "samples", "angle", "bound"):
+        pd.testing.assert_series_equal(mine[column], theirs[column])
+    for column in ("error_1", "error_2", "error_3", "error", "radius_error"):
+        np.testing.assert_allclose(mine[column], theirs[column], rtol=0, atol=1e-9)
+    assert (mine["status"] == Status.OK).all()
+
+
+def test_not_registered():
+    """Without its line in the registry the library and a config raise an error that names it."""
+    with pytest.raises(ValueError, match="coope"):
+        fit(np.eye(4, 3), "coope")
+    with pytest.raises(ConfigError, match="coope"):
+        parse(CONFIG)
+
+
+def test_need_of_the_noise(monkeypatch):
+    """If it needs the noise, it is listed so, left out of `all` where none is given, and an error if named then."""
+    monkeypatch.setitem(study.ESTIMATORS, "coope", Estimator(coope, needs="noise"))
+    assert any("coope" in line and "noise" in line for line in regret.estimators_printed())
+    assert "coope" not in choose("all", None)
+    assert "coope" in choose("all", 0.02)
+    with pytest.raises(PointFileError, match="coope"):
+        choose("coope", None)

@@ -1,0 +1,351 @@
+"""The attainable bound against tables, the whole sphere's closed form and estimating equations that approach it.
+
+The Cramér-Rao bound against the full Fisher information and the closed forms for caps.
+"""
+
+import itertools
+import math
+
+import mpmath
+import numpy as np
+import pytest
+from scipy import integrate, special, stats
+
+import study
+from study.fits.bounds import Cap, by_quadrature, cramer_rao, weighted_scatter
+from study.fits.cap import heights, sample_cap
+from study.fits.jit import CHUNK
+
+TABLE = {
+    3: {
+        20: {0.01: 1.009, 0.03: 1.070, 0.1: 1.695, 0.2: 3.798, 0.3: 7.546, 0.6: 34.391},
+        45: {0.01: 1.002, 0.03: 1.014, 0.1: 1.143, 0.2: 1.582, 0.3: 2.393, 0.6: 7.835},
+        90: {0.01: 1.000, 0.03: 1.003, 0.1: 1.034, 0.2: 1.142, 0.3: 1.358, 0.6: 2.757},
+        180: {0.01: 1.000, 0.03: 1.001, 0.1: 1.016, 0.2: 1.069, 0.3: 1.183, 0.6: 1.985},
+    },
+    2: {
+        20: {0.03: 1.0465, 0.1: 1.4654, 0.2: 2.9071, 0.3: 5.4546, 0.6: 22.8643},
+        45: {0.03: 1.0097, 0.1: 1.0986, 0.2: 1.4050, 0.3: 1.9905, 0.6: 5.9119},
+        90: {0.03: 1.0022, 0.1: 1.0244, 0.2: 1.1040, 0.3: 1.2710, 0.6: 2.4721},
+        180: {0.03: 1.0007, 0.1: 1.0078, 0.2: 1.0348, 0.3: 1.1000, 0.6: 1.6905},
+    },
+}
+"""Root of the centre's trace over that of the Cramér-Rao bound (3.2), by an independent program with 32 and with 48
+Legendre polynomials: dimension, half-angle, noise."""
+
+
+def difference(one, other):
+    """Largest difference of two covariances, in units of the standard deviations."""
+    sd = np.sqrt(np.diag(other))
+    return np.abs((one - other) / np.outer(sd, sd)).max()
+
+
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("angle", [20, 45, 90, 180])
+def test_tables(cap_moments, angle, d):
+    """An independent program found the same to 1e-3."""
+    _, k = cap_moments(angle, d)
+    for noise, expected in TABLE[d][angle].items():
+        trace = np.trace(study.attainable_bound(angle, noise, d)[:d, :d])
+        ratio = math.sqrt(trace / (noise**2 * np.trace(np.linalg.inv(k))))
+        assert ratio == pytest.approx(expected, abs=1e-3), noise
+
+
+@pytest.mark.parametrize(("d", "angle"), [(2, 20), (2, 150), (3, 0.01), (3, 45), (3, 180), (6, 90), (20, 60)])
+def test_resolution(d, angle):
+    """More nodes with more functions change nothing by more than 1e-4, from the least noise to what hides the cap."""
+    phi = math.radians(angle)
+    for share in (1e-4, 0.05, 0.3, 0.79, 0.81, 3.0) if d < 4 else (0.3, 0.81):
+        coarse, fine = (by_quadrature(Cap(phi, share * phi, d), nodes) for nodes in (48, 56))
+        assert difference(coarse, fine) < 1e-4, share
+
+
+@pytest.mark.parametrize(("d", "angles"), [(2, (10, 45, 90, 170)), (3, (10, 45, 90, 180)), (5, (60,))])
+def test_never_below_cramer_rao(d, angles):
+    """The Cramér-Rao bound knows more: what it leaves between the two is positive semidefinite, up to the 1e-4."""
+    for angle in angles:
+        for noise in (1e-6, 1e-3, 0.01, 0.05, 0.2, 0.5, 2.0):
+            bound, least = study.attainable_bound(angle, noise, d), cramer_rao(Cap(math.radians(angle), noise, d))
+            root = np.linalg.inv(np.linalg.cholesky(least))
+            assert np.linalg.eigvalsh(root @ bound @ root.T)[0] > 1 - 1e-4, (angle, noise)
+
+
+@pytest.mark.parametrize("d", [2, 3, 7])
+def test_little_noise(d):
+    """Cramér-Rao's bound follows when the noise goes to nothing, and the excess falls as its square."""
+    limit = cramer_rao(Cap(math.radians(60), 1.0, d))
+    excess = [study.attainable_bound(60, noise, d) / noise**2 - limit for noise in (1e-3, 2e-3)]
+    assert np.diag(excess[0] / np.maximum(np.abs(limit), 1e-9)).max() < 1e-4
+    assert np.trace(excess[1]) / np.trace(excess[0]) == pytest.approx(4, rel=0.1)
+    assert difference(study.attainable_bound(60, 1e-9, d) / 1e-18, limit) < 1e-9
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_cramer_rao_of_a_cap(cap_moments, d):
+    """Its closed form for one sample is the inverse of the mean of w wᵀ/σ², w = (u, 1) (theory (3.1))."""
+    mean, k = cap_moments(70, d)
+    information = np.block([[k + np.outer(mean, mean), mean[:, None]], [mean[None], np.ones((1, 1))]])
+    assert difference(cramer_rao(Cap(math.radians(70), 0.2, d)), 0.04 * np.linalg.inv(information)) < 1e-12
+
+
+@pytest.mark.parametrize("share", [1e-4, 0.8])
+@pytest.mark.parametrize("d", [2, 3, 4])
+def test_joins(d, share):
+    """Where one way to compute it takes over from another, the two agree."""
+    for angle in (3, 60, 180):
+        noise = share * math.radians(angle)
+        below, above = (study.attainable_bound(angle, noise * factor, d) for factor in (1 - 1e-7, 1 + 1e-7))
+        assert difference(below, above) < 1e-5, angle
+
+
+@pytest.mark.parametrize("d", [2, 3, 4, 8])
+@pytest.mark.parametrize("noise", [0.01, 0.1, 0.4, 1.5, 6.0])
+def test_whole_sphere(d, noise):
+    """On the whole sphere one integral over R = |y| gives the bound (3.5), the same for all axes."""
+    law = stats.ncx2(d, 1 / noise**2)  # of R²/σ²
+
+    def mean(function):
+        low, high = max(0.0, 1 - 12 * noise), 1 + 12 * noise
+        nodes = np.unique([low, 1.0, high])
+        density = lambda r: function(r) * law.pdf((r / noise) ** 2) * 2 * r / noise**2  # noqa: E731
+        return sum(integrate.quad(density, *edges, epsabs=0, epsrel=1e-11)[0] for edges in itertools.pairwise(nodes))
+
+    def projection(r):  # mean of u·y/R
+        return special.ive(0.5 * d, r / noise**2) / special.ive(0.5 * d - 1, r / noise**2)
+
+    lost = mean(lambda r: (r - projection(r) / square) ** 2) if (square := mean(lambda r: projection(r) ** 2)) else 0
+    scores = [
+        lambda r: (r * projection(r) - 1) / noise**2,
+        lambda r: (r * r + 1 - 2 * r * projection(r)) / (2 * noise**4) - d / (2 * noise**2),
+    ]
+    information = np.array([[mean(lambda r, f=f, g=g: f(r) * g(r)) for f in scores] for g in scores])
+    bound = study.attainable_bound(180, noise, d)
+    np.testing.assert_allclose(np.diag(bound)[:d], d * noise**4 / lost, rtol=1e-5)
+    assert bound[d, d] == pytest.approx(np.linalg.inv(information)[0, 0], rel=1e-5)
+    assert np.abs(bound - np.diag(np.diag(bound))).max() < 1e-6 * bound.max()
+
+
+def laplacian(polynomial, d):
+    """Laplacian of a polynomial in z along an axis and w = |across|² in d dimensions, {(i, j): coefficient of zⁱwʲ}."""
+    result = {}
+    for (i, j), c in polynomial.items():
+        result[i - 2, j] = result.get((i - 2, j), 0.0) + c * i * (i - 1)
+        result[i, j - 1] = result.get((i, j - 1), 0.0) + c * (4 * j * (j - 1) + 2 * (d - 1) * j)
+    return {power: c for power, c in result.items() if c != 0.0}
+
+
+def without_noise(polynomial, noise, d):
+    """The polynomial whose mean under noise is the one given: exp(-σ²Δ/2) of it."""
+    result, term, k = dict(polynomial), polynomial, 0
+    while term:
+        k += 1
+        term = {power: -0.5 * noise**2 / k * c for power, c in laplacian(term, d).items()}
+        for power, c in term.items():
+            result[power] = result.get(power, 0.0) + c
+    return result
+
+
+def polynomial_class(angle, noise, d, degree):
+    """Optimal combination of the equations without_noise((|y|² - 1) q), deg q ≤ degree: a covariance like the bound.
+
+    E[h|u] = 0 for each, so they estimate whatever the law. Means over noise and cap are sums of Gauss, which are exact.
+    """
+    x, w = special.roots_legendre(40)
+    theta = 0.5 * math.radians(angle) * (x + 1)
+    share = w * np.sin(theta) ** (d - 2)
+    g, gw = special.roots_hermitenorm(degree + 4)
+    e = noise * np.stack(np.meshgrid(*[g] * d, indexing="ij")).reshape(d, 1, -1)
+    weight = np.prod(np.meshgrid(*[gw / gw.sum()] * d, indexing="ij"), axis=0).ravel()
+    u = np.zeros((d, 40, 1))
+    u[0, :, 0], u[1, :, 0] = np.cos(theta), np.sin(theta)
+    root = np.sqrt(np.outer(share / share.sum(), weight)).ravel()
+    y, e, u = (v.reshape(d, -1) for v in np.broadcast_arrays(u + e, e, u))
+    z, w = y[0], (y[1:] ** 2).sum(axis=0)
+
+    def projected(scores, order, side):
+        """Covariance of the scores with the equations of an azimuthal order, these being made orthonormal."""
+        pairs = [(i, j) for i in range(degree + 1 - order) for j in range((degree - order - i) // 2 + 1)]
+        equations = []
+        for i, j in pairs:
+            h = without_noise({(i + 2, j): 1.0, (i, j + 1): 1.0, (i, j): -1.0}, noise, d + 2 * order)
+            equations.append(sum(c * z**a * w**b for (a, b), c in h.items()) * side * root)
+        table = np.stack(equations, axis=1)
+        basis, _ = np.linalg.qr(table / np.linalg.norm(table, axis=0))
+        return basis.T @ (np.stack(scores, axis=1) * root[:, None])
+
+    complete = [e[0] / noise**2, (u * e).sum(axis=0) / noise**2]
+    complete.append((e**2).sum(axis=0) / (2 * noise**4) - d / (2 * noise**2))
+    axis = projected(complete, 0, 1.0)
+    side = projected([(y[1:] * e[1:]).sum(axis=0) / np.sqrt(w) / noise**2], 1, np.sqrt(w))
+    c = np.linalg.inv(axis.T @ axis)
+    covariance = np.diag([c[0, 0], *[(d - 1) / (side**2).sum()] * (d - 1), c[1, 1]])
+    covariance[0, d] = covariance[d, 0] = c[0, 1]
+    return covariance
+
+
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize(("angle", "noise"), [(20, 0.1), (20, 0.6), (45, 0.3), (90, 0.3), (120, 0.6), (180, 0.3)])
+def test_polynomial_equations_approach_it_from_above(angle, noise, d):
+    """Richer classes of polynomial estimating equations come down to the bound, and none goes below it."""
+    bound = study.attainable_bound(angle, noise, d)
+    root = np.linalg.inv(np.linalg.cholesky(bound))
+    excess = [np.linalg.eigvalsh(root @ polynomial_class(angle, noise, d, k) @ root.T) - 1 for k in (2, 3, 4, 6)]
+    assert min(part[0] for part in excess) > -1e-4
+    assert np.all(np.diff([part.sum() for part in excess]) < 1e-4)
+    assert excess[-1].max() < 0.1
+    if noise / math.radians(angle) > 1:
+        assert excess[-1].max() < 2e-3
+
+
+def test_results_are_the_callers():
+    """Writing into a result leaves the next one alone."""
+    study.attainable_bound(45, 0.3)[...] = 0
+    assert np.all(np.linalg.eigvalsh(study.attainable_bound(45.0, 0.3)) > 0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "failure", "words"),
+    [
+        ({"angle": 0}, ValueError, r"angle = 0\.0: give the half-angle of the cap in degrees, above 0 and at most 180"),
+        ({"angle": 180.5}, ValueError, r"angle = 180\.5: give"),
+        ({"angle": math.nan}, ValueError, "angle = nan: give"),
+        ({"noise": 0}, ValueError, r"noise = 0\.0: a standard deviation must be positive and finite"),
+        ({"noise": -0.1}, ValueError, r"noise = -0\.1: a standard deviation"),
+        ({"noise": math.inf}, ValueError, "noise = inf: a standard deviation"),
+        ({"noise": 1e-200}, ValueError, "and so must its square"),
+        ({"noise": np.eye(3)}, TypeError, r"noise has shape \(3, 3\): give one number"),
+        ({"angle": [20, 45]}, TypeError, r"angle has shape \(2,\): give one number"),
+        ({"dimension": 1}, ValueError, "dimension = 1: a sphere needs at least 2"),
+        ({"dimension": 2.5}, TypeError, "integer"),
+        ({"angle": 1.0, "noise": 100.0}, ValueError, r"noise = 100\.0 hides a cap of 1° so far"),
+        ({"angle": 1e-100, "noise": 1e-160}, ValueError, "hides a cap of 1e-100° so far"),
+        ({"angle": 1e-4, "noise": 10.0}, ValueError, r"hides a cap of 0\.0001° .*give less noise or a larger angle"),
+    ],
+)
+def test_bad_input(arguments, failure, words):
+    """A message names the value and the remedy."""
+    with pytest.raises(failure, match=words):
+        study.attainable_bound(**arguments)
+
+
+def full_bound(directions, covariance, radius):
+    """Bound on (c, r) from the whole (nd) × (d + 1 + n(d - 1)) Jacobian: the directions are parameters too."""
+    n, d = directions.shape
+    jacobian = np.zeros((n * d, d + 1 + n * (d - 1)))
+    for i, u in enumerate(directions):
+        rows = slice(i * d, (i + 1) * d)
+        tangent = np.linalg.svd(u[None])[2][1:].T
+        jacobian[rows, :d] = np.eye(d)
+        jacobian[rows, d] = u
+        jacobian[rows, d + 1 + i * (d - 1) : d + 1 + (i + 1) * (d - 1)] = radius * tangent
+    information = jacobian.T @ np.kron(np.eye(n), np.linalg.inv(covariance)) @ jacobian
+    return np.linalg.inv(information)[: d + 1, : d + 1]
+
+
+def even(n, angle, d):
+    """Directions spread evenly by area over a cap: no sampling error to allow for."""
+    phi, k = np.radians(angle), np.arange(n)
+    if d == 2:
+        theta = phi * (2 * (k + 0.5) / n - 1)
+        return np.stack([np.cos(theta), np.sin(theta)], axis=1)
+    t = heights((k + 0.5) / n, phi, 3)
+    across, azimuth = np.sqrt(t * (2 - t)), np.pi * (3 - np.sqrt(5)) * k
+    return np.stack([1 - t, across * np.cos(azimuth), across * np.sin(azimuth)], axis=1)
+
+
+@pytest.mark.parametrize("d", [2, 3, 4])
+@pytest.mark.parametrize("radius", [0.3, 20.0])
+def test_eliminated_directions(rng, d, radius):
+    """J⁻¹ is the (c, r) block of the inverse of the full information, Σ anisotropic, whatever the radius (3.1)."""
+    u = sample_cap(rng, 7, 1.5, d)
+    a = rng.standard_normal((d, d))
+    covariance = a @ a.T + 0.1 * np.eye(d)
+    expected = full_bound(u, covariance, radius)
+    assert np.abs(study.crlb(u, covariance) - expected).max() < 1e-10 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("n", [4, CHUNK - 1, CHUNK, CHUNK + 1, 1000])
+def test_equal_weights_need_no_row_of_their_own(rng, n):
+    """Weights of one chunk stand for those of all, to the bit."""
+    u, ones = sample_cap(rng, 2 * n, 1.0).T.reshape(3, 2, n).swapaxes(0, 1), np.ones((1, n))
+    for few, many in zip(weighted_scatter(u, ones[:, :CHUNK]), weighted_scatter(u, ones), strict=True):
+        np.testing.assert_array_equal(few, many)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("angle", [5, 20, 45, 90, 180])
+def test_large_samples_on_a_cap(cap_moments, angle, d):
+    """Many samples on a cap reach σ²/(N K) across and along the axis, and σ² m₂/(N Kₐ) in the radius (3.2)-(3.3)."""
+    n, sigma = 20_000, 0.3
+    mean, k = cap_moments(angle, d)
+    variance = np.diag(study.crlb(even(n, angle, d), sigma)) * n / sigma**2
+    np.testing.assert_allclose(variance[:d], 1 / np.diag(k), rtol=0.01)
+    assert variance[d] == pytest.approx((k[0, 0] + mean[0] ** 2) / k[0, 0], rel=0.01)
+
+
+def test_paper_limit():
+    """On the whole sphere √(N tr)/σ of the centre is 3, the "3σ/√N" of the WSCG abstract; on the circle it is 2."""
+    for d in (2, 3):
+        bound = study.crlb(even(50_000, 180, d), 1.0)[:d, :d]
+        assert np.sqrt(50_000 * np.trace(bound)) == pytest.approx(d, rel=0.01)
+
+
+@pytest.mark.parametrize("phi", [0.1, 1e-3, 1e-5])
+def test_tiny_caps(rng, phi):
+    """On a tiny cap the bound keeps the digits that inverting J would lose: 1e-13/φ² against 60 digits."""
+    u = sample_cap(rng, 30, phi, 3)
+    with mpmath.workdps(60):
+        w = mpmath.matrix([[*map(float, row), 1.0] for row in u])
+        for i in range(30):
+            square = mpmath.fsum(w[i, j] ** 2 for j in range(3))  # rounded directions are not quite unit vectors
+            for j in range(4):
+                w[i, j] /= mpmath.sqrt(square)
+        exact = np.array((mpmath.matrix(w.T * w) ** -1).tolist(), dtype=float)
+    assert np.abs(study.crlb(u, 1.0) / exact - 1)[np.diag_indices(4)].max() < 1e-13 / phi**2
+
+
+@pytest.mark.parametrize("n", [2, 3, 5, 100, 3000])
+def test_circles_leave_the_centre_open(rng, random_rotation, n):
+    """Directions on a circle, great or small, or too few of them give an infinite bound, in any orientation."""
+    for height in (0.0, 0.8):
+        for _ in range(20):
+            a = rng.uniform(-np.pi, np.pi, n)
+            across = np.sqrt(1 - height**2)
+            u = np.stack([across * np.cos(a), across * np.sin(a), np.full(n, height)], axis=1) @ random_rotation(rng, 3)
+            assert np.all(np.isposinf(study.crlb(u, 0.1)))
+
+
+def test_batches(rng):
+    """Leading axes are a batch, and an undetermined set leaves the others alone."""
+    u = sample_cap(rng, 6 * 8, 2.0, 3).reshape(2, 3, 8, 3)
+    u[1, 2, :, 2] = 0.0
+    u[1, 2] /= np.linalg.norm(u[1, 2], axis=1, keepdims=True)
+    bound = study.crlb(u, 0.2)
+    assert bound.shape == (2, 3, 4, 4)
+    assert np.all(np.isposinf(bound[1, 2]))
+    for i, j in [(0, 0), (0, 1), (0, 2), (1, 0), (1, 1)]:
+        np.testing.assert_allclose(bound[i, j], study.crlb(u[i, j], 0.2), rtol=1e-12)
+    np.testing.assert_allclose(study.crlb(u[0], 0.2 * 0.2 * np.eye(3)), bound[0], rtol=1e-12)
+    assert np.all(np.isposinf(study.crlb(np.empty((0, 3)), 0.2)))
+    assert study.crlb(np.empty((0, 8, 3)), 0.2).shape == (0, 4, 4)
+
+
+@pytest.mark.parametrize("shape", [(3,), (5, 1), ()])
+def test_bad_shape(shape):
+    """Directions of another shape than (…, n, d) raise an error that names the shape."""
+    with pytest.raises(ValueError, match="shape"):
+        study.crlb(np.ones(shape), 0.1)
+
+
+@pytest.mark.parametrize(
+    "noise",
+    [
+        *(0.0, -1.0, np.nan, np.inf),
+        *([0.1, 0.1, 0.1], np.eye(2), [[1.0, 0.5, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]),
+        *(np.diag([1.0, 1.0, last]) for last in (-1.0, 0.0, np.nan)),
+    ],
+)
+def test_bad_noise(rng, noise):
+    """A noise that is neither a standard deviation nor a covariance raises an error that names it."""
+    with pytest.raises(ValueError, match="noise"):
+        study.crlb(sample_cap(rng, 8, 2.0, 3), noise)

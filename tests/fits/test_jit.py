@@ -1,0 +1,259 @@
+"""Compiled code in the cache never outlives a change in its sources, and computes the bits of code just compiled.
+
+Points that kernels form when they read them: the same points, and the same sums to the bit, as stored ones.
+"""
+
+import os
+import pickle
+import platform
+import shutil
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import study
+from study.fits import ESTIMATORS, Estimates, Samples
+from study.fits.jit import BLOCK, COMPILING, Placed, abreast, aligned, compiled, extent, form, total
+from study.fits.moments import Moments
+
+PROGRAM = """
+import numpy as np
+from study.fits.bounds import _scatter, weighted_scatter
+sums, _, _ = weighted_scatter(np.ones((1, 2, 4)), np.ones((1, 4)))
+print(sums[0], sum(_scatter.code.stats.cache_hits.values()))
+"""
+
+TWO_LOOPS = """
+import numpy as np
+from study.fits.jit import fill, total
+fill(np.ones(2), 0.0), total(np.ones(2))
+print(*(sum(loop.code.stats.cache_hits.values()) for loop in (fill, total)))
+"""
+
+FITS = """
+import hashlib
+import numpy as np
+from study.fits import ESTIMATORS, Samples
+rng, answers = np.random.default_rng(3), []
+for n in (5, 10, 20, 100):
+    x = rng.standard_normal((300, 3, n))
+    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    samples = Samples(x + 0.1 * rng.standard_normal(x.shape), 0.1)
+    answers += [ESTIMATORS[name](samples) for name in ("lls", "mle", "ugdk")]
+print(hashlib.sha256(b"".join(f.center.tobytes() + f.noise_variance.tobytes() for f in answers)).hexdigest())
+"""
+
+
+@pytest.fixture
+def package(tmp_path):
+    """A copy of the package, without its caches, and a way to run a program with it in a new process."""
+    copy = tmp_path / "study"
+    shutil.copytree(Path(study.__file__).parent, copy, ignore=shutil.ignore_patterns("__pycache__"))
+    environment = {key: value for key, value in os.environ.items() if not key.startswith(("NUMBA", "PYTHON"))}
+
+    def run(program=PROGRAM):
+        command = [sys.executable, "-W", "error", "-c", program]
+        done = subprocess.run(
+            command, cwd=tmp_path, env={**environment, "PYTHONPATH": str(tmp_path)}, capture_output=True, text=True
+        )
+        assert done.returncode == 0, done.stderr
+        warnings.append(done.stderr)
+        return done.stdout.split()
+
+    warnings = run.warnings = []
+    return copy, run
+
+
+def test_change_in_a_called_function_reaches_its_caller(package):
+    """`_scatter` inlines `total`: it comes from the cache until `total` changes, and then is compiled anew."""
+    copy, run = package
+    assert run() == ["4.0", "0"]
+    assert run() == ["4.0", "1"]
+    source = copy / "fits" / "jit.py"
+    text = source.read_text()
+    assert text.count("result += row[k]") == 1
+    source.write_text(text.replace("result += row[k]", "result += 3.0 * row[k]"))
+    assert run() == ["12.0", "0"]
+
+
+@pytest.mark.parametrize(
+    ("changed", "discarded"), [("recordings/rigid.py", True), ("simulation/report/page.py", False)]
+)
+def test_changes_that_discard_the_cache(package, changed, discarded):
+    """A change in any folder with compiled code discards that of all such folders; a change elsewhere does not."""
+    copy, run = package
+    used = "from study.fits.jit import total; import numpy; total(numpy.ones(2))"
+    run(used)
+    stale = copy / "recordings" / "__pycache__" / "rigid.some_kernel.nbi"
+    stale.parent.mkdir(exist_ok=True)
+    stale.touch()
+    run(used)
+    assert stale.exists()
+    with (copy / changed).open("a") as source:
+        source.write("# changed\n")
+    run(used)
+    assert stale.exists() != discarded
+
+
+def test_code_just_compiled_and_code_from_the_cache_have_the_same_bits(package):
+    """LLS in the process that compiled it once differed in the last bit from LLS in all others."""
+    _, run = package
+    assert run(FITS) == run(FITS)
+
+
+def test_the_library_and_the_commands_share_the_cache_and_compilation_is_announced_once(package):
+    """Two functions are compiled with one line on standard error; the other kind of program finds both, and is silent.
+
+    A program that wants no such line sets its logs up.
+    """
+    _, run = package
+    command = f"from study.text import instruction_set\ninstruction_set.fix()\n{TWO_LOOPS}"
+    assert run(command) == ["0", "0"]
+    assert run(TWO_LOOPS) == ["1", "1"]
+    assert run.warnings == [f"{COMPILING}\n", ""]
+
+
+def test_a_program_can_silence_the_compiler(package):
+    """The line is a warning of the log `study`."""
+    _, run = package
+    assert run(f"import logging\nlogging.getLogger('study').setLevel('ERROR')\n{TWO_LOOPS}") == ["0", "0"]
+    assert run.warnings == [""]
+
+
+def test_two_threads_that_call_first_share_one_compiled_function():
+    """Every call before the compiler is loaded comes to the same function, which answers as Python does."""
+
+    @compiled
+    def twice(x: float) -> float:
+        """Double a number."""
+        return 2.0 * x
+
+    with ThreadPoolExecutor(4) as pool:
+        assert list(pool.map(twice, range(8))) == [2.0 * k for k in range(8)]
+        assert len(set(pool.map(lambda _: id(twice.code), range(8)))) == 1
+    assert (twice.__name__, twice.__doc__) == ("twice", "Double a number.")
+
+
+@pytest.mark.parametrize("count", [1, 5, 256])
+def test_aligned_memory_begins_with_a_cache_line(count):
+    """Its address is a multiple of 64 bytes, and it has as many numbers as asked for, which are its own."""
+    rows = [aligned(count) for _ in range(20)]
+    assert all(row.ctypes.data % 64 == 0 and row.shape == (count,) and row.flags.c_contiguous for row in rows)
+    for k, row in enumerate(rows):
+        row[:] = k
+    assert [row.sum() for row in rows] == [count * k for k in range(20)]
+
+
+def test_kernels_are_pickled_by_name():
+    """A worker process gets the function of its own package."""
+    assert pickle.loads(pickle.dumps(total)) is total
+
+
+@pytest.fixture
+def place(rng, on_cap):
+    """Draws of two trials on three spheres, in d dimensions with n samples."""
+
+    def make(d, n):
+        directions = np.ascontiguousarray(on_cap(rng, n, 70.0, sets=2, d=d)[0].swapaxes(1, 2))
+        directions[:, 0] = 1.0 - directions[:, 0]
+        center = rng.uniform(-3, 3, (3, d))
+        return Placed(
+            directions, rng.standard_normal((2, d, n)), center, np.array([1.0, 2.0, 7.0]), np.array([0.01, 0.5, 3.0])
+        )
+
+    return make
+
+
+def test_points_are_those_of_their_sphere_and_trial(place):
+    """Each coordinate is c + r u + σ z of exact arithmetic, to three roundings; sets come trial by trial."""
+    placed = place(3, 20)
+    points = form(placed, np.empty((6, 3, 20)))
+    assert extent(placed) == points.shape
+    assert abreast(placed) == 3
+    for t in range(6):
+        trial, sphere = divmod(t, 3)
+        for i in range(3):
+            for k in range(20):
+                u, z = (Fraction(float(a[trial, i, k])) for a in (placed.directions, placed.noise))
+                c, r, s = (
+                    Fraction(float(v)) for v in (placed.center[sphere, i], placed.radius[sphere], placed.sigma[sphere])
+                )
+                terms = (c, r * ((1 - u) if i == 0 else u), s * z)
+                assert abs(Fraction(float(points[t, i, k])) - sum(terms)) <= 3 * 2.0**-53 * float(sum(map(abs, terms)))
+    np.testing.assert_array_equal(form(placed, np.empty((2, 3, 20)), first=3), points[3:5])
+
+
+@pytest.mark.parametrize("d", [2, 3, 5])
+@pytest.mark.parametrize("n", [6, 31, 33, 700, BLOCK, 2 * BLOCK + 300])
+def test_sums_do_not_depend_on_where_points_are(place, d, n):
+    """Moments and fits of formed points are, bit for bit, those of stored points, in any layout."""
+    placed = place(d, n)
+    points = form(placed, np.empty((6, d, n)))
+    noise = np.tile(placed.sigma, 2)
+    for other in (points, np.ascontiguousarray(points.swapaxes(1, 2)).swapaxes(1, 2), np.asfortranarray(points)):
+        stored, formed = Moments.of(other), Moments.of(placed)
+        for one, two in zip(formed, stored, strict=True):
+            np.testing.assert_array_equal(one, two)
+        for estimator in ("mle", "mle_mirror", "lls", "ugdk"):
+            fits = [ESTIMATORS[estimator](Samples(x, noise)) for x in (placed, other)]
+            for name, one, two in zip(Estimates._fields, *fits, strict=True):
+                np.testing.assert_array_equal(one, two, err_msg=name)
+
+
+def test_one_set_of_formed_points(place):
+    """One set of a batch has its own points and noise; the points of a batch are formed when they are needed."""
+    placed = place(3, 40)
+    batch = Samples(placed, np.tile(placed.sigma, 2))
+    points = form(placed, np.empty((6, 3, 40)))
+    np.testing.assert_array_equal(batch.x, points)
+    for t in range(6):
+        one = batch.only(t)
+        np.testing.assert_array_equal(one.x, points[t : t + 1])
+        assert one.noise == placed.sigma[t % 3]
+
+
+COMMON = "('x86_64-unknown-linux-gnu', 'x86-64-v3', '')"
+
+COMPILED_FOR = """
+from numba.core.registry import cpu_target
+print(cpu_target.target_context.codegen().magic_tuple())
+"""
+
+COMMAND = "from study.text import instruction_set\ninstruction_set.fix()\n"
+
+LIBRARY = "from study.fits.jit import total\nimport numpy, os\nbefore = dict(os.environ)\ntotal(numpy.ones(2))\n"
+
+LIBRARY += "assert os.environ == before\n"
+
+NUMBA_BEFORE = "import numba\nnumba.njit(lambda x: x)(1)\n"
+
+X86 = pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="other processors have one kind of code")
+
+
+def target(code):
+    """Name and features of the processor that a program's code is generated for."""
+    unset = {"NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES", "OPENBLAS_CORETYPE"}
+    environment = {name: value for name, value in os.environ.items() if name not in unset}
+    command = [sys.executable, "-c", code + COMPILED_FOR]
+    return subprocess.run(command, capture_output=True, text=True, env=environment, check=True).stdout.strip()
+
+
+@X86
+@pytest.mark.parametrize("code", [COMMAND, LIBRARY], ids=["command", "library"])
+def test_compiled_code_knows_nothing_of_the_processor_at_hand(code):
+    """Neither its name nor its features: with AVX-512 among them, the same run had other bytes elsewhere.
+
+    A program that fits has the same code, without a change in its environment, so that one cache serves both.
+    """
+    assert target(code) == COMMON
+
+
+@X86
+def test_a_program_that_compiled_before_keeps_its_code():
+    """Its functions, compiled before and after the first fit, are for the processor at hand."""
+    assert target(NUMBA_BEFORE + LIBRARY) == target(NUMBA_BEFORE) != COMMON

@@ -1,0 +1,268 @@
+"""Linear least squares: Kåsa's fit by orthogonal factorisation.
+
+Least squares of the paper's time: small singular values cut, and single precision, with these flaws alone.
+
+The cut of the textbook's least squares: at its tolerance, against LAPACK with the same one; and the error it makes.
+
+`test_lls_historical.py` has the two answers on tiny caps without noise; here are the edge of the cut, and noise.
+"""
+
+import numpy as np
+import pytest
+
+import study
+from study import Status
+
+EPS = np.finfo(float).eps
+
+
+@pytest.mark.parametrize("d", [2, 3, 5])
+@pytest.mark.parametrize("n", [6, 511, 512, 513, 1024, 1025, 3000])
+def test_against_lapack(rng, on_cap, n, d):
+    """The chunked triangle gives what NumPy's SVD gives on the whole system, on both sides of a chunk's end."""
+    points = on_cap(rng, n, 120.0, d, noise=0.05, radius=3.0, center=1.0)[0]
+    design = np.column_stack([np.ones(n), points])
+    beta = np.linalg.lstsq(design, np.sum(points**2, axis=1), rcond=None)[0]
+    fit = study.fit(points, "lls")
+    np.testing.assert_allclose(fit.center, beta[1:] / 2, rtol=0, atol=1e-12)
+    assert fit.radius == pytest.approx(np.sqrt(beta[0] + np.sum(beta[1:] ** 2) / 4), rel=1e-12)
+
+
+@pytest.mark.parametrize("n", [5, 60, 1500])
+@pytest.mark.parametrize("angle", [40.0, 90.0, 180.0])
+def test_same_fit_as_gdke(rng, on_cap, angle, n):
+    """LLS and GDKE are one fit (theory 0.1): centre, radius and noise agree to 1e-12 r on sound sets.
+
+    Sound: the bound at σ = 1 is below 30/√n, so that rounding is amplified some hundred times at most.
+    """
+    points, directions = on_cap(rng, n, angle, noise=0.02, radius=7.0, center=1.0, sets=100)
+    bound = np.sqrt(np.trace(study.crlb(directions, 1.0)[:, :3, :3], axis1=1, axis2=2))
+    sound = points[bound < 30 / np.sqrt(n)]
+    assert len(sound) > 20
+    one, two = study.fit(sound, "lls"), study.fit(sound, "gdke")
+    np.testing.assert_allclose(one.center, two.center, rtol=0, atol=1e-12 * 7)
+    np.testing.assert_allclose(one.radius, two.radius, rtol=0, atol=1e-12 * 7)
+    np.testing.assert_allclose(one.noise_variance, two.noise_variance, rtol=1e-9, atol=100 * EPS * 7**2)
+
+
+@pytest.mark.parametrize("estimator", ["lls", "gdke"])
+@pytest.mark.parametrize("angle", [20.0, 1.0, 0.2])
+@pytest.mark.parametrize("n", [50, 2000])
+def test_rounding_on_small_caps(rng, on_cap, estimator, angle, n):
+    """Without noise the error stays below 10 ε(|c| + r)/φ²: the power two of an orthogonal or twice-centred fit.
+
+    Normal equations of raw coordinates lose ε/φ⁴: 4e-7 at 1° where this allows 2e-11 (theory §7).
+    """
+    center = np.array([2.0, 0.0, 0.0])
+    points = on_cap(rng, n, angle, center=center, sets=30)[0]
+    error = np.linalg.norm(study.fit(points, estimator).center - center, axis=1)
+    assert np.median(error) < 10 * EPS * 3 / np.radians(angle) ** 2
+
+
+def test_far_origin(rng, on_cap):
+    """A distant origin costs no more than the data's own rounding, ε|c|, amplified by the fit."""
+    points = on_cap(rng, 900, 60.0, sets=20)[0]
+    far = np.array([1e6, -2e6, 5e5])
+    fit = study.fit(points + far, "lls")
+    assert np.abs(fit.center - far).max() < 100 * EPS * 2e6
+
+
+CENTERS = [0.0, 1.0, 5.0]
+
+EPS_LLS_HISTORICAL = float(np.finfo(np.float32).eps)
+
+LARGEST = float(np.finfo(np.float32).max)
+
+
+@pytest.mark.parametrize("x", CENTERS)
+@pytest.mark.parametrize("angle", [0.05, 0.01])
+def test_centred_cut_puts_the_answer_on_the_sphere(rng, on_cap, angle, x):
+    """On a tiny cap the centred design loses the axis: the centre is the centroid, one radius off (theory §4)."""
+    points = on_cap(rng, 40, angle, center=[x, 0.0, 0.0])[0]
+    fit = study.fit(points, "lls_nr")
+    np.testing.assert_allclose(fit.center, points.mean(axis=0), rtol=0, atol=1e-3)
+    assert np.linalg.norm(study.fit(points, "lls").center - [x, 0.0, 0.0]) < 1e-5
+
+
+@pytest.mark.parametrize("x", CENTERS)
+@pytest.mark.parametrize("angle", [0.05, 0.01])
+def test_uncentred_cut_takes_the_least_norm(rng, on_cap, angle, x):
+    """All points nearly at p: of all solutions of β·p + β₀ = |p|² the shortest has the centre β/2 = ½p|p|²/(|p|² + 1).
+
+    Half way to the sphere (theory §4) where |p| is large against the unit of length, and not otherwise.
+    """
+    p = x + 1.0
+    fit = study.fit(on_cap(rng, 40, angle, center=[x, 0.0, 0.0])[0], "lls_nr_raw")
+    np.testing.assert_allclose(fit.center, [0.5 * p**3 / (p**2 + 1), 0.0, 0.0], rtol=0, atol=1e-3)
+
+
+@pytest.mark.parametrize("name", ["lls_nr", "lls_nr_raw"])
+@pytest.mark.parametrize("noise", [1e-9, 0.05])
+def test_sound_sets_are_not_cut(rng, on_cap, noise, name):
+    """On caps of 60° and more nothing is cut and the answer is that of `lls`."""
+    points = on_cap(rng, 30, 60.0, noise=noise, center=1.0, sets=50)[0]
+    np.testing.assert_allclose(study.fit(points, name).center, study.fit(points, "lls").center, rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize("d", [2, 3, 5])
+@pytest.mark.parametrize("noise", [1e-3, 0.1])
+def test_same_fit_as_lls(rng, on_cap, d, noise):
+    """On sound sets the answers are those of `lls` to some hundred single-precision roundings, and not to fewer.
+
+    Normal equations square the condition of the design, which is below 10 here.
+    """
+    points = on_cap(rng, 50, 120.0, d, noise, radius=5.0, center=3.0, sets=100)[0]
+    one, two = study.fit(points, "lls"), study.fit(points, "lls_single")
+    assert np.all(two.own_status == Status.OK)
+    np.testing.assert_allclose(two.center, one.center, rtol=0, atol=5.0 * 1000 * EPS_LLS_HISTORICAL)
+    np.testing.assert_allclose(two.radius, one.radius, rtol=1000 * EPS_LLS_HISTORICAL)
+    assert np.abs(two.center - one.center).max() > EPS_LLS_HISTORICAL
+
+
+@pytest.mark.parametrize("offset", [0.0, 1e3])
+def test_floor(rng, on_cap, offset):
+    """Without noise the error is that of single precision, for any origin: above 1e-8 r, below 1e-5 r."""
+    center = np.full(3, offset)
+    points = on_cap(rng, 50, 90.0, center=center, sets=100)[0]
+    error = np.linalg.norm(study.fit(points, "lls_single").center - center, axis=1)
+    assert 1e-8 < np.median(error) < 1e-5
+
+
+def test_range(rng):
+    """The status is not finite where, and nearly only where, a sum of third powers leaves the range.
+
+    Sums of signed terms overflow between the largest term and the sum of sizes; sets in between are left out.
+    """
+    points = rng.standard_normal((400, 20, 3)) * np.geomspace(1e10, 1e15, 400)[:, None, None]
+    y = points - points.mean(axis=1, keepdims=True)
+    terms = np.abs(y) * np.sum(y**2, axis=2, keepdims=True)
+    lost = terms.max(axis=(1, 2)) > LARGEST
+    safe = terms.sum(axis=1).max(axis=1) < LARGEST
+    fit = study.fit(points, "lls_single")
+    assert min(lost.sum(), safe.sum()) > 100
+    assert np.all(fit.own_status[lost] == Status.NOT_FINITE)
+    assert np.isnan(fit.center[lost]).all()
+    assert np.isnan(fit.radius[lost]).all()
+    assert np.all(fit.own_status[safe] == Status.OK)
+    assert np.isfinite(fit.center[safe]).all()
+    assert np.all(study.fit(points, "lls").own_status == Status.OK)
+
+
+def test_no_bare_nan(rng, on_cap):
+    """A set without an answer in single precision has a status that says so, and the others keep theirs."""
+    points = on_cap(rng, 30, noise=0.01, sets=5)[0]
+    clean = study.fit(points, "lls_single")
+    points[1] *= 1e25
+    points[2] = points[2, 0]
+    points[3] *= 1e-30
+    fit = study.fit(points, "lls_single")
+    assert list(fit.own_status) == [Status.OK, Status.NOT_FINITE, Status.SINGULAR, Status.SINGULAR, Status.OK]
+    assert list(np.isnan(fit.center).all(axis=1)) == [False, True, True, True, False]
+    np.testing.assert_array_equal(fit.center[[0, 4]], clean.center[[0, 4]])
+
+
+@pytest.mark.parametrize(("angle", "status"), [(0.01, Status.SINGULAR), (1.0, Status.OK)])
+def test_tiny_caps_are_planes(rng, on_cap, angle, status):
+    """A cap whose smallest variance is below single rounding of the largest, φ²/12 < 3ε at .1°, is a plane."""
+    fit = study.fit(on_cap(rng, 50, angle, sets=20)[0], "lls_single")
+    assert np.all(fit.own_status == status)
+
+
+def test_memory_order_does_not_matter(rng, on_cap):
+    """The answer is, to the last bit, the same for points in either order in memory."""
+    points = on_cap(rng, 333, 100.0, noise=0.05, sets=7)[0]
+    one, two = study.fit(points, "lls_single"), study.fit(np.asfortranarray(points), "lls_single")
+    np.testing.assert_array_equal(one.center, two.center)
+
+
+TOLERANCE = {"lls_nr": 1e-5, "lls_nr_raw": 1e-6}
+
+
+def designs(points, name):
+    """The columns (x, 1) of each set, centred for `lls_nr`, and their origin."""
+    origin = points.mean(axis=1, keepdims=True) if name == "lls_nr" else np.zeros_like(points[:, :1])
+    x = points - origin
+    return np.concatenate([x, np.ones((*points.shape[:2], 1))], axis=2), origin[:, 0]
+
+
+def smallest_shares(points, name):
+    """Smallest singular value of each set's design over the largest."""
+    values = np.linalg.svd(designs(points, name)[0], compute_uv=False)
+    return values[:, -1] / values[:, 0]
+
+
+@pytest.fixture(scope="module")
+def caps(on_cap):
+    """400 sets on caps of 1e-3 to 60 degrees of random position, their centres and radii, no noise."""
+    rng, sets, centers, radii = np.random.default_rng(22), [], [], []
+    for angle in np.geomspace(1e-3, 60.0, 400):
+        radius, center = 10 ** rng.uniform(-0.3, 1.57), rng.standard_normal(3)
+        sets.append(on_cap(rng, 30, angle, 3, 0.0, radius, center, axis=rng.standard_normal(3))[0])
+        centers.append(center)
+        radii.append(radius)
+    return np.array(sets), np.array(centers), np.array(radii)
+
+
+@pytest.mark.parametrize("name", TOLERANCE)
+def test_cut_at_the_tolerance(caps, name):
+    """On both sides of the edge the answer is LAPACK's least-norm one with that tolerance, and not the other's.
+
+    LAPACK (gelsd) cuts by the same rule, rcond times the largest; sets within 1e-3 of the edge are left out.
+    """
+    points, _, radii = caps
+    share = smallest_shares(points, name) / TOLERANCE[name]
+    matrix, origin = designs(points, name)
+    sides = [share < 0.999, share > 1.001]
+    assert min(side.sum() for side in sides) > 50
+    assert min(np.abs(np.log(share[side])).min() for side in sides) < 0.1  # some sets lie within 10 % of the edge
+    fit = study.fit(points, name)
+    for t in np.flatnonzero(sides[0] | sides[1]):
+        square = np.sum(matrix[t, :, :3] ** 2, axis=1)
+        beta, _, rank, _ = np.linalg.lstsq(matrix[t], square, rcond=TOLERANCE[name])
+        uncut = np.linalg.lstsq(matrix[t], square, rcond=1e-30)[0]
+        assert (rank < 4) == sides[0][t]
+        error = np.linalg.norm(fit.center[t] - origin[t] - beta[:3] / 2) / radii[t]
+        assert error < 1e-6
+        if rank < 4:
+            assert np.linalg.norm(fit.center[t] - origin[t] - uncut[:3] / 2) / radii[t] > 1e-3
+
+
+@pytest.mark.parametrize("name", TOLERANCE)
+def test_not_cut_is_lls(caps, name):
+    """Without a cut the centre is that of `lls`: to 1e-9 r, and on the smallest caps to 1e-12 r/share².
+
+    Forming Uᵀ|x|² loses a few ε, which the division by the smallest singular value magnifies, in raw coordinates twice.
+    """
+    points, _, radii = caps
+    share = smallest_shares(points, name)
+    whole = share > 1.001 * TOLERANCE[name]
+    one, two = study.fit(points[whole], name), study.fit(points[whole], "lls")
+    error = np.linalg.norm(one.center - two.center, axis=1) / radii[whole]
+    wide = share[whole] > 1e-3
+    assert wide.sum() > 50
+    assert error[wide].max() < 1e-9
+    assert np.all(error < 1e-12 / share[whole] ** 2)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-12, 1e-9])
+@pytest.mark.parametrize("d", [2, 3])
+def test_centred_answer_lies_on_the_sphere(rng, on_cap, d, noise):
+    """On caps of 0.05° the centred version is off by 1.0 r within 1 %, wherever the sphere lies (theory §4)."""
+    for radius in (0.5, 3.0, 37.0):
+        center = 2 * rng.standard_normal(d)
+        points = on_cap(rng, 30, 0.05, d, noise * radius, radius, center, sets=100)[0]
+        error = np.linalg.norm(study.fit(points, "lls_nr").center - center, axis=1) / radius
+        np.testing.assert_allclose(error, 1.0, rtol=0.01)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-12, 1e-9])
+@pytest.mark.parametrize("d", [2, 3])
+def test_uncentred_answer_lies_half_way(rng, on_cap, d, noise):
+    """On caps of 0.01° the uncentred version is off by 0.5 r within 1 %, for a large sphere at the origin (theory §4).
+
+    In general ĉ = ½p|p|²/(|p|² + 1): the column of ones has unit size, so half way needs |p| ≫ 1 (20² here).
+    """
+    for radius in (20.0, 37.0):
+        points = on_cap(rng, 30, 0.01, d, noise * radius, radius, sets=100)[0]
+        error = np.linalg.norm(study.fit(points, "lls_nr_raw").center, axis=1) / radius
+        np.testing.assert_allclose(error, 0.5, rtol=0.01)

@@ -1,0 +1,292 @@
+"""Several markers about one centre: the corrected equation 22, its weights, its noise, and bad input."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+import study
+from study import Status
+from study.fits import Incremental, mgdk
+from study.fits.cap import sample_cap
+from study.fits.markers import mgdk_so_far
+
+SIGMA = 1e-4 * np.array([[2.0, 0.5, -0.3], [0.5, 1.0, 0.2], [-0.3, 0.2, 0.5]])
+
+
+def drawn(rng, counts, radii, noise=0.01, angle=60.0, center=0.0, d=3):
+    """Points of each marker on a cap about an axis of its own, and the directions."""
+    root = noise * np.eye(d) if np.ndim(noise) == 0 else np.linalg.cholesky(noise)
+    directions = [sample_cap(rng, n, np.radians(angle), d, rng.standard_normal(d)) for n in counts]
+    pairs = zip(radii, directions, strict=True)
+    return [center + r * u + rng.standard_normal(u.shape) @ root.T for r, u in pairs], directions
+
+
+def moments(points):
+    """Centroid, C and S of paper eqs 4-6, and the number of samples."""
+    y = points - points.mean(axis=0)
+    s = np.sum(y * np.sum(y**2, axis=1)[:, None], axis=0) / (len(points) - 1)
+    return points.mean(axis=0), np.cov(points.T), s, len(points)
+
+
+def weighed(markers, sigma, weights):
+    """Corrected eq. 22: [Σw(C - Σ̂)]⁻¹ Σw[(C - Σ̂)x̄ + ½S]."""
+    left, right = 0.0, 0.0
+    for points, weight in zip(markers, weights, strict=True):
+        mean, c, s, _ = moments(points)
+        left, right = left + weight * (c - sigma), right + weight * ((c - sigma) @ mean + s / 2)
+    return np.linalg.solve(left, right)
+
+
+def misread(markers, sigma):
+    """Eq. 22 as printed, read in its two ways: ½S of the last marker only; the sum of ½S outside the inverse."""
+    parts = [moments(points) for points in markers]
+    matrix = sum(c - sigma for _, c, _, _ in parts)
+    first = sum((c - sigma) @ mean for mean, c, _, _ in parts)
+    outside = np.linalg.solve(matrix, first) + sum(s / 2 for _, _, s, _ in parts)
+    return np.linalg.solve(matrix, first + parts[-1][2] / 2), outside
+
+
+def test_equation_22_and_its_misreadings(rng):
+    """The corrected eq. 22 finds the centre; both readings of the print err over ten times as much (theory §2)."""
+    errors = {"mgdk": [], "last": [], "outside": []}
+    for _ in range(40):
+        markers, _ = drawn(rng, [2000] * 3, [0.5, 0.8, 1.0], 0.02, center=0.3)
+        center = mgdk(markers, 0.02, weighted=False).center
+        np.testing.assert_allclose(center, weighed(markers, 0.02**2 * np.eye(3), [1, 1, 1]), rtol=0, atol=1e-12)
+        for name, found in zip(errors, [center, *misread(markers, 0.02**2 * np.eye(3))], strict=True):
+            errors[name].append(np.linalg.norm(found - 0.3))
+    rmse = {name: np.sqrt(np.mean(np.square(values))) for name, values in errors.items()}
+    assert rmse["mgdk"] < 0.003
+    assert min(rmse["last"], rmse["outside"]) > 10 * rmse["mgdk"]
+
+
+@pytest.mark.parametrize("d", [2, 3, 5])
+def test_pooled_least_squares(rng, d):
+    """Without noise to subtract it is one linear system, |x|² = 2c·x + k_p, with an intercept for each marker."""
+    markers, _ = drawn(rng, [9, 40, 25], [0.5, 2.0, 1.0], 0.05, 90.0, 0.7, d)
+    rows = [np.hstack([2 * x, np.tile(np.eye(3)[p], (len(x), 1))]) for p, x in enumerate(markers)]
+    beta = np.linalg.lstsq(np.vstack(rows), np.concatenate([np.sum(x**2, axis=1) for x in markers]))[0]
+    np.testing.assert_allclose(mgdk(markers, 1e-9, weighted=False).center, beta[:d], rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize("noise", [0.01, SIGMA])
+def test_unequal_counts_and_weights(rng, noise):
+    """Marker p has the weight n_p - 1, or (n_p - 1)/r̂_p² with r̂_p² the mean square distance; Σ̂ may be any."""
+    markers, _ = drawn(rng, [7, 300, 40], [0.5, 2.0, 1.0], noise, center=0.2)
+    sigma = noise**2 * np.eye(3) if np.ndim(noise) == 0 else noise
+    counts = np.array([len(x) - 1.0 for x in markers])
+    np.testing.assert_allclose(
+        mgdk(markers, noise, weighted=False).center, weighed(markers, sigma, counts), rtol=0, atol=1e-11
+    )
+    fit = mgdk(markers, noise)
+    square = np.array([np.mean(np.sum((x - fit.center) ** 2, axis=1)) for x in markers])
+    np.testing.assert_allclose(fit.center, weighed(markers, sigma, counts / square), rtol=0, atol=1e-8)
+    expected = np.sqrt(square - (counts / (counts + 1)) * np.trace(sigma))  # eq. 23
+    np.testing.assert_allclose(fit.radii, expected, rtol=1e-12)
+    assert fit.noise_variance == pytest.approx(np.trace(sigma) / 3, rel=1e-14)
+    share = [w * np.cov(x.T) for w, x in zip(counts / square, markers, strict=True)]
+    rho = np.linalg.eigvals(sigma @ np.linalg.inv(sum(share)) * np.sum(counts / square)).real.max()
+    assert fit.condition == pytest.approx(rho, rel=1e-6)
+    np.testing.assert_array_equal(fit.count, [7, 300, 40])
+
+
+def test_weights_reach_the_bound(rng):
+    """Weighted it errs as N(0, CRLB), by eq. 22 twice as much, and a marker alone more (weights: theory §5.5).
+
+    At r = (.1, .5, 2), σ = .01, 45°, n = 100, 200 trials. Medians over √tr CRLB are .84 (N(0, CRLB): .84), 1.7 and 2.4
+    to 4.9. From ten seeds the ratios are 1.04 ± .03, 1.89 ± .09 and 1.44 ± .07; the margins are 4.7 of those.
+    """
+    radii, errors = [0.1, 0.5, 2.0], {"bound": [], "weighted": [], "plain": [], "single": []}
+    for _ in range(200):
+        markers, directions = drawn(rng, [100] * 3, radii, angle=45.0)
+        centred = [u - u.mean(axis=0) for u in directions]
+        residual = [np.sum((x - r * u) * u, axis=1) for x, r, u in zip(markers, radii, directions, strict=True)]
+        score = sum(y.T @ e for y, e in zip(centred, residual, strict=True))
+        errors["bound"].append(np.linalg.norm(np.linalg.solve(sum(y.T @ y for y in centred), score)))
+        errors["weighted"].append(np.linalg.norm(mgdk(markers, 0.01).center))
+        errors["plain"].append(np.linalg.norm(mgdk(markers, 0.01, weighted=False).center))
+        errors["single"].append([np.linalg.norm(study.fit(x, "ugdk", 0.01).center) for x in markers])
+    median = {name: np.median(values, axis=0) for name, values in errors.items()}
+    assert median["weighted"] < 1.17 * median["bound"]
+    assert median["plain"] > 1.45 * median["weighted"]
+    assert min(median["single"]) > 1.1 * median["plain"]
+
+
+@pytest.mark.parametrize("count", [6, 100])
+def test_noise_is_found(rng, assert_mean, count):
+    """The mean of σ̂² is σ²: M + d numbers are fitted, which at n = 6 are a third of the samples (4.5 s.e.)."""
+    fits = [mgdk(drawn(rng, [count] * 3, [0.5, 1.0, 2.0], angle=90.0)[0]) for _ in range(300)]
+    assert_mean(np.array([fit.noise_variance for fit in fits]) / 0.01**2, 1.0)
+
+
+@pytest.mark.parametrize(("noise", "trials", "expected"), [(0.01, 1000, 0.95), (None, 400, 0.95), (SIGMA, 1000, 0.925)])
+def test_covariance_covers(rng, noise, trials, expected):
+    """The 95 % ellipsoid of three markers of 8 samples covers the centre in 95 %, to 4.5 binomial standard errors.
+
+    χ² where the noise was given, else F with N - M - d degrees of freedom. The anisotropic bound is not attained by a
+    fit whose samples all weigh the same (its errors are 7 % larger): 92.5 % are covered, of 4000 trials.
+    """
+    limit = 3 * stats.f.ppf(0.95, 3, 3 * 8 - 3 - 3) if noise is None else stats.chi2.ppf(0.95, 3)
+    hits = 0
+    for _ in range(trials):
+        fit = mgdk(drawn(rng, [8] * 3, [0.5, 1.0, 2.0], 0.01 if noise is None else noise, 90.0)[0], noise)
+        hits += fit.center @ np.linalg.solve(fit.covariance, fit.center) < limit
+    assert hits / trials == pytest.approx(expected, abs=4.5 * np.sqrt(expected * (1 - expected) / trials))
+
+
+@pytest.mark.parametrize("n", [5, 30])
+@pytest.mark.parametrize("weighted", [True, False])
+def test_one_marker(rng, weighted, n):
+    """One marker alone is a single set: `ugdk` where the noise is given, `als` where it is not."""
+    (points,), _ = drawn(rng, [n], [2.0], 0.05, 120.0)
+    for noise, name in [(0.05, "ugdk"), (SIGMA, "ugdk"), (None, "als")]:
+        joint, single = mgdk([points], noise, weighted), study.fit(points, name, noise)
+        np.testing.assert_allclose(joint.center, single.center, rtol=0, atol=1e-9)
+        assert joint.radii[0] == pytest.approx(float(single.radius), rel=1e-9)
+        assert joint.noise_variance == pytest.approx(float(single.noise_variance), rel=1e-9)
+        assert joint.condition == pytest.approx(float(single.condition), rel=1e-9)
+        np.testing.assert_allclose(joint.covariance, single.covariance[:3, :3], rtol=1e-8)
+
+
+def test_missing_samples(rng):
+    """Rows with a NaN are left out and not counted; a marker without samples has no effect."""
+    markers, _ = drawn(rng, [20, 30, 25], [0.5, 2.0, 1.0])
+    holes = [x.copy() for x in markers]
+    holes[0][[2, 5], 1], holes[2][0] = np.nan, np.nan
+    rest = [np.delete(markers[0], [2, 5], axis=0), markers[1], markers[2][1:]]
+    for noise in (None, 0.01):
+        one, two = mgdk([*holes, np.full((6, 3), np.nan), np.empty((0, 3))], noise), mgdk(rest, noise)
+        np.testing.assert_array_equal(one.count, [18, 30, 24, 0, 0])
+        np.testing.assert_array_equal(one.center, two.center)
+        np.testing.assert_array_equal(one.radii, [*two.radii, np.nan, np.nan])
+        np.testing.assert_array_equal(one.covariance, two.covariance)
+    alone = mgdk([markers[0][:4], np.full((9, 3), np.nan)])
+    assert alone.status == Status.OK
+    np.testing.assert_allclose(alone.center, study.fit(markers[0][:4], "gdke").center, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("noise", [None, 0.01])
+def test_equivariance(rng, random_rotation, noise):
+    """Markers that are shifted, rotated or in another unit have the shifted, rotated or rescaled centre."""
+    markers, _ = drawn(rng, [20, 30, 25], [0.5, 2.0, 1.0], angle=90.0)
+    fit, q, shift = mgdk(markers, noise), random_rotation(rng, 3), np.array([5.0, -3.0, 20.0])
+    moved = mgdk([x @ q.T + shift for x in markers], noise)
+    np.testing.assert_allclose(moved.center, q @ fit.center + shift, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(moved.covariance, q @ fit.covariance @ q.T, rtol=0, atol=1e-9 * np.trace(fit.covariance))
+    for scale in (1e-30, 1e-6, 1e6, 1e30):
+        scaled = mgdk([scale * x for x in markers], None if noise is None else scale * noise)
+        np.testing.assert_allclose(scaled.center / scale, fit.center, rtol=0, atol=1e-11)
+        np.testing.assert_allclose(scaled.radii / scale, fit.radii, rtol=1e-11)
+        assert scaled.noise_variance / scale**2 == pytest.approx(fit.noise_variance, rel=1e-9)
+        assert scaled.condition == pytest.approx(fit.condition, rel=1e-9)
+
+
+@pytest.mark.parametrize("weighted", [True, False])
+def test_exact_points(rng, weighted):
+    """Without noise the centre and the radii are exact and the noise estimate zero, and nothing warns."""
+    markers, _ = drawn(rng, [5, 30, 12], [0.5, 2.0, 1.0], 0.0, 90.0, center=1.0)
+    fit = mgdk(markers, weighted=weighted)
+    assert fit.status == Status.OK
+    np.testing.assert_allclose(fit.center, 1.0, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(fit.radii, [0.5, 2.0, 1.0], rtol=0, atol=1e-12)
+    assert 0.0 <= fit.noise_variance < 1e-14
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-13, 1e-10, 1e-6])
+@pytest.mark.parametrize("count", [4, 5, 30])
+def test_hardly_any_noise_on_a_small_cap(rng, count, noise):
+    """Residuals of rounding alone may leave no root between zero and the least extent: nothing raises.
+
+    Without noise the centre is GDKE's, to the rounding of a 5° cap; with a little noise it is that of `als`.
+    """
+    for _ in range(40):
+        (points,), _ = drawn(rng, [count], [0.5], noise, 5.0, 1.0)
+        fit = mgdk([points])
+        assert fit.status is Status.OK
+        wanted = study.fit(points, "als" if noise and count > 4 else "gdke").center
+        np.testing.assert_allclose(fit.center, wanted, rtol=0, atol=1e-6 if noise < 1e-9 else 1e-3)
+
+
+def test_a_matrix_that_is_singular_to_the_last_bit():
+    """Noise as large as the extent itself has a status, and nothing raises."""
+    square = np.array([[0.0, 0.0], [2.0, 0.0], [0.0, 2.0], [2.0, 2.0]])
+    for noise in (np.eye(2) * 4.0 / 3.0, np.diag([4.0 / 3.0, 1.0])):
+        fit = mgdk([square], noise)
+        assert fit.status in (Status.OK, Status.NOT_POSITIVE_DEFINITE)
+        assert fit.condition == pytest.approx(1.0)
+
+
+def test_noise_that_hides_everything():
+    """Of two cubes about one middle as one marker no noise below the extent explains the residuals."""
+    cube = np.array([[i, j, k] for i in (-1.0, 1.0) for j in (-1.0, 1.0) for k in (-1.0, 1.0)])
+    fit = mgdk([np.concatenate([cube, 0.01 * cube])])
+    assert fit.status is Status.NOT_POSITIVE_DEFINITE
+    assert fit.condition > 1.0
+
+
+def test_statuses(rng):
+    """Markers that leave the centre undetermined have a status and NaN: nothing raises, nothing warns."""
+    flat, line = rng.standard_normal((9, 3)) * [1, 1, 0], np.outer(np.arange(9.0), [1, 2, 3])
+    good = drawn(rng, [9], [1.0])[0][0]
+    infinite = np.where(np.arange(9)[:, None] == 4, np.inf, good)
+    cases = [
+        ([good[:3]], Status.TOO_FEW_POINTS),
+        ([good[:2], good[3:5]], Status.TOO_FEW_POINTS),
+        ([good[:1]] * 9, Status.TOO_FEW_POINTS),
+        ([np.full((9, 3), np.nan)], Status.TOO_FEW_POINTS),
+        ([flat, flat + np.array([0, 0, 3])], Status.SINGULAR),
+        ([line, line + 1.0], Status.SINGULAR),
+        ([np.ones((9, 3)), np.zeros((9, 3))], Status.SINGULAR),
+        ([good, infinite], Status.NOT_FINITE),
+        ([good, infinite[4:5]], Status.NOT_FINITE),
+        ([1e150 * good], Status.NOT_FINITE),
+    ]
+    for markers, status in cases:
+        for noise in (None, 0.1):
+            fit = mgdk(markers, noise)
+            assert fit.status is status
+            assert np.isnan(fit.center).all()
+            assert fit.radii.shape == (len(markers),)
+            assert np.isnan(fit.covariance).all()
+    hidden = mgdk([good, 2 * good], 3.0)
+    assert hidden.status is Status.NOT_POSITIVE_DEFINITE
+    assert hidden.condition > 1.0
+
+
+def test_a_point_at_the_center(rng):
+    """It has no direction, and so tells nothing: the covariance is that without it."""
+    poles = np.vstack([np.eye(3), -np.eye(3)])
+    alone, beside = mgdk([poles], 0.1), mgdk([poles, np.zeros((1, 3))], 0.1)
+    np.testing.assert_array_equal(beside.covariance, alone.covariance)
+    assert beside.status is Status.OK
+    with_it = study.fit(np.vstack([poles, np.zeros((1, 3))]), "gdke", 0.1)
+    np.testing.assert_allclose(with_it.standard_errors, study.fit(poles, "gdke", 0.1).standard_errors, rtol=1e-12)
+
+
+def test_a_fit_of_moments_holds_no_points(rng):
+    """Its table has no residuals, and they are refused in words."""
+    (points,), _ = drawn(rng, [30], [1.0])
+    grown = Incremental(3)
+    grown.update(points)
+    fit = mgdk_so_far([grown])
+    assert fit.to_frame()["residual_rms"].isna().all()
+    with pytest.raises(ValueError, match="does not hold its points"):
+        _ = fit.residuals
+
+
+@pytest.mark.parametrize(
+    ("markers", "noise", "says"),
+    [
+        ([], None, "at least one"),
+        ([np.eye(4, 3), np.eye(4, 2)], None, r"same dimension"),
+        ([np.ones(3)], None, r"marker 0 has shape \(3,\)"),
+        ([np.eye(4, 3), np.ones((4, 1))], None, r"marker 1 has shape \(4, 1\)"),
+        ([np.eye(4, 3)], 0.0, "positive"),
+        ([np.eye(4, 3)], np.eye(2), r"\(2, 2\)"),
+        ([np.eye(4, 3)], -np.eye(3), "positive definite"),
+    ],
+)
+def test_bad_input(markers, noise, says):
+    """No marker, unequal dimensions, wrong shapes and impossible noise raise an error that says what is wrong."""
+    with pytest.raises(ValueError, match=says):
+        mgdk(markers, noise)

@@ -1,0 +1,343 @@
+"""The compiled drawing loop: directions on a cap and normal numbers, trial after trial.
+
+Generators side by side, and the normal numbers made of their words: both are NumPy's own, bit for bit.
+
+Named streams: a name is its numbers, and no generator comes from anywhere else.
+"""
+
+import ast
+import math
+from itertools import combinations
+from pathlib import Path
+
+import mpmath
+import numpy as np
+import pytest
+from numba import njit
+from scipy import stats
+
+import study
+from study.fits.cap import draw, sample_cap
+from study.fits.jit import CHUNK
+from study.fits.random import LANES, WORDS, fill_words, put_back, seeded, spare, to_normals, to_uniform
+from study.fits.streams import lanes, stream
+
+EPS = np.finfo(float).eps
+
+
+def drawn(name, b, n, d, angle=1.0):
+    """Directions and normals of a block of trials."""
+    directions, normals = np.full((2, b, d, n), np.nan)
+    draw(lanes(1, name), angle, directions, normals)
+    return directions, normals
+
+
+@pytest.mark.parametrize("d", [2, 3, 5])
+def test_first_trials_do_not_depend_on_how_many_follow(d):
+    """A block of 3 trials is, bit for bit, the beginning of a block of 7."""
+    u, z = drawn("block", 7, 333, d)
+    v, w = drawn("block", 3, 333, d)
+    np.testing.assert_array_equal(v, u[:3])
+    np.testing.assert_array_equal(w, z[:3])
+
+
+@pytest.mark.parametrize("angle", [1e-7, 0.3, math.pi])
+@pytest.mark.parametrize("d", [2, 3, 4, 5])
+def test_height_and_distance_from_the_axis_belong_together(d, angle):
+    """Row 0 is the height t, and the others have the length √(t(2 - t)), at tiny angles too."""
+    u, _ = drawn("rows", 2, 300, d, angle)
+    t = u[:, 0]
+    assert 0 <= t.min() < t.max() <= 2 * math.sin(angle / 2) ** 2
+    np.testing.assert_allclose(np.sum(u[:, 1:] ** 2, axis=1), t * (2 - t), rtol=16 * EPS, atol=0)
+
+
+@pytest.mark.parametrize("d", [2, 3, 4, 5])
+@pytest.mark.parametrize("degrees", [1e-3, 40, 130, 180])
+def test_heights_follow_their_law(d, degrees):
+    """t/2 is Beta((d-1)/2, (d-1)/2), cut off. Sixteen Kolmogorov-Smirnov tests at 1e-5: false alarm 2e-4."""
+    angle, k = math.radians(degrees), (d - 1) / 2
+    u, _ = drawn("law", 40, 500, d, angle)
+    law, top = stats.beta(k, k), math.sin(angle / 2) ** 2
+    share = law.cdf(u[:, 0].ravel() / 2) / law.cdf(top)
+    assert stats.kstest(share, "uniform").pvalue > 1e-5
+
+
+@pytest.mark.parametrize("d", [2, 3, 4, 5])
+def test_directions_across_the_axis_are_uniform(d):
+    """First and second moments of the unit vectors across; the angle itself, where it is one. False alarm 1e-4."""
+    u, _ = drawn("across", 40, 500, d)
+    w = (u[:, 1:] / np.linalg.norm(u[:, 1:], axis=1, keepdims=True)).swapaxes(0, 1).reshape(d - 1, -1)
+    count = w.shape[1]
+    assert np.abs(w.mean(axis=1)).max() < 5 / math.sqrt(count)
+    assert np.abs(w @ w.T / count - np.eye(d - 1) / (d - 1)).max() < 5 / math.sqrt(count)
+    if d == 3:
+        assert stats.kstest(np.arctan2(w[1], w[0]), stats.uniform(-math.pi, 2 * math.pi).cdf).pvalue > 1e-5
+
+
+def test_points_of_the_circle_are_sines_and_cosines():
+    """In three dimensions the coordinates of each point are a sine and a cosine of one angle, to the last bits."""
+    u, _ = drawn("circle", 1, 400, 3, math.pi)
+    for t, x, y in u[0].T:
+        with mpmath.workdps(40):
+            length = mpmath.sqrt(mpmath.mpf(t) * (2 - mpmath.mpf(t)))
+            angle = mpmath.atan2(y, x)
+            assert abs(length * mpmath.cos(angle) - x) < 4 * EPS * length
+            assert abs(length * mpmath.sin(angle) - y) < 4 * EPS * length
+
+
+@pytest.mark.parametrize("angle", [1e-7, 1.0, math.pi])
+def test_directions_are_accurate_to_the_last_bits(angle):
+    """In three dimensions: t = 2 sin²(φ/2) v, and √(t(2 - t)) times a sine and a cosine, of 40 digits.
+
+    v and the angle come from the upper 52 bits of two words, and the quadrant's half and the signs from the lowest
+    three. 257 samples, so that the last one is in a chunk of its own.
+    """
+    n = 257
+    u, z = np.empty((2, 1, 3, n))
+    draw(lanes(1, "digits"), angle, u, z)
+    state, words = lanes(1, "digits"), np.empty((2, 5 * CHUNK), dtype=np.uint64)
+    for row in words:
+        fill_words(state, row)
+    chunks = ((words[0, :CHUNK], words[0, CHUNK : 2 * CHUNK]), (words[1, :1], words[1, 1:2]))
+    pairs = [pair for chunk in chunks for pair in zip(*(row.tolist() for row in chunk), strict=True)]
+    for (first, second), found in zip(pairs, u[0].T, strict=True):
+        with mpmath.workdps(40):
+            t = 2 * mpmath.sin(mpmath.mpf(angle) / 2) ** 2 * mpmath.mpf(first >> 12) / 2**52
+            turn = mpmath.pi / 4 * mpmath.mpf(second >> 12) / 2**52
+            across, along = mpmath.sin(turn), mpmath.cos(turn)
+            if not second & 1:
+                across, along = along, across
+            length = mpmath.sqrt(t * (2 - t))
+            expected = t, across * length * (1 if second & 2 else -1), along * length * (1 if second & 4 else -1)
+            for one, other in zip(found.tolist(), expected, strict=True):
+                assert abs(one - other) <= 4 * EPS * abs(other)
+
+
+def test_normals_are_normal_and_do_not_follow_one_another():
+    """Their law (Kolmogorov-Smirnov at 1e-5), their tails, and pairs of them, rows and neighbours: false alarm 5e-5."""
+    _, z = drawn("normal", 10, 30_000, 3)
+    assert stats.kstest(z.ravel(), "norm").pvalue > 1e-5
+    beyond = np.sum(np.abs(z) > 3.6541528853610088)  # the edge of the lowest layer, where another method begins
+    expected = z.size * 2 * stats.norm.sf(3.6541528853610088)
+    assert abs(beyond - expected) < 5 * math.sqrt(expected)
+    pairs = [(z[:, 0], z[:, 1]), (z[:, 1], z[:, 2]), *((z[..., :-lag], z[..., lag:]) for lag in (1, 16, 32, 256))]
+    for one, other in pairs:
+        assert abs(np.mean(one * other)) < 5 / math.sqrt(one.size)
+        assert abs(np.mean((one**2 - 1) * (other**2 - 1))) < 5 * 2 / math.sqrt(one.size)
+
+
+def test_directions_and_normals_are_independent():
+    """No normal number depends on a direction: rank correlations of all pairs of rows. False alarm 1e-5."""
+    u, z = drawn("apart", 1, 50_000, 3)
+    ranks = stats.spearmanr(np.vstack([u[0], z[0], np.abs(z[0])]), axis=1).statistic
+    assert np.abs(ranks[:3, 3:]).max() < 5 / math.sqrt(50_000)
+
+
+def test_same_seed_same_directions():
+    """All randomness comes from the generator given."""
+    one, two = (sample_cap(np.random.default_rng(4), 50, 0.3, 3, [1, 2, 3]) for _ in range(2))
+    np.testing.assert_array_equal(one, two)
+
+
+def numpys(begin):
+    """NumPy's SFC64 in the state that a column holds."""
+    generator = np.random.SFC64(0)
+    state = {"state": begin.copy()}
+    generator.state = {"bit_generator": "SFC64", "state": state, "has_uint32": 0, "uinteger": 0}
+    return generator
+
+
+class Words(np.random.bit_generator.ISeedSequence):
+    """Seed sequence that gives NumPy's SFC64 these words."""
+
+    def __init__(self, words):
+        self.words = words
+
+    def generate_state(self, n_words, dtype=np.uint32):
+        """The words."""
+        assert n_words == len(self.words)
+        assert dtype == np.uint64
+        return np.ascontiguousarray(self.words)
+
+
+@pytest.fixture
+def words(rng):
+    """Random words that seed a state."""
+    return rng.integers(0, 2**64, WORDS, dtype=np.uint64)
+
+
+def test_each_lane_is_seeded_as_numpy_seeds_its_own(words):
+    """A lane has the state of NumPy's SFC64 that is seeded with the same three words."""
+    state = seeded(words)
+    for lane in range(LANES + 1):
+        own = np.random.SFC64(Words(words.reshape(3, LANES + 1)[:, lane])).state["state"]["state"]
+        np.testing.assert_array_equal(state[:, lane], own)
+
+
+def test_words_are_those_of_numpys_generators_in_turn(words):
+    """Word k is the next word of lane k modulo their number; the spare's state does not change."""
+    state = seeded(words)
+    before = state.copy()
+    found = np.empty(7 * LANES, dtype=np.uint64)
+    fill_words(state, found)
+    expected = np.stack([numpys(before[:, lane]).random_raw(7) for lane in range(LANES)], axis=1)
+    np.testing.assert_array_equal(found, expected.ravel())
+    np.testing.assert_array_equal(state[:, LANES], before[:, LANES])
+
+
+def test_uniform_numbers_are_the_upper_bits(words):
+    """The upper 52 bits over 2⁵²: from 0 to below 1."""
+    ends = np.concatenate([np.array([0, 2**64 - 1], dtype=np.uint64), words])
+    found = np.empty(len(ends))
+    to_uniform(ends, found)
+    np.testing.assert_array_equal(found, (ends >> np.uint64(12)).astype(float) / 2**52)
+    assert found[1] < 1.0
+
+
+@njit
+def one_by_one(state, row):
+    """Normal numbers of which all words come from the spare generator, as NumPy's come from one."""
+    word, outside = np.empty(1, np.uint64), np.empty(1, np.int64)
+    lane = spare(state)
+    for k in range(row.size):
+        a, b, c, count = lane
+        word[0] = a + b + count
+        mixed = ((c << np.uint64(24)) | (c >> np.uint64(40))) + word[0]
+        lane = b ^ (b >> np.uint64(11)), c + (c << np.uint64(3)), mixed, count + np.uint64(1)
+        lane = to_normals(word, row[k : k + 1], lane, outside)
+    put_back(state, lane)
+
+
+@njit
+def side_by_side(state, words, row):
+    """Normal numbers of words that are given, and of the spare generator."""
+    put_back(state, to_normals(words, row, spare(state), np.empty(row.size, np.int64)))
+
+
+def test_numbers_do_not_depend_on_how_many_are_made_at_once(words):
+    """A row at a time and a number at a time, bit for bit: those outside their rectangles are settled in order."""
+    given = np.random.default_rng(3).integers(0, 2**64, 50_000, dtype=np.uint64)
+    whole, single = np.empty((2, len(given)))
+    state, other = seeded(words), seeded(words)
+    side_by_side(state, given, whole)
+    for k in range(len(given)):
+        side_by_side(other, given[k : k + 1], single[k : k + 1])
+    np.testing.assert_array_equal(whole, single)
+    np.testing.assert_array_equal(state, other)
+
+
+def test_normals_are_numpys(words):
+    """`standard_normal`, bit for bit, and its generator's state afterwards.
+
+    Of 120 000 numbers some 30 are from beyond the lowest layer, the rarest branch.
+    """
+    state, found = seeded(words), np.empty(120_000)
+    own = np.random.Generator(numpys(state[:, LANES]))
+    one_by_one(state, found)
+    np.testing.assert_array_equal(found, own.standard_normal(120_000))
+    np.testing.assert_array_equal(state[:, LANES], own.bit_generator.state["state"]["state"])
+
+
+PACKAGE = Path(study.__file__).parent
+
+NAMES = [
+    (1, "draw", 1),
+    (2, "draw", 1),
+    (1, "draw", 1.0),
+    (1, "draw", "1"),
+    (1, "draw", 1, 0),
+    (1, 1, "draw"),
+    (1, "draw1"),
+    (1, "draw", np.nextafter(1.0, 2.0).item()),
+    (1,),
+    (2**64 + 1, "draw", 1),
+]
+
+
+@pytest.mark.parametrize("name", NAMES, ids=str)
+def test_same_name_same_numbers(name):
+    """A stream is made again, bit for bit, from its name."""
+    np.testing.assert_array_equal(stream(*name).random(100), stream(*name).random(100))
+
+
+@pytest.mark.parametrize(("left", "right"), list(combinations(NAMES, 2)), ids=str)
+def test_different_names_share_no_number(left, right):
+    """Names that differ in a type, an order, the last bit or the seed give streams without a common number.
+
+    Two of 2 × 1000 uniform numbers of 53 bits are equal in 1 of 10¹⁰ cases.
+    """
+    assert not set(stream(*left).random(1000)) & set(stream(*right).random(1000))
+
+
+@pytest.mark.parametrize(("left", "right"), list(combinations(NAMES, 2)), ids=str)
+def test_different_names_share_no_lane(left, right):
+    """The same of generators side by side: no word of 64 bits that one begins with is among the other's."""
+    one, other = lanes(*left), lanes(*right)
+    assert not np.intersect1d(one[:3], other[:3]).size
+    np.testing.assert_array_equal(one, lanes(*left))
+
+
+def test_siblings_are_uncorrelated():
+    """The first numbers of 10 000 siblings are uniform and do not follow the number in their names.
+
+    Both statistics are normal; 4.5 standard errors are passed in 7 of 10⁶ cases.
+    """
+    first = np.array([stream(1, "draw", i).random() for i in range(10_000)])
+    assert abs(first.mean() - 0.5) < 4.5 / np.sqrt(12 * len(first))
+    assert abs(np.corrcoef(first[:-1], first[1:])[0, 1]) < 4.5 / np.sqrt(len(first))
+
+
+MODULES = {"random", "secrets", "numpy.random"}
+
+
+def makers(tree):
+    """Lines of a syntax tree that make a generator, or import a module that can."""
+    for node in ast.walk(tree):
+        match node:
+            case ast.Call() if ast.unparse(node.func).split(".")[-1] == "Generator":
+                yield node.lineno
+            case ast.Attribute() if ast.unparse(node.value) in ("np.random", "numpy.random"):
+                if node.attr != "Generator":
+                    yield node.lineno
+            case ast.ImportFrom(module=module) if module in MODULES:
+                yield node.lineno
+            case ast.Import(names=names) if {name.name for name in names} & MODULES:
+                yield node.lineno
+
+
+@pytest.mark.parametrize("path", sorted(PACKAGE.rglob("*.py")), ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_generators_are_made_in_one_place(path):
+    """No file but streams.py makes a generator, seeds one, or draws from a global one.
+
+    The check of an estimator of one's own, below the study, has data sets with fixed seeds that are stored nowhere.
+    """
+    if path in (PACKAGE / "fits" / "check.py", PACKAGE / "fits" / "registry.py"):
+        return
+    found = list(makers(ast.parse(path.read_text(encoding="utf-8"))))
+    if path == PACKAGE / "fits" / "streams.py":
+        assert found
+    else:
+        assert not found, f"{path}: lines {found}"
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "rng = np.random.default_rng(1)",
+        "np.random.seed(1)",
+        "np.random.RandomState(1)",
+        "Generator(bits)",
+        "np.random.SeedSequence(1)",
+        "from numpy.random import PCG64",
+        "import random",
+        "numpy.random.normal()",
+    ],
+)
+def test_the_scan_sees(code):
+    """The scan above finds each way of making a generator."""
+    assert list(makers(ast.parse(code)))
+
+
+def test_the_scan_lets_annotations_pass():
+    """A generator as an argument, and the word as a type, are allowed."""
+    assert not list(makers(ast.parse("def f(rng: np.random.Generator) -> Generator[int]: return rng.random()")))

@@ -1,0 +1,277 @@
+"""Outliers, copies, and the fit that leaves outliers out.
+
+Statistical tests compare a count of data sets with a binomial law: with the bounds given, each fails by chance once in
+100,000 seeds.
+"""
+
+import numpy as np
+import pytest
+from scipy import integrate, stats
+
+import study
+from study import Samples, Status
+from study.fits.robust import FALSE_ALARMS, as_rare, extra_parameters, limits_of, outliers
+from study.fits.trimmed import elemental, select, spread_out
+
+CHANCE = 1e-5
+
+
+def named(points):
+    """Outliers of points (sets, n, d)."""
+    return outliers(Samples(points.swapaxes(1, 2)))
+
+
+def spread(rng, points, share, reach=10.0):
+    """Put the first points of each set anywhere in a cube; return their number."""
+    count = int(share * points.shape[1])
+    points[:, :count] = rng.uniform(-reach, reach, (len(points), count, points.shape[2]))
+    return count
+
+
+def test_selection(rng):
+    """The k-th smallest of some numbers, ties included."""
+    for size in (1, 2, 7, 100):
+        values = rng.integers(0, 20, size).astype(float)
+        for place in range(size):
+            assert select(values.copy(), place) == np.sort(values)[place]
+
+
+@pytest.mark.parametrize(("n", "size"), [(5, 3), (9, 4), (40, 4), (500, 3), (300, 9)])
+def test_subsets(n, size):
+    """Subsets hold different points, are no two the same, and use every point about equally often."""
+    chosen = np.sort(elemental(n, size), axis=1)
+    assert (np.diff(chosen, axis=1) > 0).all()
+    assert chosen.min() >= 0
+    assert chosen.max() < n
+    assert len(np.unique(chosen, axis=0)) >= 0.99 * len(chosen)
+    count = np.bincount(chosen.ravel(), minlength=n)
+    if chosen.size >= 10 * n:  # each count is nearly normal
+        assert stats.chisquare(count).pvalue > CHANCE
+    np.testing.assert_array_equal(elemental(n, size), elemental.__wrapped__(n, size))
+
+
+@pytest.mark.parametrize("n", [3, 500, 501, 12345])
+def test_subsample(n):
+    """The subsample holds different points from the whole length of a set."""
+    places = spread_out(n)
+    assert len(np.unique(places)) == len(places) == min(n, 500)
+    assert np.diff(places).max() <= 2 * max(n / 500, 1)
+
+
+@pytest.mark.parametrize(("n", "d"), [(8, 3), (30, 3), (50, 3), (400, 2), (100_000, 3)])
+def test_limit_of_the_last_point(n, d):
+    """For one point outside the limit is Bonferroni's quantile of Student's t, from SciPy's distributions."""
+    m = np.array([n - 1, *([n - 40, n // 2 + 50] if n > 300 else [])])
+    expected = stats.t.isf(FALSE_ALARMS / (2.0 * (m + 1)), m - d - 1)
+    np.testing.assert_allclose(limits_of(n, d)[m], expected, rtol=3e-5)
+
+
+def test_limit_allows_for_the_choice():
+    """With few points it is where the union over all choices of the points outside has a probability of .01 α."""
+    n, m, d = 12, 9, 3
+    limit = limits_of(n, d)[m]
+
+    def density(s):
+        return 2.0 * (m - d - 1) * s * stats.chi2.pdf((m - d - 1) * s * s, m - d - 1)
+
+    beyond = integrate.quad(lambda s: density(s) * (2.0 * stats.norm.sf(limit * s)) ** (n - m), 0.0, np.inf)[0]
+    assert 220 * beyond == pytest.approx(0.01 * FALSE_ALARMS, rel=1e-3)  # 220 = 12!/(9! 3!)
+    assert limit > stats.t.isf(FALSE_ALARMS / (2.0 * (m + 1)), m - d - 1)
+
+
+@pytest.mark.parametrize(
+    ("n", "angle", "noise", "d", "sets"),
+    [
+        (10, 60, 0.1, 3, 2000),
+        (10, 20, 0.2, 3, 3000),
+        (30, 180, 0.01, 3, 1000),
+        (30, 60, 0.1, 2, 1000),
+        (30, 20, 0.2, 3, 1500),
+        (100, 60, 0.01, 3, 400),
+    ],
+)
+def test_false_alarms(rng, on_cap, n, angle, noise, d, sets):
+    """Clean Gaussian data have an outlier in 1 % (± .3 %) of the data sets."""
+    count = int(named(on_cap(rng, n, angle, d, noise, sets=sets)[0]).any(axis=1).sum())
+    assert stats.binom.ppf(CHANCE / 2, sets, 0.007) <= count <= stats.binom.isf(CHANCE / 2, sets, 0.013)
+
+
+def test_false_alarms_of_many_points_without_a_sphere(rng):
+    """Where noise hides the sphere, the distances of a cloud from its middle are skew, and are no outliers for that.
+
+    Limits for normal distances would name a point in eight data sets of a hundred.
+    """
+    count = int(named(rng.standard_normal((200, 1000, 3)) * [1.0, 1.3, 1.3]).any(axis=1).sum())
+    assert count <= stats.binom.isf(CHANCE, 200, 0.013)
+
+
+@pytest.mark.parametrize("d", [2, 3, 5])
+@pytest.mark.parametrize("radius", [0.0, 1.0, 2.0, 4.0, 30.0])
+def test_law_of_distances(d, radius):
+    """A distance above the mean is as rare as a normal number, by SciPy's law of χ with a centre elsewhere."""
+    square = stats.ncx2(d, radius**2) if radius else stats.chi2(d)
+    mean = square.expect(np.sqrt, lb=0.0, ub=square.isf(1e-15))
+    share = square.mean() / mean**2 - 1.0
+    for z in (3.0, 4.0, 5.0):
+        expected = (np.sqrt(square.isf(stats.norm.sf(z))) / mean - 1.0) / np.sqrt(share)
+        assert as_rare(z, share, d) == pytest.approx(expected, rel=0.04)
+
+
+def test_extra_parameters_without_curvature(rng, on_cap):
+    """On a whole sphere with little noise σ curvature adds d (d - 1) (σ/r)² parameters, for uniform directions."""
+    points = on_cap(rng, 20000, 180, noise=0.01, sets=2)[0]
+    fit, extra = study.fit(points, "mle"), np.empty(2)
+    extra_parameters(points.swapaxes(1, 2).copy(), fit.center, fit.radius, extra)
+    np.testing.assert_allclose(extra, 3 * 2 * 0.01**2, rtol=0.05)
+
+
+@pytest.mark.parametrize(("n", "d"), [(40, 3), (40, 2), (60, 5), (1200, 3)])
+def test_five_percent_at_ten_sigma(rng, on_cap, n, d):
+    """Five percent of the points ten standard deviations off are all noticed in 99 % of the data sets."""
+    sets = 150 if n < 1000 else 30
+    points, directions = on_cap(rng, n, 90, d, 0.01, sets=sets)
+    bad = n // 20
+    points[:, :bad] += 0.1 * directions[:, :bad] * rng.choice([-1, 1], (sets, bad, 1))
+    missed = int((~named(points)[:, :bad]).any(axis=1).sum())
+    assert missed <= stats.binom.isf(CHANCE, sets, 0.01)
+
+
+@pytest.mark.parametrize("kind", ["spread", "clustered"])
+@pytest.mark.parametrize(("n", "angle", "noise", "d"), [(40, 60, 0.01, 3), (30, 180, 0.1, 3), (40, 90, 0.01, 2)])
+def test_thirty_percent(rng, on_cap, kind, n, angle, noise, d):
+    """With 30 % gross outliers the median error is at most 1.3 times that of the good points' own fit."""
+    points = on_cap(rng, n, angle, d, noise, sets=300)[0]
+    bad = spread(rng, points, 0.3)
+    if kind == "clustered":
+        middle = rng.standard_normal((300, 1, d))
+        middle *= 3.0 / np.linalg.norm(middle, axis=2, keepdims=True)
+        points[:, :bad] = middle + 0.3 * rng.standard_normal((300, bad, d))
+    error = np.linalg.norm(study.fit(points, "robust").center, axis=1)
+    best = np.linalg.norm(study.fit(points[:, bad:], "mle").center, axis=1)
+    assert np.median(error) <= 1.3 * np.median(best)
+
+
+@pytest.mark.parametrize("d", [2, 3, 5])
+def test_exact_points_and_many_outliers(rng, on_cap, d):
+    """Points exactly on a sphere determine it, whatever 40 % of the points are."""
+    points = on_cap(rng, 60, 90, d, center=rng.standard_normal(d), sets=3)[0]
+    center = study.fit(points, "mle").center
+    bad = spread(rng, points, 0.4)
+    fit = study.fit(points, "robust")
+    np.testing.assert_array_equal(fit.outliers, np.tile(np.arange(60) < bad, (3, 1)))
+    np.testing.assert_allclose(fit.center, center, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(fit.radius, 1.0, rtol=0, atol=1e-11)
+
+
+def test_without_outliers_it_is_mle(rng, on_cap):
+    """Where no point is named, the answer is `mle`'s to the last bit; where one is, it is that of the other points."""
+    points = on_cap(rng, 25, 90, noise=0.02, sets=40)[0]
+    points[7, 3] = [5.0, 5.0, 5.0]
+    fit, mle = study.fit(points, "robust"), study.fit(points, "mle")
+    clean = ~fit.outliers.any(axis=1)
+    assert 30 < clean.sum() < 40
+    for one, other in zip(fit.estimates, mle.estimates, strict=True):
+        np.testing.assert_array_equal(one[clean], other[clean])
+    rest = study.fit(points[7][~fit.outliers[7]], "mle")
+    np.testing.assert_array_equal(fit.outliers[7].nonzero()[0], [3])
+    for one, other in zip(fit.estimates, rest.estimates, strict=True):
+        np.testing.assert_array_equal(one[7], other)
+    np.testing.assert_allclose(fit.covariance[7], rest.covariance, rtol=1e-12)
+
+
+def test_symmetries(rng, on_cap, random_rotation):
+    """Outliers are the same points after a motion, in another unit, in another order, and beside other sets."""
+    points = on_cap(rng, 30, 80, noise=0.02, sets=20)[0]
+    spread(rng, points, 0.2)
+    found = named(points)
+    assert found[:, :6].all(axis=1).sum() > 15
+    np.testing.assert_array_equal(named(1e6 * points @ random_rotation(rng, 3) + 1e7), found)
+    np.testing.assert_array_equal(named(1e-150 * points), found)
+    order = rng.permutation(30)
+    np.testing.assert_array_equal(named(points[:, order]), found[:, order])
+    np.testing.assert_array_equal(named(points[4:5]), found[4:5])
+
+
+def test_huge_outliers(rng, on_cap):
+    """An outlier may be as far away as 1e30 radii; an infinite coordinate is a fault of the file."""
+    points = on_cap(rng, 20, 90, noise=0.01)[0]
+    points[4] = [1e30, -1e30, 0.0]
+    fit = study.fit(points, "robust")
+    assert fit.ok
+    np.testing.assert_allclose(fit.center, 0.0, atol=0.05)
+    points[4, 0] = np.inf
+    assert study.fit(points, "robust").status == Status.NOT_FINITE
+    assert not study.fit(points, "robust").outliers.any()
+
+
+def test_missing_samples_are_no_outliers(rng, on_cap):
+    """A set with missing samples has the outliers of the others."""
+    points = on_cap(rng, 30, 90, noise=0.01, sets=2)[0]
+    points[:, 5] += 1.0
+    points[1, [2, 9], [0, 1]] = np.nan
+    fit = study.fit(points, "robust")
+    kept = np.delete(np.arange(30), [2, 9])
+    np.testing.assert_array_equal(fit.outliers[1, kept], study.fit(points[1, kept], "als").outliers)
+    assert fit.outliers[:, 5].all()
+    assert not fit.outliers[1, [2, 9]].any()
+
+
+@pytest.mark.parametrize("n", [4, 5])
+def test_too_few_points_have_no_outliers(rng, n):
+    """With d + 2 points each is needed."""
+    assert not study.fit(rng.standard_normal((6, n, 3)), "robust").outliers.any()
+
+
+def test_copies(rng, on_cap):
+    """Rows that repeat an earlier one are counted, exactly equal ones alone; -0 equals 0, missing rows are none."""
+    rows = on_cap(rng, 6, noise=0.01)[0]
+    rows[0, 0] = 0.0
+    points = np.stack([np.repeat(rows, 5, axis=0), on_cap(rng, 30, noise=0.01)[0]])
+    points[0, 2, 0] = -0.0
+    points[1, :7, 1] = np.nan
+    points[1, 20] = points[1, 10]
+    fit = study.fit(points, "als")
+    np.testing.assert_array_equal(fit.copies, [24, 1])
+    shuffled = study.fit(points[:, rng.permutation(30)], "als")
+    np.testing.assert_array_equal(shuffled.copies, [24, 1])
+    near = np.nextafter(points[0], 2.0)
+    assert study.fit(np.concatenate([rows, near[::5]]), "als").copies == 0
+
+
+def test_copies_do_not_make_outliers(rng, on_cap):
+    """Half of the points may be copies of a few; the others are no outliers for that. Copies of one are one too."""
+    rows = on_cap(rng, 12, 90, noise=0.01)[0]
+    points = np.concatenate([rows, np.repeat(rows[:2], 20, axis=0)])
+    assert not study.fit(points, "als").outliers.any()
+    points[[3, 7]] = 4.0
+    np.testing.assert_array_equal(study.fit(points, "als").outliers.nonzero()[0], [3, 7])
+
+
+@pytest.mark.parametrize("share", [0.6, 0.8])
+def test_points_close_together_are_no_majority(rng, on_cap, share):
+    """Where most points were taken at one place of the sphere, the others are no outliers for that."""
+    sets, n = 300, 40
+    directions = on_cap(rng, n, 60, sets=sets)[1]
+    directions[:, : int(share * n)] = directions[:, :1]
+    found = named(directions + 0.01 * rng.standard_normal(directions.shape)).any(axis=1).sum()
+    assert found <= stats.binom.isf(CHANCE, sets, 0.03)
+
+
+def test_a_fit_without_points():
+    """A fit that does not hold its points has neither outliers nor copies."""
+    bare = study.Fit(study.fit(np.eye(4, 3), "gdke").estimates)
+    for name in ("outliers", "copies"):
+        with pytest.raises(ValueError, match="does not hold its points"):
+            getattr(bare, name)
+
+
+def test_intervals_leave_out_what_the_fit_does(rng, on_cap):
+    """An estimator of one's own that leaves outliers out says so, and has intervals without them, by any name."""
+    points = on_cap(rng, 40, 90, noise=0.01)[0]
+    points[3] = 4.0
+    robust, plain = study.fit(points, "robust"), study.fit(points, "mle")
+    other = study.Fit(plain.estimates, plain.samples, "mine", without_outliers=True)
+    assert (robust.without_outliers, plain.without_outliers) == (True, False)
+    np.testing.assert_array_equal(other.interval("radius"), robust.interval("radius"))
+    np.testing.assert_array_equal(other.interval("radius"), study.fit(np.delete(points, 3, axis=0)).interval("radius"))
+    assert plain.interval("radius")[1] != robust.interval("radius")[1]

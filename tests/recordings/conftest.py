@@ -1,0 +1,142 @@
+"""Fixtures of the tests on recordings: small recordings, C3D files written by another library, real recordings."""
+
+import warnings
+from pathlib import Path
+
+import c3d
+import numpy as np
+import pytest
+
+from study.recordings.formats.read import read_recording
+from study.recordings.joints.find import find_joints
+from study.recordings.markersets import load_markerset
+from study.recordings.markersets.match import choose
+from study.recordings.recording import Recording
+from study.recordings.skeleton.calibrate import calibrate, calibration_from
+from study.recordings.skeleton.make_scene import SceneJoint, make_scene
+from study.recordings.synthetic.make import synthesize
+from study.recordings.synthetic.recipe import Recipe
+
+
+def shared(name):
+    """Path of a recording in the folder of shared data; the test is skipped if it is missing."""
+    for folder in Path(__file__).resolve().parents:
+        if (folder / "shared" / "data" / name).is_file():
+            return folder / "shared" / "data" / name
+    pytest.skip(f"needs {name} in the folder of shared data, which is not part of the project")
+
+
+@pytest.fixture(scope="session")
+def shared_file():
+    """A function for the path of a recording of the shared data, by its name."""
+    return shared
+
+
+@pytest.fixture(scope="session")
+def kata():
+    """A real recording, a karate kata of 5202 frames, with the marker set that fits it."""
+    return choose(read_recording(shared("cmu_135_02.c3d")))
+
+
+@pytest.fixture(scope="session")
+def kata_joints(kata):
+    """Its joints."""
+    return find_joints(kata.markerset, kata.recording)
+
+
+@pytest.fixture(scope="session")
+def kata_calibration(kata, kata_joints):
+    """The calibration that they make."""
+    return calibration_from(kata_joints, kata.recording)
+
+
+@pytest.fixture(scope="session")
+def kata_halves(kata):
+    """Its first and its second half, each with a calibration of its own."""
+    half = kata.recording.frames // 2
+    pieces = [kata.recording.select(frames=part) for part in (slice(0, half), slice(half, None))]
+    return [(piece, calibrate(piece, kata.markerset)) for piece in pieces]
+
+
+@pytest.fixture(scope="session")
+def exact():
+    """A synthetic body without noise, the truth about it, and its fitted joints."""
+    recording, truth = synthesize(Recipe(frames=800, noise=1e-9))
+    return recording, truth, find_joints(load_markerset("cmu41"), recording)
+
+
+@pytest.fixture(scope="session")
+def figure():
+    """A synthetic body with 1 mm of noise, the truth about it, and its fitted joints."""
+    recording, truth = synthesize(Recipe(frames=600, noise=0.001))
+    return recording, truth, find_joints(load_markerset("cmu41"), recording)
+
+
+@pytest.fixture(scope="session")
+def figure_calibration(figure):
+    """The calibration that they make."""
+    return calibration_from(figure[2], figure[0])
+
+
+@pytest.fixture(scope="session")
+def small():
+    """A function for small recordings with gaps; millimetres to three decimals hold their numbers exactly."""
+
+    def make(markers=("LFHD", "RFHD", "C7", "LFIN"), frames=12, rate=100.0, seed=3):
+        rng = np.random.default_rng(seed)
+        positions = np.round(rng.normal(size=(len(markers), 3, frames)), 4)
+        hidden = rng.random((len(markers), frames)) < 0.2
+        positions[np.broadcast_to(hidden[:, None], positions.shape)] = np.nan
+        return Recording("small", tuple(markers), positions, rate)
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def write_c3d():
+    """Write a C3D file with the library c3d: labels, points (markers, 3, frames), NaN as a residual of -1."""
+
+    def write(path, labels, points, rate=100.0, scale=-1.0, unit="mm", residual=0.0, groups=()):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            writer = c3d.Writer(point_rate=rate, analog_rate=0, point_scale=scale)
+            writer.set_point_labels(list(labels))
+            writer.get("POINT").add_str("UNITS", "", unit, len(unit))
+            for name, texts in groups:
+                width = max(map(len, texts))
+                writer.get("POINT").add_str(name, "", "".join(f"{text:{width}}" for text in texts), width, len(texts))
+            table = np.nan_to_num(np.asarray(points, dtype=float)).transpose(2, 0, 1)
+            flags = np.where(np.isnan(points).any(axis=1), -1.0, residual).T
+            rows = np.concatenate([table, flags[:, :, None], np.zeros((*flags.shape, 1))], axis=2)
+            writer.add_frames([(row, np.zeros((0, 0))) for row in rows])
+            with open(path, "wb") as file:
+                writer.write(file)
+        return path
+
+    return write
+
+
+@pytest.fixture(scope="session")
+def scene():
+    """A scene of a synthetic body with its true joints: some bridged, one doubtful, one never known."""
+    recording, truth = synthesize(Recipe(frames=90, rate=90.0, gaps=0.05))
+    joints = []
+    for number, name in enumerate(truth.joints):
+        parent = truth.segments.index(truth.parents[number])
+        axis = truth.axes[number]
+        flags = np.zeros(recording.frames, dtype=np.uint8)
+        flags[40:50] = number == 3
+        joints.append(
+            SceneJoint(
+                name=name,
+                parent=truth.parents[number],
+                child=truth.children[number],
+                center=truth.centers[number] if name != "right_wrist" else np.full((3, recording.frames), np.nan),
+                rotation=truth.rotations[parent].transpose(1, 2, 0),
+                covariance=np.diag([9e-6, 4e-6, 1e-6]),
+                axis=None if np.isnan(axis).any() else axis,
+                flags=flags,
+                doubt="moved too little" if name == "neck" else "",
+            )
+        )
+    return make_scene(recording, load_markerset("cmu41"), joints, "true joints")

@@ -1,0 +1,86 @@
+"""Skeletons to write, and readers of the files: other people's, and one of glTF by its specification alone."""
+
+import json
+import struct
+
+import numpy as np
+import pytest
+
+from study.recordings.export.tree import ExportedMotion
+from study.recordings.recording import Recording
+from study.recordings.skeleton.draw import draw_skeleton
+from study.recordings.skeleton.make_scene import skeleton_scene
+
+
+def export(recording, calibration, **options):
+    """A skeleton of a recording, as the writers take it."""
+    skeleton = draw_skeleton(calibration, recording)
+    return ExportedMotion(skeleton, recording, skeleton_scene(skeleton, recording), **options)
+
+
+@pytest.fixture(scope="session")
+def exported():
+    """The function `export`."""
+    return export
+
+
+@pytest.fixture(scope="session")
+def motion(figure, figure_calibration):
+    """A synthetic body, 100 frames of its recording."""
+    return export(figure[0].select(frames=slice(0, 100)), figure_calibration)
+
+
+@pytest.fixture(scope="session")
+def gappy(figure, figure_calibration):
+    """The same, 300 frames; the head's markers are missing at the end, all others for some time in the middle."""
+    recording = figure[0].select(frames=slice(0, 300))
+    positions = recording.positions.copy()
+    head = [recording.row(marker) for marker in ("LFHD", "RFHD", "LBHD", "RBHD")]
+    positions[head, :, 100:] = np.nan
+    positions[:, :, 40:50] = np.nan
+    return export(Recording("gappy", recording.markers, positions, 60.0), figure_calibration)
+
+
+@pytest.fixture(scope="session")
+def y_up(figure):
+    """A recording of the same body whose y points up, with its calibration."""
+    from study.recordings.markersets import load_markerset
+    from study.recordings.skeleton.calibrate import calibrate
+
+    turn = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+    whole = figure[0].select(frames=slice(0, 400))
+    recording = Recording("y-up", whole.markers, turn @ whole.positions, whole.rate)
+    return export(recording.select(frames=slice(0, 60)), calibrate(recording, load_markerset("cmu41")))
+
+
+COMPONENTS = {5126: ("<f4", 4), 5121: ("u1", 1), 5123: ("<u2", 2)}
+WIDTHS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4, "MAT4": 16}
+
+
+def read_glb(path):
+    """Parse a binary glTF file by its specification: the document, and a function for the array of an accessor."""
+    data = path.read_bytes()
+    magic, version, length = struct.unpack_from("<4sII", data)
+    assert (magic, version, length) == (b"glTF", 2, len(data))
+    size, kind = struct.unpack_from("<I4s", data, 12)
+    assert kind == b"JSON"
+    document = json.loads(data[20 : 20 + size])
+    rest, kind = struct.unpack_from("<I4s", data, 20 + size)
+    assert kind == b"BIN\0"
+    assert 28 + size + rest == len(data)
+
+    def array(number):
+        accessor = document["accessors"][number]
+        view = document["bufferViews"][accessor["bufferView"]]
+        kind, _ = COMPONENTS[accessor["componentType"]]
+        width = WIDTHS[accessor["type"]]
+        start = 28 + size + view["byteOffset"] + accessor.get("byteOffset", 0)
+        return np.frombuffer(data, kind, accessor["count"] * width, start).reshape(-1, width)
+
+    return document, array
+
+
+@pytest.fixture(scope="session")
+def glb():
+    """The function `read_glb`."""
+    return read_glb

@@ -1,0 +1,398 @@
+"""Headers of C3D files with one or two wrong fields: each is read or refused in one line, at a bounded cost."""
+
+import math
+import re
+import struct
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import ezc3d
+import numpy as np
+import pytest
+
+from study.recordings.formats import c3d
+from study.recordings.formats.c3d import LONG, read_c3d, read_header
+from study.recordings.formats.read import read_recording
+from study.recordings.formats.write import write_recording
+from study.recordings.recording import Recording, RecordingError
+
+
+def refuse(path):
+    raise ValueError("not today")
+
+
+def without_ezc3d(monkeypatch):
+    """Let ezc3d refuse every file."""
+    monkeypatch.setattr(c3d, "ezc3d", SimpleNamespace(c3d=refuse))
+
+
+@pytest.fixture(params=["ezc3d", "c3d"])
+def either(request, monkeypatch):
+    """Both ways of reading: with ezc3d, and with c3d if ezc3d refuses."""
+    if request.param == "c3d":
+        without_ezc3d(monkeypatch)
+
+
+@pytest.fixture
+def points():
+    """(markers, 3, frames): numbers that single precision and whole tenths hold."""
+    points = np.random.default_rng(1).integers(-9000, 9000, (3, 3, 7)) / 4.0
+    points[1, :, 2] = np.nan
+    return points
+
+
+@pytest.mark.usefixtures("either")
+class TestEitherLibrary:
+    """Tests that pass with either library."""
+
+    def test_contents(self, tmp_path, write_c3d, points):
+        """Labels, unit, rate and numbers as another library wrote them; a negative residual is a missing sample."""
+        found = read_c3d(write_c3d(tmp_path / "a.c3d", ["m:A", "m:B", "m:C"], points, rate=120.0, unit="cm"))
+        assert list(found.labels) == ["m:A", "m:B", "m:C"]
+        assert (found.unit, found.rate) == ("cm", 120.0)
+        np.testing.assert_array_equal(found.points, points)
+
+    def test_whole_numbers(self, tmp_path, write_c3d, points):
+        """Coordinates stored in 16 bits, in units of POINT:SCALE."""
+        found = read_c3d(write_c3d(tmp_path / "a.c3d", "ABC", np.round(points), scale=0.25))
+        np.testing.assert_allclose(found.points, np.round(points), atol=0.25)
+        assert np.isnan(found.points[1, :, 2]).all()
+
+    def test_a_negative_residual_hides_what_is_there(self, tmp_path, write_c3d, points):
+        path = write_c3d(tmp_path / "a.c3d", "ABC", np.nan_to_num(points, nan=1.0), residual=-1.0)
+        with pytest.raises(RecordingError, match="none of its 3 markers has a sample"):
+            read_recording(path)
+
+    def test_angles_and_forces_are_no_markers(self, tmp_path, write_c3d, points):
+        """Files that a gait model has processed hold angles and forces as points."""
+        groups = [("ANGLES", ["B"]), ("FORCES", ["LForce", "C"])]
+        found = read_c3d(write_c3d(tmp_path / "a.c3d", "ABC", points, groups=groups))
+        assert list(found.labels) == ["A"]
+        assert found.notes == ("2 points hold angles, forces and the like, not markers: left out",)
+        np.testing.assert_array_equal(found.points, points[:1])
+
+    def test_more_points_than_one_parameter_has_labels(self, tmp_path):
+        """The labels after the 255th are in LABELS2."""
+        labels = tuple(f"M{i}" for i in range(600))
+        positions = np.random.default_rng(2).normal(size=(600, 3, 4))
+        found = read_recording(write_recording(Recording("many", labels, positions, 60.0), tmp_path / "many.c3d"))
+        assert found.markers == labels
+        np.testing.assert_allclose(found.positions, positions, rtol=1e-6)
+
+    def test_a_unit_that_is_not_given(self, tmp_path, write_c3d, points):
+        recording = read_recording(write_c3d(tmp_path / "a.c3d", "ABC", points, unit="  "))
+        assert recording.notes == ("the file does not give its unit: mm assumed",)
+
+    def test_no_points(self, tmp_path, write_c3d):
+        """A file of analog channels alone has none: its header and POINT:USED say zero."""
+        path = write_c3d(tmp_path / "a.c3d", ["A"], np.ones((1, 3, 5)))
+        data = bytearray(path.read_bytes())
+        used = [found.end() + 4 for found in re.finditer(b"USED", data) if data[found.end() + 4] == 1]
+        assert (data[2], len(used)) == (1, 1)
+        data[2] = data[used[0]] = 0
+        path.write_bytes(data)
+        with pytest.raises(RecordingError, match="no markers in it"):
+            read_recording(path)
+
+    @pytest.mark.parametrize(
+        ("points", "words"),
+        [
+            (np.ones((2, 3, 1)), "1 frame in it; motion needs at least 2"),
+            (np.full((2, 3, 9), np.nan), "none of its 2 markers has a sample in any of its 9 frames"),
+        ],
+    )
+    def test_nothing_to_work_with(self, tmp_path, write_c3d, points, words):
+        with pytest.raises(RecordingError, match=words):
+            read_recording(write_c3d(tmp_path / "a.c3d", "AB", points))
+
+    @pytest.mark.parametrize("share", [0.55, 0.9, 0.999])
+    def test_a_file_that_is_cut_short(self, tmp_path, write_c3d, share):
+        """A file with too few frames is refused."""
+        path = write_c3d(tmp_path / "a.c3d", "AB", np.ones((2, 3, 200)))
+        whole = 1024 + 200 * 32
+        assert len(path.read_bytes()) >= whole
+        path.write_bytes(path.read_bytes()[: int(share * whole)])
+        with pytest.raises(RecordingError, match=r"cut short: \d+ of 200 frames are there; get a whole copy"):
+            read_c3d(path)
+
+
+def test_more_frames_than_the_header_can_count(tmp_path):
+    """A recording may have more frames than the 65535 that 16 bits hold."""
+    positions = np.random.default_rng(3).normal(size=(1, 3, LONG + 10))
+    path = write_recording(Recording("long", ("A",), positions, 1000.0), tmp_path / "long.c3d")
+    assert read_header(path).frames == LONG
+    found = read_recording(path)
+    assert found.frames == LONG + 10
+    np.testing.assert_allclose(found.positions, positions, rtol=1e-6)
+    path.write_bytes(path.read_bytes()[:100_000])  # the missing frames are found without reading the others
+    with pytest.raises(RecordingError, match=f"of {LONG + 10} frames are there"):
+        read_recording(path)
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (b"", "the file is empty"),
+        (b"a text, not a recording\n" * 100, "not a C3D file"),
+        (bytes(4096), "not a C3D file"),
+        (b"\x02\x50", "cut short: its header is not complete"),
+        (b"\x02\x50" + bytes(510), "cut short: its header is not complete"),
+        (b"\x02\x50" + bytes(5000), "a damaged or incomplete C3D file; ezc3d: "),
+        (
+            b"\x02\x50" + b"\xff" * 5000,
+            "its header promises 65535 frames of 65535 points .* 85.9 GB, but",
+        ),
+    ],
+)
+def test_what_is_not_a_c3d_file(tmp_path, data, words):
+    """The message is one line with the file's name."""
+    path = tmp_path / "a.c3d"
+    path.write_bytes(data)
+    with pytest.raises(RecordingError, match=words) as caught:
+        read_recording(path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_chain_of_parameters_that_does_not_hold_is_kept_from_ezc3d(tmp_path, monkeypatch, write_c3d, points):
+    """ezc3d ends the whole program on some such files; c3d reads the rest of them."""
+    path = write_c3d(tmp_path / "a.c3d", "ABC", points)
+    assert read_header(path).sound
+    data = bytearray(path.read_bytes())
+    place = data.index(b"UNITS") + len("UNITS")
+    distance = int.from_bytes(data[place : place + 2], "little")
+    data[place + distance - 1] += 3  # the description is longer than its record
+    path.write_bytes(data)
+    assert not read_header(path).sound
+    monkeypatch.setattr(c3d, "ezc3d", SimpleNamespace(c3d=lambda path: pytest.fail("ezc3d was asked")))
+    np.testing.assert_array_equal(read_c3d(path).points, points)
+
+
+CORRUPT = """
+import sys
+from pathlib import Path
+import numpy as np
+from study.recordings.formats.read import read_recording
+from study.recordings.recording import RecordingError
+
+path, raw, rng, told = Path(sys.argv[1]), Path(sys.argv[1]).read_bytes(), np.random.default_rng(7), 0
+for trial in range(600):
+    data = bytearray(raw)
+    for _ in range(1 + trial % 3):
+        data[int(rng.integers(0, 1600))] = int(rng.integers(0, 256))
+    path.write_bytes(data)
+    try:
+        read_recording(path)
+    except RecordingError as error:
+        told += 1
+        assert "\\n" not in str(error) and str(error).isprintable(), str(error)
+assert told > 20, told
+"""
+
+
+def test_damaged_files_end_no_program(tmp_path, small):
+    """Six hundred files with wrong bytes in the header are read, or refused in one line."""
+    path = write_recording(small(), tmp_path / "a.c3d")
+    done = subprocess.run([sys.executable, "-c", CORRUPT, str(path)], capture_output=True, encoding="utf-8")
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_shared_recordings(shared_file):
+    """The recordings have the markers, frames and heights that SOURCES.md gives."""
+    for name, frames in (("cmu_135_02.c3d", 5202), ("cmu_85_02.c3d", 810)):
+        recording = read_recording(shared_file(name))
+        assert (len(recording.markers), recording.frames, recording.rate) == (41, frames, 120.0)
+        assert recording.missing().max() == 0.0
+        assert {"LFHD", "RMT5", "RBAC"} <= set(recording.markers)
+        assert recording.notes == ()
+        height = recording.of("LFHD")[2] - recording.of("LTOE")[2]
+        assert 1.3 < np.quantile(height, 0.5) < 1.9
+
+
+def test_both_libraries_agree_on_a_shared_recording(shared_file, monkeypatch):
+    path = shared_file("cmu_85_02.c3d")
+    by_ezc3d = read_recording(path)
+    without_ezc3d(monkeypatch)
+    by_c3d = read_recording(path)
+    np.testing.assert_array_equal(by_c3d.positions, by_ezc3d.positions)
+    assert (by_c3d.markers, by_c3d.rate) == (by_ezc3d.markers, by_ezc3d.rate)
+
+
+POINTS, ANALOG, FIRST, LAST, GAP, SCALE, BLOCK, RATIO, RATE = 2, 4, 6, 8, 10, 12, 16, 18, 20
+"""Places of the header's fields, bytes."""
+
+FRAMES = 50
+
+
+def records(data):
+    """The parameters of a file, by the format's description: group, name, bytes of a value, and places in the file."""
+    place, groups = (data[0] - 1) * 512 + 4, {}
+    while True:
+        length, group = struct.unpack_from("bb", data, place)
+        if length == 0 or group == 0:
+            return
+        name = bytes(data[place + 2 : place + 2 + abs(length)]).decode()
+        start = place + 2 + abs(length)  # negative if it is locked
+        (distance,) = struct.unpack_from("<H", data, start)
+        if group < 0:
+            groups[-group] = name
+        else:
+            size, count = struct.unpack_from("bB", data, start + 2)
+            yield f"{groups[group]}:{name}", size, start + 2, start + 4 + count
+        place = start + distance
+        if distance == 0:
+            return
+
+
+def values_at(data):
+    return {name: values for name, _, _, values in records(data)}
+
+
+@pytest.fixture
+def rich(tmp_path):
+    """A C3D file with analog channels, longer parameters and room at its end."""
+    positions = np.random.default_rng(5).normal(size=(4, 3, FRAMES))
+    path = write_recording(Recording("rich", ("A", "B", "C", "D"), positions, 100.0), tmp_path / "rich.c3d")
+    file = ezc3d.c3d(str(path))
+    file["parameters"]["ANALOG"]["RATE"]["value"] = [200.0]
+    file["parameters"]["ANALOG"]["LABELS"]["value"] = ["Fz"]
+    file["parameters"]["ANALOG"]["UNITS"]["value"] = ["N"]
+    file["data"]["analogs"] = np.zeros((1, 1, 2 * FRAMES))
+    file.add_parameter("POINT", "LONG_FRAMES", [float(FRAMES)])
+    file.write(str(path))
+    return path
+
+
+def changed(path, *fields):
+    """Write values of 16 bits (or floats) at places of a file."""
+    data = bytearray(path.read_bytes())
+    for place, value in fields:
+        struct.pack_into("<f" if isinstance(value, float) else "<H", data, place, value)
+    path.write_bytes(data)
+    return path
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {POINTS: 20000, LAST: 20000},
+        {POINTS: 20000, LAST: 20000, "POINT:USED": 20000, "POINT:FRAMES": 20000},
+        {POINTS: 20000, "POINT:USED": 20000, LAST: LONG},
+        {ANALOG: 60000, LAST: 60000},
+    ],
+)
+def test_a_header_that_promises_far_more_than_the_file_holds(rich, fields):
+    """583 kB that promise gigabytes are refused before a library reserves memory for them."""
+    with open(rich, "ab") as file:
+        file.write(bytes(583_000 - rich.stat().st_size))
+    places = values_at(rich.read_bytes())
+    changed(rich, *((places.get(place, place), value) for place, value in fields.items()))
+    words = r"its header promises \d+ frames of \d+ points and \d+ analog samples, .* [MG]B, but the file has 583 kB"
+    with pytest.raises(RecordingError, match=words):
+        read_recording(rich)
+
+
+def test_a_number_of_frames_that_a_parameter_corrects(rich):
+    """If the header's last frame is wrong, but a parameter has the number that the file holds, that is read."""
+    before = read_recording(rich)
+    for last in (255, 32767, 65534, LONG):
+        found = read_recording(changed(rich, (LAST, last)))
+        np.testing.assert_array_equal(found.positions, before.positions)
+    assert read_header(rich).frames == FRAMES
+
+
+@pytest.mark.parametrize("rate", [-1e30, float("inf"), 1e30])
+def test_a_rate_that_the_header_corrects(rich, rate):
+    """A parameter that is no rate is told, and the header's rate is used."""
+    found = read_recording(changed(rich, (values_at(rich.read_bytes())["POINT:RATE"], rate)))
+    assert found.rate == 100.0
+    assert found.notes[-1] == "its parameter POINT:RATE is no rate: 100 Hz of its header is used"
+
+
+def test_a_unit_that_is_no_text(rich):
+    """It counts as missing."""
+    data = bytearray(rich.read_bytes())
+    place = next(place for name, _, place, _ in records(data) if name == "POINT:UNITS")
+    data[place] = 1
+    rich.write_bytes(data)
+    assert read_recording(rich).notes == ("the file does not give its unit: mm assumed",)
+
+
+def test_every_description_may_be_damaged(rich):
+    """A description that is longer than its record, of any parameter, hides no point."""
+    before, raw = read_recording(rich), rich.read_bytes()
+    names = 0
+    for _, size, place, values in records(raw):
+        dimensions = raw[place + 2 : values]
+        data = bytearray(raw)
+        data[values + abs(size) * math.prod(dimensions)] += 3
+        rich.write_bytes(data)
+        assert not read_header(rich).sound
+        np.testing.assert_array_equal(read_recording(rich).positions, before.positions)
+        names += 1
+    assert names > 30
+
+
+def test_a_text_without_a_length_is_kept_from_ezc3d(rich):
+    """ezc3d ends the whole program on some of them."""
+    data = bytearray(rich.read_bytes())
+    place = next(place for name, _, place, _ in records(data) if name == "ANALOG:DESCRIPTIONS")
+    assert read_header(rich).sound
+    data[place + 1] = 0
+    rich.write_bytes(data)
+    assert not read_header(rich).sound
+
+
+def test_rotations_that_the_file_cannot_hold_are_kept_from_ezc3d(rich):
+    """ezc3d counts them for minutes."""
+    changed(rich, (values_at(rich.read_bytes())["ROTATION:RATIO"], 65535))
+    assert not read_header(rich).sound
+    assert read_c3d(rich).points.shape == (4, 3, FRAMES)
+
+
+MUTATE = """
+import resource, sys
+from pathlib import Path
+
+from study.recordings.formats.read import read_recording
+from study.recordings.recording import RecordingError
+
+resource.setrlimit(resource.RLIMIT_AS, (4 << 30, 4 << 30))
+resource.setrlimit(resource.RLIMIT_CPU, (60, 60))
+path, raw, told, count = Path(sys.argv[1]), Path(sys.argv[1]).read_bytes(), 0, 0
+for line in sys.stdin:
+    place, new = line.split()
+    data = bytearray(raw)
+    data[int(place) : int(place) + len(new) // 2] = bytes.fromhex(new)
+    path.write_bytes(data)
+    count += 1
+    try:
+        read_recording(path)
+    except RecordingError as error:
+        told += 1
+        assert "\\n" not in str(error) and str(error).isprintable(), str(error)
+print(count, told)
+"""
+
+
+def test_every_field_of_the_header_and_of_the_parameters(rich):
+    """Each field takes extreme values, some 900 files: read or refused in one line, in 4 GB and a minute of work."""
+    resource = pytest.importorskip("resource", reason="limits of memory and time need a POSIX system")
+    assert resource.RLIMIT_AS
+    data = rich.read_bytes()
+    words = [struct.pack("<H", value) for value in (0, 1, 2, 255, 32767, 32768, 65534, 65535)]
+    numbers = [struct.pack("<f", value) for value in (0.0, -1.0, 1e30, -1e30, np.nan, np.inf, 1e-30, 70000.0)]
+    mutants = [(place, new) for place in range(0, 24, 2) for new in words]
+    for _, size, place, values in records(data):
+        mutants += [(values, new) for new in {2: words, 4: numbers}.get(size, [])]
+        mutants += [(place, bytes([kind])) for kind in (0, 1, 2, 4, 127, 255)]
+        mutants += [(place + offset, bytes([count])) for offset in (1, 2) for count in (0, 1, 3, 7, 8, 255)]
+    script = "".join(f"{place} {new.hex()}\n" for place, new in mutants)
+    done = subprocess.run(
+        [sys.executable, "-c", MUTATE, str(rich)], input=script, capture_output=True, encoding="utf-8"
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    count, told = map(int, done.stdout.split())
+    assert count == len(mutants) > 800
+    assert told < 0.8 * count

@@ -1,0 +1,261 @@
+"""Tests of write."""
+
+import socket
+import sys
+import threading
+import warnings
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+
+import c3d
+import numpy as np
+import pytest
+from trc import TRCData
+
+from study.recordings.formats.read import read_recording
+from study.recordings.formats.write import LIBRARIES, WRITERS, DownloadError, fetch, write_recording
+from study.recordings.recording import Recording, RecordingError
+from study.recordings.synthetic.make import synthesize
+from study.recordings.synthetic.recipe import Recipe
+
+
+class Server(ThreadingHTTPServer):
+    """A library on this machine: its responses, and the requests that it got."""
+
+    def __init__(self):
+        super().__init__(("127.0.0.1", 0), Handler)
+        self.asked = []
+        self.status, self.body, self.promised = 200, b"", None
+
+    @property
+    def base(self):
+        return f"http://127.0.0.1:{self.server_address[1]}/subjects"
+
+
+class Handler(BaseHTTPRequestHandler):
+    """Respond as the server is set to."""
+
+    def do_GET(self):
+        server = self.server
+        server.asked.append(self.path)
+        self.send_response(server.status)
+        if server.promised is not None:
+            self.send_header("Content-Length", str(server.promised))
+        self.end_headers()
+        self.wfile.write(server.body)
+
+    def log_message(self, *_):
+        pass
+
+
+@pytest.fixture
+def server(monkeypatch):
+    monkeypatch.setenv("NO_PROXY", "127.0.0.1")
+    monkeypatch.setattr("study.recordings.formats.write._TIMEOUT", 600.0)  # a busy machine may answer late
+    server = Server()
+    thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
+    thread.start()
+    yield server
+    server.shutdown()
+    thread.join()
+    server.server_close()
+
+
+@pytest.fixture
+def body(tmp_path_factory, small):
+    """Bytes of a C3D file."""
+    return write_recording(small(frames=200), tmp_path_factory.mktemp("library") / "a.c3d").read_bytes()
+
+
+def get(server, folder, name="60_08", base=None):
+    return fetch("cmu", name, base=base or server.base, folder=folder)
+
+
+def test_a_recording_is_fetched_once(server, tmp_path, small, body):
+    """A recording is in the folder of its subject; the second time it comes from the cache."""
+    server.body = body
+    path = get(server, tmp_path / "cache")
+    assert path == tmp_path / "cache" / "60_08.c3d"
+    np.testing.assert_array_equal(read_recording(path).seen(), small(frames=200).seen())
+    assert get(server, tmp_path / "cache") == path
+    assert server.asked == ["/subjects/60/60_08.c3d"]
+    assert [found.name for found in (tmp_path / "cache").iterdir()] == ["60_08.c3d"]
+
+
+@pytest.mark.parametrize(
+    ("name", "place"),
+    [
+        ("60_08", "60/60_08.c3d"),
+        ("2_1", "02/02_01.c3d"),
+        ("02-01", "02/02_01.c3d"),
+        ("135_02.c3d", "135/135_02.c3d"),
+        ("085_02", "85/85_02.c3d"),
+    ],
+)
+def test_names_of_the_library(server, tmp_path, body, name, place):
+    server.body = body
+    get(server, tmp_path, name, base=server.base + "/")
+    assert server.asked == [f"/subjects/{place}"]
+
+
+def test_its_own_address_and_the_environments(server, tmp_path, body, monkeypatch):
+    assert LIBRARIES["cmu"].base == "http://mocap.cs.cmu.edu/subjects"
+    server.body = body
+    monkeypatch.setenv("STUDY_CMU_URL", server.base)
+    assert fetch("cmu", "01_01", folder=tmp_path).is_file()
+
+
+def test_the_users_cache_folder(server, tmp_path, body, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    server.body = body
+    assert fetch("cmu", "01_01", base=server.base) == tmp_path / "sphere-fit-study" / "cmu" / "01_01.c3d"
+
+
+@pytest.mark.parametrize(
+    "name", ["salsa", "60", "60_08_01", "../60_08", "60_08/..", "", "6000_08", "60_08.bvh", "٦٠_٠٨"]
+)
+def test_a_name_that_no_recording_has(server, tmp_path, name):
+    with pytest.raises(RecordingError, match="cannot be a recording of cmu; give a name such as 60_08"):
+        get(server, tmp_path, name)
+    assert server.asked == []
+
+
+def test_a_library_that_is_not_known(tmp_path):
+    with pytest.raises(RecordingError, match="no library 'accad': known are cmu"):
+        fetch("accad", "60_08", folder=tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("status", "words"),
+    [(404, "there is no recording 60_08"), (500, "the server answered 500; try again later"), (403, "answered 403")],
+)
+def test_the_server_refuses(server, tmp_path, status, words):
+    """A missing recording is a mistake in its name; other failures may pass."""
+    server.status = status
+    refused(server, tmp_path, words, kind=RecordingError if status == 404 else DownloadError)
+
+
+def test_the_download_is_cut_short(server, tmp_path, body):
+    """A download is cut short, with its length in the header and without; then frames of the recording are missing."""
+    server.body, server.promised = body[:5000], len(body)
+    refused(server, tmp_path, "the server cannot be reached, or broke off")
+    server.promised = None
+    refused(
+        server, tmp_path, r"the server sent something else than a recording: the file is cut short: \d+ of 200 frames"
+    )
+
+
+def test_a_page_instead_of_a_recording(server, tmp_path):
+    """The server sends a web page, as a hotel's network does."""
+    server.body = b"<html>Please log in</html>"
+    refused(server, tmp_path, "the server sent something else than a recording: not a C3D file")
+
+
+def test_there_is_no_server(server, tmp_path):
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))  # bound, but nothing listens
+        base = f"http://127.0.0.1:{free.getsockname()[1]}"
+        refused(server, tmp_path, r"cannot be reached, or broke off \(.*refused.*\); check the network", base)
+
+
+def refused(server, folder, words, base=None, kind=DownloadError):
+    """The message is one line that begins with the address; the cache stays empty."""
+    with pytest.raises(RecordingError, match=words) as caught:
+        get(server, folder / "cache", base=base)
+    assert type(caught.value) is kind
+    assert str(caught.value).startswith(f"{base or server.base}/60/60_08.c3d: ")
+    assert "\n" not in str(caught.value)
+    assert not (folder / "cache").exists() or not list((folder / "cache").iterdir())
+
+
+def test_a_cache_that_cannot_be_written(server, tmp_path, body):
+    server.body = body
+    (tmp_path / "file").write_text("")
+    with pytest.raises(DownloadError, match="cannot be written to"):
+        get(server, tmp_path / "file" / "cache")
+
+
+@pytest.mark.parametrize(
+    ("ending", "tolerance"),
+    # single precision of metres up to 4; half of the last decimal of a millimetre
+    [("c3d", 3e-7), ("CSV", 0.5000001e-6), ("trc", 0.5000001e-7)],
+)
+def test_there_and_back(tmp_path, ending, tolerance):
+    """Positions, gaps, labels, their order and the rate are the same after writing and reading."""
+    recording, _ = synthesize(Recipe(frames=400, rate=59.94, gaps=0.15, seed=4))
+    path = write_recording(recording, tmp_path / "new" / f"walk.{ending}")
+    found = read_recording(path)
+    assert (found.name, found.markers, found.notes) == ("walk", recording.markers, ())
+    assert found.rate == pytest.approx(59.94, rel=1e-7)
+    np.testing.assert_array_equal(np.isnan(found.positions), np.isnan(recording.positions))
+    np.testing.assert_allclose(found.positions, recording.positions, rtol=0, atol=tolerance)
+
+
+def test_another_library_reads_what_was_written(tmp_path, small):
+    """Units are millimetres; a missing sample has a negative residual."""
+    recording = small()
+    path = write_recording(recording, tmp_path / "a.c3d")
+    with open(path, "rb") as file, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # c3d warns that there are no analog data
+        reader = c3d.Reader(file)
+        frames = np.array([points for _, points, _ in reader.read_frames()])
+    assert [label.strip() for label in reader.point_labels] == list(recording.markers)
+    assert (reader.point_rate, reader.get_string("POINT:UNITS").strip()) == (100.0, "mm")
+    np.testing.assert_array_equal((frames[:, :, 3] < 0).T, ~recording.seen())
+    seen = recording.seen().T
+    wanted = 1000 * recording.positions.transpose(2, 0, 1)
+    np.testing.assert_allclose(frames[:, :, :3][seen], wanted[seen], rtol=1e-6)
+
+
+def test_a_trc_with_gaps_for_another_reader(tmp_path):
+    """Millimetres, and nan for a missing sample: readers that split rows at white space would lose an empty cell."""
+    positions = np.array([[[0.1, np.nan], [0.2, np.nan], [0.3, np.nan]], [[1.0, 1.5], [2.0, 2.5], [3.0, 3.5]]])
+    path = write_recording(Recording("walk", ("A", "B"), positions, 50.0), tmp_path / "new.trc")
+    data = TRCData()
+    data.load(path)
+    assert (data["Markers"], data["DataRate"], data["Units"], data["Time"]) == (["A", "B"], 50.0, "mm", [0.0, 0.02])
+    np.testing.assert_allclose(data["A"], 1000 * positions[0].T)
+    np.testing.assert_allclose(data["B"], 1000 * positions[1].T)
+
+
+def test_a_table_for_people(tmp_path):
+    recording = Recording("walk", ("A",), np.array([[[1.0, np.nan], [2.0, np.nan], [-0.5, np.nan]]]), 100.0)
+    text = write_recording(recording, tmp_path / "walk.csv").read_text()
+    assert text == "# rate: 100.0\n# unit: mm\nframe,A_X,A_Y,A_Z\n1,1000.000,2000.000,-500.000\n2,,,\n"
+
+
+def test_the_same_bytes_twice(tmp_path):
+    recording, _ = synthesize(Recipe(frames=30))
+    for ending in WRITERS:
+        once, twice = (write_recording(recording, tmp_path / f"{i}{ending}").read_bytes() for i in "ab")
+        assert once == twice
+
+
+def test_where_nothing_can_be_written(tmp_path, small):
+    with pytest.raises(RecordingError, match=r"a recording is written to a file whose name ends in .c3d, .trc, .csv"):
+        write_recording(small(), tmp_path / "walk.bvh")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(RecordingError, match="cannot be written: "):
+        write_recording(small(), tmp_path / "file" / "walk.c3d")
+    (tmp_path / "folder.csv").mkdir()
+    with pytest.raises(RecordingError, match="cannot be written: Is a directory"):
+        write_recording(small(), tmp_path / "folder.csv")
+
+
+def test_a_file_that_was_there_stays_if_the_new_one_fails(tmp_path, small, monkeypatch):
+    """A missing library, and a writer that breaks off, leave the old file and nothing else."""
+    path = write_recording(small(), tmp_path / "walk.c3d")
+    before = path.read_bytes()
+    with monkeypatch.context() as patch:
+        patch.setitem(sys.modules, "ezc3d", None)
+        with pytest.raises(RecordingError, match="writing it needs ezc3d"):
+            write_recording(small(seed=4), path)
+
+    def breaks_off(recording, path):
+        path.write_bytes(b"half")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setitem(WRITERS, ".c3d", breaks_off)
+    with pytest.raises(RecordingError, match="cannot be written: No space left on device"):
+        write_recording(small(seed=4), path)
+    assert path.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [path]

@@ -1,0 +1,182 @@
+"""Tests of moments."""
+
+import numpy as np
+import pytest
+
+from study.fits.moments import Moments
+from study.recordings.joints.moments import add_scores, marker_moments
+from study.recordings.joints.poses import (
+    PosePoint,
+    SegmentPoses,
+    fit_poses,
+    marker_points,
+    poses_from_markers,
+    reference_frame,
+)
+from study.recordings.markersets import load_markerset
+from study.recordings.pose_noise import PoseNoise
+from study.recordings.synthetic.make import synthesize
+from study.recordings.synthetic.recipe import Recipe
+
+
+def frame_noise(rng, frames, tilt=0.0, shift=0.0, cross=False):
+    """Noise of poses whose rotations and translations have these standard deviations, in two patterns."""
+    a = rng.standard_normal((2, 3, 3))
+    turn, move = tilt**2 * a @ a.swapaxes(1, 2) / 3, shift**2 * np.eye(3) * np.array([1.0, 2.0])[:, None, None]
+    return PoseNoise(rng.integers(0, 2, frames), 0.05 * rng.standard_normal((2, 3)), move, turn, np.zeros((2, 3, 3)))
+
+
+def test_without_pose_noise_they_are_plain_moments(rng):
+    """For an exact pose they are those of `Moments`, divided by n, of the samples that are used."""
+    y = rng.standard_normal((3, 300)) + 5.0
+    used = rng.random(300) < 0.7
+    found = marker_moments(y, used, frame_noise(rng, 300), 0.01, 1.0)
+    plain = Moments.of(np.ascontiguousarray(y[:, used])[None])
+    n = used.sum()
+    assert found.count == n
+    np.testing.assert_allclose(found.mean, plain.mean[0], rtol=1e-13)
+    np.testing.assert_allclose(found.second, plain.second[0] / n, rtol=1e-12)
+    np.testing.assert_allclose(found.third, plain.third[0] / n, rtol=1e-9, atol=1e-12)
+    assert found.fourth == pytest.approx(plain.fourth[0] / n)
+    np.testing.assert_allclose(found.noise, 0.01 * np.eye(3), atol=1e-17)
+    np.testing.assert_allclose(found.noise_z, 0.0, atol=1e-15)
+    assert found.z_noise_z == pytest.approx(0.01 * np.trace(plain.second[0]) / n)
+    assert found.squared_noise(np.ones(3)) == pytest.approx(3 * 0.01**2)
+
+
+def test_the_noise_is_that_of_the_formula(rng):
+    """The means of F, F z, Tr(F) z and zᵀFz are those computed sample by sample from the matrices of (*)."""
+    frames = 50
+    pose = frame_noise(rng, frames, tilt=0.1, shift=0.01)
+    pose = PoseNoise(pose.pattern, pose.centroid, pose.shift, pose.tilt, 1e-3 * rng.standard_normal((2, 3, 3)))
+    y = rng.standard_normal((3, frames))
+    found = marker_moments(y, np.ones(frames, bool), pose, 0.02, 0.5)
+    total, pulled, traced, along = np.zeros((3, 3)), np.zeros(3), np.zeros(3), 0.0
+    points = found.z + found.mean[:, None]
+    for t in range(frames):
+        p = pose.pattern[t]
+        expected = pose.centroid[p] + pose.expansion(0.5)[p] @ (y[:, t] - pose.centroid[p]) - pose.mean_shift(0.5)[p]
+        np.testing.assert_allclose(points[:, t], expected, atol=1e-12)
+        v = points[:, t] - pose.centroid[p]
+        k = np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
+        mixed = k @ pose.cross[p]
+        f = 0.02 * np.eye(3) + pose.shift[p] + k @ pose.tilt[p] @ k.T - mixed - mixed.T
+        z = found.z[:, t]
+        total, pulled, traced, along = total + f, pulled + f @ z, traced + np.trace(f) * z, along + z @ f @ z
+    np.testing.assert_allclose(found.noise, total / frames, rtol=1e-10, atol=1e-15)
+    np.testing.assert_allclose(found.noise_z, pulled / frames, rtol=1e-9, atol=1e-14)
+    np.testing.assert_allclose(found.trace_z, traced / frames, rtol=1e-9, atol=1e-14)
+    assert found.z_noise_z == pytest.approx(along / frames)
+
+
+def test_scores_add_up_to_the_equations(rng):
+    """Their sum is b - A c, with A and b of the moments, which is zero at the centre."""
+    frames, size = 200, 0.8
+    pose = frame_noise(rng, frames, tilt=0.05, shift=0.01)
+    y = rng.standard_normal((3, frames))
+    used = rng.random(frames) < 0.9
+    found = marker_moments(y, used, pose, 0.02, size)
+    center = rng.standard_normal(3)
+    scores = np.zeros((4, frames))
+    add_scores(found, size, center, np.eye(3), 2.0, scores)
+    offset = center - found.mean
+    third = found.third - size * (2 * found.noise_z + found.trace_z)
+    wanted = 0.5 * third - (found.second - size * found.noise) @ offset
+    np.testing.assert_allclose(scores[:3].sum(axis=1), 2.0 * found.count * wanted, rtol=1e-9, atol=1e-9)
+    assert (scores[:, ~used] == 0.0).all()
+    f = ((found.z[:, used] - offset[:, None]) ** 2).sum(axis=0)
+    strain = found.z_noise_z - 2 * offset @ found.noise_z + offset @ found.noise @ offset
+    wanted = f.var() - 4 * size * strain + 2 * size**2 * found.squared_noise(center)
+    assert scores[3].sum() == pytest.approx(2.0 * found.count * wanted)
+
+
+@pytest.fixture(scope="module")
+def figure():
+    """A noisy figure and its marker set."""
+    recording, truth = synthesize(Recipe(frames=600, noise=0.002, gaps=0.1))
+    return load_markerset("cmu41"), recording, truth
+
+
+def test_poses_from_markers(figure):
+    """Segments with three markers have poses; those with two or one say how many they have."""
+    markerset, recording, _ = figure
+    poses = poses_from_markers(markerset, recording)
+    assert {name for name, each in poses.items() if isinstance(each, SegmentPoses)} == {
+        "pelvis", "thorax", "head", "left_forearm", "right_forearm", "left_foot", "right_foot",
+    }  # fmt: skip
+    assert poses["left_hand"] == "left_hand has 1 point (LFIN); its pose needs 3"
+    assert "2 points (RTHI, RKNE)" in poses["right_thigh"]
+
+
+def test_poses_follow_the_segment(figure):
+    """Rotations differ from the true ones by a constant rotation, within the poses' noise; the reference has none.
+
+    The largest of 600 angles about the mean is below five standard deviations of the worst axis.
+    """
+    markerset, recording, truth = figure
+    poses = poses_from_markers(markerset, recording, reference=7)["pelvis"]
+    true = truth.rotations[truth.segments.index("pelvis")]
+    relative = np.einsum("tji,jkt->tik", true, poses.rotation)[poses.known]
+    u, _, vt = np.linalg.svd(relative.mean(axis=0))
+    off = np.einsum("ji,tjk->tik", u @ vt, relative)
+    angle = np.arccos(np.clip((np.trace(off, axis1=1, axis2=2) - 1) / 2, -1, 1))
+    assert angle.max() < 5 * poses.noise.worst_angle
+    assert np.median(angle) > 0.2 * poses.noise.worst_angle
+    np.testing.assert_allclose(poses.rotation[:, :, 7], np.eye(3), atol=1e-12)
+
+
+def test_sigma_and_scatter(figure):
+    """Sigma is the noise, 2 mm, to 6 %; a point's rms distance is below √3 of it, for the fit absorbs some."""
+    markerset, recording, _ = figure
+    for name in ("pelvis", "thorax", "left_foot"):
+        poses = poses_from_markers(markerset, recording)[name]
+        assert poses.sigma == pytest.approx(0.002, rel=0.06)
+        assert (poses.scatter < np.sqrt(3) * 0.0022).all()
+        assert (poses.scatter > 0.0005).all()
+
+
+def test_joint_as_third_point(figure):
+    """A thigh's poses follow from its two markers and the true hip; the markers' noise is separated from the hip's."""
+    markerset, recording, truth = figure
+    hip = truth.centers[truth.joints.index("left_hip")]
+    tiny = np.repeat(1e-10 * np.eye(3)[:, :, None], recording.frames, axis=2)
+    points = [PosePoint("left_hip", hip, tiny), *marker_points(markerset.segment("left_thigh"), recording)]
+    poses = fit_poses("left_thigh", points)
+    assert poses.points == ("left_hip", "LTHI", "LKNE")
+    assert poses.sigma == pytest.approx(0.002, rel=0.1)
+    knee = truth.centers[truth.joints.index("left_knee")]
+    place = poses.mean_place(knee)
+    error = poses.to_world(place)[:, poses.known] - knee[:, poses.known]
+    expected = np.trace(poses.noise.covariance_at(place))
+    assert (error**2).sum(axis=0).mean() == pytest.approx(expected, rel=0.2)
+
+
+def test_points_on_a_line(rng):
+    """Points on a line give a reason instead of poses; so do points that are never seen at once."""
+    x = rng.standard_normal((3, 50))
+    line = [PosePoint(name, x + 0.1 * k * np.array([[1.0], [0], [0]])) for k, name in enumerate("abc")]
+    assert "lie on a line" in fit_poses("arm", line)
+    one = rng.standard_normal((3, 50))
+    one[:, :30] = np.nan
+    two = rng.standard_normal((3, 50))
+    two[:, 20:] = np.nan
+    assert "never seen together" in fit_poses("arm", [PosePoint("a", one), PosePoint("b", two), PosePoint("c", x)])
+
+
+def test_in_frames(figure):
+    """Some of the frames have the rotations, noise and samples of the whole."""
+    markerset, recording, _ = figure
+    poses = poses_from_markers(markerset, recording)["thorax"]
+    part = np.array([3, 70, 71, 400])
+    few = poses.in_frames(part)
+    np.testing.assert_array_equal(few.rotation, poses.rotation[:, :, part])
+    np.testing.assert_array_equal(few.noise.pattern, poses.noise.pattern[part])
+    x = recording.of("LELB")
+    np.testing.assert_array_equal(few.to_local(x[:, part]), poses.to_local(x)[:, part])
+
+
+def test_reference_frame(figure):
+    """The reference frame has the most markers that are ever seen at once."""
+    _, recording, _ = figure
+    seen = recording.seen().sum(axis=0)
+    assert seen[reference_frame(recording)] == seen.max()

@@ -1,0 +1,113 @@
+"""Tests of skin."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from study import mgdk
+from study.recordings.joints.skin import Cluster, MarkerResponse, image_skin, pair_skin, skin_slope, sphere_skin
+from study.recordings.pose_noise import rigid_residual_operator
+
+ARMS = np.array([[0.0, 0.05, -0.2], [0.06, 0.0, -0.3], [-0.05, -0.04, -0.25]])
+
+FRAME = np.array([[0.1, 0.1, 0.0], [0.1, -0.1, 0.0], [-0.1, 0.05, 0.02], [-0.1, -0.05, 0.02]])
+
+
+def motion(frames=500):
+    """Rotation vectors of mean zero, of some 10°."""
+    t = np.arange(frames) / frames * 2 * np.pi
+    return 0.2 * np.stack([np.sin(2 * t), 0.6 * np.sin(3 * t + 1), 0.5 * np.sin(5 * t + 2)])
+
+
+def response(angles, z):
+    """Response of a fit to three markers with weights 1/r²."""
+    r = np.linalg.norm(ARMS, axis=1)
+    normal = sum(each @ each.T / each.shape[1] / r[j] ** 2 for j, each in enumerate(z))
+    slopes = np.array([each @ angles.T / each.shape[1] / r[j] for j, each in enumerate(z)])
+    return MarkerResponse(np.linalg.inv(normal), slopes, ARMS / r[:, None], ARMS)
+
+
+def test_spheres_against_refits():
+    """The covariance is that of MGDK's centre over 400 bodies with skin of 5 mm/rad, half of it common to the markers.
+
+    Each of three variances is from 400 draws: relative standard error .07; four of these, and 8 % of nonlinearity.
+    """
+    rng, angles = np.random.default_rng(4), motion()
+    rotation = Rotation.from_rotvec(angles.T).as_matrix()
+    clean = np.einsum("tij,mj->mit", rotation, ARMS)
+    z = clean - clean.mean(axis=2, keepdims=True)
+    stated = sphere_skin(response(angles, z), Cluster(FRAME, np.ones(4, dtype=bool)), 0.005**2, 0.0)
+    centers = []
+    for _ in range(400):
+        common, own = np.sqrt(0.5) * 0.005 * rng.standard_normal((2, 3, 3, 3))
+        moved = np.einsum("mij,jt->mit", own + common[:1], angles)
+        y = np.einsum("tij,mjt->mit", rotation, ARMS[:, :, None] + moved)
+        centers.append(mgdk([each.T for each in y]).center)
+    found = np.cov(np.array(centers).T)
+    np.testing.assert_allclose(np.diag(stated), np.diag(found), rtol=4 * 0.07 + 0.08)
+    assert 1.0 < np.sqrt(np.linalg.eigvalsh(stated)[-1]) / 0.005 < 4.0  # about β metres, whatever the range
+
+
+def test_common_skin_shifts_an_image_as_a_whole():
+    """The pose's skin moves a point by its mean and by its rotation; a joint among the points is not on skin."""
+    place = np.array([0.0, 0.1, -0.2])
+    np.testing.assert_allclose(image_skin(Cluster(FRAME, np.ones(4, dtype=bool)), place, 0.0), np.eye(3))
+    middle = image_skin(Cluster(FRAME, np.ones(4, dtype=bool)), FRAME.mean(axis=0), 1.0)
+    np.testing.assert_allclose(middle, np.eye(3) / 4, atol=1e-12)
+    three = Cluster(FRAME, np.array([False, True, True, True]))
+    assert np.trace(image_skin(three, place, 1.0)) < np.trace(image_skin(Cluster(FRAME, np.ones(4, bool)), place, 1.0))
+
+
+def test_pairs_against_least_squares():
+    """The covariance is that of the point that minimises |Eθ + θ × dc|², for drawn E."""
+    rng, angles = np.random.default_rng(5), motion()
+    second = angles @ angles.T / angles.shape[1]
+    cross = np.array([[[0, -c, b], [c, 0, -a], [-b, a, 0]] for a, b, c in angles.T]).reshape(-1, 3)
+    shifts = [
+        np.linalg.lstsq(cross, -(0.01 * rng.standard_normal((3, 3)) @ angles).T.ravel(), rcond=None)[0]
+        for _ in range(1000)
+    ]
+    stated = pair_skin(second, np.eye(3), 0.01**2 * np.eye(3))
+    np.testing.assert_allclose(np.diag(stated), np.var(shifts, axis=0), rtol=4 * np.sqrt(2 / 1000))
+
+
+POINTS = np.array([[0.1, 0, 0], [-0.1, 0.02, 0], [0, 0.12, 0.03], [0.02, -0.03, 0.1]])
+
+
+def drawn(beta, noise, rng, frames=600):
+    """Departures that a rigid fit leaves of skin of slope β and of noise, and the joint's angles."""
+    t = np.arange(frames) / frames * 2 * np.pi
+    angles = 0.3 * np.stack([np.sin(3 * t), np.sin(5 * t + 1), np.sin(7 * t + 2)])
+    moved = beta * np.einsum("mij,jt->mit", rng.standard_normal((4, 3, 3)), angles)
+    moved += noise * rng.standard_normal(moved.shape)
+    left = rigid_residual_operator(POINTS) @ moved.reshape(12, -1)
+    return left.reshape(moved.shape), angles
+
+
+def test_slope_is_right_on_average():
+    """Over 60 bodies the mean square slope is that which was drawn; each is from 6 x 3 normal numbers.
+
+    Its relative standard error is √(2/18/60) = .043; the quadratics take up none of it. Four of these are allowed.
+    """
+    rng = np.random.default_rng(1)
+    found = [skin_slope(*drawn(0.01, 0.001, rng)) for _ in range(60)]
+    assert np.mean(found) == pytest.approx(1e-4, rel=4 * 0.043)
+
+
+def test_noise_alone_has_no_slope():
+    """What noise of 2 mm explains by chance, a slope of .7 mm/rad, is taken off: less than half is left."""
+    rng = np.random.default_rng(2)
+    found = [skin_slope(*drawn(0.0, 0.002, rng)) for _ in range(40)]
+    by_chance = 9 * 0.002**2 / 600 / (3 * 0.3**2 / 2)
+    assert np.mean(found) < 0.5 * by_chance
+
+
+def test_too_little_to_measure():
+    """Two markers, or frames that are too few, show no slope."""
+    departures, angles = drawn(0.01, 0.001, np.random.default_rng(3))
+    assert np.isnan(skin_slope(departures[:2], angles))
+    assert np.isnan(skin_slope(departures[:, :, :50], angles[:, :50]))
+    departures[0, :, 60:] = np.nan
+    assert skin_slope(departures, angles) > 0.0
+    departures[0, :, 30:] = np.nan
+    assert np.isnan(skin_slope(departures, angles))

@@ -1,0 +1,68 @@
+"""Trials of one pelvis with two thighs, each trial moving other hips, with axes and gaps of its own."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from study.recordings.markersets import Joint, MarkerSet, Segment
+from study.recordings.recording import Recording
+
+PELVIS = {
+    "LASI": (0.12, 0.13, 0.0),
+    "RASI": (0.12, -0.13, 0.0),
+    "LPSI": (-0.1, 0.05, 0.02),
+    "RPSI": (-0.1, -0.05, 0.02),
+}
+HIPS = {"left": np.array([0.02, 0.09, -0.1]), "right": np.array([0.02, -0.09, -0.1])}
+CLUSTER = np.array([[0.08, 0.02, -0.15], [0.06, -0.05, -0.25], [-0.05, 0.05, -0.3]])
+"""Markers of a thigh, from its hip; for a right thigh y has the other sign."""
+SIDES = {"left": ("LTH1", "LTH2", "LTH3"), "right": ("RTH1", "RTH2", "RTH3")}
+
+
+@pytest.fixture(scope="session")
+def markerset():
+    """The marker set of the trials."""
+    thighs = tuple(Segment(name=f"{side}_thigh", markers=SIDES[side], parent="pelvis") for side in SIDES)
+    joints = tuple(Joint(name=f"{side}_hip", parent="pelvis", child=f"{side}_thigh") for side in SIDES)
+    return MarkerSet(name="hips", segments=(Segment(name="pelvis", markers=tuple(PELVIS)), *thighs), joints=joints)
+
+
+@pytest.fixture(scope="session")
+def trial():
+    """A function for a trial: its name, the range of each hip in radians, the size of the body, the markers it has."""
+
+    def make(name, left=0.0, right=0.0, size=1.0, lacking=(), seed=0, frames=600, noise=0.001):
+        rng = np.random.default_rng(seed)
+
+        def swing(sweep):
+            """Smooth rotation vectors (frames, 3) with this range: sums of slow sines of random phase."""
+            t = np.linspace(0, 2 * np.pi, frames)[:, None]
+            phase = rng.uniform(0, 2 * np.pi, (2, 3))
+            return sweep * (0.7 * np.sin(3 * t * [1, 1.3, 0.8] + phase[0]) + 0.3 * np.sin(7 * t + phase[1]))
+
+        body, shift = Rotation.from_rotvec(swing(0.2)), rng.normal(0.0, 1.0, 3)
+        labels, local = list(PELVIS), [np.tile(size * np.array(place), (frames, 1)) for place in PELVIS.values()]
+        for side, sweep in (("left", left), ("right", right)):
+            turn = Rotation.from_rotvec(swing(sweep))
+            for label, place in zip(SIDES[side], CLUSTER * [1, 1 if side == "left" else -1, 1], strict=True):
+                labels.append(label)
+                local.append(size * (HIPS[side] + turn.apply(place)))
+        x = np.stack([body.apply(each) + shift for each in local]).transpose(0, 2, 1)
+        x = x + noise * rng.normal(size=x.shape)
+        rows = [row for row, label in enumerate(labels) if label not in lacking]
+        return Recording(name, tuple(labels[row] for row in rows), x[rows], 100.0)
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def in_pelvis():
+    """A function for a hip's true place in a calibration's pelvis, by the pelvis's markers."""
+
+    def place(calibration, side):
+        shape = calibration.shape("pelvis")
+        true = np.array([PELVIS[marker] for marker in shape.markers])
+        turn, _ = Rotation.align_vectors(shape.places - shape.places.mean(axis=0), true - true.mean(axis=0))
+        return turn.apply(HIPS[side] - true.mean(axis=0)) + shape.places.mean(axis=0)
+
+    return place

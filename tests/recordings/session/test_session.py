@@ -1,0 +1,288 @@
+"""Several trials of one session in one calibration: joints from the trials that moved them; other persons refused.
+
+Pooled places against the weighted mean written out by hand.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from study.recordings.formats.read import read_recording
+from study.recordings.joints.estimate import USABLE, JointStatus
+from study.recordings.markersets import Joint, MarkerSet, Segment, load_markerset
+from study.recordings.markersets.match import match
+from study.recordings.recording import Recording, RecordingError
+from study.recordings.session import (
+    TrialPlace,
+    calibrate_session,
+    pool_places,
+    refit_shapes,
+    session_lines,
+    session_table,
+)
+from study.recordings.skeleton.calibrate import check_subject
+from study.recordings.skeleton.calibration import JointPlace
+from study.recordings.skeleton.draw import draw_skeleton
+
+
+@pytest.fixture(scope="module")
+def trials(trial):
+    """A trial for each hip, one for both, and a static one."""
+    return [
+        trial("left", left=0.4, seed=1),
+        trial("right", right=0.4, seed=2),
+        trial("both", left=0.4, right=0.4, seed=3),
+    ], trial("static", seed=4, frames=60)
+
+
+@pytest.fixture(scope="module")
+def session(markerset, trials):
+    """Their calibration."""
+    return calibrate_session(markerset, *trials)
+
+
+def test_each_joint_comes_from_the_trials_that_moved_it(session):
+    assert session.merged.calibration["left_hip"].trials in [("left", "both"), ("both", "left")]
+    assert session.merged.calibration["right_hip"].trials in [("right", "both"), ("both", "right")]
+    table = session_table(session).set_index(["recording", "joint"])["merged"]
+    assert not table["static", "left_hip"]
+    assert table["both", "left_hip"]
+    lines = list(session_lines(session))
+    assert any(line.startswith("left_hip: not from") and "right" in line and "static" in line for line in lines)
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_the_merged_centre_is_the_true_one(session, in_pelvis, side):
+    """Within its covariance, by the 99.99 % quantile of χ² of three, to 2 mm, and better than each trial's."""
+    calibration = session.merged.calibration
+    place = calibration[f"{side}_hip"]
+    apart = place.in_parent - in_pelvis(calibration, side)
+    assert place.status in USABLE
+    assert apart @ np.linalg.solve(place.covariance + (0.0002**2) * np.eye(3), apart) < 21.1
+    assert np.linalg.norm(apart) < 0.002
+    parts = next(j for j in session.merged.joints if j.place.joint.name == f"{side}_hip").parts
+    assert place.standard_error < min(part.place.standard_error for part in parts if part.usable)
+
+
+def test_shapes_are_the_static_trials(session, trials, markerset):
+    """The distances between markers are those of the static trial to .1 mm, less than its noise over 60 frames."""
+    shape, static = session.merged.calibration.shape("pelvis"), match(markerset, trials[1]).recording
+    for i, one in enumerate(shape.markers):
+        for j, two in enumerate(shape.markers[:i]):
+            true = np.linalg.norm(static.of(one) - static.of(two), axis=0).mean()
+            assert np.linalg.norm(shape.places[i] - shape.places[j]) == pytest.approx(true, abs=1e-4)
+
+
+def test_places_in_both_segments_are_one_point(session, trials):
+    """Drawn from either segment, a hip is the same point, without bias to a millimetre."""
+    drawn = draw_skeleton(session.merged.calibration, trials[0][2])
+    place = session.merged.calibration["left_hip"]
+    ends = [
+        np.einsum("ijt,j->it", drawn.rotation(name), at) + drawn.origins[drawn.segments.index(name)]
+        for name, at in (("pelvis", place.in_parent), ("left_thigh", place.in_child))
+    ]
+    assert np.nanmax(np.abs(ends[0] - ends[1])) < 1e-9  # the thigh rotates about the hip
+    thigh = draw_skeleton(session.merged.calibration, trials[0][2].select(("LTH1", "LTH2", "LTH3")))
+    free = np.einsum("ijt,j->it", thigh.rotation("left_thigh"), place.in_child)
+    free = free + thigh.origins[thigh.segments.index("left_thigh")]
+    assert np.abs(np.nanmean(free - ends[0], axis=1)).max() < 0.001
+
+
+def test_a_trial_without_a_segment(trial, markerset, in_pelvis):
+    """A trial without the other thigh's markers is merged; neither hip suffers."""
+    found = calibrate_session(
+        markerset,
+        [
+            trial("left", left=0.4, seed=1, lacking=("RTH1", "RTH2", "RTH3")),
+            trial("right", right=0.4, seed=2, lacking=("LTH1", "LTH2", "LTH3")),
+        ],
+    ).merged.calibration
+    for side in ("left", "right"):
+        assert found[f"{side}_hip"].trials == (side,)
+        assert np.linalg.norm(found[f"{side}_hip"].in_parent - in_pelvis(found, side)) < 0.003
+
+
+@pytest.mark.parametrize("count", [3, 1])
+def test_a_hinge_is_placed_by_the_static_trial(count):
+    """The medial marker is on in the static trial alone; the knee is midway between it and the lateral one there.
+
+    A shank of one marker has no pose, and the knee's place in it is that in the thigh.
+    """
+    rng, frames = np.random.default_rng(8), 300
+    axis, knee = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, -0.4])
+    thigh = np.array([[0.07, 0.05, -0.1], [-0.06, 0.04, -0.2], [0.05, -0.06, -0.3]])
+    shank = np.array([[0.05, 0.04, -0.1], [-0.04, 0.05, -0.2], [0.03, -0.05, -0.3]])
+    ends = knee + np.array([[0.01, 0.06, 0.0], [0.01, -0.04, 0.0]])
+
+    def trial(name, sweep, labels):
+        body = Rotation.from_rotvec(rng.uniform(-0.3, 0.3, (frames, 3)))
+        bend = Rotation.from_rotvec(sweep * rng.uniform(0.0, 1.0, (frames, 1)) * axis)
+        local = [np.tile(p, (frames, 1)) for p in (*thigh, *ends)] + [knee + bend.apply(p) for p in shank]
+        x = np.stack([body.apply(each) for each in local]).transpose(0, 2, 1)
+        every = ("T1", "T2", "T3", "LAT", "MED", "S1", "S2", "S3")
+        whole = Recording(name, every, x + 0.0005 * rng.standard_normal(x.shape), 100.0)
+        return whole.select([label for label in every if label not in labels])
+
+    markers = MarkerSet(
+        name="leg",
+        segments=(
+            Segment(name="thigh", markers=("T1", "T2", "T3")),
+            Segment(name="shank", markers=("S1", "S2", "S3")[:count], parent="thigh"),
+        ),
+        joints=(Joint(name="knee", parent="thigh", child="shank", kind="hinge", across=("LAT", "MED")),),
+    )
+    found = calibrate_session(markers, [trial("bend", 1.2, ("MED",))], trial("static", 0.0, ())).merged.calibration
+    shape, place = found.shape("thigh"), found["knee"]
+    turn, _ = Rotation.align_vectors(shape.places - shape.places.mean(axis=0), thigh - thigh.mean(axis=0))
+    true = turn.apply(knee + np.array([0.0, 0.01, 0.0]) - thigh.mean(axis=0)) + shape.places.mean(axis=0)
+    assert place.trials == ("bend",)
+    assert np.linalg.norm(place.in_parent - true) < 0.002
+    if count == 1:
+        np.testing.assert_allclose(place.in_child, place.in_parent, atol=1e-9)
+        return
+    other = found.shape("shank").places
+    turn, _ = Rotation.align_vectors(other - other.mean(axis=0), shank - shank.mean(axis=0))
+    assert (
+        np.linalg.norm(place.in_child - turn.apply([0.0, 0.01, 0.0] - shank.mean(axis=0)) - other.mean(axis=0)) < 0.003
+    )
+
+
+def test_another_person_is_refused(trial, markerset):
+    """A body of 15 % more size; by force it is merged, and what is overruled is a line."""
+    two = [trial("one", left=0.4, right=0.4, seed=1), trial("two", left=0.4, right=0.4, seed=2, size=1.15)]
+    with pytest.raises(RecordingError, match=r"two does not show the subject calibrated in one.*--force"):
+        calibrate_session(markerset, two)
+    forced = calibrate_session(markerset, two, force=True)
+    assert [line.startswith("--force overrules: two does not show") for line in forced.overruled] == [True]
+    assert next(session_lines(forced)) == forced.overruled[0]
+
+
+def test_one_name_twice(trial, markerset):
+    with pytest.raises(RecordingError, match="one: given twice"):
+        calibrate_session(markerset, [trial("one", seed=1), trial("one", seed=2)])
+
+
+def test_segments_that_a_recording_lacks_do_not_count(trial, markerset, session):
+    """A recording of one thigh and no more shows another body by that alone."""
+    other = trial("other", left=0.4, size=1.5, seed=9, lacking=("LASI", "RASI", "LPSI", "RPSI", "RTH1", "RTH2", "RTH3"))
+    assert not check_subject(draw_skeleton(session.merged.calibration, other)).same
+
+
+def test_shapes_refitted_to_a_recording(session, trial):
+    """The shapes are the recording's, to its noise, in the calibration's axes; joints stay where they are."""
+    later = trial("later", left=0.3, seed=7)
+    moved = np.array(later.positions)
+    moved[later.row("LTH1")] += 0.02 * np.array([0.0, 0.6, 0.8])[:, None]
+    moved = type(later)(later.name, later.markers, moved, later.rate)
+    calibration = session.merged.calibration
+    found = refit_shapes(calibration, later)
+    np.testing.assert_allclose(found.shape("pelvis").places, calibration.shape("pelvis").places, atol=3e-4)
+    np.testing.assert_array_equal(found["left_hip"].in_parent, calibration["left_hip"].in_parent)
+    before, after = (draw_skeleton(each, moved) for each in (calibration, refit_shapes(calibration, moved)))
+    thigh = before.segments.index("left_thigh")
+    assert after.misfits[thigh] < before.misfits[thigh]
+
+
+def test_two_recordings_of_one_session(shared_file):
+    """The walk is merged with the functional trial; its hips stay where that puts them, or are doubted."""
+    whole = load_markerset(shared_file("functional_hips_markers.toml"))
+    trials = [
+        match(whole, read_recording(shared_file(name))).recording
+        for name in ("functional_hips.c3d", "gait_same_session.c3d")
+    ]
+    alone, merged = (calibrate_session(whole, part).merged.calibration for part in (trials[:1], trials))
+    for hip in ("left_hip", "right_hip"):
+        apart = np.linalg.norm(merged[hip].in_parent - alone[hip].in_parent)
+        assert apart < 0.005 or merged[hip].status == JointStatus.DISAGREE
+
+
+NONE = np.full(3, np.nan)
+
+TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+
+
+def part(trial, place, errors, status=JointStatus.OK, axis=NONE):
+    """A trial's place; the child's axes are turned by 90° and 1 m away."""
+    at = np.asarray(place, dtype=float)
+    return TrialPlace(
+        trial,
+        JointPlace(
+            joint=Joint(name="hip", parent="pelvis", child="thigh"),
+            status=status,
+            reason=status.text,
+            in_parent=at,
+            in_child=TURN.T @ at + 1.0,
+            covariance=np.diag(np.square(errors)),
+            axis_in_parent=np.asarray(axis, dtype=float),
+            axis_in_child=NONE,
+            mean_rotation=TURN,
+        ),
+    )
+
+
+def test_weighted_mean():
+    """Each coordinate is weighted by its own error: 1 : 4 and 4 : 1; the child's place is the same point."""
+    found = pool_places(
+        [part("a", (0, 0, 0), (0.001, 0.002, 0.001)), part("b", (0.005, 0.005, 0), (0.002, 0.001, 0.001))]
+    )
+    np.testing.assert_allclose(found.place.in_parent, [0.001, 0.004, 0.0], atol=1e-12)
+    np.testing.assert_allclose(found.place.in_child, TURN.T @ found.place.in_parent + 1.0, atol=1e-12)
+    np.testing.assert_allclose(found.place.covariance, np.diag([0.8e-6, 0.8e-6, 0.5e-6]), atol=1e-15)
+    assert set(found.place.trials) == {"a", "b"}
+
+
+def test_a_hinge_counts_across_its_axis_only():
+    """A trial that moved a ball about one axis alone says nothing along that."""
+    ball = part("ball", (0, 0, 0), (0.002, 0.002, 0.002))
+    hinge = part("hinge", (0.004, 0.004, 0.5), (0.002, 0.002, 0.0), JointStatus.HINGE, (0, 0, 1))
+    found = pool_places([hinge, ball])
+    np.testing.assert_allclose(found.place.in_parent, [0.002, 0.002, 0.0], atol=1e-12)
+    assert found.place.status == JointStatus.OK
+    assert found.place.trials == ("ball", "hinge")
+
+
+def test_two_hinges_keep_the_place_along_the_axis():
+    one = part("one", (0, 0, 0.1), (0.001, 0.001, 0.0), JointStatus.HINGE, (0, 0, 1))
+    two = part("two", (0.004, 0, 0.3), (0.002, 0.002, 0.0), JointStatus.HINGE, (0, 0, 1))
+    found = pool_places([two, one])
+    np.testing.assert_allclose(found.place.in_parent, [0.0008, 0.0, 0.1], atol=1e-12)
+    assert found.place.status == JointStatus.HINGE
+
+
+def test_trials_that_are_not_reliable_do_not_count():
+    good = part("good", (0, 0, 0), (0.002,) * 3)
+    found = pool_places([part("bad", (0.05, 0, 0), (0.001,) * 3, JointStatus.UNSURE), good])
+    np.testing.assert_array_equal(found.place.in_parent, np.zeros(3))
+    assert found.place.trials == ("good",)
+
+
+def test_none_is_reliable():
+    """The best of them is taken, with its own status."""
+    parts = [
+        part("a", (0.05, 0, 0), (0.03,) * 3, JointStatus.UNSURE),
+        part("b", (0.01, 0, 0), (0.02,) * 3, JointStatus.UNSURE),
+        part("c", NONE, (0.001,) * 3, JointStatus.STILL),
+    ]
+    found = pool_places(parts)
+    assert (found.place.trials, found.place.status) == (("b",), JointStatus.UNSURE)
+
+
+def test_reliable_trials_that_contradict_each_other():
+    """The best one's place stays, and its covariance covers the other; a word says so."""
+    found = pool_places([part("a", (0, 0, 0), (0.002,) * 3), part("b", (0.03, 0, 0), (0.003,) * 3)])
+    assert found.place.status == JointStatus.DISAGREE
+    assert found.place.reason == "b puts it 30 mm from where a does: beyond what the errors explain"
+    np.testing.assert_array_equal(found.place.in_parent, np.zeros(3))
+    assert found.place.standard_error == pytest.approx(np.hypot(0.03, 0.002))
+    near = pool_places([part("a", (0, 0, 0), (0.002,) * 3), part("b", (0.009, 0, 0), (0.003,) * 3)])
+    assert near.place.status == JointStatus.OK  # below a centimetre
+
+
+def test_axes_that_contradict_each_other():
+    one = part("one", (0, 0, 0), (0.001, 0.001, 0.0), JointStatus.HINGE, (0, 0, 1))
+    tilted = replace(one.place, axis_in_parent=np.array([0.0, np.sin(0.5), np.cos(0.5)]))
+    found = pool_places([one, TrialPlace("two", tilted)])
+    assert found.place.status == JointStatus.DISAGREE
+    assert "its axis turned by 29°" in found.place.reason

@@ -1,0 +1,252 @@
+"""Distances of joints from the markers' hull: of a cube, of a body's true joints, and where there is no hull."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from study.recordings.formats.read import read_recording
+from study.recordings.joints.report import joint_table
+from study.recordings.markersets import load_markerset
+from study.recordings.markersets.match import choose, match
+from study.recordings.recording import RecordingError
+from study.recordings.skeleton.calibrate import (
+    calibrate,
+    calibration_from,
+    check_subject,
+    hull_distances,
+    overruled,
+    plausibility,
+    require_same_subject,
+)
+from study.recordings.skeleton.calibration import load_calibration, save_calibration
+from study.recordings.skeleton.draw import draw_skeleton
+from study.recordings.skeleton.make_scene import skeleton_scene
+from study.recordings.synthetic.make import synthesize
+from study.recordings.synthetic.recipe import Recipe
+
+
+def test_saved_and_read_it_is_the_same(figure, figure_calibration, tmp_path):
+    """A calibration that is read back draws the same skeleton to the last bit."""
+    recording, made = figure[0], figure_calibration
+    read = load_calibration(save_calibration(made, tmp_path / "of" / "calibration.json"))
+    assert read.markerset == made.markerset
+    assert (read.source, read.frames) == (made.source, made.frames)
+    for one, other in zip(made.joints, read.joints, strict=True):
+        assert (one.joint, one.status, one.reason) == (other.joint, other.status, other.reason)
+    np.testing.assert_array_equal(draw_skeleton(read, recording).centers, draw_skeleton(made, recording).centers)
+    np.testing.assert_array_equal([s.misfit for s in read.shapes], [s.misfit for s in made.shapes])
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("not json", "not a calibration: not JSON"),
+        ("[]", "not a calibration"),
+        ('{"format": "else"}', "not a calibration"),
+        ('{"format": "sphere-fit-study calibration", "version": 9}', "version 9"),
+        ('{"format": "sphere-fit-study calibration", "version": 1}', "a damaged calibration"),
+    ],
+)
+def test_other_files_are_refused(text, words, tmp_path):
+    """A file that is no calibration is refused in one line."""
+    path = tmp_path / "c.json"
+    path.write_text(text)
+    with pytest.raises(RecordingError, match=words) as caught:
+        load_calibration(path)
+    assert "\n" not in str(caught.value)
+    with pytest.raises(RecordingError, match="cannot be read"):
+        load_calibration(tmp_path / "none.json")
+
+
+def test_damage_is_noticed(figure_calibration, tmp_path):
+    """A matrix of the wrong size, and an unknown joint or status, are refused."""
+    path = save_calibration(figure_calibration, tmp_path / "c.json")
+    changes = {"covariance": [[1.0]], "status": "FINE", "joint": "tail", "in_child": [1.0, 2.0], "in_parent": []}
+    for change in changes.items():
+        document = json.loads(path.read_text())
+        document["joints"][0][change[0]] = change[1]
+        path.with_name("d.json").write_text(json.dumps(document))
+        with pytest.raises(RecordingError, match="damaged"):
+            load_calibration(path.with_name("d.json"))
+
+
+def moved(calibration, name, in_parent):
+    """The calibration with a joint at another place in its parent's axes."""
+    joints = (replace(p, in_parent=np.array(in_parent)) if p.joint.name == name else p for p in calibration.joints)
+    return replace(calibration, joints=tuple(joints))
+
+
+def warned(calibration, recording):
+    return plausibility(calibration, draw_skeleton(calibration, recording), recording)
+
+
+def test_a_body_raises_no_warning(figure_calibration, figure):
+    """The synthetic body's hips are .71 of its front waist markers apart, and its sides are equal."""
+    assert warned(figure_calibration, figure[0]) == {}
+
+
+@pytest.mark.parametrize(("factor", "warns"), [(0.85, True), (0.95, False), (1.65, False), (1.8, True)])
+def test_hips(figure_calibration, figure, factor, warns):
+    """Hip to hip over the spines' markers is plausible from .65 to 1.2; the body's is .05/.07 = .714."""
+    hips = [figure_calibration[f"{side}_hip"].in_parent for side in ("left", "right")]
+    middle = (hips[0] + hips[1]) / 2
+    wide = figure_calibration
+    for side, at in zip(("left", "right"), hips, strict=True):
+        wide = moved(wide, f"{side}_hip", middle + factor * (at - middle))
+    found = warned(wide, figure[0])
+    assert any("hip to hip is" in words for words in found.get("left_hip", ())) == warns
+    assert ("left_hip" in found) == ("right_hip" in found)
+
+
+def test_bones_of_unequal_length(figure_calibration, figure):
+    """A thigh that is a fifth longer than the other is named on both of its joints, on either side."""
+    knee = figure_calibration["left_knee"].in_parent
+    hip = figure_calibration["left_hip"].in_child
+    found = warned(moved(figure_calibration, "left_knee", hip + 1.2 * (knee - hip)), figure[0])
+    assert {"left_hip", "left_knee", "right_hip", "right_knee"} <= set(found)
+    assert "its bone left_hip - left_knee is 51" in found["left_knee"][0]
+    assert "left_elbow" not in found
+
+
+def test_a_joint_outside_the_hull(figure_calibration, figure):
+    """A hip three metres in front of the body is outside in nearly all frames."""
+    found = warned(moved(figure_calibration, "left_hip", [3.0, 0.0, 0.0]), figure[0])
+    assert any("outside the markers' hull in" in words for words in found["left_hip"])
+
+
+def test_both_phases_say_the_same(figure, tmp_path):
+    """Error, floor and warnings are the same in the table of phase 1 and in a calibration that is read again."""
+    recording, _, found = figure
+    calibration = load_calibration(save_calibration(calibration_from(found, recording), tmp_path / "calibration.json"))
+    table = joint_table(found).set_index("joint")
+    for place in calibration.joints:
+        assert place.standard_error == table.loc[place.joint.name, "error"]
+        assert place.floor == table.loc[place.joint.name, "floor"]
+        assert 0.001 < place.floor < 0.05
+        assert place.warnings == ()
+    lines = list(calibration.lines())
+    assert len(lines) == 1 + len(calibration.joints)
+    neck = table.loc["neck"]
+    row = next(line for line in lines if line.startswith("neck")).split()
+    assert row == ["neck", "ok", f"{1000 * neck['error']:.1f}", f"{1000 * neck['floor']:.1f}"]
+
+
+def test_older_calibrations_are_read(figure_calibration, tmp_path):
+    """A file without floor and warnings is read; the floor is then not known."""
+    path = save_calibration(figure_calibration, tmp_path / "calibration.json")
+    text = path.read_text()
+    assert '"warnings": []' in text
+    lines = [line for line in text.splitlines() if '"floor"' not in line and '"warnings"' not in line]
+    path.write_text("\n".join(lines).replace("],\n  }", "]\n  }").replace("],\n  },", "]\n  },"))
+    assert np.isnan(load_calibration(path)["neck"].floor)
+
+
+def test_another_subject_is_refused(kata, kata_calibration, kata_halves, shared_file):
+    """Two real people are refused with each other's calibration; halves of one recording fit each other's."""
+    someone = choose(read_recording(shared_file("cmu_85_02.c3d")))
+    theirs = calibrate(someone.recording, someone.markerset)
+    for calibration, other in ((kata_calibration, someone.recording), (theirs, kata.recording)):
+        with pytest.raises(RecordingError, match=r"does not show the subject calibrated in.*--force") as caught:
+            require_same_subject(draw_skeleton(calibration, other))
+        assert "\n" not in str(caught.value)
+    (first, of_first), (second, of_second) = kata_halves
+    for calibration, other in ((of_first, second), (of_second, first)):
+        assert check_subject(draw_skeleton(calibration, other)).same
+
+
+def test_the_same_session_is_accepted(shared_file):
+    """A functional trial's calibration draws the walk of its session, and the hips are those of the trial.
+
+    The pelvis moves little in itself, so the hips' places in it are the calibration's whatever the walk shows.
+    """
+    found = load_markerset(shared_file("functional_hips_markers.toml"))
+    trial, walk = (
+        match(found, read_recording(shared_file(f"{n}.c3d"))) for n in ("functional_hips", "gait_same_session")
+    )
+    calibration = calibrate(trial.recording, trial.markerset)
+    drawn = require_same_subject(draw_skeleton(calibration, walk.recording))
+    assert check_subject(drawn).misfits == {}
+    assert overruled(drawn) == []
+    apart = np.linalg.norm(drawn.center("left_hip") - drawn.center("right_hip"), axis=0)
+    left, right = (place.in_parent for place in calibration.joints)
+    assert np.nanmedian(apart) == pytest.approx(np.linalg.norm(left - right), abs=1e-6)
+    for name, other in (("left_hip", "LHJC"), ("right_hip", "RHJC")):
+        off = np.linalg.norm(drawn.center(name) - walk.source.of(other), axis=0)
+        assert np.nanmedian(off) < 0.01  # another method's centres of the same trials
+
+
+def test_what_force_overrules(figure_calibration):
+    """The line names the segments and their misfits."""
+    other, _ = synthesize(Recipe(frames=300, height=1.5, seed=2))
+    (line,) = overruled(draw_skeleton(figure_calibration, other))
+    assert line.startswith("--force overrules: ")
+    assert "does not show the subject calibrated in" in line
+    assert " mm off, " in line or "far from their places" in line
+
+
+def test_scene_of_another_subject(figure, figure_calibration):
+    """A scene drawn with another subject's calibration says so on every joint and in the notes."""
+    recording, calibration = figure[0], figure_calibration
+    scene = skeleton_scene(draw_skeleton(calibration, recording), recording)
+    assert len(scene.joints) == 14
+    assert not any(scene.doubts)
+    assert scene.source == "joints found in this recording"
+    other, _ = synthesize(Recipe(frames=300, height=1.5, seed=2))
+    scene = skeleton_scene(draw_skeleton(calibration, other), other)
+    assert scene.source == "joints found in synthetic-1"
+    assert all("another subject" in doubt for doubt in scene.doubts)
+    assert any("does not show the subject" in note for note in scene.notes)
+
+
+CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
+
+
+def still(points, frames=100):
+    """Points (n, 3) that do not move."""
+    return np.repeat(np.asarray(points, dtype=float)[:, :, None], frames, axis=2)
+
+
+def test_distances_from_a_cube():
+    """Shares and 95 % quantiles are right inside, outside a face, and outside in 10 frames of 100."""
+    centers = still([[0.5, 0.5, 0.9], [0.5, 0.5, 1.03], [0.5, 0.5, 0.5]])
+    centers[2, 0, :10] = 1.06
+    inside, above, sometimes = hull_distances(still(CORNERS), centers)
+    assert (inside.share_outside, inside.doubt) == (0.0, "")
+    assert inside.distance == pytest.approx(-0.1)
+    assert (above.share_outside, above.distance, above.doubt) == (1.0, pytest.approx(0.03), "")
+    assert (sometimes.share_outside, sometimes.distance) == (0.1, pytest.approx(0.06))
+    assert sometimes.doubt == "outside the markers' hull in 10% of the frames, by up to 60 mm"
+
+
+def test_missing_markers():
+    """Frames without a corner are left out, and so is a marker that is always missing; too few frames give NaN."""
+    places, centers = still([*CORNERS, [0.5, 0.5, 9.0]]), still([[0.9, 0.9, 0.9]])
+    places[8] = np.nan
+    places[7, :, 50:] = np.nan  # the corner next to the joint
+    assert hull_distances(places, centers)[0].distance == pytest.approx(-0.1)
+    places[7, :, 10:] = np.nan
+    assert np.isnan(hull_distances(places, centers)[0].share_outside)
+    assert hull_distances(places, centers)[0].doubt == ""
+
+
+@pytest.mark.parametrize("places", [still(CORNERS[:3]), still(CORNERS[:4]), still(np.empty((0, 3)))])
+def test_no_hull(places):
+    """Three markers, four in a plane, and none have no hull, so the distance is NaN."""
+    assert np.isnan(hull_distances(places, still([[0.0, 0.0, 0.0]]))[0].distance)
+
+
+def test_unknown_joint():
+    """A joint that is never known has no distance."""
+    assert np.isnan(hull_distances(still(CORNERS), np.full((1, 3, 100), np.nan))[0].distance)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_true_joints_are_not_doubted(seed):
+    """True joints of a synthetic body are not doubted, though knees with one marker are outside by 1-4 cm."""
+    recording, truth = synthesize(Recipe(1500, noise=0.002, seed=seed))
+    found = dict(zip(truth.joints, hull_distances(recording.positions, truth.centers), strict=True))
+    assert not any(each.doubt for each in found.values())
+    assert 0.01 < found["left_knee"].distance < 0.045
+    assert found["neck"].share_outside == 0.0

@@ -1,0 +1,293 @@
+"""Tests of draw."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from study.recordings.joints.estimate import USABLE
+from study.recordings.markersets import load_markerset
+from study.recordings.recording import Recording, RecordingError
+from study.recordings.skeleton.calibrate import calibrate, calibration_from, check_subject, hull_distances
+from study.recordings.skeleton.draw import draw_skeleton
+from study.recordings.skeleton.make_scene import skeleton_scene
+from study.recordings.skeleton.poses import ExpectedPoses, PivotPath, SegmentPath, complete_poses
+from study.recordings.skeleton.scene import Flag
+from study.recordings.synthetic.make import synthesize
+from study.recordings.synthetic.recipe import Recipe
+
+CMU41 = load_markerset("cmu41")
+
+HINGES = ("left_elbow", "right_elbow", "left_knee", "right_knee")
+
+
+@pytest.fixture(scope="module")
+def still(exact):
+    """A figure without noise, its truth, and its calibration."""
+    recording, truth, found = exact
+    return recording, truth, calibration_from(found, recording)
+
+
+def errors(skeleton, truth, joint):
+    """Distance of a joint from the truth in each frame (frames,); for a hinge, from the line of its true axis."""
+    k = truth.joints.index(joint)
+    away = skeleton.center(joint) - truth.centers[k]
+    if np.isfinite(truth.axes[k, 0]):
+        axis = (truth.rotations[truth.segments.index(truth.parents[k])] @ truth.axes[k]).T
+        away = away - axis * (axis * away).sum(axis=0)
+    return np.linalg.norm(away, axis=0)
+
+
+def without(recording, hidden):
+    """The recording with samples missing: {marker: slice of frames}."""
+    positions = recording.positions.copy()
+    for marker, frames in hidden.items():
+        positions[recording.row(marker), :, frames] = np.nan
+    return Recording(recording.name, recording.markers, positions, recording.rate)
+
+
+def test_without_noise_joints_are_exact(still):
+    """Without noise every joint is seen, and right to a hundredth of a millimetre, in every frame."""
+    recording, truth, calibration = still
+    skeleton = draw_skeleton(calibration, recording)
+    for joint in skeleton.joints:
+        assert errors(skeleton, truth, joint).max() < 1e-5, joint
+    assert (skeleton.flags == Flag.SEEN).all()
+    assert np.nanmax(skeleton.misfits) < 1e-6
+
+
+@pytest.mark.parametrize("noise", [0.001, 0.005])
+def test_noise_of_millimetres(noise):
+    """The root mean square error of every joint is within 3.5 times the noise."""
+    recording, truth = synthesize(Recipe(frames=2500, noise=noise, seed=3))
+    skeleton = draw_skeleton(calibrate(recording, CMU41), recording)
+    for joint in skeleton.joints:
+        rms = np.sqrt((errors(skeleton, truth, joint) ** 2).mean())
+        assert rms < 3.5 * noise, joint
+
+
+def test_one_marker_gives_a_direction(still):
+    """A forearm with one marker left points from the elbow along that marker, and is flagged."""
+    recording, _, calibration = still
+    part = slice(100, 180)
+    skeleton = draw_skeleton(calibration, without(recording, {"LFRM": part, "LWRA": part}))
+    whole = draw_skeleton(calibration, recording)
+    at = skeleton.segments.index("left_forearm")
+    assert (skeleton.segment_flags[at, part] == Flag.BRIDGED).all()
+    assert (skeleton.segment_flags[at, :100] == Flag.SEEN).all()
+    shape = calibration.shape("left_forearm")
+    place = shape.places[shape.markers.index("LWRB")]
+    there = np.einsum("ijt,j->it", skeleton.rotations[at], place) + skeleton.origins[at]
+    np.testing.assert_allclose(there[:, part], recording.of("LWRB")[:, part], atol=1e-5)
+    apart = np.linalg.norm(skeleton.center("left_wrist") - whole.center("left_wrist"), axis=0)
+    assert apart[part].max() < 0.03
+    assert np.delete(apart, np.r_[part]).max() < 1e-5
+    wrist = skeleton.joints.index("left_wrist")
+    assert (skeleton.flags[wrist, part] == Flag.BRIDGED).all()
+
+
+def test_gaps_are_bridged_for_a_while_and_then_unknown(still):
+    """A hidden shank, and what depends on it, is bridged and flagged in near frames and unknown in far ones."""
+    recording, _, calibration = still
+    part = slice(200, 600)
+    hidden = without(recording, dict.fromkeys(("LSHN", "LANK", "LHEE", "LTOE", "LMT5"), part))
+    skeleton = draw_skeleton(calibration, hidden, bridge=0.5)
+    ankle = skeleton.flags[skeleton.joints.index("left_ankle")]
+    assert (ankle[200:260] == Flag.BRIDGED).all()
+    assert (ankle[540:600] == Flag.BRIDGED).all()
+    assert (ankle[261:539] == Flag.UNKNOWN).all()
+    assert np.isnan(skeleton.center("left_ankle")[:, 261:539]).all()
+    assert np.isfinite(skeleton.center("left_ankle")[:, :260]).all()
+    assert (skeleton.flags[skeleton.joints.index("left_knee")] == Flag.SEEN).all()
+
+
+def test_root_with_two_markers(still):
+    """With two of the pelvis's markers hips are still near, and flagged with all that depends on them."""
+    recording, truth, calibration = still
+    part = slice(300, 330)
+    skeleton = draw_skeleton(calibration, without(recording, {"LFWT": part, "LBWT": part}))
+    for joint in ("left_hip", "right_hip", "waist", "right_ankle", "left_wrist"):
+        assert (skeleton.flags[skeleton.joints.index(joint), part] == Flag.BRIDGED).all()
+    assert errors(skeleton, truth, "right_hip")[part].max() < 0.02
+
+
+def test_swapped_markers(still):
+    """Segments do not follow knee and toe markers that are exchanged in some frames."""
+    recording, truth, calibration = still
+    positions = recording.positions.copy()
+    pair = [recording.row(marker) for marker in ("LKNE", "LTOE")]
+    positions[pair, :, 400:420] = positions[pair[::-1], :, 400:420]
+    skeleton = draw_skeleton(calibration, Recording("swapped", recording.markers, positions, recording.rate))
+    assert errors(skeleton, truth, "left_knee")[400:420].max() < 0.15
+    knee = skeleton.flags[skeleton.joints.index("left_knee")]
+    assert (knee[400:420] == Flag.BRIDGED).all()
+    assert errors(skeleton, truth, "left_ankle")[:400].max() < 1e-5
+
+
+def test_gaps_of_a_fifth():
+    """Errors in frames called seen are of the order of the noise; bridged frames are mostly near, too."""
+    recording, truth = synthesize(Recipe(frames=2500, noise=0.001, gaps=0.2))
+    skeleton = draw_skeleton(calibrate(recording, CMU41), recording)
+    for i, joint in enumerate(skeleton.joints):
+        away, flags = errors(skeleton, truth, joint), skeleton.flags[i]
+        assert np.quantile(away[flags == Flag.SEEN], 0.95) < 0.01, joint
+        assert np.median(away[flags == Flag.BRIDGED]) < 0.01, joint
+        assert np.isnan(away[flags == Flag.UNKNOWN]).all()
+
+
+def test_bones_keep_their_lengths(kata_halves):
+    """In a real recording lengths are constant to a nanometre, and those of its halves agree within their errors.
+
+    Lengths of one half against the other: 8 bones, none beyond 4 combined standard errors, most within 2.
+    """
+    lengths, stated = [], []
+    for piece, calibration in kata_halves:
+        skeleton = draw_skeleton(calibration, piece)
+        rows, errors_of = [], []
+        for side in ("left", "right"):
+            for above, below in (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist")):
+                a, b = f"{side}_{above}", f"{side}_{below}"
+                bone = np.linalg.norm(skeleton.center(a) - skeleton.center(b), axis=0)
+                assert np.nanmax(bone) - np.nanmin(bone) < 1e-9
+                rows.append(np.nanmedian(bone))
+                place, end = calibration[a], calibration[b]
+                u = end.in_parent - place.in_child
+                u = u / np.linalg.norm(u)
+                first = place.mean_rotation.T @ place.covariance @ place.mean_rotation
+                errors_of.append(u @ (first + end.covariance) @ u)
+        lengths.append(rows)
+        stated.append(errors_of)
+    off = np.abs(np.subtract(*lengths)) / np.sqrt(np.sum(stated, axis=0))
+    assert off.max() < 4.0
+    assert np.median(off) < 2.0
+    femora, tibiae = np.mean(lengths, axis=0)[[0, 4]], np.mean(lengths, axis=0)[[1, 5]]
+    for left, right in (femora, tibiae):
+        assert abs(left - right) < 0.08 * (left + right) / 2
+
+
+def test_joints_stay_inside_the_markers(kata, kata_calibration):
+    """In a real recording every joint is in the box of all markers, but for the thickness of an elbow.
+
+    An elbow has one marker, on its outer side: at arm's length its middle is up to 4 cm outside the box.
+    """
+    skeleton = draw_skeleton(kata_calibration, kata.recording)
+    low, high = np.nanmin(kata.recording.positions, axis=0), np.nanmax(kata.recording.positions, axis=0)
+    for joint, center in zip(skeleton.joints, skeleton.centers, strict=True):
+        beyond = np.maximum(low - center, center - high).max(axis=0)
+        assert np.nanmax(beyond) < 0.05, joint
+        # noise hides the wrists, whose hands have one marker: they are doubted, and drawn towards that marker
+        most = 0.25 if "elbow" in joint else 0.05 if "wrist" in joint else 0.03
+        assert (beyond > 0.01).mean() < most, joint
+    found = dict(zip(skeleton.joints, hull_distances(kata.recording.positions, skeleton.centers), strict=True))
+    for joint, hull in found.items():
+        assert hull.distance < (0.035 if "elbow" in joint else 0.025), joint
+        assert hull.doubt == "", joint
+    assert found["left_elbow"].distance > 0.01
+
+
+def test_a_joint_that_leaves_the_body_is_doubted(still):
+    """A waist that is 30 cm in front of the body is doubted in the scene, and no other joint is."""
+    recording, _, calibration = still
+    skeleton = draw_skeleton(calibration, recording)
+    centers = skeleton.centers.copy()
+    k = skeleton.joints.index("waist")
+    centers[k] += 0.3 * skeleton.rotation("pelvis")[:, 0]
+    scene = skeleton_scene(replace(skeleton, centers=centers), recording)
+    doubted = {joint for joint, doubt in zip(scene.joints, scene.doubts, strict=True) if "markers' hull in" in doubt}
+    assert doubted == {"waist"}
+
+
+def test_another_recording_of_the_same_subject_and_of_another(figure_calibration):
+    """A calibration fits other motion of the same body, and not a body 5 cm smaller; the message names segments."""
+    same, truth = synthesize(Recipe(frames=800, seed=2))
+    skeleton = draw_skeleton(figure_calibration, same)
+    assert check_subject(skeleton).same
+    assert np.median(errors(skeleton, truth, "left_ankle")) < 0.005
+    other, _ = synthesize(Recipe(frames=800, seed=2, height=1.70))
+    check = check_subject(draw_skeleton(figure_calibration, other))
+    assert not check.same
+    assert "does not show the subject" in check.text
+    assert "when calibrated" in check.text
+
+
+@pytest.mark.parametrize("frames", [1, 3])
+def test_hardly_any_frames(still, frames):
+    """One frame can be drawn with a calibration, but gives none."""
+    recording, truth, calibration = still
+    few = recording.select(frames=slice(0, frames))
+    assert errors(draw_skeleton(calibration, few), truth=_part(truth, frames), joint="left_hip").max() < 1e-5
+    own = calibrate(few, CMU41)
+    assert all(place.reason for place in own.joints)
+    assert not any(place.status in USABLE for place in own.joints)
+
+
+def _part(truth, frames):
+    return replace(truth, centers=truth.centers[:, :, :frames], rotations=truth.rotations[:, :frames])
+
+
+def test_nothing_seen(still):
+    """Without samples nothing is known, and there is no calibration."""
+    recording, _, calibration = still
+    empty = Recording("empty", recording.markers, np.full((41, 3, 20), np.nan), 100.0)
+    skeleton = draw_skeleton(calibration, empty)
+    assert np.isnan(skeleton.centers).all()
+    assert (skeleton.flags == Flag.UNKNOWN).all()
+    with pytest.raises(RecordingError, match="no segment of this calibration has a pose"):
+        draw_skeleton(calibrate(empty, CMU41), recording)
+
+
+def test_a_body_that_does_not_move():
+    """Where no marker moves, joints have a reason and are drawn nowhere unless their place is known."""
+    recording, _ = synthesize(Recipe(frames=200, noise=0.0, reach=0.0))
+    calibration = calibrate(recording, CMU41)
+    skeleton = draw_skeleton(calibration, recording)
+    for place, center in zip(calibration.joints, skeleton.centers, strict=True):
+        assert place.status.name not in ("OK", "HINGE")
+        assert place.reason
+        if not place.known:
+            assert np.isnan(center).all()
+
+
+def test_negative_bridge(still):
+    """A negative time to bridge is refused."""
+    recording, _, calibration = still
+    with pytest.raises(RecordingError, match="0 or more"):
+        draw_skeleton(calibration, recording, bridge=-1.0)
+
+
+PLACES = np.array([[0.0, 0.1, -0.3]])
+
+
+@pytest.mark.parametrize("pinned", [True, False])
+def test_shortest_arc(rng, pinned):
+    """With one marker the segment points at it, by the least rotation from the expected pose; the joint stays put.
+
+    The least rotation that takes u to v is about u × v, by the angle between them.
+    """
+    joint, expected = np.array([0.02, -0.05, 0.1]), Rotation.random(rng=rng)
+    u = expected.apply(PLACES[0] - joint)
+    v = Rotation.from_rotvec([0.3, -0.5, 0.2]).apply(u)
+    world = np.full((3, 1), np.nan)
+    if pinned:
+        world[:, 0] = [1.0, 2.0, 3.0]
+    x = (np.array([1.0, 2.0, 3.0]) + v).reshape(1, 3, 1)
+    path = SegmentPath(
+        rotation=np.full((3, 3, 1), np.nan),
+        origin=np.full((3, 1), np.nan),
+        fitted=np.zeros(1, bool),
+        used=np.ones((1, 1), bool),
+        square=np.full(1, np.nan),
+    )
+    guess = ExpectedPoses(np.array([0]), expected.as_matrix()[:, :, None], np.zeros((3, 1)))
+    complete_poses(PLACES, x, PivotPath(joint, world), guess, path)
+    rotation, origin = path.rotation[:, :, 0], path.origin[:, 0]
+    np.testing.assert_allclose(rotation @ PLACES[0] + origin, x[0, :, 0], atol=1e-12)
+    if pinned:
+        axis = np.cross(u, v) / np.linalg.norm(np.cross(u, v))
+        angle = np.arccos(u @ v / (np.linalg.norm(u) * np.linalg.norm(v)))
+        wanted = Rotation.from_rotvec(angle * axis) * expected
+        np.testing.assert_allclose(rotation, wanted.as_matrix(), atol=1e-12)
+        np.testing.assert_allclose(rotation @ joint + origin, world[:, 0], atol=1e-12)
+    else:  # a marker without a joint shows no direction
+        np.testing.assert_allclose(rotation, expected.as_matrix(), atol=1e-12)

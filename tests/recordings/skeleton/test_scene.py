@@ -1,0 +1,291 @@
+"""From joints to a scene: errors and their directions, ends of limbs, and the upright orientation.
+
+The scene: checks of its shapes, fewer frames, the floor.
+
+What is printed and stored of joints and skeletons.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.spatial.transform import Rotation
+
+from study.recordings.joints.report import agreement_lines, joint_lines
+from study.recordings.markersets import load_markerset
+from study.recordings.recording import Recording, RecordingError
+from study.recordings.skeleton.make_scene import SceneJoint, bone_table, make_scene, skeleton_lines, skeleton_table
+from study.recordings.skeleton.scene import Flag, bones, mirrored, side
+from study.recordings.synthetic.make import synthesize
+from study.recordings.synthetic.recipe import Recipe
+
+
+@pytest.fixture(scope="module")
+def body():
+    """A recording and its truth."""
+    return synthesize(Recipe(frames=40))
+
+
+def shown(truth, name="left_hip", **changes):
+    """A joint at its true place."""
+    number = truth.joints.index(name)
+    rotation = truth.rotations[truth.segments.index(truth.parents[number])].transpose(1, 2, 0)
+    parts = {"name": name, "parent": truth.parents[number], "child": truth.children[number]}
+    parts |= {"center": truth.centers[number], "rotation": rotation, "covariance": np.eye(3) * 1e-6}
+    return SceneJoint(**(parts | changes))
+
+
+def covariances(scene, joint, frame):
+    """The covariance in the world that follows from a scene's errors and orientations."""
+    axes = Rotation.from_quat(scene.orientations[joint, frame]).as_matrix()
+    return axes @ np.diag(np.nan_to_num(scene.errors[joint]) ** 2) @ axes.T
+
+
+def test_errors_are_the_covariance(body):
+    """Errors along their directions give the covariance back, rotated with the parent."""
+    recording, truth = body
+    root = np.random.default_rng(1).normal(size=(3, 3)) * 1e-3
+    joint = shown(truth, covariance=root @ root.T)
+    scene = make_scene(recording, load_markerset("cmu41"), [joint], "test")
+    for frame in (0, 17, 39):
+        r = joint.rotation[:, :, frame]
+        assert np.allclose(covariances(scene, 0, frame), r @ root @ root.T @ r.T, atol=1e-12)
+    assert np.all(np.diff(scene.errors[0]) <= 0)
+
+
+@pytest.mark.parametrize("covariance", [np.diag([9e-6, 4e-6, 1e-6]), np.zeros((3, 3)), np.eye(3)])
+def test_a_hinge_is_known_across_its_axis(body, covariance):
+    """For a hinge the last direction is the axis, with no error, and the others are the covariance across it."""
+    recording, truth = body
+    axis = truth.axes[truth.joints.index("left_knee")]
+    joint = shown(truth, "left_knee", covariance=covariance, axis=axis)
+    scene = make_scene(recording, load_markerset("cmu41"), [joint], "test")
+    assert np.isnan(scene.errors[0]).tolist() == [False, False, True]
+    last = Rotation.from_quat(scene.orientations[0, 5]).as_matrix()[:, 2]
+    assert abs(last @ joint.rotation[:, :, 5] @ axis) == pytest.approx(1.0)
+    across = joint.rotation[:, :, 5] @ (np.eye(3) - np.outer(axis, axis))
+    assert np.allclose(covariances(scene, 0, 5), across @ covariance @ across.T, atol=1e-12)
+
+
+def test_quaternions_do_not_jump(body):
+    """Quaternions of consecutive frames are close, so that they could be interpolated."""
+    recording, truth = body
+    scene = make_scene(recording, load_markerset("cmu41"), [shown(truth, covariance=np.diag([3.0, 2.0, 1.0]))], "test")
+    assert ((scene.orientations[0, 1:] * scene.orientations[0, :-1]).sum(axis=1) > 0.9).all()
+
+
+def test_unknown_joints(body):
+    """A joint without a place is unknown in that frame; one that is never known is left out, with a note."""
+    recording, truth = body
+    center = truth.centers[truth.joints.index("left_hip")].copy()
+    center[:, 3] = np.nan
+    nowhere = shown(truth, "neck", center=np.full((3, 40), np.nan), doubt="still")
+    scene = make_scene(recording, load_markerset("cmu41"), [shown(truth, center=center), nowhere], "test")
+    assert scene.joints == ("left_hip",)
+    assert scene.flags[0].tolist() == [Flag.SEEN] * 3 + [Flag.UNKNOWN] + [Flag.SEEN] * 36
+    assert scene.notes == ("neck is not shown: still",)
+    with pytest.raises(RecordingError, match="nothing to show"):
+        make_scene(recording, load_markerset("cmu41"), [nowhere], "test")
+
+
+def test_without_a_covariance(body):
+    """A joint without a covariance has no errors in the scene."""
+    recording, truth = body
+    scene = make_scene(recording, load_markerset("cmu41"), [shown(truth, covariance=np.full((3, 3), np.nan))], "test")
+    assert np.isnan(scene.errors).all()
+
+
+def test_limbs_end_at_markers(scene):
+    """Ends of limbs are near the markers that are farthest out; inner segments have none."""
+    assert set(scene.tips) == {
+        "head",
+        "left_hand",
+        "left_foot",
+        "right_foot",
+        "right_forearm",
+    }  # as far as joints are known
+    hand = scene.places[scene.markers.index("LFIN")]
+    found = scene.ends[scene.tips.index("left_hand")]
+    assert np.allclose(found, hand, equal_nan=True)
+    # a toe and its neighbour, not the heel
+    toes = np.stack([scene.places[scene.markers.index(name)] for name in ("LTOE", "LMT5")]).mean(axis=0)
+    assert np.allclose(scene.ends[scene.tips.index("left_foot")], toes, equal_nan=True)
+
+
+def test_y_up(body):
+    """A recording whose y points up is rotated as a whole, and a note says so."""
+    recording, truth = body
+    turn = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])  # z to y
+    lying = Recording("lying", recording.markers, turn @ recording.positions, recording.rate)
+    joint = shown(truth)
+    joint = shown(truth, center=turn @ joint.center, rotation=np.einsum("ij,jkt->ikt", turn, joint.rotation))
+    scene = make_scene(lying, load_markerset("cmu41"), [joint], "test")
+    assert scene.notes == ("the recording's y is shown as up",)
+    height = scene.places[scene.markers.index("LFHD"), 2] - scene.places[scene.markers.index("LTOE"), 2]
+    assert height.min() > 0.5
+    upright = make_scene(recording, load_markerset("cmu41"), [shown(truth)], "test")
+    assert np.allclose(scene.centers[:, 2], upright.centers[:, 2])
+    assert upright.notes == ()
+
+
+@pytest.mark.parametrize("name", ["places", "centers", "ends", "flags", "errors", "orientations"])
+def test_shapes_are_checked(scene, name):
+    """An array of a wrong shape is refused by name."""
+    wrong = getattr(scene, name)[:-1]
+    with pytest.raises(RecordingError, match=f"{name} of the scene have shape"):
+        replace(scene, **{name: wrong})
+
+
+def test_bones_are_checked(scene):
+    """A bone to a point that does not exist is refused, and so are missing doubts."""
+    with pytest.raises(RecordingError, match=r"bone \(0, 99\)"):
+        replace(scene, bones=((0, 99),))
+    with pytest.raises(RecordingError, match="0 doubts for"):
+        replace(scene, doubts=())
+
+
+@pytest.mark.parametrize(
+    ("rate", "frames", "result"), [(90.0, 90, 90.0), (60.0, 45, 45.0), (30.0, 30, 30.0), (500, 90, 90)]
+)
+def test_at_most(scene, rate, frames, result):
+    """A scene with a lower rate has every second, third, ... frame and the same duration."""
+    thinned = scene.at_most(rate)
+    assert (thinned.frames, thinned.rate) == (frames, result)
+    step = 90 // frames
+    assert np.array_equal(thinned.centers, scene.centers[:, :, ::step], equal_nan=True)
+    assert thinned.frames / thinned.rate == scene.frames / scene.rate
+
+
+def test_floor(scene):
+    """The floor is just below the lowest marker of nearly all frames."""
+    lowest = np.nanmin(scene.places[:, 2])
+    assert lowest - 0.03 < scene.floor < np.nanquantile(np.nanmin(scene.places[:, 2], axis=0), 0.1)
+    assert np.isfinite(replace(scene, markers=(), places=np.empty((0, 3, 90))).floor)
+
+
+def test_sides(scene):
+    """Sides follow from names."""
+    sides = dict(zip((*scene.joints, *scene.tips), scene.sides(), strict=True))
+    assert sides["left_knee"] == "left"
+    assert sides["right_foot"] == "right"
+    assert sides["waist"] == ""
+
+
+def test_flags_have_words():
+    """Each flag says what it means."""
+    assert [flag.text for flag in Flag] == ["from markers", "bridged: too few markers seen", "unknown"]
+
+
+def test_bones():
+    """Two points are a bone and three a triangle; of four the middle one has the others; no bone occurs twice."""
+    rng = np.random.default_rng(5)
+    points = rng.normal(size=(5, 3, 7))
+    points[4] = np.nan
+    assert bones([[0, 1]], points, [""] * 5) == ((0, 1),)
+    assert bones([[0, 1], [0, 1]], points, [""] * 5) == ((0, 1),)
+    assert set(bones([[0, 1, 2]], points, [""] * 5)) == {(0, 1), (0, 2), (1, 2)}
+    assert set(bones([[0, 1, 2, 3]], points, ["left", "right", "", "left"])) == {(2, 0), (2, 1), (2, 3)}
+    assert bones([[], [3]], points, [""] * 5) == ()
+    assert len(bones([[0, 1, 2, 4]], points, [""] * 5)) == 3
+
+
+@pytest.mark.parametrize(
+    ("name", "found"),
+    [("left_knee", "left"), ("knee right", "right"), ("Left-Hip", "left"), ("cleft_chin", ""), ("waist", "")],
+)
+def test_side(name, found):
+    """A side is a whole word of the name."""
+    assert side(name) == found
+
+
+@pytest.mark.parametrize(
+    ("name", "other"),
+    [
+        ("left_knee", "right_knee"),
+        ("Left_Knee", "Right_Knee"),
+        ("KNEE RIGHT", "KNEE LEFT"),
+        ("leftover_hip", "leftover_hip"),
+        ("right_cleft", "left_cleft"),
+        ("waist", "waist"),
+    ],
+)
+def test_the_other_side(name, other):
+    """The same words tell a side and are exchanged, capital letters or small, and back again."""
+    assert mirrored(name) == other
+    assert mirrored(other) == name
+    assert (side(name) == side(other)) == (name == other)
+
+
+def test_a_row_per_frame_and_joint(scene):
+    """Rows are the scene's, frame by frame."""
+    table = skeleton_table(scene)
+    assert len(table) == 90 * len(scene.joints)
+    row = table[(table["frame"] == 46) & (table["joint"] == scene.joints[3])].iloc[0]
+    assert row["time"] == 0.5
+    assert row["known"] == "bridged"
+    assert np.array_equal(row[["x", "y", "z"]].to_numpy(float), scene.centers[3, :, 45])
+
+
+def test_bones_tables(scene):
+    """Lengths are the distances between joints; the other side's are compared, and what has none is not."""
+    table = bone_table(scene).set_index(["start", "end"])
+    i, j = scene.joints.index("left_hip"), scene.joints.index("left_knee")
+    length = np.linalg.norm(scene.centers[i] - scene.centers[j], axis=0)
+    thigh = table.loc[("left_hip", "left_knee")]
+    assert thigh["length"] == pytest.approx(length.mean())
+    assert thigh["spread"] < 1e-9
+    assert thigh["error"] == pytest.approx(np.hypot(np.nanmax(scene.errors[i]), np.nanmax(scene.errors[j])))
+    assert thigh["uneven"] == pytest.approx(0.0, abs=1e-9)
+    assert np.isnan(table.loc[("left_hip", "right_hip"), "uneven"])
+    assert np.isnan(table.loc[("left_elbow", "left_wrist"), "uneven"])  # the right wrist is not known
+
+
+def test_uneven_bones_are_said(scene):
+    """A shin that is a tenth longer than the other is marked, and the other too."""
+    centers = scene.centers.copy()
+    knee, ankle = scene.joints.index("left_knee"), scene.joints.index("left_ankle")
+    centers[ankle] = centers[knee] + 1.1 * (centers[ankle] - centers[knee])
+    lines = list(skeleton_lines(replace(scene, centers=centers)))
+    marked = [line for line in lines if line.endswith("uneven")]
+    assert [line.split("  ")[0] for line in marked] == ["left_knee - left_ankle", "right_knee - right_ankle"]
+    assert "+9.5 %" in marked[0]
+    assert any(line.startswith("neck: not reliable: moved too little") for line in lines)
+    assert any(line == f"{scene.joints[3]}: bridged in 11.1% of the frames" for line in lines)
+    assert lines[-1] == "note: right_wrist is not shown: known in no frame"
+
+
+def test_one_joint_has_no_bones(scene):
+    """Without bones between joints there is an empty table, and its head."""
+    assert list(bone_table(replace(scene, bones=())).columns) == ["start", "end", "length", "spread", "error", "uneven"]
+    assert next(skeleton_lines(replace(scene, bones=()))).startswith("bone")
+
+
+def test_agreed():
+    """Distances are in millimetres, and what is not known is a dash."""
+    table = pd.DataFrame({"joint": ["neck"], "cap": [3.0], "from_gdke": [0.0123], "from_two_sided": [np.nan]})
+    head, line = agreement_lines(table)
+    assert head.split() == ["distance", "to", "/", "mm", "gdke", "two-sided"]
+    assert line.split() == ["neck", "12.3", "-"]
+
+
+def test_a_joint_without_a_place_in_its_parent(figure):
+    """Where no frame shows both segments, dashes stand for the place, and a line says why."""
+    found = figure[2]
+    words = "left_ankle: no place in its parent: no frame has poses of both left_shank and left_foot"
+    lost = [
+        replace(each, in_parent=np.full(3, np.nan)) if each.joint.name == "left_ankle" else each
+        for each in found.joints
+    ]
+    assert words not in joint_lines(found)
+    assert words in joint_lines(replace(found, joints=tuple(lost)))
+
+
+def test_an_error_of_any_size(figure, monkeypatch):
+    """A joint that may lie anywhere along its axis has no digits of an error of kilometres."""
+    found = figure[2]
+    assert "> 10000" not in " ".join(joint_lines(found))
+    monkeypatch.setattr(type(found.joints[0]), "standard_error", 5.6e6)
+    lines = [line for line in joint_lines(found) if line.startswith("waist")]
+    assert "> 10000" in lines[0]
+    assert "5600000000.0" not in lines[0]

@@ -1,0 +1,455 @@
+"""Tests of synthetic."""
+
+import itertools
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.spatial.transform import Rotation
+
+import study
+from study.recordings.markersets import load_markerset
+from study.recordings.markersets.match import choose
+from study.recordings.recording import RecordingError
+from study.recordings.rigid import nearest_rotation
+from study.recordings.synthetic import make
+from study.recordings.synthetic.body import JOINTS, MARKERS, PARTS, nearest_pairs, unit
+from study.recordings.synthetic.make import draw_motion, synthesize, write_truth
+from study.recordings.synthetic.recipe import SKIN, Recipe
+
+
+def test_noise():
+    """The standard deviation of 60000 draws is right within 4.5 of its standard errors."""
+    drawn = make.marker_noise((5, 3, 4000), 0.002, 1)
+    assert drawn.std() == pytest.approx(0.002, rel=4.5 / np.sqrt(2 * drawn.size))
+    np.testing.assert_array_equal(make.marker_noise((5, 3, 4000), 0.004, 1), 2 * drawn)
+    assert not make.marker_noise((5, 3, 4), 0.0, 1).any()
+
+
+def test_soft_tissue():
+    """The displacement is at most its amplitude, and half of it follows the joint."""
+    phases = np.sin(np.linspace(0, 40, 3000))[None] * np.ones((6, 1))
+    slid = make.soft_tissue(phases, 120.0, 0.01, 1)
+    size = np.linalg.norm(slid, axis=1)
+    assert size.max() <= 0.01 + 1e-15
+    assert (size.max(axis=1) > 0.005).all()
+    # the rest is an oscillation of half the amplitude on one line
+    for marker in slid:
+        direction = marker @ phases[0] / (phases[0] @ phases[0])
+        assert np.linalg.norm(direction) == pytest.approx(0.005, rel=0.1)
+        rest = marker - direction[:, None] * phases[0]
+        values = np.linalg.svd(rest, compute_uv=False)
+        assert values[1] < 0.1 * values[0]
+    assert not make.soft_tissue(phases, 120.0, 0.0, 1).any()
+
+
+@pytest.mark.parametrize("share", [0.0, 0.001, 0.2, 0.5, 0.99, 1.0])
+@pytest.mark.parametrize("frames", [7, 1000])
+def test_gaps_have_their_share(share, frames):
+    """Each marker lacks its share of frames, rounded."""
+    mask = make.gaps(4, frames, 120.0, share, 1)
+    assert (mask.sum(axis=1) == round(share * frames)).all()
+
+
+def test_gaps_come_in_runs():
+    """Gaps take 0.2 s on average and are anywhere, also at the ends."""
+    mask = make.gaps(3000, 1200, 120.0, 0.2, 1)
+    starts = (np.diff(mask.astype(int), axis=1, prepend=0) == 1).sum(axis=1)
+    assert (starts == 10).all()
+    assert mask[:, 0].any()
+    assert mask[:, -1].any()
+    # except near the ends, all frames have the same probability. With runs of 24 frames on average, the autocorrelation
+    # time is about 40 frames: over 100 frames of 3000 markers the standard error is √(.16 · 40 / 300,000) = .0046
+    middle = mask[:, 100:-100].mean(axis=0).reshape(-1, 100).mean(axis=1)
+    assert np.abs(middle - 0.2).max() < 4.5 * 0.0046
+
+
+def test_swaps_take_turns():
+    """One pair at a time is swapped, in the given share of frames."""
+    pairs = [("A", "B"), ("C", "D"), ("E", "F")]
+    found = make.swapped_labels(pairs, 5000, 120.0, 0.1, 1)
+    assert sum(swap.end - swap.first for swap in found) == 500
+    assert all(a.end < b.first for a, b in itertools.pairwise(found))
+    assert found[0].first >= 0
+    assert found[-1].end <= 5000
+    assert {swap.markers for swap in found} == set(pairs)
+    assert make.swapped_labels(pairs, 5000, 120.0, 0.0, 1) == []
+
+
+def test_every_cut_is_equally_likely():
+    """Seven frames of nine are missing in two runs: each of 6 x 3 ways, in 18000 draws within 4.5 standard errors."""
+    counts: dict[tuple[int, ...], int] = {}
+    for seed in range(3600):
+        for row in make.gaps(5, 9, 17.5, 7 / 9, seed):
+            key = tuple(np.flatnonzero(row))
+            counts[key] = counts.get(key, 0) + 1
+    assert len(counts) == 18
+    expected = 18000 / 18
+    assert max(abs(count - expected) for count in counts.values()) < 4.5 * np.sqrt(expected)
+
+
+def test_the_body_has_the_shipped_marker_set():
+    """Segments, parents, markers, joints and hinges are those of cmu41."""
+    cmu = load_markerset("cmu41")
+    ours = {part.name: (part.parent, set(part.markers)) for part in PARTS}
+    assert ours == {segment.name: (segment.parent, set(segment.markers)) for segment in cmu.segments}
+    joints = {(part.joint, part.parent, part.name, part.kind) for part in PARTS if part.joint}
+    assert joints == {(joint.name, joint.parent, joint.child, joint.kind) for joint in cmu.joints}
+    assert (len(PARTS), len(JOINTS), len(set(MARKERS))) == (15, 14, 41)
+
+
+def test_the_right_side_mirrors_the_left():
+    """The right side mirrors the left one, except for four markers, which differ in height."""
+    parts = {part.name: part for part in PARTS}
+    uneven = set()
+    for name, left in parts.items():
+        if not name.startswith("left_"):
+            continue
+        right = parts[name.replace("left_", "right_")]
+        np.testing.assert_allclose(np.array(right.at) * [1, -1, 1], left.at)
+        for label, place in left.markers.items():
+            mirrored = np.array(right.markers["R" + label[1:]]) * [1, -1, 1]
+            np.testing.assert_allclose(mirrored[:2], place[:2])
+            uneven |= {label} if mirrored[2] != place[2] else set()
+    assert uneven == {"LUPA", "LFRM", "LTHI", "LSHN"}
+
+
+def test_limbs_have_winters_proportions():
+    """Standing, the soles are near the floor and the top of the head is at the body's height."""
+    at = {part.joint: np.array(part.at) for part in PARTS if part.joint}
+    assert np.linalg.norm(at["left_knee"]) == 0.245
+    assert np.linalg.norm(at["right_elbow"]) == 0.186
+    hip, head = 0.53, 0.53 + sum(at[joint][2] for joint in ("waist", "neck")) + 0.105
+    assert abs(hip - 0.245 - 0.246 - 0.039) < 1e-12
+    assert 0.9 < head < 1.0
+
+
+def test_pairs_are_the_nearest():
+    pairs = nearest_pairs()
+    assert {("LBWT", "RBWT"), ("LWRA", "LWRB"), ("LTOE", "LMT5")} <= set(pairs)
+    assert {marker for pair in pairs for marker in pair} == set(MARKERS)
+
+
+def test_unit():
+    np.testing.assert_allclose(unit((3, 0, 4)), [0.6, 0, 0.8])
+
+
+def test_truth_beside_it(tmp_path):
+    """There is a row per joint, and one per frame and joint; the segment poses give each joint its true place."""
+    _, truth = synthesize(Recipe(frames=20))
+    paths = write_truth(truth, tmp_path / "walk.c3d")
+    assert [path.name for path in paths] == ["walk.joints.parquet", "walk.truth.parquet"]
+    joints, poses = map(pd.read_parquet, paths)
+    assert list(joints.joint) == list(truth.joints)
+    assert (joints.kind == "hinge").sum() == 4
+    knee = joints.set_index("joint").loc["left_knee"]
+    assert (knee.parent, knee.child, knee.bone_from) == ("left_thigh", "left_shank", "left_hip")
+    assert knee.bone_length == pytest.approx(0.245 * 1.75)
+    assert joints.bone_length.isna().sum() == 3, "from the pelvis to what hangs on it there is no bone"
+    assert len(poses) == 14 * 20
+    hip, knee_path = (poses[poses.joint == name].sort_values("frame") for name in ("left_hip", "left_knee"))
+    turn = Rotation.from_rotvec(hip[["turn_x", "turn_y", "turn_z"]].to_numpy().copy())
+    there = hip[["center_x", "center_y", "center_z"]].to_numpy() + turn.apply(
+        knee[["center_x", "center_y", "center_z"]].to_numpy(dtype=float)
+    )
+    np.testing.assert_allclose(knee_path[["center_x", "center_y", "center_z"]].to_numpy(), there, atol=1e-12)
+
+
+def test_the_same_bytes_twice(tmp_path):
+    _, truth = synthesize(Recipe(frames=30))
+    once, twice = (tuple(path.read_bytes() for path in write_truth(truth, tmp_path / f"{i}.c3d")) for i in "ab")
+    assert once == twice
+
+
+def test_where_nothing_can_be_written(tmp_path):
+    _, truth = synthesize(Recipe(frames=2))
+    with pytest.raises(RecordingError, match="cannot be written"):
+        write_truth(truth, tmp_path / "none" / "walk.c3d")
+
+
+PLACE = {part.name: i for i, part in enumerate(PARTS)}
+
+
+def make_of_random_motion(frames=3000, seed=5, reach=1.0, style="smooth", rate=120.0):
+    return draw_motion(frames, rate, seed, height=1.75, reach=reach, style=style)
+
+
+def turns(motion, part):
+    """Rotations of a segment in its parent's axes, from the matrices of both."""
+    child, parent = motion.rotations[PLACE[part.name]], motion.rotations[PLACE[part.parent]]
+    return np.swapaxes(parent, 1, 2) @ child
+
+
+@pytest.mark.parametrize("style", ["smooth", "independent"])
+def test_rotations_are_proper(style):
+    rotations = make_of_random_motion(style=style).rotations
+    np.testing.assert_allclose(
+        rotations @ np.swapaxes(rotations, 2, 3), np.broadcast_to(np.eye(3), rotations.shape), atol=1e-12
+    )
+    np.testing.assert_allclose(np.linalg.det(rotations), 1.0)
+
+
+@pytest.mark.parametrize("style", ["smooth", "independent"])
+@pytest.mark.parametrize("part", [part for part in PARTS if part.joint], ids=lambda part: part.joint)
+def test_joints_stay_in_their_natural_range(part, style):
+    """Angles read back from the matrices stay in the range of motion, and use half of it at least."""
+    relative = turns(make_of_random_motion(style=style), part)
+    if part.axis is None:
+        angles = Rotation.from_matrix(relative).as_euler("YXZ", degrees=True).T
+        limits = np.array(part.ranges)
+    else:
+        axis = np.array(part.axis) / np.linalg.norm(part.axis)
+        np.testing.assert_allclose(relative @ axis, np.broadcast_to(axis, (len(relative), 3)), atol=1e-12)
+        angles = np.degrees(Rotation.from_matrix(relative).as_rotvec() @ axis)[None]
+        limits = np.array(part.ranges[:1])
+    low, high = limits.T
+    assert (angles.min(axis=1) >= low - 1e-9).all()
+    assert (angles.max(axis=1) <= high + 1e-9).all()
+    assert (np.ptp(angles, axis=1) >= 0.5 * (high - low) - 1e-9).all()
+
+
+def test_a_joint_stays_where_it_is_in_both_segments():
+    """The origin of the child is fixed in the parent's axes."""
+    motion = make_of_random_motion(frames=50)
+    for part in PARTS[1:]:
+        child, parent = PLACE[part.name], PLACE[part.parent]
+        away = motion.origins[child] - motion.origins[parent]
+        seen = np.einsum("tji,jt->it", motion.rotations[parent], away)
+        np.testing.assert_allclose(seen, np.repeat(1.75 * np.array(part.at)[:, None], 50, axis=1), atol=1e-12)
+
+
+def test_motion_is_smooth():
+    """No angle changes faster than its range times the highest frequency; angles drawn anew do."""
+    limit = 2 * np.pi * 0.7 / 120
+    smooth, anew = make_of_random_motion(), make_of_random_motion(style="independent")
+    assert np.abs(np.diff(smooth.phases, axis=1)).max() < limit
+    assert np.abs(np.diff(anew.phases, axis=1)).max() > 1.5
+    assert np.abs(smooth.phases).max() <= 1.0
+
+
+def test_independent_poses_are_independent():
+    """The lag-one correlation of 15 phases over 3000 frames: each within 4.5 of its standard errors of zero."""
+    phases = make_of_random_motion(style="independent").phases
+    correlation = [np.corrcoef(row[1:], row[:-1])[0, 1] for row in phases]
+    assert np.abs(correlation).max() < 4.5 / np.sqrt(3000)
+    # uniform over the range
+    np.testing.assert_allclose(phases.var(axis=1), 1 / 3, atol=4.5 * np.sqrt(4 / 45 / 3000))
+
+
+def test_a_stiff_body():
+    """With a reach of zero the joints do not rotate, but the body still moves."""
+    motion = make_of_random_motion(frames=200, reach=0.0)
+    for part in PARTS[1:]:
+        relative = turns(motion, part)
+        np.testing.assert_allclose(relative, np.broadcast_to(relative[:1], relative.shape), atol=1e-12)
+    assert np.ptp(motion.origins[0], axis=1).min() > 0.01
+
+
+def test_more_frames_leave_the_first_as_they_were():
+    np.testing.assert_array_equal(
+        make_of_random_motion(frames=50).origins, make_of_random_motion(frames=80).origins[:, :, :50]
+    )
+
+
+SEGMENT = np.array([i for i, part in enumerate(PARTS) for _ in part.markers])
+
+
+def slid(**changes):
+    """Displacements in the segments' axes (markers, 3, frames), and the truth."""
+    recipe = {"frames": 400, "noise": 0.0, "rate": 50.0} | changes
+    firm, truth = synthesize(Recipe(**recipe))
+    soft, _ = synthesize(Recipe(**recipe, soft_tissue=0.02))
+    rotation = truth.rotations[SEGMENT]
+    return np.einsum("mtji,mjt->mit", rotation, soft.positions - firm.positions), truth
+
+
+@pytest.mark.parametrize("gait", [False, True])
+@pytest.mark.parametrize("skin", SKIN)
+def test_skin_is_at_most_its_amplitude(skin, gait):
+    moved, _ = slid(skin=skin, gait=gait)
+    size = np.linalg.norm(moved, axis=1).max(axis=1)
+    assert size.max() <= 0.02 + 1e-12
+    assert np.median(size) > 0.004
+
+
+@pytest.mark.parametrize("skin", ["angle", "velocity", "cluster", "random"])
+def test_what_the_skin_moves_with(skin):
+    """Linear in the rotation vector of the segment's joint, or in its rate; equal in a cluster; or in neither."""
+    moved, truth = slid(skin=skin)
+    thigh = truth.segments.index("left_thigh")
+    relative = np.swapaxes(truth.rotations[0], 1, 2) @ truth.rotations[thigh]
+    vector = Rotation.from_matrix(relative @ nearest_rotation(relative.sum(axis=0)).T).as_rotvec().T
+    drive = np.gradient(vector, axis=1) if skin == "velocity" else vector
+    one, two = moved[thigh == SEGMENT]
+    fitted = one @ np.linalg.pinv(drive) @ drive
+    explained = 1.0 - ((one - fitted) ** 2).sum() / (one**2).sum()
+    assert explained < 0.9 if skin == "random" else explained > 1 - 1e-9
+    assert np.allclose(one, two) == (skin == "cluster")
+
+
+def test_a_law_that_does_not_exist():
+    with pytest.raises(RecordingError, match="skin = loose of a synthetic body must be one of mixed, random, angle"):
+        Recipe(skin="loose")
+    with pytest.raises(RecordingError, match="independent and gait of a synthetic body exclude each other"):
+        Recipe(independent=True, gait=True)
+
+
+def test_gait_is_in_strides():
+    """Rotations of the hip repeat with the stride, .8 to 1.1 per second, and are mostly flexion."""
+    _, truth = slid(gait=True, frames=1000)
+    thigh = truth.segments.index("right_thigh")
+    relative = np.swapaxes(truth.rotations[0], 1, 2) @ truth.rotations[thigh]
+    vector = Rotation.from_matrix(relative @ nearest_rotation(relative.sum(axis=0)).T).as_rotvec().T
+    power = np.abs(np.fft.rfft(vector[1])) ** 2
+    stride = np.argmax(power[1:]) + 1
+    assert 0.75 < stride / (1000 / 50.0) < 1.15
+    assert vector[1].std() > 2.0 * max(vector[0].std(), vector[2].std())
+    assert np.degrees(np.abs(vector).max()) < 45.0
+
+
+SEGMENT_SYNTHESIZE = {label: i for i, part in enumerate(PARTS) for label in part.markers}
+
+
+@pytest.fixture(scope="module")
+def perfect():
+    """A body without any artefact."""
+    return synthesize(Recipe(frames=800, noise=0.0))
+
+
+def test_segments_are_rigid(perfect):
+    """Two markers of one segment keep the distance of the body model."""
+    recording, _ = perfect
+    for part in PARTS:
+        for a, b in itertools.pairwise(part.markers):
+            apart = np.linalg.norm(recording.of(a) - recording.of(b), axis=0)
+            wanted = 1.75 * np.linalg.norm(np.subtract(part.markers[a], part.markers[b]))
+            np.testing.assert_allclose(apart, wanted, rtol=1e-12)
+
+
+def test_joints_are_centres_of_spheres(perfect):
+    """Markers on both sides of a joint keep their distance to it, which the truth gives."""
+    recording, truth = perfect
+    for j, (parent, child) in enumerate(zip(truth.parents, truth.children, strict=True)):
+        for segment, shift in ((parent, truth.in_parent[j]), (child, np.zeros(3))):
+            for label in PARTS[truth.segments.index(segment)].markers:
+                apart = np.linalg.norm(recording.of(label) - truth.centers[j], axis=0)
+                offset = truth.offsets[truth.markers.index(label)] - shift
+                np.testing.assert_allclose(apart, np.linalg.norm(offset), rtol=1e-10)
+
+
+def test_an_estimator_finds_the_joints(perfect):
+    """A fit to the child's markers in the true parent's axes gives the true centre, up to rounding."""
+    recording, truth = perfect
+    for joint in ("left_hip", "right_shoulder", "neck", "left_ankle"):
+        j = truth.joints.index(joint)
+        parent = truth.segments.index(truth.parents[j])
+        label = next(iter(PARTS[truth.segments.index(truth.children[j])].markers))
+        away = recording.of(label) - truth.origins[parent]
+        seen = np.einsum("tji,jt->ti", truth.rotations[parent], away)
+        fit = study.fit(seen, "gdke")
+        np.testing.assert_allclose(fit.center, truth.in_parent[j], atol=1e-9)
+
+
+def test_hinges_turn_about_their_axes(perfect):
+    """The axis has the same direction in the world from either segment; ball joints have none."""
+    _, truth = perfect
+    for j, joint in enumerate(truth.joints):
+        if not joint.endswith(("knee", "elbow")):
+            assert np.isnan(truth.axes[j]).all()
+            continue
+        assert np.linalg.norm(truth.axes[j]) == pytest.approx(1.0)
+        by_parent = truth.rotations[truth.segments.index(truth.parents[j])] @ truth.axes[j]
+        by_child = truth.rotations[truth.segments.index(truth.children[j])] @ truth.axes[j]
+        np.testing.assert_allclose(by_parent, by_child, atol=1e-12)
+
+
+def test_bones(perfect):
+    """The length of a bone is the distance of its joints in every frame."""
+    _, truth = perfect
+    center = dict(zip(truth.joints, truth.centers, strict=True))
+    assert set(truth.bones) >= {("left_hip", "left_knee"), ("right_elbow", "right_wrist"), ("waist", "neck")}
+    assert len(truth.bones) == 11
+    for (start, end), length in truth.bones.items():
+        np.testing.assert_allclose(np.linalg.norm(center[start] - center[end], axis=0), length, rtol=1e-12)
+    assert truth.bones["left_hip", "left_knee"] == pytest.approx(0.245 * 1.75)
+
+
+def test_the_same_recipe_gives_the_same_bytes():
+    """Each artefact is drawn from a stream of its own."""
+    recipe = {"frames": 300, "noise": 0.002, "soft_tissue": 0.01, "gaps": 0.1, "swaps": 0.1}
+    first, truth = synthesize(Recipe(**recipe))
+    again, _ = synthesize(Recipe(**recipe))
+    assert first.positions.tobytes() == again.positions.tobytes()
+    other, other_truth = synthesize(Recipe(**recipe, seed=2))
+    assert other.positions.tobytes() != first.positions.tobytes()
+    assert other_truth.swaps != truth.swaps
+    plain, plain_truth = synthesize(Recipe(frames=300, noise=0.002))
+    np.testing.assert_array_equal(plain_truth.origins, truth.origins)
+    double, _ = synthesize(Recipe(frames=300, noise=0.004))
+    perfect, _ = synthesize(Recipe(frames=300, noise=0.0))
+    np.testing.assert_allclose(
+        double.positions - perfect.positions, 2 * (plain.positions - perfect.positions), atol=1e-14
+    )
+
+
+def test_noise_gaps_and_swaps_are_as_asked_for():
+    quiet, _ = synthesize(Recipe(frames=2000, noise=0.0))
+    noisy, _ = synthesize(Recipe(frames=2000, noise=0.003))
+    off = noisy.positions - quiet.positions
+    assert off.std() == pytest.approx(0.003, rel=4.5 / np.sqrt(2 * off.size))
+    holed, truth = synthesize(Recipe(frames=2000, noise=0.003, gaps=0.2))
+    np.testing.assert_array_equal(~holed.seen(), truth.missing)
+    np.testing.assert_allclose(holed.missing(), 0.2)
+    np.testing.assert_array_equal(holed.positions[:, 0][holed.seen()], noisy.positions[:, 0][holed.seen()])
+    mixed, truth = synthesize(Recipe(frames=2000, noise=0.003, swaps=0.05))
+    moved = np.zeros(2000, dtype=bool)
+    for swap in truth.swaps:
+        a, b = swap.markers
+        frames = slice(swap.first, swap.end)
+        np.testing.assert_array_equal(mixed.of(a)[:, frames], noisy.of(b)[:, frames])
+        np.testing.assert_array_equal(mixed.of(b)[:, frames], noisy.of(a)[:, frames])
+        moved[frames] = True
+    assert moved.sum() == 100
+    np.testing.assert_array_equal(mixed.positions[:, :, ~moved], noisy.positions[:, :, ~moved])
+
+
+def test_soft_tissue_moves_markers_on_their_segments():
+    """Markers move by the given amount at most; the joints stay."""
+    firm, truth = synthesize(Recipe(frames=500, noise=0.0))
+    soft, soft_truth = synthesize(Recipe(frames=500, noise=0.0, soft_tissue=0.02))
+    np.testing.assert_array_equal(truth.centers, soft_truth.centers)
+    slid = np.linalg.norm(soft.positions - firm.positions, axis=1)
+    assert slid.max() <= 0.02 + 1e-12
+    assert (slid.max(axis=1) > 0.008).all()
+
+
+def test_another_height_is_another_body():
+    _, truth = synthesize(Recipe(frames=50, noise=0.0, height=1.5))
+    _, tall_truth = synthesize(Recipe(frames=50, noise=0.0, height=1.8))
+    np.testing.assert_allclose(tall_truth.in_parent, 1.2 * truth.in_parent)
+    np.testing.assert_allclose(tall_truth.rotations, truth.rotations)
+
+
+def test_the_marker_set_fits():
+    recording, _ = synthesize(Recipe(frames=10))
+    found = choose(recording)
+    assert (found.whole.name, found.lost, found.extra) == ("cmu41", {}, ())
+    assert recording.markers == MARKERS
+    assert set(SEGMENT_SYNTHESIZE) == set(MARKERS)
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "words"),
+    [
+        ("frames", 1, "frames = 1 of a synthetic body must be from 2 to"),
+        ("noise", -0.001, "noise = -0.001 of a synthetic body must be from 0"),
+        ("noise", float("nan"), "noise = nan"),
+        ("gaps", 1.5, "gaps = 1.5 of a synthetic body must be from 0 to 1"),
+        ("rate", 0.0, "rate = 0"),
+        ("seed", -1, "seed = -1"),
+        ("height", 0.0, "height = 0"),
+    ],
+)
+def test_a_recipe_that_cannot_be_made(field, value, words):
+    with pytest.raises(RecordingError, match=words):
+        Recipe(**{field: value})

@@ -1,0 +1,244 @@
+"""Lines of frames: what is read, and what is not.
+
+Joints of a stream against the fit of all points at once, the truth, and their own errors.
+"""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import study
+from study.fits.markers import mgdk_so_far
+from study.recordings.live import FrameError, LiveJoints, read_frame
+
+
+def test_a_frame():
+    """Positions in metres; markers that are not seen are not there."""
+    frame = read_frame('{"LASI": [1, 2.5, -3], "RASI": null}\n', 0.001)
+    assert list(frame) == ["LASI"]
+    np.testing.assert_allclose(frame["LASI"], [0.001, 0.0025, -0.003])
+    assert read_frame("{}", 1.0) == {}
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("LASI 1 2 3", "no JSON"),
+        ('{"LASI": [1, 2, 3]', "no JSON"),
+        ("[" * 100_000, "no JSON"),
+        ("[1, 2, 3]", "not an object of labels and positions"),
+        ("7", "not an object of labels and positions"),
+        ('{"LASI": [1, 2]}', "the position of 'LASI' is not three finite numbers"),
+        ('{"LASI": "here"}', "the position of 'LASI' is not three finite numbers"),
+        ('{"LASI": [1, 2, NaN]}', "the position of 'LASI' is not three finite numbers"),
+        ('{"LASI": [1, 2, 1e400]}', "the position of 'LASI' is not three finite numbers"),
+        (f'{{"LASI": [1, 2, 1{"0" * 320}]}}', "the position of 'LASI' is not three finite numbers"),
+        (f'{{"LASI": [1, 2, 1{"0" * 5000}]}}', "no JSON"),
+        ('{"LASI": [1, 2, true]}', "the position of 'LASI' is not three finite numbers"),
+        ('{"LASI": [1, 2, null]}', "the position of 'LASI' is not three finite numbers"),
+    ],
+)
+def test_what_is_no_frame(line, words):
+    with pytest.raises(FrameError, match=words):
+        read_frame(line, 1.0)
+
+
+PELVIS = {"A": (0.12, 0.1, 0.0), "B": (-0.12, 0.1, 0.0), "C": (0.05, -0.1, 0.02), "D": (-0.05, -0.1, 0.02)}
+
+THIGH = {"E": (0.06, 0.05, -0.15), "F": (-0.04, 0.07, -0.2), "G": (0.02, -0.06, -0.28)}
+
+CENTRE = np.array([-0.09, 0.02, -0.08])
+
+
+def frames(count, sweep=0.5, noise=0.001, seed=1, repeat=1):
+    """Frames of a pelvis with a thigh, in random poses, each of them repeated with the same noise."""
+    rng = np.random.default_rng(seed)
+    body, origin = Rotation.from_rotvec(rng.uniform(-0.3, 0.3, (count, 3))), rng.uniform(-1, 1, (count, 3))
+    turn = Rotation.from_rotvec(rng.uniform(-sweep, sweep, (count, 3)))
+    x = {label: origin + body.apply(place) for label, place in PELVIS.items()}
+    x |= {label: origin + body.apply(CENTRE + turn.apply(place)) for label, place in THIGH.items()}
+    x = {label: places + noise * rng.standard_normal((count, 3)) for label, places in x.items()}
+    for t in np.repeat(np.arange(count), repeat):
+        yield {label: places[t] for label, places in x.items()}
+
+
+def grown(stream):
+    """The joint of a stream, and its true place in the axes of the fit."""
+    joints = LiveJoints([("hip", tuple(PELVIS), tuple(THIGH))])
+    for frame in stream:
+        joints.add(frame)
+    answer = joints.answers()["hip"]
+    shape, true = joints.joints[0].parent.template, np.array(list(PELVIS.values()))
+    rotation, _ = Rotation.align_vectors(shape, true - true.mean(axis=0))
+    return answer, answer.fit.center - rotation.apply(CENTRE - true.mean(axis=0)), joints
+
+
+def test_moments_give_what_points_give():
+    """The centre, radii and noise of `mgdk` for the same points; the covariance is the same bound, to 5 %."""
+    rng = np.random.default_rng(3)
+    sets = [r * study_directions(rng, 400) + 0.002 * rng.standard_normal((400, 3)) for r in (0.1, 0.3)]
+    growing = [study.Incremental(3) for _ in sets]
+    for part, points in zip(growing, sets, strict=True):
+        for few in np.array_split(points, 7):
+            part.update(few)
+    one, all_at_once = mgdk_so_far(growing), study.mgdk(sets)
+    np.testing.assert_allclose(one.center, all_at_once.center, atol=1e-9)
+    np.testing.assert_allclose(one.radii, all_at_once.radii, rtol=1e-7)
+    assert one.sigma == pytest.approx(all_at_once.sigma, rel=1e-5)
+    np.testing.assert_allclose(np.sqrt(np.diag(one.covariance)), all_at_once.standard_errors, rtol=0.05)
+
+
+def study_directions(rng, count):
+    """Unit vectors (n, 3) of a cap of about 40°."""
+    x = rng.standard_normal((count, 3)) * 0.4 + [0, 0, 1]
+    return x / np.linalg.norm(x, axis=1, keepdims=True)
+
+
+def test_parts_that_merge():
+    """Two fits that grew are one fit of all their points; another dimension is refused."""
+    points = np.random.default_rng(1).standard_normal((60, 3))
+    one, two, both = study.Incremental(3), study.Incremental(3), study.Incremental(3)
+    one.merge(two)
+    assert one.moments is None
+    one.update(points[:20])
+    two.update(points[20:])
+    one.merge(two)
+    both.update(points)
+    als = study.ESTIMATORS["als"]
+    np.testing.assert_allclose(one.fit(als).center, both.fit(als).center, atol=1e-12)
+    with pytest.raises(ValueError, match="dimension 2 cannot be added to points of 3"):
+        one.merge(study.Incremental(2))
+
+
+@pytest.mark.parametrize("repeat", [1, 6])
+def test_errors_are_those_of_the_jackknife(repeat):
+    """Squared errors of 24 streams are as stated, be each frame new or there six times (false alarms: 1 in 1000)."""
+    found = [grown(frames(400 // repeat, seed=seed, repeat=repeat))[:2] for seed in range(24)]
+    ratio = np.mean([off @ off / np.trace(answer.fit.covariance) for answer, off in found])
+    assert 0.4 < ratio < 2.0
+
+
+def test_a_joint_improves_in_constant_memory():
+    """The error falls, the answer is ok at last, and there are never more than sixteen blocks."""
+    joints = LiveJoints([("hip", tuple(PELVIS), tuple(THIGH))])
+    errors = []
+    for number, frame in enumerate(frames(3000), start=1):
+        joints.add(frame)
+        if number in (100, 3000):
+            errors.append(joints.answers()["hip"].error)
+        assert len(joints.joints[0].blocks) <= 16
+    assert errors[1] < errors[0]
+    answer = joints.answers()["hip"]
+    assert answer.ok
+    assert answer.words.endswith("9000 samples; ok")
+    lever = np.array(list(THIGH.values()))
+    turn = Rotation.from_rotvec(np.random.default_rng(9).uniform(-0.5, 0.5, (20_000, 3)))
+    spread = [np.cov(turn.apply(x / np.linalg.norm(x)).T) for x in lever]
+    expected = np.sqrt(np.linalg.eigvalsh(np.mean(spread, axis=0)))
+    np.testing.assert_allclose(answer.angles, expected, rtol=0.05)
+
+
+def test_case_of_labels():
+    """Small and capital letters are alike; where labels differ in nothing else, the one so spelt is the marker."""
+    stream = list(frames(30))
+    joints = LiveJoints([("hip", [label.lower() for label in PELVIS], tuple(THIGH))])
+    for frame in stream:
+        joints.add(frame)
+    assert not joints.lacking
+    assert np.array_equal(joints.answers()["hip"].fit.center, grown(stream)[0].fit.center)
+    doubled = LiveJoints([("hip", tuple(PELVIS), tuple(THIGH))])
+    for number, frame in enumerate(stream):
+        seen = {label: place for label, place in frame.items() if label != "E" or number % 2 == 0}
+        doubled.add({"e": np.zeros(3), **seen})
+    assert int(doubled.answers()["hip"].fit.count.sum()) == 30 * 3 - 15
+
+
+def test_too_little_is_not_ok():
+    """Neither a joint that hardly turned, nor one of few frames, nor one without frames."""
+    still = grown(frames(600, sweep=0.02, noise=1e-4))[0]
+    assert not still.ok
+    assert still.words.endswith("unsure: it moved by less than 2° about some direction")
+    noisy = grown(frames(600, sweep=0.1, noise=0.01))[0]
+    assert noisy.error > 0.01
+    assert "; unsure: its error is above 1 cm" in noisy.words
+    few = grown(frames(30))[0]
+    assert (few.ok, few.error) == (False, np.inf)
+    assert few.words.endswith("unsure: too few frames to know its error")
+    nothing = LiveJoints([("hip", tuple(PELVIS), tuple(THIGH))]).answers()["hip"]
+    assert (nothing.ok, nothing.words) == (False, "no frame has all markers of its parent")
+
+
+def test_segments_that_never_come():
+    """The answer says whose markers lack, and the stream knows their labels."""
+    for labels, words in (
+        (tuple(PELVIS), "no frame has a marker of its child and enough of its parent's"),
+        (tuple(THIGH), "no frame has all markers of its parent"),
+    ):
+        joints = LiveJoints([("hip", tuple(PELVIS), tuple(THIGH))])
+        for frame in frames(60):
+            joints.add({label: frame[label] for label in labels})
+        answer = joints.answers()["hip"]
+        assert (answer.ok, answer.words) == (False, words)
+        assert tuple(joints.labels) == labels
+        assert {*joints.lacking, *labels} == {*PELVIS, *THIGH}
+
+
+def test_gaps():
+    """Markers that are missing in some frames, the parent's among them, leave the centre where it is."""
+    rng = np.random.default_rng(5)
+    stream = [next(whole := frames(800))]
+    stream += [{label: x for label, x in frame.items() if rng.random() > 0.2} for frame in whole]
+    answer, off, _ = grown(stream)
+    assert answer.ok
+    assert np.linalg.norm(off) < 4 * answer.error
+
+
+SPIKE = np.array([3.0, -8.0, 5.0])
+
+
+@pytest.mark.parametrize("every", [1, 100], ids=["an answer a frame", "an answer a hundred frames"])
+@pytest.mark.parametrize(
+    ("number", "marker", "place"),
+    [
+        (0, None, np.zeros(3)),
+        (0, "A", SPIKE),
+        (0, "E", SPIKE),
+        (40, "A", SPIKE),
+        (40, "E", SPIKE),
+        (40, "F", 1e6 * SPIKE),
+    ],
+)
+def test_a_frame_of_zeros_or_a_spike_costs_that_frame(every, number, marker, place):
+    """The first frame, or a later one, is wrong in one marker or in all: the joint is as near as without it."""
+    joints = LiveJoints([("hip", tuple(PELVIS), tuple(THIGH))])
+    for k, frame in enumerate(frames(400)):
+        wrong = dict.fromkeys([marker] if marker else frame, place) if k == number else {}
+        joints.add(frame | wrong)
+        if (every == 1 and k < 60) or k % 100 == 99:
+            answer = joints.answers()["hip"]
+    shape, true = joints.joints[0].parent.template, np.array(list(PELVIS.values()))
+    rotation, _ = Rotation.align_vectors(shape, true - true.mean(axis=0))
+    off = answer.fit.center - rotation.apply(CENTRE - true.mean(axis=0))
+    assert answer.ok
+    assert np.linalg.norm(off) < 0.005  # five times the noise of a coordinate
+    assert tuple(joints.zeros) == (() if marker else (*PELVIS, *THIGH))
+
+
+def test_markers_that_jump_to_and_fro_are_counted():
+    """Every tenth frame has a spike: those samples are left out, and no others."""
+    joints = LiveJoints([("hip", tuple(PELVIS), tuple(THIGH))])
+    for k, frame in enumerate(frames(400)):
+        joints.add(frame | ({"E": frame["E"] + SPIKE} if k % 10 == 9 else {}))
+    assert int(joints.answers()["hip"].fit.count.sum()) == 400 * 3 - 40
+    assert joints.jumps == 40
+
+
+def test_no_sound_sample_is_left_out():
+    """A leg that rests and then swings by 60° within ten frames jumps nowhere."""
+    turn = Rotation.from_rotvec([[np.radians(60) * np.clip((t - 40) / 10, 0, 1), 0, 0] for t in range(100)])
+    places = {label: CENTRE + turn.apply(x) for label, x in THIGH.items()}
+    joints = LiveJoints([("hip", tuple(PELVIS), tuple(THIGH))])
+    for t in range(100):
+        joints.add({label: np.array(x) for label, x in PELVIS.items()} | {label: x[t] for label, x in places.items()})
+    joints.answers()
+    assert joints.jumps == 0

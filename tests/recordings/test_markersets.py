@@ -1,0 +1,479 @@
+"""Tests of markersets."""
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from study.recordings.formats.read import read_recording
+from study.recordings.markersets import (
+    Joint,
+    MarkerSet,
+    MarkerSetError,
+    Segment,
+    load_markerset,
+    parse_markerset,
+    shipped,
+)
+from study.recordings.markersets.match import choose, clusters, match, with_better
+from study.recordings.recording import Recording
+
+PELVIS = Segment(name="pelvis", markers=("A", "B", "C"))
+
+THIGH = Segment(name="thigh", markers=("D", "E"), parent="pelvis")
+
+HIP = Joint(name="hip", parent="pelvis", child="thigh")
+
+
+def test_what_it_holds():
+    leg = MarkerSet(name="leg", segments=(PELVIS, THIGH), joints=(HIP,))
+    assert leg.segment("thigh") is THIGH
+    assert leg.markers() == ("A", "B", "C", "D", "E")
+    assert leg.markers_for(HIP) == ("D", "E")
+    assert leg.markers_for(HIP.model_copy(update={"markers": ("E",)})) == ("E",)
+    with pytest.raises(KeyError):
+        leg.segment("foot")
+
+
+@pytest.mark.parametrize(
+    ("parts", "words"),
+    [
+        ({"segments": ()}, "at least 1 item"),
+        ({"segments": (THIGH,), "joints": ()}, "segments.thigh.parent: the first segment is a root"),
+        (
+            {"segments": (PELVIS, THIGH.model_copy(update={"parent": None}))},
+            "hip.parent: the parent of segment thigh is none",
+        ),
+        (
+            {"segments": (PELVIS, THIGH.model_copy(update={"parent": "foot"}))},
+            "must be an earlier segment: pelvis",
+        ),
+        ({"segments": (PELVIS, THIGH.model_copy(update={"name": "pelvis"}))}, "two segments have this name"),
+        ({"segments": (PELVIS, THIGH.model_copy(update={"markers": ("A",)}))}, "marker 'A' is on pelvis already"),
+        ({"segments": (PELVIS, THIGH.model_copy(update={"markers": ("D", "D")}))}, "marker 'D' is on it twice"),
+        ({"joints": (HIP, HIP)}, "two joints have this name"),
+        ({"joints": (HIP, HIP.model_copy(update={"name": "hop"}))}, "joint hip has this child already"),
+        ({"joints": (HIP.model_copy(update={"child": "thig"}),)}, "no such segment; did you mean 'thigh'"),
+        ({"joints": (HIP.model_copy(update={"parent": "thigh"}),)}, "the parent of segment thigh is pelvis"),
+        ({"joints": (HIP.model_copy(update={"child": "pelvis"}),)}, "the parent of segment pelvis is none"),
+        ({"joints": (HIP.model_copy(update={"markers": ("A",)}),)}, "'A' is not on thigh, which has D, E"),
+        ({"optional": ("Z",)}, "marker 'Z' is on no segment"),
+        ({"aliases": {"Z": ("Y",)}}, "marker 'Z' is on no segment"),
+        ({"aliases": {"A": ("B",)}}, "'B' is itself a marker"),
+        ({"aliases": {"A": ("Y",), "B": ("Y",)}}, "'Y' is an alias of A"),
+    ],
+)
+def test_parts_that_do_not_fit(parts, words):
+    whole = {"name": "leg", "segments": (PELVIS, THIGH), "joints": (HIP,)} | parts
+    with pytest.raises(ValidationError, match=words):
+        MarkerSet(**whole)
+
+
+LEG = """name = "leg"
+
+[segments.pelvis]
+markers = ["A", "B", "C"]
+
+[segments.thigh]
+parent = "pelvis"
+markers = ["D", "E"]
+
+[joints.hip]
+parent = "pelvis"
+child = "thigh"
+markers = ["E"]
+
+[aliases]
+D = ["D1", "D2"]
+"""
+
+
+def test_a_file_says_it_all():
+    leg = parse_markerset(LEG)
+    assert [(s.name, s.parent, s.markers) for s in leg.segments] == [
+        ("pelvis", None, ("A", "B", "C")),
+        ("thigh", "pelvis", ("D", "E")),
+    ]
+    (hip,) = leg.joints
+    assert (hip.name, hip.parent, hip.child, hip.markers, hip.kind) == ("hip", "pelvis", "thigh", ("E",), "ball")
+    assert leg.aliases == {"D": ("D1", "D2")}
+
+
+def test_all_faults_at_once_with_their_lines():
+    text = LEG.replace("name =", "nam =").replace('child = "thigh"', 'kind = "bal"').replace('["D", "E"]', '"D"')
+    with pytest.raises(MarkerSetError) as caught:
+        parse_markerset(text, "leg.toml")
+    assert str(caught.value).splitlines() == [
+        "leg.toml: 5 faults",
+        "  line 1: name: required, but missing",
+        "  line 1: nam = 'leg': unknown key; did you mean 'name'? Known are " + ", ".join(MarkerSet.model_fields),
+        "  line 8: segments.thigh.markers = 'D': must be a list, such as [\"D\"]",
+        "  line 10: joints.hip.child: required, but missing",
+        "  line 12: joints.hip.kind = 'bal': input should be 'ball' or 'hinge'",
+    ]
+
+
+def test_faults_of_the_schema_and_of_names_are_told_together():
+    """A joint with an unknown segment and a doubled marker are told beside a wrong kind."""
+    text = LEG.replace('child = "thigh"', 'child = "thihg"\nkind = "bal"').replace('["D", "E"]', '["D", "A"]')
+    with pytest.raises(MarkerSetError) as caught:
+        parse_markerset(text, "leg.toml")
+    assert str(caught.value).splitlines() == [
+        "leg.toml: 3 faults",
+        "  line 8: segments.thigh.markers: marker 'A' is on pelvis already",
+        "  line 12: joints.hip.child = 'thihg': no such segment; did you mean 'thigh'? Known are pelvis, thigh",
+        "  line 13: joints.hip.kind = 'bal': input should be 'ball' or 'hinge'",
+    ]
+
+
+def test_several_roots():
+    """Two bodies in one set: each has a root, and joints of its own."""
+    arm = '\n[segments.arm]\nmarkers = ["P", "Q", "R"]\n[segments.hand]\nparent = "arm"\nmarkers = ["S"]\n'
+    found = parse_markerset(
+        LEG.replace("[joints.hip]", arm + '[joints.wrist]\nparent = "arm"\nchild = "hand"\n\n[joints.hip]')
+    )
+    assert [segment.name for segment in found.segments if segment.parent is None] == ["pelvis", "arm"]
+    assert [joint.name for joint in found.joints] == ["wrist", "hip"]
+
+
+@pytest.mark.parametrize("entry", ['across = ["X"]', 'across = ["X", "X"]', 'kind = "ball"\nacross = ["X", "Y"]'])
+def test_points_across_a_hinge(entry):
+    """They are two, and only a hinge has them."""
+    text = LEG.replace(
+        'markers = ["E"]\n', 'markers = ["E"]\n' + ("" if "kind" in entry else 'kind = "hinge"\n') + entry + "\n"
+    )
+    with pytest.raises(MarkerSetError, match="must name two points, the lateral and the medial one"):
+        parse_markerset(text, "leg.toml")
+
+
+def test_faults_between_parts_with_their_lines():
+    text = LEG.replace('["E"]', '["A"]').replace('["A", "B", "C"]', "[]").replace("D = [", "X = [")
+    with pytest.raises(MarkerSetError) as caught:
+        parse_markerset(text, "leg.toml")
+    assert str(caught.value).splitlines() == [
+        "leg.toml: 3 faults",
+        "  line 4: segments.pelvis.markers = []: must name at least one marker",
+        "  line 13: joints.hip.markers: 'A' is not on thigh, which has D, E",
+        "  line 16: aliases.X: marker 'X' is on no segment",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("name = ", "leg: not TOML"),
+        ("[" * 5000, "leg: not TOML"),
+        ('name = "leg"\nsegments = 3', "must be tables such as"),
+        ('name = "leg"\n[segments]\npelvis = 3', "segments"),
+        ('name = "leg"', "segments: required, but missing"),
+    ],
+)
+def test_what_is_no_marker_set(text, words):
+    with pytest.raises(MarkerSetError, match=words):
+        parse_markerset(text, "leg")
+
+
+def test_shipped_ones_by_name():
+    assert {"cmu41", "plug-in-gait"} <= set(shipped())
+    for name in shipped():
+        assert load_markerset(name).name == name
+    for name in ("cmu41", "plug-in-gait"):
+        found = load_markerset(name)
+        assert found.name == name
+        assert len(found.segments) == 15
+        assert {joint.name for joint in found.joints} == {
+            "waist",
+            "neck",
+            *(f"{s}_{j}" for s in ("left", "right") for j in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")),
+        }
+        hinges = {joint.name for joint in found.joints if joint.kind == "hinge"}
+        assert hinges == {"left_elbow", "right_elbow", "left_knee", "right_knee"}
+    assert len(load_markerset("cmu41").markers()) == 41
+    gait = load_markerset("plug-in-gait")
+    assert len(set(gait.markers()) - set(gait.optional)) == 39
+
+
+def test_a_path(tmp_path):
+    (tmp_path / "leg.toml").write_text(LEG)
+    assert load_markerset(tmp_path / "leg.toml").name == "leg"
+    (tmp_path / "leg.toml").write_text(LEG, encoding="utf-8-sig")
+    assert load_markerset(tmp_path / "leg.toml").name == "leg"
+    with pytest.raises(MarkerSetError, match=r"none.toml: cannot be read: No such file"):
+        load_markerset(str(tmp_path / "none.toml"))
+
+
+def test_an_unknown_name_is_told_with_the_known():
+    with pytest.raises(
+        MarkerSetError,
+        match=r"no marker set 'cmu42': did you mean 'cmu41'\? Known are cast, cgm2, cmu41, .*; or give the path",
+    ):
+        load_markerset("cmu42")
+
+
+CMU = load_markerset("cmu41")
+
+
+def recording(markers, never=()):
+    positions = np.ones((len(markers), 3, 4))
+    positions[[marker in never for marker in markers]] = np.nan
+    return Recording("walk", tuple(markers), positions, 100.0)
+
+
+def test_all_there():
+    """Markers come in the order of the set; extra ones are named."""
+    found = match(CMU, recording(["sword", *reversed(CMU.markers())]))
+    assert found.recording.markers == CMU.markers()
+    assert found.joints == CMU.joints
+    assert (found.lacking, found.lost, found.extra) == ({}, {}, ("sword",))
+    assert found.lines() == [
+        "marker set cmu41: 41 of the recording's 42 markers belong to it, 14 of 14 joints can be found",
+        "not in the marker set: sword",
+    ]
+
+
+def test_what_is_lacking_and_what_can_still_be_found():
+    """A hand without its marker loses the wrist alone; a segment of two markers loses the joints fixed in it."""
+    there = [m for m in CMU.markers() if m not in ("LFIN", "RTHI")]
+    found = match(CMU, recording(there, never=["RBWT"]))
+    assert found.lacking == {"pelvis": ("RBWT",), "left_hand": ("LFIN",), "right_thigh": ("RTHI",)}
+    assert found.lost == {
+        "left_wrist": "left_hand has none of LFIN",
+        "right_knee": "right_thigh has 1 marker (RKNE); its pose needs 3, or 2 and right_hip",
+        "right_ankle": "right_shank has 2 markers (RSHN, RANK); its pose needs 3, or 2 and right_knee",
+    }
+    assert len(found.joints) == 11
+    assert found.markerset.segment("left_hand").markers == ()
+    assert "RBWT" not in found.recording.markers
+    assert "joint left_wrist cannot be found: left_hand has none of LFIN" in found.lines()
+
+
+def test_a_root_of_two_markers_carries_nothing():
+    found = match(CMU, recording([m for m in CMU.markers() if m not in ("RBWT", "LBWT")]))
+    assert found.lost["left_hip"] == "pelvis has 2 markers (LFWT, RFWT); its pose needs 3"
+    assert "left_knee" in found.lost, "a thigh of two markers needs the hip"
+    assert "neck" not in found.lost, "the thorax has markers enough of its own"
+
+
+def test_a_joint_seen_by_some_of_the_childs_markers():
+    """Without the markers of a joint, the child's other markers do not help."""
+    knee = next(joint for joint in CMU.joints if joint.name == "left_knee")
+    others = tuple(joint for joint in CMU.joints if joint is not knee)
+    some = CMU.model_copy(update={"joints": (*others, knee.model_copy(update={"markers": ("LANK",)}))})
+    found = match(some, recording([m for m in CMU.markers() if m != "LANK"]))
+    assert found.lost["left_knee"] == "left_shank has none of LANK"
+
+
+def test_aliases_and_capitals():
+    """Aliases are used and reported; a marker's own label goes before an alias."""
+    labels = [{"LSHN": "LTIB", "C7": "c7"}.get(m, m) for m in CMU.markers()] + ["RTIB"]
+    found = match(CMU, recording(labels))
+    assert (found.labels["LSHN"], found.labels["C7"], found.labels["RSHN"]) == ("LTIB", "c7", "RSHN")
+    assert found.extra == ("RTIB",)
+    assert "labels: c7 is C7, LTIB is LSHN" in found.lines()
+
+
+def test_an_alias_stands_in_for_a_marker_never_seen():
+    found = match(CMU, recording([*CMU.markers(), "LTIB"], never=["LSHN"]))
+    assert found.labels["LSHN"] == "LTIB"
+
+
+@pytest.mark.parametrize("name", shipped())
+def test_the_fitting_set_is_chosen(name):
+    """The right set is chosen, also if the other fits with aliases, or some markers are missing."""
+    whole = load_markerset(name)
+    markers = [marker for marker in whole.markers() if marker not in whole.optional]
+    assert choose(recording(markers)).whole.name == name
+    assert choose(recording([*markers[:-1], "extra"])).whole.name == name
+
+
+def sides(*labels):
+    """Labels with L and R in place of ~, and with L and r in place of ^."""
+    both = [[label.replace("~", a).replace("^", b) for label in labels] for a, b in (("L", "L"), ("R", "r"))]
+    return list(dict.fromkeys(both[0] + both[1]))
+
+
+PIG_TOP = ["LFHD", "RFHD", "LBHD", "RBHD", "C7", "T10", "CLAV", "STRN", "RBAK"]
+
+PIG_ARM = sides("~SHO", "~UPA", "~ELB", "~FRM", "~WRA", "~WRB", "~FIN")
+
+PIG_LEG = sides("~ASI", "~PSI", "~THI", "~KNE", "~TIB", "~ANK", "~HEE", "~TOE")
+
+CGM_LEG = sides("~THAP", "~THAD", "~TIAP", "~TIAD")
+
+OPENCAP = sides(
+    *("^.ASIS_study", "^.PSIS_study", "^_knee_study", "^_mknee_study", "^_ankle_study", "^_mankle_study"),
+    *(
+        "^_toe_study",
+        "^_5meta_study",
+        "^_calc_study",
+        "^_shoulder_study",
+        "C7_study",
+        "^_thigh1_study",
+        "^_thigh2_study",
+    ),
+    *("^_thigh3_study", "^_sh1_study", "^_sh2_study", "^_sh3_study", "~HJC_study", "^_lelbow_study", "^_melbow_study"),
+    *("^_lwrist_study", "^_mwrist_study"),
+)
+
+PUBLISHED = {
+    "Vicon's Plug-in Gait, whole body": (PIG_TOP + PIG_ARM + PIG_LEG, "plug-in-gait", 14),
+    "Vicon's Plug-in Gait, legs": (PIG_LEG, "plug-in-gait", 6),
+    "pyCGM2, CGM2.3 legs": (PIG_LEG + CGM_LEG + sides("~KNM", "~MED"), "cgm2", 6),
+    "pyCGM2, CGM2.4 legs": (PIG_LEG + CGM_LEG + sides("~SMH", "~FMH", "~VMH"), "cgm2", 6),
+    "pyCGM2, CGM2.3 as first published": (
+        PIG_LEG + sides("~THIAP", "~THIAD", "~TIBAP", "~TIBAD"),
+        "cgm2",
+        6,
+    ),
+    "OpenSim, Gait2354 example": (
+        [
+            "Sternum",
+            "Top.Head",
+            "V.Sacral",
+            *sides("~.Acromium", "~.ASIS", "~.Thigh.Upper", "~.Thigh.Front", "~.Thigh.Rear", "~.Shank.Upper"),
+            *sides("~.Shank.Front", "~.Shank.Rear", "~.Heel", "~.Midfoot.Sup", "~.Midfoot.Lat", "~.Toe.Tip"),
+        ],
+        "gait2392",
+        7,
+    ),
+    "OpenSim, Rajagopal 2016": (
+        [
+            "C7",
+            "CLAV",
+            *sides(
+                "~ACR", "~ASH", "~PSH", "~LEL", "~MEL", "~UA1", "~UA2", "~UA3", "~FAsuperior", "~FAradius", "~FAulna"
+            ),
+            *sides("~ASI", "~PSI", "~HJC", "~TH1", "~TH2", "~TH3", "~LFC", "~MFC", "~KJC", "~TB1", "~TB2", "~TB3"),
+            *sides("~LMAL", "~MMAL", "~AJC", "~CAL", "~TOE", "~MT5"),
+        ],
+        "hamner",
+        11,
+    ),
+    "OpenCap, augmented": (OPENCAP, "opencap", 11),
+    "UWA, clusters": (
+        [
+            "C7",
+            "T10",
+            "CLAV",
+            "STRN",
+            *sides("~ASI", "~PSI", "~TH1", "~TH2", "~TH3", "~LFC", "~MFC", "~TB1", "~TB2", "~TB3", "~LMAL", "~MMAL"),
+            *sides("~CAL", "~MT1", "~MT5"),
+        ],
+        "cast",
+        7,
+    ),
+    "Rizzoli, Visual3D's labels": (
+        [
+            "CV7",
+            "TV2",
+            "TV7",
+            "SJN",
+            "SXS",
+            "LV1",
+            "LV3",
+            "LV5",
+            *sides("~CAJ", "~IAS", "~IPS", "~FTC", "~FLE", "~FME", "~FAX", "~TTC", "~FAL", "~TAM", "~FCC", "~FM1"),
+            *sides("~FM2", "~FM5"),
+        ],
+        "rizzoli",
+        7,
+    ),
+    "Rizzoli, Leardini's labels": (
+        [
+            "C7",
+            "T2",
+            "MAI",
+            "IJ",
+            "PX",
+            "L1",
+            "L3",
+            "L5",
+            *sides("~A", "~ASIS", "~PSIS", "~GT", "~LE", "~ME", "~HF", "~TT", "~LM", "~MM", "~CA", "~FM", "~SM", "~VM"),
+        ],
+        "rizzoli",
+        7,
+    ),
+    "Plug-in Gait with clusters": (
+        [
+            *PIG_TOP,
+            *sides("~ASI", "~PSI", "~TH1", "~TH2", "~TH3", "~TB1", "~TB2", "~TB3", "~TOE", "~HEE", "~D5M"),
+            *sides("~KNE", "~MKNE", "~ANK", "~MMA"),
+        ],
+        "plug-in-gait-clusters",
+        8,
+    ),
+}
+"""Labels as the publishers of the sets give them, the set that fits, and its joints."""
+
+
+@pytest.mark.parametrize("source", PUBLISHED)
+def test_published_labels(source):
+    """The labels that each set's publisher gives lead to the set and its joints; unlabelled points do no harm."""
+    labels, name, joints = PUBLISHED[source]
+    found = choose(recording([*labels, *(f"*{i}" for i in range(60))]))
+    assert (found.whole.name, len(found.joints)) == (name, joints)
+
+
+def test_some_markers_of_another_set_are_no_match():
+    """One joint of fourteen is no reason to choose a set; the message names it, and the clusters that nobody uses."""
+    labels = ["C7", "T10", "CLAV", "STRN", *sides("~ASI", "~PSI", "~QQ1", "~QQ2", "~QQ3"), *(f"*{i}" for i in range(9))]
+    with pytest.raises(MarkerSetError, match="no marker set fits: with ") as caught:
+        choose(recording(labels))
+    assert "1 of 14 joints can be found; --markerset" in str(caught.value) or "1 of 7 joints" in str(caught.value)
+    assert "unused clusters are LQQ1-LQQ3, RQQ1-RQQ3" in str(caught.value)
+
+
+def test_a_better_set_and_unused_clusters():
+    """A set that a user named is taken, with a word on the one that finds more, and on clusters."""
+    labels = PUBLISHED["UWA, clusters"][0]
+    lines = with_better(match(load_markerset("plug-in-gait"), recording(labels))).lines()
+    assert lines[-1] == "marker set cast fits better: 7 of 7 joints can be found with it"
+    assert lines[-2].startswith("clusters that it does not use: LTH1-LTH3, LTB1-LTB3, RTH1-RTH3, RTB1-RTB3")
+    assert with_better(match(load_markerset("cast"), recording(labels))).remarks == ()
+
+
+def test_a_wrong_label_is_answered_with_the_nearest():
+    labels = [{"LTHI": "LTHIGH", "RANK": "RANKL"}.get(m, m) for m in PIG_LEG]
+    lines = match(load_markerset("plug-in-gait"), recording(labels)).lines()
+    assert "segment left_thigh lacks LTHI (did you mean LTHIGH?)" in lines
+    assert "segment right_shank lacks RANK (did you mean RANKL?)" in lines
+
+
+def test_numbers_at_the_end_make_clusters():
+    assert clusters(["LTH1", "LTH3", "x", "LTH2", "C7", "T10", "T1", "L1", "L2", "L3", "thigh_1", "thigh_2"]) == [
+        "LTH1-LTH3"
+    ]
+
+
+def test_landmarks_are_matched_and_used_by_hinges_alone():
+    """A landmark has its label, is no marker of a segment, and is gone with the other one of its pair."""
+    labels = PUBLISHED["UWA, clusters"][0]
+    found = match(load_markerset("cast"), recording(labels))
+    knee = next(joint for joint in found.joints if joint.name == "left_knee")
+    assert knee.across == ("LLFC", "LMFC")
+    assert {"LLFC", "LMFC"} <= set(found.recording.markers)
+    assert not {"LLFC", "LMFC"} & set(found.markerset.markers())
+    without = match(load_markerset("cast"), recording([label for label in labels if label != "LMFC"]))
+    assert next(joint for joint in without.joints if joint.name == "left_knee").across == ()
+
+
+def test_nothing_fits():
+    words = f"no marker set fits: with none of {', '.join(shipped())} can a joint"
+    with pytest.raises(MarkerSetError, match=words) as caught:
+        choose(recording(["A", "B"]))
+    assert "\n" not in str(caught.value)
+
+
+def test_doubled_labels_are_lacking(tmp_path, write_c3d):
+    """A label on two points is not a marker; the joints that need it cannot be found."""
+    labels = [*CMU.markers(), "LFIN"]
+    path = write_c3d(tmp_path / "a.c3d", labels, np.random.default_rng(1).normal(1000, 300, (42, 3, 5)))
+    found = match(CMU, read_recording(path))
+    assert found.lacking == {"left_hand": ("LFIN",)}
+    assert list(found.lost) == ["left_wrist"]
+
+
+def test_shared_recordings(shared_file):
+    """All labels of both recordings belong to the set."""
+    for name in ("cmu_135_02.c3d", "cmu_85_02.c3d"):
+        found = choose(read_recording(shared_file(name)))
+        assert (found.whole.name, found.extra, found.lacking, found.lost) == ("cmu41", (), {}, {})

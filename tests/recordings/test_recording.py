@@ -1,0 +1,250 @@
+"""Tests of recording."""
+
+import numpy as np
+import pytest
+
+from study.recordings.recording import (
+    FileContents,
+    Gaps,
+    Recording,
+    RecordingError,
+    assemble,
+    describe,
+    extents,
+    gaps,
+    name_points,
+)
+
+
+def contents(points=None, labels=("A", "B"), rate=100.0, unit="mm"):
+    points = np.arange(1.0, 31.0).reshape(2, 3, 5) * 100 if points is None else points
+    return FileContents(labels, points, rate, unit)
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor"),
+    [
+        ("mm", 1e-3),
+        ("cm", 1e-2),
+        ("m", 1.0),
+        ("MM", 1e-3),
+        (" millimeters ", 1e-3),
+        ("Metres", 1.0),
+        ("inches", 0.0254),
+    ],
+)
+def test_units(unit, factor):
+    """Units have several spellings."""
+    points = contents().points / 1000 / factor
+    recording = assemble(contents(points, unit=unit), "walk")
+    np.testing.assert_allclose(recording.positions, contents().points / 1000, rtol=1e-14)
+
+
+def test_the_callers_unit_and_rate_go_first():
+    recording = assemble(contents(), "walk", unit="m", rate=50.0)
+    np.testing.assert_array_equal(recording.positions, contents().points)
+    assert recording.rate == 50.0
+
+
+def test_an_unsaid_unit_is_noted_or_asked_for():
+    recording = assemble(contents(unit=None), "walk", usual_unit="mm")
+    assert recording.notes == ("the file does not give its unit: mm assumed",)
+    with pytest.raises(RecordingError, match="its unit is not given; give one of m, dm, cm, mm"):
+        assemble(contents(unit=None), "walk")
+    with pytest.raises(RecordingError, match="its unit 'parsec' is not known"):
+        assemble(contents(unit="parsec"), "walk")
+
+
+def test_a_unit_that_cannot_be_right_is_doubted():
+    """A body of a kilometre or a millimetre is doubted."""
+    assert "is its unit m right" in assemble(contents(unit="m"), "walk").notes[0]
+    assert "is its unit um right" in assemble(contents(unit="um"), "walk").notes[0]
+    assert assemble(contents(), "walk").notes == ()
+
+
+def test_missing_samples():
+    """NaN or infinite in any coordinate, or zero in all, is missing in all; zero in one is not."""
+    points = contents().points.copy()
+    points[0, 1, 0] = np.nan
+    points[0, 2, 1] = np.inf
+    points[0, :, 2] = 0.0
+    points[0, 0, 3] = 0.0
+    recording = assemble(contents(points), "walk")
+    assert recording.seen()[0].tolist() == [False, False, False, True, True]
+    assert np.isnan(recording.positions).sum() == 9
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        (contents(np.empty((0, 3, 5)), ()), "no markers in it"),
+        (contents(np.ones((2, 3, 1))), "1 frame in it; motion needs at least 2"),
+        (contents(np.ones((2, 3, 0))), "no frames in it"),
+        (contents(np.full((2, 3, 5), np.nan)), "none of its 2 markers has a sample in any of its 5 frames"),
+        (contents(np.zeros((2, 3, 5))), "none of its 2 markers has a sample"),
+        (contents(rate=None), "rate in frames per second is not given; give one"),
+        (contents(rate=0.0), "rate in frames per second is 0; give one"),
+    ],
+)
+def test_what_cannot_be_used(given, words):
+    with pytest.raises(RecordingError, match=words) as caught:
+        assemble(given, "walk")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_marker_never_seen_is_kept():
+    """A marker without samples stays in the recording; joints that need it are flagged later."""
+    points = contents().points.copy()
+    points[1] = np.nan
+    assert assemble(contents(points), "walk").missing().tolist() == [0.0, 1.0]
+
+
+def test_the_files_own_array_is_left_alone():
+    given = contents()
+    before = given.points.copy()
+    assemble(given, "walk")
+    np.testing.assert_array_equal(given.points, before)
+
+
+def test_gaps_counted_by_hand():
+    seen = np.array([0, 0, 1, 1, 0, 1, 0, 0, 0, 1, 0], dtype=bool)
+    assert gaps(seen) == Gaps(missing=7, gaps=4, longest=3)
+    assert gaps(np.ones(4, dtype=bool)) == Gaps(0, 0, 0)
+    assert gaps(np.zeros(4, dtype=bool)) == Gaps(4, 1, 4)
+
+
+def recording():
+    positions = np.zeros((3, 3, 100))
+    positions[0] = np.linspace(0, [3.0, 4.0, 0.0], 100).T
+    positions[0, :, 40:60] = np.nan
+    positions[1] = np.nan
+    positions[2] = 1.0
+    return Recording("walk", ("A", "LONGNAME", "C"), positions, 100.0, ("something was odd",))
+
+
+def test_extent_is_the_diagonal_of_the_path():
+    found = extents(recording())
+    np.testing.assert_allclose(found[[0, 2]], [5.0, 0.0], atol=1e-12)
+    assert np.isnan(found[1])
+
+
+def test_lines():
+    """The lines are a headline, notes, problems, then one per marker."""
+    assert describe(recording()) == [
+        "walk: 3 markers, 100 frames at 100 Hz, 0.99 s, 40.0% of the samples missing",
+        "note: something was odd",
+        "without any sample: LONGNAME",
+        "move by less than 1 mm: C",
+        "marker    missing  gaps  longest  extent",
+        "A           20.0%     1   0.20 s  5.00 m",
+        "LONGNAME   100.0%     1   1.00 s       -",
+        "C            0.0%     0        -  0.00 m",
+    ]
+
+
+def test_nothing_moves():
+    """If no marker moves, a line at the top says so."""
+    still = Recording("chair", ("A", "B"), np.ones((2, 3, 9)), 100.0)
+    assert describe(still)[1] == "no marker moves by more than 0 mm; joints cannot be found"
+
+
+@pytest.mark.parametrize("prefix", ["", "male:", "Subject 1:", "a:b:", "  male: "])
+def test_prefixes_are_taken_off(prefix):
+    """The prefix of the subject is left out, for any name."""
+    found = name_points([f"{prefix}LFHD", f"{prefix}RFHD ", f"{prefix}C7"])
+    assert found.markers == ("LFHD", "RFHD", "C7")
+    assert (found.rows, found.notes) == ((0, 1, 2), ())
+
+
+def test_prefixes_of_the_file_need_no_colon():
+    assert name_points(["bob_LFHD", "bob_C7"], prefixes=["bob_"]).markers == ("LFHD", "C7")
+
+
+def test_points_without_a_label_are_numbered_and_props_are_kept():
+    """Extra points stay; a marker set leaves them out."""
+    found = name_points(["male:LFHD", "", "*110", "male:"])
+    assert found.markers == ("LFHD", "point 2", "*110", "male:")
+
+
+def test_doubles_are_renamed_and_said():
+    """Neither of two points with one label is used, as nothing tells which is the marker."""
+    found = name_points(["m:A", "m:B", "m:A"])
+    assert found.markers == ("A#1", "B", "A#2")
+    assert found.notes == ("the label A is on points 1, 3: nothing tells which is the marker, so none of them is used",)
+
+
+def test_of_several_subjects_one_is_chosen():
+    labels = ["male:A", "female:A", "female:B", "*1"]
+    with pytest.raises(
+        RecordingError, match=r"2 subjects: male \(1 markers\), female \(2 markers\); choose one with --subject"
+    ):
+        name_points(labels)
+    found = name_points(labels, "female")
+    assert (found.rows, found.markers) == ((1, 2), ("A", "B"))
+    assert found.notes == ("2 points of other subjects are left out",)
+    with pytest.raises(RecordingError, match=r"no subject 'child' in it; there are male"):
+        name_points(labels, "child")
+    with pytest.raises(RecordingError, match="the labels have no prefix"):
+        name_points(["A"], "child")
+
+
+def test_labels_can_be_shown():
+    """Bytes that are not UTF-8 are decoded, and control characters are replaced."""
+    latin = "Andr\u00e9:LFHD".encode("latin-1").decode("utf-8", "surrogateescape")
+    assert name_points([latin, "A\x1b[2J"]).markers == ("LFHD", "A�[2J")
+    assert name_points(["André:LFHD"], "André").markers == ("LFHD",)
+
+
+def test_what_it_says_of_itself(small):
+    """Frames, duration, shares and rows equal those counted by hand."""
+    positions = np.zeros((2, 3, 5))
+    positions[1, :, 1:3] = np.nan
+    recording = Recording("walk", ("A", "B"), positions, 100.0)
+    assert (recording.frames, recording.duration) == (5, 0.04)
+    assert recording.missing().tolist() == pytest.approx([0.0, 0.4])
+    assert recording.seen()[1].tolist() == [True, False, False, True, True]
+    assert recording.row("B") == 1
+    np.testing.assert_array_equal(recording.of("B"), positions[1])
+
+
+def test_positions_are_contiguous_over_frames_and_kept_from_changes():
+    """Positions have one memory layout and are read-only; the caller's own array stays writable."""
+    positions = np.arange(24.0).reshape(4, 3, 2).transpose(2, 1, 0)
+    recording = Recording("walk", ("A", "B"), positions, 100.0)
+    assert recording.positions.flags.c_contiguous
+    with pytest.raises(ValueError, match="read-only"):
+        recording.positions[0, 0, 0] = 1.0
+    own = np.zeros((1, 3, 2))
+    Recording("walk", ("A",), own, 100.0)
+    own[0, 0, 0] = 1.0
+
+
+def test_select(small):
+    """Markers come in the given order, with some frames; all else is the same."""
+    recording = small()
+    some = recording.select(["C7", "LFHD"], slice(2, 5))
+    assert some.markers == ("C7", "LFHD")
+    np.testing.assert_array_equal(some.of("C7"), recording.of("C7")[:, 2:5])
+    every = recording.select(frames=np.array([3, 0]))
+    np.testing.assert_array_equal(every.positions, recording.positions[:, :, [3, 0]])
+    assert (every.name, every.rate) == (recording.name, recording.rate)
+
+
+@pytest.mark.parametrize(
+    ("markers", "shape", "rate", "words"),
+    [
+        (("A", "B"), (3, 3, 5), 100.0, r"shape \(3, 3, 5\); they must be \(2, 3, frames\)"),
+        (("A", "B"), (2, 5, 3), 100.0, r"must be \(2, 3, frames\)"),
+        (("A", "A"), (2, 3, 5), 100.0, "two markers have the label 'A'"),
+        (("A", "B"), (2, 3, 5), 0.0, "rate is 0 frames per second"),
+        (("A", "B"), (2, 3, 5), np.nan, "rate is nan"),
+    ],
+)
+def test_what_does_not_fit_is_refused(markers, shape, rate, words):
+    with pytest.raises(RecordingError, match=words):
+        Recording("walk", markers, np.zeros(shape), rate)
+
+
+def test_an_unknown_marker_is_told_with_the_known(small):
+    with pytest.raises(RecordingError, match="no marker 'NOSE'; there are LFHD, RFHD, C7, LFIN"):
+        small().of("NOSE")

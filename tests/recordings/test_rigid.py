@@ -1,0 +1,291 @@
+"""Tests of rigid."""
+
+import numpy as np
+import pytest
+from scipy.spatial.distance import pdist
+from scipy.spatial.transform import Rotation
+
+from study.recordings.rigid import (
+    angles_about_center,
+    cap_angle,
+    fit_rigid_motion,
+    fit_template,
+    mean_rotated_covariance,
+    nearest_rotation,
+    relative_rotation,
+    rotation_range,
+    rotation_vectors,
+    to_local,
+    to_world,
+    turning_ways,
+)
+
+
+def course(size, frames=400):
+    """Rotation vectors (3, frames) of a smooth motion of mean zero."""
+    t = np.arange(frames) / frames * 2 * np.pi
+    return size * np.stack([np.sin(t), 0.5 * np.cos(2 * t), 0.2 * np.sin(3 * t)])
+
+
+def test_rotation_vectors():
+    """Vectors about the mean, in the parent's axes; NaN where unknown."""
+    angles, rest = course(0.02), Rotation.from_rotvec([0.3, -0.8, 0.4])
+    rotation = np.moveaxis((Rotation.from_rotvec(angles.T) * rest).as_matrix(), 0, 2)
+    rotation[:, :, 7] = np.nan
+    found = rotation_vectors(rotation)
+    assert np.isnan(found[:, 7]).all()
+    np.testing.assert_allclose(np.delete(found, 7, axis=1), np.delete(angles, 7, axis=1), atol=2e-4)
+
+
+def test_angles_about_a_centre():
+    """To first order, for two markers of which one is missing at times; one marker alone shows none along its arm."""
+    angles, center = course(0.01), np.array([0.1, -0.2, 0.3])
+    arms = np.array([[0.1, 0.02, 0.0], [0.0, 0.2, 0.1]])
+    y = center[:, None] + np.einsum("tij,mj->mit", Rotation.from_rotvec(angles.T).as_matrix(), arms)
+    used = np.ones((2, 400), dtype=bool)
+    used[1, :5] = False
+    found = angles_about_center(y, used, center)
+    np.testing.assert_allclose(found[:, 5:], angles[:, 5:], atol=2e-4)
+    alone = angles_about_center(y[:1], used[:1], center)
+    along = arms[0] / np.linalg.norm(arms[0])
+    np.testing.assert_allclose(alone, angles - np.outer(along, along @ angles), atol=2e-4)
+    assert np.isnan(angles_about_center(y, np.zeros_like(used), center)).all()
+
+
+@pytest.mark.parametrize("most", [1, 2])
+def test_turning_ways(most):
+    """About its greatest axis the joint turns one way in the rising half of a sine."""
+    angles = course(0.3)
+    ways = turning_ways(angles, 2, most)
+    assert len(ways) == most
+    rising = np.gradient(angles[0]) > 0
+    one, two = ways[0]
+    agree = (one == rising)[5:-5].mean()
+    assert max(agree, 1 - agree) > 0.95
+    assert not (one & two).any()
+    assert (one | two)[2:-2].mean() > 0.98
+    assert turning_ways(np.full((3, 9), np.nan), 1, 2) == []
+
+
+@pytest.fixture
+def moved(rng):
+    """Make a template in random poses, with noise; rotations and translations come with it."""
+
+    def make(template, frames=40, noise=0.0):
+        turns = Rotation.random(frames, rng=rng).as_matrix().transpose(1, 2, 0)
+        shifts = rng.normal(size=(3, frames))
+        x = np.einsum("ijt,mj->mit", turns, template) + shifts
+        return x + noise * rng.standard_normal(x.shape), turns, shifts
+
+    return make
+
+
+@pytest.mark.parametrize("m", [3, 4, 6])
+def test_agrees_with_scipy(rng, moved, m):
+    """Rotations are those of scipy's Kabsch algorithm, for three markers (in a plane), four and six, with noise."""
+    template = 0.1 * rng.standard_normal((m, 3))
+    x, _, _ = moved(template, noise=0.01)
+    rotation, origin, known = fit_rigid_motion(template, x)
+    assert known.all()
+    for t in range(x.shape[2]):
+        wanted, _ = Rotation.align_vectors(x[:, :, t] - x[:, :, t].mean(axis=0), template - template.mean(axis=0))
+        np.testing.assert_allclose(rotation[:, :, t], wanted.as_matrix(), atol=1e-9)
+        shift = x[:, :, t].mean(axis=0) - wanted.apply(template.mean(axis=0))
+        np.testing.assert_allclose(origin[:, t], shift, atol=1e-9)
+
+
+def test_without_noise_the_motion_is_exact(rng, moved):
+    """The true rotations and translations come back to rounding."""
+    template = rng.standard_normal((4, 3))
+    x, turns, shifts = moved(template)
+    rotation, origin, known = fit_rigid_motion(template, x)
+    assert known.all()
+    np.testing.assert_allclose(rotation, turns, atol=1e-12)
+    np.testing.assert_allclose(origin, shifts, atol=1e-12)
+
+
+def test_mirrored_points(rng, moved):
+    """For mirrored points the fit is the best proper rotation, as in scipy."""
+    template = rng.standard_normal((5, 3))
+    x, _, _ = moved(template * [1.0, 1.0, -1.0])
+    rotation, _, known = fit_rigid_motion(template, x)
+    assert known.all()
+    np.testing.assert_allclose(np.linalg.det(rotation.transpose(2, 0, 1)), 1.0, atol=1e-12)
+    wanted, _ = Rotation.align_vectors(x[:, :, 0] - x[:, :, 0].mean(axis=0), template - template.mean(axis=0))
+    np.testing.assert_allclose(rotation[:, :, 0], wanted.as_matrix(), atol=1e-9)
+
+
+def test_missing_and_unused_points(rng, moved):
+    """Only points that are used enter a frame's fit; a frame with fewer than three is unknown."""
+    template = rng.standard_normal((4, 3))
+    x, turns, _ = moved(template)
+    x[3] += 1.0
+    used = np.ones((4, x.shape[2]), dtype=bool)
+    used[3] = False
+    x[0, :, 5] = np.nan
+    rotation, origin, known = fit_rigid_motion(template, x, used)
+    assert list(np.flatnonzero(~known)) == [5]
+    np.testing.assert_allclose(rotation[:, :, known], turns[:, :, known], atol=1e-12)
+    assert np.isnan(rotation[:, :, 5]).all()
+    assert np.isnan(origin[:, 5]).all()
+
+
+def test_points_on_a_line(moved):
+    """Points on a line leave the pose unknown, for the rotation about the line is open."""
+    x, _, _ = moved(np.array([[0.0, 0, 0], [0.1, 0, 0], [0.3, 0.001, 0]]))
+    assert not fit_rigid_motion(np.array([[0.0, 0, 0], [0.1, 0, 0], [0.3, 0.001, 0]]), x)[2].any()
+
+
+def rotations(rng, frames=30):
+    """Random rotations (3, 3, frames)."""
+    return Rotation.random(frames, rng=rng).as_matrix().transpose(1, 2, 0)
+
+
+def test_points_there_and_back(rng):
+    """`to_local` undoes `to_world`, for points that are fixed in the axes or move."""
+    axes, origins, x = rotations(rng), rng.normal(size=(3, 30)), rng.normal(size=(4, 3, 30))
+    point = rng.standard_normal(3)
+    repeated = np.repeat(point[:, None], 30, axis=1)
+    np.testing.assert_allclose(to_local(axes, origins, to_world(axes, origins, point)), repeated, atol=1e-12)
+    np.testing.assert_allclose(to_world(axes, origins, to_local(axes, origins, x[1])), x[1], atol=1e-12)
+    assert to_local(axes, origins, x).shape == x.shape
+
+
+def test_relative_rotation(rng):
+    """The parent's rotation after the relative one is the child's."""
+    parent, child = rotations(rng), rotations(rng)
+    both = np.einsum("ijt,jkt->ikt", parent, relative_rotation(parent, child))
+    np.testing.assert_allclose(both, child, atol=1e-12)
+
+
+def test_mean_rotated_covariance(rng):
+    """It is the mean over frames of R Σ Rᵀ, one by one."""
+    axes, root = rotations(rng), rng.standard_normal((3, 3))
+    covariance = root @ root.T
+    wanted = np.mean([axes[:, :, t] @ covariance @ axes[:, :, t].T for t in range(30)], axis=0)
+    np.testing.assert_allclose(mean_rotated_covariance(axes, covariance), wanted, atol=1e-12)
+
+
+def test_nearest_rotation(rng):
+    """For a sum of rotations it is the mean rotation that scipy has, and never a reflection."""
+    axes = Rotation.from_rotvec(0.3 * rng.standard_normal((30, 3)))
+    found = nearest_rotation(axes.as_matrix().sum(axis=0))
+    np.testing.assert_allclose(found, axes.mean().as_matrix(), atol=1e-12)
+    assert np.linalg.det(nearest_rotation(np.diag([1.0, 2.0, -3.0]))) > 0.0
+
+
+@pytest.mark.parametrize("angle", [10.0, 60.0, 120.0])
+def test_cap_angle_of_a_cap(rng, on_cap, angle):
+    """On a uniformly filled cap it is the angle that holds 95 % of the area: cos = 1 - .95 (1 - cos φ)."""
+    points, _ = on_cap(rng, 20_000, angle, radius=0.3, center=0.5)
+    used = np.ones(len(points), dtype=bool)
+    wanted = np.degrees(np.arccos(1 - 0.95 * (1 - np.cos(np.radians(angle)))))
+    assert np.degrees(cap_angle(points.T, used, np.full(3, 0.5))) == pytest.approx(wanted, rel=0.02)
+
+
+def test_unused_samples(rng, on_cap):
+    """Unused samples do not widen the cap; without samples there is no angle."""
+    points, _ = on_cap(rng, 500, 20.0)
+    used = np.ones(600, dtype=bool)
+    used[500:] = False
+    y = np.concatenate([points, -points[:100]]).T
+    assert cap_angle(y, used, np.zeros(3)) == cap_angle(points.T, used[:500], np.zeros(3))
+    assert np.isnan(cap_angle(y, np.zeros(600, dtype=bool), np.zeros(3)))
+
+
+def test_rotation_range_of_a_hinge(rng):
+    """Of rotations about one axis, uniform within ±50°, 95 % are within 47.5° of their mean."""
+    angles = np.radians(rng.uniform(-50, 50, 20_000))
+    axis = np.array([0.6, 0.0, 0.8])
+    rotation = (Rotation.from_euler("z", 30, degrees=True) * Rotation.from_rotvec(angles[:, None] * axis)).as_matrix()
+    assert np.degrees(rotation_range(rotation.transpose(1, 2, 0))) == pytest.approx(47.5, abs=1.0)
+    assert np.isnan(rotation_range(np.full((3, 3, 4), np.nan)))
+
+
+SHAPE = np.array([[0.1, 0.12, 0.02], [0.1, -0.11, 0.0], [-0.12, 0.06, 0.01], [-0.1, -0.05, 0.06]])
+
+
+@pytest.fixture
+def seen(rng):
+    """Make a shape in random poses (m, 3, frames), with noise and gaps."""
+
+    def make(shape=SHAPE, frames=300, noise=0.0, gaps=0.0):
+        turns = Rotation.random(frames, rng=rng).as_matrix()
+        x = np.einsum("tij,mj->mit", turns, shape) + rng.normal(size=(3, frames))
+        x += noise * rng.standard_normal(x.shape)
+        x[np.broadcast_to(rng.random((len(shape), 1, frames)) < gaps, x.shape)] = np.nan
+        return x
+
+    return make
+
+
+def proper(found, shape):
+    """Largest coordinate difference of two shapes after the best proper rotation."""
+    a, b = found - found.mean(axis=0), shape - shape.mean(axis=0)
+    turn, _ = Rotation.align_vectors(a, b)
+    return np.abs(a - turn.apply(b)).max()
+
+
+@pytest.mark.parametrize("gaps", [0.0, 0.3])
+def test_the_shape_comes_back(seen, gaps):
+    """Without noise the shape, and not its mirror image, comes back to rounding, with gaps or without."""
+    found = fit_template(seen(gaps=gaps))
+    assert proper(found.points, SHAPE) < 1e-6
+    assert not found.outliers.any()
+
+
+def test_noise_averages_out(seen):
+    """With noise of 2 mm and 2000 frames the shape's error is 2/√2000 mm per coordinate and a small bias.
+
+    The largest of 12 deviates beyond 5 standard deviations: 7 in 10⁶; the bias is of second
+    order, (σ/size)² of the size, 0.04 mm.
+    """
+    assert proper(fit_template(seen(frames=2000, noise=0.002)).points, SHAPE) < 5 * 0.002 / np.sqrt(2000) + 5e-5
+
+
+def test_swapped_markers_are_found(seen):
+    """Two markers exchanged in some frames are outliers in these frames alone, and the shape is as before."""
+    x = seen(frames=500, noise=0.001)
+    x[[0, 2], :, 100:130] = x[[2, 0], :, 100:130]
+    found = fit_template(x)
+    wrong = np.zeros((4, 500), dtype=bool)
+    wrong[[0, 2], 100:130] = True
+    assert (found.outliers[:, 100:130].sum(axis=0) >= 2).all()
+    assert not found.outliers[:, ~wrong.any(axis=0)].any()
+    assert proper(found.points, SHAPE) < 1e-3
+
+
+def test_one_stray_marker(seen):
+    """Of four markers, the displaced one is an outlier and no other."""
+    x = seen(frames=400, noise=0.001)
+    x[3, :, 50:60] += 0.2
+    found = fit_template(x)
+    assert found.outliers[3, 50:60].all()
+    assert found.outliers.sum() == 10
+    np.testing.assert_array_equal(found.good, ~found.outliers)
+
+
+def test_two_markers(seen):
+    """Of two markers both are outliers where their distance is wrong, for either may be."""
+    x = seen(SHAPE[:2], frames=200, noise=0.001)
+    x[1, :, 20:25] += 0.3
+    found = fit_template(x)
+    assert found.outliers[:, 20:25].all()
+    assert found.outliers.sum() == 10
+    np.testing.assert_allclose(pdist(found.points), pdist(SHAPE[:2]), atol=1e-3)
+
+
+def test_marker_apart_from_the_others(seen):
+    """A marker that no frame shows with the others has no place; the others have."""
+    x = seen()
+    x[3] = np.nan
+    found = fit_template(x)
+    assert np.isnan(found.points[3]).all()
+    assert proper(found.points[:3], SHAPE[:3]) < 1e-6
+
+
+def test_nothing_seen():
+    """Without samples there is no shape, and no warning."""
+    found = fit_template(np.full((3, 3, 10), np.nan))
+    assert np.isnan(found.points).all()
+    assert not found.good.any()

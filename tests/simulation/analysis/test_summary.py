@@ -1,0 +1,159 @@
+"""The summary of a small error table whose measures are known by hand: failures count, and nothing is lost."""
+
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from study.fits import Status
+from study.simulation.analysis.summary import decade, summary
+from study.simulation.runs import schemas
+
+NAN, INF = math.nan, math.inf
+OK, HIDDEN, FLAT = Status.OK, Status.NOT_POSITIVE_DEFINITE, Status.SINGULAR
+
+
+def table(rows):
+    """An error table of (cell, estimator, error, error_1, status), radius 2 and bound 0.5."""
+    frame = pd.DataFrame(rows, columns=["cell", "estimator", "error", "error_1", "status"])
+    frame["trial"] = frame.groupby(["cell", "estimator"]).cumcount()
+    frame["status"] = frame["status"].map(int)
+    return frame.assign(samples=10, noise=0.1, angle=90.0, radius=2.0, center=0.0, bound=0.5)
+
+
+HAND = table(
+    [
+        ("bb", "ugdk", 1.0, -1.0, OK),
+        ("bb", "ugdk", 2.0, 0.5, OK),
+        ("bb", "ugdk", 3.0, 3.0, OK),
+        ("bb", "ugdk", 1e9, 1e9, FLAT),
+        ("bb", "ugdk", NAN, NAN, HIDDEN),
+        *(("bb", "lls", float(e), 0.0, OK) for e in (1, 2, 3, 4, 6)),
+        *(("aa", "ugdk", NAN, NAN, FLAT) for _ in range(3)),
+        *(("aa", "lls", 1.0, 1.0, OK) for _ in range(2)),
+    ]
+)
+
+
+@pytest.fixture
+def by_hand():
+    """The summary of the table above, by group and estimator."""
+    return summary(HAND, by_decade=False).set_index(["group", "estimator"])
+
+
+def test_order_and_columns():
+    """Rows come in the order of the table, columns are exactly those declared."""
+    found = summary(HAND, by_decade=False)
+    assert list(zip(found["group"], found["estimator"], strict=True)) == [
+        ("bb", "ugdk"),
+        ("bb", "lls"),
+        ("aa", "ugdk"),
+        ("aa", "lls"),
+    ]
+    assert sorted(found.columns) == sorted(column.name for column in schemas.summary())
+
+
+def test_statuses_are_counted(by_hand):
+    """Each status has its count, and the counts add up to what was planned."""
+    row = by_hand.loc["bb", "ugdk"]
+    assert (row["planned"], row["ok"], row["singular"], row["not_positive_definite"]) == (5, 3, 1, 1)
+    names = [status.name.lower() for status in Status]
+    assert (by_hand[names].sum(axis=1) == by_hand["planned"]).all()
+    assert by_hand["planned"].sum() == len(HAND)
+
+
+def test_quantiles_of_ok_and_of_all(by_hand):
+    """Of all fits, failures are infinite: the third of five is the median, and the 95 % quantile is infinite."""
+    row = by_hand.loc["bb", "ugdk"]
+    assert (row["relative_median_ok"], row["relative_median_all"]) == (1.0, 1.5)
+    assert (row["ratio_median_ok"], row["ratio_median_all"]) == (4.0, 6.0)
+    assert (row["ratio_q05_ok"], row["ratio_q05_all"]) == (2.0, 2.0)
+    assert (row["ratio_q95_ok"], row["ratio_q95_all"]) == (6.0, INF)
+    assert row["axis_median_ok"] == 1.0
+
+
+def test_without_failures_ok_is_all(by_hand):
+    """Without failures both kinds of quantile are equal."""
+    row = by_hand.loc["bb", "lls"]
+    for name in ("relative", "ratio"):
+        for label in ("median", "q05", "q95"):
+            assert row[f"{name}_{label}_ok"] == row[f"{name}_{label}_all"]
+
+
+def test_nothing_ok(by_hand):
+    """If all fits failed, quantiles of ok fits are unknown and those of all fits are infinite."""
+    row = by_hand.loc["aa", "ugdk"]
+    assert math.isnan(row["ratio_median_ok"])
+    assert (row["ratio_median_all"], row["ratio_q05_all"], row["far_all"]) == (INF, INF, 1.0)
+    assert math.isnan(row["far_ok"])
+    assert math.isnan(row["axis_median_ok"])
+
+
+def test_far_share(by_hand):
+    """Far is beyond ten bounds, 5 here; a failure counts as far among all, and not among the ok."""
+    assert tuple(by_hand.loc["bb", "ugdk"][["far_ok", "far_all"]]) == (0.0, 0.4)
+    assert tuple(by_hand.loc["bb", "lls"][["far_ok", "far_all"]]) == (0.2, 0.2)
+
+
+def test_conditions(by_hand):
+    """A cell's conditions stand beside its measures."""
+    conditions = by_hand[["samples", "noise", "angle", "radius", "center"]].drop_duplicates()
+    assert conditions.to_numpy().tolist() == [[10, 0.1, 90, 2, 0]]
+    assert by_hand["decade"].isna().all()
+
+
+def test_an_infinite_bound_is_no_perfect_fit():
+    """If the directions do not determine the centre, an error over the bound is unknown, not zero."""
+    found = summary(HAND.assign(bound=INF), by_decade=False).set_index(["group", "estimator"])
+    assert found.loc["bb", "lls"]["ratio_median_ok"] == INF
+    assert found.loc["bb", "lls"]["axis_median_ok"] == INF
+
+
+@pytest.mark.parametrize("power", range(-13, 15))
+def test_decades_by_their_lower_end(power):
+    """A ratio σ/r of 10^k, to the 12 digits that conditions have, opens its decade; one below is of the last."""
+    radius = np.array([1.0, 3.0, 0.7, 37.0])
+    noise = float(f"1e{power}") * radius
+    assert set(decade(noise / radius)) == set(decade(noise * (1 - 1e-12) / radius)) == {power}
+    assert set(decade(noise * (1 - 1e-6) / radius)) == {power - 1}
+
+
+def test_decades_in_order_and_whole():
+    """Decades ascend, hold every trial once, and say a condition only where it does not vary."""
+    noise = 2.0 * 10.0 ** np.array([2.5, -3.0, 0.1, -2.01, 0.9] * 3)
+    found = summary(HAND.assign(noise=noise, samples=np.arange(15)), by_decade=True)
+    assert found["decade"].is_monotonic_increasing
+    assert set(found["group"]) == {"1e-03", "1e+00", "1e+02"}
+    assert found["planned"].sum() == 15
+    several = found["planned"] > 1
+    assert several.any()
+    assert found.loc[several, "samples"].isna().all()
+    assert found.loc[~several, "samples"].notna().all()
+    assert (found["radius"] == 2.0).all()
+
+
+def large(errors, axis):
+    """An error table of one cell of so many ok fits."""
+    rows = [("cc", "ugdk", e, a, OK) for e, a in zip(errors, axis, strict=True)]
+    return summary(table(rows), by_decade=False).iloc[0]
+
+
+def test_moments_where_they_exist():
+    """Of normal errors, bias and RMSE over the bound are numpy's."""
+    vector = np.random.default_rng(4).standard_normal((5000, 3)) + np.array([0.3, 0.0, 0.0])
+    error = np.linalg.norm(vector, axis=1)
+    row = large(error, vector[:, 0])
+    assert row["bias"] == pytest.approx(vector[:, 0].mean() / 0.5)
+    assert row["rmse"] == pytest.approx(math.sqrt((error**2).mean()) / 0.5)
+    assert row["bias_error"] == pytest.approx(vector[:, 0].std(ddof=1) / 0.5 / math.sqrt(5000))
+
+
+def test_moments_where_they_do_not_exist():
+    """Of Cauchy errors, and of too few, there is no bias and no RMSE; medians there are."""
+    tail = np.random.default_rng(4).standard_cauchy(5000)
+    for errors in (tail, tail[:150]):
+        row = large(np.abs(errors), errors)
+        assert all(math.isnan(row[name]) for name in ("bias", "bias_error", "rmse", "rmse_error"))
+        assert math.isfinite(row["ratio_median_ok"])
+    assert large(np.abs(tail), tail)["tail_index"] == pytest.approx(1.0, abs=0.3)

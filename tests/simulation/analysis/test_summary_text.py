@@ -1,0 +1,296 @@
+"""Rows of a summary that a user chooses, and those that fit a screen.
+
+The summary as it is stored beside a run, and as it is printed.
+"""
+
+import itertools
+
+import numpy as np
+import pandas as pd
+import pyarrow.parquet as pq
+import pytest
+
+from study.fits import Status
+from study.simulation.analysis.summary import summarise, summary
+from study.simulation.analysis.summary_text import (
+    ROWS,
+    RowChoice,
+    as_csv,
+    as_data,
+    evenly_spread,
+    once_by_scaling,
+    printed,
+)
+from study.simulation.experiment.config import parse
+from study.simulation.runs import runner, schemas
+
+HEAD = 'name = "test"\nseed = 1\nestimators = ["lls", "ugdk"]\n[design]\ntrials = 8\n'
+
+SCALED = HEAD + (
+    'kind = "grid"\nsamples = [5, 40]\nnoise_over_radius = { logspace = [1e-3, 0.1, 9] }\nangle = [30, 90, 180]\n'
+    "radius = [1, 7.5]\ncenter = [0, 1]\n"
+)
+
+RANDOM = HEAD + (
+    'kind = "random"\nsamples = { law = "log_uniform", low = 4, high = 50 }\n'
+    'noise = { law = "log_uniform", low = 0.01, high = 1 }\nangle = 90\n'
+)
+
+
+def make(text, folder):
+    """A finished run, summarised."""
+    done = runner.run(parse(text), text, folder)
+    summarise(done)
+    return done
+
+
+@pytest.fixture(scope="module")
+def grid(tmp_path_factory):
+    """A grid of 2 · 9 · 3 cells, each in four spaces that differ by scale and centre."""
+    return make(SCALED, tmp_path_factory.mktemp("choice") / "grid")
+
+
+@pytest.fixture(scope="module")
+def random(tmp_path_factory):
+    """A run of a random design."""
+    return make(RANDOM, tmp_path_factory.mktemp("choice") / "random")
+
+
+def table_of(lines):
+    """The lines of a print below its header, and the notes after them."""
+    start = next(i for i, line in enumerate(lines) if line.split()[-2:] == ["lls", "ugdk"]) + 1
+    rows = [line for line in lines[start:] if line.startswith("N = ")]
+    return rows, lines[start + len(rows) :]
+
+
+def test_it_fits_a_screen(grid):
+    """At most forty lines; of 216 cells 162 repeat others by scaling, and the notes count what is left out."""
+    lines = list(printed(grid))
+    assert len(lines) <= 40
+    rows, (scaled, left) = table_of(lines)
+    assert len(rows) <= ROWS
+    assert scaled.startswith("162 cells have the numbers of one above")
+    assert left.startswith(f"{len(rows)} of 54 rows, evenly spread; --all shows all")
+    assert lines[2].startswith("N: number of samples; σ/r: ")
+    assert " r = " not in "".join(rows)
+    for end in ("N = 5, σ/r = 0.001, φ = 30°", "N = 40, σ/r = 0.1, φ = 180°"):
+        assert any(row.startswith(end + " ") for row in rows)
+
+
+def test_all(grid):
+    """Each cell is printed, with the conditions that tell it apart, and nothing is left out."""
+    rows, notes = table_of(list(printed(grid, every=True)))
+    assert len(rows) == 216
+    assert len({row.split("  ")[0] for row in rows}) == 216
+    assert notes == []
+
+
+def test_scaling_leaves_one_of_each(grid):
+    """One cell of each N, σ/r and φ is left, and the error over the bound of the others is that of its cell."""
+    summary = grid.table("summary")
+    once = once_by_scaling(summary)
+    ratio = (summary["noise"] / summary["radius"]).round(9)
+    assert once["group"].nunique() == 54
+    assert not once.assign(ratio=ratio).duplicated(["samples", "ratio", "angle", "estimator"]).any()
+    spread = summary.assign(ratio=ratio).groupby(["samples", "ratio", "angle", "estimator"], observed=True)
+    ends = spread["ratio_median_ok"].agg(["min", "max"])
+    np.testing.assert_allclose(ends["max"], ends["min"], rtol=1e-3)
+
+
+def test_a_cell_of_other_numbers_is_not_the_same_by_scaling(grid):
+    """A cell whose median differs by a hundredth, as rounding far from the origin may make it, is kept."""
+    summary = grid.table("summary")
+    last = (summary["group"] == summary["group"].iloc[-1]) & (summary["estimator"] == "lls")
+    summary["ratio_median_ok"] = summary["ratio_median_ok"] * np.where(last, 1.01, 1.0)
+    assert once_by_scaling(summary)["group"].nunique() == 55
+
+
+@pytest.mark.parametrize(
+    ("where", "conditions"),
+    [
+        (["angle=30"], {"angle": [30]}),
+        (["φ=30°, N=5"], {"angle": [30], "samples": [5]}),
+        (["angle=30,angle=180", "radius=7.5"], {"angle": [30, 180], "radius": [7.5]}),
+        (["σ/r=0.00178"], {"ratio": [10**-2.75]}),  # as a label has it
+        (["noise_over_radius=0.1,center=1"], {"ratio": [0.1], "center": [1]}),
+    ],
+)
+def test_where(grid, where, conditions):
+    """Conditions stand with their names or symbols; several values of one are alternatives, several conditions not."""
+    summary = grid.table("summary")
+    expected = summary.assign(ratio=(summary["noise"] / summary["radius"]))
+    for name, values in conditions.items():
+        expected = expected[[np.isclose(value, values).any() for value in expected[name]]]
+    found = RowChoice.of(grid, where, "ugdk").rows(summary)
+    assert len(found) > 0
+    assert list(found.index) == list(expected[expected["estimator"] == "ugdk"].index)
+
+
+def test_where_in_a_random_design(random):
+    """A value of σ/r chooses its decade; the other conditions vary within the rows."""
+    summary = random.table("summary")
+    found = RowChoice.of(random, ["noise_over_radius=0.05"], None).rows(summary)
+    assert set(found["decade"]) == {-2.0}
+    with pytest.raises(ValueError, match="samples: not a condition of the rows; known are noise_over_radius"):
+        RowChoice.of(random, ["samples=5"], None)
+
+
+@pytest.mark.parametrize(
+    ("where", "estimators", "words"),
+    [
+        (["angel=30"], None, "angel: not a condition of the rows; did you mean 'angle'"),
+        (["angle"], None, "'angle': not CONDITION=VALUE, such as angle=45"),
+        (["angle=a"], None, "angle=a: must be above 0 and at most 180 degrees"),
+        (["angle=-3"], None, "angle=-3: must be above 0"),
+        (["angle=31"], None, "angle=31°: no cell has it; there are 30°, 90°, 180°"),
+        ([], "ugd", "--estimators ugd: not in this run; did you mean 'ugdk'"),
+    ],
+)
+def test_faults(grid, where, estimators, words):
+    """A choice that cannot be met says which word, and what there is."""
+    with pytest.raises(ValueError, match=words):
+        list(printed(grid, RowChoice.of(grid, where, estimators)))
+
+
+def test_data(grid):
+    """The rows for other programs are those of the table, all of them; the bounds' medians stand beside them."""
+    choice = RowChoice.of(grid, ["samples=5"], "lls")
+    data = as_data(grid, choice)
+    assert list(data) == ["run", "bound", "conditions", "rows"]
+    assert data["run"] == grid.study.run_name()
+    summary = grid.table("summary")
+    expected = summary[(summary["samples"] == 5) & (summary["estimator"] == "lls")]
+    found = pd.DataFrame(data["rows"])
+    assert list(found["ratio_median_ok"]) == list(expected["ratio_median_ok"])
+    np.testing.assert_allclose(found["noise_over_radius"], expected["noise"] / expected["radius"])
+    assert (found["median_attainable"] >= 0.999 * found["median_cramer_rao"]).all()
+    lines = as_csv(grid, choice).splitlines()
+    assert lines[0].split(",") == list(summary.columns)
+    assert len(lines) == 1 + len(expected)
+
+
+@pytest.mark.parametrize("most", [1, 7, 8, 12, 27, 63, 64, 100])
+def test_evenly_spread(most):
+    """A factorial is thinned to a factorial with the ends of each condition, where there is room for them."""
+    keys = list(itertools.product([10, 100, 1000, 10000], [0.1, 1.0, 0.01, 0.001], ["a", "b", "c", "d"]))
+    use = [key for key, chosen in zip(keys, evenly_spread(keys, most), strict=True) if chosen]
+    values = [set(axis) for axis in zip(*use, strict=True)]
+    assert 1 <= len(use) <= most
+    assert len(use) == np.prod([len(axis) for axis in values])
+    if most >= 8:
+        assert all(len(axis) >= 2 for axis in values)
+        assert [{10, 10000} <= values[0], {0.001, 1.0} <= values[1], {"a", "d"} <= values[2]] == [True] * 3
+    if most >= 27:
+        assert min(len(axis) for axis in values) >= 3
+
+
+def test_evenly_spread_by_weight():
+    """A condition of twice the weight keeps about twice the values."""
+    keys = list(itertools.product(range(10), range(10)))
+    use = [key for key, chosen in zip(keys, evenly_spread(keys, 32, [2.0, 1.0]), strict=True) if chosen]
+    assert [len({key[i] for key in use}) for i in (0, 1)] == [8, 4]
+
+
+HEAD_SUMMARY_OF_A_RUN = 'name = "test"\nseed = 1\nestimators = ["lls", "ugdk"]\n[design]\ntrials = 40\n'
+
+GRID = HEAD_SUMMARY_OF_A_RUN + 'kind = "grid"\nsamples = [5, 40]\nnoise = [0.01, 0.5]\nangle = 30\ncenter = [0, 1]\n'
+
+RANDOM_SUMMARY_OF_A_RUN = (
+    HEAD_SUMMARY_OF_A_RUN.replace("40", "400")
+    + """kind = "random"
+samples = { law = "log_uniform", low = 4, high = 200 }
+noise = { law = "log_uniform", low = 1e-4, high = 10 }
+angle = { law = "uniform", low = 0, high = 180 }
+radius = { law = "uniform", low = 0, high = 37 }
+"""
+)
+
+
+@pytest.fixture(scope="module", params=["grid", "random"])
+def run(request, tmp_path_factory):
+    """A finished run of each kind of design, summarised."""
+    text = GRID if request.param == "grid" else RANDOM_SUMMARY_OF_A_RUN
+    done = runner.run(parse(text), text, tmp_path_factory.mktemp("summary") / "run")
+    summarise(done)
+    return done
+
+
+def test_stored_is_computed(run):
+    """The stored table is the computed one, in the declared columns and order."""
+    stored = run.table("summary")
+    computed = summary(run.table("errors"), by_decade=run.study.design.kind == "random")
+    assert list(stored.columns) == [column.name for column in schemas.summary()]
+    for name in stored.columns:
+        pd.testing.assert_series_equal(stored[name], computed[name], check_dtype=False, check_categorical=False)
+
+
+def test_summarising_again_changes_nothing(run):
+    """The summary is a function of the error table, to the byte."""
+    path = run.folder / "summary.parquet"
+    before = path.read_bytes()
+    summarise(run)
+    assert path.read_bytes() == before
+
+
+def test_nothing_is_lost(run):
+    """Every fit of the error table is counted once, in its group and under its status."""
+    errors, stored = run.table("errors"), run.table("summary")
+    assert stored["planned"].sum() == len(errors)
+    for status in Status:
+        assert stored[status.name.lower()].sum() == (errors["status"] == status).sum()
+    assert not stored.duplicated(["group", "estimator"]).any()
+    for _, part in stored.groupby("group"):
+        assert list(part["estimator"]) == ["lls", "ugdk"]
+
+
+def test_every_value_has_its_error(run):
+    """Each measure stands beside its Monte-Carlo error, and neither is negative where it cannot be."""
+    stored = run.table("summary")
+    errors = [name for name in stored.columns if name.endswith("_error")]
+    assert len(errors) > 15
+    for name in errors:
+        value, error = stored[name.removesuffix("_error")], stored[name]
+        assert not (error < 0).any()
+        assert error.isna()[value.isna()].all()
+        assert error.notna()[np.isfinite(value)].all()
+
+
+def parts(run):
+    """The lines of a print: its notes, its header, and all lines below it as a list."""
+    lines = list(printed(run, every=True))
+    place = next(i for i, line in enumerate(lines) if line.split()[-2:] == ["lls", "ugdk"])
+    return [*lines[: place + 1], lines[place + 1 :]]
+
+
+def test_printed(run):
+    """A title, a note, a header and a line per group, each with a label of its own; failures are named."""
+    stored = run.table("summary")
+    title, note, legend, *bounds, header, lines = parts(run)
+    assert title.startswith(run.study.run_name())
+    assert "brackets" in note
+    assert "σ/r" in legend
+    if run.study.design.one_trial_a_cell:
+        assert header.split() == ["lls", "ugdk"]
+        assert not bounds
+    else:
+        assert header.split() == ["CRLB", "attainable", "lls", "ugdk"]
+        assert "attainable" in bounds[0]
+    assert len(lines) == stored["group"].nunique()
+    assert all(len(line) < 120 for line in lines)
+    for line, (_, part) in zip(lines, stored.groupby("group", sort=False), strict=True):
+        failed = (part["ok"] < part["planned"]).sum()
+        assert line.count("%)") + line.count("none ok") == failed
+
+
+def test_printed_labels_tell_groups_apart(run):
+    """No two lines of the print have the same label."""
+    *_, header, lines = parts(run)
+    first = "lls" if run.study.design.one_trial_a_cell else "CRLB"
+    labels = [line[: header.index(first)].strip() for line in lines]
+    assert len(set(labels)) == len(labels)
+
+
+def test_metadata(run):
+    """The stored summary holds the config of its run."""
+    metadata = pq.read_schema(run.folder / "summary.parquet").metadata
+    assert metadata[b"study.config"].decode() == run.study.canonical()

@@ -1,0 +1,380 @@
+"""The framework: what is missing is said in a line, verdicts come from judges alone, and texts are complete.
+
+Verdicts are judged once by the same tables, and again where anything that they rest on has changed.
+"""
+
+import inspect
+import math
+import shutil
+from pathlib import Path
+
+import pandas as pd
+import pyarrow.parquet as pq
+import pytest
+
+import study
+from study.files import RunError, holder, writing
+from study.simulation import claims, commands
+from study.simulation.claims import CLAIMS, judge_all, key, save
+from study.simulation.claims.claim import Claim, Evidence, Number, Verdict, evaluate, frame, only_known
+from study.simulation.experiment.config import load, parse
+from study.simulation.runs import kept, runner, schemas
+from study.simulation.runs.run_folder import Run
+from study.simulation.statistics import Measure
+
+ROOT = Path(study.__file__).parents[1]
+
+CONFIG = """
+name = "small"
+seed = 1
+estimators = ["gdke"]
+[design]
+kind = "grid"
+trials = 3
+samples = 10
+noise = 0.05
+angle = 90
+"""
+
+
+def claim(measure, judge=lambda numbers: Verdict.REPRODUCED, reads=("small/errors",)):
+    """A claim of these functions."""
+    return Claim("a", "1", "statement", "quantity", "criterion", reads, measure, judge)
+
+
+def of_small(evidence):
+    """The number of rows of the small run."""
+    return [Number("rows", float(len(evidence.table("small", "errors"))), 0.0, 3)]
+
+
+def assert_no_verdict(finding, *words):
+    """No verdict and no numbers, but a reason, in one line, with these words in it."""
+    assert finding.verdict is Verdict.NOT_EVALUATED
+    assert finding.numbers == []
+    assert "\n" not in finding.reason
+    for word in words:
+        assert word in finding.reason
+
+
+@pytest.fixture
+def small(tmp_path):
+    """A finished run."""
+    return runner.run(parse(CONFIG), CONFIG, tmp_path / "run", 1, None)
+
+
+def test_a_run_is_judged(small):
+    """Numbers of a stored table come back with the verdict of the judge, who sees nothing but them."""
+    seen = []
+
+    def judge(numbers):
+        seen.append(numbers)
+        return Verdict.PARTLY
+
+    (finding,) = evaluate([claim(of_small, judge)], Evidence.of([small]))
+    assert finding.verdict is Verdict.PARTLY
+    assert finding.numbers == [("rows", 3.0, 0.0, 3)]
+    assert seen == [finding.numbers]
+    assert finding.reason == ""
+
+
+def test_a_missing_run():
+    """The reason names the config whose run is needed."""
+    (finding,) = evaluate([claim(of_small)], Evidence.of([]))
+    assert_no_verdict(finding, "configs/small.toml")
+
+
+def test_an_unfinished_run(tmp_path):
+    """A run without its tables says how it is finished."""
+    run = Run.create(tmp_path / "run", parse(CONFIG)).begin(CONFIG)
+    (finding,) = evaluate([claim(of_small)], Evidence.of([run]))
+    assert_no_verdict(finding, "errors.parquet", "study run")
+
+
+def test_a_broken_table(small):
+    """A table that cannot be read counts as missing."""
+    (small.folder / "errors.parquet").write_bytes(b"not parquet")
+    (finding,) = evaluate([claim(of_small)], Evidence.of([small]))
+    assert_no_verdict(finding, "errors.parquet: damaged", "study run")
+
+
+def test_two_runs_of_one_name(small, tmp_path):
+    """Two runs of one name are refused, and the message names both."""
+    other = Run.create(tmp_path / "other", parse(CONFIG)).begin(CONFIG)
+    with pytest.raises(RunError) as caught:
+        Evidence.of([small, other])
+    for folder in (small.folder, other.folder):
+        assert str(folder) in str(caught.value)
+
+
+def test_the_cost_table(tmp_path):
+    """The table is read from its file; a missing table has a reason; a file that is no cost table is an error."""
+    measure = claim(lambda evidence: [Number("rows", float(len(evidence.costs())), 0.0, 0)], reads=("cost",))
+    (finding,) = evaluate([measure], Evidence.of([]))
+    assert_no_verdict(finding, "study cost")
+    path = tmp_path / "cost.parquet"
+    with pytest.raises(RunError, match="no cost table"):
+        Evidence.of([], path)
+    path.mkdir()
+    assert key([], path) is None  # and no exception: the judge says what is wrong
+    with pytest.raises(RunError, match="no cost table; `study cost"):
+        Evidence.of([], path)
+    path.rmdir()
+    path.write_bytes(b"not parquet")
+    with pytest.raises(RunError, match="not a cost table: damaged, or not parquet; `study cost"):
+        Evidence.of([], path)
+    columns = ["flops_per_sample", "paper_flops", "scalar_seconds", "vector_seconds"]
+    for values in ({}, dict.fromkeys(columns, "fast")):
+        pd.DataFrame({"estimator": ["gdke", "lls"]} | values).to_parquet(path)
+        with pytest.raises(RunError, match=r"not a cost table: flops_per_sample, .* missing or not numbers; `study"):
+            Evidence.of([], path)
+    pd.DataFrame({"estimator": ["gdke", "lls"]} | dict.fromkeys(columns, 1.0)).to_parquet(path)
+    (finding,) = evaluate([measure], Evidence.of([], path))
+    assert finding.numbers[0].value == 2.0
+
+
+def test_numbers_that_cannot_be_formed():
+    """An unknown number leaves no verdict: the judge is not called, and the reason names the number."""
+
+    def never(numbers):
+        raise AssertionError("judged")
+
+    numbers = [Number("first", 1.0, 0.1, 10), Number("second", math.nan, math.nan, 0)]
+    (finding,) = evaluate([claim(lambda evidence: numbers, never)], Evidence.of([]))
+    assert finding.verdict is Verdict.NOT_EVALUATED
+    assert finding.numbers == numbers
+    assert "second" in finding.reason
+    assert "first" not in finding.reason
+
+
+def test_other_exceptions_are_faults():
+    """A measure that breaks is a fault of the program, not a missing table."""
+
+    def broken(evidence):
+        raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        evaluate([claim(broken)], Evidence.of([]))
+
+
+def test_number():
+    """A number prints with its error if it has one."""
+    assert str(Number.of("bias", Measure(0.12345, 0.0123), 5)) == "bias: 0.1235 ± 0.012"
+    assert str(Number("count", 35.0, 0.0, 0)) == "count: 35"
+    assert str(Number("time", 1.5, math.nan, 0)) == "time: 1.5"
+
+
+def test_only_known():
+    """Numbers that are NaN are left out; an infinite one stays."""
+    numbers = [Number(name, value, 0.0, 1) for name, value in (("a", 1.0), ("b", math.nan), ("c", math.inf))]
+    assert [n.words for n in only_known(numbers)] == ["a", "c"]
+
+
+def test_frame(small):
+    """The table has the declared columns, a row per claim in order, and can be stored."""
+    missing = claim(lambda evidence: evidence.table("other", "errors"), reads=("other/errors", "small/errors", "cost"))
+    several = claim(lambda evidence: [Number("a", 2.0, 0.5, 7), Number("b", 3.0, 0.0, 0), Number("c", 4.0, 0.1, 5)])
+    empty = claim(lambda evidence: [], lambda numbers: Verdict.PARTLY, reads=())
+    evidence = Evidence.of([small])
+    table = frame(evaluate([several, missing, empty], evidence), evidence)
+    assert list(table.columns) == [column.name for column in schemas.CLAIMS]
+    assert list(table["number"]) == [1, 2, 3]
+    assert list(table["verdict"]) == ["reproduced", "not evaluated", "partly"]
+    first = table.iloc[0]
+    assert (first["value"], first["error"], first["trials"]) == (2.0, 0.5, 5)
+    assert first["finding"] == "a: 2 ± 0.5\nb: 3\nc: 4 ± 0.1"
+    assert "configs/other.toml" in table["finding"][1]
+    assert math.isnan(table["value"][1])
+    assert list(table["runs"]) == [small.study.run_name(), small.study.run_name(), ""]
+    stored = schemas.table(schemas.CLAIMS, {name: table[name].to_numpy() for name in table.columns})
+    assert stored.num_rows == 3
+
+
+@pytest.mark.parametrize("claim", CLAIMS, ids=lambda claim: claim.name)
+def test_texts(claim):
+    """Every claim says what the paper says, what is measured, by what rule, and what a reader should know."""
+    for text in (claim.section, claim.statement, claim.quantity, claim.criterion, claim.remark):
+        assert text == text.strip() != ""
+    for verdict in (Verdict.REPRODUCED, Verdict.PARTLY, Verdict.NOT_REPRODUCED):
+        assert str(verdict) in claim.criterion.lower()
+    assert claim.statement.endswith(".")
+
+
+@pytest.mark.parametrize("claim", CLAIMS, ids=lambda claim: claim.name)
+def test_measures_know_no_verdict(claim):
+    """A verdict is the judge's: no measure mentions one, and no judge reads a table."""
+    measure = inspect.getsource(claim.measure)
+    assert "Verdict" not in measure
+    assert not any(f'"{verdict}"' in measure for verdict in Verdict)
+    assert "evidence" not in inspect.getsource(claim.judge)
+
+
+@pytest.mark.parametrize("claim", CLAIMS, ids=lambda claim: claim.name)
+def test_what_is_read_can_be_made(claim):
+    """Tables are of shipped configs with the name that claims know them by, which keep points where these are read."""
+    for read in claim.reads:
+        config, _, table = read.partition("/")
+        if read in ("cost", "case-study"):
+            continue
+        found = load(ROOT / "configs" / f"{config}.toml")
+        assert found.name == config
+        assert table in ("errors", "timings", "points")
+        assert found.keep_points or table != "points"
+
+
+@pytest.mark.parametrize("claim", CLAIMS, ids=lambda claim: claim.name)
+def test_nothing_at_hand(claim):
+    """Without any table a claim has no verdict, and one line says which of those that it reads it needs."""
+    (finding,) = evaluate([claim], Evidence.of([]))
+    assert_no_verdict(finding)
+    needs = {
+        "cost": "needs the cost table: `study cost` makes it",
+        "case-study": "needs a recording: `study case-study FILE --out DIR`, then `--recording DIR` here",
+    }
+    configs = [read.partition("/")[0] for read in claim.reads]
+    assert finding.reason in [needs.get(name, f"needs a run of configs/{name}.toml") for name in configs]
+
+
+def test_names_are_unique():
+    """A claim is found by its name."""
+    names = [claim.name for claim in CLAIMS]
+    assert len(set(names)) == len(names)
+
+
+def test_verdicts_stay_where_no_claim_can_be_judged(tmp_path):
+    """The reference run keeps its verdicts, but not its rows: judging it again changes none but damaged ones."""
+    folder = shutil.copytree(ROOT / "results" / "paper", tmp_path / "paper")
+    stored, run = (folder / "claims.parquet").read_bytes(), Run.open(folder)
+    judged = judge_all([run])
+    assert set(judged["verdict"]) == {"not evaluated"}
+    save(run, judged)
+    assert (folder / "claims.parquet").read_bytes() == stored
+    (folder / "claims.parquet").write_bytes(stored[:-9])
+    save(run, judged)
+    assert set(run.table("claims")["verdict"]) == {"not evaluated"}
+
+
+def fail(*_):
+    """Stand-in for what judges claims."""
+    raise AssertionError("judged again")
+
+
+@pytest.fixture
+def run(circles, copied):
+    """A run of its own, whose files a test may change."""
+    return copied(circles)
+
+
+@pytest.fixture
+def judged(run):
+    """The run's verdicts, stored; each change after it shows in the key or in the digest."""
+    table = claims.judge_all([run])
+    claims.save(run, table, claims.key([run]))
+    return table
+
+
+def test_the_same_is_not_judged_again(run, judged):
+    """With the same tables the stored verdicts are the ones that were judged, in another object of the run too."""
+    again = Run.open(run.folder)
+    found = claims.stored(again, claims.key([again]))
+    pd.testing.assert_frame_equal(found, judged, check_dtype=False)
+    assert list(claims.printed(found)) == list(claims.printed(judged))
+
+
+def test_the_command_does_not_judge_again(run, monkeypatch, capsys):
+    """A second call prints the same and judges nothing, nor does the page; with another table both do."""
+    monkeypatch.setattr("study.simulation.report.material.FIGURES", {})
+    commands.claims([run.folder])
+    said = capsys.readouterr().out
+    monkeypatch.setattr("study.simulation.claims.claim", fail)
+    commands.claims([run.folder])
+    assert capsys.readouterr().out == said
+    commands.report([run.folder], jobs=1)
+    run.save("timings", run.arrow("timings").slice(1))
+    for command in (commands.claims, commands.report):
+        with pytest.raises(AssertionError, match="judged again"):
+            command([run.folder])
+
+
+def test_edited_verdicts_are_not_believed(run, judged):
+    """A claims table that is not as the manifest says is judged again; so is one that was noted there since."""
+    known = claims.key([run])
+    table = pq.read_table(run.path("claims"))
+    verdicts = table.set_column(table.schema.get_field_index("verdict"), "verdict", [["reproduced"] * len(table)])
+    pq.write_table(verdicts, run.path("claims"))
+    assert claims.stored(run, known) is None
+    run.record("claims")
+    assert claims.stored(run, known) is None
+    run.remove("claims")
+    assert claims.stored(run, known) is None
+
+
+def test_the_key_is_noted_under_the_lock(run, monkeypatch):
+    """No other command can store its table between a table and the note of what that was judged by."""
+    writers = []
+    monkeypatch.setattr(kept, "keep", lambda run, *_: writers.append(holder(run.folder)))
+    claims.save(run, claims.judge_all([run]), "key")
+    assert len(writers) == 1
+    assert writers[0] is not None
+
+
+def test_another_cost_table(run, judged, tmp_path):
+    """Another cost table, none, or other recordings have keys of their own; a missing file has none."""
+    path = tmp_path / "cost.csv"
+    spreads = pd.DataFrame({"recording": ["a"], "spread": [0.1]})
+    keys = {claims.key([run]), claims.key([run], None, spreads), claims.key([run], None, spreads * 2)}
+    for text in ("a\n1\n", "a\n2\n"):
+        path.write_text(text)
+        keys.add(claims.key([run], path))
+    assert len(keys) == 5
+    assert None not in keys
+    path.unlink()
+    assert claims.key([run], path) is None
+
+
+def test_another_folder(run, judged, tmp_path):
+    """A copy of the run elsewhere is judged again: reasons name the folder."""
+    other = Run.open(shutil.copytree(run.folder, tmp_path / "other"))
+    assert claims.stored(other, claims.key([other])) is None
+
+
+def test_another_program(run, judged, monkeypatch):
+    """Verdicts of other sources or libraries are judged again."""
+    monkeypatch.setattr(kept, "_program", lambda: ("other",))
+    assert claims.stored(run, claims.key([run])) is None
+
+
+def test_verdicts_that_cannot_be_stored_are_printed(run, capsys, files_of):
+    """While another process writes to the folder, or the disk does not let it, the work is not lost."""
+    with writing(run.folder):
+        before = files_of(run.folder)
+        with pytest.raises(RunError, match="is writing to it"):
+            commands.claims([run.folder])
+        assert files_of(run.folder) == before
+    said = capsys.readouterr().out
+    commands.claims([run.folder])
+    assert capsys.readouterr().out == said != ""
+
+
+@pytest.mark.parametrize("change", ["missing", "damaged"])
+def test_nothing_is_stored_that_no_manifest_vouches_for(run, judged, change, files_of):
+    """Without a sound manifest neither the command nor the function writes a table."""
+    path = run.folder / "manifest.json"
+    path.write_text(path.read_text(encoding="utf-8").replace("circles", "circle"), encoding="utf-8")
+    if change == "missing":
+        path.unlink()
+    before = files_of(run.folder)
+    with pytest.raises(RunError, match=f"manifest.json: {change}[^\n]*$"):
+        commands.claims([run.folder])
+    if change == "damaged":
+        with pytest.raises(RunError, match=r"manifest\.json: damaged[^\n]*$"):
+            claims.save(run, judged)
+    assert files_of(run.folder) == before
+
+
+def test_a_cost_table_that_is_missing(run, tmp_path, files_of):
+    """A table that cannot be read is one line, and nothing is written."""
+    before = files_of(run.folder)
+    for path in (tmp_path / "none.csv", tmp_path):
+        with pytest.raises(RunError, match=rf"{path}[^\n]*$"):
+            commands.claims([run.folder], path)
+    assert files_of(run.folder) == before

@@ -1,0 +1,119 @@
+"""Claims on costs: the verdicts follow from the cost table and the timings, and change with them."""
+
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from study.simulation.analysis import cost
+from study.simulation.claims.claim import Verdict
+from study.simulation.claims.costs import CLAIMS
+
+OPERATIONS = {"moments": 35.0, "lls": 60.0, "mle": 44.0, "igdk": 126.0}
+SECONDS = {"gdke": 1.0, "ugdk": 1.0, "als": 1.1, "igdk": 4.5, "lls": 1.3, "mle": 8.0}
+
+
+@pytest.fixture
+def table(monkeypatch):
+    """The cost table as `study cost` makes it, with counts and seconds that are given instead of measured."""
+
+    def make(operations=(), seconds=()):
+        monkeypatch.setattr(cost, "counted", lambda dimension: OPERATIONS | dict(operations))
+        for name in ("timed", "timed_scalar"):
+            monkeypatch.setattr(cost, name, lambda dimension, samples: SECONDS | dict(seconds))
+        return cost.cost_table()
+
+    return make
+
+
+@pytest.fixture
+def paper(error_rows):
+    """Timings and MLE's iterations of the paper's experiment."""
+
+    def make(iterations=4, ugdk=0.1):
+        seconds = {"draw": 9.0, "moments": 1.0, "gdke": 0.1, "ugdk": ugdk, "lls": 1.5, "mle": 3.3}
+        rows = [(step, n, 10, value / 2) for step, value in seconds.items() for n in (10, 1000)]
+        timings = pd.DataFrame(rows, columns=["step", "samples", "fits", "seconds"]).astype({"step": "category"})
+        errors = error_rows("mle", np.ones(60), noise=np.repeat([0.01, 0.9, 1.0], 20), iterations=iterations)
+        errors.loc[errors["noise"] == 1.0, "iterations"] = 1000  # where the error is not below one
+        return {"paper/timings": timings, "paper/errors": errors}
+
+    return make
+
+
+def test_ugdk_costs_what_gdke_costs(find, table, paper):
+    """Equal counts and times reproduce the claim; a slower fit leaves the operations; other operations leave nothing.
+
+    In the table UGDK's operations are those of GDKE's kernel, so that it is altered by hand.
+    """
+    costs = table()
+    found = find(CLAIMS, "same-cost", paper(), costs)
+    assert [n.value for n in found.numbers] == pytest.approx([1.0, 1.0, 1.0])
+    assert found.verdict is Verdict.REPRODUCED
+    assert find(CLAIMS, "same-cost", paper(), table(seconds={"ugdk": 1.5})).verdict is Verdict.PARTLY
+    slow = find(CLAIMS, "same-cost", paper(ugdk=0.65), costs)
+    assert slow.numbers[2].value == pytest.approx(1.65 / 1.1)  # moments included
+    assert slow.verdict is Verdict.PARTLY
+    more = costs.assign(flops_per_sample=costs["flops_per_sample"] + 5.0 * (costs["estimator"] == "ugdk"))
+    assert find(CLAIMS, "same-cost", paper(), more).verdict is Verdict.NOT_REPRODUCED
+
+
+@pytest.mark.parametrize(
+    ("operations", "seconds", "verdict"),
+    [
+        (140.0, 2.0, Verdict.REPRODUCED),
+        (126.0, 4.5, Verdict.PARTLY),
+        (300.0, 2.2, Verdict.PARTLY),
+        (300.0, 8.6, Verdict.NOT_REPRODUCED),
+        (104.0, 1.0, Verdict.NOT_REPRODUCED),  # 2.97 is more than a quarter below 4
+    ],
+)
+def test_igdk(find, table, operations, seconds, verdict):
+    """Four times the operations and 2.17 times the time, each within a quarter."""
+    found = find(CLAIMS, "incremental-cost", {}, table({"igdk": operations}, {"igdk": seconds}))
+    assert [n.value for n in found.numbers[:2]] == pytest.approx([operations / 35.0, seconds])
+    assert found.verdict is verdict
+
+
+@pytest.mark.parametrize(
+    ("lls", "passes", "seconds", "verdict"),
+    [
+        (11.05, 63, {}, Verdict.REPRODUCED),  # 1 + 63 · 44/35 = 80.2
+        (60 / 35, 4, {}, Verdict.PARTLY),
+        (11.05, 4, {}, Verdict.PARTLY),
+        (0.9, 4, {}, Verdict.NOT_REPRODUCED),
+        (60 / 35, 4, {"lls": 0.8}, Verdict.NOT_REPRODUCED),
+        (60 / 35, 4, {"mle": 0.8}, Verdict.NOT_REPRODUCED),
+    ],
+)
+def test_speed(find, table, paper, lls, passes, seconds, verdict):
+    """The paper's factors, or at least the paper's order, or not even that; only trials with σ < 1 count."""
+    found = find(CLAIMS, "speed", paper(passes), table({"lls": 35.0 * lls}, seconds))
+    assert [n.value for n in found.numbers[:2]] == pytest.approx([lls, 1 + passes * 44 / 35])
+    assert found.numbers[1].trials == 40
+    assert found.verdict is verdict
+
+
+def test_papers_own_formula(find, table, paper):
+    """Beside the counts stands what the paper's formulas give: 236709/26045 for a thousand samples."""
+    found = find(CLAIMS, "speed", paper(), table())
+    assert any(
+        "by the paper's formulas" in n.words and n.value == pytest.approx(9.0885, rel=1e-4) for n in found.numbers
+    )
+
+
+@pytest.mark.parametrize("name", [claim.name for claim in CLAIMS])
+def test_without_a_cost_table(find, paper, name):
+    """No table, no verdict, and the reason names the command that makes one."""
+    found = find(CLAIMS, name, paper())
+    assert found.verdict is Verdict.NOT_EVALUATED
+    assert "study cost" in found.reason
+
+
+def test_a_table_without_the_estimator(find, table, paper):
+    """A cost that the table lacks is unknown."""
+    costs = table()
+    found = find(CLAIMS, "speed", paper(), costs[costs["estimator"] != "lls"])
+    assert math.isnan(found.numbers[0].value)
+    assert found.verdict is Verdict.NOT_EVALUATED

@@ -1,0 +1,302 @@
+"""The claim of section 9.1 on recordings: tables made by hand, and what they say of joints, not of rows.
+
+Read stored case studies: the rows that count, and one line for a missing, a damaged or another table.
+"""
+
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from study.files import InputError
+from study.recordings.recording import digest_of, with_origin
+from study.simulation.claims.claim import Verdict
+from study.simulation.claims.recordings import CLAIMS, read_case_studies
+
+FEW, MANY = (50, 200), (500, 1000)
+
+NEAR, FAR = 0.002, 0.05
+
+
+def spreads(upto, above, recordings=1):
+    """Spreads of joints (metres), a list for up to 200 samples and one for above, alike in all recordings."""
+    rows = [
+        {
+            "recording": r,
+            "joint": f"joint {j}",
+            "samples": n,
+            "spread": s,
+            "with_axes": s,
+            "error": 2.0 * s,
+            "doubted": False,
+        }
+        for r in range(recordings)
+        for values, sizes in ((upto, FEW), (above, MANY))
+        for j, s in enumerate(values)
+        for n in sizes
+    ]
+    return pd.DataFrame(rows)
+
+
+@pytest.fixture
+def judged(find):
+    """The claim's finding by a table of spreads."""
+    return lambda table: find(CLAIMS, "recordings-within-1-cm", {}, recordings=table)
+
+
+@pytest.mark.parametrize(
+    ("upto", "above", "verdict"),
+    [
+        ([FAR] * 14, [NEAR] * 14, Verdict.REPRODUCED),
+        ([FAR] * 14, [NEAR] * 12 + [FAR, math.inf], Verdict.REPRODUCED),
+        ([NEAR] * 14, [NEAR] * 14, Verdict.PARTLY),  # no more than with few samples
+        ([FAR] * 14, [NEAR] * 8 + [FAR] * 6, Verdict.PARTLY),  # more than half, but within the error of it
+        ([FAR] * 14, [NEAR] * 7 + [FAR] * 7, Verdict.NOT_REPRODUCED),
+        ([FAR] * 14, [FAR] * 14, Verdict.NOT_REPRODUCED),
+    ],
+)
+def test_verdicts(judged, upto, above, verdict):
+    """More than half, surely, and surely more than with few samples."""
+    found = judged(spreads(upto, above))
+    assert found.verdict is verdict
+    share, gain = found.numbers[:2]
+    assert share.value == pytest.approx(np.mean(np.array(above) < 0.01))
+    assert gain.value == pytest.approx(share.value - np.mean(np.array(upto) < 0.01))
+    assert "14 joints of 1 recording " in share.words
+
+
+@pytest.mark.parametrize(("doubted", "verdict"), [(0, "REPRODUCED"), (2, "REPRODUCED"), (7, "PARTLY"), (14, "PARTLY")])
+def test_joints_in_doubt_carry_no_verdict(judged, doubted, verdict):
+    """Spreads of joints whose own errors are in doubt are shown, but the claim is not reproduced by them."""
+    table = spreads([FAR] * 14, [NEAR] * 14)
+    table["doubted"] = table["joint"].isin([f"joint {j}" for j in range(doubted)])
+    found = judged(table)
+    assert found.verdict.name == verdict
+    assert found.numbers[0].value == 1.0
+    assert found.numbers[2].value == pytest.approx(1 - doubted / 14)
+
+
+def test_a_share_of_its_spreads(judged):
+    """A joint that is near at one of two numbers of samples counts half; a spread of a centimetre is not below it."""
+    table = spreads([FAR] * 10, [NEAR] * 10)
+    table.loc[table["samples"] == 500, "spread"] = 0.01
+    found = judged(table)
+    assert found.numbers[0].value == pytest.approx(0.5)
+    assert found.verdict is Verdict.NOT_REPRODUCED
+
+
+def test_errors_count_joints(judged):
+    """More rows of the same joints, or more recordings of them, make no error smaller; more joints do."""
+    upto, above = [FAR] * 9 + [NEAR], [NEAR] * 9 + [FAR]
+    once = judged(spreads(upto, above))
+    table = spreads(upto, above)
+    rows = pd.concat([table, table[table["samples"] == 1000].assign(samples=2000)])
+    twice, thrice = judged(spreads(upto, above, recordings=3)), judged(rows)
+    for other in (twice, thrice):
+        for one, same in zip(once.numbers, other.numbers, strict=True):
+            assert same[1:] == pytest.approx(one[1:])
+        assert other.verdict is once.verdict is Verdict.REPRODUCED
+    assert "10 joints of 3 recordings " in twice.numbers[0].words
+    assert {n.trials for n in once.numbers} == {10}
+    adjusted = (9 + 2) / (10 + 4)
+    assert once.numbers[0].error == pytest.approx(math.sqrt(adjusted * (1 - adjusted) / 14))
+    assert judged(spreads(2 * upto, 2 * above)).numbers[0].error < once.numbers[0].error
+
+
+def test_case_studies_of_one_recording_are_pooled(judged):
+    """Case studies of one recording with other seeds are averaged, in any order, and count as one recording."""
+    one, other = spreads([FAR] * 8, [NEAR] * 8), spreads([FAR] * 8, [NEAR] * 4 + [FAR] * 4)
+    for tables in ([one, other], [other, one]):
+        found = judged(pd.concat(tables, ignore_index=True))
+        assert found.numbers[0].value == pytest.approx(0.75)
+        assert found.numbers[0].trials == 8
+        assert "8 joints of 1 recording " in found.numbers[0].words
+
+
+def test_a_long_recording_counts_no_more(judged):
+    """Recordings count alike, whatever the numbers of samples that they have room for."""
+    table = spreads([FAR] * 6, [NEAR] * 6, recordings=2)
+    table.loc[table["recording"] == 1, "spread"] = FAR
+    short = (table["recording"] == 1) & (table["samples"] == 1000)
+    assert judged(table[~short]).numbers[0].value == pytest.approx(0.5)
+
+
+def test_a_short_recording_says_nothing(judged):
+    """A recording without large subsets is not counted, and does not raise the share of other recordings' joints."""
+    table = spreads([FAR] * 6, [NEAR] * 6, recordings=2)
+    table.loc[table["recording"] == 1, "spread"] = NEAR
+    found = judged(table[(table["recording"] == 0) | (table["samples"] <= 200)])
+    assert [n.value for n in found.numbers[:2]] == [1.0, 1.0]
+    assert "6 joints of 1 recording " in found.numbers[0].words
+
+
+def test_what_is_shown_besides(judged):
+    """The whole answer's own error, and the axes of hinges, enter numbers of their own and no verdict."""
+    table = spreads([FAR] * 10, [0.006] * 10).assign(with_axes=FAR)
+    found = judged(table)
+    assert [n.value for n in found.numbers] == [1.0, 1.0, 1.0, 0.0, 0.0]
+    assert found.verdict is Verdict.REPRODUCED
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        (spreads([FAR] * 4, [NEAR] * 4), "share of 4 joints of 1 recording"),
+        (
+            spreads([FAR] * 14, []),
+            "share of 0 joints of 0 recordings with a spread below 1 cm, above 200 samples (needs 5",
+        ),
+        (spreads([], [NEAR] * 14), "up to 200 samples, joint by joint (needs 5 joints)"),
+    ],
+)
+def test_too_few(judged, table, words):
+    """Four joints that are all alike are chance as often as not in 20; a short recording has no large subset."""
+    found = judged(table)
+    assert found.verdict is Verdict.NOT_EVALUATED
+    assert words in found.reason
+
+
+def test_without_a_recording(judged):
+    """The reason names the command and the option."""
+    found = judged(None)
+    assert found.verdict is Verdict.NOT_EVALUATED
+    assert "`study case-study FILE --out DIR`" in found.reason
+    assert "`--recording DIR`" in found.reason
+
+
+NAME = "case-study-scatter.parquet"
+
+
+def scatter(**changes):
+    """A joint, and a hinge whose axis was dropped, with two numbers of random frames and one of consecutive ones."""
+    rows = [
+        ("neck", "random", False, 100, 0.004, 0.005),
+        ("neck", "random", False, 500, 0.002, 0.004),
+        ("neck", "window", False, 500, 0.040, 0.040),
+        ("knee", "random", False, 100, math.inf, math.inf),
+        ("knee", "random", False, 500, 0.030, 0.031),
+        ("knee", "random", True, 100, 0.003, 0.006),
+        ("knee", "random", True, 500, 0.001, 0.005),
+    ]
+    table = pd.DataFrame(rows, columns=["joint", "way", "dropped", "samples", "median", "error"])
+    return with_origin(table, "walk", "0123456789ab").assign(**changes)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Store a table as a case study's, in a folder of this name."""
+
+    def make(table, name="study"):
+        (tmp_path / name).mkdir()
+        table.to_parquet(tmp_path / name / NAME)
+        return tmp_path / name
+
+    return make
+
+
+def test_rows(folder):
+    """Random frames alone count; a hinge counts without its axis, and has the scatter with it in another column."""
+    found = read_case_studies([folder(scatter())]).set_index(["joint", "samples"])
+    assert len(found) == 4
+    assert set(found["recording"]) == {"0123456789ab"}
+    spreads = {("neck", 100): 0.004, ("neck", 500): 0.002, ("knee", 100): 0.003, ("knee", 500): 0.001}
+    assert found["spread"].to_dict() == spreads
+    assert found.loc[("knee", 100), "with_axes"] == math.inf
+    assert found.loc[("knee", 500), "with_axes"] == 0.03
+    assert found.loc[("knee", 500), "error"] == 0.005
+    assert found.loc[("neck", 500), "with_axes"] == 0.002
+
+
+@pytest.mark.parametrize(("stored", "doubted"), [({}, True), ({"doubted": False}, False), ({"doubted": True}, True)])
+def test_doubts(folder, stored, doubted):
+    """A table of before doubts were stored rests on errors without skin, so that all its joints are in doubt."""
+    assert (read_case_studies([folder(scatter(**stored))])["doubted"] == doubted).all()
+
+
+def test_several(folder):
+    """The digest of the file tells recordings apart, not its name."""
+    one, seed = folder(scatter(), "a"), folder(scatter(median=0.3, recording="copy"), "b")
+    other = folder(scatter(median=0.5, digest="ba9876543210"), "c")
+    found = read_case_studies([one, seed, other])
+    assert found.groupby("recording")["spread"].max().to_dict() == {"0123456789ab": 0.3, "ba9876543210": 0.5}
+    assert len(found) == 12
+
+
+def test_digest(tmp_path):
+    """The digest has twelve digits of SHA-256 (of "abc", FIPS 180-4 example); a byte changes it, a name does not."""
+    for name, content in (("a", b"abc"), ("b", b"abc"), ("c", b"abd")):
+        (tmp_path / name).write_bytes(content)
+    assert digest_of(tmp_path / "a") == digest_of(tmp_path / "b") == "ba7816bf8f01"
+    assert digest_of(tmp_path / "c") != digest_of(tmp_path / "a")
+    with pytest.raises(InputError, match="none: cannot be read: No such file"):
+        digest_of(tmp_path / "none")
+
+
+@pytest.mark.parametrize("lacking", [["digest"], ["recording", "digest"]])
+def test_tables_that_do_not_name_their_recording(folder, lacking):
+    """A table without its origin gives one line with the folder and the remedy."""
+    place = folder(scatter().drop(columns=lacking))
+    with pytest.raises(InputError) as caught:
+        read_case_studies([place])
+    said = str(caught.value)
+    assert said.startswith(f"{place}: a case study that does not name its recording: {NAME} has no columns recording")
+    assert said.endswith(f"run the case study again: `study case-study FILE --out {place}`")
+    assert "\n" not in said
+
+
+def test_a_table_of_two_recordings(folder):
+    """A table of two recordings is refused."""
+    table = pd.concat([scatter(), scatter(digest="ba9876543210", joint="hip")], ignore_index=True)
+    with pytest.raises(InputError, match="of 2 recordings, not of one; run the case study again"):
+        read_case_studies([folder(table)])
+
+
+def test_one_twice(folder):
+    """The same case study is refused twice, also from another folder."""
+    first, second = folder(scatter(), "a"), folder(scatter(), "b")
+    for folders in ([first, first], [first, second]):
+        with pytest.raises(InputError, match="the same case study; give it once"):
+            read_case_studies(folders)
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        (
+            scatter().drop(columns=["median", "error"]),
+            "written by another version: median, error missing or of another type",
+        ),
+        (scatter(samples="many"), "written by another version: samples missing"),
+        (scatter(dropped=1.0), "written by another version: dropped missing"),
+        (scatter(way="window"), "not one row per joint"),
+        (scatter(samples=100), "not one row per joint"),
+    ],
+)
+def test_other_tables(folder, table, words):
+    """A table of another version or another program is refused."""
+    place = folder(table)
+    with pytest.raises(InputError) as caught:
+        read_case_studies([place])
+    assert str(caught.value).startswith(f"{place / NAME}: {words}")
+    assert str(caught.value).endswith(f"`study case-study FILE --out {place}` writes one")
+
+
+def test_no_case_study(folder, tmp_path):
+    """A missing folder, one without a case study, and a file are refused."""
+    place = folder(scatter())
+    (tmp_path / "empty").mkdir()
+    for wrong in (tmp_path / "none", tmp_path / "empty", place / NAME):
+        with pytest.raises(InputError, match="not the folder of a case study") as caught:
+            read_case_studies([wrong])
+        assert str(caught.value).startswith(f"{wrong}: ")
+
+
+@pytest.mark.parametrize("keep", [0, 4, 0.5, 0.98])
+def test_damage(folder, keep):
+    """A file that is cut short is refused, wherever the cut is."""
+    place = folder(scatter())
+    whole = (place / NAME).read_bytes()
+    (place / NAME).write_bytes(whole[: int(keep * len(whole)) if isinstance(keep, float) else keep])
+    with pytest.raises(InputError, match="cannot be read: it is damaged, or not parquet"):
+        read_case_studies([place])

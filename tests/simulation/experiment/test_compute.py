@@ -1,0 +1,458 @@
+"""One unit of work: rows that compare each fit with its truth, and an estimator that raises.
+
+Points of a cell: x = c + r u + σ z, the same u and z for every σ, r and c of a group.
+"""
+
+import math
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+import study
+from study.fits import Estimator
+from study.fits.samples import blank
+from study.simulation.experiment.compute import Result, compute, lost
+from study.simulation.experiment.designs import Span
+from study.simulation.experiment.sampling import draw, spans, units
+
+ANSWER = (3.0, -4.0, 12.0, 0.5, 0.25)
+
+
+@pytest.fixture
+def fixed(monkeypatch):
+    """An estimator whose answer is the same whatever the points are."""
+
+    def estimator(samples):
+        b, d, _ = samples.shape
+        fit = blank(b, d)
+        fit.center[:] = ANSWER[:d]
+        fit.radius[:] = 7.0
+        fit.noise_variance[:] = 0.5
+        fit.status[:] = study.Status.NOT_CONVERGED
+        fit.condition[:] = 0.75
+        fit.iterations[:] = 42
+        return fit
+
+    monkeypatch.setitem(study.ESTIMATORS, "fixed", Estimator(estimator, "a test"))
+
+
+def rows(made):
+    """The error rows of a whole study."""
+    parts = [compute(made, unit).errors for unit in units(made)]
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+@pytest.mark.usefixtures("fixed")
+@pytest.mark.parametrize("d", [2, 3, 5])
+def test_error_is_estimate_minus_truth(make_study, d):
+    """Components are estimated minus true, the error is their norm, and the radius error has the same sign rule.
+
+    A sphere of radius 10 is fitted in units of 10, in which the answer comes too.
+    """
+    found = rows(make_study({"estimators": ["fixed"], "dimension": d}, radius=[2, 10], center=[0, 6]))
+    for i in range(len(found["trial"])):
+        center, unit = found["center"][i] / math.sqrt(d), {2.0: 1.0, 10.0: 10.0}[found["radius"][i]]
+        vector = [unit * ANSWER[k] - center for k in range(d)]
+        assert [found[f"error_{k + 1}"][i] for k in range(d)] == pytest.approx(vector, rel=1e-11)
+        assert found["error"][i] == pytest.approx(math.hypot(*vector), rel=1e-11)
+        assert found["radius_error"][i] == 7.0 * unit - found["radius"][i]
+        assert found["noise_variance"][i] == 0.5 * unit**2
+    assert set(found["radius_error"]) == {5.0, 60.0}
+
+
+def test_cells_a_power_of_ten_apart_are_one_level(make_study):
+    """Radii of 1 and 10 with noise of .1 and 1: the errors of the larger are ten times those of the smaller, exactly.
+
+    A study of the larger sphere alone gives the same bytes, so both are right.
+    """
+    both = rows(make_study(noise=[0.1, 1.0], radius=[1.0, 10.0]))
+    small = (both["radius"] == 1.0) & (both["noise"] == 0.1)
+    large = (both["radius"] == 10.0) & (both["noise"] == 1.0)
+    for name in ("error_1", "error", "radius_error"):
+        np.testing.assert_allclose(both[name][large], 10.0 * both[name][small], rtol=4e-16)
+    alone = rows(make_study(noise=[1.0], radius=[10.0]))
+    for name in ("cell", "trial", "estimator", "error_1", "error", "radius_error", "noise_variance", "status"):
+        np.testing.assert_array_equal(both[name][large], alone[name])
+
+
+@pytest.mark.usefixtures("fixed")
+def test_the_rest_of_a_fit_is_stored_as_it_came(make_study):
+    """Status, condition, iterations and noise variance are the estimator's own."""
+    found = rows(make_study({"estimators": ["fixed"]}))
+    assert set(found["status"]) == {study.Status.NOT_CONVERGED}
+    assert set(found["condition"]) == {0.75}
+    assert set(found["iterations"]) == {42}
+    assert set(found["noise_variance"]) == {0.5}
+
+
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("shaped", [False, True])
+def test_bounds_are_of_the_realised_directions(make_study, d, shaped):
+    """The bound of each trial is √tr CRLB of the directions that were drawn for it; so is the radius'."""
+    shape = np.diag(np.arange(1.0, d + 1)).tolist() if shaped else None
+    made = make_study({"dimension": d, "noise_shape": shape}, noise=[0.1, 3.0], trials=4)
+    unit = next(units(made))
+    u = draw(made, [unit.batches[0]]).directions.swapaxes(1, 2).copy()
+    u[:, :, 0] = 1.0 - u[:, :, 0]
+    found = compute(made, unit).errors
+    for sigma in (0.1, 3.0):
+        crlb = study.crlb(u, sigma**2 * (np.eye(d) if shape is None else np.array(shape)))
+        here = found["noise"] == sigma
+        np.testing.assert_allclose(found["bound"][here], np.sqrt(np.einsum("bii->b", crlb[:, :d, :d])), rtol=1e-10)
+        np.testing.assert_allclose(found["radius_bound"][here], np.sqrt(crlb[:, d, d]), rtol=1e-10)
+
+
+@pytest.mark.parametrize("name", list(study.ESTIMATORS))
+@pytest.mark.parametrize("shaped", [False, True])
+def test_rows_are_fits_of_the_stored_points(make_study, name, shaped):
+    """Fitting the stored points with the library gives the stored errors: same points, same noise, same truth."""
+    shape = [[2.0, 0.5, 0.0], [0.5, 1.0, 0.0], [0.0, 0.0, 1.0]] if shaped else None
+    top = {"estimators": [name], "keep_points": 5, "noise_shape": shape}
+    made = make_study(top, trials=3, samples=30, noise=0.05, center=2)
+    noise = 0.05 if shape is None else 0.05**2 * np.array(shape)
+    try:
+        study.fit(np.eye(4, 3), name, noise)
+    except ValueError:  # an estimator that takes no covariance says so in a run, too
+        result = compute(made, next(units(made)))
+        assert set(result.errors["status"]) == {study.Status.FAILED}
+        assert all(message.startswith("ValueError: ") for message in result.failures["message"])
+        return
+    result = compute(made, next(units(made)))
+    x = np.stack([result.points[f"x_{i + 1}"] for i in range(3)], axis=-1).reshape(3, 30, 3)
+    fit = study.fit(x, name, noise)
+    truth = np.array([result.points[f"center_{i + 1}"][0] for i in range(3)])
+    for i in range(3):
+        expected = fit.center[:, i] - truth[i]
+        np.testing.assert_allclose(result.errors[f"error_{i + 1}"], expected, rtol=1e-9, atol=1e-12)
+    np.testing.assert_array_equal(result.errors["status"], fit.status)
+
+
+def test_order_and_number_of_rows(make_study):
+    """Rows come cell by cell, estimator by estimator, trial by trial, with the cell's values beside them."""
+    made = make_study({"estimators": ["ugdk", "lls"]}, trials=3, noise=[0.1, 0.2], radius=[1, 2])
+    unit = next(units(made))
+    found = compute(made, unit).errors
+    cells = unit.batches[0].cells
+    expected = [(c.name, e, t) for c in cells for e in ("ugdk", "lls") for t in range(3)]
+    assert list(zip(found["cell"], found["estimator"], found["trial"], strict=True)) == expected
+    by_name = {c.name: c for c in cells}
+    for i, name in enumerate(found["cell"]):
+        cell = by_name[name]
+        values = (cell.samples, cell.noise, cell.angle, cell.radius, cell.distance)
+        assert tuple(found[k][i] for k in ("samples", "noise", "angle", "radius", "center")) == values
+
+
+@pytest.mark.parametrize("keep", [0, 1, 3, 99])
+def test_first_trials_points_are_kept(make_study, keep, monkeypatch):
+    """The points of the first trials of each cell are stored, as many as the config says, across blocks."""
+    monkeypatch.setattr("study.simulation.experiment.designs.BLOCK_TRIALS", 2)
+    made = make_study({"keep_points": keep}, trials=5, noise=[0.1, 0.2])
+    result = compute(made, next(units(made)))
+    kept = min(keep, 5)
+    if not keep:
+        assert result.points == {}
+        return
+    seen = set(zip(result.points["cell"], result.points["trial"], result.points["sample"], strict=True))
+    names = set(result.errors["cell"])
+    assert seen == {(name, t, k) for name in names for t in range(kept) for k in range(10)}
+    assert len(result.points["cell"]) == len(seen)
+
+
+def test_timings_account_for_every_fit(make_study):
+    """Every step of every estimator is timed, for as many data sets as there are."""
+    made = make_study({"estimators": ["ugdk", "lls"]}, trials=7, samples=[10, 20], noise=[0.1, 0.2])
+    for unit in units(made):
+        result: Result = compute(made, unit)
+        fits = dict(zip(result.timings["step"], result.timings["fits"], strict=True))
+        assert fits == {"draw": 7, "bound": 7, "points": 14, "moments": 14, "ugdk": 14, "lls": 14}
+        assert np.all(result.timings["seconds"] >= 0.0)
+
+
+@pytest.mark.parametrize(("d", "samples"), [(2, 10), (3, 7), (3, 9000), (5, 30)])
+def test_levels_do_not_depend_on_what_is_fitted_beside_them(make_study, d, samples):
+    """Levels fitted side by side, from points formed in a cache, have the bytes of levels fitted one at a time.
+
+    Levels are fitted one at a time if an estimator needs points in memory, or if points are stored.
+    """
+    names, design = ["mle", "lls", "gdke", "ugdk"], {"samples": samples, "noise": [1e-6, 0.02, 0.3, 5.0], "trials": 3}
+    together = rows(make_study({"estimators": names, "dimension": d}, **design))
+    others = [
+        rows(make_study({"estimators": [*names, "igdk"], "dimension": d}, **design)),
+        rows(make_study({"estimators": names, "dimension": d, "keep_points": 1}, **design)),
+        rows(make_study({"estimators": names, "dimension": d}, **design | {"noise": [0.02]})),
+    ]
+    order = {
+        key: i for i, key in enumerate(zip(together["cell"], together["estimator"], together["trial"], strict=True))
+    }
+    for other in others:
+        keys = zip(other["cell"], other["estimator"], other["trial"], strict=True)
+        place = np.array([order.get(key, -1) for key in keys])
+        shared = place >= 0
+        assert shared.sum() >= 12
+        for name, values in together.items():
+            np.testing.assert_array_equal(other[name][shared], values[place[shared]])
+
+
+@pytest.mark.parametrize("route", ["points", "moments"])
+def test_no_estimators_leave_no_rows(make_study, route):
+    """A unit without estimators gives timings and points alone, as for a run that has lost those tables."""
+    made = make_study({"estimators": ["gdke"], "route": route}, noise=[0.1, 0.2])
+    alone = made.model_copy(update={"estimators": ()})
+    result = compute(alone, next(units(made)))
+    assert result.errors == {}
+    assert {"draw", "bound", "moments"} <= set(result.timings["step"])
+
+
+@pytest.fixture
+def hesitant(monkeypatch):
+    """An estimator that is gdke from moments alone, but raises where the points' mean is beyond .85 of the axis."""
+
+    def estimator(samples):
+        if samples.regression.origin[:, 0].max() > 0.85:
+            raise ZeroDivisionError("my own mistake")
+        return study.ESTIMATORS["gdke"](samples)
+
+    monkeypatch.setitem(study.ESTIMATORS, "hesitant", Estimator(estimator, "a test", moments_suffice=True))
+
+
+@pytest.mark.usefixtures("hesitant")
+def test_an_exception_among_levels_is_a_status_of_its_trial(make_study):
+    """An exception is noted with its level and trial, also if levels are fitted side by side."""
+    made = make_study({"estimators": ["gdke", "hesitant"]}, trials=40, noise=[0.1, 0.4], angle=60)
+    unit = next(units(made))
+    result = compute(made, unit)
+    cells, draws = unit.batches[0].cells, draw(made, unit.batches)
+    expected = set()
+    for cell in cells:
+        mean = draws.place(cell.level).x.mean(axis=2)[:, 0]
+        expected |= {(cell.name, trial) for trial in np.flatnonzero(mean > 0.85)}
+    assert 5 < len(expected) < 75
+    assert {cell for cell, _ in expected} == {cell.name for cell in cells}
+    found, mine = result.errors, result.errors["estimator"] == "hesitant"
+    failed = found["status"][mine] == study.Status.FAILED
+    pairs = list(zip(found["cell"][mine], found["trial"][mine], strict=True))
+    assert {pair for pair, bad in zip(pairs, failed, strict=True) if bad} == expected
+    assert set(zip(result.failures["cell"], result.failures["trial"], strict=True)) == expected
+    np.testing.assert_array_equal(found["error"][mine][~failed], found["error"][~mine][~failed])
+
+
+@pytest.fixture
+def sometimes(monkeypatch):
+    """An estimator that is lls, but raises on batches with points of a first coordinate above 1.2."""
+
+    def estimator(samples):
+        if samples.x[:, 0].max() > 1.2:
+            raise ZeroDivisionError("my own mistake")
+        return study.ESTIMATORS["lls"](samples)
+
+    monkeypatch.setitem(study.ESTIMATORS, "sometimes", Estimator(estimator, "a test"))
+
+
+@pytest.mark.usefixtures("sometimes")
+def test_an_exception_is_a_status_of_its_trial(make_study):
+    """The trials on which an estimator raises are named; other trials and other estimators are not affected."""
+    made = make_study({"estimators": ["lls", "sometimes"], "keep_points": 40}, trials=40, noise=[0.1, 0.2])
+    result = compute(made, next(units(made)))
+    found, failures, points = result.errors, result.failures, result.points
+    mine, lls = found["estimator"] == "sometimes", found["estimator"] == "lls"
+    failed = found["status"][mine] == study.Status.FAILED
+    pairs = list(zip(found["cell"][mine], found["trial"][mine], strict=True))
+    large = {(c, t) for c, t, x in zip(points["cell"], points["trial"], points["x_1"], strict=True) if x > 1.2}
+    assert 5 < len(large) < 75
+    assert {pair for pair, bad in zip(pairs, failed, strict=True) if bad} == large
+    for name in ("error", "radius_error", "status"):
+        np.testing.assert_array_equal(found[name][mine][~failed], found[name][lls][~failed])
+        assert name == "status" or np.isnan(found[name][mine][failed]).all()
+    np.testing.assert_array_equal(found["bound"][mine], found["bound"][lls])
+    assert not np.any(found["status"][lls] == study.Status.FAILED)
+    assert set(zip(failures["cell"], failures["trial"], strict=True)) == large
+    assert set(failures["estimator"]) == {"sometimes"}
+    assert set(failures["message"]) == {"ZeroDivisionError: my own mistake"}
+    assert set(failures["cause"]) == {"exception"}
+    assert list(failures["name"]) == [f"{c}/{t}" for c, t in zip(failures["cell"], failures["trial"], strict=True)]
+
+
+@pytest.mark.usefixtures("sometimes")
+def test_failures_do_not_depend_on_batches(make_study, monkeypatch):
+    """The same trials fail, with the same numbers beside them, whatever is computed together."""
+    made = make_study({"estimators": ["sometimes"]}, trials=12, noise=0.2)
+    whole = compute(made, next(units(made))).errors
+    group = next(spans(made)).group
+    for first, last in ((0, 5), (5, 6), (6, 12)):
+        part = compute(made, Span(group, first, last).unit()).errors
+        for name, column in part.items():
+            np.testing.assert_array_equal(column, whole[name][first:last])
+
+
+@pytest.mark.parametrize("wrong", ["center", "radius", "status"])
+def test_answers_of_another_shape_are_failures(make_study, monkeypatch, wrong):
+    """An estimator that gives fewer answers than it was given sets fails on all of them, not silently."""
+
+    def short(samples):
+        fit = study.ESTIMATORS["lls"](samples)
+        return fit._replace(**{wrong: getattr(fit, wrong)[:0]})
+
+    monkeypatch.setitem(study.ESTIMATORS, "short", Estimator(short, "a test"))
+    made = make_study({"estimators": ["short"]}, trials=3)
+    result = compute(made, next(units(made)))
+    assert set(result.errors["status"]) == {study.Status.FAILED}
+    assert all(f"ValueError: {wrong} has shape (0," in message for message in result.failures["message"])
+
+
+def test_a_long_message_is_cut(make_study, monkeypatch):
+    """A message has at most 500 characters."""
+
+    def talkative(samples):
+        raise RuntimeError("x" * 10_000)
+
+    monkeypatch.setitem(study.ESTIMATORS, "talkative", Estimator(talkative, "a test"))
+    made = make_study({"estimators": ["talkative"]}, trials=1)
+    assert [len(m) for m in compute(made, next(units(made))).failures["message"]] == [500]
+
+
+def test_a_lost_unit(make_study):
+    """A unit that could not be computed has all its rows, in the same order, failed and without numbers."""
+    made = make_study({"estimators": ["ugdk", "lls"]}, trials=4, noise=[0.1, 0.2])
+    unit = next(units(made))
+    told, real = lost(made, unit, "the worker died"), compute(made, unit)
+    assert list(told.errors) == list(real.errors)
+    for name in ("cell", "trial", "estimator", "samples", "noise", "angle", "radius", "center"):
+        np.testing.assert_array_equal(told.errors[name], real.errors[name])
+    assert set(told.errors["status"]) == {study.Status.FAILED}
+    assert np.isnan(told.errors["error"]).all()
+    assert np.isnan(told.errors["bound"]).all()
+    assert len(told.failures["message"]) == len(told.errors["trial"])
+    assert set(told.failures["cause"]) == {"worker"}
+
+
+EPS = np.finfo(float).eps
+
+LEVELS = {"noise": [0.5, 2.0, 8.0], "radius": [1, 3], "center": [0, 4]}
+
+
+def first_batch(study):
+    """The first batch of a study."""
+    return next(units(study)).batches[0]
+
+
+def unit_vectors(draws):
+    """Directions (b, d, n), with the height put back to u₁."""
+    u = draws.directions.copy()
+    u[:, 0] = 1.0 - u[:, 0]
+    return u
+
+
+@pytest.mark.parametrize("d", [2, 3, 5])
+def test_points_are_centre_plus_direction_plus_noise(make_study, d):
+    """Placed points are c + r u + σ z of the draws, to rounding, for every level of a group."""
+    study = make_study({"dimension": d}, **LEVELS)
+    batch = first_batch(study)
+    draws = draw(study, [batch])
+    u = unit_vectors(draws)
+    assert len(batch.cells) == 12
+    for cell in batch.cells:
+        center = np.array(cell.center)[:, None]
+        size = np.abs(center) + cell.radius + cell.noise * np.abs(draws.unit_noise)
+        error = draws.place(cell.level).x - (center + cell.radius * u + cell.noise * draws.unit_noise)
+        assert np.all(np.abs(error) <= 4 * EPS * size)
+
+
+@pytest.mark.parametrize("d", [2, 3, 5])
+@pytest.mark.parametrize("angle", [1e-4, 20, 90, 180])
+def test_directions_are_unit_vectors_within_the_cap(make_study, d, angle):
+    """Directions have length 1, within the confinement angle of the first axis, and reach there (false alarm 1e-6)."""
+    study = make_study({"dimension": d}, samples=1000, angle=angle)
+    directions = draw(study, [first_batch(study)]).directions
+    height, across = directions[:, 0], np.sum(directions[:, 1:] ** 2, axis=1)
+    np.testing.assert_allclose(across, height * (2 - height), rtol=1e-12, atol=1e-15)
+    limit = 2 * np.sin(np.radians(angle) / 2) ** 2
+    near = 0.9 if (d, angle) == (5, 180) else 0.99  # few points are near a pole in five dimensions
+    assert near * limit < height.max() <= limit * (1 + 4 * EPS)
+
+
+def stored_points(study):
+    """Points (cell, trial, n, d) as a run stores them, and their cells."""
+    batch = first_batch(study)
+    cells = [cell for unit in units(study) for batch in unit.batches for cell in batch.cells]
+    columns = [compute(study, unit).points for unit in units(study)]
+    d = study.dimension
+    x = np.concatenate([np.stack([part[f"x_{i + 1}"] for i in range(d)], axis=-1) for part in columns])
+    return x.reshape(len(cells), study.design.trials, batch.samples, d), cells
+
+
+@pytest.mark.parametrize("d", [2, 3, 5])
+def test_levels_of_a_group_share_their_draws(make_study, d):
+    """From the points of three cells follow u and z, and with them the points of all others."""
+    study = make_study({"dimension": d, "keep_points": 9}, trials=3, **LEVELS)
+    x, cells = stored_points(study)
+    at = {(c.noise, c.radius, round(c.distance)): (x[i], c) for i, c in enumerate(cells)}
+    (p, low), (q, high), (wide, _) = at[0.5, 1, 0], at[8.0, 1, 0], at[0.5, 3, 0]
+    z = (q - p) / (high.noise - low.noise)
+    u = (wide - p) / 2.0
+    np.testing.assert_allclose(np.linalg.norm(u, axis=-1), 1.0, rtol=1e-13)
+    for points, cell in at.values():
+        expected = np.array(cell.center) + cell.radius * u + cell.noise * z
+        np.testing.assert_allclose(points, expected, rtol=0, atol=1e-13)
+
+
+def test_cells_with_independent_draws_share_nothing(make_study):
+    """With independent draws, no two cells have a common direction or normal."""
+    study = make_study({"keep_points": 9}, trials=3, draws="independent", **LEVELS)
+    batches = [batch for unit in units(study) for batch in unit.batches]
+    assert len(batches) == 12
+    drawn = [draw(study, [batch]) for batch in batches]
+    for left, right in combinations(drawn, 2):
+        assert not np.intersect1d(left.unit_noise, right.unit_noise).size
+        assert not np.intersect1d(left.directions[:, 0], right.directions[:, 0]).size
+
+
+@pytest.mark.parametrize(
+    "change", [{"top": {"seed": 2}}, {"angle": 91}, {"samples": 11}, {"top": {"dimension": 4}}], ids=str
+)
+def test_groups_share_nothing(make_study, change):
+    """Another seed, angle, number of samples or dimension is another draw."""
+    one, other = make_study(), make_study(**change)
+    left, right = draw(one, [first_batch(one)]), draw(other, [first_batch(other)])
+    assert not np.intersect1d(left.unit_noise, right.unit_noise).size
+
+
+def test_first_trials_do_not_depend_on_how_many_follow(make_study):
+    """A longer study begins with the draws of a shorter one, bit for bit, also with a noise shape."""
+    shape = [[4.0, 1.0, 0.0], [1.0, 2.0, 0.5], [0.0, 0.5, 1.0]]
+    short, long = (make_study({"noise_shape": shape}, trials=trials) for trials in (1, 500))
+    left, right = draw(short, [first_batch(short)]), draw(long, [first_batch(long)])
+    np.testing.assert_array_equal(left.unit_noise, right.unit_noise[:1])
+    np.testing.assert_array_equal(left.directions, right.directions[:1])
+
+
+SHAPES = {
+    "isotropic": None,
+    "correlated": [[4.0, 1.0, 0.0], [1.0, 2.0, 0.5], [0.0, 0.5, 1.0]],
+    "flat": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1e-6]],
+}
+
+
+@pytest.mark.parametrize("shape", list(SHAPES))
+def test_noise_has_its_covariance(make_study, shape):
+    """Sample mean and covariance of 10⁵ noise vectors are 0 and the shape.
+
+    Nine normal statistics within 5 standard errors: a false alarm has probability 6e-6.
+    """
+    study = make_study({"noise_shape": SHAPES[shape]}, samples=100_000, trials=1)
+    draws = draw(study, [first_batch(study)])
+    expected = np.eye(3) if SHAPES[shape] is None else np.array(SHAPES[shape])
+    np.testing.assert_array_equal(draws.law.covariance(1.0), expected)
+    z = draws.unit_noise[0]
+    variance = np.diag(expected)
+    assert np.all(np.abs(z.mean(axis=1)) < 5 * np.sqrt(variance / z.shape[1]))
+    error = np.sqrt((np.outer(variance, variance) + expected**2) / z.shape[1])
+    assert np.all(np.abs(z @ z.T / z.shape[1] - expected) < 5 * error)
+
+
+def test_noise_does_not_follow_the_direction(make_study):
+    """Noise and direction of a sample are uncorrelated in every pair of components (9 pairs, 5 errors: 5e-6)."""
+    study = make_study(samples=100_000, trials=1, angle=180)
+    draws = draw(study, [first_batch(study)])
+    correlation = np.corrcoef(np.vstack([unit_vectors(draws)[0], draws.unit_noise[0]]))[:3, 3:]
+    assert np.abs(correlation).max() < 5 / np.sqrt(100_000)

@@ -1,0 +1,330 @@
+"""From a study to cells, batches and units: every trial of every cell once, in an order that the config alone fixes.
+
+Conditions that trials of a random design draw: they follow the laws, and nothing else moves them.
+"""
+
+import math
+import subprocess
+import sys
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+
+import study
+from study.simulation.experiment import designs
+from study.simulation.experiment.config import load
+from study.simulation.experiment.designs import Cell, block_trials, diagonal_center
+from study.simulation.experiment.sampling import groups, units
+
+AXES = {"samples": [4, 50], "noise": [0.1, 0.2, 0.3], "angle": [20, 90], "radius": [1, 2], "center": [0, 1, 5]}
+
+STUDIES = {
+    "shared": {"trials": 1500, **AXES},
+    "independent": {"trials": 1500, **AXES, "draws": "independent"},
+    "one trial": {"trials": 1, **AXES},
+    "one trial more than a block": {"trials": 1001, "noise": [0.1, 0.2]},
+    "relative": {"trials": 7, **AXES, "noise": None, "noise_over_radius": [0.1, 0.2]},
+    "random": {
+        "kind": "random",
+        "trials": 77,
+        "samples": {"law": "log_uniform", "low": 4, "high": 1e4},
+        "radius": {"law": "uniform", "low": 0, "high": 37},
+    },
+}
+
+
+@pytest.fixture(params=list(STUDIES))
+def some_study(request, make_study):
+    """A study of each kind of design."""
+    return make_study(**STUDIES[request.param])
+
+
+@pytest.fixture
+def small_units(monkeypatch):
+    """Units of a few batches, so that a small study has many."""
+    monkeypatch.setattr(designs, "_SAMPLES_PER_UNIT", 60_000)
+
+
+def served(work):
+    """Cells and trials of units, in order."""
+    for unit in work:
+        for batch in unit.batches:
+            for cell in batch.cells:
+                assert (cell.samples, cell.angle) == (batch.samples, batch.angle)
+                for trial in range(batch.first, batch.first + batch.trials):
+                    yield cell.name, trial
+
+
+@pytest.mark.usefixtures("small_units")
+def test_every_trial_of_every_cell_once(some_study):
+    """Units cover each cell and trial exactly once, and there are as many as were counted."""
+    found = Counter(served(units(some_study)))
+    assert set(found.values()) == {1}
+    trials = range(some_study.design.trials)
+    if some_study.design.kind == "random":
+        assert sorted(trial for _, trial in found) == list(trials)
+        assert some_study.cells() == len(trials)
+    else:
+        names = {name for name, _ in found}
+        assert len(names) == some_study.cells()
+        assert set(found) == {(name, trial) for name in names for trial in trials}
+
+
+@pytest.mark.usefixtures("small_units")
+def test_large_groups_are_cut_into_units(make_study):
+    """A group of cells whose work exceeds a unit's is served by several units."""
+    assert len(list(units(make_study(**STUDIES["shared"])))) > 4
+
+
+def test_number_of_cells(make_study):
+    """A grid has a cell for every combination of its values."""
+    assert make_study(**STUDIES["shared"]).cells() == 2 * 3 * 2 * 2 * 3
+    assert make_study(**STUDIES["relative"]).cells() == 2 * 2 * 2 * 2 * 3
+
+
+def test_order_is_the_configs(some_study):
+    """The order of the work is the same each time, and does not come from a hash."""
+    assert list(units(some_study)) == list(units(some_study))
+
+
+def test_order_of_a_grid(make_study):
+    """Cells come by samples, then angle, then noise, radius and centre, each in the order of the config."""
+    work = units(make_study(samples=[50, 4], noise=[0.2, 0.1], angle=[90, 20], radius=[2, 1], center=[1, 0]))
+    cells = [cell for unit in work for batch in unit.batches for cell in batch.cells]
+    keys = [(-c.samples, -c.angle, -c.noise, -c.radius, -c.distance) for c in cells]
+    assert keys == sorted(keys)
+    assert len(set(keys)) == 32
+
+
+def test_relative_noise_is_times_the_radius(make_study):
+    """noise_over_radius of a grid is multiplied by each cell's radius; noise is not."""
+    for entries in (STUDIES["relative"], STUDIES["shared"]):
+        made = make_study(**entries)
+        relative = made.design.noise is None
+        for unit in units(made):
+            for cell in unit.batches[0].cells:
+                levels = [v * cell.radius for v in made.design.noise_over_radius] if relative else made.design.noise
+                assert cell.noise in levels
+
+
+@pytest.mark.parametrize("d", [2, 3, 5])
+def test_centres_of_a_grid(d):
+    """A grid's centres lie at their distance along the main diagonal."""
+    center = diagonal_center(2.0, d)
+    assert len(center) == d
+    assert len(set(center)) == 1
+    assert Cell(10, 0.1, 90.0, 1.0, center).distance == pytest.approx(2.0, rel=1e-15)
+
+
+CELL = Cell(10, 0.1, 90.0, 1.0, (0.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"samples": 11},
+        {"noise": math.nextafter(0.1, 1)},
+        {"angle": 90.00000000000001},
+        {"radius": 2.0},
+        {"center": (0.0, 0.0, 1.0)},
+        {"center": (0.0, 0.0)},
+        {"noise": 90.0, "angle": 0.1},
+    ],
+    ids=str,
+)
+def test_a_name_stands_for_the_whole_condition(change):
+    """Equal conditions have equal names; a change in any value, to the last bit, gives another."""
+    assert replace(CELL).name == CELL.name
+    assert replace(CELL, **change).name != CELL.name
+
+
+def test_names_do_not_depend_on_the_grid(make_study):
+    """A condition has the same name whatever else its grid holds, and whatever the kind of design."""
+
+    def names(**entries):
+        return {c.name for unit in units(make_study(**entries)) for b in unit.batches for c in b.cells}
+
+    alone = names(samples=4, noise=0.1, angle=20, radius=2, center=5)
+    assert len(alone) == 1
+    assert alone <= names(**AXES) == names(**AXES, draws="independent")
+
+
+def test_names_and_order_are_the_same_in_every_process():
+    """Neither names nor the order of work depend on Python's hash seed."""
+    path = Path(study.__file__).parents[1] / "configs" / "sweep.toml"
+    code = (
+        "import sys, pathlib; from study.simulation.experiment.config import load\n"
+        "from study.simulation.experiment.sampling import units\n"
+        "for u in units(load(pathlib.Path(sys.argv[1]))): print(u, [c.name for b in u.batches for c in b.cells])"
+    )
+    own = "".join(f"{u} {[c.name for b in u.batches for c in b.cells]}\n" for u in units(load(path)))
+    for seed in ("1", "2"):
+        environment = {"PYTHONHASHSEED": seed, "PYTHONPATH": str(path.parents[1])}
+        done = subprocess.run(
+            [sys.executable, "-c", code, str(path)], capture_output=True, env=environment, check=True, encoding="utf-8"
+        )
+        assert done.stdout == own
+
+
+@pytest.mark.parametrize("samples", [4, 33, 1000, 32_768, 10**6, 10**9])
+def test_block_size_depends_on_samples_alone(make_study, samples):
+    """Blocks of a number of samples are cut at the same trials in every grid."""
+    size = block_trials(samples)
+    assert 1 <= size <= 1000
+    assert size == 1 or size * samples <= 2**15
+    for entries in ({"trials": 3000}, {"trials": 2999, "noise": [1, 2], "angle": [5, 7]}, {"draws": "independent"}):
+        trials = entries.get("trials", 2)
+        for unit in units(make_study(samples=[samples], **entries)):
+            for batch in unit.batches:
+                assert batch.first % size == 0
+                assert batch.trials == min(size, trials - batch.first)
+                assert batch.stream[-1] == batch.first // size
+
+
+def test_streams_are_named_apart(some_study):
+    """No two batches draw from the same stream."""
+    names = Counter(batch.stream for unit in units(some_study) for batch in unit.batches)
+    assert set(names.values()) == {1}
+
+
+TRIALS = 3000
+
+ALARM = 1e-5
+
+LAWS = {
+    "samples": {"law": "log_uniform", "low": 4, "high": 1_000_000},
+    "noise": {"law": "log_uniform", "low": 1e-13, "high": 1e14},
+    "angle": {"law": "uniform", "low": 0, "high": 180},
+    "radius": {"law": "uniform", "low": 0, "high": 37},
+    "center": {"law": "uniform", "low": 0, "high": 2},
+}
+
+
+@pytest.fixture(scope="module")
+def cells(make_study):
+    """Cells of a random design with the paper's laws; keyword arguments replace some."""
+
+    def make(top=None, **changes):
+        study = make_study(top, **{"kind": "random", "trials": TRIALS, **LAWS, **changes})
+        return [cell for unit in units(study) for batch in unit.batches for cell in batch.cells]
+
+    return make
+
+
+@pytest.fixture(scope="module")
+def drawn(cells):
+    """Cells of the paper's laws."""
+    return cells()
+
+
+@pytest.mark.parametrize(
+    ("quantity", "law"),
+    [
+        ("noise", stats.loguniform(1e-13, 1e14)),
+        ("angle", stats.uniform(0, 180)),
+        ("radius", stats.uniform(0, 37)),
+        ("distance", stats.uniform(0, 2)),
+    ],
+    ids=lambda v: v if isinstance(v, str) else "",
+)
+def test_values_follow_their_law(drawn, quantity, law):
+    """Kolmogorov and Smirnov find no difference; a false alarm has probability 1e-5."""
+    values = [getattr(cell, quantity) for cell in drawn]
+    assert stats.kstest(values, law.cdf).pvalue > ALARM
+    assert min(values) > law.ppf(0) * (1 - 1e-11)
+    assert max(values) <= law.ppf(1)
+
+
+def test_samples_follow_their_law(drawn):
+    """N is the rounded log-uniform number; Kolmogorov's bound is conservative for a discrete law (1e-5)."""
+    values = np.array([cell.samples for cell in drawn])
+    steps = np.unique(values)
+    empirical = np.searchsorted(np.sort(values), steps, side="right") / TRIALS
+    distance = np.abs(empirical - stats.loguniform(4, 1e6).cdf(steps + 0.5)).max()
+    assert distance < stats.kstwobign.isf(ALARM) / math.sqrt(TRIALS)
+
+
+def test_samples_are_whole_numbers_within_the_ends(cells):
+    """N drawn uniformly from 4 to 6 is 4, 5 or 6, with weights ¼, ½, ¼ (χ², false alarm 1e-5)."""
+    values = [cell.samples for cell in cells(samples={"law": "uniform", "low": 4, "high": 6})]
+    assert all(type(value) is int for value in values)
+    counts = Counter(values)
+    assert set(counts) == {4, 5, 6}
+    expected = np.array([0.25, 0.5, 0.25]) * TRIALS
+    assert stats.chisquare([counts[4], counts[5], counts[6]], expected).pvalue > ALARM
+
+
+def test_choice_is_even(cells):
+    """A choice of three values takes each in a third of the trials (χ², false alarm 1e-5)."""
+    counts = Counter(cell.angle for cell in cells(angle={"law": "choice", "values": [30, 90, 180]}))
+    assert set(counts) == {30.0, 90.0, 180.0}
+    assert stats.chisquare(list(counts.values())).pvalue > ALARM
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_centres_lie_in_every_direction(cells, d):
+    """Centres point uniformly: each component is uniform in 3-D (Archimedes), the angle in 2-D (1e-5 each)."""
+    centers = np.array([cell.center for cell in cells({"dimension": d})])
+    unit = centers / np.linalg.norm(centers, axis=1, keepdims=True)
+    angle = np.arctan2(unit[:, 1], unit[:, 0]) / (2 * np.pi) + 0.5
+    rows = [angle] if d == 2 else [0.5 * (column + 1) for column in unit.T]
+    assert all(stats.kstest(row, "uniform").pvalue > ALARM for row in rows)
+
+
+def test_quantities_are_independent(drawn):
+    """Ranks of any two quantities are uncorrelated (5 standard errors for each of 10 pairs: 6e-6)."""
+    table = [[c.samples, c.noise, c.angle, c.radius, c.distance] for c in drawn]
+    correlation = stats.spearmanr(np.array(table)).statistic
+    off = correlation[np.triu_indices(5, 1)]
+    assert np.abs(off).max() < 5 / math.sqrt(TRIALS)
+
+
+@pytest.mark.parametrize("changed", list(LAWS))
+def test_a_law_moves_its_own_quantity_alone(cells, drawn, changed):
+    """Another law for one quantity leaves every other quantity of every trial as it was."""
+    again = cells(**{changed: {"law": "uniform", "low": 5, "high": 9}})
+    for quantity in LAWS:
+        same = [getattr(c, quantity) for c in again] == [getattr(c, quantity) for c in drawn]
+        assert same == (quantity != changed)
+
+
+@pytest.mark.parametrize("trials", [1, 1024, 1025, 4000])
+def test_the_number_of_trials_moves_nothing(cells, drawn, trials):
+    """Fewer or more trials are the beginning or the continuation of the same."""
+    again = cells(trials=trials)
+    shared = min(trials, TRIALS)
+    assert again[:shared] == drawn[:shared]
+
+
+def test_one_trial_alone(make_study, drawn):
+    """A trial's condition is found from its number, without those before it."""
+    study = make_study(kind="random", trials=TRIALS, **LAWS)
+    (group,) = groups(study)
+    assert [group.cell(i) for i in (2999, 7, 1024)] == [drawn[i] for i in (2999, 7, 1024)]
+
+
+def test_relative_noise_is_times_the_radius_random_design(cells):
+    """noise_over_radius is drawn for itself and multiplied by the trial's radius."""
+    law = {"law": "log_uniform", "low": 1e-3, "high": 10.0}
+    found = cells(noise=None, noise_over_radius=law)
+    ratio = np.array([cell.noise / cell.radius for cell in found])
+    assert stats.kstest(ratio, stats.loguniform(1e-3, 10.0).cdf).pvalue > ALARM
+
+
+def test_constants_are_taken_to_the_last_bit(cells):
+    """A number is used as it is written, as in a grid."""
+    value = 0.12345678901234567
+    found = cells(trials=3, samples=10, noise=value, radius=value, angle=value)
+    assert {(c.noise, c.radius, c.angle) for c in found} == {(value, value, value)}
+
+
+def test_equal_conditions_have_equal_names(cells, make_study):
+    """A centre at the origin is one condition, however its heading fell, and the same as in a grid."""
+    plain = {"samples": 10, "noise": 0.1, "angle": 90.0, "radius": 1.0, "center": 0.0}
+    grid = make_study(**plain)
+    names = {cell.name for unit in units(grid) for batch in unit.batches for cell in batch.cells}
+    assert {cell.name for cell in cells(trials=20, **plain)} == names

@@ -1,0 +1,348 @@
+"""Noise that is not normal: each law has its distribution and the covariance I, outliers their share, size and way.
+
+Every Gaussian law: its draws have its covariance, estimators get it in the right form, and its bound holds.
+"""
+
+import inspect
+
+import numpy as np
+import pytest
+from scipy import stats
+
+import study
+from study.simulation.experiment import noise
+from study.simulation.experiment.compute import compute
+from study.simulation.experiment.conditions import DEPARTURES
+from study.simulation.experiment.noise import (
+    LAWS,
+    AnisotropicGaussian,
+    FurtherNumbers,
+    IsotropicGaussian,
+    Source,
+    departures,
+    freedom,
+    gaussian,
+    is_law,
+)
+from study.simulation.experiment.sampling import addresses, draw, replay, units
+from study.simulation.runs import schemas
+from study.toml import ConfigError
+
+MARGINALS = {
+    "student(3)": stats.t(3, scale=np.sqrt(1 / 3)),
+    "student(5)": stats.t(5, scale=np.sqrt(3 / 5)),
+    "student(12.5)": stats.t(12.5, scale=np.sqrt(10.5 / 12.5)),
+    "laplace": stats.laplace(scale=np.sqrt(1 / 2)),
+    "uniform": stats.uniform(-np.sqrt(3), 2 * np.sqrt(3)),
+}
+"""The distribution of a coordinate at σ = 1, by textbooks: variance 1."""
+
+MIXED = {"law": ["normal", "student(3)", "laplace"], "outlier_share": [0.0, 0.2], "noise": [0.1, 0.2]}
+
+
+@pytest.fixture(params=list(MARGINALS))
+def law(request):
+    """Each law by name."""
+    return request.param
+
+
+def drawn(conditions, d=3, n=40_000, trials=2):
+    """Normal noise, and what the conditions make of it (trials, d, n)."""
+    numbers = FurtherNumbers(8, [Source(("test",), 0, trials)])
+    normals = noise = np.random.default_rng(20260).standard_normal((trials, d, n))
+    for departure in departures(conditions):
+        noise = departure.applied(noise, numbers)
+    return normals, noise
+
+
+def test_every_law_is_tested():
+    """The laws without parameters are among those above, and Student's."""
+    assert set(LAWS) | {"student(3)"} <= set(MARGINALS)
+
+
+def test_a_coordinate_has_the_law(law):
+    """Kolmogorov and Smirnov's test of 80 000 coordinates, at a false alarm rate of 1e-6 for each axis and law."""
+    _, noise = drawn({"law": law})
+    for axis in range(3):
+        assert stats.kstest(noise[:, axis].ravel(), MARGINALS[law].cdf).pvalue > 1e-6
+
+
+def test_the_covariance_is_the_identity(law):
+    """Mean and covariance of 80 000 samples are 0 and I, within 5 standard errors (false alarm below 1e-5 a law).
+
+    Student's law of ν = 3 has no fourth moment, so that a covariance has no standard error: its marginal and its
+    radial law are tested instead.
+    """
+    assert MARGINALS[law].var() == pytest.approx(1.0, rel=1e-12)
+    noise = np.concatenate(list(drawn({"law": law})[1]), axis=1)
+    products = noise[:, None] * noise[None]
+    assert np.all(np.abs(noise.mean(axis=1)) < 5 / np.sqrt(noise.shape[1]))
+    if law != "student(3)":
+        error = products.std(axis=2) / np.sqrt(noise.shape[1])
+        assert np.all(np.abs(products.mean(axis=2) - np.eye(3)) < 5 * error)
+
+
+def test_kurtosis():
+    """Fourth moments 3 + excess: 3 + 6/(ν - 4), 6 and 1.8, within 5 standard errors from the eighth moments."""
+    for law, excess in (("student(12.5)", 6 / 8.5), ("laplace", 3.0), ("uniform", -1.2)):
+        fourth = drawn({"law": law})[1].ravel() ** 4
+        assert abs(fourth.mean() - 3.0 - excess) < 5 * fourth.std() / np.sqrt(fourth.size)
+
+
+@pytest.mark.parametrize("d", [2, 3, 5])
+def test_student_is_the_same_in_every_direction(d):
+    """|z|²/d, rescaled by ν/(ν - 2), has Fisher's F distribution of d and ν degrees of freedom (p > 1e-6)."""
+    _, noise = drawn({"law": "student(5)"}, d=d)
+    square = (noise**2).sum(axis=1).ravel() / d * 5 / 3
+    assert stats.kstest(square, stats.f(d, 5).cdf).pvalue > 1e-6
+
+
+def test_transforms_are_quantiles():
+    """Laplace and uniform numbers are the normal ones' quantiles, by SciPy's distributions, also far in the tails."""
+    z = np.linspace(0.0, 35.0, 71)[None, None]
+    numbers = FurtherNumbers(1, [])
+    for law in LAWS:
+        (step,) = departures({"law": law})
+        expected = MARGINALS[law].isf(stats.norm.sf(z))
+        np.testing.assert_allclose(step.applied(z, numbers), expected, rtol=1e-12, atol=1e-15)
+        np.testing.assert_array_equal(step.applied(-z, numbers), -step.applied(z, numbers))
+
+
+def test_outliers():
+    """Their number is binomial (p > 1e-6), their displacement as long as said, its direction uniform; others stay.
+
+    The mean direction and its second moments I/d are within 5 standard errors of those of the uniform law.
+    """
+    normals, noise = drawn({"outlier_share": 0.1, "outlier_size": 7.0})
+    away = np.concatenate(list(noise - normals), axis=1)
+    length = np.linalg.norm(away, axis=0)
+    hit = length > 0
+    assert stats.binomtest(int(hit.sum()), hit.size, 0.1).pvalue > 1e-6
+    np.testing.assert_allclose(length[hit], 7.0, rtol=1e-12)
+    direction = away[:, hit] / 7.0
+    assert np.all(np.abs(direction.mean(axis=1)) < 5 * np.sqrt(1 / 3 / hit.sum()))
+    products = direction[:, None] * direction[None]
+    error = products.std(axis=2) / np.sqrt(hit.sum())
+    assert np.all(np.abs(products.mean(axis=2) - np.eye(3) / 3) < 5 * error)
+
+
+def test_outliers_of_a_smaller_share_are_among_those_of_a_larger_one():
+    """Shares and sizes have common random numbers: displaced in the same direction, by the size in question."""
+    few, many = (drawn({"outlier_share": share, "outlier_size": size}) for share, size in ((0.05, 10.0), (0.3, 5.0)))
+    short, long = many[1] - many[0], few[1] - few[0]
+    hit = np.broadcast_to((long != 0).any(axis=1, keepdims=True), long.shape)
+    np.testing.assert_allclose(long[hit], 2 * short[hit], rtol=0, atol=1e-13)
+    assert (short != 0).sum() > 5 * (long != 0).sum()
+
+
+def test_both():
+    """Outliers of noise of another law: displaced from where that law put the sample."""
+    _, laplace = drawn({"law": "laplace"})
+    _, both = drawn({"law": "laplace", "outlier_share": 0.5})
+    length = np.linalg.norm(both - laplace, axis=1)
+    np.testing.assert_allclose(length[length > 1e-9], 10.0, rtol=1e-12)
+
+
+def test_defaults_are_no_departure():
+    """Normal noise without outliers is what it was: no step, whatever other conditions a cell has."""
+    assert departures({}) == departures({"law": "normal", "outlier_share": 0.0, "shift": 0.5}) == []
+
+
+def test_names_of_laws():
+    """A law has one name; what is none, or has no covariance, is refused."""
+    assert freedom("student(2.5)") == 2.5
+    assert all(map(is_law, ["normal", *MARGINALS]))
+    for word in ("student", "student()", "student(2)", "student(5.0)", "student(05)", "student(e)", "cauchy", "Normal"):
+        assert not is_law(word)
+
+
+def errors_of(study):
+    """Columns of the error table, by cell's σ, law and share."""
+    columns = [compute(study, unit).errors for unit in units(study)]
+    names = [name for name in ("noise", "law", "outlier_share") if name in columns[0]]
+    found = {}
+    for part in columns:
+        for row in zip(*(part[name] for name in (*names, "trial", "error")), strict=True):
+            found[row[:-1]] = row[-1]
+    return found
+
+
+def test_normal_cells_are_those_of_a_study_without(make_study):
+    """Cells at the defaults have the same draws and the same errors, to the bit, as in a study that names no law."""
+    plain = errors_of(make_study({"estimators": ["gdke"]}, trials=5, samples=20, noise=[0.1, 0.2]))
+    mixed = errors_of(make_study({"estimators": ["gdke"]}, trials=5, samples=20, **MIXED))
+    assert len(mixed) == 6 * len(plain)
+    assert all(mixed[sigma, "normal", 0.0, trial] == error for (sigma, trial), error in plain.items())
+    assert len(set(mixed.values())) == len(mixed)
+
+
+def test_a_trial_is_drawn_again(make_study):
+    """Replayed alone, a trial of any law has the same points, to the bit, as among others; another seed has others."""
+    study = make_study({"keep_points": 99}, trials=7, samples=12, **MIXED)
+    for unit in units(study):
+        columns = compute(study, unit).points
+        for address in addresses(study):
+            rows = (columns["cell"] == address.cell.name) & (columns["trial"] == address.trial)
+            kept = np.stack([columns[f"x_{i + 1}"][rows] for i in range(3)], axis=-1)
+            np.testing.assert_array_equal(replay(study, address).samples.points[0], kept)
+
+
+def test_draws_do_not_depend_on_what_is_drawn_with_them(make_study):
+    """Further numbers of the later half of a block are the same whether or not the first half is drawn."""
+    batch = next(units(make_study(trials=8, **MIXED))).batches[0]
+    whole, half = (FurtherNumbers(1, [Source(batch.stream, *cut)]) for cut in ((0, 8), (5, 3)))
+    noise = np.zeros((8, 3, 12))
+    for step in departures({"law": "student(3)", "outlier_share": 0.3}):
+        np.testing.assert_array_equal(step.applied(noise, whole)[5:], step.applied(noise[:3], half))
+
+
+def test_the_bound_is_gaussian(make_study):
+    """The bound does not depend on the law, and the tables say of which it is; those of other studies do not change."""
+    study = make_study(trials=3, **MIXED)
+    batch = next(units(study)).batches[0]
+    draws = draw(study, [batch])
+    np.testing.assert_array_equal(draws.unit_bound(), draws.law.unit_bound(draws.directions))
+    for conditions, said in ((study.conditions(), True), (make_study().conditions(), False)):
+        columns = [*schemas.errors(3, conditions), *schemas.summary(conditions)]
+        words = {c.name: c.meaning for c in columns}
+        for name in ("bound", "radius_bound", "ratio_median_ok", "far_all", "rmse"):
+            assert words[name].endswith("Gaussian bound at the same σ") == said
+        assert "Gaussian" not in words["error"] + words["relative_median_ok"]
+
+
+@pytest.mark.parametrize("noise", [{"law": "laplace"}, {"outlier_share": 0.1}])
+def test_anisotropic_noise(make_study, noise):
+    """Outliers go with noise of any covariance; another law does not."""
+    top = {"noise_shape": [[4.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], "estimators": ["gdke"]}
+    if "law" in noise:
+        with pytest.raises(ConfigError, match=r"\n  line 5: noise_shape: is the covariance of normal noise: take law"):
+            make_study(top, **noise)
+    else:
+        assert np.all(np.isfinite(list(errors_of(make_study(top, **noise)).values())))
+
+
+@pytest.mark.parametrize(
+    ("top", "design", "words"),
+    [
+        ({}, {"law": "cauchy"}, r"design.law = 'cauchy': 'cauchy' not allowed: every value must be normal, laplace, "),
+        ({}, {"law": "student(2)"}, r"student\(ν\) with ν above 2, such as student\(5\)"),
+        ({}, {"law": 3}, "design.law = 3: 3 not allowed"),
+        ({}, {"outlier_share": 1}, "design.outlier_share = 1: 1 not allowed: every value must be a share: at least 0"),
+        ({}, {"outlier_share": -0.1}, "design.outlier_share = -0.1: -0.1 not allowed"),
+        ({}, {"outlier_share": 0.1, "outlier_size": 0}, "design.outlier_size = 0: 0 not allowed: every value must be"),
+        ({}, {"outlier_size": 5}, "design.outlier_size: has no effect without outlier_share"),
+        (
+            {"route": "moments", "estimators": ["gdke"]},
+            {"law": "laplace"},
+            'route: the route "moments" takes no account of law',
+        ),
+        ({}, {"kind": "random", "law": "laplace"}, "design.law = 'laplace': unknown key: not one of this kind"),
+    ],
+)
+def test_faults(make_study, top, design, words):
+    """What makes no sense is one line, with the place, the value and the rule."""
+    with pytest.raises(ConfigError, match=words) as raised:
+        make_study(top, **design)
+    assert len(str(raised.value).splitlines()) == 2
+
+
+def test_no_posterior(make_text):
+    """The posterior's likelihoods are of normal noise."""
+    from study.simulation.experiment.config import parse
+
+    with pytest.raises(ConfigError, match=r"1 fault\n.*posterior: its likelihoods are of normal noise without outli"):
+        parse(make_text(samples=20, outlier_share=0.1) + "[posterior]\ntrials = 1\n")
+
+
+def test_random_designs_draw_outliers(make_study):
+    """A random design draws the share from a law; its other conditions are those that it draws without."""
+    share = {"law": "uniform", "low": 0.0, "high": 0.3}
+    with_share, without = (
+        [unit.batches[0].cells[0] for unit in units(make_study(kind="random", trials=9, samples=50, **more))]
+        for more in ({"outlier_share": share}, {})
+    )
+    assert {c.name for c in DEPARTURES} & set(dict(with_share[0].further)) == {"outlier_share"}
+    assert [c.center for c in with_share] == [c.center for c in without]
+
+
+SHAPE = ((1.63, 0.41, 0.38), (0.41, 0.78, 0.48), (0.38, 0.48, 0.59))
+
+LAWS_GAUSSIAN_NOISE = {
+    "isotropic in the plane": IsotropicGaussian(2),
+    "isotropic in space": IsotropicGaussian(3),
+    "unequal": AnisotropicGaussian(((4.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 0.25))),
+    "correlated": AnisotropicGaussian(SHAPE),
+}
+
+
+@pytest.fixture(params=list(LAWS_GAUSSIAN_NOISE))
+def law_of_gaussian_noise(request):
+    """Each law by name."""
+    return LAWS_GAUSSIAN_NOISE[request.param]
+
+
+@pytest.fixture
+def directions(law_of_gaussian_noise, rng):
+    """Directions of a few trials as draws have them (b, d, n), with the height 1 - u₁ in place of u₁."""
+    u = rng.standard_normal((3, len(law_of_gaussian_noise.covariance(1.0)), 20))
+    u /= np.linalg.norm(u, axis=1, keepdims=True)
+    u[:, 0] = 1.0 - u[:, 0]
+    return u
+
+
+def test_every_law_is_tested_gaussian_noise():
+    """A class of the module with the methods of a law is among those above."""
+    methods = [name for name in vars(noise.NoiseLaw) if not name.startswith("_")]
+    classes = [each for _, each in inspect.getmembers(noise, inspect.isclass) if each is not noise.NoiseLaw]
+    assert {type(law) for law in LAWS_GAUSSIAN_NOISE.values()} == {
+        c for c in classes if all(hasattr(c, name) for name in methods)
+    }
+
+
+def test_draws_have_the_stated_covariance(law_of_gaussian_noise, rng):
+    """Mean and covariance of 10⁵ draws are 0 and the covariance at σ = 1.
+
+    At most nine covariances and three means within 5 standard errors: a false alarm has probability 7e-6 for a law.
+    """
+    expected = law_of_gaussian_noise.covariance(1.0)
+    d, n = len(expected), 100_000
+    z = law_of_gaussian_noise.unit_noise(rng.standard_normal((1, d, n)))[0]
+    products = z[:, None] * z[None]
+    error = products.std(axis=2) / np.sqrt(n)
+    assert np.all(np.abs(products.mean(axis=2) - expected) < 5.0 * error)
+    assert np.all(np.abs(z.mean(axis=1)) < 5.0 * np.sqrt(np.diag(expected) / n))
+
+
+def test_the_covariance_is_that_of_sigma(law_of_gaussian_noise):
+    """It is proportional to σ², symmetric and positive definite; if isotropic, σ² I."""
+    covariance = law_of_gaussian_noise.covariance(0.3)
+    np.testing.assert_allclose(covariance, 0.09 * law_of_gaussian_noise.covariance(1.0), rtol=1e-14)
+    np.testing.assert_array_equal(covariance, covariance.T)
+    assert np.linalg.eigvalsh(covariance)[0] > 0.0
+    if law_of_gaussian_noise.isotropic:
+        np.testing.assert_allclose(covariance, 0.09 * np.eye(len(covariance)), rtol=1e-14)
+
+
+def test_estimators_get_sigma_or_the_covariance(law_of_gaussian_noise):
+    """An isotropic law is given as σ, any other as its covariance: the form that `study.fit` takes."""
+    given = law_of_gaussian_noise.given(0.3)
+    if law_of_gaussian_noise.isotropic:
+        assert given == 0.3
+    else:
+        np.testing.assert_array_equal(given, law_of_gaussian_noise.covariance(0.3))
+
+
+def test_the_bound_is_that_of_the_library(law_of_gaussian_noise, directions):
+    """The bound at σ = 1 is the library's Cramér-Rao bound of the same directions and covariance."""
+    u = directions.swapaxes(1, 2).copy()
+    u[:, :, 0] = 1.0 - u[:, :, 0]
+    expected = study.crlb(u, law_of_gaussian_noise.covariance(1.0))
+    size = np.sqrt(np.einsum("bii,bjj->bij", expected, expected))
+    assert np.all(np.abs(law_of_gaussian_noise.unit_bound(directions) - expected) < 1e-10 * size)
+
+
+def test_a_shape_of_the_identity_is_isotropic():
+    """The law of no shape and of the identity is the same; any other shape has a law of its own."""
+    unit = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    assert gaussian(None, 3) == gaussian(unit, 3) == IsotropicGaussian(3)
+    assert gaussian(SHAPE, 3) == AnisotropicGaussian(SHAPE)

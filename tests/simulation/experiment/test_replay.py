@@ -1,0 +1,292 @@
+"""A trial that is drawn again has the points, the bound and the fits of the run, to the last bit.
+
+The bound of a batch at σ = 1: study.crlb of the realised directions, and exact where the cap is tiny.
+"""
+
+import mpmath
+import numpy as np
+import pytest
+
+import study
+from study.fits import Status
+from study.simulation.analysis import regret
+from study.simulation.experiment.compute import compute, stack
+from study.simulation.experiment.sampling import ReplayError, addresses, draw, find, replay, units
+
+KEPT = 3
+
+GRID = {"trials": 5, "samples": [6, 40], "noise": [0.05, 0.5], "angle": [60, 180], "radius": 2.0, "center": 3.0}
+
+RANDOM = {
+    "kind": "random",
+    "trials": 30,
+    "samples": {"law": "log_uniform", "low": 5, "high": 60},
+    "noise": {"law": "log_uniform", "low": 1e-6, "high": 2},
+    "angle": {"law": "uniform", "low": 0, "high": 180},
+    "radius": {"law": "uniform", "low": 0, "high": 37},
+    "center": {"law": "uniform", "low": 0, "high": 2},
+}
+
+DESIGNS = {"shared": GRID, "independent": GRID | {"draws": "independent"}, "random": RANDOM}
+
+SHAPES = {2: [[4.0, 1.0], [1.0, 2.0]], 3: [[4.0, 1.0, 0.0], [1.0, 2.0, 0.5], [0.0, 0.5, 1.0]]}
+
+
+@pytest.fixture(scope="module", params=list(DESIGNS))
+def design(request):
+    """Entries of a grid whose cells share draws, of one whose cells do not, and of a random design."""
+    return DESIGNS[request.param]
+
+
+@pytest.fixture(scope="module", params=["plain 2", "plain 3", "shaped 2", "shaped 3"])
+def made(request, design, make_study):
+    """A study of all estimators, and its error and point rows as a worker computes them, batch by batch."""
+    kind, d = request.param.split()
+    d = int(d)
+    names = [n for n in study.ESTIMATORS if kind == "plain" or n != "hinge"]  # which takes no covariance
+    top = {"dimension": d, "keep_points": KEPT, "estimators": names}
+    with pytest.MonkeyPatch.context() as patch:  # several batches per cell
+        patch.setattr("study.simulation.experiment.designs.BLOCK_TRIALS", 2)
+        made = make_study(top | ({"noise_shape": SHAPES[d]} if kind == "shaped" else {}), **design)
+        results = [compute(made, unit) for unit in units(made)]
+        yield made, stack([r.errors for r in results]), stack([r.points for r in results if r.points])
+
+
+def chosen(table, **values):
+    """Rows of a table with these values."""
+    use = np.ones(len(table["trial"]), dtype=bool)
+    for name, value in values.items():
+        use &= table[name] == value
+    return {name: column[use] for name, column in table.items()}
+
+
+def test_the_points_are_the_stored_ones(made):
+    """Each stored trial of each cell has its stored points and true sphere, to the last bit, in the stored order."""
+    made, _, points = made
+    cells = dict.fromkeys(points["cell"])
+    seen = 0
+    for cell in cells:
+        for trial in range(KEPT):
+            kept = chosen(points, cell=cell, trial=trial)
+            if not len(kept["trial"]):
+                continue  # of a random design, where each cell has one trial
+            again = replay(made, find(made, cell, trial))
+            frame = regret.points(again)
+            names = [f"x_{i + 1}" for i in range(made.dimension)]
+            assert list(frame.columns) == names
+            np.testing.assert_array_equal(frame.to_numpy(), np.column_stack([kept[name] for name in names]))
+            assert again.cell.center == tuple(kept[f"center_{i + 1}"][0] for i in range(made.dimension))
+            assert (again.cell.name, again.cell.radius, again.trial) == (cell, kept["radius"][0], trial)
+            seen += 1
+    assert seen == (KEPT if made.design.kind == "random" else 8 * KEPT)
+
+
+def test_the_answers_are_the_error_tables_rows(made):
+    """Error, its part along the axis, radius error, noise, condition and steps are equal; the status is in words."""
+    made, errors, _ = made
+    texts = {status.text: int(status) for status in Status}
+    for cell in list(dict.fromkeys(errors["cell"]))[::7]:
+        for trial in np.unique(chosen(errors, cell=cell)["trial"])[-2:].tolist():
+            again = replay(made, find(made, cell, trial))
+            found, told = regret.fit_table(made, again), chosen(errors, cell=cell, trial=trial)
+            assert list(found["estimator"]) == list(told["estimator"]) == list(made.estimators)
+            same = {"error": "error", "axis": "error_1", "radius_error": "radius_error", "condition": "condition"}
+            for mine, theirs in (same | {"iterations": "iterations"}).items():
+                np.testing.assert_array_equal(found[mine], told[theirs], err_msg=f"{mine} of {cell}, {trial}")
+            np.testing.assert_array_equal(found["noise"], np.sqrt(told["noise_variance"]))
+            assert [texts[text] for text in found["status"]] == list(told["status"])
+            np.testing.assert_allclose(found["over_bound"], told["error"] / told["bound"], rtol=1e-14)
+            variances = again.cell.noise**2 * np.diag(again.unit_bound)
+            np.testing.assert_allclose(np.sqrt(variances[-1]), told["radius_bound"], rtol=1e-14)
+
+
+def test_every_trial_has_an_address(made):
+    """Addresses are the error table's cells and trials, in its order, each once; each is found by its name."""
+    made, errors, _ = made
+    some = chosen(errors, estimator="mle")
+    found = list(addresses(made))
+    assert sorted((a.cell.name, a.trial) for a in found) == sorted(zip(some["cell"], some["trial"], strict=True))
+    assert len({(a.cell.name, a.trial) for a in found}) == len(found)
+    for address in found[::17]:
+        assert find(made, address.cell.name, address.trial) == address
+
+
+def test_addresses_come_cell_by_cell_of_a_unit(make_study):
+    """Within a batch a cell's trials stand together, and cells come in the order of the error table."""
+    made = make_study(**GRID)
+    order = [a.cell.name for a in addresses(made)]
+    errors = stack([compute(made, unit).errors for unit in units(made)])
+    assert list(dict.fromkeys(order)) == list(dict.fromkeys(errors["cell"]))
+
+
+@pytest.fixture(scope="module")
+def grid(make_study):
+    """A grid of 8 cells with five trials each."""
+    return make_study(**GRID)
+
+
+def test_the_beginning_of_a_name_will_do(grid):
+    """As far as no other cell begins so; a whole name always does."""
+    names = sorted({address.cell.name for address in addresses(grid)})
+    assert len(names) == 8
+    for name in names:
+        short = next(name[:k] for k in range(1, 11) if sum(n.startswith(name[:k]) for n in names) == 1)
+        assert find(grid, short, 4) == find(grid, name, 4)
+        assert find(grid, short, 4).cell.name == name
+
+
+def test_a_beginning_of_several_cells(grid):
+    """The message has their number, and some of them."""
+    names = sorted({address.cell.name for address in addresses(grid)})
+    first = next(n[0] for n in names if sum(m[0] == n[0] for m in names) > 1)
+    among = [n for n in names if n[0] == first]
+    with pytest.raises(ReplayError, match=rf"^cell '{first}': not one cell but {len(among)}: {among[0]}, "):
+        find(grid, first, 0)
+    with pytest.raises(ReplayError, match="not one cell but 8: "):
+        find(grid, "", 0)
+
+
+def test_a_cell_that_is_not_there(grid):
+    """The message names the run and says where the names stand."""
+    with pytest.raises(ReplayError, match=rf"cell 'xyz': no such cell in {grid.run_name()}; the error table's first"):
+        find(grid, "xyz", 0)
+
+
+@pytest.mark.parametrize("trial", [5, 6, 10**12, -1])
+def test_a_trial_that_is_not_there(grid, trial):
+    """The message says which there are, over all of a cell's batches."""
+    name = next(addresses(grid)).cell.name
+    with pytest.raises(ReplayError, match=rf"^trial {trial}: cell {name} has trial 0 to 4$"):
+        find(grid, name[:6], trial)
+
+
+def test_the_trials_of_a_random_designs_cell(make_study):
+    """A cell that was drawn once has one trial, which the message names."""
+    made = make_study(**RANDOM)
+    address = list(addresses(made))[7]
+    assert find(made, address.cell.name, 7) == address
+    with pytest.raises(ReplayError, match=rf"^trial 8: cell {address.cell.name} has trial 7$"):
+        find(made, address.cell.name, 8)
+
+
+def test_the_trials_of_a_cell_that_a_random_design_drew_several_times(make_study):
+    """If choices repeat, a cell's trials have gaps; the message lists them without those of other cells."""
+    made = make_study(kind="random", trials=30, noise={"law": "choice", "values": [0.1, 0.2]})
+    trials = {}
+    for address in addresses(made):
+        trials.setdefault(address.cell.name, []).append(address.trial)
+    assert len(trials) == 2
+    for name, numbers in trials.items():
+        assert all(find(made, name, trial).trial == trial for trial in numbers)
+        other = next(t for t in range(min(numbers), max(numbers)) if t not in numbers)
+        with pytest.raises(ReplayError) as caught:
+            find(made, name, other)
+        assert f"trial {other}: " in str(caught.value)
+        assert f"has trial {min(numbers)} to {max(numbers)}" not in str(caught.value)
+
+
+def test_more_trials_or_cells_leave_a_trial_as_it_is(make_study):
+    """A trial's points do not depend on how much is run beside it."""
+    small = make_study(trials=1, noise=0.5, samples=40, angle=60, radius=2.0, center=3.0)
+    large = make_study(**GRID | {"trials": 1001})
+    (address,) = addresses(small)
+    one, other = (replay(s, find(s, address.cell.name, 0)) for s in (small, large))
+    np.testing.assert_array_equal(one.samples.x, other.samples.x)
+    np.testing.assert_array_equal(one.unit_bound, other.unit_bound)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_what_is_printed(make_study, d):
+    """A line of the trial, three of its truth, and a table of a line per estimator with the answers' digits."""
+    made = make_study({"dimension": d, "estimators": ["mle", "lls", "ugdk"]}, center=6.0, radius=2.0, samples=5)
+    trial = replay(made, next(addresses(made)))
+    lines = list(regret.trial_printed(made, trial))
+    assert lines[0] == f"{made.run_name()}, cell {trial.cell.name}, trial 0"
+    assert lines[1] == "  N = 5, σ = 0.1 (0.05 r), φ = 90°"
+    assert lines[2] == f"  true centre ({', '.join([f'{6.0 / d**0.5:.9g}'] * d)}), radius 2"
+    errors = 0.1 * np.sqrt(np.diag(trial.unit_bound))
+    whole = np.sqrt(np.sum(errors[:d] ** 2))
+    told = f"  bound: {whole:.3g} for the centre ({errors[0]:.3g} along the axis), {errors[d]:.3g} for the radius"
+    assert lines[3] == told
+    assert lines[4].split()[:4] == ["estimator", "error", "over", "bound"]
+    assert len(lines) == 8
+    for line, row in zip(lines[5:], regret.fit_table(made, trial).to_dict("records"), strict=True):
+        cells = line.split()
+        numbers = [row[name] for name in ("error", "over_bound", "axis", "radius_error", "noise", "condition")]
+        assert cells[0] == row["estimator"]
+        assert cells[1:7] == [f"{value:.3g}" if np.isfinite(value) else "-" for value in numbers]
+        assert cells[7] == str(row["iterations"] or "-")
+        assert line.endswith(row["status"])
+
+
+def test_robust_is_settled_without_its_outliers(make_study):
+    """A fit of a replayed trial has the status and the interval that `study.fit` gives its points."""
+    made = make_study({"estimators": ["robust", "mle"]}, noise=0.001, samples=40, angle=60, radius=1.0, trials=1)
+    trial = replay(made, next(addresses(made)))
+    trial.samples.x[0, :, :4] *= 5.0
+    for name, found in regret.fits(made, trial).items():
+        if name != "truth":
+            own = study.fit(trial.samples.points[0], name)
+            assert found.status == own.status, name
+            np.testing.assert_array_equal(found.interval("radius"), own.interval("radius"))
+
+
+def shape_of(d):
+    """A covariance with correlations in d dimensions."""
+    return [[(i + 1.0) if i == j else 0.3 for j in range(d)] for i in range(d)]
+
+
+@pytest.fixture(params=[False, True], ids=["isotropic", "shaped"])
+def draws_at(request, make_study):
+    """Draw a few trials at an angle, with isotropic noise or a noise shape."""
+
+    def make(d, angle, samples=20):
+        shape = shape_of(d) if request.param else None
+        made = make_study({"dimension": d, "noise_shape": shape}, angle=angle, samples=samples, trials=3)
+        return draw(made, [next(units(made)).batches[0]])
+
+    return make
+
+
+@pytest.mark.parametrize("d", [2, 3, 5])
+@pytest.mark.parametrize("angle", [30, 90, 180])
+def test_bound_is_crlb_of_the_realised_directions(draws_at, d, angle):
+    """At ordinary angles the bound, every entry of it, is that of the library's own function."""
+    draws = draws_at(d, angle)
+    u = draws.directions.swapaxes(1, 2).copy()
+    u[:, :, 0] = 1.0 - u[:, :, 0]
+    expected = study.crlb(u, draws.law.covariance(1.0))
+    size = np.sqrt(np.einsum("bii,bjj->bij", expected, expected))
+    assert np.all(np.abs(draws.unit_bound() - expected) < 1e-10 * size)
+
+
+def exact_variances(directions, shape):
+    """Diagonal of the inverse of J = Σ w wᵀ/(uᵀΣu), w = (u, 1), in sixty digits (theory 3.1)."""
+    d, n = directions.shape
+    with mpmath.workdps(60):
+        information = mpmath.zeros(d + 1)
+        covariance = mpmath.matrix(shape.tolist())
+        for k in range(n):
+            u = mpmath.matrix([mpmath.mpf(float(v)) for v in directions[:, k]])
+            u[0] = 1 - u[0]
+            w = mpmath.matrix([*u, 1])
+            information += w * w.T / (u.T * covariance * u)[0]
+        inverse = information**-1
+        return np.array([float(inverse[i, i]) for i in range(d + 1)])
+
+
+@pytest.mark.parametrize("d", [2, 3, 5])
+@pytest.mark.parametrize("angle", [1e-4, 1e-2, 1.0, 60.0])
+def test_bound_is_exact_at_tiny_angles(draws_at, d, angle):
+    """Variances of centre and radius agree with sixty-digit arithmetic to 1e-8, down to 1e-4 degrees."""
+    draws = draws_at(d, angle)
+    bound = draws.unit_bound()
+    for trial in range(3):
+        expected = exact_variances(draws.directions[trial], draws.law.covariance(1.0))
+        np.testing.assert_allclose(np.diag(bound[trial]), expected, rtol=1e-8)
+
+
+def test_bound_falls_with_the_number_of_samples(draws_at):
+    """Ten times the samples, a tenth of the variance, within the scatter of the directions."""
+    few, many = (np.median(draws_at(3, 60, n).unit_bound()[:, 0, 0]) for n in (1000, 10_000))
+    assert few / many == pytest.approx(10.0, rel=0.3)

@@ -1,0 +1,136 @@
+"""Small tables with known contents, for the figures to draw."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from study.simulation.analysis.summary import summary
+from study.simulation.experiment.noise import IsotropicGaussian
+from study.simulation.figures import Tables
+
+ESTIMATORS = ["mle", "lls", "gdke", "ugdk"]
+
+
+def rows(cell: str, estimator: str, error: np.ndarray, **columns: object) -> pd.DataFrame:
+    """Rows of an error table; error is (trials, d)."""
+    trials, d = error.shape
+    data = {
+        "cell": cell,
+        "trial": np.arange(trials),
+        "samples": 100,
+        "noise": 0.05,
+        "angle": 60.0,
+        "radius": 1.0,
+        "center": 0.0,
+        "estimator": estimator,
+        **{f"error_{i + 1}": error[:, i] for i in range(d)},
+        "error": np.linalg.norm(error, axis=1),
+        "radius_error": 0.0,
+        "bound": 0.1,
+        "radius_bound": 0.1,
+        "noise_variance": 0.0025,
+        "status": 0,
+        "condition": np.nan,
+        "iterations": 0,
+    }
+    return pd.DataFrame(data | columns)
+
+
+@pytest.fixture
+def make_rows() -> Callable[..., pd.DataFrame]:
+    return rows
+
+
+@dataclass(frozen=True)
+class MadeTables(Tables):
+    """Tables that were made in memory, None for one that is not stored. All else is as of a run's."""
+
+    reader: "MadeTables" = field(init=False)
+    stored: frozenset[str] = field(init=False)
+    rows: pd.DataFrame | None = None
+    summary: pd.DataFrame | None = None
+    points: pd.DataFrame | None = None
+    posterior: pd.DataFrame | None = None
+    answers: pd.DataFrame | None = None
+    draws: pd.DataFrame | None = None
+
+    def __post_init__(self):
+        object.__setattr__(self, "reader", self)
+        object.__setattr__(self, "stored", frozenset({"summary"} | ({"errors"} if self.rows is not None else set())))
+
+    def table(self, name, columns=None, estimators=None):
+        """The error table's rows of some estimators; all other tables are there already."""
+        assert name == "errors"
+        found = self.rows if estimators is None else self.rows[self.rows["estimator"].isin(estimators)]
+        return found if columns is None else found[[each for each in found if each in columns]]
+
+
+@pytest.fixture
+def make_tables() -> Callable[..., MadeTables]:
+    """Tables of a run with the given error table."""
+
+    def make(errors: pd.DataFrame, design: str, points: pd.DataFrame | None = None) -> MadeTables:
+        d = 3 if "error_3" in errors else 2
+        law, short = IsotropicGaussian(d), summary(errors, design == "random")
+        return MadeTables("test-0123456789", d, design, law, rows=errors, summary=short, points=points)
+
+    return make
+
+
+@pytest.fixture
+def random_tables(make_tables: Callable[..., MadeTables]) -> MadeTables:
+    """400 trials of a random design over 20 decades: errors are an eighth of the noise, the bound is half of it."""
+    rng = np.random.default_rng(1)
+    noise = 10.0 ** rng.uniform(-10, 10, 400)
+    direction = np.array([[1.0, 0.0, 0.0]])
+    parts = [
+        rows("c", name, 0.25 * noise[:, None] * direction, noise=2.0 * noise, radius=2.0, bound=noise, trial=range(400))
+        for name in ESTIMATORS
+    ]
+    return make_tables(pd.concat(parts, ignore_index=True), "random")
+
+
+@pytest.fixture
+def circle_tables(make_tables: Callable[..., MadeTables]) -> MadeTables:
+    """Circles of radius 2 about (3, 4): GDKE's errors are Gaussian about (1, 0), the others' about (0, 0)."""
+    rng = np.random.default_rng(2)
+    trials, kept, n = 3000, 5, 100
+    parts = []
+    for name in ESTIMATORS:
+        error = rng.normal(size=(trials, 2)) * [0.2, 0.05] + [1.0 if name in ("gdke", "lls") else 0.0, 0.0]
+        if name == "gdke":
+            error = parts[1][["error_1", "error_2"]].to_numpy()  # that of lls
+        condition = np.linspace(0.3, 0.9, trials) if name == "ugdk" else np.nan
+        parts.append(rows("c", name, error, radius=2.0, center=5.0, condition=condition, noise=0.1))
+    parts[3].loc[3, "condition"] = 0.55  # trial 3 is the nearest of the five that are kept
+    theta = rng.uniform(-0.5, 0.5, (kept, n))
+    points = pd.DataFrame(
+        {
+            "cell": "c",
+            "trial": np.repeat(np.arange(kept), n),
+            "sample": np.tile(np.arange(n), kept),
+            "x_1": 3.0 + 2.0 * np.cos(theta.ravel()),
+            "x_2": 4.0 + 2.0 * np.sin(theta.ravel()),
+            "center_1": 3.0,
+            "center_2": 4.0,
+            "radius": 2.0,
+        }
+    )
+    return make_tables(pd.concat(parts, ignore_index=True), "grid", points)
+
+
+@pytest.fixture
+def power_tables(make_tables: Callable[..., MadeTables]) -> MadeTables:
+    """Six numbers of samples: the errors of MLE and UGDK fall as N^-1/2, those of LLS and GDKE stop at 0.05."""
+    rng = np.random.default_rng(3)
+    parts = []
+    for samples in (1000, 10, 30, 100, 300, 3000):  # not in order, as a config may have them
+        unit = rng.normal(size=(400, 3)) / np.sqrt(samples)
+        biased = 0.1 * unit + [0.05, 0.0, 0.0]
+        for name, error in zip(ESTIMATORS, (0.1 * unit, biased, biased, 0.11 * unit), strict=True):
+            bound = 0.1 * np.sqrt(3.0 / samples)
+            parts.append(rows(f"c{samples}", name, error, samples=samples, bound=bound, noise=0.02))
+    return make_tables(pd.concat(parts, ignore_index=True), "grid")

@@ -1,0 +1,372 @@
+"""Tests of draw all."""
+
+import builtins
+import hashlib
+import itertools
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from study import style
+from study.fits import ESTIMATORS
+from study.simulation import figures
+from study.simulation.figures import FIGURES, Tables
+
+MARKERS = """
+name = "markers"
+seed = 3
+dimension = 2
+estimators = ["als"]
+keep_points = 20
+[design]
+kind = "grid"
+trials = 20
+samples = 30
+noise = 0.02
+angle = 60
+radius = [2.0, 1.2]
+draws = "independent"
+"""
+
+NOISES = """
+name = "noises"
+seed = 3
+estimators = ["mle", "gdke", "als"]
+[design]
+kind = "grid"
+trials = 30
+samples = 50
+noise_over_radius = [1e-3, 1e-2, 1e-1, 1]
+angle = [45, 180]
+"""
+
+LAWS = """
+name = "laws"
+seed = 3
+estimators = ["mle", "gdke"]
+keep = "summary"
+[design]
+kind = "grid"
+trials = 30
+samples = 50
+noise_over_radius = 0.02
+angle = [45, 180]
+law = ["normal", "student(3)", "laplace"]
+outlier_share = [0, 0.1, 0.3]
+"""
+
+POSTERIORS = """
+name = "posteriors"
+seed = 3
+dimension = 2
+estimators = ["mle", "gdke"]
+[design]
+kind = "grid"
+trials = 20
+samples = 20
+noise = 0.05
+angle = 120
+draws = "independent"
+[posterior]
+trials = 20
+noise = "known"
+walkers = 32
+"""
+
+REDRAW = """
+import sys
+from pathlib import Path
+from study.simulation.figures import draw_all
+from study.simulation.runs.run_folder import Run
+for folder in sys.argv[2:]:
+    draw_all([Run.open(Path(folder))], Path(sys.argv[1]))
+sys.exit("pyplot is not needed" if "matplotlib.pyplot" in sys.modules else 0)
+"""
+
+
+@pytest.fixture(scope="module")
+def runs(circles, random, make_run):
+    """Runs that between them have every figure."""
+    markers, noises, laws, posteriors = map(make_run, (MARKERS, NOISES, LAWS, POSTERIORS))
+    made = {"circles": circles, "markers": markers, "noises": noises, "laws": laws}
+    return made | {"posteriors": posteriors, "random": random}
+
+
+@pytest.fixture(scope="module")
+def elsewhere(runs, tmp_path_factory):
+    """Another process that draws all of them meanwhile, with another hash seed and user settings, and its folder."""
+    folder = tmp_path_factory.mktemp("elsewhere")
+    (folder / "matplotlibrc").write_text("font.size: 20\nsavefig.dpi: 30\n", encoding="utf-8")
+    environment = {**os.environ, "PYTHONHASHSEED": "7", "MATPLOTLIBRC": str(folder)}
+    command = [sys.executable, "-c", REDRAW, str(folder / "two"), *(str(store.folder) for store in runs.values())]
+    with subprocess.Popen(command, env=environment) as process:
+        yield process, folder / "two"
+
+
+@pytest.fixture(scope="module")
+def drawn(runs, elsewhere, tmp_path_factory):
+    """What each of them said that it drew, and did not, into one folder below another that is not there."""
+    folder = tmp_path_factory.mktemp("figures")
+    return {kind: figures.draw_all([store], folder / "a" / "b") for kind, store in runs.items()}
+
+
+@pytest.fixture(scope="module")
+def sources(drawn):
+    """The first run that each figure is drawn from, by the figure's name."""
+    return {path.stem: kind for kind, (paths, _) in reversed(drawn.items()) for path in paths}
+
+
+@pytest.fixture(scope="module")
+def frames(runs, sources):
+    """What each figure shows, prepared once."""
+    return {name: FIGURES[name].prepare(Tables.of(runs[kind])) for name, kind in sources.items()}
+
+
+HAS = {
+    "circles": ["fig3_gdke_ellipse", "fig4_ugdk_ellipse", "fig5_methods", "fig7_power_law"],
+    "markers": ["fig6_mgdk"],
+    "noises": ["fig_efficiency", "fig_regret", "fig_map"],
+    "laws": ["fig_robustness"],
+    "posteriors": ["fig_posterior", "fig_calibration"],
+    "random": ["fig2_error"],
+}
+"""Figures that each run is known to feed. A new one need not be here: it is tested on the first run that feeds it."""
+
+KNOWN = {name for names in HAS.values() for name in names}
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_every_figure_is_drawn_from_some_run(sources, name):
+    """The runs here feed all that is registered."""
+    assert name in sources, "no run of this file feeds it: add a config that does to `runs`"
+
+
+@pytest.mark.parametrize("kind", HAS)
+def test_draws_what_applies_and_says_why_the_rest_does_not(drawn, kind):
+    """Circles have figures 3, 4, 5 and 7, two markers figure 6, a random design figure 2; the rest has reasons."""
+    paths, reasons = drawn[kind]
+    names = [name for name in FIGURES if name in HAS[kind] or (name not in KNOWN and name not in reasons)]
+    assert [path.name for path in paths] == [f"{name}.{suffix}" for name in names for suffix in ("png", "svg")]
+    assert all(path.stat().st_size > 5000 for path in paths)
+    assert list(reasons) == [name for name in FIGURES if name not in names]
+    assert not [reason for reason in reasons.values() if reason.startswith("failed") or not reason]
+    if kind == "circles":
+        assert "random design" in reasons["fig2_error"]
+        assert "two radii" in reasons["fig6_mgdk"]
+        assert "levels of noise" in reasons["fig_efficiency"]
+        assert "[posterior]" in reasons["fig_posterior"]
+        assert "3 values of law in the grid, with normal among them" in reasons["fig_robustness"]
+
+
+def test_draws_what_is_asked_for(circles, tmp_path):
+    """Named figures are drawn, in that order, and no other; one that does not apply is told."""
+    paths, reasons = figures.draw_all([circles], tmp_path, ["fig7_power_law", "fig6_mgdk", "fig5_methods"])
+    assert [path.stem for path in paths[::2]] == ["fig7_power_law", "fig5_methods"]
+    assert list(reasons) == ["fig6_mgdk"]
+    assert {path.name for path in tmp_path.iterdir()} == {path.name for path in paths}
+
+
+def test_several_runs_feed_a_figure_each(circles, random, drawn, tmp_path):
+    """A figure comes from the first run that has the tables for it; where none has them, each run's reason is told."""
+    names = ["fig2_error", "fig5_methods", "fig6_mgdk", "fig_posterior"]
+    paths, reasons = figures.draw_all([random, circles], tmp_path, names)
+    alone = {path.name: path.read_bytes() for kind in ("random", "circles") for path in drawn[kind][0]}
+    assert [path.stem for path in paths[::2]] == names[:2]
+    assert all(path.read_bytes() == alone[path.name] for path in paths)
+    assert list(reasons) == names[2:]
+    apart = [
+        f"{drawn[kind][1]['fig6_mgdk']} ({Tables.of(run).name})"
+        for kind, run in (("random", random), ("circles", circles))
+    ]
+    assert reasons["fig6_mgdk"] in ("; ".join(apart), drawn["random"][1]["fig6_mgdk"])
+    assert reasons["fig_posterior"] == drawn["random"][1]["fig_posterior"] == drawn["circles"][1]["fig_posterior"]
+
+
+def test_pictures_go_to_the_run_that_fed_them(circles, random, copied):
+    """Without a folder each run's own has its pictures."""
+    one, two = copied(random), copied(circles, "other")
+    paths, _ = figures.draw_all([one, two], None, ["fig2_error", "fig5_methods"])
+    assert [path.parent for path in paths[::2]] == [one.folder / "figures", two.folder / "figures"]
+
+
+def test_files_are_equal_to_the_byte(elsewhere, drawn):
+    """Another process, with another hash seed, font cache in use and user settings, writes the same bytes."""
+    paths = [path for paths, _ in drawn.values() for path in paths]
+    assert len({path.name for path in paths}) == 2 * len(FIGURES)
+    process, folder = elsewhere
+    assert process.wait() == 0
+    for path in paths:
+        digests = [hashlib.sha256(each.read_bytes()).digest() for each in (path, folder / path.name)]
+        assert digests[0] == digests[1], path.name
+
+
+def test_a_broken_figure_does_not_cost_the_others(circles, tmp_path, monkeypatch):
+    """Its failure is told, and the rest is drawn."""
+
+    class Broken:
+        def prepare(self, tables):
+            raise ZeroDivisionError("no such luck")
+
+        def draw(self, frame):
+            raise AssertionError
+
+    monkeypatch.setattr(figures, "FIGURES", {"broken": Broken(), "fig5_methods": FIGURES["fig5_methods"]})
+    paths, reasons = figures.draw_all([circles], tmp_path)
+    assert [path.name for path in paths] == ["fig5_methods.png", "fig5_methods.svg"]
+    assert list(reasons) == ["broken"]
+    place = "test_draw_all.py, line "
+    assert reasons["broken"].startswith(f"failed: ZeroDivisionError('no such luck') at {place}")
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_drawing_reads_no_files(frames, name, monkeypatch):
+    """All that is drawn is in the frame."""
+    figure, frame = FIGURES[name], frames[name]
+    figure.draw(frame)  # fonts are looked up once
+
+    def refuse(*args, **kwargs):
+        raise AssertionError(f"opened {args[0]}")
+
+    monkeypatch.setattr(builtins, "open", refuse)
+    monkeypatch.setattr(Path, "open", refuse)
+    assert isinstance(figure.draw(frame), Figure)
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_every_module_offers_prepare_and_draw_alone(name):
+    """Two public functions, and a docstring that says what to look at."""
+    module = FIGURES[name]
+    functions = [
+        n for n, v in vars(module).items() if getattr(v, "__module__", None) == module.__name__ and callable(v)
+    ]
+    public = {n for n in functions if n[0].islower() and not n.startswith("_")}
+    assert public == {"prepare", "draw"}
+    assert "Look at" in module.__doc__
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_figures_carry_the_runs_name_and_trials(runs, sources, frames, name):
+    """The stamp names the run, and how many trials are behind the figure or which one is shown."""
+    study = runs[sources[name]].study
+    (stamp,) = [text.get_text() for text in FIGURES[name].draw(frames[name]).texts]
+    assert study.run_name() in stamp
+    said = stamp.replace(study.run_name(), "")
+    assert ("trial 0;" if name == "fig_posterior" else str(study.design.trials)) in said
+
+
+@pytest.mark.parametrize("name", ["fig4_ugdk_ellipse", "fig7_power_law"])
+def test_tables_are_left_alone(circles, name):
+    """A figure changes none of the tables that the next one is drawn from."""
+    tables = Tables.of(circles)
+    errors, summary = tables.errors.copy(), tables.summary.copy()
+    FIGURES[name].draw(FIGURES[name].prepare(tables)).draw_without_rendering()
+    assert tables.errors.equals(errors)
+    assert tables.summary.equals(summary)
+
+
+def test_other_figures_are_not_loaded(random, tmp_path):
+    """A figure alone is drawn without the others' modules, and without a library that takes longer than the figure."""
+    code = (
+        "import sys; from pathlib import Path; from study.simulation.figures import draw_all; "
+        "from study.simulation.runs.run_folder import Run; "
+        f"draw_all([Run.open(Path({str(random.folder)!r}))], Path({str(tmp_path)!r}), ['fig2_error']); "
+        "print(*sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded = done.stdout.split()
+    assert [name for name in loaded if name.rpartition(".")[2] in FIGURES] == ["study.simulation.figures.fig2_error"]
+    assert not {"scipy.stats", "numba"} & set(loaded)
+
+
+def test_some_errors_are_those_of_the_table(circles):
+    """Some columns of some estimators are the same rows that the whole table has."""
+    tables = Tables.of(circles)
+    some = tables.some_errors(["cell", "estimator", "error"], ["gdke", "mle"])
+    whole = tables.errors
+    told = whole.loc[whole["estimator"].isin(["gdke", "mle"]), ["cell", "estimator", "error"]]
+    assert some.reset_index(drop=True).equals(told.reset_index(drop=True))
+
+
+def test_every_estimator_has_a_color_of_its_own():
+    """No two estimators, a user's own among them, are as near in colour as the eye would confuse."""
+    names = [*ESTIMATORS, *style._LOOKS, "my_own", "another"]
+    rgb = {name: np.array(matplotlib.colors.to_rgb(style.color(name))) for name in names}
+    for one, other in itertools.combinations(rgb, 2):
+        assert np.linalg.norm(rgb[one] - rgb[other]) > 0.1, f"{one} and {other}"
+
+
+def test_every_registered_estimator_has_a_fixed_look():
+    """A registered estimator without a line in the style would be drawn as a user's own."""
+    assert set(ESTIMATORS) <= set(style._LOOKS)
+
+
+def test_unknown_estimator_looks_the_same_in_every_process():
+    """The colour of a user's own estimator comes from its name, not from Python's randomised hash."""
+    code = "from study.simulation.figures import style; print(style.color('my_own'))"
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip()
+    assert told == style.color("my_own")
+    assert style.label("my_own") == "my_own"
+
+
+def test_settings_do_not_leak(monkeypatch):
+    """The journal style holds inside only, and a user's own settings do not reach into it."""
+    monkeypatch.setitem(matplotlib.rcParams, "font.size", 31.0)
+    with style.journal():
+        assert matplotlib.rcParams["font.size"] == 8.0
+        assert matplotlib.rcParams["svg.fonttype"] == "path"
+    assert matplotlib.rcParams["font.size"] == 31.0
+
+
+def test_spread_keeps_labels_apart_and_inside():
+    """Labels do not overlap, keep their order, and stay within the axis."""
+    wanted, heights = [0.02, 0.5, 0.51, 0.0, 0.98], [0.1, 0.1, 0.2, 0.1, 0.1]
+    placed = style.spread(wanted, heights)
+    order = np.argsort(wanted)
+    gaps = np.diff(placed[order])
+    needed = 0.5 * (np.array(heights)[order][1:] + np.array(heights)[order][:-1])
+    assert (gaps >= needed - 1e-12).all()
+    assert placed.min() >= 0.05 - 1e-12
+    assert placed.max() <= 0.95 + 1e-12
+
+
+def test_spread_leaves_labels_that_have_room():
+    """A label that overlaps none stays where it belongs."""
+    np.testing.assert_allclose(style.spread([0.8, 0.2, 0.5], [0.1] * 3), [0.8, 0.2, 0.5])
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(0.5284, "0.528"), (-0.0276, "−0.0276"), (1e-5, "1 × $10^{-5}$"), (2.5e13, "2.5 × $10^{13}$")]
+)
+def test_number(value, text):
+    """Three digits, powers of ten in words that a paper would print."""
+    assert style.number(value) == text
+
+
+def test_decimals_has_no_negative_zero():
+    """Minus zero is zero."""
+    assert style.decimals(-0.0004, 2) == "0.00"
+    assert style.decimals(-0.516, 2) == "−0.52"
+
+
+def test_joined_breaks_between_names_only():
+    """A name of two words is not torn apart at a line's end."""
+    text = style.joined(["lls", "lls_nr_raw", "gdke"], ": 1", width=12).replace("\xa0", " ")
+    assert text.split("\n") == ["LLS =", "LLS (NR, raw)", "= GDKE: 1"]
+
+
+def test_saved_files_carry_no_date_and_no_software(tmp_path):
+    """Neither the clock nor the version of the plotting library is in the files."""
+    figure = Figure(figsize=(2, 2))
+    figure.subplots().plot([0, 1], [0, 1])
+    png, svg = style.save(figure, tmp_path / "name.with.dots")
+    assert [png.name, svg.name] == ["name.with.dots.png", "name.with.dots.svg"]
+    assert b"Software" not in png.read_bytes()
+    text = svg.read_text(encoding="utf-8")
+    assert "dc:date" not in text
+    assert "dc:creator" not in text

@@ -1,0 +1,224 @@
+"""The figure of ranks and coverage, from tables whose answers are known."""
+
+import dataclasses
+import hashlib
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+from study import style
+from study.fits import Status
+from study.simulation.experiment.config import ChainStatus
+from study.simulation.figures import NotApplicable, fig_calibration
+
+KEYS = ["cell", "trial", "likelihood", "noise_is"]
+RANKS = ["rank_1", "rank_2", "rank_3", "rank_radius"]
+BOTH = ("known", "unknown")
+
+
+@pytest.fixture
+def small(make_rows, make_tables):
+    """Tables of so many trials of two cells, the second of which may be too flat; ranks and levels are uniform."""
+
+    def make(count=30, likelihoods=("geometric",), noises=("known",), flat=0.001, change=lambda p: p, **columns):
+        rng = np.random.default_rng(3)
+        chains = []
+        for cell, flatness in (("a", 0.001), ("b", flat)):
+            for likelihood in likelihoods:
+                for noise_is in noises:
+                    part = {"cell": cell, "trial": np.arange(count), "likelihood": likelihood, "noise_is": noise_is}
+                    part |= {name: rng.random(count) for name in (*RANKS, "level")}
+                    part["rank_noise"] = rng.random(count) if noise_is == "unknown" else np.nan
+                    chains.append(pd.DataFrame(part | {"flatness": flatness, "status": int(ChainStatus.OK)} | columns))
+        posterior = pd.concat(chains, ignore_index=True)
+        answers = []
+        for name in ("mle", "gdke"):
+            part = posterior[KEYS].assign(estimator=name, status=int(Status.OK))
+            answers.append(part.assign(**{c: rng.random(len(part)) for c in (*RANKS, "level")}))
+        base = make_tables(make_rows("a", "mle", rng.normal(size=(4, 3))), "grid")
+        made = dataclasses.replace(base, posterior=change(posterior), answers=pd.concat(answers, ignore_index=True))
+        words = [*KEYS[:1], *KEYS[2:]]  # as they come back from a file
+        return dataclasses.replace(
+            made,
+            posterior=made.posterior.astype(dict.fromkeys(words, "category")),
+            answers=made.answers.astype(dict.fromkeys([*words, "estimator"], "category")),
+        )
+
+    return make
+
+
+def test_curves(small):
+    """A curve per kind of chain and parameter, of the ranks in order; σ has one where it is not known."""
+    tables = small(noises=BOTH, likelihoods=("geometric", "whole_sphere"))
+    frame = fig_calibration.prepare(tables)
+    kinds = {(c.likelihood, c.noise_is, c.parameter) for c in frame.curves}
+    assert kinds == {
+        (likelihood, noise, parameter)
+        for likelihood in ("geometric", "whole_sphere")
+        for noise in BOTH
+        for parameter in ("1", "2", "radius", "noise")
+        if parameter != "noise" or noise == "unknown"
+    }
+    assert len(frame.curves) == 14
+    for curve in frame.curves:
+        found = tables.posterior
+        some = found[(found["likelihood"] == curve.likelihood) & (found["noise_is"] == curve.noise_is)]
+        np.testing.assert_array_equal(curve.ranks, np.sort(some[f"rank_{curve.parameter}"]))
+    assert frame.trials == 60
+
+
+def test_flat_caps_do_not_count(small):
+    """Chains with σ²/v from 0.02 on are in no curve, no coverage and no count."""
+    frame = fig_calibration.prepare(small(flat=0.02))
+    assert frame.trials == 30
+    assert set(frame.coverage["trials"]) == {30}
+    assert all(len(curve.ranks) == 30 for curve in frame.curves)
+
+
+def test_coverage(small):
+    """It is the share of levels below the nominal one, of fits as of chains; what is not ok is outside, and is told."""
+
+    def spoil(posterior):
+        posterior.loc[:6, "status"] = int(ChainStatus.NOT_CONVERGED)
+        return posterior
+
+    tables = small(change=spoil)
+    frame = fig_calibration.prepare(tables)
+    table = frame.coverage.set_index(["method", "level"])
+    assert set(frame.coverage["method"]) == {"posterior", "mle", "gdke"}
+    for level in (0.68, 0.95):
+        held = (tables.posterior["level"] < level) & (tables.posterior["status"] == 0)
+        assert table.loc[("posterior", level), "share"] == held.mean()
+        assert table.loc[("posterior", level), "failed"] == 7
+        mine = tables.answers[tables.answers["estimator"] == "gdke"]
+        assert table.loc[("gdke", level), "share"] == (mine["level"] < level).mean()
+    assert frame.trials == 53
+    assert "7 chains not ok" in frame.stamp
+
+
+def test_stamp(small):
+    """The run's name and how many trials are behind a curve; nothing of failures where there is none."""
+    assert fig_calibration.prepare(small(count=1000)).stamp == "test-0123456789 · 2,000 trials behind each curve"
+
+
+def test_reasons(small):
+    """Each thing that is missing is told in a sentence that names the remedy, or the number."""
+    made = small()
+    for name in ("posterior", "answers"):
+        with pytest.raises(
+            NotApplicable, match=r"needs posteriors: \[posterior\] in the config, then `study posterior"
+        ):
+            fig_calibration.prepare(dataclasses.replace(made, **{name: None}))
+    with pytest.raises(NotApplicable, match='independent of each other: draws = "independent" in the config'):
+        fig_calibration.prepare(dataclasses.replace(made, independent=False))
+    few = "needs at least 20 chains of each kind with σ²/v < 0.02, not"
+    with pytest.raises(NotApplicable, match=f"{few} 18"):
+        fig_calibration.prepare(small(count=9))
+    with pytest.raises(NotApplicable, match=f"{few} 9"):
+        fig_calibration.prepare(small(count=9, flat=0.5))
+    with pytest.raises(NotApplicable, match=f"{few} 0"):
+        fig_calibration.prepare(small(count=9, flat=0.5, change=lambda p: p.assign(flatness=0.5)))
+    assert fig_calibration.prepare(small(count=10)).trials == 20
+
+
+def test_each_kind_needs_enough(small):
+    """Twenty chains of one kind do not stand for those of the other."""
+
+    def drop(posterior):
+        return posterior[(posterior["noise_is"] == "known") | (posterior["trial"] < 9)].reset_index(drop=True)
+
+    with pytest.raises(NotApplicable, match="not 18"):
+        fig_calibration.prepare(small(noises=BOTH, change=drop))
+
+
+@pytest.mark.parametrize("left", [0, 1, 5])
+def test_chains_of_which_few_are_ok(small, left):
+    """A run whose chains did not converge is no failure of the figure: it is drawn, or the reason is told."""
+
+    def spoil(posterior):
+        posterior.loc[left:, "status"] = int(ChainStatus.NOT_CONVERGED)
+        return posterior
+
+    try:
+        frame = fig_calibration.prepare(small(change=spoil))
+    except NotApplicable as reason:
+        assert "chains" in str(reason)  # noqa: PT017
+    else:
+        assert left > 0
+        assert frame.trials == left
+        fig_calibration.draw(frame).draw_without_rendering()
+
+
+@pytest.mark.parametrize("likelihoods", [("geometric",), ("geometric", "whole_sphere")])
+def test_drawn(small, likelihoods):
+    """Left: every curve over the band of Kolmogorov's 95 %; right: a row per method with share, interval and levels."""
+    frame = fig_calibration.prepare(small(noises=BOTH, likelihoods=likelihoods))
+    figure = fig_calibration.draw(frame)
+    left, right = figure.axes
+    (band,) = left.patches
+    reach = stats.kstwo.ppf(0.95, frame.trials)
+    corners = band.get_path().transformed(band.get_patch_transform()).get_extents()
+    assert (corners.y0, corners.y1) == pytest.approx((-reach, reach))
+    lines = [line for line in left.lines if len(line.get_xdata()) > 2]
+    assert len(lines) == len(frame.curves)
+    for line, curve in zip(lines, frame.curves, strict=True):
+        x, y = line.get_xdata(), line.get_ydata()
+        # just below and at each rank, the share of ranks below it
+        shares = np.array([np.mean(curve.ranks < value) for value in curve.ranks])
+        np.testing.assert_allclose(y[1:-1:2], shares - curve.ranks, atol=1e-12)
+        np.testing.assert_allclose(y[2:-1:2], shares + 1.0 / len(curve.ranks) - curve.ranks, atol=1e-12)
+        assert (x[0], x[-1]) == (0.0, 1.0)
+        assert (y[0], y[-1]) == (0.0, 0.0)
+        assert left.get_ylim()[0] < y.min()
+        assert y.max() < left.get_ylim()[1]
+        assert line.get_linestyle() == ("-" if curve.noise_is == "known" else "--")
+        distance = max(np.abs(y))
+        assert distance == pytest.approx(stats.kstest(curve.ranks, "uniform").statistic)
+    names = [text.get_text() for text in right.get_yticklabels()]
+    posteriors = ["posterior"] if len(likelihoods) == 1 else ["posterior (geometric)", "posterior (whole sphere)"]
+    assert sorted(names) == sorted([*posteriors, style.label("mle"), style.label("gdke")])
+    shown = sorted(line.get_xdata()[0] for line in right.lines if len(line.get_xdata()) == 1)
+    np.testing.assert_allclose(shown, np.sort(frame.coverage["share"]))
+    spans = sorted(
+        tuple(line.get_xdata()) for line in right.lines if line.get_linewidth() == 1.0 == line.get_zorder() / 3
+    )
+    told = sorted(zip(frame.coverage["low"], frame.coverage["high"], strict=True))
+    np.testing.assert_allclose([s for s in spans if len(s) == 2], told)
+    low, high = right.get_xlim()
+    assert low < frame.coverage["low"].min()
+    assert high >= 1.0
+    assert right.get_ylim()[0] > right.get_ylim()[1]  # from above to below
+    (legend,) = figure.legends
+    words = [text.get_text() for text in legend.get_texts()]
+    assert words[-2:] == ["σ known", "σ unknown"]
+    assert len(words) == 4 * len(likelihoods) + 2
+    assert [text.get_text() for text in figure.texts] == [frame.stamp]
+
+
+def test_every_row_is_under_its_own_name(small):
+    """The marks at the height of a method's name are its shares."""
+    frame = fig_calibration.prepare(small(noises=BOTH))
+    ax = fig_calibration.draw(frame).axes[1]
+    labels = dict(
+        zip(["posterior", "mle", "gdke"], ["posterior", style.label("mle"), style.label("gdke")], strict=True)
+    )
+    for place, text in zip(ax.get_yticks(), ax.get_yticklabels(), strict=True):
+        method = next(m for m, label in labels.items() if label == text.get_text())
+        near = [
+            line.get_xdata()[0]
+            for line in ax.lines
+            if len(line.get_xdata()) == 1 and abs(line.get_ydata()[0] - place) < 0.5
+        ]
+        told = frame.coverage.loc[frame.coverage["method"] == method, "share"]
+        np.testing.assert_allclose(sorted(near), sorted(told))
+
+
+def test_equal_bytes_twice(small, tmp_path):
+    """The same tables give the same files."""
+    digests = []
+    for place in "ab":
+        paths = style.save(fig_calibration.draw(fig_calibration.prepare(small())), tmp_path / place)
+        digests.append([hashlib.sha256(path.read_bytes()).hexdigest() for path in paths])
+    assert digests[0] == digests[1]

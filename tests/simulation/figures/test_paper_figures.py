@@ -1,0 +1,519 @@
+"""Tests of paper figures."""
+
+import dataclasses
+import hashlib
+
+import numpy as np
+import pandas as pd
+import pytest
+from matplotlib.colors import to_hex
+from matplotlib.patches import Circle
+from scipy import stats
+
+import study
+from study import style
+from study.fits import Status, mgdk
+from study.fits.cap import sample_cap
+from study.simulation.analysis.summary import summary
+from study.simulation.figures import (
+    NotApplicable,
+    ellipse,
+    fig2_error,
+    fig3_gdke_ellipse,
+    fig4_ugdk_ellipse,
+    fig5_methods,
+    fig6_mgdk,
+    fig7_power_law,
+)
+from study.simulation.statistics import quantile
+
+FIGURES = [fig3_gdke_ellipse, fig4_ugdk_ellipse, fig5_methods]
+
+
+def test_reach_is_the_chi_square_quantile():
+    """The ellipse's reach is √χ²₂."""
+    for level in (0.5, 0.68, 0.95):
+        np.testing.assert_allclose(ellipse.reach(level) ** 2, stats.chi2.ppf(level, 2))
+
+
+def test_spread_of_gaussian_errors(circle_tables):
+    """Median and robust standard deviation are those of the Gaussian that the errors were drawn from, in radii."""
+    data = ellipse.choose(circle_tables, ["gdke"])
+    error = 4.0 / np.sqrt(3000)  # four standard errors, of quantiles that have at most 1.6 of a mean's
+    for name, bias in (("gdke", 0.5), ("ugdk", 0.0)):
+        spread = data.spreads[name]
+        np.testing.assert_allclose(spread.sd, [0.1, 0.025], rtol=1.6 * error)
+        np.testing.assert_allclose(spread.bias[0], bias, atol=1.6 * error * 0.1)
+        np.testing.assert_allclose(spread.bias[1], 0.0, atol=1.6 * error * 0.025)
+
+
+def test_coverage_of_gaussian_errors(circle_tables):
+    """An unbiased Gaussian's 95 % ellipses hold the truth in 95 % of the trials; GDKE's, five sd off, hardly ever."""
+    data = ellipse.choose(circle_tables, ["gdke"])
+    assert abs(data.spreads["ugdk"].covered - 2850) < 4 * np.sqrt(3000 * 0.95 * 0.05) + 30
+    assert data.spreads["gdke"].covered < 60  # P(N(5, 1) < 2.45) = 0.5 %, with room
+
+
+def test_failed_fits_are_left_out_of_the_spread_and_not_covered(circle_tables):
+    """A wild fit that is not ok moves nothing, and is not among the ok ones."""
+    before = ellipse.choose(circle_tables, ["gdke"]).spreads["ugdk"]
+    errors = circle_tables.errors
+    wild = errors.index[errors["estimator"] == "ugdk"][10:1010]
+    errors.loc[wild, ["error_1", "error_2"]] = 1e12
+    errors.loc[wild, "status"] = Status.NOT_POSITIVE_DEFINITE
+    after = ellipse.choose(circle_tables, ["gdke"]).spreads["ugdk"]
+    assert after.ok == 2000
+    assert after.covered < before.covered - 900
+    np.testing.assert_allclose(after.sd, before.sd, rtol=0.15)
+
+
+def test_all_figures_show_the_same_kept_trial(circle_tables):
+    """Of the trials with points, the one nearest to the paper's ρ; nearer ones without points do not count."""
+    chosen = [figure.prepare(circle_tables).data for figure in FIGURES]
+    assert {data.trial for data in chosen} == {3}
+    assert {data.condition for data in chosen} == {0.55}
+
+
+def test_positions_are_in_radii_from_the_true_centre(circle_tables):
+    """Points lie on the unit circle about the origin, and a fit is where its error vector says."""
+    data = ellipse.choose(circle_tables, ["gdke"])
+    np.testing.assert_allclose(np.hypot(data.points["x"], data.points["y"]), 1.0)
+    row = circle_tables.errors.query("estimator == 'mle' and trial == 3").iloc[0]
+    circle = data.fits["mle"]
+    np.testing.assert_allclose([circle.x, circle.y, circle.radius], [row["error_1"] / 2, row["error_2"] / 2, 1.0])
+
+
+def test_distance_of_the_truth_in_standard_deviations(circle_tables):
+    """The number under figure 3 is the Mahalanobis distance of the estimate's error."""
+    frame = fig3_gdke_ellipse.prepare(circle_tables)
+    row = circle_tables.errors.query("estimator == 'gdke' and trial == 3").iloc[0]
+    told = np.hypot(row["error_1"] / 2 / frame.spread.sd[0], row["error_2"] / 2 / frame.spread.sd[1])
+    np.testing.assert_allclose(frame.distance, told)
+
+
+def test_drawn_ellipses_have_the_size_of_the_spread(circle_tables):
+    """Axes of the patches are 2 √χ²₂ sd, centred on the estimate."""
+    frame = fig4_ugdk_ellipse.prepare(circle_tables)
+    patches = fig4_ugdk_ellipse.draw(frame).axes[1].patches
+    assert len(patches) == 2
+    fit = frame.data.fits["ugdk"]
+    for patch, level in zip(patches, (0.68, 0.95), strict=True):
+        size = 2.0 * np.sqrt(stats.chi2.ppf(level, 2)) * np.array(frame.spread.sd)
+        np.testing.assert_allclose([patch.width, patch.height], size)
+        np.testing.assert_allclose(patch.center, [fit.x, fit.y])
+
+
+def test_figures_3_and_4_share_a_window_that_holds_both_ellipses(circle_tables):
+    """So that their sizes can be compared."""
+    one, other = fig3_gdke_ellipse.prepare(circle_tables), fig4_ugdk_ellipse.prepare(circle_tables)
+    assert one.window == other.window
+    left, right, bottom, top = one.window
+    for frame in (one, other):
+        fit = frame.data.fits[frame.estimator]
+        wide, tall = ellipse.reach(0.95) * np.array(frame.spread.sd)
+        assert left < fit.x - wide
+        assert fit.x + wide < right
+        assert bottom < fit.y - tall
+        assert fit.y + tall < top
+
+
+def test_fits_that_coincide_are_named_together(circle_tables):
+    """LLS is GDKE: one circle, and the words say so."""
+    frame = fig5_methods.prepare(circle_tables)
+    assert {one.estimator: one.same for one in frame.shown} == {"mle": [], "ugdk": [], "gdke": ["lls"]}
+    assert [one.circle.x for one in frame.shown] == sorted(one.circle.x for one in frame.shown)
+    texts = [text.get_text() for text in fig5_methods.draw(frame).axes[1].texts]
+    assert any(text.startswith("GDKE") and "the same: LLS" in text for text in texts)
+
+
+@pytest.mark.parametrize("figure", FIGURES)
+def test_reasons(circle_tables, power_tables, figure):
+    """Each thing that is missing is told in a sentence that names the remedy."""
+    with pytest.raises(NotApplicable, match="dimension = 2 in the config, not 3"):
+        figure.prepare(power_tables)
+    with pytest.raises(NotApplicable, match='kind = "grid"'):
+        figure.prepare(dataclasses.replace(circle_tables, design="random"))
+    with pytest.raises(NotApplicable, match="keep_points"):
+        figure.prepare(dataclasses.replace(circle_tables, points=None))
+    errors = circle_tables.errors
+    both = {"rows": errors, "summary": circle_tables.summary}
+    without = {name: table[table["estimator"] != "ugdk"] for name, table in both.items()}
+    with pytest.raises(NotApplicable, match="estimator ugdk"):
+        figure.prepare(dataclasses.replace(circle_tables, **without))
+    with pytest.raises(NotApplicable, match="at least 50 trials"):
+        figure.prepare(dataclasses.replace(circle_tables, rows=errors[errors["trial"] < 20]))
+    failed = errors.assign(status=int(Status.SINGULAR))
+    with pytest.raises(NotApplicable, match="no ok fit"):
+        figure.prepare(dataclasses.replace(circle_tables, rows=failed))
+
+
+def test_slope_of_an_exact_power_law(random_tables):
+    """Errors exactly proportional to the noise have slope 1, and everything is over the radius."""
+    frame = fig2_error.prepare(random_tables)
+    np.testing.assert_allclose(frame.panels[["slope", "slope_low", "slope_high"]], 1.0, rtol=1e-9)
+    np.testing.assert_allclose(frame.dots["error"] / frame.dots["noise"], 0.125)
+    assert list(frame.panels["estimator"]) == ["mle", "lls", "gdke", "ugdk"]
+
+
+def test_slope_agrees_with_scipy_on_scattered_errors(random_tables):
+    """The slope and its interval are Theil and Sen's in decades, of the ok fits."""
+    rng = np.random.default_rng(0)
+    errors = random_tables.errors
+    errors["error"] *= 10.0 ** rng.normal(size=len(errors))
+    errors.loc[errors.index[::7], "status"] = Status.NOT_POSITIVE_DEFINITE
+    frame = fig2_error.prepare(random_tables)
+    some = errors[(errors["estimator"] == "gdke") & (errors["status"] == 0)]
+    told = stats.theilslopes(np.log10(some["error"] / some["radius"]), np.log10(some["noise"] / some["radius"]), 0.95)
+    row = frame.panels.set_index("estimator").loc["gdke"]
+    np.testing.assert_allclose(row[["slope", "slope_low", "slope_high"]].astype(float), [told[0], told[2], told[3]])
+
+
+def test_every_fit_is_counted_once(random_tables):
+    """Rings are ok fits beyond ten times their bound; failed fits count as such however far they are."""
+    errors = random_tables.errors
+    first = errors.index[errors["estimator"] == "ugdk"]
+    errors.loc[first[:5], "error"] = 11.0 * errors.loc[first[:5], "bound"]
+    errors.loc[first[5:8], "error"] = 9.0 * errors.loc[first[5:8], "bound"]
+    errors.loc[first[3:10], "status"] = Status.SINGULAR
+    frame = fig2_error.prepare(random_tables)
+    row = frame.panels.set_index("estimator").loc["ugdk"]
+    assert (row["far"], row["not_ok"], row["planned"]) == (3, 7, 400)
+    kinds = frame.dots[frame.dots["estimator"] == "ugdk"]["kind"].value_counts()
+    assert (kinds["far"], kinds["not ok"], kinds["ok"]) == (3, 7, 390)
+
+
+def test_what_is_off_the_scale_is_counted(random_tables):
+    """Wild, vanishing and missing errors do not set the limits, and are not dropped silently."""
+    errors = random_tables.errors
+    first = errors.index[errors["estimator"] == "ugdk"]
+    errors.loc[first[0], "error"] = 1e300
+    errors.loc[first[1], "error"] = 0.0
+    errors.loc[first[2], "error"] = np.nan
+    frame = fig2_error.prepare(random_tables)
+    assert frame.error_limits[1] < 20
+    off = frame.panels.set_index("estimator")["off_scale"]
+    assert off["ugdk"] == 3
+    assert off["mle"] == 0
+    assert "3 off the scale" in "\n".join(text.get_text() for ax in fig2_error.draw(frame).axes for text in ax.texts)
+
+
+def test_running_median_of_the_bound(random_tables):
+    """Each decade's point is the median of noise and bound of the trials in it, once per trial."""
+    frame = fig2_error.prepare(random_tables)
+    one = random_tables.errors[random_tables.errors["estimator"] == "mle"]
+    noise = (one["noise"] / one["radius"]).to_numpy()
+    inside = (noise >= 1e3) & (noise < 1e4)
+    row = frame.bound[(frame.bound["noise"] >= 1e3) & (frame.bound["noise"] < 1e4)].iloc[0]
+    assert row["trials"] == inside.sum()
+    np.testing.assert_allclose(row["noise"], np.median(noise[inside]))
+    np.testing.assert_allclose(row["bound"], np.median(0.5 * noise[inside]))
+
+
+def test_needs_a_random_design(power_tables):
+    """A grid has too few levels of noise for a cloud."""
+    with pytest.raises(NotApplicable, match="random design"):
+        fig2_error.prepare(power_tables)
+
+
+def test_needs_a_range_of_noise(random_tables):
+    """A single noise has no slope."""
+    random_tables.errors["noise"] = 1.0
+    with pytest.raises(NotApplicable, match="decade"):
+        fig2_error.prepare(random_tables)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 5, 8])
+def test_draws_any_number_of_estimators(random_tables, make_tables, count):
+    """Two panels each, none more."""
+    import pandas as pd
+
+    one = random_tables.errors[random_tables.errors["estimator"] == "mle"]
+    errors = pd.concat([one.assign(estimator=f"own_{i}") for i in range(count)], ignore_index=True)
+    figure = fig2_error.draw(fig2_error.prepare(make_tables(errors, "random")))
+    assert len(figure.axes) == 2 * count
+
+
+def test_errors_over_their_own_bounds(random_tables):
+    """The lower panels have every fit's error over its bound, and the median in each decade of noise."""
+    errors = random_tables.errors
+    frame = fig2_error.prepare(random_tables)
+    np.testing.assert_allclose(frame.dots["ratio"], errors["error"] / errors["bound"], rtol=1e-12)
+    mine = frame.medians[frame.medians["estimator"] == "mle"]
+    one = errors[errors["estimator"] == "mle"]
+    relative = one["noise"] / one["radius"]
+    row = mine.iloc[len(mine) // 2]
+    power = np.floor(np.log10(row["noise"]))
+    chosen = (relative >= 10.0**power) & (relative < 10.0 ** (power + 1))
+    assert row["trials"] == chosen.sum()
+    assert row["ratio"] == np.median((one["error"] / one["bound"])[chosen])
+
+
+def test_survives_an_estimator_that_always_fails(random_tables):
+    """No ok fit, no slope, and the panel says so."""
+    errors = random_tables.errors
+    errors.loc[errors["estimator"] == "ugdk", "status"] = Status.SINGULAR
+    frame = fig2_error.prepare(random_tables)
+    assert np.isnan(frame.panels.set_index("estimator").loc["ugdk", "slope"])
+    texts = [text.get_text() for text in fig2_error.draw(frame).axes[3].texts]
+    assert any("too few ok fits" in text and "400 of 400 not ok" in text for text in texts)
+
+
+CENTER = np.array([3.0, -4.0])
+
+RADII = {"inner": 1.2, "outer": 2.0}
+
+TRIALS, N, NOISE = 61, 40, 0.05
+
+
+def kept(rng, cell, radius, trials=TRIALS, noise=NOISE, n=N):
+    """Rows of a points table, in an order of their own, and the points (trials, n, 2)."""
+    points = CENTER + radius * sample_cap(rng, trials * n, np.radians(50.0), 2).reshape(trials, n, 2)
+    points += noise * rng.normal(size=points.shape)
+    rows = pd.DataFrame(
+        {"cell": cell, "trial": np.repeat(np.arange(trials), n), "sample": np.tile(np.arange(n), trials)}
+    )
+    rows[["x_1", "x_2"]] = points.reshape(-1, 2)
+    rows[["center_1", "center_2", "radius"]] = [*CENTER, radius]
+    return rows.sample(frac=1.0, random_state=1), points
+
+
+@pytest.fixture
+def markers(make_rows, make_tables):
+    """Tables of a run with two markers, and the points of the inner and the outer one."""
+
+    def make(cells, seed=1):
+        rng = np.random.default_rng(seed)
+        errors, tables, sets = [], [], []
+        for cell, radius, columns in cells:
+            rows, points = kept(rng, cell, radius, noise=columns.get("noise", NOISE))
+            conditions = {"noise": NOISE, "samples": N, "angle": 50.0} | columns
+            errors.append(make_rows(cell, "als", rng.normal(size=(TRIALS, 2)), radius=radius, center=5.0, **conditions))
+            tables.append(rows)
+            sets.append(points)
+        return make_tables(pd.concat(errors, ignore_index=True), "grid", pd.concat(tables, ignore_index=True)), sets
+
+    return make
+
+
+@pytest.fixture
+def two(markers):
+    return markers([(name, radius, {}) for name, radius in RADII.items()])
+
+
+def distances(inner, outer):
+    """Errors of the outer marker alone, the inner one and both, one set after the other."""
+    fits = [
+        (study.fit(b, "als").center, study.fit(a, "als").center, mgdk([a, b]).center)
+        for a, b in zip(inner, outer, strict=True)
+    ]
+    return np.linalg.norm(np.array(fits) - CENTER, axis=2).T
+
+
+def test_medians(two):
+    """The medians are those of fits made one by one, and their errors those of the quantile."""
+    tables, (inner, outer) = two
+    frame = fig6_mgdk.prepare(tables)
+    expected = distances(inner, outer)
+    np.testing.assert_allclose(frame.distances, expected, rtol=1e-9)
+    np.testing.assert_allclose([median.value for median in frame.medians], np.median(expected, axis=1), rtol=1e-9)
+    np.testing.assert_allclose([m.error for m in frame.medians], [quantile(row, 0.5).error for row in expected])
+
+
+def test_the_joint_fit_is_better_by_as_much_as_theory_says(markers):
+    """Little noise: each alone is at the same bound, which has no radius in it, and both together have half of it.
+
+    The ratio of medians is 1/√2 within 4.5 Monte-Carlo errors (7 in 10⁶; more seldom, as the fits are correlated).
+    """
+    tables, _ = markers([("a", 1.2, {"noise": 1e-3}), ("b", 2.0, {"noise": 1e-3})])
+    outer, inner, joint = fig6_mgdk.prepare(tables).medians
+    for alone in (outer, inner):
+        error = np.hypot(joint.error, alone.error / np.sqrt(2))
+        assert abs(joint.value - alone.value / np.sqrt(2)) < 4.5 * error
+        assert error < 0.25 * joint.value
+
+
+def test_the_data_set_is_typical(two):
+    """It is the trial whose worst ratio to a median is least, and its points and circles are that trial's."""
+    tables, (inner, outer) = two
+    frame = fig6_mgdk.prepare(tables)
+    errors = distances(inner, outer)
+    ratio = errors / np.median(errors, axis=1)[:, None]
+    trial = int(np.argmin(np.maximum(ratio, 1.0 / ratio).max(axis=0)))
+    np.testing.assert_allclose(frame.points[0], outer[trial] - CENTER)
+    np.testing.assert_allclose(frame.points[1], inner[trial] - CENTER)
+    joint = mgdk([inner[trial], outer[trial]])
+    np.testing.assert_allclose(frame.centers[2], joint.center - CENTER, atol=1e-9)
+    np.testing.assert_allclose(frame.radii[2], joint.radii[::-1])
+    np.testing.assert_allclose(frame.radii[:2], [study.fit(each[trial], "als").radius for each in (outer, inner)])
+    assert frame.true_radii == (2.0, 1.2)
+    assert f"trial {trial} of {TRIALS}" in frame.stamp
+
+
+def test_other_axes_stay_at_their_first_value(markers, two):
+    """Cells of another noise, angle, centre or number of samples do not mix in."""
+    cells = [(name, radius, {}) for name, radius in RADII.items()]
+    more = [
+        (f"{n}-{k}", r, c)
+        for n, r, _ in cells
+        for k, c in enumerate(({"noise": 0.3}, {"angle": 90.0}, {"samples": 99}))
+    ]
+    tables, _ = markers([*cells, *more])
+    np.testing.assert_array_equal(fig6_mgdk.prepare(tables).distances, fig6_mgdk.prepare(two[0]).distances)
+    assert "$σ$ = 0.05" in fig6_mgdk.prepare(tables).caption
+
+
+def test_a_fit_without_a_number_counts_as_worst(two):
+    """A set on a line has no centre: its error is infinite, the medians are of all trials, and it is drawn."""
+    tables, _ = two
+    points = tables.points
+    flat = (points["trial"] == 5) & (points["cell"] == "inner")
+    points.loc[flat, "x_1"] = points.loc[flat, "x_2"] = points.loc[flat, "sample"].astype(float)
+    frame = fig6_mgdk.prepare(tables)
+    assert np.isinf(frame.distances[1]).sum() == 1
+    assert frame.medians[1].value == np.median(frame.distances[1])
+    fig6_mgdk.draw(frame).draw_without_rendering()
+
+
+def test_a_method_without_an_answer_chooses_no_trial():
+    """Where most errors of a method are infinite, the trial is that which is typical of the others."""
+    distances = np.array([[1.0, 2.0, 4.0], [np.inf, np.inf, 1.0], [1.0, 2.1, 4.0]])
+    assert fig6_mgdk._typical(distances) == 1
+
+
+def test_reasons_fig6_mgdk(two, markers, power_tables, circle_tables):
+    """Each thing that is missing is told in a sentence that names the remedy."""
+    tables, _ = two
+    replace = dataclasses.replace
+    with pytest.raises(NotApplicable, match="dimension = 2"):
+        fig6_mgdk.prepare(power_tables)
+    with pytest.raises(NotApplicable, match="a grid of two radii"):
+        fig6_mgdk.prepare(replace(tables, design="random"))
+    with pytest.raises(NotApplicable, match="set keep_points"):
+        fig6_mgdk.prepare(replace(tables, points=None))
+    with pytest.raises(NotApplicable, match="two markers: two radii"):
+        fig6_mgdk.prepare(circle_tables)
+    relative, _ = markers([("a", 1.2, {"noise": 0.06}), ("b", 2.0, {"noise": 0.1})])
+    with pytest.raises(NotApplicable, match="same noise: noise in the config, not noise_over_radius"):
+        fig6_mgdk.prepare(relative)
+    few = replace(tables, points=tables.points[tables.points["trial"] < 19])
+    with pytest.raises(NotApplicable, match="at least 20 trials with points kept, not 19"):
+        fig6_mgdk.prepare(few)
+
+
+def test_shared_draws_are_refused(two):
+    """Markers with the same directions and the same noise, c + r u + σ z, have nothing to add to each other."""
+    tables, (inner, _) = two
+    points = tables.points
+    rng = np.random.default_rng(1)
+    directions = sample_cap(rng, TRIALS * N, np.radians(50.0), 2)  # as the fixture drew them for the inner marker
+    noise = inner.reshape(-1, 2) - CENTER - 1.2 * directions
+    assert noise.std() == pytest.approx(NOISE, rel=0.1)
+    shared = points[points["cell"] == "inner"].sort_values(["trial", "sample"]).assign(cell="outer", radius=2.0)
+    shared[["x_1", "x_2"]] = CENTER + 2.0 * directions + noise
+    both = pd.concat([points[points["cell"] == "inner"], shared], ignore_index=True)
+    with pytest.raises(NotApplicable, match='draws = "independent"'):
+        fig6_mgdk.prepare(dataclasses.replace(tables, points=both))
+
+
+def test_drawn_circles(two):
+    """Outer red, inner blue, joint green twice, each where its fit is, in lines of their own; the truth is faint."""
+    frame = fig6_mgdk.prepare(two[0])
+    figure = fig6_mgdk.draw(frame)
+    whole, zoom = figure.axes
+    circles = [patch for patch in whole.patches if isinstance(patch, Circle)]
+    fitted = [c for c in circles if to_hex(c.get_edgecolor()) in fig6_mgdk._COLORS]
+    found = [(to_hex(c.get_edgecolor()), *c.center, c.radius) for c in fitted]
+    both = frame.radii[2]
+    told = [
+        (fig6_mgdk.OUTER, *frame.centers[0], frame.radii[0]),
+        (fig6_mgdk.INNER, *frame.centers[1], frame.radii[1]),
+        (fig6_mgdk.JOINT, *frame.centers[2], both[0]),
+        (fig6_mgdk.JOINT, *frame.centers[2], both[1]),
+    ]
+    assert found == told
+    assert len({str(c.get_linestyle()) for c in fitted}) == 3
+    assert sorted(c.radius for c in circles if c not in fitted) == [1.2, 2.0]
+    for line, distance in zip(zoom.lines, frame.distances, strict=False):
+        np.testing.assert_array_equal(line.get_xdata(), np.sort(distance))
+    words = "\n".join(text.get_text() for text in zoom.get_legend().get_texts())
+    assert all(f"{median.value:.3f} ± {median.error:.3f}" in words for median in frame.medians)
+
+
+def test_equal_bytes_twice(two, tmp_path):
+    """The same tables, whatever the order of their rows, give the same files."""
+    tables, _ = two
+    other = dataclasses.replace(tables, points=tables.points.sample(frac=1.0, random_state=9))
+    digests = []
+    for place, given in enumerate((tables, other)):
+        paths = style.save(fig6_mgdk.draw(fig6_mgdk.prepare(given)), tmp_path / str(place))
+        digests.append([hashlib.sha256(path.read_bytes()).hexdigest() for path in paths])
+    assert digests[0] == digests[1]
+
+
+def test_exponents(power_tables):
+    """Errors that fall as N^-1/2 have that exponent; those that stop at a bias are said to have none."""
+    laws = {tuple(row["estimators"]): row for _, row in fig7_power_law.prepare(power_tables).laws.iterrows()}
+    assert set(laws) == {("mle",), ("lls", "gdke"), ("ugdk",)}
+    for name in ("mle", "ugdk"):
+        law = laws[(name,)]
+        assert law["describes"]
+        assert abs(law["exponent"] + 0.5) < 1.5 * law["interval"]
+        assert law["interval"] < 0.05
+    assert not laws[("lls", "gdke")]["describes"]
+
+
+def test_medians_are_those_of_all_fits(power_tables):
+    """Curves are in order of N, with medians that agree with an independent count of the trials."""
+    frame = fig7_power_law.prepare(power_tables)
+    curve = frame.curves[frame.curves["estimator"] == "mle"]
+    assert list(curve["samples"]) == [10, 30, 100, 300, 1000, 3000]
+    errors = power_tables.errors
+    for _, row in curve.iterrows():
+        some = errors[(errors["estimator"] == "mle") & (errors["samples"] == row["samples"])]
+        np.testing.assert_allclose(row["median"], np.median(some["error"]))
+    np.testing.assert_allclose(frame.bounds["bound"], 0.1 * np.sqrt(3.0 / frame.bounds["samples"]))
+
+
+def test_failures_count_as_worst(power_tables):
+    """Where more than half of the fits failed there is no median, and the panel says where."""
+    errors = power_tables.errors
+    bad = (errors["estimator"] == "ugdk") & (errors["samples"] == 10) & (errors["trial"] < 250)
+    errors.loc[bad, "status"] = int(Status.NOT_POSITIVE_DEFINITE)
+    frame = fig7_power_law.prepare(dataclasses.replace(power_tables, summary=summary(errors, False)))
+    law = next(row for _, row in frame.laws.iterrows() if row["estimators"] == ["ugdk"])
+    assert "$N$ = 10" in law["failed"]
+    assert law["describes"]
+    texts = [text.get_text() for text in fig7_power_law.draw(frame).axes[0].texts]
+    assert any("UGDK: most fits" in text for text in texts)
+
+
+def test_an_estimator_without_any_median(power_tables):
+    """One that fails everywhere is named as such, not left out silently."""
+    errors = power_tables.errors
+    errors.loc[errors["estimator"] == "ugdk", "status"] = int(Status.SINGULAR)
+    frame = fig7_power_law.prepare(dataclasses.replace(power_tables, summary=summary(errors, False)))
+    texts = [text.get_text() for text in fig7_power_law.draw(frame).axes[0].texts]
+    assert any("not ok at every $N$" in text for text in texts)
+
+
+@pytest.mark.parametrize(("levels", "panels"), [(1, 1), (2, 2), (4, 4), (9, 4)])
+def test_small_multiples_by_noise(power_tables, make_tables, levels, panels):
+    """One panel per noise, at most four, the lowest and the highest among them; other axes stay at their first."""
+    noises = np.geomspace(0.001, 1.0, levels)
+    base = power_tables.errors
+    parts = [base.assign(noise=noise, cell=base["cell"] + f"-{i}") for i, noise in enumerate(noises)]
+    parts.append(base.assign(angle=90.0, cell=base["cell"] + "-other"))
+    frame = fig7_power_law.prepare(make_tables(pd.concat(parts, ignore_index=True), "grid"))
+    assert len(frame.limits) == panels
+    np.testing.assert_allclose([frame.limits.index.min(), frame.limits.index.max()], [noises.min(), noises.max()])
+    assert frame.fixed == "$φ$ = 60°"
+    assert len(fig7_power_law.draw(frame).axes) == panels
+
+
+def test_reasons_fig7_power_law(power_tables, random_tables):
+    """A random design has no curves, and three numbers of samples are no law."""
+    with pytest.raises(NotApplicable, match='kind = "grid"'):
+        fig7_power_law.prepare(random_tables)
+    summary = power_tables.summary
+    with pytest.raises(NotApplicable, match="at least 4 numbers of samples"):
+        fig7_power_law.prepare(dataclasses.replace(power_tables, summary=summary[summary["samples"] < 300]))

@@ -1,0 +1,255 @@
+"""Modes apart from the best sphere: the data for which they are possible, and walkers that start there.
+
+Coordinates along rays: there and back, and their volumes.
+
+Log-likelihoods of a sphere: against their definitions by quadrature, direct formulas, and 60-digit arithmetic.
+"""
+
+import math
+
+import mpmath
+import numpy as np
+import pytest
+from scipy import integrate
+
+from study.simulation.posterior import sampler
+from study.simulation.posterior.modes import RayCoordinates, other_modes_possible, spread_out
+from study.simulation.posterior.sampler import Reference, geometric, whole_sphere
+
+
+def test_spread_out(rays):
+    """Every second walker stays; of the others as many are on either side, as near as far, and keep their line."""
+    walkers = np.random.default_rng(6).standard_normal((4000, len(rays.origin)))
+    moved = spread_out(rays, walkers, 5.0, np.random.RandomState(1))
+    np.testing.assert_array_equal(moved[::2], walkers[::2])
+    d = len(rays.points)
+    before, after = (rays.coordinates(w[1::2])[0] for w in (walkers, moved))
+    lengths = (before[:, :d] * after[:, :d]).sum(axis=1) / np.linalg.norm(before[:, :d], axis=1)
+    np.testing.assert_allclose(np.abs(lengths), np.linalg.norm(after[:, :d], axis=1), rtol=1e-6)
+    far = math.log1p(5.0 / (0.5 * rays.extent))
+    # uniform on ±far: 5 standard errors of the mean and of the mean length, false in 1 of 10⁶
+    assert abs(lengths.mean()) < 5.0 * far / math.sqrt(3.0 * 2000)
+    assert abs(np.abs(lengths).mean() - 0.5 * far) < 5.0 * far / math.sqrt(12.0 * 2000)
+
+
+@pytest.mark.parametrize(
+    ("angle", "noise", "wanted"),
+    [(180.0, 0.02, False), (90.0, 0.02, False), (60.0, 0.02, False), (90.0, 1e-9, False), (20.0, 0.1, True)],
+)
+@pytest.mark.parametrize("d", [2, 3])
+def test_where_they_are_possible(on_cap, d, angle, noise, wanted):
+    """On a cap whose noise is above its height, not where one sphere explains the points (fixed seed)."""
+    points, directions = on_cap(np.random.default_rng(7), 40, angle=angle, d=d, noise=noise)
+    rows = np.column_stack([directions, np.ones(40)])
+    spread = np.linalg.cholesky(np.linalg.inv(rows.T @ rows)) * noise
+    origin = np.append(np.zeros(d), 1.0)
+    reference = sampler.Reference.of(points.T, origin[:d], 1.0)
+
+    def log_probability(scaled):
+        offsets = scaled @ spread.T
+        value = sampler.geometric(reference, offsets, np.full(len(offsets), math.log(noise)))
+        return np.where((np.abs(offsets[:, :d]) < 3.0).all(axis=1), value, -np.inf)
+
+    rays = RayCoordinates(points.T.copy(), origin, spread)
+    assert other_modes_possible(rays, 3.0, log_probability) is wanted
+
+
+def test_there_and_back(rays):
+    """Each is the other's inverse, with the same volume, near and far (to roundings times e⁶)."""
+    walkers = np.random.default_rng(4).standard_normal((50, len(rays.origin))) * np.geomspace(0.1, 100.0, 50)[:, None]
+    places, volume = rays.coordinates(walkers)
+    back, same = rays.walkers(places)
+    np.testing.assert_allclose(back, walkers, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(same, volume, atol=1e-9)
+
+
+def test_volumes(rays):
+    """They are the Jacobian's determinants, by central differences, up to one constant."""
+    places = np.random.default_rng(5).standard_normal((20, len(rays.origin)))
+    _, volume = rays.walkers(places)
+    step = 1e-5 * np.eye(len(rays.origin))
+    columns = [(rays.walkers(places + s)[0] - rays.walkers(places - s)[0]) / 2e-5 for s in step]
+    excess = np.linalg.slogdet(np.stack(columns, axis=2))[1] - volume
+    np.testing.assert_allclose(excess, excess[0], atol=1e-5)
+
+
+DIMENSIONS = [2, 3, 5]
+
+
+@pytest.fixture(params=DIMENSIONS)
+def d(request):
+    """Two, three and five dimensions; in three the code has a formula of its own."""
+    return request.param
+
+
+def scene(rng, d, n=7, spheres=5, noise=0.3):
+    """Points (d, n) about a sphere of radius 1.5 at (2, 2, …), a reference near it, and spheres near that."""
+    direction = rng.standard_normal((d, n))
+    points = 2.0 + 1.5 * direction / np.linalg.norm(direction, axis=0) + noise * rng.standard_normal((d, n))
+    center, radius = np.full(d, 2.1), 1.4
+    offsets = 0.2 * rng.standard_normal((spheres, d + 1))
+    return points, center, radius, offsets, np.log(noise * rng.uniform(0.5, 2.0, spheres))
+
+
+def log_density(distance, radius, noise, d):
+    """Log-density of a point, from its definition: a Gaussian about r u, averaged over u on the sphere."""
+    peak = (distance - radius) ** 2
+
+    def spread(angle, power):
+        square = distance**2 + radius**2 - 2.0 * distance * radius * math.cos(angle) - peak
+        return math.exp(-power * square / (2.0 * noise**2)) * math.sin(angle) ** (d - 2)
+
+    above, below = (integrate.quad(spread, 0.0, math.pi, (power,), epsabs=0, epsrel=1e-12)[0] for power in (1, 0))
+    return math.log(above / below) - peak / (2.0 * noise**2) - 0.5 * d * math.log(2.0 * math.pi * noise**2)
+
+
+def test_geometric(rng, d):
+    """It is -N log σ - Σ(|x - c| - r)²/2σ², with c and r the reference's plus the offset."""
+    points, center, radius, offsets, log_noise = scene(rng, d)
+    found = geometric(Reference.of(points, center, radius), offsets, log_noise)
+    for value, offset, log_sigma in zip(found, offsets, log_noise, strict=True):
+        distance = np.linalg.norm(points - (center + offset[:d])[:, None], axis=0)
+        excess = distance - radius - offset[d]
+        noise = math.exp(log_sigma)
+        assert value == pytest.approx(-len(distance) * log_sigma - np.sum(excess**2) / (2.0 * noise**2), rel=1e-12)
+
+
+def test_whole_sphere(rng, d):
+    """It is the sum of the points' log-densities, but for (d/2) log 2π each; k is between .1 and 200."""
+    points, center, radius, offsets, log_noise = scene(rng, d)
+    found = whole_sphere(Reference.of(points, center, radius), offsets, log_noise)
+    for value, offset, log_sigma in zip(found, offsets, log_noise, strict=True):
+        distance = np.linalg.norm(points - (center + offset[:d])[:, None], axis=0)
+        logs = [log_density(x, radius + offset[d], math.exp(log_sigma), d) for x in distance]
+        constant = 0.5 * d * points.shape[1] * math.log(2.0 * math.pi)
+        assert value == pytest.approx(sum(logs) + constant, rel=1e-9)
+
+
+@pytest.mark.parametrize("noise", [0.05, 0.5, 2.0])
+def test_whole_sphere_integrates_to_one(d, noise):
+    """∫ p(R) |Sᵈ⁻¹| Rᵈ⁻¹ dR = 1, by Gauss-Legendre in pieces (density: theory §6)."""
+    radius, top = 1.0, 1.0 + 14.0 * noise
+    node, weight = np.polynomial.legendre.leggauss(40)
+    edge = np.linspace(0.0, top, 31)
+    half, middle = 0.5 * np.diff(edge)[:, None], 0.5 * (edge[1:] + edge[:-1])[:, None]
+    distance, weights = (middle + half * node).ravel(), (half * weight).ravel()
+    # one point, and spheres with centres at these distances from it
+    reference = Reference.of(np.eye(d)[:, :1], np.zeros(d), radius)
+    offsets = np.zeros((len(distance), d + 1))
+    offsets[:, 0] = 1.0 - distance
+    logs = whole_sphere(reference, offsets, np.full(len(distance), math.log(noise)))
+    surface = 2.0 * math.pi ** (0.5 * d) / math.gamma(0.5 * d)
+    density = np.exp(logs) * (2.0 * math.pi) ** (-0.5 * d)
+    assert np.sum(weights * density * surface * distance ** (d - 1)) == pytest.approx(1.0, abs=1e-8)
+
+
+def test_geometric_integrates_to_one_over_distances(d):
+    """exp(geometric) of one point is √2π times a normal density in R, whatever the dimension: N, not N d, in σ."""
+    noise, distance = 0.03, np.linspace(0.7, 1.3, 2001)
+    offsets = np.zeros((len(distance), d + 1))
+    offsets[:, 0] = 1.0 - distance
+    logs = geometric(Reference.of(np.eye(d)[:, :1], np.zeros(d), 1.0), offsets, np.full(2001, math.log(noise)))
+    area = np.trapezoid(np.exp(logs), distance) / math.sqrt(2.0 * math.pi)
+    assert area == pytest.approx(1.0, abs=1e-10)
+
+
+@pytest.mark.parametrize("radius", [1e-5, 1e-100])
+def test_whole_sphere_of_no_radius_is_a_ball_of_noise(rng, d, radius):
+    """As k → 0, the density is a Gaussian about the centre, to the order of k² and (r/σ)²."""
+    points = rng.standard_normal((d, 6))
+    found = whole_sphere(Reference.of(points, np.zeros(d), radius), np.zeros((1, d + 1)), np.zeros(1))
+    assert found[0] == pytest.approx(-0.5 * np.sum(points**2), rel=1e-9)
+
+
+def test_whole_sphere_at_a_point_in_its_centre(d):
+    """At k = 0 and R = 0 the density is (2πσ²)^(-d/2) exp(-r²/2σ²), a number like others."""
+    points = np.zeros((d, 1))
+    found = whole_sphere(Reference.of(points, np.zeros(d), 1.5), np.zeros((1, d + 1)), np.array([math.log(0.5)]))
+    assert found[0] == pytest.approx(-0.5 * (1.5 / 0.5) ** 2 - d * math.log(0.5), rel=1e-12)
+
+
+@pytest.mark.parametrize("noise", [1e-4, 1e-6, 1e-12])
+def test_whole_sphere_of_little_noise(rng, d, noise):
+    """For k ≫ 1, the geometric one times (R r)^(-(d-1)/2) per point, and a constant, to the order of 1/k.
+
+    The constant follows from I_ν(k) e^-k → (2πk)^(-1/2).
+    """
+    points, _, _, offsets, _ = scene(rng, d, n=20, noise=noise)
+    reference = Reference.of(points, np.full(d, 2.0), 1.5)
+    offsets = noise * offsets
+    logs = np.log(noise) + np.linspace(-0.5, 0.5, len(offsets))
+    order = 0.5 * d - 1.0
+    constant = 20 * (math.lgamma(order + 1.0) + order * math.log(2.0) - 0.5 * math.log(2.0 * math.pi))
+    distance = np.linalg.norm(points - 2.0, axis=0)
+    expected = geometric(reference, offsets, logs) - 0.5 * (d - 1) * np.sum(np.log(1.5 * distance)) + constant
+    change = 20 * d * (np.abs(offsets).max() + noise**2)  # of log R and log r between the spheres, and the order 1/k
+    np.testing.assert_allclose(whole_sphere(reference, offsets, logs), expected, atol=change + 1e-9, rtol=1e-12)
+
+
+def exact(points, excess, offsets, log_noise, name):
+    """The log-likelihood in 60 digits, from residuals excess + |y - δ| - |y| - ρ; the reference is at the origin."""
+    d, n = points.shape
+    with mpmath.workdps(60):
+        log_noise, order = mpmath.mpf(log_noise), mpmath.mpf(d) / 2 - 1
+        precision, total = mpmath.exp(-2 * log_noise), mpmath.mpf(0)
+        for i in range(n):
+            y = [mpmath.mpf(v) for v in points[:, i]]
+            away = [v - mpmath.mpf(o) for v, o in zip(y, offsets[:d], strict=True)]
+            length = mpmath.norm(away)
+            radius = 1 + mpmath.mpf(offsets[d])
+            distance = mpmath.norm(y) if excess is None else 1 + mpmath.mpf(excess[i])
+            residual = length - mpmath.norm(y) + distance - radius
+            total -= residual**2 * precision / 2
+            if name == "whole_sphere":
+                k = (residual + radius) * radius * precision
+                scaled = sum(  # e^-k I_ν(k) of a large k (Abramowitz & Stegun 9.7.1), terms below 10⁻⁶⁰ left out
+                    (-1) ** j
+                    * mpmath.fprod(4 * order**2 - (2 * m - 1) ** 2 for m in range(1, j + 1))
+                    / (mpmath.factorial(j) * (8 * k) ** j)
+                    for j in range(6)
+                ) / mpmath.sqrt(2 * mpmath.pi * k)
+                total += mpmath.log(mpmath.gamma(order + 1) * (2 / k) ** order * scaled)
+        return total - n * log_noise * (d if name == "whole_sphere" else 1)
+
+
+@pytest.mark.parametrize("name", ["geometric", "whole_sphere"])
+@pytest.mark.parametrize("size", [1.0, 1e-3])
+def test_nothing_cancels_at_a_trillionth_of_the_radius(rng, d, name, size):
+    """At σ = 10⁻¹² r, with spheres a thousandth to one σ apart, it is that of 60 digits, to 10⁻¹².
+
+    That is from the stored residuals. From the points themselves the differences between spheres are right to the 10⁻³
+    that rounding the distances to 10⁻¹⁶ costs. Distances computed anew for each sphere would lose all of their digits
+    at a thousandth of σ.
+    """
+    noise, n = 1e-12, 12
+    direction = rng.standard_normal((d, n))
+    points = direction / np.linalg.norm(direction, axis=0) + noise * rng.standard_normal((d, n))
+    reference = Reference.of(points, np.zeros(d), 1.0)
+    offsets = size * noise * rng.standard_normal((2, d + 1))
+    log_noise = np.full(2, math.log(noise))
+    found = (geometric if name == "geometric" else whole_sphere)(reference, offsets, log_noise)
+    stored = [exact(points, reference.excess, offset, log_noise[0], name) for offset in offsets]
+    np.testing.assert_allclose(found, [float(value) for value in stored], rtol=1e-12)
+    from_points = [exact(points, None, offset, log_noise[0], name) for offset in offsets]
+    assert found[0] - found[1] == pytest.approx(float(from_points[0] - from_points[1]), rel=1e-3)
+
+
+@pytest.mark.parametrize("likelihood", [geometric, whole_sphere])
+def test_many_spheres_at_once(rng, d, likelihood):
+    """Many spheres have the bits of each alone, so a chain does not depend on how its walkers are grouped."""
+    points, center, radius, offsets, log_noise = scene(rng, d, n=33, spheres=40)
+    reference = Reference.of(points, center, radius)
+    found = likelihood(reference, offsets, log_noise)
+    assert found.shape == (40,)
+    each = [likelihood(reference, offsets[i : i + 1], log_noise[i : i + 1])[0] for i in range(40)]
+    np.testing.assert_array_equal(found, each)
+
+
+def test_reference(rng, d):
+    """A reference holds the points less the centre, their lengths, and the lengths less the radius."""
+    points, center, radius, _, _ = scene(rng, d)
+    reference = Reference.of(points, center, radius)
+    np.testing.assert_array_equal(reference.away, points - center[:, None])
+    np.testing.assert_allclose(reference.distance, np.linalg.norm(reference.away, axis=0), rtol=1e-15)
+    np.testing.assert_array_equal(reference.excess, reference.distance - radius)
+    assert reference.radius == radius

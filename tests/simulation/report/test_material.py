@@ -1,0 +1,573 @@
+"""Figures are drawn by a second process as they are by the first.
+
+A figure is drawn once from the same tables: by the command or for the page, and again where a table has changed.
+
+The top of the page: findings and answers say what the numbers say, whatever they are.
+
+Posteriors on the page where there are none.
+
+The table of ratios on the page.
+"""
+
+import base64
+import dataclasses
+import math
+import os
+import re
+from types import ModuleType, SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from study import style
+from study.files import RunError
+from study.simulation import figures
+from study.simulation.claims import CLAIMS, judge_all
+from study.simulation.claims.claim import Number, Verdict
+from study.simulation.experiment.config import parse
+from study.simulation.figures import FIGURES, KeptPictures
+from study.simulation.figures.fig_efficiency import EfficiencyFrame
+from study.simulation.report import material, words
+from study.simulation.report.blocks import InlineCode, Table, coded
+from study.simulation.report.material import ANSWERS, Artist, Material, answer, artist, draw_lead, parts, power, times
+from study.simulation.report.page import COLUMNS, read_bench, render, speed_section
+from study.simulation.report.posterior import posterior_section
+from study.simulation.runs import kept
+from study.simulation.runs.run_folder import Run
+from study.simulation.statistics import MEASURES
+
+
+def test_a_second_process_draws_the_same_page(circles, random, claims):
+    """A page has the same bytes however many processes draw its figures."""
+    assert render([random, circles], claims, jobs=2) == render([random, circles], claims)
+
+
+def mine(number):
+    """The process that is asked."""
+    return number, os.getpid()
+
+
+def end(parent):
+    """End the process at once, as the system does for want of memory, unless it is the parent."""
+    if os.getpid() != parent:
+        os._exit(1)
+    return "drawn"
+
+
+def test_another_process_does_the_work():
+    """With two jobs the calls are not of this process, with one they are."""
+    for jobs, here in ((1, True), (2, False)):
+        with artist(jobs) as worker:
+            number, process = worker.begin(mine, 7)()
+        assert number == 7
+        assert (process == os.getpid()) is here
+
+
+def test_a_process_that_dies_costs_no_picture():
+    """What it did not draw is drawn here."""
+    with artist(2) as worker:
+        drawing, after = worker.begin(end, os.getpid()), worker.begin(end, os.getpid())
+        assert [drawing(), after()] == ["drawn", "drawn"]
+
+
+def test_a_figure_that_fails_when_it_is_drawn(random, claims, monkeypatch, read):
+    """Its place in the code is said, and the others are drawn."""
+
+    def draw(frame):
+        raise ZeroDivisionError("no ink")
+
+    broken = SimpleNamespace(prepare=lambda tables: 1, draw=draw)
+    monkeypatch.setattr(material, "FIGURES", {"broken": broken, "fig2_error": material.FIGURES["fig2_error"]})
+    document = read(render([random], claims))
+    assert "broken: failed: ZeroDivisionError('no ink') at " in document.text
+    assert [tag["id"] for tag in document.of("figure")] == ["fig2_error"]
+
+
+def test_nothing_is_drawn_twice():
+    """A result may be asked for again."""
+    calls = []
+    drawing = Artist(None).begin(calls.append, 1)
+    drawing()
+    drawing()
+    assert calls == [1]
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_failure_ends_the_work(jobs):
+    """An exception of the caller is not held up by pictures that nobody will see."""
+    with pytest.raises(KeyError), artist(jobs):
+        raise KeyError
+
+
+@pytest.fixture
+def run(random, copied):
+    """A run of its own, whose files a test may change."""
+    return copied(random)
+
+
+@pytest.fixture
+def forbidden(monkeypatch):
+    """Let nothing be drawn any more."""
+
+    def forbid():
+        def refuse(*_):
+            raise AssertionError("drawn again")
+
+        monkeypatch.setattr(style, "encode", refuse)
+
+    return forbid
+
+
+def on_page(run, claims):
+    """PNGs on the page about a run, by the figure's name."""
+    found = re.findall(r'<figure id="(\w+)".*?base64,([^"]*)"', render([run], claims), re.DOTALL)
+    return {name: base64.b64decode(text) for name, text in found}
+
+
+def test_the_page_has_the_pictures_of_the_command(run, claims, tmp_path, forbidden):
+    """After the command nothing is drawn for the page, nor by the command again; the bytes are those of its files."""
+    first, _ = figures.draw_all([run], tmp_path / "first")
+    forbidden()
+    again, _ = figures.draw_all([run], tmp_path / "again")
+    assert [path.read_bytes() for path in first] == [path.read_bytes() for path in again]
+    assert on_page(run, claims) == {path.stem: path.read_bytes() for path in first if path.suffix == ".png"}
+
+
+def test_a_second_page_draws_nothing(run, claims, forbidden):
+    """Two pages have the same bytes, and the second draws nothing."""
+    first = render([run], claims)
+    forbidden()
+    assert render([run], claims) == first
+
+
+def test_a_changed_table_is_drawn_again(run, claims):
+    """The error of a trial is another: the picture is another, and so is the command's."""
+    before = on_page(run, claims)
+    table = run.arrow("errors")
+    place = table.schema.get_field_index("error")
+    run.save("errors", table.set_column(place, table.field(place), [[3.0, *table["error"].to_pylist()[1:]]]))
+    after = on_page(Run.open(run.folder), claims)
+    assert list(after) == list(before) == ["fig2_error"]
+    assert after != before
+
+
+def test_an_edited_picture_is_drawn_again(run, claims):
+    """A kept picture whose bytes were changed is not shown."""
+    before = on_page(run, claims)
+    path = run.folder / kept.FOLDER / "fig2_error.png"
+    path.write_bytes(path.read_bytes()[:-1] + b"x")
+    assert on_page(run, claims) == before
+
+
+def test_a_picture_that_is_removed_meanwhile(run, claims, monkeypatch):
+    """A kept picture that was found is shown, though its file is gone before the page is written."""
+    before, find = on_page(run, claims), kept.find
+
+    def once(found_of, name, known):
+        found = find(found_of, name, known)
+        (found_of.folder / kept.FOLDER / name).unlink(missing_ok=True)
+        return found
+
+    monkeypatch.setattr(kept, "find", once)
+    assert on_page(run, claims) == before
+
+
+def test_only_figures_of_the_package_are_kept(run):
+    """A figure whose source the key does not know is drawn each time."""
+    pictures = KeptPictures(run)
+    for mine in (object(), ModuleType("mine")):
+        pictures.keep("mine", mine, {"png": b"picture"})
+        assert pictures.find("mine", mine, ["png"]) is None
+    pictures.keep("mine", FIGURES["fig_map"], {"png": b"picture"})
+    assert pictures.find("mine", FIGURES["fig_map"], ["png"]) == {"png": b"picture"}
+    assert pictures.find("mine", FIGURES["fig_map"]) is None  # the SVG is missing
+
+
+def test_a_folder_that_cannot_be_written(run, claims, tmp_path):
+    """The page and the pictures are made where nothing can be kept."""
+    (run.folder / kept.FOLDER).write_text("a file in its place")
+    assert len(figures.draw_all([run], tmp_path / "out")[0]) == 2
+    assert list(on_page(run, claims)) == ["fig2_error"]
+
+
+def finding(*values):
+    """Lines of a claim's numbers, as the claims table has them."""
+    return "\n".join(str(Number(f"a: number {i}", value, 0.1 * i, 7)) for i, value in enumerate(values))
+
+
+def judged(name, verdict, *values, number=2):
+    """A row of the claims table, as far as the findings read it."""
+    return {"number": number, "name": name, "verdict": str(verdict), "finding": finding(*values)}
+
+
+@pytest.fixture(scope="module")
+def efficiency():
+    """Three estimators on two caps: `als` twice as far as `mle` below the radius, much nearer beyond."""
+    rows = [
+        {"angle": angle, "estimator": name, "level": level, "ratio": ratio if level < 1 else 1 / ratio, "error": 0.01}
+        for angle in (30.0, 60.0)
+        for level in (0.1, 0.3, 10.0)
+        for name, ratio in (("mle", 1.5), ("als", 3.0), ("ugdk", 6.0))
+    ]
+    reached = pd.DataFrame([{"angle": a, "level": n, "ratio": 2.0} for a in (30.0, 60.0) for n in (0.1, 0.3, 10.0)])
+    marks = pd.DataFrame({"angle": [30.0, 60.0], "gdke": 0.1, "ugdk": 0.1, "fails": 0.1})
+    return EfficiencyFrame(pd.DataFrame(rows).assign(trials=9), reached, marks, 100, "made up")
+
+
+def test_every_claim_has_an_answer():
+    """A claim without one would be answered by a bare number."""
+    assert set(ANSWERS) == {claim.name for claim in CLAIMS}
+
+
+@pytest.mark.parametrize("claim", CLAIMS, ids=[claim.name for claim in CLAIMS])
+def test_answers_are_sentences(claim):
+    """An answer begins with its verdict, has a number in it, and ends; it fits the numbers that the judge reads."""
+    text = answer(claim.name, "partly", finding(0.25, 0.5, 0.75, 1.5, 2.5))
+    assert text.startswith("In part: ")
+    assert text.endswith(".")
+    assert any(digits in text for digits in ("25", "50", "0.75", "1.5", "2.5"))
+
+
+def test_answers_follow_the_verdict_and_the_numbers():
+    """The same claim with other numbers."""
+    none = answer("ugdk-closest", "not reproduced", finding(0.0, 13 / 28, 25.96, 1.073))
+    assert none == (
+        "No: UGDK is clearly the closest in none of the decades of noise, and another method is clearly closer in "
+        "46\u00a0%."
+    )
+    most = answer("ugdk-closest", "reproduced", finding(0.75, 0.0, 1.0, 1.0))
+    assert most.startswith("Yes: UGDK is clearly the closest in 75\u00a0% of the decades")
+
+
+@pytest.mark.parametrize("name", ["unheard-of", "one-line"])
+def test_an_answer_without_its_numbers(name):
+    """A claim of another version is answered by its first number."""
+    assert answer(name, "reproduced", "an exponent: 2.5 ± 0.1\nanother: 3") == "Yes: an exponent: 2.50\u00a0±\u00a00.10"
+    assert answer(name, "hardly", "no number") == "Hardly: no number"
+
+
+def test_numbers_in_words():
+    """Shares, ratios and exponents as a reader says them."""
+    assert [parts(share) for share in (0.0, 1.0, 0.1386, 0.996)] == ["none", "all", "14\u00a0%", "99.6\u00a0%"]
+    assert [times(value) for value in (0.176, 1.0, 25.96, 1234.0)] == [
+        "0.18\u00a0times",
+        "1.0\u00a0times",
+        "26\u00a0times",
+        "1.23\u00a0×\u00a010³\u00a0times",
+    ]
+    assert power(-0.5022) == "−0.50"
+    assert words.values(finding(1.5, math.nan, math.inf))[::2] == [1.5, math.inf]
+
+
+@pytest.mark.parametrize(
+    ("verdict", "says"),
+    [
+        (Verdict.REPRODUCED, "The paper's main claim holds."),
+        (Verdict.PARTLY, "The paper's main claim holds in part."),
+        (Verdict.NOT_REPRODUCED, "The paper's main claim does not hold."),
+    ],
+)
+def test_the_main_claim_comes_first(efficiency, verdict, says):
+    """It is said first whether the claim holds, then which estimator to use; each by the numbers."""
+    claims = pd.DataFrame(
+        [judged("mle-outliers", "partly", 0.04, 0.0), judged("ugdk-closest", verdict, 0.25, 0.5, 3.0)]
+    )
+    first, second, third, last = material.findings(claims, efficiency)
+    assert (first.head, first.claim) == (says, 2)
+    assert "in 25\u00a0% of the decades" in first.rest
+    assert first.rest.endswith("it errs 3.0\u00a0times as far as the best of the others.")  # whichever that is
+    assert second.head == "Use the estimator MLE instead."  # not ALS, which is the nearest beyond the radius alone
+    assert "Over 4 conditions with 100 points" in second.rest
+    assert "1.00 times the least of all estimators, UGDK's 4.00 times." in second.rest
+    assert "noise of 0.3\u00a0r the attainable bound" in third.rest
+    assert "is 2.0\u00a0times the Cramér-Rao bound; UGDK reaches 6.0\u00a0times." in third.rest
+    assert last.head == "MLE's outliers do not come from other minima."
+
+
+def test_a_name_that_is_a_word_is_code(efficiency):
+    """In the finding, and on the page between its own tags."""
+    curves = efficiency.curves.assign(estimator=efficiency.curves["estimator"].replace("mle", "corrected"))
+    claims = pd.DataFrame(columns=["number", "name", "verdict", "finding"])
+    first, reached = material.findings(claims, dataclasses.replace(efficiency, curves=curves))
+    assert first.head == "Use the estimator `corrected` instead."
+    assert "`corrected` reaches" in reached.rest
+    assert coded(first.head) == ["Use the estimator ", InlineCode("corrected"), " instead."]
+
+
+def test_findings_without_tables(efficiency):
+    """What the tables do not say is left out; nothing is said of claims that were not evaluated."""
+    columns = ["number", "name", "verdict", "finding"]
+    assert material.findings(pd.DataFrame(columns=columns), None) == []
+    row = judged("ugdk-closest", Verdict.NOT_EVALUATED) | {"finding": "needs a run of configs/paper.toml"}
+    assert material.findings(pd.DataFrame([row]), None) == []
+    assert [f.head[:3] for f in material.findings(pd.DataFrame([row]), efficiency)] == ["Use", "Wha"]
+
+
+def test_gdke_and_lls():
+    """The words about them follow the numbers."""
+    rows = [
+        judged("gdke-bias-stays", "reproduced", 10.0, 0.0, 1.1),
+        judged("gdke-bias-order", "not reproduced", 1.996, 1.998, 1.999),
+        judged("lls-outliers-small", "partly", 0.0, 0.14),
+    ]
+    first, second = material.findings(pd.DataFrame(rows), None)
+    assert first.head == "GDKE is biased, and more points do not help."
+    assert first.rest.endswith("It grows as σ to the power 2.00.")
+    assert second.head == "LLS's outliers come from a cut of small singular values."
+    rows[2] = judged("lls-outliers-small", "reproduced", 0.2, 0.14)
+    assert material.findings(pd.DataFrame(rows), None)[1].head == "LLS's outliers."
+
+
+def test_the_picture_has_both_bounds(efficiency):
+    """A curve for each estimator, the attainable bound where it is, the Cramér-Rao bound at 1."""
+    (axes,) = draw_lead(efficiency).axes
+    lines = {line.get_label(): np.asarray(line.get_ydata()) for line in axes.lines}
+    assert list(lines) == ["UGDK", "MLE", "ALS", "attainable bound", "Cramér-Rao bound"]
+    assert np.array_equal(lines["attainable bound"], [2.0, 2.0, 2.0])
+    assert np.array_equal(lines["Cramér-Rao bound"], [1.0, 1.0])
+    assert np.array_equal(lines["UGDK"], [6.0, 6.0, 1 / 6.0])
+
+
+def test_a_table_without_rows():
+    """A run whose table of posteriors has no row has no section."""
+    run = SimpleNamespace(has=lambda name: True, table=lambda name: pd.DataFrame())
+    material = SimpleNamespace(records=[SimpleNamespace(run=run, name="empty")])
+    assert list(posterior_section(material)) == []
+
+
+ROWS = """group,what,cost,measured,ratio,aim,machine
+"loop, per sample",filling memory,36.2,ns,1,,Some CPU
+"loop, per sample",ours,33.7,ns,0.931,≤ 1,Some CPU
+memory,one worker,512,MB,,< 1024,Some CPU
+"""
+
+
+@pytest.fixture
+def stored(tmp_path):
+    """A stored table."""
+    (tmp_path / "bench.csv").write_text(ROWS, encoding="utf-8")
+    return tmp_path / "bench.csv"
+
+
+def test_a_table_for_each_group(stored):
+    """In the order of the file, cells as they are stored, the machine named."""
+    (section,) = speed_section(Material([], None, {}, {}, None, [], read_bench(stored)))
+    text, *tables = section.content
+    assert "Some CPU" in text.content
+    assert [table.caption for table in tables] == ["loop, per sample", "memory"]
+    assert all(isinstance(table, Table) for table in tables)
+    assert [list(row.cells) for row in tables[0].rows] == [
+        ["filling memory", "36.2\u00a0ns", "1", ""],
+        ["ours", "33.7\u00a0ns", "0.931", "≤ 1"],
+    ]
+
+
+def test_costs_in_units_that_suit_them(tmp_path):
+    """Nanoseconds become seconds where they are so many; other units stay."""
+    lines = [
+        ROWS.splitlines()[0],
+        *(f"times,{n},{n},ns,{n},,Some CPU" for n in ("0.327", "5931", "5.584e+07", "5.2e+10")),
+    ]
+    (tmp_path / "bench.csv").write_text("\n".join([*lines, "times,memory,383.2,MB,,,Some CPU", ""]), encoding="utf-8")
+    (section,) = speed_section(Material([], None, {}, {}, None, [], read_bench(tmp_path / "bench.csv")))
+    rows = [[str(cell).replace("\u00a0", " ") for cell in row.cells] for row in section.content[1].rows]
+    assert [row[1] for row in rows] == ["0.327 ns", "5.93 µs", "55.8 ms", "52.0 s", "383.2 MB"]
+    assert [row[2] for row in rows] == ["0.327", "5931", "5.584 × 10⁷", "5.2 × 10¹⁰", ""]
+
+
+def test_no_table_no_section():
+    """A page about runs alone has none."""
+    assert list(speed_section(Material([], None, {}, {}, None, []))) == []
+
+
+@pytest.mark.parametrize("content", [None, "", "a,b\n1,2\n", ",".join(COLUMNS) + "\n", "\xff\xfe"])
+def test_other_files(tmp_path, content):
+    """A file that is none, or not this table, is named, with what writes one."""
+    path = tmp_path / "other.csv"
+    if content is not None:
+        path.write_bytes(content.encode("latin-1"))
+    with pytest.raises(RunError, match=r"other\.csv: .*make bench writes it"):
+        read_bench(path)
+
+
+def test_a_study_that_kept_its_summary_alone(make_run):
+    """Has its page, too: trials and samples are counted from the summary, and what is not known is said."""
+    run = make_run(
+        """name = "alone"
+seed = 3
+estimators = ["gdke", "ugdk"]
+keep = "summary"
+[design]
+kind = "grid"
+trials = 30
+samples = [10, 20]
+noise = 0.05
+angle = [60, 90]
+"""
+    )
+    page = render([run], judge_all([run], None))
+    assert "which trials were worst is not known" in page
+    assert "SHA-256 of summary.parquet" in page
+    record = Material.of([run], judge_all([run], None)).records[0]
+    assert (record.trials, record.samples) == (120, 2 * 30 * (10 + 20))
+
+
+def plain(text):
+    """With plain spaces."""
+    return text.replace("\u00a0", " ").replace("\u202f", " ")
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [
+        (0.0, "0"),
+        (-1.23456, "−1.23"),
+        (1234.0, "1.23 × 10³"),
+        (100.0, "100"),
+        (1e-9, "10⁻⁹"),
+        (-1e-9, "−1 × 10⁻⁹"),
+        (2.5e14, "2.5 × 10¹⁴"),
+        (math.nan, "–"),
+        (math.inf, "∞"),
+        (-math.inf, "−∞"),
+    ],
+)
+def test_number(value, expected):
+    """Three digits, a long minus, powers of ten."""
+    assert plain(words.number(value)) == expected
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [
+        (1.7, "1.70"),
+        (34.0, "34.0"),
+        (433.0, "433"),
+        (5.0, "5.00"),
+        (1.5e-8, "1.50 × 10⁻⁸"),
+        (12345.6, "12 300"),
+        (999.7, "1000"),
+        (2e6, "2.00 × 10⁶"),
+    ],
+)
+def test_timed(value, expected):
+    """A measured number keeps the zeros at its end."""
+    assert plain(words.timed(value)) == expected
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "expected"),
+    [
+        (0.765232, 0.117134, "0.77 ± 0.12"),
+        (29.39512, 0.03199, "29.395 ± 0.032"),
+        (-1.5, 0.25, "−1.50 ± 0.25"),
+        (1.23456e7, 1.2e5, "(1.235 ± 0.012) × 10⁷"),
+        (1.23456e-5, 3e-7, "(1.235 ± 0.030) × 10⁻⁵"),
+        (0.0, 0.012, "0 ± 0.012"),
+        (48.2, 4692.0, "48 ± 4700"),
+        (0.5, 0.52, "0.50 ± 0.52"),
+        (-0.0003419, 0.0032, "−0.00034 ± 0.0032"),
+        (0.8, 0.35, "0.80 ± 0.35"),
+        (1.0, 0.00035, "1.00000 ± 0.00035"),
+        (3e8, 4e9, "3.0 × 10⁸ ± 4.0 × 10⁹"),
+        (0.123456789, 1e-12, "0.123457 ± 1.0 × 10⁻¹²"),
+        (7.0, 0.0, "7"),
+        (7.0, math.nan, "7"),
+        (225.4, math.inf, "225 ± ∞"),
+        (math.inf, math.nan, "∞"),
+        (math.nan, math.nan, "–"),
+    ],
+)
+def test_measured(value, error, expected):
+    """Two digits of the error, the number to the same place, one power of ten for both."""
+    assert plain(words.measured(value, error)) == expected
+
+
+def test_a_number_breaks_before_its_error_alone():
+    """Nowhere else may a line end within it."""
+    assert words.measured(1.23456e7, 1.2e5).split(" ") == ["(1.235", "±\u00a00.012)\u00a0×\u00a010⁷"]
+    assert words.count(1234567).split() == ["1", "234", "567"]
+    assert " " not in words.count(1234567)
+
+
+@pytest.mark.parametrize(
+    ("part", "whole", "expected"), [(0, 9, "0 %"), (1, 9, "11.1 %"), (9, 9, "100 %"), (1, 9999, "< 0.1 %")]
+)
+def test_percent(part, whole, expected):
+    """A share is rounded, but neither to none nor to all."""
+    assert plain(words.percent(part, whole)) == expected
+    assert plain(words.percent(9998, 9999)) == "> 99.9 %"
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("bias: -1.2e-05 ± 3e-07", "bias: (−1.200 ± 0.030) × 10⁻⁵"),
+        (
+            "over LLS's, σ ≥ .1 r: 27.41 ± 5.1; N = 30: 0 ± 0.00035",
+            "over LLS's, σ ≥ .1 r: 27.4 ± 5.1; N = 30: 0 ± 0.00035",
+        ),
+        ("at 1e+14: -3", "at 1 × 10¹⁴: −3"),
+        ("run paper-8689e37964, 10-fold", "run paper-8689e37964, 10-fold"),
+        ("in [0, 1]-free words", "in [0, 1]-free words"),
+    ],
+)
+def test_readable(text, expected):
+    """Numbers in a program's text become a reader's; names stay as they are."""
+    assert plain(words.readable(text)) == expected
+
+
+HEAD = 'name = "x"\nseed = 1\nestimators = ["mle"]\n'
+
+
+@pytest.mark.parametrize(
+    ("design", "expected"),
+    [
+        (
+            'kind = "grid"\ntrials = 5\nsamples = 100000\nnoise = 0.125\nangle = 31.7',
+            "one cell of 5 trials: N = 100 000; σ = 0.125; φ = 31.7°; r = 1; |c| = 0",
+        ),
+        (
+            'kind = "grid"\ntrials = 5\nsamples = [5, 20]\nnoise_over_radius = { logspace = [1e-7, 1, 8] }\nangle = 90',
+            "16 cells of 5 trials, all from the same draws: N = 5, 20; σ/r = 10⁻⁷, 10⁻⁶, 10⁻⁵, …, 1 (8 values); "
+            "φ = 90°; r = 1; |c| = 0",
+        ),
+        (
+            'kind = "random"\ntrials = 5\nsamples = { law = "log_uniform", low = 4, high = 1_000_000 }\nnoise = 1e-13\n'
+            'angle = { law = "choice", values = [20, 45] }\nradius = { law = "uniform", low = 0, high = 37 }',
+            "5 trials, each with conditions of its own: N log-uniform from 4 to 10⁶; σ = 10⁻¹³; "
+            "φ one of 20°, 45°; r uniform from 0 to 37; |c| = 0",
+        ),
+    ],
+    ids=["cell", "grid", "random"],
+)
+def test_design(design, expected):
+    """A design in a sentence, with every quantity and its values as the config gives them."""
+    assert plain(words.design(parse(f"{HEAD}[design]\n{design}"))) == expected
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"), [(123456.0, "123 456"), (1234567.0, "1 234 567"), (1.25e8, "1.25 × 10⁸"), (0.1, "0.1")]
+)
+def test_exactly(value, expected):
+    """No digit of a config's number is lost."""
+    assert plain(words.exactly(value)) == expected
+
+
+def test_every_measure_has_a_heading():
+    """In words, no two alike, and short enough for a column."""
+    assert set(words.TITLES) == {*MEASURES, "not_ok"}
+    assert len(set(words.TITLES.values())) == len(words.TITLES)
+    assert all("_" not in title and len(title) < 60 for title in words.TITLES.values())
+
+
+def test_names_of_estimators_in_a_sentence():
+    """A name that is an ordinary word is code; "use the estimator corrected" could be misread."""
+    assert [words.estimator(name) for name in ("corrected", "robust", "mle", "taubin", "my_own")] == [
+        "`corrected`",
+        "`robust`",
+        "MLE",
+        "Taubin",
+        "`my_own`",
+    ]

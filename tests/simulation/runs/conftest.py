@@ -1,0 +1,148 @@
+"""Fixtures for tests of runs: small configs, and a function that runs them into fresh folders."""
+
+import contextlib
+import functools
+import itertools
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from study.simulation.experiment.config import parse
+from study.simulation.runs import jobs, provenance, runner
+
+sys.path.append(str(Path(__file__).parent))  # worker processes, too, import `deadly` by its name
+
+
+def _toml(value):
+    """A value as TOML; dictionaries become inline tables."""
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{key} = {_toml(v)}" for key, v in value.items()) + " }"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(_toml, value)) + "]"
+    return f'"{value}"' if isinstance(value, str) else repr(value)
+
+
+@pytest.fixture(scope="session")
+def make_text():
+    """Write a small config: keyword arguments go into the design, ``top`` beside it; None leaves a key out."""
+
+    def make(top=None, **design):
+        head = {"name": "test", "seed": 1, "estimators": ["mle", "lls", "gdke", "ugdk"]} | (top or {})
+        body = {"kind": "grid", "trials": 3, "samples": [6, 40], "noise": [0.05, 0.5], "angle": [60, 180]} | design
+        lines = [f"{key} = {_toml(value)}" for key, value in head.items() if value is not None]
+        lines += ["[design]", *(f"{key} = {_toml(value)}" for key, value in body.items() if value is not None)]
+        return "\n".join(lines) + "\n"
+
+    return make
+
+
+@pytest.fixture
+def start(make_text, tmp_path):
+    """Run a config of these arguments, and return the run; ``jobs`` is a number of threads, or other workers."""
+    numbers = itertools.count()
+
+    def run(top=None, jobs=2, folder=None, progress=None, warn=None, **design):
+        text = make_text(top, **design)
+        return runner.run(parse(text), text, folder or tmp_path / f"run-{next(numbers)}", jobs, progress, warn)
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def software():
+    """Versions and commit, found once."""
+    return functools.cache(provenance.software)
+
+
+@pytest.fixture
+def same_software(monkeypatch, software):
+    """Let all runs be of the same commit, so that one made while tests run is no difference between two runs."""
+    monkeypatch.setattr(provenance, "software", software)
+
+
+@pytest.fixture
+def small_units(monkeypatch):
+    """Units of a few batches, so that a small study has many."""
+    monkeypatch.setattr("study.simulation.experiment.designs.BLOCK_TRIALS", 4)
+    monkeypatch.setattr("study.simulation.experiment.designs._SAMPLES_PER_UNIT", 500)
+
+
+@pytest.fixture
+def small_parts(monkeypatch):
+    """A part for every unit, so that a small study has many."""
+    monkeypatch.setattr("study.simulation.runs.workers.Backend.enough", 0.0)
+    monkeypatch.setattr("study.simulation.runs.parts._SECONDS", 0.0)
+    monkeypatch.setattr("study.simulation.runs.parts._SHARE", 0.0)
+
+
+@pytest.fixture
+def computed(monkeypatch):
+    """A list of the computed fits: the cell's name, the trial and the estimator of each."""
+    done, real = [], jobs.compute
+
+    def watched(made, unit):
+        for batch in unit.batches:
+            numbers = range(batch.first, batch.first + batch.trials)
+            done.extend((c.name, t, e) for c in batch.cells for t in numbers for e in made.estimators)
+        return real(made, unit)
+
+    monkeypatch.setattr(jobs, "compute", watched)
+    return done
+
+
+@pytest.fixture(scope="session")
+def files():
+    """All files under a folder with their bytes."""
+    return lambda folder: {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+@pytest.fixture
+def try_mount(tmp_path):
+    """Mount a small disk of one's own; None where that is not allowed."""
+    folders = []
+
+    def mount(options):
+        folder = tmp_path / f"disk-{len(folders)}"
+        folder.mkdir()
+        command = ["mount", "-t", "tmpfs", "-o", options, "tmpfs", str(folder)]
+        if os.geteuid() or not shutil.which("mount") or subprocess.run(command, capture_output=True).returncode:
+            return None
+        folders.append(folder)
+        return folder
+
+    yield mount
+    for folder in folders:
+        subprocess.run(["umount", "--lazy", str(folder)], check=True)
+
+
+@pytest.fixture
+def mounted(try_mount):
+    """Mount a small disk of one's own; skip where that is not allowed."""
+
+    def mount(options):
+        folder = try_mount(options)
+        if folder is None:
+            pytest.skip("mounting is not allowed here")
+        return folder
+
+    return mount
+
+
+@pytest.fixture
+def small_disk(try_mount, tmp_path):
+    """A run's folder on a small disk, and functions that fill it up, if it is one, and make room again."""
+    place = try_mount("size=40m")
+    ballast = (place or tmp_path) / "ballast"
+
+    def fill():
+        if place is not None:
+            with contextlib.suppress(OSError), open(ballast, "wb", buffering=0) as file:
+                while True:
+                    file.write(bytes(1 << 16))
+        return place is not None
+
+    return (place or tmp_path) / "run", fill, lambda: ballast.unlink(missing_ok=True)

@@ -1,0 +1,320 @@
+"""Threads, processes and a Dask cluster give the same bytes, even if Dask workers are killed.
+
+Dispatch: units are computed outside the main thread, progress adds up, and no result is lost or waits for long.
+"""
+
+import contextlib
+import functools
+import gc
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+import study
+from study.files import RunError
+from study.fits.samples import Estimator
+from study.simulation.experiment.config import parse
+from study.simulation.experiment.sampling import units
+from study.simulation.runs.parts import Packet, Parts
+from study.simulation.runs.plan import plan
+from study.simulation.runs.workers import Dispatch, Threads, Workers
+
+pytestmark = pytest.mark.usefixtures("same_software")
+
+
+ENTRIES = {"top": {"keep_points": 1}, "trials": 120, "samples": [20, 1000], "draws": "independent"}
+
+
+def tables(run):
+    """Bytes of the tables that do not depend on time."""
+    return {name: (run.folder / f"{name}.parquet").read_bytes() for name in ("errors", "points")}
+
+
+@pytest.fixture
+def one_unit_in_a_task(monkeypatch):
+    """Many small tasks, so that all workers have some."""
+    monkeypatch.setattr("study.simulation.experiment.designs._SAMPLES_PER_UNIT", 500)
+    monkeypatch.setattr("study.simulation.runs.workers.Backend.enough", 0.0)
+    monkeypatch.setattr("study.simulation.runs.workers.DaskCluster.enough", 0.0)
+
+
+@pytest.fixture
+def expected(start, one_unit_in_a_task):
+    """The tables that one thread makes."""
+    return tables(start(jobs=1, **ENTRIES))
+
+
+def read_scheduler(path):
+    """Read the file in which a scheduler gives its address; None until all of it is there."""
+    try:
+        return json.loads(path.read_text())
+    except (FileNotFoundError, json.JSONDecodeError):
+        return None
+
+
+@pytest.fixture
+def gate(held, tmp_path, monkeypatch):
+    """Let this process and the workers that it starts find `held.py`, and its gate, a folder."""
+    folder = tmp_path / "gate"
+    folder.mkdir()
+    monkeypatch.setenv("GATE", str(folder))
+    monkeypatch.syspath_prepend(str(held.parent))
+    return folder
+
+
+@pytest.fixture
+def cluster(gate, held, wait_for, tmp_path):
+    """A scheduler and two workers, each a process, started as the manual says; its address and the workers."""
+    paths = [str(Path(study.__file__).parents[1]), str(held.parent), str(Path(__file__).parent)]
+    paths.append(os.environ.get("PYTHONPATH", ""))
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
+    processes, place = [], tmp_path / "scheduler.json"
+
+    def begin(*words):
+        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+        processes.append(subprocess.Popen([sys.executable, "-m", *words], cwd=tmp_path, env=environment, **quiet))
+        return processes[-1]
+
+    scheduler = ["--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--no-jupyter", "--scheduler-file", str(place)]
+    try:
+        begin("distributed.cli.dask_scheduler", *scheduler)
+        address = wait_for(lambda: read_scheduler(place), lambda: processes[0].poll() is None)["address"]
+        more = ["--", "--nthreads", "1", "--no-nanny", "--no-dashboard"]
+        yield address, [begin("study.cli", "worker", address, *more) for _ in range(2)]
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
+
+
+def test_loky(start, expected):
+    """Two processes of this machine."""
+    run = start(jobs=Workers("loky", 2), **ENTRIES)
+    assert tables(run) == expected
+    assert run.manifest()["backend"] == "loky"
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning:distributed")
+def test_dask_with_a_worker_killed_midway(start, expected, cluster, gate, wait_for, monkeypatch):
+    """One of two Dask workers is killed while it computes, after a few results: the other computes the rest."""
+    import held
+
+    address, workers = cluster
+    shares, killed = [], []
+
+    def progress(share):
+        shares.append(share)
+        if len(shares) == held.FREE:
+            path, *_ = wait_for(lambda: list(gate.glob("held-*")))
+            (worker,) = [worker for worker in workers if path.name.endswith(f"-{worker.pid}")]
+            worker.kill()
+            killed.append(worker)
+            (gate / "open").touch()
+
+    monkeypatch.setattr("study.simulation.runs.workers._PATIENCE", 600.0)  # a busy machine may answer late
+    monkeypatch.setattr("study.simulation.runs.runner.execute", held.execute)
+    run = start(jobs=Workers("dask", 2, address), progress=progress, **ENTRIES)
+    assert len(killed) == 1
+    assert len(shares) > 10
+    assert tables(run) == expected
+    assert not run.has("failures")
+    assert run.manifest()["backend"] == "dask"
+
+
+MINE = """
+import numpy as np
+import study
+
+def mean(points):
+    return points.mean(axis=0), np.ptp(points) / 2.0
+
+study.register("mean", mean)
+"""
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning:distributed")
+def test_dask_with_an_estimator_of_ones_own(start, one_unit_in_a_task, cluster, tmp_path, monkeypatch):
+    """The text of the file goes to the workers with the tasks: they need not have it."""
+    from study.fits import registry
+
+    (tmp_path / "mine.py").write_text(MINE, encoding="utf-8")
+    registry.load(tmp_path / "mine.py")
+    entries = {"top": {"estimators": ["mean", "gdke"]}, "trials": 40, "samples": [20, 50], "draws": "independent"}
+    try:
+        monkeypatch.setattr("study.simulation.runs.workers._PATIENCE", 600.0)
+        alone = start(jobs=1, **entries)
+        (tmp_path / "mine.py").unlink()
+        run = start(jobs=Workers("dask", 2, cluster[0], task=1e-6), **entries)
+        with Workers("dask", 2, cluster[0], task=30.0).open() as backend:
+            assert backend.enough == 3e9
+    finally:
+        for path, _ in registry.loaded():
+            registry.unload(path)
+    assert set(run.table("errors")["estimator"]) == {"mean", "gdke"}
+    assert not run.has("failures")
+    assert (run.folder / "errors.parquet").read_bytes() == (alone.folder / "errors.parquet").read_bytes()
+    assert run.manifest()["backend"] == "dask"
+
+
+@pytest.fixture
+def no_second_worker(monkeypatch):
+    """Let the scheduler fail a task as soon as one worker has died of it."""
+    monkeypatch.setenv("DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES", "0")
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning:distributed")
+def test_dask_with_a_task_that_kills_its_workers(start, no_second_worker, cluster, tmp_path, monkeypatch):
+    """The scheduler fails the task; it is tried once more, and given up; the run ends, without a worker left."""
+    import deadly
+
+    small = {"top": {"estimators": ["lls"]}, "samples": 6, "noise": 0.05, "angle": 60}
+    (cell,) = set(start(**small).table("errors")["cell"])
+    (tmp_path / "ends").mkdir()
+    kill = functools.partial(deadly.kill, tmp_path / "ends", frozenset([cell]), 1000)
+    monkeypatch.setattr("study.simulation.runs.workers._PATIENCE", 600.0)
+    monkeypatch.setattr("study.simulation.runs.runner.execute", kill)
+    address, workers = cluster
+    run = start(jobs=Workers("dask", 2, address), **small)
+    assert [worker.wait() for worker in workers] == [-signal.SIGKILL] * 2
+    assert run.manifest()["lost"] == len(run.table("failures")) == 3
+    assert all(message.startswith("the worker died, twice: ") for message in run.table("failures")["message"])
+
+
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nonsense://x", "127.0.0.1:notaport"])
+def test_no_scheduler(start, tmp_path, monkeypatch, address):
+    """An address where none answers: one line that names it, and nothing is written."""
+    monkeypatch.setattr("study.simulation.runs.workers._PATIENCE", 0.5)
+    with pytest.raises(RunError, match="no scheduler answers there") as told:
+        start(jobs=Workers("dask", 2, address), folder=tmp_path / "run")
+    assert address in str(told.value)
+    assert "\n" not in str(told.value)
+    assert not (tmp_path / "run").exists()
+    distributed = pytest.importorskip("distributed")
+    left = [thing for thing in gc.get_objects() if type(thing) is distributed.Client and thing.status != "closed"]
+    assert left == [], "a client that is collected in the thread of another one stops both"
+
+
+@pytest.mark.parametrize("wrong", [Workers("dask"), Workers("threads", 2, "tcp://x:1"), Workers("slurm")], ids=str)
+def test_no_such_backend(start, tmp_path, wrong):
+    """A backend that is unknown, or lacks its scheduler, is refused in one line."""
+    with pytest.raises(RunError, match="--"):
+        start(jobs=wrong, folder=tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_units_are_computed_outside_the_main_thread(start, monkeypatch, jobs):
+    """No worker is the main thread, which is the one that Ctrl-C interrupts, whatever the number of workers.
+
+    Numba 0.68 ends the process with a segmentation fault if an exception rises while it unboxes a Generator.
+    """
+    good, threads = study.ESTIMATORS["lls"], set()
+
+    def watched(samples):
+        threads.add(threading.current_thread())
+        return good(samples)
+
+    monkeypatch.setitem(study.ESTIMATORS, "watched", Estimator(watched))
+    start({"estimators": ["watched"]}, jobs=jobs)
+    assert threads
+    assert threading.main_thread() not in threads
+    assert len(threads) <= jobs
+
+
+def test_a_plan_is_calibrated_outside_the_main_thread(make_text, monkeypatch):
+    """For the same reason, the calibration of a plan is not computed in the main thread."""
+    good, threads = study.ESTIMATORS["lls"], set()
+
+    def watched(samples):
+        threads.add(threading.current_thread())
+        return good(samples)
+
+    monkeypatch.setitem(study.ESTIMATORS, "watched", Estimator(watched))
+    plan(parse(make_text({"estimators": ["watched"]})), 2)
+    assert threads
+    assert threading.main_thread() not in threads
+
+
+@pytest.mark.usefixtures("small_parts")
+def test_progress_is_told_to_the_end(start, make_text):
+    """The callback is called once per task, with shares that add up to 1."""
+    shares = []
+    start(progress=shares.append)
+    assert len(shares) == len(list(units(parse(make_text()))))
+    assert sum(shares) == pytest.approx(1.0)
+    assert min(shares) > 0.0
+
+
+class Growing(Threads):
+    """Threads that always seem to have become more."""
+
+    def outgrown(self):
+        """Let each call of joblib end after its first task."""
+        return True
+
+
+@pytest.fixture
+def dispatch(tmp_path):
+    """Send numbers to two threads, one at a time, to a function that may return or raise."""
+
+    def send(function, count, ended, kind=Threads):
+        def work(shared, items):
+            function(*items)
+            return Packet.of([(str(items[0]), ("number@1",))], [{}])
+
+        parts = Parts(tmp_path, "numbers")
+        with contextlib.closing(kind(2)) as backend:
+            Dispatch(backend, work, None, parts).compute(range(count), lambda number: 1e9, ended)
+        return parts
+
+    return send
+
+
+def test_results_do_not_pile_up(dispatch):
+    """While storing a result takes long, only some more tasks are computed; in the end all are."""
+    computed, stored, ahead, enough = [], [], [], threading.Event()
+
+    def function(number):
+        computed.append(number)
+        ahead.append(len(computed) - len(stored))
+        if len(computed) == 9:
+            enough.set()
+
+    def ended(numbers, failure):
+        assert enough.wait(600)
+        stored.extend(numbers)
+
+    parts = dispatch(function, 200, ended)
+    assert sorted(stored) == sorted(computed) == list(range(200))
+    assert all(parts.outputs(str(number)) for number in range(200))
+    assert 8 <= max(ahead) <= 14
+
+
+def test_workers_that_become_more(dispatch):
+    """Each call of joblib may end early, so that it counts the workers again; all tasks are computed once."""
+    stored = []
+    dispatch(lambda number: None, 20, lambda numbers, failure: stored.extend(numbers), Growing)
+    assert sorted(stored) == list(range(20))
+
+
+def test_what_came_is_stored_when_a_task_raises(dispatch, tmp_path):
+    """The exception comes out; tasks that were finished then are stored, and no other is begun."""
+    computed = []
+
+    def function(number):
+        if number == 30:
+            raise ZeroDivisionError("my own mistake")
+        computed.append(number)
+
+    with pytest.raises(ZeroDivisionError, match="my own mistake"):
+        dispatch(function, 1000, lambda numbers, failure: None)
+    parts = Parts(tmp_path, "numbers")
+    parts.load()
+    assert {number for number in range(1000) if parts.outputs(str(number))} == set(computed)
+    assert 29 <= len(computed) < 60

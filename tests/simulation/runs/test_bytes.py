@@ -1,0 +1,320 @@
+"""Equal runs are equal to the byte, whatever the workers and their order.
+
+Reuse of an earlier run: only new fits are computed, and the tables are those of a run from nothing.
+"""
+
+import gc
+import random
+import weakref
+from dataclasses import replace
+
+import pytest
+
+import study
+from study.files import TableRows
+from study.simulation.experiment.config import parse
+from study.simulation.experiment.sampling import units
+from study.simulation.runs import runner
+from study.simulation.runs.status import status
+
+pytestmark = pytest.mark.usefixtures("same_software", "small_units")
+
+
+RANDOM = {
+    "kind": "random",
+    "trials": 80,
+    "samples": {"law": "log_uniform", "low": 4, "high": 2000},
+    "noise": {"law": "log_uniform", "low": 1e-6, "high": 10},
+    "angle": {"law": "uniform", "low": 0, "high": 180},
+    "radius": {"law": "uniform", "low": 0, "high": 37},
+    "center": {"law": "uniform", "low": 0, "high": 2},
+}
+
+STUDIES = {
+    "shared": {"trials": 14},
+    "independent": {"trials": 14, "draws": "independent"},
+    "random": RANDOM,
+    "dimension 5": {"top": {"dimension": 5}, "trials": 14},
+}
+
+TABLES = ["errors", "points"]
+
+
+def tables(run):
+    """Bytes of the tables that are promised to be equal."""
+    return {name: (run.folder / f"{name}.parquet").read_bytes() for name in TABLES}
+
+
+@pytest.fixture(params=list(STUDIES))
+def entries(request):
+    """Arguments of one study of each kind."""
+    made = dict(STUDIES[request.param])
+    return {**made, "top": {"keep_points": 2} | made.pop("top", {})}
+
+
+def test_bytes_do_not_depend_on_the_number_of_workers(start, entries, make_text):
+    """One, two and three workers write the same files."""
+    assert len(list(units(parse(make_text(**entries))))) > 3
+    alone = tables(start(jobs=1, **entries))
+    for jobs in (2, 3):
+        assert tables(start(jobs=jobs, **entries)) == alone
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_bytes_do_not_depend_on_the_order_of_work(start, entries, monkeypatch, seed):
+    """Units computed in a shuffled order give the same files."""
+    expected = tables(start(**entries))
+    shuffled = random.Random(seed)
+    monkeypatch.setattr(runner, "weight", lambda job: shuffled.random())
+    assert tables(start(**entries)) == expected
+
+
+def test_bytes_do_not_depend_on_spelling(start, make_text, tmp_path):
+    """Comments, and a range in place of a list, change config.toml alone."""
+    text = make_text({"keep_points": 1}, noise=[0.1, 0.2, 0.3])
+    other = "# a comment\n" + text.replace("[0.1, 0.2, 0.3]", "{ linspace = [0.1, 0.3, 3] }")
+    assert other.count("linspace") == 1
+    runs = [runner.run(parse(t), t, tmp_path / str(i)) for i, t in enumerate((text, other))]
+    assert tables(runs[0]) == tables(runs[1])
+    assert [(run.folder / "config.toml").read_text() for run in runs] == [text, other]
+
+
+def test_running_again_gives_the_same_bytes(start, entries, files):
+    """A second run into the same folder leaves the same tables, and no other files."""
+    run = start(**entries)
+    before = files(run.folder)
+    start(folder=run.folder, **entries)
+    after = files(run.folder)
+    assert set(before) == set(after)
+    assert {name for name in before if before[name] != after[name]} <= {"manifest.json", "timings.parquet"}
+
+
+def test_another_seed_gives_other_bytes(start):
+    """The comparison above can fail."""
+    assert tables(start({"keep_points": 1})) != tables(start({"keep_points": 1, "seed": 2}))
+
+
+GRID = {"trials": 10, "samples": [6, 40], "noise": [0.05, 0.5], "angle": [60]}
+
+RANDOM_REUSE = {
+    "kind": "random",
+    "trials": 60,
+    "samples": {"law": "log_uniform", "low": 5, "high": 60},
+    "noise": {"law": "log_uniform", "low": 1e-6, "high": 2},
+    "angle": {"law": "uniform", "low": 0, "high": 180},
+}
+
+TWO = {"estimators": ["mle", "lls"]}
+
+
+@pytest.fixture
+def named(start, make_text, tmp_path):
+    """Run a study into its own folder, as the command line does; lines for the user are kept in ``told``."""
+    told = []
+
+    def run(top=None, **design):
+        folder = tmp_path / "results" / parse(make_text(top, **design)).run_name()
+        return start(top, folder=folder, warn=told.append, **design)
+
+    run.told = told
+    return run
+
+
+def rows(design, top=TWO):
+    """Number of fits of a study of GRID or RANDOM."""
+    cells = len(design["samples"]) * len(design["noise"]) * len(design["angle"]) if "kind" not in design else 1
+    return cells * design["trials"] * len(top["estimators"])
+
+
+GROWTH = {
+    "trials": (TWO, GRID | {"trials": 23}),
+    "trials within a block": (TWO, GRID | {"trials": 11}),
+    "noise": (TWO, GRID | {"noise": [0.01, 0.05, 0.1, 0.5]}),
+    "samples": (TWO, GRID | {"samples": [20, 6, 40]}),
+    "an estimator": ({"estimators": ["gdke", "lls", "mle"]}, GRID),
+    "all": (
+        {"estimators": ["lls", "ugdk", "mle"]},
+        GRID | {"trials": 15, "noise": [0.5, 0.1, 0.05], "angle": [60, 90]},
+    ),
+    "points": (TWO | {"keep_points": 1}, GRID | {"trials": 12}),
+}
+
+
+@pytest.mark.parametrize("kind", ["shared", "independent"])
+@pytest.mark.parametrize("name", list(GROWTH))
+def test_only_the_new_is_computed(named, start, computed, name, kind):
+    """Each fit that the earlier run lacks is computed once, and no other; the bytes are those of a run from nothing."""
+    top, design = GROWTH[name]
+    more = {"draws": "independent"} if kind == "independent" else {}
+    named(TWO, **GRID, **more)
+    before = set(computed)
+    computed.clear()
+    grown = named(top, **design, **more)
+    again = list(computed)
+    computed.clear()
+    fresh = start(top, **design, **more)
+    assert len(set(again)) == len(again)
+    assert set(again) == set(computed) - before
+    assert len(computed) == rows(design, top)
+    for table in ["errors"] + ["points"] * ("keep_points" in top):
+        assert grown.path(table).read_bytes() == fresh.path(table).read_bytes()
+    assert any("are taken from" in line for line in named.told)
+
+
+def test_a_random_design_grows(named, start, computed):
+    """More trials continue the old ones; other laws have nothing in common with them."""
+    named(TWO, **RANDOM_REUSE)
+    computed.clear()
+    grown = named(TWO, **RANDOM_REUSE | {"trials": 140})
+    assert len(computed) == 2 * 80
+    assert grown.path("errors").read_bytes() == start(TWO, **RANDOM_REUSE | {"trials": 140}).path("errors").read_bytes()
+    computed.clear()
+    named(TWO, **RANDOM_REUSE | {"angle": {"law": "uniform", "low": 0, "high": 90}})
+    assert len(computed) == 2 * 60
+
+
+@pytest.mark.parametrize(
+    ("top", "design"),
+    [
+        (TWO | {"seed": 2}, GRID | {"trials": 11}),
+        (TWO | {"dimension": 2}, GRID | {"trials": 11}),
+        (TWO | {"name": "other"}, GRID | {"trials": 11}),
+        (TWO, GRID | {"trials": 11, "draws": "independent"}),
+        ({"estimators": ["gdke"]}, GRID),
+    ],
+    ids=str,
+)
+def test_what_is_not_the_same_is_not_taken(named, computed, top, design):
+    """With another seed, dimension or name, independent draws, or other estimators, everything is computed."""
+    named(TWO, **GRID)
+    computed.clear()
+    named(top, **design)
+    assert len(computed) == rows(design, top)
+    assert named.told == []
+
+
+def test_the_same_config_elsewhere_is_computed_again(named, start, computed, tmp_path):
+    """The same config in another folder is computed, because a run is checked by running it again."""
+    run = named(TWO, **GRID)
+    computed.clear()
+    start(TWO, folder=tmp_path / "results" / f"{run.study.run_name()}-again", warn=named.told.append, **GRID)
+    assert len(computed) == rows(GRID)
+    assert named.told == []
+
+
+def test_of_several_the_largest_is_taken(named, computed):
+    """Of several earlier runs, the one with the most rows is used."""
+    for trials in (5, 20, 10):
+        named(TWO, **GRID | {"trials": trials})
+    computed.clear()
+    named.told.clear()
+    named(TWO, **GRID | {"trials": 24})
+    assert len(computed) == rows(GRID | {"trials": 4})
+    assert len(named.told) == 1
+
+
+def test_another_version_is_not_taken(named, computed, monkeypatch):
+    """Rows of an estimator that has changed are computed, those of the others taken."""
+    named(TWO, **GRID)
+    monkeypatch.setitem(study.ESTIMATORS, "lls", replace(study.ESTIMATORS["lls"], version=7))
+    computed.clear()
+    named(TWO, **GRID | {"trials": 11})
+    assert sum(e == "mle" for *_, e in computed) == 4
+    assert sum(e == "lls" for *_, e in computed) == 44
+
+
+def test_a_damaged_run_is_not_taken(named, computed):
+    """An earlier run with a damaged table is not used."""
+    run = named(TWO, **GRID)
+    data = bytearray(run.path("errors").read_bytes())
+    data[len(data) // 2] ^= 1
+    run.path("errors").write_bytes(data)
+    computed.clear()
+    named(TWO, **GRID | {"trials": 11})
+    assert len(computed) == rows(GRID | {"trials": 11})
+
+
+@pytest.mark.usefixtures("small_parts")
+def test_a_grown_run_that_stops_goes_on(named, start, computed, make_text, tmp_path):
+    """Rows that were taken or computed before an interruption stay, even if the earlier run is gone."""
+    design = GRID | {"trials": 23, "noise": [0.05, 0.1, 0.5]}
+    earlier = named(TWO, **GRID)
+    folder = tmp_path / "results" / parse(make_text(TWO, **design)).run_name()
+    before = set(computed)
+    computed.clear()
+
+    class Stop(BaseException):
+        pass
+
+    def stop(share):
+        raise Stop
+
+    with pytest.raises(Stop):
+        start(TWO, folder=folder, progress=stop, warn=str, **design)
+    first = list(computed)
+    for path in earlier.folder.iterdir():
+        path.unlink()
+    computed.clear()
+    done = named(TWO, **design)
+    assert not set(computed) & (before | set(first))
+    computed.clear()
+    assert done.path("errors").read_bytes() == start(TWO, **design).path("errors").read_bytes()
+
+
+def test_a_table_that_is_no_longer_read_is_closed(start):
+    """Rows that were read by their numbers keep no file open."""
+    run = start(TWO, **GRID)
+    rows = TableRows(run.path("errors"))
+    assert rows.rows(3, 5).num_rows == 2
+    there = weakref.ref(rows)
+    del rows
+    gc.collect()
+    assert there() is None
+
+
+def test_failures_are_taken_too(named, monkeypatch, computed):
+    """Rows that failed with an exception are taken with their messages, since they would fail again."""
+
+    def raises(samples):
+        if samples.shape[2] == 40:
+            raise ZeroDivisionError("my own mistake")
+        return study.ESTIMATORS["lls"](samples)
+
+    monkeypatch.setitem(study.ESTIMATORS, "raises", replace(study.ESTIMATORS["lls"], function=raises))
+    top = {"estimators": ["raises", "mle"], "tolerate_failures": 1.0}
+    named(top, **GRID)
+    computed.clear()
+    grown = named(top, **GRID | {"trials": 11})
+    assert len(computed) == 4 * 2
+    failures = grown.table("failures")
+    assert len(failures) == grown.manifest()["failures"] == 2 * 11
+    assert sorted(failures["trial"]) == sorted(2 * list(range(11)))
+
+
+@pytest.mark.parametrize("stopped", [False, True], ids=["at once", "with a stop"])
+def test_rows_that_are_taken_have_their_software(named, start, make_text, tmp_path, stopped):
+    """The manifest and the status name the software that made the earlier run, and any other that computed for it."""
+    run = named(TWO, **GRID)
+    old, older = (
+        {**run.maker(), "study": version, "commit": digit * 40} for version, digit in [("0.9", "9"), ("0.8", "8")]
+    )
+    run.save_manifest(run.manifest() | {"software": old, "also_computed_by": [older]})
+    design = GRID | {"trials": 11}
+    if stopped:
+        folder = tmp_path / "results" / parse(make_text(TWO, **design)).run_name()
+        with pytest.raises(ZeroDivisionError):
+            start(TWO, folder=folder, progress=lambda share: 1 / 0, warn=str, **design)
+        assert old in status(folder).made_by
+    grown = named(TWO, **design)
+    assert grown.manifest()["also_computed_by"] == [old, older]
+    assert status(grown.folder).made_by == [grown.maker(), old, older]
+    assert ("0.9" in named.told[-1]) is not stopped
+
+
+def test_a_run_that_is_completed_again_keeps_its_software(named, monkeypatch):
+    """A newer version of an estimator leaves the other rows to the software that computed them."""
+    run = named(TWO, **GRID)
+    old = {**run.maker(), "study": "0.9"}
+    run.save_manifest(run.manifest() | {"software": old})
+    monkeypatch.setitem(study.ESTIMATORS, "lls", replace(study.ESTIMATORS["lls"], version=7))
+    assert named(TWO, **GRID).manifest()["also_computed_by"] == [old]

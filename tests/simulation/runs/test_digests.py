@@ -1,0 +1,390 @@
+"""Digests: a table or manifest that was changed since it was written is named, and made again by `study run`.
+
+Studies that keep only the summary: it is that of the errors, to the bit, and no errors are stored.
+"""
+
+import functools
+import hashlib
+import json
+import os
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+import study
+from study import files
+from study.files import RunError
+from study.fits import Status
+from study.fits.samples import Estimator
+from study.simulation.analysis.summary import summarise
+from study.simulation.experiment.config import parse
+from study.simulation.experiment.sampling import spans
+from study.simulation.runs import run_folder, runner
+from study.simulation.runs.parts import DAMAGED, FORMAT
+from study.simulation.runs.reuse import set_damaged_aside
+from study.simulation.runs.run_folder import ManifestDamagedError, ManifestMissingError, ManifestNewerError, Run
+from study.simulation.runs.status import printed, status
+from study.simulation.runs.workers import Workers
+
+pytestmark = pytest.mark.usefixtures("same_software")
+
+
+@pytest.fixture
+def run(start):
+    """A finished run of two cells with its summary."""
+    made = start({"estimators": ["lls"]}, samples=6, angle=60)
+    summarise(made)
+    return made
+
+
+def rewrite(run, change):
+    """Change the manifest's content as another program would, and leave its digest as it is."""
+    path = run.folder / run_folder.NAME
+    content = json.loads(path.read_text(encoding="utf-8"))
+    change(content)
+    path.write_text(json.dumps(content, indent=2), encoding="utf-8")
+
+
+def alter(run, name, change):
+    """Replace a table's file by a changed one."""
+    pq.write_table(change(pq.read_table(run.path(name))), run.path(name))
+
+
+def scaled(table):
+    """The table with its numbers of one column tenfold smaller."""
+    index = table.schema.get_field_index("error" if "error" in table.schema.names else "ratio_median_ok")
+    field = table.schema.field(index)
+    return table.set_column(index, field, pa.array(table[field.name].to_numpy() * 0.1))
+
+
+def test_a_digest_is_sha_256(tmp_path):
+    """The digest is that of the bytes, also right after a change that keeps size and place; None without a file."""
+    path = tmp_path / "file"
+    for data in (b"one", b"two", b"owt"):
+        path.write_bytes(data)
+        assert files.of_file(path) == hashlib.sha256(data).hexdigest()
+    os.utime(path, (1e9, 1e9))
+    assert files.of_file(path) == hashlib.sha256(b"owt").hexdigest()
+    assert files.of_file(tmp_path / "none") is None
+    with pytest.raises(RunError, match="cannot be read"):
+        files.of_file(tmp_path)
+
+
+def test_a_settled_file_is_read_once(tmp_path, monkeypatch):
+    """A file that stays as it is, is read once; a change is seen."""
+    path, read = tmp_path / "file", []
+    path.write_bytes(b"one")
+    monkeypatch.setattr(files, "_SETTLED", -1e9)
+    monkeypatch.setattr(files, "_computed", lambda path: read.append(path) or str(len(read)))
+    assert [files.of_file(path), files.of_file(path)] == ["1", "1"]
+    path.write_bytes(b"three")
+    assert files.of_file(path) == "2"
+
+
+def test_every_table_is_in_the_manifest(run):
+    """Each table of the folder has the SHA-256 of its file in the manifest."""
+    there = {p.stem: hashlib.sha256(p.read_bytes()).hexdigest() for p in run.folder.glob("*.parquet")}
+    assert run.manifest()["tables"] == there
+    assert set(there) == {"errors", "timings", "summary"}
+
+
+@pytest.mark.parametrize("name", ["errors", "summary", "timings"])
+def test_a_changed_table_is_refused(run, name):
+    """One line names the table and the command that makes it again."""
+    alter(run, name, lambda table: table.slice(0, table.num_rows - 1))
+    with pytest.raises(RunError, match=rf"{name}\.parquet: damaged: its SHA-256 .*; `study run .* --out .*` makes"):
+        Run.open(run.folder).table(name)
+
+
+def test_a_scaled_summary_is_made_again(run):
+    """Medians that were multiplied are not believed; the table is set aside, and is what it was."""
+    before = run.path("summary").read_bytes()
+    alter(run, "summary", scaled)
+    assert not run.valid("summary")
+    told = []
+    set_damaged_aside(run, told.append)
+    assert "summary.parquet: damaged; set aside in parts/damaged, and made again" in told[0]
+    assert (run.folder / "parts" / DAMAGED / "summary.parquet").exists()
+    summarise(run)
+    assert run.path("summary").read_bytes() == before
+    assert run.valid("summary")
+
+
+def test_a_missing_table_is_made_again(run):
+    """A table that is gone is said to be missing, by a repair and by the status; nothing is set aside."""
+    run.path("summary").unlink()
+    assert any(line.endswith("timings, summary (missing)") for line in printed(status(run.folder)))
+    told = []
+    set_damaged_aside(run, told.append)
+    assert told == [f"{run.path('summary')}: missing, and made again"]
+    assert not (run.folder / "parts").exists()
+
+
+def test_a_table_that_was_set_aside_is_no_part(run):
+    """The status counts the parts that were set aside, and not the tables beside them."""
+    run.set_aside("summary")
+    assert status(run.folder).parts["set_aside"] == 0
+    (run.folder / "parts" / DAMAGED / "units-0.part").touch()
+    assert status(run.folder).parts["set_aside"] == 1
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda t: t.rename_columns([{"error": "errors"}.get(n, n) for n in t.schema.names]), "no column 'error'"),
+        (
+            lambda t: t.set_column(
+                t.schema.get_field_index("bound"), "bound", pa.array(map(str, t["bound"].to_pylist()))
+            ),
+            "column 'bound' is of type string, not double",
+        ),
+    ],
+    ids=["renamed", "strings"],
+)
+def test_columns_are_those_declared(run, change, words):
+    """A table with the digest of the manifest, but other columns, is refused with one line."""
+    alter(run, "errors", change)
+    run.record("errors")
+    with pytest.raises(RunError, match=f"not a table of this version: {words}; `study run"):
+        run.table("errors")
+
+
+@pytest.mark.parametrize("place", range(0, 1000, 37))
+def test_a_flipped_bit_of_the_manifest_shows(run, place):
+    """No bit of a manifest can change without notice."""
+    path = run.folder / run_folder.NAME
+    data = bytearray(path.read_bytes())
+    data[place * len(data) // 1000] ^= 1 << place % 7
+    path.write_bytes(bytes(data))
+    with pytest.raises((ManifestDamagedError, ManifestNewerError)):
+        run.manifest()
+
+
+def signed(content):
+    """Give a manifest's content its digest."""
+    del content["digest"]
+    content["digest"] = files.of_json(content)
+
+
+def drop(name):
+    """A change that takes a field out, with the digest of the rest, so that only the fields can show it."""
+    return lambda content: [content.pop(name), signed(content)]
+
+
+def put(name, value):
+    """A change that gives a field another value, and the digest of all."""
+    return lambda content: [content.update({name: value}), signed(content)]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (drop("tables"), "no field 'tables'"),
+        (drop("lost"), "no field 'lost'"),
+        (drop("estimators"), "no field 'estimators'"),
+        (put("format", "x"), 'format = "x" is not'),
+        (put("format", True), "format = true is not"),
+        (put("tables", []), r"tables = \[\] is not"),
+        (put("tables", {"errors": 3}), "tables or estimators are not"),
+        (put("estimators", {"lls": "1"}), "tables or estimators are not"),
+        (put("failures", None), "failures = null is not"),
+        (put("also_computed_by", [3]), "software or own_estimators are not"),
+        (put("software", {"commit": 7}), "software or own_estimators are not"),
+        (put("own_estimators", ["my.py"]), "software or own_estimators are not"),
+        (put("run", "test-0123456789"), "of test-0123456789, where config.toml is of test-"),
+        (lambda content: content.update(failures=7), "its digest is not that of its content"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_odd_fields(run, change, words):
+    """A missing or odd field is one line with the file and the remedy; `study run` makes the run again."""
+    rewrite(run, change)
+    with pytest.raises(ManifestDamagedError, match=rf"manifest\.json: damaged: {words}[^\n]*; `study run [^\n]*$"):
+        run.manifest()
+    assert not run.valid("errors")
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "3", "null", "[" * 100_000, '{"format": 1e999}', "\udcff"], ids=len)
+def test_no_manifest_at_all(run, text):
+    """Text that is no manifest is damage, however deep it is nested; no file is a run that is not finished."""
+    path = run.folder / run_folder.NAME
+    path.write_bytes(text.encode(errors="surrogateescape"))
+    with pytest.raises(ManifestDamagedError):
+        run.manifest()
+    path.unlink()
+    with pytest.raises(ManifestMissingError, match=r"missing; finish the run with `study run"):
+        run.table("summary")
+
+
+def test_a_newer_manifest(run):
+    """A newer format is another message, and nothing is repaired."""
+    run.save_manifest(run.manifest() | {"format": FORMAT + 1})
+    with pytest.raises(ManifestNewerError, match="made by a newer version"):
+        run.refuse_newer()
+
+
+def test_a_damaged_manifest_is_made_again(start, run):
+    """It is named and set aside, and the tables, which nothing vouches for, are computed again."""
+    before = run.path("errors").read_bytes()
+    rewrite(run, lambda content: content.update(seconds=0.0))
+    told = []
+    again = start({"estimators": ["lls"]}, samples=6, angle=60, folder=run.folder, warn=told.append)
+    assert [line.split(": ")[1:3] for line in told] == [["damaged", told[0].split(": ")[2]]]
+    assert "manifest.json: damaged: its digest is not that of its content; set aside in parts/damaged" in told[0]
+    assert again.path("errors").read_bytes() == before
+    assert again.valid("errors")
+
+
+def test_a_damaged_config_is_written_again(start, run):
+    """A folder whose config was changed is still its manifest's: the config is written again."""
+    path = run.folder / "config.toml"
+    text = path.read_text()
+    for other in ("name = ", text.replace("seed = 1", "seed = 2")):
+        path.write_text(other)
+        told = []
+        start({"estimators": ["lls"]}, samples=6, angle=60, folder=run.folder, warn=told.append)
+        assert told == [f"{path}: not the config that the run was made of; written again"]
+        assert path.read_text() == text
+    path.write_text("name = ")
+    with pytest.raises(RunError, match=r"its config cannot be read any more: [^\n]*$"):
+        start({"estimators": ["gdke"]}, samples=6, angle=60, folder=run.folder)
+
+
+def test_a_manifest_without_its_digest(run):
+    """A manifest that does not vouch for itself vouches for no table: all are refused, and `study run` repairs it."""
+    alter(run, "errors", scaled)
+    rewrite(run, lambda content: [content.pop("digest"), content["tables"].update(errors=run.fingerprint("errors"))])
+    for name in ("errors", "summary"):
+        with pytest.raises(ManifestDamagedError, match=r"manifest\.json: damaged: no field 'digest'[^\n]*`study run"):
+            run.table(name)
+    told = []
+    set_damaged_aside(run, told.append)
+    assert len(told) == 1
+    assert "manifest.json: damaged: no field 'digest'" in told[0]
+
+
+def test_a_table_that_is_not_listed(run):
+    """A table of another run, or one that a kill left, is not read."""
+    run.forget("summary")
+    with pytest.raises(RunError, match=r"summary\.parquet: not in manifest\.json, so not of this run"):
+        run.table("summary")
+
+
+GRID = {"trials": 70, "samples": [6, 700], "noise": [0.05, 0.5], "radius": [1.0, 10.0]}
+
+
+@pytest.fixture
+def keep(make_text, tmp_path):
+    """Run a study that keeps only the summary."""
+
+    def run(name, top=None, jobs=2, **design):
+        text = make_text({"keep": "summary"} | (top or {}), **(GRID | design))
+        return runner.run(parse(text), text, tmp_path / name, jobs, warn=str)
+
+    return run
+
+
+@pytest.mark.parametrize("route", ["points", "moments"])
+def test_the_summary_is_that_of_the_errors(start, keep, files, route):
+    """The summary is that of stored errors, by both routes."""
+    top = {"route": route, "estimators": ["gdke", "ugdk"]} if route == "moments" else {}
+    short, whole = keep("short", top), start(top, **GRID)
+    summarise(whole)
+    assert short.table("summary").equals(whole.table("summary"))
+    assert set(files(short.folder)) == {"config.toml", "manifest.json", "timings.parquet", "summary.parquet"}
+    assert short.manifest()["tables"].keys() == {"timings", "summary"}
+
+
+LIMITS = {
+    "memory": ("_FITS_IN_MEMORY", 3 * 70 * 4, [3, 1] * 4),
+    "time": ("_SAMPLES_IN_SUMMARY", 3 * 70 * 700, [4, 4, 2, 2, 2, 2]),
+    "least": ("_FITS_IN_MEMORY", 1, [1] * 16),
+}
+
+
+@pytest.mark.parametrize(("limit", "most", "cells"), LIMITS.values(), ids=LIMITS)
+def test_large_summaries_are_cut_by_cells(keep, monkeypatch, limit, most, cells):
+    """Cells of many trials are units of their own, which make the same draws: the summary keeps its bytes."""
+    whole = keep("whole")
+    assert [len(span.group.cells) for span in spans(whole.study)] == [4] * 4
+    monkeypatch.setattr(f"study.simulation.experiment.sampling.{limit}", most)
+    assert [len(span.group.cells) for span in spans(whole.study)] == cells
+    assert keep("apart").path("summary").read_bytes() == whole.path("summary").read_bytes()
+
+
+def test_moments_cut_by_cells(keep, monkeypatch):
+    """So are those that are fitted from joint moments, where a level costs next to nothing."""
+    top = {"route": "moments", "estimators": ["gdke", "ugdk"]}
+    whole = keep("whole", top)
+    monkeypatch.setattr("study.simulation.experiment.sampling._SAMPLES_IN_SUMMARY", 1)
+    assert [len(span.group.cells) for span in spans(whole.study)] == [4] * 4
+    monkeypatch.setattr("study.simulation.experiment.sampling._FITS_IN_MEMORY", 3 * 70 * 2)
+    assert [len(span.group.cells) for span in spans(whole.study)] == [3, 1] * 4
+    assert keep("apart", top).path("summary").read_bytes() == whole.path("summary").read_bytes()
+
+
+@pytest.mark.parametrize("draws", ["shared", "independent"])
+def test_bytes_do_not_depend_on_workers(keep, draws):
+    """Threads and processes write the same summary."""
+    found = [keep(str(jobs), jobs=jobs, draws=draws) for jobs in (1, 2)]
+    found.append(keep("loky", jobs=Workers("loky", 2), draws=draws))
+    assert len({run.path("summary").read_bytes() for run in found}) == 1
+
+
+def test_a_run_that_stops_goes_on(keep, computed, monkeypatch):
+    """Finished units are not computed again, a finished run computes nothing, and a damaged summary is made again."""
+    monkeypatch.setattr("study.simulation.runs.workers.Backend.enough", 0.0)
+    monkeypatch.setattr("study.simulation.runs.parts._SECONDS", 0.0)
+    whole = keep("whole")
+    everything = list(computed)
+
+    class Stop(BaseException):
+        pass
+
+    def stop(share):
+        raise Stop
+
+    computed.clear()
+    real = runner.run
+    monkeypatch.setattr(runner, "run", functools.partial(real, progress=stop))
+    with pytest.raises(Stop):
+        keep("broken")
+    first = list(computed)
+    monkeypatch.setattr(runner, "run", real)
+    computed.clear()
+    run = keep("broken")
+    assert sorted([*first, *computed]) == sorted(everything)
+    assert run.path("summary").read_bytes() == whole.path("summary").read_bytes()
+    computed.clear()
+    keep("broken")
+    assert computed == []
+    run.path("summary").write_bytes(run.path("summary").read_bytes()[:-5])
+    assert keep("broken").path("summary").read_bytes() == whole.path("summary").read_bytes()
+
+
+def test_failures_are_rows(keep, monkeypatch):
+    """Exceptions of an estimator are in the table of failures, and counted in the summary."""
+
+    def raises(samples):
+        raise ZeroDivisionError("my own mistake")
+
+    monkeypatch.setitem(study.ESTIMATORS, "raises", Estimator(raises))
+    run = keep("run", {"estimators": ["raises", "lls"]})
+    rows = run.table("summary").set_index("estimator")
+    assert set(rows.loc["raises"][Status.FAILED.name.lower()]) == {70}
+    assert set(rows.loc["lls"][Status.FAILED.name.lower()]) == {0}
+    assert len(run.table("failures")) == run.manifest()["failures"] == 70 * 16
+
+
+def test_it_is_opened_like_any_other(keep):
+    """Its summary is read back, and its errors are missing."""
+    run = Run.open(keep("run").folder)
+    assert len(run.table("summary")) == 16 * 4
+    assert not run.has("errors")
+
+
+def test_errors_that_were_not_kept(keep):
+    """The message says why the errors are missing, and does not say to finish the run."""
+    with pytest.raises(RunError, match="keeps its summary alone"):
+        keep("alone").table("errors")

@@ -1,0 +1,158 @@
+"""Failures are rows: of a trial that raises, and of a unit that ends its workers. Everything else is computed."""
+
+import functools
+from dataclasses import replace
+from types import SimpleNamespace
+
+import pytest
+
+import study
+from study.fits import Status
+from study.simulation.runs import jobs as module
+from study.simulation.runs import runner
+from study.simulation.runs import workers as dispatch
+from study.simulation.runs import workers as processes
+from study.simulation.runs.runner import failure_message
+from study.simulation.runs.workers import Workers
+
+pytestmark = pytest.mark.usefixtures("same_software", "small_units")
+
+LLS = {"estimators": ["mle", "lls"]}
+
+
+@pytest.fixture
+def raises(monkeypatch):
+    """An estimator that raises where there are 40 samples."""
+
+    def function(samples):
+        if samples.shape[2] == 40:
+            raise ZeroDivisionError("my own mistake")
+        return study.ESTIMATORS["lls"](samples)
+
+    monkeypatch.setitem(study.ESTIMATORS, "raises", replace(study.ESTIMATORS["lls"], function=function))
+
+
+@pytest.mark.usefixtures("raises")
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_an_exception_is_rows(start, jobs):
+    """Its trials have the status, and a line each in the table of failures; all others have their numbers."""
+    run = start({"estimators": ["raises", "lls"]}, jobs=jobs)
+    errors, failures = run.table("errors"), run.table("failures")
+    failed = errors["status"] == Status.FAILED
+    assert set(errors["estimator"][failed]) == {"raises"}
+    assert set(errors["samples"][failed]) == {40}
+    assert errors["error"][failed].isna().all()
+    names = ["cell", "trial", "estimator"]
+    assert failures[names].astype(str).values.tolist() == errors[failed][names].astype(str).values.tolist()
+    assert set(failures["message"]) == {"ZeroDivisionError: my own mistake"}
+    said = run.manifest()
+    assert (said["failures"], said["lost"], said["fits"]) == (12, 0, 48)
+
+
+@pytest.mark.usefixtures("raises")
+def test_what_is_tolerated(start):
+    """There is a message if a larger share of fits failed than the config tolerates."""
+    top = {"estimators": ["raises", "lls"]}
+    assert "12 of 48 fits raised" in failure_message(start(top))
+    assert "tolerate_failures = 0.24" in failure_message(start(top | {"tolerate_failures": 0.24}))
+    assert failure_message(start(top | {"tolerate_failures": 0.25})) is None
+    assert failure_message(start(LLS)) is None
+
+
+def test_tolerance_does_not_name_the_run(start):
+    """Another tolerance is the same run: it changes the message, not the tables."""
+    run = start(LLS)
+    assert start(LLS | {"tolerate_failures": 0.5}, folder=run.folder).study.run_name() == run.study.run_name()
+
+
+def test_no_failures_no_table(start):
+    """A run without failures has no table of failures."""
+    run = start(LLS)
+    assert not run.has("failures")
+
+
+@pytest.fixture(params=["killed", "killed, one process", "killed while it sends", "out of memory"])
+def deadly(request, monkeypatch, start, tmp_path):
+    """Let workers end at one cell of a study; the cell's name, its workers, and a folder with a file for each end."""
+    import deadly as module
+
+    cell = start({"estimators": ["lls"]}, draws="independent").table("errors")["cell"].astype(str).iloc[10]
+    function, workers = {
+        "killed": (module.kill, Workers("loky", 2)),
+        "killed, one process": (module.kill, Workers("loky", 1)),
+        "killed while it sends": (module.kill_while_sending, Workers("loky", 2)),
+        "out of memory": (module.starve, 2),
+    }[request.param]
+    monkeypatch.setattr(processes, "_GRACE", 0.2)
+    monkeypatch.setattr(dispatch, "_WATCH", 0.1)
+    (tmp_path / "ends").mkdir()
+
+    def limit(most):
+        replaced = functools.partial(function, tmp_path / "ends", frozenset([cell]), most)
+        monkeypatch.setattr(runner, "execute", replaced)
+
+    limit(1000)
+    return SimpleNamespace(cell=cell, workers=workers, ends=tmp_path / "ends", limit=limit)
+
+
+def test_a_deadly_unit_is_tried_twice_and_recorded(start, deadly):
+    """Its rows are failures; the rows of all other units are there."""
+    told = []
+    run = start(LLS, jobs=deadly.workers, warn=told.append, draws="independent")
+    assert len(list(deadly.ends.iterdir())) == 2
+    errors, failures = run.table("errors"), run.table("failures")
+    assert set(errors["cell"][errors["status"] == Status.FAILED]) == {deadly.cell}
+    assert set(failures["cell"]) == {deadly.cell}
+    assert set(failures["cause"]) == {"worker"}
+    causes = ("killed (SIGKILL), perhaps for lack of memory: ", "out of memory (cannot allocate): ")
+    (message,) = set(failures["message"])
+    assert message.startswith(tuple(f"the worker died, twice: {cause}fewer workers (--jobs)" for cause in causes))
+    samples = errors["samples"][errors["cell"] == deadly.cell].iloc[0]
+    assert told == [f"{run.folder}: 1 unit is lost, trials 0 to 2 of 1 cell with N = {samples}: {message}"]
+    assert len(failures) == run.manifest()["lost"] == 3 * 2
+    assert len(errors) == 8 * 3 * 2
+
+
+def test_a_worker_that_dies_once(start, deadly):
+    """The unit is tried again, and its rows are there."""
+    deadly.limit(1)
+    run = start(LLS, jobs=deadly.workers, draws="independent")
+    assert len(list(deadly.ends.iterdir())) == 1
+    assert not run.has("failures")
+    assert run.manifest()["failures"] == 0
+
+
+def test_a_look_at_the_processes_while_joblib_replaces_them():
+    """Between the old and the new ones joblib has none, for a second or more on a busy machine."""
+    backend = processes.Processes(2)
+    executor, backend.parallel._backend._workers = backend.parallel._backend._workers, None
+    backend.check()
+    backend.parallel._backend._workers = executor
+    backend.close()
+
+
+def test_lost_units_are_tried_again_by_the_next_run(start, deadly, computed):
+    """Running a finished run again, where there is more memory, say, computes the lost units, and no others."""
+    run = start(LLS, jobs=deadly.workers, draws="independent")
+    computed.clear()
+    deadly.limit(0)
+    start(LLS, folder=run.folder, warn=str, draws="independent")
+    assert {cell for cell, *_ in computed} == {deadly.cell}
+    assert not run.has("failures")
+    assert run.path("errors").read_bytes() == start(LLS, draws="independent").path("errors").read_bytes()
+
+
+def test_out_of_memory_is_a_death(start, monkeypatch, computed):
+    """A unit that needs more memory than there is is tried alone, and then recorded as lost."""
+    real = module.compute
+
+    def greedy(made, unit):
+        if unit.batches[0].samples == 40:
+            raise MemoryError("cannot allocate")
+        return real(made, unit)
+
+    monkeypatch.setattr(module, "compute", greedy)
+    run = start(LLS)
+    (message,) = set(run.table("failures")["message"])
+    assert message.startswith("the worker died, twice: out of memory (cannot allocate): fewer workers (--jobs) or")
+    assert run.manifest()["lost"] == 4 * 3 * 2

@@ -1,0 +1,175 @@
+"""Runs that are killed again and again, with damaged parts and full disks, end with the tables of an unbroken run."""
+
+import json
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import study
+from study.simulation.experiment.config import parse
+from study.simulation.experiment.sampling import spans
+from study.simulation.runs.jobs import Jobs
+from study.simulation.runs.parts import DAMAGED, Parts
+from study.simulation.runs.run_folder import Run
+
+CONFIG = """name = "fragile"
+seed = 5
+estimators = ["mle", "lls", "ugdk"]
+keep_points = 40
+[design]
+kind = "grid"
+trials = 960
+samples = [300, 1000]
+noise = [0.05, 0.5]
+angle = [60, 180]
+"""
+BY_NEED = CONFIG.replace("fragile", "by-need") + "[precision]\nrelative_target = 0.08\nfirst = 100\n"
+OF_THE_PARENT = 18
+OF_WORKERS = [3, 14]
+FULL = 3
+
+
+@pytest.fixture(scope="module")
+def serve():
+    """Make a run with faults; see `crashing.py`."""
+    paths = [str(Path(study.__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
+    process = subprocess.Popen(
+        [sys.executable, str(Path(__file__).with_name("crashing.py"))],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))},
+        encoding="utf-8",
+    )
+
+    def ask(folder, **request):
+        process.stdin.write(json.dumps({"config": CONFIG, "folder": str(folder)} | request) + "\n")
+        process.stdin.flush()
+        return json.loads(process.stdout.readline())
+
+    yield ask
+    process.stdin.close()
+    assert process.wait(timeout=60) == 0
+    process.stdout.close()
+
+
+@pytest.fixture(scope="module")
+def unbroken(serve, tmp_path_factory):
+    """A run without faults, and the answer to its request."""
+    folder = tmp_path_factory.mktemp("faults") / "whole"
+    return folder, serve(folder)
+
+
+def tables(folder):
+    """Bytes of the tables that do not depend on time."""
+    return {name: (folder / f"{name}.parquet").read_bytes() for name in ("errors", "points")}
+
+
+def committed(folder):
+    """Keys of the rows in undamaged files of a run that is not finished."""
+    parts, study = Parts(folder, "units"), parse(CONFIG)
+    parts.load(set_aside=False)
+    keys = {Jobs(study).job(span).key for span in spans(study)}
+    return {key for key in keys if parts.outputs(key)}
+
+
+def damage(folder, chance):
+    """Truncate some parts and flip a bit in others; return the keys that are lost, and the names of the files."""
+    before = committed(folder)
+    paths = chance.sample(sorted((folder / "parts").glob("*.part")), 5)
+    for place, path in enumerate(paths):
+        data = bytearray(path.read_bytes())
+        if place % 2:
+            data = data[: chance.randrange(len(data))]
+        else:
+            data[chance.randrange(len(data))] ^= 1 << chance.randrange(8)
+        path.write_bytes(data)
+    return before - committed(folder), {path.name for path in paths}
+
+
+@pytest.fixture
+def one_block_in_a_unit(monkeypatch):
+    """Cut units as the other process does."""
+    monkeypatch.setattr("study.simulation.experiment.designs._SAMPLES_PER_UNIT", 500)
+
+
+@pytest.mark.usefixtures("one_block_in_a_unit")
+def test_twenty_kills_damage_and_a_full_disk(serve, unbroken, small_disk):
+    """The bytes are those of an unbroken run after 18 kills of it, 2 of a worker, damage to 5 parts and a full disk.
+
+    What was committed before a kill is never computed again, unless its part was damaged.
+    """
+    whole, took = unbroken
+    folder, fill, empty = small_disk
+    chance = random.Random(20)
+    safe = set()
+
+    def attempt(**request):
+        answer = serve(folder, **request)
+        assert not safe & set(answer["computed"])
+        if answer["code"] != 0:
+            assert safe <= committed(folder)
+            safe.update(committed(folder))
+        return answer
+
+    answer = attempt(backend="loky", kill_workers=OF_WORKERS, kill_at=200)  # some 25 parts
+    assert answer["signal"] == signal.SIGKILL
+    assert answer["workers"] == len(OF_WORKERS)
+    assert len(safe) > max(OF_WORKERS)
+    for number in range(1, OF_THE_PARENT):
+        answer = attempt(kill_at=chance.randrange(1, took["steps"] // 22))
+        assert answer["signal"] == signal.SIGKILL, number
+        if number == OF_THE_PARENT // 4:
+            request = {} if fill() else {"full_at": 12}
+            assert attempt(**request)["code"] == FULL
+            empty()
+        if number == OF_THE_PARENT // 2:
+            gone, harmed = damage(folder, chance)
+            assert len(gone) == 5
+            safe -= gone
+    assert {path.name for path in (folder / "parts" / DAMAGED).iterdir()} == harmed
+    assert attempt()["code"] == 0
+    assert tables(folder) == tables(whole)
+    assert not Run.open(folder).has("failures")
+
+
+@pytest.mark.usefixtures("one_block_in_a_unit")
+def test_killed_while_it_finishes(serve, unbroken, tmp_path):
+    """A run that is killed while it joins tables, writes the manifest or removes parts is finished by the next.
+
+    How many steps are left depends a little on results that come at once: a run may be whole before the last of them.
+    """
+    whole, took = unbroken
+    last, killed = 200, 0
+    serve(tmp_path / "near", kill_at=took["steps"] - last - 30)
+    for number in random.Random(3).sample(range(30, last), 6):
+        folder = tmp_path / str(number)
+        shutil.copytree(tmp_path / "near", folder)
+        killed += serve(folder, kill_at=number)["signal"] == signal.SIGKILL
+        assert serve(folder)["code"] == 0
+        assert tables(folder) == tables(whole)
+        assert not (folder / "parts").exists()
+    assert killed >= 4
+
+
+def test_trials_by_need_killed(serve, tmp_path):
+    """After nine kills in any round, once of processes too, decisions and bytes are those of an unbroken run."""
+    took = serve(tmp_path / "whole", config=BY_NEED)
+    whole = Run.open(tmp_path / "whole")
+    assert len(set(whole.trials().values())) > 1
+    chance, folder = random.Random(4), tmp_path / "run"
+    for number in range(9):
+        request = (
+            {"kill_at": chance.randrange(1, took["steps"] // 10)} if number else {"kill_at": 20, "backend": "loky"}
+        )
+        assert serve(folder, config=BY_NEED, **request)["signal"] == signal.SIGKILL, number
+    answer = serve(folder, config=BY_NEED)
+    assert answer["code"] == 0
+    assert 0 < len(answer["computed"]) < len(took["computed"])
+    assert tables(folder) == tables(whole.folder)
+    assert Run.open(folder).fingerprint("precision") == whole.fingerprint("precision")

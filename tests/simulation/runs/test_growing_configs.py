@@ -1,0 +1,216 @@
+"""A config that is changed line by line and run again and again: every run has the bytes of one from nothing."""
+
+import contextlib
+from dataclasses import replace
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import study
+from study.simulation.experiment.config import Study, parse
+from study.simulation.experiment.designs import GridDesign, RandomDesign
+from study.simulation.runs import runner
+from study.toml import ConfigError
+
+pytestmark = pytest.mark.usefixtures("same_software", "small_units", "one_that_raises")
+
+SEQUENCES = 20
+"""Number of sequences; 250 of them, drawn anew, take some two minutes."""
+SHAPE = [[4.0, 1.0, 0.0], [1.0, 2.0, 0.5], [0.0, 0.5, 1.0]]
+TOP = {
+    "name": ["test", "other"],
+    "seed": [1, 2],
+    "dimension": [None, 2],
+    "estimators": [["mle", "lls"], ["lls", "mle"], ["lls", "ugdk", "mle"], ["lls"], ["raises", "mle"]],
+    "noise_shape": [None, SHAPE],
+    "keep_points": [None, 2, 5],
+    "tolerate_failures": [None, 1.0],
+    "route": [None, "moments"],
+    "keep": [None, "summary"],
+    "posterior": [None, {"where": {"samples": 6}, "trials": 1}],
+    "precision": [None, {"relative_target": 0.9, "first": 100}],
+}
+GRID = {
+    "kind": ["grid"],
+    "trials": [6, 3, 7, 13],
+    "samples": [[6, 40], [40, 6], [6, 20, 40], [6]],
+    "noise": [[0.05, 0.5], [0.5, 0.05], [0.01, 0.05, 0.5], [0.5], None],
+    "noise_over_radius": [None, [0.05, 0.5], [0.5, 0.1, 0.05]],
+    "angle": [[60], [60, 90], [90, 45, 60]],
+    "radius": [None, [1.0], [1.0, 2.0], [10.0, 1.0]],
+    "center": [None, [0.0, 3.0], [3.0]],
+    "law": [None, ["normal", "student(3)"], ["laplace", "normal"], ["laplace"]],
+    "outlier_share": [None, [0.0, 0.1], [0.2, 0.1, 0.0], [0.1]],
+    "outlier_size": [None, [10.0, 5.0], [5.0], [3.0, 10.0]],
+    "draws": [None, "independent"],
+    "most_samples": [None, 200],
+}
+RANDOM = {
+    "kind": ["random"],
+    "trials": [30, 12, 55],
+    "samples": [{"law": "choice", "values": [6, 40]}, {"law": "choice", "values": [40, 6]}],
+    "noise": [{"law": "log_uniform", "low": 0.01, "high": 1}, {"law": "constant", "value": 0.1}, None],
+    "noise_over_radius": [None, {"law": "constant", "value": 0.1}],
+    "angle": [{"law": "uniform", "low": 20, "high": 180}, {"law": "constant", "value": 60}],
+    "radius": [None, {"law": "choice", "values": [1.0, 10.0]}],
+    "center": [None, {"law": "constant", "value": 3.0}],
+    "outlier_share": [None, {"law": "choice", "values": [0.0, 0.1]}, {"law": "constant", "value": 0.0}],
+    "outlier_size": [None, {"law": "constant", "value": 5.0}],
+}
+TOGETHER = {"noise": "noise_over_radius", "noise_over_radius": "noise"}
+"""Keys of which a config has one: the other is left out where one is given, and the reverse."""
+
+
+@pytest.fixture
+def one_that_raises(monkeypatch):
+    """An estimator that raises on many samples, so that runs have failures."""
+
+    def raises(samples):
+        if samples.shape[2] == 40:
+            raise ZeroDivisionError("my own mistake")
+        return study.ESTIMATORS["lls"](samples)
+
+    monkeypatch.setitem(study.ESTIMATORS, "raises", replace(study.ESTIMATORS["lls"], function=raises))
+
+
+def edits(design):
+    """Edits of a config: one to three keys and their new values, and true for a run that is interrupted once."""
+    keys = [*TOP, *(key for key, values in design.items() if len(values) > 1)]
+    keys += ["law", "outlier_share", "outlier_size"] * 3 if design is GRID else []
+    one = st.sampled_from(keys).flatmap(lambda key: st.tuples(st.just(key), st.sampled_from((TOP | design)[key])))
+    return st.tuples(st.lists(one, min_size=1, max_size=3), st.booleans())
+
+
+def edited(config, changes):
+    """The config after changes of some keys."""
+    config = dict(config)
+    for key, value in changes:
+        config[key] = value
+        if key in TOGETHER:
+            other = TOGETHER[key]
+            config[other] = config["_either"] if value is None else None
+    return config
+
+
+class Sequence:
+    """A config that is edited, and run again after each edit.
+
+    Args:
+        make_text: writes a config.
+        new_folder: makes an empty folder.
+        design: the values of its keys, GRID or RANDOM; the first of each are those that it begins with.
+        known: tables of runs from nothing, by the run's name.
+    """
+
+    def __init__(self, make_text, new_folder, design, known):
+        self.make_text, self.new_folder, self.design, self.known = make_text, new_folder, design, known
+        self.config = {key: values[0] for key, values in (TOP | design).items()} | {"_either": design["noise"][0]}
+        self.folder = new_folder()
+        self.warned = []
+
+    def study(self, config):
+        """The text of a config and its study; None if its entries do not go together."""
+        top = {key: config[key] for key in TOP}
+        text = self.make_text(top, **{key: config[key] for key in self.design})
+        try:
+            return text, parse(text)
+        except ConfigError:
+            return None
+
+    def step(self, changes, stopped=False):
+        """Edit the config and run it beside the earlier runs, unless its entries do not go together; compare."""
+        config = edited(self.config, changes)
+        found = self.study(config)
+        if found is None:
+            return False
+        self.config, (text, made) = config, found
+        if stopped:
+            self.stop(text, made)
+        grown = tables(runner.run(made, text, self.folder / made.run_name(), 1, warn=self.warned.append))
+        if made.digest() not in self.known:
+            fresh = self.new_folder() / made.run_name()
+            self.known[made.digest()] = tables(runner.run(made, text, fresh, 1, warn=str))
+        assert grown == self.known[made.digest()], text
+        return True
+
+    def stop(self, text, made):
+        """Begin a run, and end it as soon as the first fits are done."""
+
+        class StopError(Exception):
+            pass
+
+        def stop(share):
+            raise StopError
+
+        with contextlib.suppress(StopError):
+            runner.run(made, text, self.folder / made.run_name(), 1, progress=stop, warn=str)
+
+
+def tables(run):
+    """Bytes of all tables but the times, and what the manifest says of them."""
+    said = {key: run.manifest()[key] for key in ("run", "cells", "fits", "failures", "lost", "estimators")}
+    stored = {path.name: path.read_bytes() for path in run.folder.glob("*.parquet") if path.stem != "timings"}
+    return said | stored
+
+
+@pytest.fixture
+def new_folder(tmp_path_factory):
+    """A function that makes an empty folder."""
+    return lambda: tmp_path_factory.mktemp("runs")
+
+
+@pytest.fixture(scope="module")
+def known():
+    """Tables of runs from nothing, by the digest of the config."""
+    return {}
+
+
+def test_every_key_is_edited():
+    """The values above are of every key that a config knows."""
+    assert set(TOP) | {"design"} == set(Study.model_fields)
+    assert set(GRID) == set(GridDesign.model_fields)
+    assert set(RANDOM) == set(RandomDesign.model_fields)
+
+
+@pytest.mark.parametrize("design", [GRID, RANDOM], ids=["grid", "random"])
+def test_any_sequence_of_edits(make_text, new_folder, known, design):
+    """After any edits, interrupted or not, a run has the bytes of the same config in an empty folder."""
+
+    @settings(max_examples=SEQUENCES, derandomize=True, deadline=None, database=None, suppress_health_check=HealthCheck)
+    @given(st.lists(edits(design), min_size=2, max_size=6))
+    def try_sequence(steps):
+        sequence = Sequence(make_text, new_folder, design, known)
+        assert sequence.step([])
+        for changes, stopped in steps:
+            sequence.step(changes, stopped)
+
+    try_sequence()
+
+
+SHARE, SIZE = ("outlier_share", [0.0, 0.1]), ("outlier_size", [10.0, 5.0])
+NO_SHARE, NO_SIZE = ("outlier_share", None), ("outlier_size", None)
+FORMERLY = {
+    "law added": [[("law", ["normal", "laplace"])]],
+    "law removed": [[("law", ["normal", "laplace"]), ("trials", 13)], [("law", None), ("trials", 7)]],
+    "outliers added": [[SHARE]],
+    "outliers removed": [[SHARE, ("trials", 13)], [NO_SHARE, ("trials", 7)]],
+    "size of outliers added": [[SHARE], [SIZE]],
+    "size of outliers removed": [[SHARE, SIZE, ("trials", 13)], [NO_SIZE, ("trials", 7)]],
+    "estimators reordered": [[("estimators", ["lls", "mle"])]],
+    "noise reordered": [[("noise", [0.5, 0.05])]],
+}
+"""Edits after the first six of which a run ended in an exception for ever, since rows of the earlier run had other
+columns; and after the last two of which it had the rows in the earlier run's order."""
+
+
+@pytest.mark.parametrize("name", FORMERLY)
+def test_a_condition_is_added_or_removed(make_text, new_folder, known, name):
+    """The rows that both configs have are taken, with the columns of this one."""
+    sequence = Sequence(make_text, new_folder, GRID, known)
+    sequence.step([])
+    for changes in FORMERLY[name]:
+        sequence.warned.clear()
+        assert sequence.step(changes)
+        (line,) = sequence.warned
+        assert "units are taken from" in line

@@ -1,0 +1,116 @@
+"""The counts of a plan are those of the run."""
+
+import math
+from types import SimpleNamespace
+
+import pytest
+
+from study.files import RunError
+from study.simulation.experiment.config import parse
+from study.simulation.experiment.sampling import units
+from study.simulation.runs.plan import plan
+
+pytestmark = pytest.mark.usefixtures("same_software")
+
+PLANS = {
+    "grid": {},
+    "relative": {"noise": None, "noise_over_radius": [0.1, 0.2, 0.4], "radius": [1, 2]},
+    "independent": {"draws": "independent", "center": [0, 1]},
+    "five dimensions": {"top": {"dimension": 5}},
+    "random": {
+        "kind": "random",
+        "trials": 60,
+        "samples": {"law": "log_uniform", "low": 4, "high": 500},
+        "noise": {"law": "log_uniform", "low": 1e-3, "high": 10},
+        "angle": {"law": "uniform", "low": 0, "high": 180},
+    },
+}
+
+
+@pytest.mark.parametrize("name", list(PLANS))
+def test_counts_are_those_of_the_run(start, make_text, name):
+    """Cells, trials, fits, samples, draws and units are those of the run."""
+    entries = {**PLANS[name]}
+    entries["top"] = {"estimators": ["lls", "ugdk"], "keep_points": 1} | entries.get("top", {})
+    study = parse(make_text(**entries))
+    made = plan(study, 2)
+    run = start(**entries)
+    errors, timings = run.table("errors"), run.table("timings")
+    one = errors[errors["estimator"] == "lls"]
+    assert made.cells == errors["cell"].nunique()
+    assert made.fits == len(errors)
+    assert made.trials == len(one)
+    assert made.samples == one["samples"].sum()
+    drawn = timings[timings["step"] == "draw"]
+    assert made.draws == (drawn["samples"] * drawn["fits"]).sum()
+    assert made.units == len(list(units(study)))
+
+
+def test_units_of_equal_size_are_counted_at_once(make_text):
+    """A last unit that is smaller than the others is one more; the sums are those over all units."""
+    study = parse(make_text({"estimators": ["lls"]}, samples=[5, 400], trials=12_345))
+    made, every = plan(study, 1), [batch for unit in units(study) for batch in unit.batches]
+    assert made.units == len(list(units(study))) > 2
+    assert made.draws == sum(batch.trials * batch.samples for batch in every)
+    assert made.samples == sum(batch.trials * batch.samples * len(batch.cells) for batch in every)
+
+
+def test_a_study_of_millions_of_units(make_text, monkeypatch):
+    """The counts are those of arithmetic: eight million samples and more are a unit, at three levels of noise here."""
+    pace = SimpleNamespace(of=lambda work: float(sum(work.values())), summary=0.0)
+    monkeypatch.setattr("study.simulation.runs.plan.measure", lambda *_: pace)
+    made = plan(parse(make_text(samples=1_000_000, trials=10_000_000, noise=[0.1, 0.2, 0.3], angle=90)), 2)
+    assert made.draws == 10**13
+    assert made.samples == 3 * 10**13
+    assert made.units == math.ceil(10**7 / 3)
+
+
+def test_shared_draws_are_drawn_once(make_text):
+    """Cells that share draws need fewer of them than samples are fitted; independent ones do not."""
+    shared = plan(parse(make_text({"estimators": ["lls"]}, center=[0, 1])), 1)
+    apart = plan(parse(make_text({"estimators": ["lls"]}, center=[0, 1], draws="independent")), 1)
+    assert shared.samples == apart.samples == apart.draws == 4 * shared.draws
+
+
+@pytest.mark.parametrize("name", list(PLANS))
+def test_predictions_are_positive_and_printed(make_text, name):
+    """Seconds and bytes are finite and above 0, and every line has a label and a value."""
+    made = plan(parse(make_text(**PLANS[name])), 2)
+    assert 0.0 < made.seconds < math.inf
+    assert 0.0 < made.bytes < math.inf
+    lines = dict(made.lines())
+    assert lines["cells"] == f"{made.cells:,}"
+    assert lines["fits"] == f"{made.fits:,}"
+    assert all(lines.values())
+
+
+def test_bytes_are_of_the_right_size(start, make_text):
+    """The predicted storage is that of the stored tables within a factor of two, for 10⁵ rows and points."""
+    entries = {"top": {"estimators": ["lls", "ugdk"], "keep_points": 50}, "trials": 5000, "draws": "independent"}
+    predicted = plan(parse(make_text(**entries)), 2).bytes
+    run = start(**entries)
+    stored = sum((run.folder / f"{name}.parquet").stat().st_size for name in ("errors", "points"))
+    assert 0.5 < predicted / stored < 2.0
+
+
+def test_a_plan_leaves_the_study_alone(make_text):
+    """Planning a study does not change what is planned."""
+    study = parse(make_text({"keep_points": 1}))
+    before = study.model_dump_json()
+    plan(study, 2)
+    assert study.model_dump_json() == before
+
+
+def test_designs_of_millions_of_cells(make_text, monkeypatch):
+    """A random design is extrapolated from its first trials, to the same sizes; a grid is refused with one line."""
+    laws = {"samples": {"law": "uniform", "low": 5, "high": 9}, "noise": 0.1, "angle": 90}
+    made = parse(make_text(kind="random", trials=400, **laws))
+    counted = plan(made, 1)
+    grid = parse(make_text(trials=1, noise={"logspace": [0.01, 1, 101]}))
+    monkeypatch.setattr("study.simulation.runs.plan._MOST_COUNTED", 399)
+    found = plan(made, 1)
+    assert (found.cells, found.trials, found.fits) == (counted.cells, counted.trials, counted.fits)
+    assert found.samples == pytest.approx(counted.samples, rel=0.4)  # 39 trials of 5 to 9 samples
+    assert found.bytes == pytest.approx(counted.bytes)
+    with pytest.raises(RunError, match="404 cells are too many to plan; at most 399 are counted; plan it with fewer"):
+        plan(grid, 1)

@@ -1,0 +1,401 @@
+"""Adaptive runs: the trials of each cell, the same for any workers and interruptions, and the effect of a budget."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+from study.files import RunError
+from study.simulation.analysis.summary import summarise, summary
+from study.simulation.analysis.summary_text import printed
+from study.simulation.experiment.config import parse
+from study.simulation.runs import adaptive as cell_measures
+from study.simulation.runs import runner
+from study.simulation.runs.adaptive import Rounds, TimeBudget
+from study.simulation.runs.parts import Parts
+from study.simulation.runs.status import printed as lines_of
+from study.simulation.runs.status import status
+from study.simulation.runs.workers import Workers
+
+pytestmark = pytest.mark.usefixtures("same_software")
+
+FIXED = """name = "test"
+seed = 7
+estimators = ["lls", "ugdk", "als"]
+keep_points = 2
+[design]
+kind = "grid"
+trials = 800
+samples = [6, 60]
+noise = [0.02, 0.1, 0.6]
+angle = [60, 180]
+"""
+CONFIG = FIXED + "[precision]\nrelative_target = 0.05\nfirst = 100\n"
+CHECKPOINTS = (100, 200, 400, 800)
+
+
+@pytest.fixture
+def small(monkeypatch, small_parts):
+    """Units of one block, whose size divides no checkpoint, and a part for each."""
+    monkeypatch.setattr("study.simulation.experiment.designs.BLOCK_TRIALS", 30)
+    monkeypatch.setattr("study.simulation.experiment.designs._SAMPLES_PER_UNIT", 100)
+
+
+@pytest.fixture
+def go(tmp_path):
+    """Run a config into a folder of its own, by default an adaptive one."""
+
+    def run(text=CONFIG, folder="run", jobs=2, **arguments):
+        study = parse(text)
+        return runner.run(study, text, tmp_path / folder, jobs, **arguments)
+
+    return run
+
+
+def told(run):
+    """Bytes of the tables that do not depend on time."""
+    return {name: run.path(name).read_bytes() for name in ("errors", "points", "precision")}
+
+
+class Clock:
+    """A clock that advances by one second with each finished task."""
+
+    def __init__(self):
+        self.now = 0.0
+
+    def __call__(self):
+        """The time in seconds."""
+        return self.now
+
+    def tick(self, share):
+        """Advance; this is a callback for progress."""
+        self.now += 1.0
+
+
+def stopped_after(go, units, **arguments):
+    """A run that its budget stops after so many tasks."""
+    clock = Clock()
+    return go(budget=TimeBudget(units, clock), progress=clock.tick, jobs=1, **arguments)
+
+
+def rule(rows, estimators, target):
+    """The trials that a cell should have by the documented rule, found from a run that has all of them."""
+    for count in CHECKPOINTS:
+        table = summary(rows[rows["trial"] < count], by_decade=False).set_index("estimator")
+        chosen = table.loc[list(estimators)]
+        if (chosen["ratio_median_ok_error"] <= target * chosen["ratio_median_ok"]).all():
+            return count, "target"
+    return CHECKPOINTS[-1], "cap"
+
+
+def test_the_rule(go):
+    """Each cell has the trials that follow from the summary's errors of a larger, fixed run, and its rows, bit for bit.
+
+    The order of the rows is that of the fixed run.
+    """
+    adaptive, fixed = go().table("errors"), go(FIXED, "fixed").table("errors")
+    table = go().table("precision").set_index("cell")
+    assert set(table["reason"]) == {"target", "cap"}
+    assert table["trials"].nunique() >= 3
+    for cell, rows in fixed.groupby("cell", observed=True):
+        count, reason = rule(rows, ["lls", "ugdk", "als"], 0.05)
+        assert tuple(table.loc[cell, ["trials", "reason", "checkpoints"]]) == (
+            count,
+            reason,
+            1 + CHECKPOINTS.index(count),
+        )
+    limits = fixed["cell"].astype(str).map(table["trials"].to_dict())
+    expected = fixed[fixed["trial"] < limits].reset_index(drop=True)
+    for name in expected.columns:
+        words = str if name in ("cell", "estimator") else adaptive[name].dtype
+        np.testing.assert_array_equal(adaptive[name].astype(words), expected[name].astype(words), err_msg=name)
+
+
+def test_the_table_tells_what_decided(go):
+    """The estimator farthest from the target, its measure and error as the stored summary has them, and the goal."""
+    run = go()
+    summarise(run)
+    found = run.table("summary").astype({"estimator": str})
+    for row in run.table("precision").astype({"cell": str, "estimator": str}).to_dict("records"):
+        mine = found[found["group"] == row["cell"]].set_index("estimator")
+        away = mine["ratio_median_ok_error"] / mine["ratio_median_ok"]
+        assert row["estimator"] == away.idxmax()
+        assert row["value"] == mine["ratio_median_ok"][row["estimator"]]
+        assert row["error"] == mine["ratio_median_ok_error"][row["estimator"]]
+        assert row["goal"] == 0.05 * row["value"]
+        assert row["trials"] == mine["planned"].iloc[0]
+        assert (row["error"] <= row["goal"]) == (row["reason"] == "target")
+
+
+def test_the_manifest_counts_what_there_is(go):
+    """The manifest has the number of fits, and of cells by their reason, and nothing is left to compute."""
+    run = go()
+    said = run.manifest()
+    assert said["fits"] == len(run.table("errors"))
+    assert said["precision"] == run.table("precision")["reason"].value_counts().to_dict()
+    assert sum(said["precision"].values()) == said["cells"] == 12
+    assert run.stopped() is None
+    assert not (run.folder / "parts").exists()
+    before = run.path("errors").stat().st_mtime_ns
+    assert go().path("errors").stat().st_mtime_ns == before
+
+
+@pytest.mark.parametrize("jobs", [1, Workers("loky", 2)], ids=["one thread", "two processes"])
+def test_workers_do_not_show(go, jobs, small):
+    """The same trials and bytes on one worker and two, threads and processes; also from units of few trials."""
+    assert told(go(folder="other", jobs=jobs)) == told(go())
+
+
+def test_cells_do_not_depend_on_others(go):
+    """More cells, and estimators that do not count for the target, do not change a cell's trials."""
+    named = CONFIG + 'estimators = ["lls", "ugdk", "als"]\n'
+    alone = go(named.replace("[0.02, 0.1, 0.6]", "[0.1]"), "alone").trials()
+    more = go(named.replace('"als"]\nkeep', '"als", "taubin", "mle"]\nkeep'), "more").trials()
+    usual = go().trials()
+    assert len(alone) == 4
+    assert alone.items() <= usual.items()
+    assert more == usual
+
+
+def test_draws_of_each_cell_and_the_route_of_moments(go):
+    """With independent draws and with joint moments, too, the trials are the first ones of the fixed study."""
+    for line in ("", 'route = "moments"\n'):
+        text = CONFIG.replace("seed = 7\n", f"seed = 7\n{line}").replace("angle =", 'draws = "independent"\nangle =')
+        text = text.replace("keep_points = 2\n", "").replace('"lls"', '"gdke"')
+        run = go(text, f"adaptive {line.strip()}")
+        fixed = go(text[: text.index("[precision]")], f"fixed {line.strip()}").table("errors").astype({"cell": str})
+        mine = run.table("errors").astype({"cell": str})
+        limits = fixed["cell"].map(run.trials())
+        expected = fixed[fixed["trial"] < limits].reset_index(drop=True)
+        assert len(mine) == len(expected) < len(fixed)
+        for name in ("cell", "trial", "error", "status", "condition"):
+            np.testing.assert_array_equal(mine[name], expected[name])
+
+
+def test_most_samples_is_a_cap(go):
+    """A cell that may have fewer trials than the first checkpoint is measured once, at its own cap."""
+    run = go(CONFIG.replace("trials = 800", "trials = 800\nmost_samples = 3000"))
+    table = run.table("precision")
+    assert set(table.loc[table["samples"] == 60, "trials"]) == {50}
+    assert table.loc[table["samples"] == 60, "reason"].isin(["cap", "target"]).all()
+    assert table.loc[table["samples"] == 6, "trials"].max() > 100
+
+
+def test_few_rows_at_a_time(go, monkeypatch):
+    """The decisions are the same if the cells of a group are measured a few at a time."""
+    usual = told(go())
+    monkeypatch.setattr(cell_measures, "_ROWS", 700)
+    assert told(go(folder="pieces")) == usual
+
+
+def test_no_answers_at_all(go, monkeypatch):
+    """An estimator without an ok fit has no measure: its cells go to the cap, and the table names the estimator."""
+    from dataclasses import replace
+
+    import study
+
+    def never(samples):
+        raise ZeroDivisionError("never")
+
+    monkeypatch.setitem(study.ESTIMATORS, "never", replace(study.ESTIMATORS["lls"], function=never))
+    run = go(CONFIG.replace('"lls",', '"lls", "never",').replace("[0.02, 0.1, 0.6]", "0.02"))
+    table = run.table("precision")
+    assert set(table["reason"]) == {"cap"}
+    assert set(table["estimator"]) == {"never"}
+    assert set(table["trials"]) == {800}
+
+
+class TestResume:
+    """A run that is interrupted and resumed."""
+
+    class Stop(BaseException):
+        """The interruption."""
+
+    @pytest.mark.usefixtures("small")
+    @pytest.mark.parametrize("after", [1, 10, 30, 60])
+    def test_broken_off(self, go, computed, after):
+        """Interrupted in any round, it computes no stored row again, and its tables are those of an unbroken run."""
+        calls = []
+
+        def stop(share):
+            calls.append(share)
+            if len(calls) == after:
+                raise self.Stop
+
+        with pytest.raises(self.Stop):
+            go(progress=stop)
+        go()
+        assert len(set(computed)) == len(computed)
+        assert told(go()) == told(go(folder="whole"))
+
+    @pytest.mark.usefixtures("small")
+    def test_damaged_parts(self, go):
+        """Damaged parts are computed again, and decisions that were taken from them are taken again."""
+        clock = Clock()
+        run = go(budget=TimeBudget(40, clock), progress=clock.tick)
+        for path in sorted((run.folder / "parts").iterdir())[::9]:
+            path.write_bytes(path.read_bytes()[:-50])
+        assert told(go(warn=lambda line: None)) == told(go(folder="whole"))
+
+    @pytest.mark.usefixtures("small")
+    def test_parts_damaged_while_it_runs(self, go):
+        """A part that changes after its cells were measured is found at the end, and all decisions are taken again."""
+        calls = []
+
+        def harm(share):
+            calls.append(share)
+            if len(calls) == 50:
+                path = min((harm.folder / "parts").iterdir())
+                path.write_bytes(path.read_bytes()[:-50])
+
+        whole = go(folder="whole")
+        harm.folder = whole.folder.parent / "run"
+        lines = []
+        assert told(go(progress=harm, warn=lines.append)) == told(whole)
+        assert any("damaged" in line for line in lines)
+
+    def test_a_damaged_table(self, go):
+        """The run is made again, to the same bytes."""
+        run = go()
+        before = told(run)
+        run.path("precision").write_bytes(b"not parquet")
+        assert told(go(warn=lambda line: None)) == before
+
+
+@pytest.mark.usefixtures("small")
+class TestBudget:
+    """A budget that ends a run before all cells have enough trials."""
+
+    @pytest.mark.parametrize("units", [0, 1, 20, 45, 70])
+    def test_stopped_and_gone_on_with(self, go, units):
+        """Cells stay at their last complete checkpoint; a resumed run has the tables of an unbroken one."""
+        whole = go(folder="whole")
+        run = stopped_after(go, units)
+        table = run.table("precision")
+        counts = table["reason"].value_counts().to_dict()
+        assert run.stopped() == units
+        assert counts == run.manifest()["precision"]
+        assert counts["budget"] > 0
+        assert set(table["trials"]) <= {0, *CHECKPOINTS}
+        usual, rows = whole.trials(), run.table("errors").astype({"cell": str})
+        for row in table.astype({"cell": str}).to_dict("records"):
+            assert (rows["cell"] == row["cell"]).sum() == 3 * row["trials"]
+            if row["reason"] == "budget":
+                assert row["trials"] < usual[row["cell"]]
+            else:
+                assert row["trials"] == usual[row["cell"]]
+        assert (run.folder / "parts").exists() == (units > 0)
+        summarise(run)
+        assert len(run.table("summary")) == 3 * (table["trials"] > 0).sum()
+        assert told(go()) == told(whole)
+        assert go().stopped() is None
+        assert not (run.folder / "parts").exists()
+
+    def test_little_by_little(self, go, computed):
+        """Of many budgets, one after the other, each resumes where the last ended, and nothing is computed twice."""
+        whole = told(go(folder="whole"))
+        computed.clear()
+        stops = 0
+        while stopped_after(go, 15).stopped() is not None:
+            stops += 1
+        assert stops > 2
+        assert len(set(computed)) == len(computed)
+        assert told(go()) == whole
+
+    def test_before_the_first_checkpoint(self, go):
+        """Without any rows, the tables are empty, cells have 0 trials, and the summary says so."""
+        run = stopped_after(go, 0)
+        table = run.table("precision")
+        assert (table["trials"] == 0).all()
+        assert (table["reason"] == "budget").all()
+        assert len(run.table("errors")) == 0
+        summarise(run)
+        assert list(printed(run))[2:] == ["no cell has a trial yet"]
+
+    def test_status(self, go):
+        """The status of a stopped run names the budget and counts open cells; that of a finished run has reasons."""
+        run = stopped_after(go, 40)
+        counts = run.table("precision")["reason"].value_counts()
+        lines = list(lines_of(status(run.folder)))
+        assert lines[0].endswith("stopped by its budget of 40 s; `study run` resumes it")
+        (cells,) = [line for line in lines if line.startswith("  cells")]
+        assert f"{counts['target']} reached the target" in cells
+        assert f"{counts['budget']} are open" in cells
+        go()
+        lines = list(lines_of(status(run.folder)))
+        assert lines[0].endswith(": finished")
+        assert "0 are open" in next(line for line in lines if line.startswith("  cells"))
+
+    def test_it_names_no_run(self, go):
+        """A config with another budget is the same run, and resumes it."""
+        stopped_after(go, 20)
+        assert told(go(CONFIG + "seconds = 1e9\n")) == told(go(folder="whole"))
+
+
+def test_progress_stays_within_one(go):
+    """The shares add up to no more than 1, and to 1 if every cell goes to its cap."""
+    shares = []
+    go(progress=shares.append)
+    assert 0.0 < sum(shares) <= 1.0
+    shares.clear()
+    go(CONFIG.replace("0.05\nfirst", "1e-9\nfirst"), "cap", progress=shares.append)
+    assert sum(shares) == pytest.approx(1.0)
+
+
+def test_a_budget_needs_a_precision(go, tmp_path):
+    """A budget for a study of a fixed number of trials is refused."""
+    with pytest.raises(ValueError, match="a budget is for a config with"):
+        go(FIXED, budget=TimeBudget(1.0))
+    assert not (tmp_path / "run").exists()
+
+
+def test_neither_takes_rows_nor_gives_any(go, computed):
+    """An adaptive run takes no rows of a finished fixed run beside it, nor the other way round."""
+    go(FIXED, f"test-{parse(FIXED).digest()}")
+    fixed = len(computed)
+    computed.clear()
+    run = go(folder=f"test-{parse(CONFIG).digest()}")
+    assert len(computed) == run.manifest()["fits"]
+    computed.clear()
+    shutil.rmtree(run.folder.parent / f"test-{parse(FIXED).digest()}")
+    go(FIXED, f"test-{parse(FIXED).digest()}")
+    assert len(computed) == fixed
+
+
+def test_a_run_that_is_not_so_far(go, tmp_path):
+    """Numbers of trials are known from the precision table alone, and never for a fixed run."""
+    assert go(FIXED, "fixed").trials() == {}
+    run = go()
+    assert json.loads((run.folder / "manifest.json").read_text())["tables"]["precision"] == run.fingerprint("precision")
+    assert len(run.trials()) == 12
+    run.path("precision").unlink()
+    assert run.trials() == {}
+    with pytest.raises(RunError, match="missing"):
+        run.table("precision")
+
+
+def test_units_are_known_from_the_rounds():
+    """Before any part is stored, the first checkpoint of every group is pending."""
+    rounds = Rounds(parse(CONFIG))
+    pending = list(rounds.pending())
+    assert {span.group.stream for span in pending} == set(rounds.progress)
+    assert sum(span.rows for span in pending) == 12 * 100
+    assert rounds.ahead() == pytest.approx(1 / 8)
+
+
+@pytest.mark.usefixtures("small")
+def test_status_of_a_run_that_finishes_meanwhile(go, monkeypatch):
+    """A run that finishes while its parts are read is finished, and no part is missed."""
+    run, load, loaded = stopped_after(go, 40), Parts.load, []
+
+    def load_and_finish(parts, set_aside=True):
+        load(parts, set_aside)
+        loaded.append(parts)
+        if len(loaded) == 1:
+            go()
+
+    monkeypatch.setattr(Parts, "load", load_and_finish)
+    found = status(run.folder)
+    assert found.finished
+    assert found.units["missing"] == found.parts["whole"] == found.cells["open"] == 0

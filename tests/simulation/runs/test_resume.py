@@ -1,0 +1,219 @@
+"""Resumed runs: finished units are not computed again, and the tables are those of an unbroken run."""
+
+import itertools
+from dataclasses import replace
+from types import SimpleNamespace
+
+import pytest
+
+import study
+from study.simulation.runs import parts
+from study.simulation.runs.parts import DAMAGED, Parts
+
+pytestmark = pytest.mark.usefixtures("same_software", "small_units", "small_parts")
+
+ENTRIES = {"top": {"keep_points": 2}, "trials": 40}
+
+
+class Stop(BaseException):
+    """Raised by a callback for progress to stop a run."""
+
+
+def stop_after(count):
+    """A progress callback that ends the run after so many calls."""
+    calls = []
+
+    def told(share):
+        calls.append(share)
+        if len(calls) == count:
+            raise Stop
+
+    return told
+
+
+def tables(run):
+    """Bytes of the tables that do not depend on time."""
+    return {name: (run.folder / f"{name}.parquet").read_bytes() for name in ("errors", "points")}
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """Let a second go by each time that parts ask for the time."""
+    monkeypatch.setattr(parts, "time", SimpleNamespace(monotonic=itertools.count().__next__))
+
+
+@pytest.fixture
+def stopped(start, let_pass, tmp_path):
+    """A run that was stopped after some units, in a folder."""
+    with let_pass(4, "study.simulation.runs.runner.execute"), pytest.raises(Stop):
+        start(folder=tmp_path / "run", progress=stop_after(4), **ENTRIES)
+    return tmp_path / "run"
+
+
+def test_a_finished_run_computes_nothing(start, computed, files):
+    """Nothing is computed, and nothing in the folder changes."""
+    run = start(**ENTRIES)
+    before = files(run.folder)
+    computed.clear()
+    start(folder=run.folder, **ENTRIES)
+    assert computed == []
+    assert files(run.folder) == before
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_only_what_is_missing_is_computed(start, stopped, computed, jobs):
+    """Each fit is computed once, before or after the interruption, and the tables are those of an unbroken run."""
+    resumed = start(folder=stopped, jobs=jobs, **ENTRIES)
+    second = list(computed)
+    computed.clear()
+    whole = start(**ENTRIES)
+    assert 0 < len(second) < len(computed)
+    assert len(set(computed)) == len(computed)
+    assert tables(resumed) == tables(whole)
+    assert not (stopped / "parts").exists()
+
+
+def test_what_was_finished_when_another_unit_failed_is_kept(start, computed, tmp_path, monkeypatch):
+    """If a failure of the program ends the run, units that were finished but not yet written are written."""
+    from study.simulation.runs import jobs as module_module
+
+    real = module_module.compute
+    monkeypatch.setattr(parts, "_SECONDS", 1e9)  # all that is finished waits to be written
+
+    def broken(made, unit):
+        if len(computed) > 100:
+            raise ZeroDivisionError("a fault")
+        return real(made, unit)
+
+    monkeypatch.setattr(module_module, "compute", broken)
+    with pytest.raises(ZeroDivisionError):
+        start(folder=tmp_path / "run", **ENTRIES)
+    before = set(computed)
+    assert len(before) > 100
+    computed.clear()
+    monkeypatch.setattr(module_module, "compute", real)
+    start(folder=tmp_path / "run", **ENTRIES)
+    assert not before & set(computed)
+
+
+@pytest.mark.parametrize("harm", ["torn", "flipped"])
+def test_damaged_parts_are_computed_again(start, stopped, computed, harm):
+    """They are named, set aside and made again; the others are kept."""
+    paths = sorted((stopped / "parts").iterdir())
+    for path in paths[:2]:
+        data = bytearray(path.read_bytes())
+        data[len(data) // 2] ^= 16
+        path.write_bytes(data[:-100] if harm == "torn" else data)
+    told = []
+    resumed = start(folder=stopped, warn=told.append, **ENTRIES)
+    for path in paths[:2]:
+        assert sum(path.name in line and "damaged" in line for line in told) == 1
+        assert (stopped / "parts" / DAMAGED / path.name).exists()
+    again = len(computed)
+    computed.clear()
+    whole = start(**ENTRIES)
+    assert again < len(computed)
+    assert tables(resumed) == tables(whole)
+
+
+@pytest.mark.parametrize("name", ["errors", "points", "timings"])
+@pytest.mark.parametrize("harm", ["torn", "gone"])
+def test_damaged_tables_are_made_again(start, name, harm):
+    """A table whose digest is not that of the manifest is named, set aside and made again; one that is gone, too."""
+    run = start(**ENTRIES)
+    before = tables(run)
+    path = run.folder / f"{name}.parquet"
+    path.write_bytes(path.read_bytes()[:-7]) if harm == "torn" else path.unlink()
+    told = []
+    again = start(folder=run.folder, warn=told.append, **ENTRIES)
+    assert f"{path}: {'damaged; set aside in parts/damaged' if harm == 'torn' else 'missing'}, and made" in told[0]
+    assert tables(again) == before
+    assert start(folder=run.folder, warn=pytest.fail, **ENTRIES).has(name)
+
+
+def test_a_run_killed_between_tables_and_manifest(start, stopped, monkeypatch):
+    """The parts stay until the manifest is written, so that the last step is done again."""
+    from study.simulation.runs.run_folder import Run
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Run, "save_manifest", lambda *_: (_ for _ in ()).throw(Stop))
+        with pytest.raises(Stop):
+            start(folder=stopped, **ENTRIES)
+    assert (stopped / "errors.parquet").exists()
+    assert (stopped / "parts").exists()
+    assert tables(start(folder=stopped, **ENTRIES)) == tables(start(**ENTRIES))
+
+
+def test_a_run_killed_after_the_manifest(start, stopped, monkeypatch, computed):
+    """Parts that a kill left beside finished tables are removed."""
+    with monkeypatch.context() as patch:
+        patch.setattr(Parts, "remove", lambda *_: (_ for _ in ()).throw(Stop))
+        with pytest.raises(Stop):
+            start(folder=stopped, **ENTRIES)
+    computed.clear()
+    start(folder=stopped, **ENTRIES)
+    assert computed == []
+    assert not (stopped / "parts").exists()
+
+
+def test_half_written_files_are_removed(start, stopped):
+    """Temporary files of a writer that was killed do not stay."""
+    for path in (stopped / ".errors.parquet.77.tmp", stopped / "parts" / ".units-0.part.77.tmp"):
+        path.write_bytes(b"half")
+    start(folder=stopped, **ENTRIES)
+    assert not [path for path in stopped.rglob("*") if path.name.endswith(".tmp")]
+
+
+def test_timings_are_kept(clock, start, stopped):
+    """Timings from before the interruption are in the table, and the manifest's seconds cover both parts."""
+    before = Parts(stopped, "units")
+    before.load()
+    resumed, whole = start(folder=stopped, **ENTRIES), start(**ENTRIES)
+
+    def fits(run):
+        return run.table("timings").groupby("step", observed=True)["fits"].sum().to_dict()
+
+    assert fits(resumed) == fits(whole)
+    assert resumed.manifest()["seconds_computing"] > before.seconds > 0.0
+
+
+def test_another_version_of_an_estimator_is_not_mixed_in(start, stopped, computed, monkeypatch):
+    """Its rows are computed again, before and after the end of a run; those of the other estimators are kept."""
+    version = study.ESTIMATORS["lls"].version
+    monkeypatch.setitem(study.ESTIMATORS, "lls", replace(study.ESTIMATORS["lls"], version=version + 1))
+    run = start(folder=stopped, **ENTRIES)
+    fits = {(cell, trial) for cell, trial, _ in computed}
+    assert len({(c, t) for c, t, e in computed if e == "lls"}) == 40 * 8
+    assert sum(e == "mle" for *_, e in computed) < 40 * 8
+    before = tables(run)
+    computed.clear()
+    monkeypatch.setitem(study.ESTIMATORS, "lls", replace(study.ESTIMATORS["lls"], version=version + 2))
+    told = []
+    again = start(folder=run.folder, warn=told.append, **ENTRIES)
+    assert {e for *_, e in computed} == {"lls"}
+    assert {(c, t) for c, t, _ in computed} == fits
+    assert tables(again) == before  # the numbers have not changed but for the version
+    assert again.manifest()["estimators"]["lls"] == version + 2
+    assert any("are taken from" in line for line in told)
+
+
+def test_software_that_changed_is_told(start, stopped, monkeypatch):
+    """There is a warning if another version computed some of the rows, and the manifest has it."""
+    from study.simulation.runs import provenance
+
+    real = provenance.software()
+    monkeypatch.setattr(provenance, "software", lambda: real | {"study": "0.0.9", "commit": "f" * 40})
+    told = []
+    run = start(folder=stopped, warn=told.append, **ENTRIES)
+    assert "resumes what version" in told[0]
+    assert run.manifest()["also_computed_by"] == [real]
+
+
+def test_another_configs_parts_are_not_mixed_in(start, stopped):
+    """Parts of another seed, dropped into the folder, are not used."""
+    from study.simulation.experiment.config import parse  # noqa: F401
+
+    other = start({"keep_points": 2, "seed": 2}, trials=40)
+    whole = start(**ENTRIES)
+    assert (other.folder / "errors.parquet").read_bytes() != (whole.folder / "errors.parquet").read_bytes()
+    assert tables(start(folder=stopped, **ENTRIES)) == tables(whole)
