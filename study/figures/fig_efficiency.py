@@ -2,7 +2,8 @@
 
 One panel per cap angle. The unit is the median of an estimator with Gaussian errors at the Cramér-Rao bound. That
 bound treats the directions as known. The dashed line is the attainable bound, which does not: an estimator on it is
-efficient. Medians are of all fits, whatever their status; a fit without a number counts as worse than any. Of a run
+efficient. Medians are of all trials, whatever the fit's status, so that curves compare the same trials; a fit without
+a number counts as infinite. Of a run
 with many estimators five are drawn, the default and the paper's first; the stamp names the others, which `study
 summary` has. Marks below the curves are where theory puts the changes: GDKE's bias exceeds its scatter at
 s* = r √(Kₐ/N) / m₁, UGDK leaves the bound at σ² = v/2, and UGDK's matrix begins to fail at κ = (v/σ²) √(N/2) = 3, with
@@ -23,6 +24,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from study.analysis.asymptotics import gdke_leaves, median_at_bound, median_attainable, noise_at_kappa, ugdk_leaves
+from study.analysis.claims.error_rows import error_over
 from study.figures import style
 from study.figures.inputs import NotApplicable, Tables, at_first
 from study.sphere.cap_moments import CapMoments, cap_moments
@@ -77,7 +79,7 @@ def prepare(tables: Tables) -> EfficiencyFrame:
     caps = {angle: cap_moments(math.radians(angle), tables.dimension) for angle in cells["angle"].unique()}
     shown = _shown(tables.estimators)
     errors = tables.some_errors(["cell", "estimator", "error", "bound"], shown)
-    ratios = (errors["error"] / errors["bound"]).fillna(np.inf)
+    ratios = error_over(errors, "bound")
     rows = []
     for (cell, estimator), part in ratios.groupby([errors["cell"], errors["estimator"]], observed=True, sort=False):
         if cell not in place:
