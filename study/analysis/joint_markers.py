@@ -75,8 +75,8 @@ class JointFits(NamedTuple):
     definite: Bools
 
     def distances(self) -> Floats:
-        """Errors of the fits that are ok, infinite for the others (trials,); the true centre is the origin."""
-        return np.where(self.definite, np.linalg.norm(self.center, axis=1), np.inf)
+        """Errors of all fits, infinite where there is no number (trials,); the true centre is the origin."""
+        return np.nan_to_num(np.linalg.norm(self.center, axis=1), nan=np.inf)
 
 
 def fit_joints(markers: Sequence[Floats], sigma: float, weighted: bool = False) -> JointFits:

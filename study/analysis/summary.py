@@ -1,7 +1,7 @@
 """The summary table: per cell, or per decade of relative noise, and estimator.
 
 The headline is ``ratio_median``, of all trials, so that columns of one row are of the same trials. For quantiles of the
-fits whose status is ok (``_ok``), and with the others counted as infinite (``_all``), see `study.statistics.performance`.
+fits whose status is ok (``_ok``), and with failures last (``_all``), see `study.statistics.performance`.
 """
 
 from collections.abc import Collection, Iterator
@@ -48,7 +48,9 @@ def stored_summary(run: TableReader, has_errors: bool, by_decade: bool) -> pd.Da
         return summary(run.table("errors", ["cell", "estimator", *(c.name for c in STORED), *NEEDED]), by_decade)
     known = {name: _failures_last(name) for name in missing}
     all_ok = found["ok"] == found["planned"]
-    return found.assign(**{name: found[other].where(all_ok) if other in found else np.nan for name, other in known.items()})
+    return found.assign(
+        **{name: found[other].where(all_ok) if other in found else np.nan for name, other in known.items()}
+    )
 
 
 def _failures_last(name: str) -> str:

@@ -16,13 +16,13 @@ from study.text.columns import columns
 
 ROWS = 32
 """Most rows of a table that, with the lines about it, fits 40 lines."""
-_ALL_TRIALS = "All trials count, whatever the status; without a number, as infinite. Brackets: the share that is not ok."
+_ALL_TRIALS = (
+    "All trials count, whatever the status; without a number, as infinite. Brackets: the share that is not ok."
+)
 _OK_FITS = "Of each estimator's own ok fits: do not compare columns, of other trials. Brackets: the share left out."
 
 
-def printed(
-    run: Run, choice: RowChoice | None = None, every: bool = False, only_ok: bool = False
-) -> Iterator[str]:
+def printed(run: Run, choice: RowChoice | None = None, every: bool = False, only_ok: bool = False) -> Iterator[str]:
     """The medians of error over bound of a run.
 
     Args:
@@ -57,7 +57,13 @@ def printed(
     for _, part in chosen.groupby("group", sort=False):
         fits = part.to_dict("records")
         bounds = [f"{value:.3g}" for value in at_bounds(fits[0])] if bounded else []
-        rows.append([_conditions(fits[0], named), *bounds, *(_median(fit, "ratio_median_ok" if only_ok else "ratio_median") for fit in fits)])
+        rows.append(
+            [
+                _conditions(fits[0], named),
+                *bounds,
+                *(_median(fit, "ratio_median_ok" if only_ok else "ratio_median") for fit in fits),
+            ]
+        )
     yield from columns(rows, ["", *(["CRLB", "attainable"] if bounded else []), *dict.fromkeys(chosen["estimator"])])
     yield from notes
 

@@ -3,8 +3,8 @@
 They are those of Morris, White & Crowther (2019) as far as they exist for errors with heavy tails. A quantile, and the
 share of outliers, comes three times:
 
-- ``ratio_median`` is of all fits as computed, whatever their status; one without a number counts as infinite. Estimators
-  are compared by it, because it is of the same trials for all of them.
+- ``ratio_median`` is of all fits as computed, whatever their status; one without a number counts as infinite. It is of
+  the same trials for all estimators, so they are compared by it.
 - ``ratio_median_ok`` is of the estimator's own ok fits. These are other trials for each estimator, and often the easier
   ones, so it compares nothing.
 - ``ratio_median_all`` is of all fits, with those that are not ok counted as infinite.
@@ -161,7 +161,7 @@ MEASURES = _quantiles() | {
     ),
     "tail_index": Performance(
         "tail index of error over bound, ok fits",
-        "Hill's index of the error's tail, of the estimator's own ok fits; moments of that order and above do not exist",
+        "Hill's index of the error's tail, of the estimator's own ok fits; no moments exist of that order and above",
         lambda fits: fits.tail,
     ),
     "bias": Performance(

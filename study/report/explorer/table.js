@@ -8,12 +8,12 @@ class Table {
     }
 
     columns(run, measure) {
-        const { values, errors } = run.measure[measure];
+        const { title, values, errors } = run.measure[measure];
         return [
             ...run.dimensions.map(d => ({ name: d.name, title: d.symbol, text: i => d.words[d.codes[i]], key: i => d.codes[i], number: d.number })),
             { name: "trials", title: "trials", text: i => many(run.trials[i]), key: i => run.trials[i], number: true },
             { name: "failed", title: "not ok", text: i => `${short(100 * (1 - run.ok[i] / run.trials[i]), 2)} %`, key: i => 1 - run.ok[i] / run.trials[i], number: true },
-            { name: "value", title: measure, text: i => short(values[i], 4), key: i => values[i] ?? -Infinity, number: true },
+            { name: "value", title, text: i => short(values[i], 4), key: i => values[i] ?? -Infinity, number: true },
             { name: "error", title: "±", text: i => short(errors[i], 2), key: i => errors[i] ?? -Infinity, number: true },
             { name: "group", title: run.by, text: i => run.groups[run.group[i]], key: i => run.group[i] },
         ];

@@ -29,9 +29,7 @@ _WORD = pa.dictionary(pa.int32(), pa.string())
 _STATUSES = "; ".join(f"{status.value} = {status.text}" for status in Status)
 _STATUS_COLUMNS = frozenset(status.name.lower() for status in Status)
 """Columns of the summary that count the fits of each status."""
-OF_ALL_TRIALS = tuple(
-    f"{name}{end}" for name in MEASURES if f"{name}_ok" in MEASURES for end in ("", "_error")
-)
+OF_ALL_TRIALS = tuple(f"{name}{end}" for name in MEASURES if f"{name}_ok" in MEASURES for end in ("", "_error"))
 """Columns of the summary with a measure of all trials, which an earlier version did not store."""
 _NEWER = frozenset(OF_ALL_TRIALS) | _STATUS_COLUMNS - {Status.OK.name.lower()}
 """Columns that a table may lack because it is older than they are."""
