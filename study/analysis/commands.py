@@ -59,8 +59,8 @@ def summary(
     by scaling alone are printed once. If --where gives a condition several times, cells with any of the values count.
 
     --csv and --json have every cell that --where and --estimators choose. With --json: run, bound, conditions (their
-    names), and rows, each with the columns of the summary table, of which ratio_median is printed otherwise, and, where they
-    are known, noise_over_radius and the medians at the bounds, median_cramer_rao and median_attainable.
+    names), and rows, each with the columns of the summary table (ratio_median is the median of all trials) and, where
+    they are known, noise_over_radius and the medians at the bounds, median_cramer_rao and median_attainable.
     """
     from study.analysis.summary_choice import RowChoice
     from study.analysis.summary_text import as_csv as csv_text

@@ -76,7 +76,8 @@ class JointFits(NamedTuple):
 
     def distances(self) -> Floats:
         """Errors of all fits, infinite where there is no number (trials,); the true centre is the origin."""
-        return np.nan_to_num(np.linalg.norm(self.center, axis=1), nan=np.inf)
+        distances: Floats = np.linalg.norm(self.center, axis=1)
+        return np.nan_to_num(distances, nan=np.inf)
 
 
 def fit_joints(markers: Sequence[Floats], sigma: float, weighted: bool = False) -> JointFits:

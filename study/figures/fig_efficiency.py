@@ -85,7 +85,7 @@ def prepare(tables: Tables) -> EfficiencyFrame:
             continue
         angle, noise = place[cell]
         unit = median_at_bound(caps[angle], tables.dimension)
-        median = quantile(part.to_numpy(), 0.5)
+        median = quantile(np.asarray(part, dtype=float), 0.5)
         rows.append((angle, str(estimator), noise, median.value / unit, median.error / unit, len(part)))
     columns = ["angle", "estimator", "level", "ratio", "error", "trials"]
     curves = pd.DataFrame(rows, columns=columns)
