@@ -45,7 +45,8 @@ def stored_summary(run: TableReader, has_errors: bool, by_decade: bool) -> pd.Da
     if not missing:
         return found
     if has_errors:
-        return summary(run.table("errors", ["cell", "estimator", *(c.name for c in STORED), *NEEDED]), by_decade)
+        computed = summary(run.table("errors", ["cell", "estimator", *(c.name for c in STORED), *NEEDED]), by_decade)
+        return computed[[c.name for c in schemas.summary([c for c in STORED if c.name in found])]]
     known = {name: _failures_last(name) for name in missing}
     all_ok = found["ok"] == found["planned"]
     return found.assign(
