@@ -17,9 +17,9 @@ from study.text.columns import columns
 ROWS = 32
 """Most rows of a table that, with the lines about it, fits 40 lines."""
 _ALL_TRIALS = (
-    "All trials count, whatever the status; without a number, as infinite. Brackets: the share that is not ok."
+    "Medians of all trials, whatever the status; a fit without a number is infinitely far. Brackets: share not ok."
 )
-_OK_FITS = "Of each estimator's own ok fits: do not compare columns, of other trials. Brackets: the share left out."
+_OK_FITS = "Medians of each estimator's own ok fits, of other trials in each column: not to be compared. Brackets: share not ok."
 
 
 def printed(run: Run, choice: RowChoice | None = None, every: bool = False, only_ok: bool = False) -> Iterator[str]:
