@@ -165,7 +165,7 @@ def test_figures_are_of_all_trials(pair, name, text, frames):
     """Curves, slopes and maps do not depend on the status; only counts of statuses do."""
     one, other = (FIGURES[name].prepare(Tables.of(run)) for run in pair(text))
     for frame in frames:
-        tables = [getattr(each, frame).drop(columns=["far", "not_ok"], errors="ignore") for each in (one, other)]
+        tables = [getattr(each, frame).drop(columns="not_ok", errors="ignore") for each in (one, other)]
         pd.testing.assert_frame_equal(*tables)
 
 

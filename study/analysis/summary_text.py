@@ -19,7 +19,7 @@ ROWS = 32
 _ALL_TRIALS = (
     "Medians of all trials, whatever the status; a fit without a number is infinitely far. Brackets: share not ok."
 )
-_OK_FITS = "Medians of each estimator's own ok fits, of other trials in each column: not to be compared. Brackets: share not ok."
+_OK_FITS = "Medians of each estimator's own ok fits, not to be compared: trials differ. Brackets: share not ok."
 
 
 def printed(run: Run, choice: RowChoice | None = None, every: bool = False, only_ok: bool = False) -> Iterator[str]:

@@ -86,7 +86,7 @@ def test_printed(run):
     stored = run.table("summary")
     title, note, legend, *bounds, header, lines = parts(run)
     assert title.startswith(run.study.run_name())
-    assert "brackets" in note
+    assert "Brackets" in note
     assert "σ/r" in legend
     if run.study.design.one_trial_a_cell:
         assert header.split() == ["lls", "ugdk"]

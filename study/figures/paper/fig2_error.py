@@ -7,8 +7,8 @@ ok is a cross, and fits off the scale are counted. Above is the paper's view. Ea
 its own bound: a dot above the line of the bound's median need not be far from its own bound. Below is the error over
 the trial's own √tr CRLB, with its median in each decade.
 
-Slopes and medians are of all trials, whatever the fit's status, so that panels compare the same trials: a fit without a
-number counts as infinite in a median, and a trial in which an estimator has none is left out of every panel's slope.
+Slopes, medians and counts are of all trials, whatever the fit's status, so that panels compare the same trials: a fit
+without a number is infinitely far, and a trial in which an estimator has none is left out of every panel's slope.
 
 Look at: above, the straight line over most decades, and UGDK's crosses to the right of σ ≈ r, where the noise exceeds
 the extent of the sphere. Below, the shoulder of LLS and GDKE for σ from
@@ -131,7 +131,7 @@ def _panel(name: str, part: pd.DataFrame, sloped: pd.DataFrame, limits: tuple[in
         "slope_low": low,
         "slope_high": high,
         "planned": len(part),
-        "far": int((part["kind"] == "far").sum()),
+        "far": int((~(part["ratio"] <= FAR)).sum()),  # of all fits; one without a number is far
         "not_ok": int((part["kind"] == "not ok").sum()),
         "off_scale": int((~on_scale).sum()),  # zero and non-finite errors count too
     }
@@ -243,7 +243,7 @@ def _words(panel: "pd.Series[Any]") -> str:
         lines = [f"slope {panel['slope']:.3f} [{panel['slope_low']:.3f}, {panel['slope_high']:.3f}]"]
     else:
         lines = ["too few fits for a slope"]
-    lines.append(f"{panel['far']:,} ok, beyond 10 × √tr CRLB")
+    lines.append(f"{panel['far']:,} beyond 10 × √tr CRLB")
     lines.append(f"{panel['not_ok']:,} of {panel['planned']:,} not ok")
     if panel["off_scale"]:
         lines.append(f"{panel['off_scale']:,} off the scale")
