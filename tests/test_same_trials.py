@@ -223,7 +223,7 @@ def unpacked(text):
     import json
 
     measures = json.loads(gzip.decompress(base64.b64decode(text)))["measures"]
-    assert measures[0]["title"] == "median of error over √tr CRLB"
+    assert measures[0]["title"] == "Median of error over √tr CRLB"
     return {entry["name"]: entry["values"] for entry in measures if entry["name"] in schemas.OF_ALL_TRIALS}
 
 

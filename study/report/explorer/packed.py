@@ -124,7 +124,11 @@ def _measures(frame: pd.DataFrame) -> Iterable[str]:
 
 def _measure(name: str, title: str, meaning: str, values: Iterable[float], errors: Iterable[float]) -> str:
     both = f'"values": {_numbers(values, _DIGITS)}, "errors": {_numbers(errors, _ERROR_DIGITS)}'
-    return json.dumps({"name": name, "title": title, "meaning": meaning[0].upper() + meaning[1:]})[:-1] + f", {both}}}"
+    return json.dumps({"name": name, "title": _sentence(title), "meaning": _sentence(meaning)})[:-1] + f", {both}}}"
+
+
+def _sentence(text: str) -> str:
+    return text[0].upper() + text[1:]
 
 
 def _numbers(values: Iterable[float], digits: int) -> str:
