@@ -106,7 +106,7 @@ def run(
 
     The tables are stored, and the folder of each run is printed.
     """
-    from study.analysis.summary import summarise
+    from study.analysis.summary import summarise, up_to_date
     from study.experiment.config import read
     from study.experiment.shipped_configs import config_file
     from study.runs import runner
@@ -133,7 +133,7 @@ def run(
             folder = out or RUNS / study.run_name()
             end = None if budget is None else TimeBudget(budget)
             done = runner.run(study, text, folder, workers, advance, budget=end)
-        if not done.valid("summary"):
+        if not up_to_date(done):
             summarise(done)
         if (words := budget_message(done)) is not None:
             complaints.append(words)

@@ -90,7 +90,7 @@ def once_by_scaling(summary: pd.DataFrame) -> pd.DataFrame:
     """
     free = {NOISE.name, RADIUS.name, CENTER.name}
     fixed = [c.name for c in CONDITIONS.values() if c.stored and c.name in summary and c.name not in free]
-    numbers = [*fixed, "ok", "planned", "ratio_median_ok", "ratio_median_ok_error"]
+    numbers = [*fixed, "ok", "planned", "ratio_median", "ratio_median_error"]
     ratios = (f"{value:.9g}" for value in _values(NOISE_OVER_RADIUS, summary))
     known: dict[tuple[object, ...], list[list[float]]] = {}
     by_group: dict[str, list[tuple[str, tuple[object, ...]]]] = {}

@@ -3,10 +3,11 @@
 from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol, Self
+from typing import Self
 
 import pandas as pd
 
+from study.analysis.summary import TableReader, stored_summary
 from study.experiment.conditions import STORED, bound_law
 from study.experiment.noise.gaussian import NoiseLaw
 from study.runs.storage.run_folder import Run, RunError
@@ -14,15 +15,6 @@ from study.runs.storage.run_folder import Run, RunError
 
 class NotApplicable(Exception):  # noqa: N818  not an error: most runs cannot feed some figure
     """A figure that cannot be drawn from a run; the message is the reason, in words for a user."""
-
-
-class TableReader(Protocol):
-    """Reader of stored tables, as a run is."""
-
-    def table(
-        self, name: str, columns: Collection[str] | None = None, estimators: Collection[str] | None = None
-    ) -> pd.DataFrame:
-        """Read a table, or some of its columns and some estimators' rows."""
 
 
 @dataclass(frozen=True)
@@ -109,7 +101,13 @@ class Tables:
     @cached_property
     def summary(self) -> pd.DataFrame:
         """The summary table; see `study.runs.storage.schemas.summary`."""
-        return self.reader.table("summary")
+        return stored_summary(self.reader, "errors" in self.stored, self.design == "random")
+
+    def require_all_trials(self, name: str) -> None:
+        """Raise `NotApplicable` if a measure of all trials is not known in some cell."""
+        if self.summary[name].isna().any():
+            words = "the run is of an earlier version, which kept no medians of all trials"
+            raise NotApplicable(f"{words}: run its config again, in another folder (--out)")
 
     @cached_property
     def points(self) -> pd.DataFrame | None:

@@ -3,6 +3,7 @@
 from study.report import words
 from study.report.blocks import Block, InlineCode, Row, Table, Text
 from study.report.material import Record
+from study.statistics.performance import MEASURES
 
 _REASONS = {
     "target": "the target is reached",
@@ -34,8 +35,8 @@ def precision(record: Record) -> list[Block]:
     head = ["Why there are no more trials", "cells", "trials of each"]
     table = Table(f"Trials by need, {record.name}", caption, head, rows, numeric=frozenset({1, 2}))
     told: list[str | Block] = [
-        "Trials were added until the Monte-Carlo error of ",
+        f"Trials were added until the Monte-Carlo error of the {MEASURES[asked.measure].title} (",
         InlineCode(asked.measure),
-        f" was {goal}, for {whose}.",
+        f") was {goal}, for {whose}.",
     ]
     return [Text(told), table]

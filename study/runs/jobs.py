@@ -15,6 +15,7 @@ from study.experiment.units import spans
 from study.runs.storage import schemas
 from study.runs.storage.parts import FORMAT, Packet, encode
 from study.statistics import summary_rows
+from study.statistics.performance import MEASURES
 
 POINTS = "points"
 _OVERHEAD = 10_000.0
@@ -57,7 +58,8 @@ class Jobs:
 
     def __init__(self, study: Study) -> None:
         self.study = study
-        self._stem = hashlib.sha256(f"{FORMAT} {study.stem()}".encode()).digest()
+        measures = " ".join(MEASURES) if study.keep == "summary" else ""  # rows of a summary have a column for each
+        self._stem = hashlib.sha256(f"{FORMAT} {study.stem()}{measures}".encode()).digest()
         self.estimators = tuple(output(name) for name in study.estimators)
 
     def job(self, span: Span) -> Job:

@@ -1,7 +1,7 @@
 """Rows of the summary table: for each group of fits and estimator, counts of each status and performance measures.
 
-A group is a cell, or, in a random design, a decade of σ/r. Failures count: no planned fit is left out, and a measure of
-all fits counts those that are not ok as infinite.
+A group is a cell, or, in a random design, a decade of σ/r. Failures count: no planned fit is left out of a measure of
+all fits, and one without a number counts as infinite.
 """
 
 import numpy as np

@@ -35,15 +35,16 @@ def test_coverage_of_gaussian_errors(circle_tables):
     assert data.spreads["gdke"].covered < 60  # P(N(5, 1) < 2.45) = 0.5 %, with room
 
 
-def test_failed_fits_are_left_out_of_the_spread_and_not_covered(circle_tables):
-    """A wild fit that is not ok moves nothing, and is not among the ok ones."""
+def test_fits_without_a_number_are_left_out_of_the_spread_and_not_covered(circle_tables):
+    """They move nothing, and no ellipse of theirs holds the truth; a status alone changes nothing."""
     before = arc_data.choose(circle_tables, ["gdke"]).spreads["ugdk"]
     errors = circle_tables.errors
     wild = errors.index[errors["estimator"] == "ugdk"][10:1010]
-    errors.loc[wild, ["error_1", "error_2"]] = 1e12
     errors.loc[wild, "status"] = Status.NOT_POSITIVE_DEFINITE
+    assert arc_data.choose(circle_tables, ["gdke"]).spreads["ugdk"] == before
+    errors.loc[wild, ["error_1", "error_2", "error"]] = np.nan
     after = arc_data.choose(circle_tables, ["gdke"]).spreads["ugdk"]
-    assert after.ok == 2000
+    assert after.known == 2000
     assert after.covered < before.covered - 900
     np.testing.assert_allclose(after.sd, before.sd, rtol=0.15)
 

@@ -19,7 +19,7 @@ TRIALS = 5
 
 @pytest.fixture
 def grid(make_rows, make_tables):
-    """Tables of two radii, sample counts, angles and estimators and three levels, where some fits fail."""
+    """Tables of two radii, sample counts, angles and estimators and three levels, where some fits have no number."""
 
     def make(levels=LEVELS, angles=ANGLES):
         rng, parts = np.random.default_rng(1), []
@@ -30,9 +30,10 @@ def grid(make_rows, make_tables):
                         for name in ("mle", "ugdk"):
                             status = np.zeros(TRIALS, dtype=int)
                             status[: 3 if name == "ugdk" and level == 10.0 else 1] = 1
+                            error = np.where(status[:, None] == 1, np.nan, rng.normal(size=(TRIALS, 3)))
                             parts.append(
                                 make_rows(
-                                    f"{radius}-{count}-{angle}-{level}", name, rng.normal(size=(TRIALS, 3)),
+                                    f"{radius}-{count}-{angle}-{level}", name, error,
                                     samples=count, angle=angle, noise=radius * level, radius=radius, status=status,
                                 )
                             )  # fmt: skip
@@ -48,7 +49,7 @@ def test_noise_beyond_the_shown_range_is_left_out(grid):
 
 
 def test_medians_of_the_first_radius(grid):
-    """Failures count as worse than any; on the sphere the unit is the median length of a Gaussian, over √tr."""
+    """Fits without a number count as infinite; on the sphere the unit is the median length of a Gaussian, over √tr."""
     tables = grid()
     ratios = fig_map.prepare(tables).ratios
     assert len(ratios) == 2 * len(COUNTS) * len(ANGLES) * len(LEVELS)

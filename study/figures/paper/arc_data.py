@@ -33,13 +33,13 @@ class Spread:
         bias: median error along the axis and across it.
         sd: robust standard deviation along the axis and across it.
         covered: trials whose own 95 % ellipse, this spread about the estimate, has the true centre inside.
-        ok: trials whose fit is ok; the others are left out of the spread and count as not covered.
+        known: trials whose fit has a number, whatever its status; the others count as not covered.
     """
 
     bias: tuple[float, float]
     sd: tuple[float, float]
     covered: int
-    ok: int
+    known: int
 
     def distance(self, x: float, y: float) -> float:
         """Length of an error in these standard deviations."""
@@ -73,7 +73,7 @@ class DataSet:
         condition: ρ of this trial.
         points: x, y of the points.
         fits: each estimator's fit to them.
-        errors: estimator, x, y of the fitted centres of all trials of the cell that are ok.
+        errors: estimator, x, y of the fitted centres of all trials of the cell that have a number.
         spreads: of each estimator.
     """
 
@@ -132,7 +132,7 @@ def choose(tables: Tables, estimators: list[str]) -> DataSet:
     radius = row["radius"]
     mine = points[(points["cell"] == row["cell"]) & (points["trial"] == row["trial"])]
     fits = cell[cell["trial"] == row["trial"]]
-    ok = cell[cell["status"] == Status.OK]
+    known = cell[np.isfinite(cell["error"])]
     return DataSet(
         run=tables.name,
         trial=int(row["trial"]),
@@ -151,11 +151,15 @@ def choose(tables: Tables, estimators: list[str]) -> DataSet:
             for fit in fits.to_dict("records")
         },
         errors=pd.DataFrame(
-            {"estimator": ok["estimator"].astype(str), "x": ok["error_1"] / radius, "y": ok["error_2"] / radius}
+            {
+                "estimator": known["estimator"].astype(str),
+                "x": known["error_1"] / radius,
+                "y": known["error_2"] / radius,
+            }
         ),
         spreads={
             str(name): _spread((part[["error_1", "error_2"]] / radius).to_numpy())
-            for name, part in ok.groupby("estimator", observed=True, sort=False)
+            for name, part in known.groupby("estimator", observed=True, sort=False)
         },
     )
 

@@ -92,7 +92,7 @@ def draw(frame: EllipseFrame) -> Figure:
     whole, zoom = figure.subplots(1, 2, width_ratios=[1.0, 1.45])
     _draw_whole(whole, frame)
     _draw_zoom(zoom, frame)
-    style.stamp(figure, f"{frame.data.stamp}; spread over {frame.spread.ok:,} trials")
+    style.stamp(figure, f"{frame.data.stamp}; spread over {frame.spread.known:,} trials")
     return figure
 
 
