@@ -85,10 +85,7 @@ def decades(tables: Tables) -> str:
             row = part.loc[name]
             failed = 1.0 - row["ok"] / row["planned"]
             share = f" ({100 * failed:.0f} %)" if failed else ""
-            if row["ok"] > 1:
-                cells.append(_with_error(row["ratio_median_ok"], row["ratio_median_ok_error"]) + share)
-            else:
-                cells.append(f"{row['ok']:.0f} fit of {row['planned']:.0f} ok")
+            cells.append(_with_error(row["ratio_median"], row["ratio_median_error"]) + share)
         rows.append([title, *cells])
     return _markdown(["σ/r from", "MLE", "LLS", "GDKE", "UGDK"], rows)
 
@@ -103,7 +100,7 @@ def em_vmf(tables: Tables) -> str:
             row = part.loc[name]
             failed = 100.0 * (1.0 - row["ok"] / row["planned"])
             share = f" ({failed:.1f} %)".replace("(0.", "(.") if failed else ""
-            cells.append(f"{row['ratio_median_ok']:.2f} ± {_short(row['ratio_median_ok_error'])}{share}")
+            cells.append(f"{row['ratio_median']:.2f} ± {_short(row['ratio_median_error'])}{share}")
         rows.append([f"{noise:g}, {angle:g}°", f"{part['median_attainable'].iloc[0]:.2f}", *cells])
     return _markdown(["σ/r, cap", "attainable", "`mle`", "`corrected`", "`em_vmf`"], rows)
 
@@ -332,7 +329,7 @@ def _by_angle(table: pd.DataFrame, key: str, values: list[float], names: list[st
             title = "`gdke`, `lls`" if name == "gdke" else f"`{name}`"
             part = plain[(plain["angle"] == angle) & (plain["estimator"] == name)].set_index(key)
             numbers = [
-                f"{part.loc[value, 'ratio_median_all'] / part.loc[value, 'median_cramer_rao']:.2f}" for value in values
+                f"{part.loc[value, 'ratio_median'] / part.loc[value, 'median_cramer_rao']:.2f}" for value in values
             ]
             rows.append([f"**{angle:g}°** {title}" if name == "mle" else title, *numbers])
     head = (

@@ -19,7 +19,8 @@ from study.simulation.commands import run_folder
 from study.simulation.runs.run_folder import Run
 
 RESULTS = Path(__file__).resolve().parents[1] / "results"
-KEPT = ["planned", "ok", "ratio_median_ok", "ratio_median_ok_error", "ratio_median_all", "ratio_median_all_error"]
+KEPT = ["planned", "ok", "ratio_median", "ratio_median_error", "ratio_median_ok", "ratio_median_ok_error"]
+KEPT += ["ratio_median_all", "ratio_median_all_error", "ratio_q95", "ratio_q95_error"]
 KEPT += ["ratio_q95_all", "ratio_q95_all_error", "median_cramer_rao", "median_attainable"]
 
 

@@ -120,6 +120,9 @@ Some = Annotated[
     str | None, typer.Option("--estimators", "-e", metavar="NAME,…", help="such as als,mle [default: all]")
 ]
 All = Annotated[bool, typer.Option("--all", help="print every row; by default some that are evenly spread")]
+OnlyOk = Annotated[
+    bool, typer.Option("--ok", help="medians of each estimator's own ok fits: of other trials in each column")
+]
 Csv = Annotated[bool, typer.Option("--csv", help="print all columns of the summary table as CSV")]
 
 
@@ -128,32 +131,37 @@ def summary(
     where: Where = None,
     estimators: Some = None,
     every: All = False,
+    only_ok: OnlyOk = False,
     as_json: Json = False,
     as_csv: Csv = False,
 ) -> None:
     """Print a run's median errors over the bound.
 
+    Medians are of all trials, whatever the fit's status, so that estimators are compared on the same trials. A fit
+    without a number counts as infinitely far; a median that falls on such fits is inf. Brackets give the share of fits
+    that are not ok.
+
     The table fits a screen: of many cells it has some that are evenly spread over the conditions, and cells that differ
     by scaling alone are printed once. If --where gives a condition several times, cells with any of the values count.
 
     --csv and --json have every cell that --where and --estimators choose. With --json: run, bound, conditions (their
-    names), and rows, each with the columns of the summary table and, where they are known, noise_over_radius and the
-    medians at the bounds, median_cramer_rao and median_attainable.
+    names), and rows, each with the columns of the summary table (ratio_median is the median of all trials) and, where
+    they are known, noise_over_radius and the medians at the bounds, median_cramer_rao and median_attainable.
     """
     from study.simulation.analysis.summary_text import RowChoice, as_data, printed
     from study.simulation.analysis.summary_text import as_csv as csv_text
     from study.simulation.runs.run_folder import Run
     from study.text import json_text
 
-    if as_json and as_csv:
-        raise typer.BadParameter("give --json or --csv, not both")
+    if as_json + as_csv + only_ok > 1:
+        raise typer.BadParameter("give one of --json, --csv and --ok; the first two have ok fits in columns …_ok")
     run = Run.open(folder)
     try:
         choice = RowChoice.of(run, where or [], estimators)
         if as_json:
             lines = [json_text(as_data(run, choice))]
         else:
-            lines = csv_text(run, choice).splitlines() if as_csv else list(printed(run, choice, every))
+            lines = csv_text(run, choice).splitlines() if as_csv else list(printed(run, choice, every, only_ok))
     except ValueError as error:
         raise typer.BadParameter(str(error)) from None
     for line in lines:

@@ -5,13 +5,19 @@ number of samples, GDKE's no variance at n ≤ d + 2. Moments are given only whe
 
 Performance measures of an estimator in one group of fits, by name, each with its Monte-Carlo error.
 
-They are those of Morris, White & Crowther (2019) as far as they exist for errors with heavy tails. Every quantile comes
-twice: of the fits whose status is ok (``_ok``), and of all fits with the others counted as infinite (``_all``).
+They are those of Morris, White & Crowther (2019) as far as they exist for errors with heavy tails. A quantile, and the
+share of outliers, comes three times:
+
+- ``ratio_median`` is of all fits as computed, whatever their status; one without a number counts as infinite. It is of
+  the same trials for all estimators, so they are compared by it.
+- ``ratio_median_ok`` is of the estimator's own ok fits. These are other trials for each estimator, and often the easier
+  ones, so it compares nothing.
+- ``ratio_median_all`` is of all fits, with those that are not ok counted as infinite.
 
 Rows of the summary table: for each group of fits and estimator, counts of each status and performance measures.
 
-A group is a cell, or, in a random design, a decade of σ/r. Failures count: no planned fit is left out, and a measure of
-all fits counts those that are not ok as infinite.
+A group is a cell, or, in a random design, a decade of σ/r. Failures count: no planned fit is left out of a measure of
+all fits, and one without a number counts as infinite.
 
 Theil and Sen's slope: the median of the slopes between all pairs of points, with its interval.
 
@@ -220,10 +226,10 @@ class Fits:
 
     @cached_property
     def axis(self) -> Floats:
-        """Error along the cap's axis over bound, of the fits that are ok; infinite where there is no bound."""
-        bound = self.columns["bound"][self.ok]
+        """Error along the cap's axis over bound (n,); infinite where there is no bound."""
+        bound = self.columns["bound"]
         with np.errstate(all="ignore"):
-            return np.where(np.isfinite(bound), self.columns["error_1"][self.ok] / bound, np.inf)
+            return np.where(np.isfinite(bound), self.columns["error_1"] / bound, np.inf)
 
     @cached_property
     def tail(self) -> Measure:
@@ -236,6 +242,11 @@ class Fits:
         return moments_exist(self.ratio[self.ok])
 
 
+def _quantile(name: str, p: float, fits: Fits) -> Measure:
+    values: Floats = getattr(fits, name)
+    return quantile(np.where(np.isnan(values), np.inf, values), p)
+
+
 def _quantile_ok(name: str, p: float, fits: Fits) -> Measure:
     values: Floats = getattr(fits, name)
     return quantile(values[fits.ok], p)
@@ -243,6 +254,10 @@ def _quantile_ok(name: str, p: float, fits: Fits) -> Measure:
 
 def _quantile_all(name: str, p: float, fits: Fits) -> Measure:
     return quantile(np.where(fits.ok, getattr(fits, name), np.inf), p)
+
+
+def _far(fits: Fits) -> Measure:
+    return share(int(np.sum(~(fits.ratio <= FAR))), len(fits.ok))
 
 
 def _far_ok(fits: Fits) -> Measure:
@@ -254,10 +269,16 @@ def _far_all(fits: Fits) -> Measure:
 
 
 class Performance(NamedTuple):
-    """A performance measure: its meaning, and the function that computes it."""
+    """A performance measure: its title in a few words, its meaning, and the function that computes it."""
 
+    title: str
     meaning: str
     of: Callable[[Fits], Measure]
+
+
+_OF_ALL = "of all fits as computed, whatever their status; one without a number counts as infinite"
+_OF_OK = "of the estimator's own ok fits, so not of the same trials as another's"
+_FAILED_LAST = "of all fits, with those that are not ok counted as infinite"
 
 
 def _quantiles() -> dict[str, Performance]:
@@ -268,29 +289,50 @@ def _quantiles() -> dict[str, Performance]:
             ("q05", 0.05, "5 % quantile"),
             ("q95", 0.95, "95 % quantile"),
         ):
-            of_ok, of_all = partial(_quantile_ok, name, p), partial(_quantile_all, name, p)
-            found[f"{name}_{part}_ok"] = Performance(f"{words} of {quantity}, of the fits that are ok", of_ok)
-            found[f"{name}_{part}_all"] = Performance(f"{words} of {quantity}, all others counted as infinite", of_all)
+            title = f"{words} of {quantity}"
+            for suffix, title_of, of_which, function in (
+                ("", "", _OF_ALL, _quantile),
+                ("_ok", ", ok fits", _OF_OK, _quantile_ok),
+                ("_all", ", not ok as infinite", _FAILED_LAST, _quantile_all),
+            ):
+                meaning = f"{title}, {of_which}"
+                found[f"{name}_{part}{suffix}"] = Performance(title + title_of, meaning, partial(function, name, p))
     return found
 
 
-_GUARD = "only where the tail index exceeds 2 by two errors"
+_GUARD = "of the estimator's own ok fits; only where the tail index exceeds 2 by two errors"
+_AXIS = "median of the error along the cap's axis, over the bound"
 MEASURES = _quantiles() | {
-    "far_ok": Performance("share of the ok fits with an error beyond 10 times the bound", _far_ok),
-    "far_all": Performance("share of all fits that are beyond 10 times the bound or not ok", _far_all),
+    "far": Performance(
+        "share beyond 10 bounds", "share of all fits that are beyond 10 times the bound or without a number", _far
+    ),
+    "far_ok": Performance(
+        "share beyond 10 bounds, ok fits", "share of the ok fits with an error beyond 10 times the bound", _far_ok
+    ),
+    "far_all": Performance(
+        "share beyond 10 bounds or not ok",
+        "share of all fits that are beyond 10 times the bound or not ok",
+        _far_all,
+    ),
+    "axis_median": Performance(
+        "median error along the axis over the bound", f"{_AXIS}, {_OF_ALL}", partial(_quantile, "axis", 0.5)
+    ),
     "axis_median_ok": Performance(
-        "median of the error along the cap's axis, over the bound: the bias that always exists",
-        lambda fits: quantile(fits.axis, 0.5),
+        "median error along the axis over the bound, ok fits", f"{_AXIS}, {_OF_OK}", partial(_quantile_ok, "axis", 0.5)
     ),
     "tail_index": Performance(
-        "Hill's index of the error's tail; moments of that order and above do not exist", lambda fits: fits.tail
+        "tail index of error over bound, ok fits",
+        "Hill's index of the error's tail, of the estimator's own ok fits; no moments exist of that order and above",
+        lambda fits: fits.tail,
     ),
     "bias": Performance(
-        f"mean error along the axis over the bound; {_GUARD}",
-        lambda fits: mean(fits.axis) if fits.moments_exist else UNKNOWN,
+        "mean error along the axis over the bound, ok fits",
+        f"mean error along the axis over the bound, {_GUARD}",
+        lambda fits: mean(fits.axis[fits.ok]) if fits.moments_exist else UNKNOWN,
     ),
     "rmse": Performance(
-        f"root mean square of error over bound; {_GUARD}",
+        "root mean square of error over bound, ok fits",
+        f"root mean square of error over bound, {_GUARD}",
         lambda fits: root_mean_square(fits.ratio[fits.ok]) if fits.moments_exist else UNKNOWN,
     ),
 }

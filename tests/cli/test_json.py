@@ -79,7 +79,7 @@ def test_summary_of_some(finished, call_here):
         (["--where", "angle=91"], "angle=91°: no cell has it; there are 90°"),
         (["--where", "colour=red"], "colour: not a condition"),
         (["--estimators", "kasa"], "kasa: not in this run"),
-        (["--json", "--csv"], "give --json or --csv, not both"),
+        (["--json", "--csv"], "give one of --json, --csv and --ok"),
     ],
     ids=str,
 )

@@ -351,12 +351,12 @@ def test_a_budget_for_a_fixed_study(call_here, folder):
 
 def test_a_wrong_key(call_here, folder):
     """One line for the fault, with the nearest name, and code 2."""
-    (folder / "bad.toml").write_text(CONFIG + 'measure = "ratio_median"\n')
+    (folder / "bad.toml").write_text(CONFIG + 'measure = "ratio_medain"\n')
     code, said, complained = call_here(folder, "run", "bad.toml")
     assert (code, said) == (2, "")
     assert len(complained.splitlines()) == 2
-    assert "precision.measure = 'ratio_median'" in complained
-    assert "did you mean 'ratio_median_" in complained
+    assert "precision.measure = 'ratio_medain'" in complained
+    assert "did you mean 'ratio_median'" in complained
 
 
 AXES = ["x_1", "x_2", "x_3"]

@@ -158,8 +158,11 @@ def _software(run: ArchivedRun) -> Entity:
 
 
 _PERFORMANCE = (
-    "; ".join(f"`{name}`: {measure.meaning}" for name, measure in MEASURES.items() if not name.endswith("_all"))
-    + ". A name with `_all` counts fits that are not ok as infinitely wrong. Each measure has its Monte-Carlo standard"
+    "; ".join(
+        f"`{name}`: {measure.meaning}" for name, measure in MEASURES.items() if not name.endswith(("_ok", "_all"))
+    )
+    + ". A name with `_ok` is of the estimator's own ok fits alone, which are other trials for each estimator; one with"
+    " `_all` counts fits that are not ok as infinitely wrong. Each measure has its Monte-Carlo standard"
     " error in the column `…_error`. No data set is drawn again."
 )
 

@@ -8,7 +8,8 @@ Each group and estimator is one comparison, by the strongest test that the store
 - One run has only its summary: medians are compared by their Monte-Carlo errors, shares of ok fits by Fisher's exact
   test.
 
-Fits that are not ok count as worse than any other. Runs are called different if any comparison is less probable than
+All trials count, and those whose fit is not ok as worse than any other, so that a changed status is a difference, too.
+Runs are called different if any comparison is less probable than
 one in a thousand divided by the number of comparisons (Bonferroni). So equal runs are called different at most once in
 a thousand times, whatever the dependence between the comparisons.
 """
@@ -208,17 +209,17 @@ def _shares(one: "pd.Series[float]", other: "pd.Series[float]") -> tuple[float, 
 
 
 def _medians(one: "pd.Series[float]", other: "pd.Series[float]") -> tuple[float, float, float]:
-    """Medians of ok fits, and the probability of their difference.
+    """Medians of all fits with failures last, and the probability of their difference.
 
     Their Monte-Carlo errors come from about √n order statistics, so the difference follows Student's t with √n degrees
     of freedom.
     """
-    values = [float(row["ratio_median_ok"]) for row in (one, other)]
-    error = math.hypot(one["ratio_median_ok_error"], other["ratio_median_ok_error"])
+    values = [float(row["ratio_median_all"]) for row in (one, other)]
+    error = math.hypot(one["ratio_median_all_error"], other["ratio_median_all_error"])
     away = abs(values[1] - values[0])
     if not away > 0.0 or not math.isfinite(error):
         return values[0], values[1], 1.0
-    freedom = math.sqrt(min(one["ok"], other["ok"]))
+    freedom = math.sqrt(min(one["planned"], other["planned"]))
     return values[0], values[1], 2.0 * float(scipy.stats.t.sf(away / error, freedom)) if error > 0.0 else 0.0
 
 

@@ -229,8 +229,9 @@ class JointFits(NamedTuple):
     definite: Bools
 
     def distances(self) -> Floats:
-        """Errors of the fits that are ok, infinite for the others (trials,); the true centre is the origin."""
-        return np.where(self.definite, np.linalg.norm(self.center, axis=1), np.inf)
+        """Errors of all fits, infinite where there is no number (trials,); the true centre is the origin."""
+        distances: Floats = np.linalg.norm(self.center, axis=1)
+        return np.nan_to_num(distances, nan=np.inf)
 
 
 def fit_joints(markers: Sequence[Floats], sigma: float, weighted: bool = False) -> JointFits:

@@ -1,7 +1,7 @@
 """The summary table: per cell, or per decade of relative noise, and estimator.
 
-Failures count: every quantile comes twice, of the fits whose status is ok (``_ok``) and of all planned fits with the
-others counted as worse than any (``_all``).
+The headline is ``ratio_median``, of all trials, so that columns of one row are of the same trials. For quantiles of the
+fits whose status is ok (``_ok``), and with failures last (``_all``), see `study.simulation.statistics`.
 
 An error table read by group and estimator, a part at a time, so that any length fits in memory.
 
@@ -9,7 +9,7 @@ The worst trials of a run: the largest errors among the fits whose status is ok.
 """
 
 from collections.abc import Collection, Iterator
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import pandas as pd
@@ -167,6 +167,53 @@ def _values(column: pa.ChunkedArray) -> NDArray[Any]:
         return np.array(words, dtype=object)[codes]
     values: NDArray[Any] = column.to_numpy()
     return values
+
+
+class TableReader(Protocol):
+    """Reader of stored tables, as a run is."""
+
+    def table(
+        self, name: str, columns: Collection[str] | None = None, estimators: Collection[str] | None = None
+    ) -> pd.DataFrame:
+        """Read a table, or some of its columns and some estimators' rows."""
+
+
+def stored_summary(run: TableReader, has_errors: bool, by_decade: bool) -> pd.DataFrame:
+    """Read the summary of a run, with the measures of all trials even if an earlier version stored it without them.
+
+    They are computed from the errors. Without errors they are those with failures last where every fit is ok, and
+    elsewhere not a number.
+
+    Args:
+        run: the run.
+        has_errors: True if its error table is stored.
+        by_decade: as in `summary`.
+    """
+    found = run.table("summary")
+    missing = [name for name in schemas.OF_ALL_TRIALS if name not in found]
+    if not missing:
+        return found
+    if has_errors:
+        computed = summary(run.table("errors", ["cell", "estimator", *(c.name for c in STORED), *NEEDED]), by_decade)
+        return computed[[c.name for c in schemas.summary([c for c in STORED if c.name in found])]]
+    known = {name: _failures_last(name) for name in missing}
+    all_ok = found["ok"] == found["planned"]
+    return found.assign(
+        **{name: found[other].where(all_ok) if other in found else np.nan for name, other in known.items()}
+    )
+
+
+def _failures_last(name: str) -> str:
+    """The column of a measure with failures last, or of its Monte-Carlo error."""
+    return f"{name.removesuffix('_error')}_all" + "_error" * name.endswith("_error")
+
+
+def up_to_date(run: Run) -> bool:
+    """True if the summary of a finished run need not be made from its errors again."""
+    if not run.valid("summary"):
+        return False
+    stored = pq.read_schema(run.path("summary")).names
+    return run.study.keep == "summary" or set(schemas.OF_ALL_TRIALS) <= set(stored)
 
 
 def summarise(run: Run) -> None:

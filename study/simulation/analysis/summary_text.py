@@ -15,7 +15,7 @@ import pandas as pd
 
 from study.fits.cap import cap_moments
 from study.simulation.analysis.regret import median_at_bound, median_attainable
-from study.simulation.analysis.summary import decade
+from study.simulation.analysis.summary import decade, stored_summary
 from study.simulation.experiment.conditions import (
     ANGLE,
     CENTER,
@@ -136,7 +136,7 @@ def once_by_scaling(summary: pd.DataFrame) -> pd.DataFrame:
     """
     free = {NOISE.name, RADIUS.name, CENTER.name}
     fixed = [c.name for c in CONDITIONS.values() if c.stored and c.name in summary and c.name not in free]
-    numbers = [*fixed, "ok", "planned", "ratio_median_ok", "ratio_median_ok_error"]
+    numbers = [*fixed, "ok", "planned", "ratio_median", "ratio_median_error"]
     ratios = (f"{value:.9g}" for value in _values(NOISE_OVER_RADIUS, summary))
     known: dict[tuple[object, ...], list[list[float]]] = {}
     by_group: dict[str, list[tuple[str, tuple[object, ...]]]] = {}
@@ -231,9 +231,13 @@ def _some(values: "pd.Series[str]", most: int = 12) -> str:
 
 ROWS = 32
 """Most rows of a table that, with the lines about it, fits 40 lines."""
+_ALL_TRIALS = (
+    "Medians of all trials, whatever the status; a fit without a number is infinitely far. Brackets: share not ok."
+)
+_OK_FITS = "Medians of each estimator's own ok fits, not to be compared: trials differ. Brackets: share not ok."
 
 
-def printed(run: Run, choice: RowChoice | None = None, every: bool = False) -> Iterator[str]:
+def printed(run: Run, choice: RowChoice | None = None, every: bool = False, only_ok: bool = False) -> Iterator[str]:
     """The medians of error over bound of a run.
 
     Args:
@@ -241,9 +245,10 @@ def printed(run: Run, choice: RowChoice | None = None, every: bool = False) -> I
         choice: the rows; all if None.
         every: print each of them; otherwise cells that are the same by scaling are printed once, and of more than
             `ROWS` rows some that are evenly spread.
+        only_ok: give the median of each estimator's own ok fits, instead of all trials.
 
     Yields:
-        A title, a legend, a header, and a line per group: for each estimator the median error of the ok fits over the
+        A title, a legend, a header, and a line per group: for each estimator the median error of all trials over the
         bound with its Monte-Carlo error, and in brackets the share of fits that are not ok, if there are any. Before
         them stand the medians of estimators with Gaussian errors at the two bounds, where the cells have them. Last
         come the numbers of rows that were left out.
@@ -251,10 +256,10 @@ def printed(run: Run, choice: RowChoice | None = None, every: bool = False) -> I
     Raises:
         ValueError: if no cell has the values of the choice.
     """
-    table = run.table("summary")
+    table = _summary(run)
     frame = (choice or RowChoice()).rows(table)
     yield f"{run.study.run_name()}: median error of the centre over the {_bound(frame)} ± its Monte-Carlo error"
-    yield "Fits that are not ok are left out; brackets give their share."
+    yield _OK_FITS if only_ok else _ALL_TRIALS
     if frame.empty:
         yield "no cell has a trial yet"
         return
@@ -267,7 +272,13 @@ def printed(run: Run, choice: RowChoice | None = None, every: bool = False) -> I
     for _, part in chosen.groupby("group", sort=False):
         fits = part.to_dict("records")
         bounds = [f"{value:.3g}" for value in at_bounds(fits[0])] if bounded else []
-        rows.append([_conditions(fits[0], named), *bounds, *map(_median, fits)])
+        rows.append(
+            [
+                _conditions(fits[0], named),
+                *bounds,
+                *(_median(fit, "ratio_median_ok" if only_ok else "ratio_median") for fit in fits),
+            ]
+        )
     yield from columns(rows, ["", *(["CRLB", "attainable"] if bounded else []), *dict.fromkeys(chosen["estimator"])])
     yield from notes
 
@@ -278,7 +289,7 @@ def as_data(run: Run, choice: RowChoice) -> dict[str, Any]:
     Raises:
         ValueError: if no cell has the values of the choice.
     """
-    frame = choice.rows(run.table("summary"))
+    frame = choice.rows(_summary(run))
     bounded, at_bounds = has_bounds(run.study), _AtBounds(run.study)
     rows: list[dict[str, Any]] = []
     for _, part in frame.groupby("group", sort=False):
@@ -300,7 +311,7 @@ def as_csv(run: Run, choice: RowChoice) -> str:
     Raises:
         ValueError: if no cell has the values of the choice.
     """
-    return choice.rows(run.table("summary")).to_csv(index=False, lineterminator="\n")
+    return choice.rows(_summary(run)).to_csv(index=False, lineterminator="\n")
 
 
 class _AtBounds:
@@ -363,9 +374,16 @@ def _conditions(row: RowValues, named: list[Condition]) -> str:
     return ", ".join(condition.label(row) for condition in named)
 
 
-def _median(row: RowValues) -> str:
-    if row["ok"] == 0:
-        return "none ok"
+def _median(row: RowValues, name: str) -> str:
+    """A median with its error, and in brackets the share of fits that are not ok."""
     failed = 1.0 - row["ok"] / row["planned"]
-    text = f"{row['ratio_median_ok']:.3g} ± {row['ratio_median_ok_error']:.2g}"
+    if np.isnan(row[name]):
+        return "none ok" if name.endswith("_ok") else "unknown"
+    text = "inf"
+    if np.isfinite(row[name]):
+        text = f"{row[name]:.3g} ± {row[f'{name}_error']:.2g}"
     return text + (f" ({failed:.1%})" if failed > 0 else "")
+
+
+def _summary(run: Run) -> pd.DataFrame:
+    return stored_summary(run, run.has("errors"), run.study.design.one_trial_a_cell)

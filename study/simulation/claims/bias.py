@@ -44,7 +44,7 @@ def _order(errors: pd.DataFrame, angle: float) -> Number:
     axis = by_estimator(part, part["error_1"] / part["radius"])
     at = by_estimator(part, relative_noise(part))["gdke"].to_numpy()
     enough = in_large_groups(at)
-    return exponent(words, at[enough], (axis["gdke"] - axis["mle"]).to_numpy()[enough], at[enough])
+    return exponent(words, at[enough], (axis["gdke"] - axis["mle"]).fillna(math.inf).to_numpy()[enough], at[enough])
 
 
 def _measure_order(evidence: Evidence) -> list[Number]:
@@ -63,13 +63,18 @@ def _judge_order(numbers: list[Number]) -> Verdict:
     return Verdict.PARTLY if near else Verdict.NOT_REPRODUCED
 
 
-def _covered(vectors: Floats) -> Measure:
-    """Share of estimates whose 95 % ellipse contains the truth; the ellipse has the scatter's covariance."""
+def _covered(vectors: Floats, trials: int) -> Measure:
+    """Share of trials whose 95 % ellipse contains the truth; the ellipse has the scatter's covariance.
+
+    Args:
+        vectors: errors of the estimates that have a number; of the other trials no ellipse contains the truth.
+        trials: number of all trials.
+    """
     if len(vectors) < LEAST:
         return UNKNOWN
     inverse = np.linalg.inv(np.cov(vectors.T))
     distance = np.einsum("ti,ij,tj->t", vectors, inverse, vectors)
-    return share(int(np.sum(distance <= scipy.special.chdtri(vectors.shape[1], 1.0 - _LEVEL))), len(vectors))
+    return share(int(np.sum(distance <= scipy.special.chdtri(vectors.shape[1], 1.0 - _LEVEL))), trials)
 
 
 def _axis_bias(rows: pd.DataFrame) -> Measure:
@@ -81,7 +86,8 @@ def _measure_lasting(evidence: Evidence) -> list[Number]:
     ellipse = evidence.errors("ellipse", "error", "error_1", "error_2")
     grid = rows_of(evidence.errors("power-law", "error_1"), "gdke")
     cell = rows_of(ellipse, "gdke")
-    bias, of_gdke, of_mle = _axis_bias(cell), center_errors(cell), center_errors(rows_of(ellipse, "mle"))
+    of_mle = rows_of(ellipse, "mle")
+    bias, held = _axis_bias(cell), [_covered(center_errors(rows), len(rows)) for rows in (cell, of_mle)]
     spread = float(np.std(cell["error_1"], ddof=1)) if len(cell) >= LEAST else math.nan
     of_spread = spread / math.sqrt(2.0 * max(len(cell) - 1, 1))  # the standard error for Gaussian errors
     few, many = (grid[grid["samples"] == n] for n in (grid["samples"].min(), grid["samples"].max()))
@@ -89,9 +95,9 @@ def _measure_lasting(evidence: Evidence) -> list[Number]:
     left = ratio(*(median(part["error_1"] / part["radius"]) for part in (many, few)))
     return [
         Number.of("GDKE's bias over its standard deviation", ratio(bias, Measure(spread, of_spread)), len(cell)),
-        Number.of("share of GDKE's 95 % ellipses that contain the true centre", _covered(of_gdke), len(of_gdke)),
+        Number.of("share of GDKE's 95 % ellipses that contain the true centre", held[0], len(cell)),
         Number.of(f"share of GDKE's bias that remains {growth}, by medians", left, min(len(few), len(many))),
-        Number.of("for comparison, share of MLE's 95 % ellipses that contain it", _covered(of_mle), len(of_mle)),
+        Number.of("for comparison, share of MLE's 95 % ellipses that contain it", held[1], len(of_mle)),
     ]
 
 

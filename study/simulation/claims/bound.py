@@ -8,6 +8,7 @@ import math
 from itertools import pairwise
 from statistics import NormalDist
 
+import numpy as np
 import pandas as pd
 import scipy
 
@@ -85,9 +86,9 @@ def _measure_bound(evidence: Evidence) -> list[Number]:
     found: list[tuple[Measure, str, int, float]] = []
     for name in _COMPARED:
         for angle, noise, part in cells(errors, name):
-            if moments_exist(part["error"].dropna().to_numpy()):
-                root = root_mean_square((part["error"] / part["bound"]).dropna().to_numpy())
-                bias = mean(part["error_1"].dropna().to_numpy())
+            over_bound = np.asarray(error_over(part, "bound"))
+            if np.isfinite(over_bound).all() and moments_exist(part["error"].to_numpy()):
+                root, bias = root_mean_square(over_bound), mean(part["error_1"].to_numpy())
                 where = f"{name.upper()}, φ = {angle:g}°, σ = {noise:.2g} r"
                 found.append((root, where, len(part), abs(bias.value) / bias.error))
     words = "least root mean square error over √tr CRLB"
@@ -139,7 +140,7 @@ def _measure_even(evidence: Evidence) -> list[Number]:
 
 def _pull(part: pd.DataFrame) -> float:
     """Median axis error over its Monte-Carlo error."""
-    found = quantile(part["error_1"].dropna().to_numpy(), 0.5)
+    found = quantile(part["error_1"].fillna(math.inf).to_numpy(), 0.5)
     return found.value / found.error
 
 

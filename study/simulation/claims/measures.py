@@ -2,9 +2,8 @@
 
 Rows of error tables: selections, errors in a unit, and tables with a column per estimator.
 
-Fits that are not ok are counted in one of two ways. As computed (`error_over`): every fit counts with its error,
-whatever its status, as in figure 2; a fit without a number counts as infinite. Failures last (`failures_last`): a fit
-that is not ok counts as worse than any other.
+Every fit counts with its error as computed, whatever its status, and one without a number as infinite (`error_over`):
+so estimators are compared on the same trials. A status would select other trials for each of them.
 
 Medians of errors with their Monte-Carlo errors: power laws, quotients, and extremes over conditions.
 """
@@ -18,7 +17,6 @@ import numpy as np
 import pandas as pd
 
 from study.arrays import Bools, Floats, Ints
-from study.fits import Status
 from study.simulation.claims.claim import Number, Verdict
 from study.simulation.statistics import UNKNOWN, Measure, power_law, quantile
 
@@ -94,11 +92,6 @@ def relative_noise(errors: pd.DataFrame) -> "pd.Series[float]":
 def error_over(errors: pd.DataFrame, unit: str) -> "pd.Series[float]":
     """Error of each row over a column, ``radius`` or ``bound``; infinite if there is no number, or no finite bound."""
     return (errors["error"] / errors[unit]).where(np.isfinite(errors[unit]), math.inf).fillna(math.inf)
-
-
-def failures_last(part: pd.DataFrame, values: "pd.Series[float]") -> Floats:
-    """Values of all fits; infinite for a fit that is not ok."""
-    return np.where(part["status"] == Status.OK, values.fillna(math.inf), math.inf)
 
 
 def by_estimator(errors: pd.DataFrame, values: "pd.Series[float]") -> pd.DataFrame:

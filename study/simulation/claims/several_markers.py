@@ -12,12 +12,12 @@ from study.simulation.statistics import Measure, quantile, share
 
 
 def _alone(joint: JointMarkers) -> Floats:
-    """UGDK's errors of each marker (M, trials), infinite for fits that are not ok."""
+    """UGDK's errors of each marker (M, trials), as computed."""
     return np.array([fit_joints([marker], joint.sigma).distances() for marker in joint.markers])
 
 
 def _together(joint: JointMarkers, weighted: bool = False, first: int = 0) -> Floats:
-    """MGDK's errors (trials,), infinite for fits that are not ok.
+    """MGDK's errors (trials,), as computed.
 
     Args:
         joint: the markers.
@@ -145,7 +145,8 @@ CLAIMS: tuple[Claim, ...] = (
         "noises",
         criterion="Two conditions. First: the fit to all markers errs less than the worst marker in more than half of "
         "the trials, by three standard errors. Second: its median error is below .9 of the best marker's, by two "
-        "standard errors. Reproduced with both, partly with the first alone, not reproduced otherwise.",
+        "standard errors. Reproduced with both, partly with the first alone, not reproduced otherwise. All fits "
+        "count as computed.",
         reads=("markers/errors", "markers/points", "mgdk/errors", "mgdk/points"),
         measure=_measure_averaging,
         judge=_judge_averaging,

@@ -195,11 +195,11 @@ def same(a: Value, b: Value) -> bool:
 
 
 MEASURES = (
-    *("_".join(words) for words in product(("relative", "ratio"), ("median", "q05", "q95"), ("ok", "all"))),
-    *("far_ok", "far_all", "axis_median_ok", "tail_index", "bias", "rmse"),
+    *("".join(words) for words in product(("relative_", "ratio_"), ("median", "q05", "q95"), ("", "_ok", "_all"))),
+    *("far", "far_ok", "far_all", "axis_median", "axis_median_ok", "tail_index", "bias", "rmse"),
 )
 """The measures of the summary that have a Monte-Carlo error."""
-_SHARES = ("far_ok", "far_all")
+_SHARES = ("far", "far_ok", "far_all")
 """Measures that are shares of fits."""
 
 

@@ -22,6 +22,7 @@ from matplotlib.figure import Figure
 
 from study import style
 from study.files import RunError, explained
+from study.simulation.analysis.summary import TableReader, stored_summary
 from study.simulation.experiment.conditions import STORED, bound_law
 from study.simulation.experiment.noise import NoiseLaw
 from study.simulation.runs import kept
@@ -64,15 +65,6 @@ def gathered(reasons: Mapping[str, str], runs: int) -> str:
 
 class NotApplicable(Exception):  # noqa: N818  not an error: most runs cannot feed some figure
     """A figure that cannot be drawn from a run; the message is the reason, in words for a user."""
-
-
-class TableReader(Protocol):
-    """Reader of stored tables, as a run is."""
-
-    def table(
-        self, name: str, columns: Collection[str] | None = None, estimators: Collection[str] | None = None
-    ) -> pd.DataFrame:
-        """Read a table, or some of its columns and some estimators' rows."""
 
 
 @dataclass(frozen=True)
@@ -159,7 +151,13 @@ class Tables:
     @cached_property
     def summary(self) -> pd.DataFrame:
         """The summary table; see `study.simulation.runs.schemas.summary`."""
-        return self.reader.table("summary")
+        return stored_summary(self.reader, "errors" in self.stored, self.design == "random")
+
+    def require_all_trials(self, name: str) -> None:
+        """Raise `NotApplicable` if a measure of all trials is not known in some cell."""
+        if self.summary[name].isna().any():
+            words = "the run is of an earlier version, which kept no medians of all trials"
+            raise NotApplicable(f"{words}: run its config again, in another folder (--out)")
 
     @cached_property
     def points(self) -> pd.DataFrame | None:

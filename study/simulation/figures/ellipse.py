@@ -46,13 +46,13 @@ class Spread:
         bias: median error along the axis and across it.
         sd: robust standard deviation along the axis and across it.
         covered: trials whose own 95 % ellipse, this spread about the estimate, has the true centre inside.
-        ok: trials whose fit is ok; the others are left out of the spread and count as not covered.
+        known: trials whose fit has a number, whatever its status; the others count as not covered.
     """
 
     bias: tuple[float, float]
     sd: tuple[float, float]
     covered: int
-    ok: int
+    known: int
 
     def distance(self, x: float, y: float) -> float:
         """Length of an error in these standard deviations."""
@@ -86,7 +86,7 @@ class DataSet:
         condition: ρ of this trial.
         points: x, y of the points.
         fits: each estimator's fit to them.
-        errors: estimator, x, y of the fitted centres of all trials of the cell that are ok.
+        errors: estimator, x, y of the fitted centres of all trials of the cell that have a number.
         spreads: of each estimator.
     """
 
@@ -145,7 +145,7 @@ def choose(tables: Tables, estimators: list[str]) -> DataSet:
     radius = row["radius"]
     mine = points[(points["cell"] == row["cell"]) & (points["trial"] == row["trial"])]
     fits = cell[cell["trial"] == row["trial"]]
-    ok = cell[cell["status"] == Status.OK]
+    known = cell[np.isfinite(cell["error"])]
     return DataSet(
         run=tables.name,
         trial=int(row["trial"]),
@@ -164,11 +164,15 @@ def choose(tables: Tables, estimators: list[str]) -> DataSet:
             for fit in fits.to_dict("records")
         },
         errors=pd.DataFrame(
-            {"estimator": ok["estimator"].astype(str), "x": ok["error_1"] / radius, "y": ok["error_2"] / radius}
+            {
+                "estimator": known["estimator"].astype(str),
+                "x": known["error_1"] / radius,
+                "y": known["error_2"] / radius,
+            }
         ),
         spreads={
             str(name): _spread((part[["error_1", "error_2"]] / radius).to_numpy())
-            for name, part in ok.groupby("estimator", observed=True, sort=False)
+            for name, part in known.groupby("estimator", observed=True, sort=False)
         },
     )
 
@@ -257,7 +261,7 @@ def draw(frame: EllipseFrame) -> Figure:
     whole, zoom = figure.subplots(1, 2, width_ratios=[1.0, 1.45])
     _draw_whole(whole, frame)
     _draw_zoom(zoom, frame)
-    style.stamp(figure, f"{frame.data.stamp}; spread over {frame.spread.ok:,} trials")
+    style.stamp(figure, f"{frame.data.stamp}; spread over {frame.spread.known:,} trials")
     return figure
 
 

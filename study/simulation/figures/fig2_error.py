@@ -7,8 +7,11 @@ ok is a cross, and fits off the scale are counted. Above is the paper's view. Ea
 its own bound: a dot above the line of the bound's median need not be far from its own bound. Below is the error over
 the trial's own √tr CRLB, with its median in each decade.
 
-Look at: above, the straight line over most decades; UGDK's crosses to the right of σ ≈ r, where the noise exceeds the
-extent of the sphere; and the slopes, which are of the ok fits alone. Below, the shoulder of LLS and GDKE for σ from
+Slopes, medians and counts are of all trials, whatever the fit's status, so that panels compare the same trials: a fit
+without a number is infinitely far, and a trial in which an estimator has none is left out of every panel's slope.
+
+Look at: above, the straight line over most decades, and UGDK's crosses to the right of σ ≈ r, where the noise exceeds
+the extent of the sphere. Below, the shoulder of LLS and GDKE for σ from
 10⁻⁴ r to r (their bias, of order σ²); UGDK beyond; and how an efficient estimator's dots scatter about 0.8.
 """
 
@@ -41,11 +44,11 @@ class ErrorFrame:
     """Content of figure 2.
 
     Attributes:
-        dots: a row per fit: estimator, noise, error and bound over the radius, error over bound (ratio), kind ("ok",
-            "far" or "not ok").
+        dots: a row per fit: cell, trial, estimator, noise, error and bound over the radius, error over bound (ratio),
+            kind ("ok", "far" or "not ok").
         bound: the running median of bound over radius: noise, bound, trials behind it.
         medians: median of the ratio over all fits: estimator, noise, ratio, in decades of at least ten trials.
-        panels: a row per estimator: slope with its 95 % interval, and counts of fits.
+        panels: a row per estimator: slope with its 95 % interval, of the same trials in all of them; counts of fits.
         noise_limits: ends of the horizontal axis, in powers of ten.
         error_limits: ends of the vertical axis of the errors, in powers of ten.
         ratio_limits: likewise, of the ratios.
@@ -75,6 +78,8 @@ def prepare(tables: Tables) -> ErrorFrame:
     kind = np.where(ok, np.where(errors["error"] > FAR * errors["bound"], "far", "ok"), "not ok")
     dots = pd.DataFrame(
         {
+            "cell": errors["cell"].astype(str),
+            "trial": errors["trial"],
             "estimator": errors["estimator"].astype(str),
             "noise": errors["noise"] / errors["radius"],
             "error": errors["error"] / errors["radius"],
@@ -87,7 +92,14 @@ def prepare(tables: Tables) -> ErrorFrame:
     if dots["noise"].max() < 10.0 * dots["noise"].min():
         raise NotApplicable("needs relative noise σ/r over at least a decade: widen the law of the noise in the config")
     limits = _robust_limits(dots["error"].to_numpy())
-    panels = pd.DataFrame([_panel(str(name), part, limits) for name, part in dots.groupby("estimator", sort=False)])
+    usable = (dots["error"] > 0.0) & np.isfinite(dots["error"])
+    sloped = dots[usable.groupby([dots["cell"], dots["trial"]]).transform("all")]
+    panels = pd.DataFrame(
+        [
+            _panel(str(n), part, sloped[sloped["estimator"] == n], limits)
+            for n, part in dots.groupby("estimator", sort=False)
+        ]
+    )
     bound = _running_bound(dots[dots["estimator"] == panels["estimator"].iloc[0]])
     stamp = f"{tables.name} · {panels['planned'].min():,} trials"
     if len(bound):
@@ -105,10 +117,9 @@ def _robust_limits(error: Floats, left_out: float = 0.002) -> tuple[int, int]:
     return math.floor(low) - 1, math.ceil(high) + 1
 
 
-def _panel(name: str, part: pd.DataFrame, limits: tuple[int, int]) -> dict[str, object]:
-    """One estimator's slope and counts."""
-    usable = part[(part["kind"] != "not ok") & (part["error"] > 0.0) & np.isfinite(part["error"])]
-    some = usable.iloc[:_MOST_FOR_SLOPE]  # trials are exchangeable
+def _panel(name: str, part: pd.DataFrame, sloped: pd.DataFrame, limits: tuple[int, int]) -> dict[str, object]:
+    """One estimator's slope, of its fits in trials that all estimators share, and counts of all of its fits."""
+    some = sloped.iloc[:_MOST_FOR_SLOPE]  # trials are exchangeable
     slope = low = high = math.nan
     if len(some) >= 3:
         slope, low, high = theil_sen(np.log10(some["noise"].to_numpy()), np.log10(some["error"].to_numpy()))
@@ -119,7 +130,7 @@ def _panel(name: str, part: pd.DataFrame, limits: tuple[int, int]) -> dict[str, 
         "slope_low": low,
         "slope_high": high,
         "planned": len(part),
-        "far": int((part["kind"] == "far").sum()),
+        "far": int((~(part["ratio"] <= FAR)).sum()),  # of all fits; one without a number is far
         "not_ok": int((part["kind"] == "not ok").sum()),
         "off_scale": int((~on_scale).sum()),  # zero and non-finite errors count too
     }
@@ -230,7 +241,7 @@ def _words(panel: "pd.Series[Any]") -> str:
     if math.isfinite(panel["slope"]):
         lines = [f"slope {panel['slope']:.3f} [{panel['slope_low']:.3f}, {panel['slope_high']:.3f}]"]
     else:
-        lines = ["too few ok fits for a slope"]
+        lines = ["too few fits for a slope"]
     lines.append(f"{panel['far']:,} beyond 10 × √tr CRLB")
     lines.append(f"{panel['not_ok']:,} of {panel['planned']:,} not ok")
     if panel["off_scale"]:

@@ -2,11 +2,11 @@
 
 One panel per cap angle. The unit is the median of an estimator with Gaussian errors at the Cramér-Rao bound. That
 bound treats the directions as known. The dashed line is the attainable bound, which does not: an estimator on it is
-efficient. Medians are of all fits, whatever their status; a fit without a number counts as worse than any. Of a run
-with many estimators five are drawn, the default and the paper's first; the stamp names the others, which `study
-summary` has. Marks below the curves are where theory puts the changes: GDKE's bias exceeds its scatter at
-s* = r √(Kₐ/N) / m₁, UGDK leaves the bound at σ² = v/2, and UGDK's matrix begins to fail at κ = (v/σ²) √(N/2) = 3, with
-v = r²Kₐ the variance of the points along the axis.
+efficient. Medians are of all trials, whatever the fit's status, so that curves compare the same trials; a fit without
+a number counts as infinite. Of a run with many estimators five are drawn, the default and the paper's first; the stamp
+names the others, which `study summary` has. Marks below the curves are where theory puts the changes: GDKE's bias
+exceeds its scatter at s* = r √(Kₐ/N) / m₁, UGDK leaves the bound at σ² = v/2, and UGDK's matrix begins to fail at
+κ = (v/σ²) √(N/2) = 3, with v = r²Kₐ the variance of the points along the axis.
 
 Look at: GDKE leaves the bound first, by a factor that grows as √N. To subtract the known noise (UGDK) costs more than
 to estimate it from the same points (ALS). Past κ = 3 the noise hides the sphere, and no estimator works; those whose
@@ -31,6 +31,7 @@ from study.simulation.analysis.regret import (
     noise_at_kappa,
     ugdk_leaves,
 )
+from study.simulation.claims.measures import error_over
 from study.simulation.figures import NotApplicable, Tables, at_first
 from study.simulation.statistics import quantile
 
@@ -83,14 +84,14 @@ def prepare(tables: Tables) -> EfficiencyFrame:
     caps = {angle: cap_moments(math.radians(angle), tables.dimension) for angle in cells["angle"].unique()}
     shown = _shown(tables.estimators)
     errors = tables.some_errors(["cell", "estimator", "error", "bound"], shown)
-    ratios = (errors["error"] / errors["bound"]).fillna(np.inf)
+    ratios = error_over(errors, "bound")
     rows = []
     for (cell, estimator), part in ratios.groupby([errors["cell"], errors["estimator"]], observed=True, sort=False):
         if cell not in place:
             continue
         angle, noise = place[cell]
         unit = median_at_bound(caps[angle], tables.dimension)
-        median = quantile(part.to_numpy(), 0.5)
+        median = quantile(np.asarray(part, dtype=float), 0.5)
         rows.append((angle, str(estimator), noise, median.value / unit, median.error / unit, len(part)))
     columns = ["angle", "estimator", "level", "ratio", "error", "trials"]
     curves = pd.DataFrame(rows, columns=columns)

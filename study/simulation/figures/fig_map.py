@@ -3,9 +3,9 @@
 A row of panels per estimator, a panel per number of samples N; in each, relative noise to the right and the cap's
 half-angle upwards. Relative noise is shown from 10⁻⁴, below which all are efficient but for rounding, to 10², above
 which nothing changes any more. The unit is the median of an estimator with Gaussian errors at the bound. White is
-efficient, red is worse; pale blue beats the bound by being biased: do not read it as good. Medians count every fit
-without an answer as worse than any. In hatched cells more than half of the fits have no answer, or the bound itself is
-infinite.
+efficient, red is worse; pale blue beats the bound by being biased: do not read it as good. Medians are of all trials,
+whatever the fit's status, so that panels compare the same trials; a fit without a number counts as infinite. In hatched
+cells more than half of the fits have no number, or the bound itself is infinite.
 
 Look at: white ends where the noise reaches the cap's height, at small angles first. GDKE and LLS leave the bound at
 less noise, and at even less with more samples, because a bias does not average out.
@@ -61,6 +61,7 @@ def prepare(tables: Tables) -> MapFrame:
         raise NotApplicable('needs many trials of each condition: kind = "grid" in the config')
     if not tables.noise_law.isotropic:
         raise NotApplicable("compares with an isotropic bound: needs a config without noise_shape")
+    tables.require_all_trials("ratio_median")
     found = at_first(tables.summary, besides=("samples", "noise", "angle"))
     # twelve digits: one level of a logspace may differ in its last bit from radius to radius
     level = np.array([float(f"{v:.12g}") for v in found["noise"] / found["radius"]])
@@ -80,10 +81,10 @@ def prepare(tables: Tables) -> MapFrame:
             "samples": found["samples"].astype(int),
             "angle": found["angle"],
             "level": level,
-            "ratio": found["ratio_median_all"].fillna(np.inf) / found["angle"].map(unit),
+            "ratio": found["ratio_median"] / found["angle"].map(unit),
         }
     ).reset_index(drop=True)
-    relative = (found["ratio_median_all_error"] / found["ratio_median_all"]).to_numpy()
+    relative = (found["ratio_median_error"] / found["ratio_median"]).to_numpy()
     known = relative[np.isfinite(relative)]
     usual = f", usual standard error {100.0 * np.median(known):.1f} %" if len(known) else ""
     least = int(found["planned"].min())
@@ -107,7 +108,7 @@ def draw(frame: MapFrame) -> Figure:
         ax.set_title(f"$N$ = {_short(int(count))}", fontsize=8.0)
     axes[-1, len(counts) // 2].set_xlabel("noise over radius, $σ/r$")
     bar = figure.colorbar(mesh, ax=axes, extend="both", aspect=30, pad=0.01, fraction=0.03)
-    bar.set_label("median error, efficient = 1; hatched: no answer", fontsize=8.0)
+    bar.set_label("median error, efficient = 1; hatched: no number", fontsize=8.0)
     bar.set_ticks([0.01, 0.1, 1.0, 10.0, 100.0], labels=["≤0.01", "0.1", "1", "10", "≥100"])
     style.stamp(figure, frame.stamp)
     return figure

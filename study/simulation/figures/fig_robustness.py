@@ -3,8 +3,9 @@
 One row of panels per cap angle. Left, the noise is normal and a share of the samples is displaced in random directions;
 right, there are no outliers, and the laws of the noise stand in the order of their excess kurtosis, all with the same
 covariance σ² I. The unit is the median of an estimator with Gaussian errors at the Gaussian bound of the same σ, so 1
-is efficient with normal noise. A fit that is not ok counts as worse than any. Bars are 95 % intervals of the median;
-every law has the same normal numbers behind it, so that differences between laws are more precise than the bars.
+is efficient with normal noise. Medians are of all trials, whatever the fit's status; a fit without a number counts as
+infinite. Bars are 95 % intervals of the median; every law has the same normal numbers behind it, so that differences
+between laws are more precise than the bars.
 
 The dashed line is the error of an efficient estimator that takes the outliers for noise: a share p of displacements by
 s σ makes the variance of a coordinate σ² (1 + p s²/d).
@@ -44,7 +45,7 @@ class RobustnessFrame:
 
     Attributes:
         shares: a row per angle, share of outliers and estimator, with normal noise: the median error in units of an
-            efficient estimator's, and its Monte-Carlo error; infinite where more than half of the fits are not ok.
+            efficient estimator's, and its Monte-Carlo error; infinite where half of the fits have no number.
         tails: a row per angle, law and estimator, without outliers, likewise; in the order of the excess kurtosis.
         size: length of an outlier's displacement, in units of σ.
         dimension: d.
@@ -76,6 +77,7 @@ def prepare(tables: Tables) -> RobustnessFrame:
         found = set(tables.summary[name]) if name in tables.summary else set()
         if len(found) < _LEAST or least not in found:
             raise NotApplicable(f"needs at least {_LEAST} values of {name} in the grid, with {least} among them")
+    tables.require_all_trials("ratio_median")
     rows = at_first(tables.summary, besides=("angle", law, share))
     unit = {
         angle: median_at_bound(cap_moments(math.radians(angle), tables.dimension), tables.dimension)
@@ -87,8 +89,8 @@ def prepare(tables: Tables) -> RobustnessFrame:
             "estimator": rows["estimator"].astype(str),
             "law": rows[law].astype(str),
             "share": rows[share],
-            "ratio": rows["ratio_median_all"].fillna(np.inf) / rows["angle"].map(unit),
-            "error": rows["ratio_median_all_error"] / rows["angle"].map(unit),
+            "ratio": rows["ratio_median"] / rows["angle"].map(unit),
+            "error": rows["ratio_median_error"] / rows["angle"].map(unit),
         }
     )
     order = sorted(medians["law"].unique(), key=lambda word: (excess_kurtosis(word), -(freedom(word) or 0.0)))

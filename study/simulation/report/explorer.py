@@ -128,15 +128,20 @@ def _measures(frame: pd.DataFrame) -> Iterable[str]:
     names = sorted(MEASURES, key=lambda name: not name.startswith("ratio"))
     for name in names:
         if name in frame and frame[name].notna().any():
-            yield _measure(name, MEASURES[name].meaning, frame[name], frame[f"{name}_error"])
+            title, meaning, _ = MEASURES[name]
+            yield _measure(name, title, meaning, frame[name], frame[f"{name}_error"])
     found = [share(int(p - k), int(p)) for p, k in zip(frame["planned"], frame["ok"], strict=True)]
-    yield _measure("not_ok", "share of the fits that are not ok", [m.value for m in found], [m.error for m in found])
+    meaning = "share of the fits that are not ok"
+    yield _measure("not_ok", "share not ok", meaning, [m.value for m in found], [m.error for m in found])
 
 
-def _measure(name: str, meaning: str, values: Iterable[float], errors: Iterable[float]) -> str:
+def _measure(name: str, title: str, meaning: str, values: Iterable[float], errors: Iterable[float]) -> str:
     both = f'"values": {_numbers(values, _DIGITS)}, "errors": {_numbers(errors, _ERROR_DIGITS)}'
-    known = {"name": name, "title": words.TITLES[name], "meaning": meaning[0].upper() + meaning[1:]}
-    return json.dumps(known)[:-1] + f", {both}}}"
+    return json.dumps({"name": name, "title": _sentence(title), "meaning": _sentence(meaning)})[:-1] + f", {both}}}"
+
+
+def _sentence(text: str) -> str:
+    return text[0].upper() + text[1:]
 
 
 def _numbers(values: Iterable[float], digits: int) -> str:

@@ -38,6 +38,7 @@ from study.simulation.report.blocks import (
 )
 from study.simulation.report.material import Material, Record
 from study.simulation.runs.run_folder import plugins
+from study.simulation.statistics import MEASURES
 
 _HEAD = ["Run", "Design", "Estimators", "Trials", "Samples", "Seed", "Computed on", "Seconds", "Workers"]
 
@@ -105,9 +106,9 @@ def precision(record: Record) -> list[Block]:
     head = ["Why there are no more trials", "cells", "trials of each"]
     table = Table(f"Trials by need, {record.name}", caption, head, rows, numeric=frozenset({1, 2}))
     told: list[str | Block] = [
-        "Trials were added until the Monte-Carlo error of ",
+        f"Trials were added until the Monte-Carlo error of the {MEASURES[asked.measure].title} (",
         InlineCode(asked.measure),
-        f" was {goal}, for {whose}.",
+        f") was {goal}, for {whose}.",
     ]
     return [Text(told), table]
 
@@ -260,8 +261,9 @@ def efficiency(record: Record) -> list[Block]:
     )
     caption = (
         f"Distance of the estimated from the true centre over the bound √tr CRLB{law} of the same points: median of "
-        "the fits that are ok, ± its Monte-Carlo error (∞: too few fits for one); below it the share of those that are "
-        f"not. {efficient}"
+        "all trials, whatever the fit's status, ± its Monte-Carlo error (∞: too few trials for one), so that columns "
+        "compare the same trials. A fit without a number counts as infinitely far. Below a median stands the share of "
+        f"fits that are not ok. {efficient}"
         f"At least {least} trial{'s' * (least != '1')} a row{fixed}."
     )
     head = [*titles, "trials", *(["CRLB", "attainable"] if bounded else []), *(style.label(name) for name in shown)]
@@ -290,9 +292,7 @@ def _decade(row: RowValues) -> str:
 
 def _ratio(row: RowValues) -> Content:
     ok, planned = int(row["ok"]), int(row["planned"])
-    if ok == 0:
-        return "none ok"
-    text = words.measured(row["ratio_median_ok"], row["ratio_median_ok_error"])
+    text = words.measured(row["ratio_median"], row["ratio_median_error"])
     return [text, Note(f"{words.percent(planned - ok, planned)} not ok")] if ok < planned else text
 
 

@@ -13,26 +13,6 @@ _NARROW = "\u202f"  # narrow no-break space between thousands
 JOINED = "\u00a0"  # no-break space
 _NUMBER = r"-?\d+\.?\d*(?:e[+-]\d+)?"
 
-_QUANTITIES = {"ratio": "error over bound", "relative": "error over radius"}
-_QUANTILES = {"median": "median", "q05": "5 % quantile of", "q95": "95 % quantile of"}
-_AMONG = {"ok": "ok fits", "all": "all fits"}
-TITLES = {
-    **{
-        f"{what}_{part}_{among}": f"{words} {quantity}, {fits}"
-        for what, quantity in _QUANTITIES.items()
-        for part, words in _QUANTILES.items()
-        for among, fits in _AMONG.items()
-    },
-    "far_ok": "share beyond 10 bounds, ok fits",
-    "far_all": "share beyond 10 bounds or not ok",
-    "axis_median_ok": "median error along the axis over bound, ok fits",
-    "tail_index": "Hill's index of the tail",
-    "bias": "bias along the axis over bound",
-    "rmse": "root mean square error over bound",
-    "not_ok": "share not ok",
-}
-"""Headings of columns: a few words for each measure of a summary."""
-
 
 def power_of_ten(exponent: int) -> str:
     """10 raised to a whole number."""

@@ -24,6 +24,7 @@ from study.simulation.experiment.designs import Span, Unit
 from study.simulation.experiment.sampling import spans
 from study.simulation.runs import schemas
 from study.simulation.runs.parts import FORMAT, Packet, Parts, encode
+from study.simulation.statistics import MEASURES
 
 POINTS = "points"
 _OVERHEAD = 10_000.0
@@ -66,7 +67,8 @@ class Jobs:
 
     def __init__(self, study: Study) -> None:
         self.study = study
-        self._stem = hashlib.sha256(f"{FORMAT} {study.stem()}".encode()).digest()
+        measures = " ".join(MEASURES) if study.keep == "summary" else ""  # rows of a summary have a column for each
+        self._stem = hashlib.sha256(f"{FORMAT} {study.stem()}{measures}".encode()).digest()
         self.estimators = tuple(output(name) for name in study.estimators)
 
     def job(self, span: Span) -> Job:

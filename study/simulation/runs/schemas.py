@@ -29,6 +29,10 @@ _WORD = pa.dictionary(pa.int32(), pa.string())
 _STATUSES = "; ".join(f"{status.value} = {status.text}" for status in Status)
 _STATUS_COLUMNS = frozenset(status.name.lower() for status in Status)
 """Columns of the summary that count the fits of each status."""
+OF_ALL_TRIALS = tuple(f"{name}{end}" for name in MEASURES if f"{name}_ok" in MEASURES for end in ("", "_error"))
+"""Columns of the summary with a measure of all trials, which an earlier version did not store."""
+_NEWER = frozenset(OF_ALL_TRIALS) | _STATUS_COLUMNS - {Status.OK.name.lower()}
+"""Columns that a table may lack because it is older than they are."""
 _CHAIN_STATUSES = "; ".join(f"{status.value} = {status.text}" for status in ChainStatus)
 
 
@@ -258,11 +262,11 @@ def declared(dimension: int, conditions: Sequence[Condition] = COLUMNS) -> dict[
 def fault(found: pa.Schema, columns: list[Column]) -> str | None:
     """The first declared column that a stored table lacks, or has with another type; None if there is none.
 
-    Counts of statuses may be missing: a table may be older than a status.
+    Counts of statuses and measures of all trials may be missing: a table may be older than they are.
     """
     for column in columns:
         if found.get_field_index(column.name) < 0:
-            if column.name in _STATUS_COLUMNS and column.name != Status.OK.name.lower():
+            if column.name in _NEWER:
                 continue
             return f"not a table of this version: no column {column.name!r}"
         if (kind := found.field(column.name).type) != column.type:

@@ -1,6 +1,6 @@
 """Rules that claims share: a number within a distance of its target.
 
-Rows of error tables: the fits that count as worse than any.
+Rows of error tables: every fit counts with its error, and one without a number as infinite.
 
 Medians in claims: exponents of power laws, quotients, and conditions without an answer.
 """
@@ -11,9 +11,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from study.fits import Status
 from study.simulation.claims.claim import Number
-from study.simulation.claims.measures import exponent, failures_last, ratio, within
+from study.simulation.claims.measures import error_over, exponent, ratio, within
 from study.simulation.statistics import Measure
 
 
@@ -27,11 +26,12 @@ def test_within(value, error, inside):
     assert within(Number("", value, math.nan, 0), 1.0, 0.1) is (abs(value - 1.0) <= 0.1)
 
 
-def test_failures_last():
-    """Fits that are not ok, or have no number, are worse than any."""
-    part = pd.DataFrame({"status": [0, 1, 0], "error": [1.0, 2.0, math.nan]})
-    assert list(failures_last(part, part["error"])) == [1.0, math.inf, math.inf]
-    assert Status.OK == 0
+def test_every_fit_counts():
+    """A status leaves no fit out; without a number, or a finite bound, an error is infinite."""
+    part = pd.DataFrame(
+        {"status": [0, 1, 3, 0], "error": [1.0, 2.0, math.nan, 1.0], "bound": [2.0, 2.0, 2.0, math.inf]}
+    )
+    assert list(error_over(part, "bound")) == [0.5, 1.0, math.inf, math.inf]
 
 
 @pytest.mark.parametrize("power", [-1.0, 0.0, 2.0])

@@ -42,11 +42,16 @@ def test_power_law(find, grid, exponent, verdict):
 
 
 def test_failures_count(find, grid):
-    """Failures at the largest N raise the medians there; where most fits fail, the error falls with nothing."""
+    """Fits without a number raise the medians at the largest N; where most have none, the error falls with nothing.
+
+    A status alone changes nothing.
+    """
     errors = grid(ugdk=-0.5)
     for share, verdict in ((0.4, Verdict.PARTLY), (0.6, Verdict.NOT_REPRODUCED)):
         failed = (errors["samples"] >= 1000) & (errors["trial"] % 10 < 10 * share)
         table = errors.assign(status=np.where(failed, Status.NOT_POSITIVE_DEFINITE, Status.OK))
+        assert find(CLAIMS, "power-law", {"power-law/errors": table}).verdict is Verdict.REPRODUCED
+        table = table.assign(error=table["error"].where(~failed))
         found = find(CLAIMS, "power-law", {"power-law/errors": table})
         assert found.numbers[0].value > -0.5
         assert found.verdict is verdict

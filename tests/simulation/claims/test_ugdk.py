@@ -100,12 +100,13 @@ def test_error(find, growth, changed, verdict):
 
 
 def test_error_counts_failures(find, growth):
-    """If most fits of some N fail, the median is infinite and has no exponent, whatever the other N."""
+    """If most fits of some N have no number, the median is infinite and has no exponent, whatever the other N."""
     tables = growth()
     grid = tables["power-law/errors"]
-    tables["power-law/errors"] = grid.assign(
-        status=np.where((grid["samples"] == 40) & (grid["trial"] < 120), Status.NOT_POSITIVE_DEFINITE, Status.OK)
-    )
+    failed = (grid["samples"] == 40) & (grid["trial"] < 120)
+    tables["power-law/errors"] = grid.assign(status=np.where(failed, Status.NOT_POSITIVE_DEFINITE, Status.OK))
+    assert find(CLAIMS, "ugdk-error", tables).verdict is find(CLAIMS, "ugdk-error", growth()).verdict
+    tables["power-law/errors"] = grid.assign(error=grid["error"].where(~failed))
     assert find(CLAIMS, "ugdk-error", tables).verdict is Verdict.NOT_REPRODUCED
 
 
@@ -138,7 +139,7 @@ def test_figure_4_verdict_follows(find, circles):
     name = "figure-4-setting"
     assert find(CLAIMS, name, circles(middle=0.8)).verdict is Verdict.NOT_REPRODUCED
     table = circles()["ellipse/errors"]
-    failed = table.assign(status=np.where(table["trial"] < 600, Status.NOT_POSITIVE_DEFINITE, Status.OK))
+    failed = table.assign(**{name: table[name].where(table["trial"] >= 600) for name in ("error_1", "error_2")})
     assert find(CLAIMS, name, {"ellipse/errors": failed}).verdict is Verdict.PARTLY
     above = table.assign(condition=np.where(table["trial"] >= 980, 1.1, table["condition"]))
     assert find(CLAIMS, name, {"ellipse/errors": above}).verdict is Verdict.PARTLY
@@ -197,11 +198,13 @@ def test_noise(find, noises, changed, verdict):
 
 
 def test_noise_counts_failures(find, noises):
-    """If most fits that find Σ fail, Σ is not found."""
+    """If most fits that find Σ have no number, Σ is not found; a status alone changes nothing."""
     tables = noises()
     several = tables["anisotropic/errors"]
     failed = (several["estimator"] == "ugdk_cov") & (several["angle"] == 45.0) & (several["trial"] < 200)
     tables["anisotropic/errors"] = several.assign(status=np.where(failed, Status.NOT_POSITIVE_DEFINITE, Status.OK))
+    assert find(CLAIMS, "noise-from-the-points", tables).verdict is Verdict.PARTLY
+    tables["anisotropic/errors"] = several.assign(error=several["error"].where(~failed))
     assert find(CLAIMS, "noise-from-the-points", tables).verdict is Verdict.REPRODUCED
 
 

@@ -309,7 +309,7 @@ FAULTS = [
     ("target = 1.0\nseconds = 0", "precision.seconds = 0", "greater than 0"),
     ("target = 1.0\nseconds = inf", "precision.seconds = inf", "finite"),
     ('target = 1.0\nmeasure = "ratio_medain_ok"', "precision.measure = 'ratio_medain_ok'", "mean 'ratio_median_ok'"),
-    ('target = 1.0\nmeasure = "planned"', "precision.measure = 'planned'", "known are relative_median_ok"),
+    ('target = 1.0\nmeasure = "planned"', "precision.measure = 'planned'", "known are relative_median"),
     ("target = 1.0\nmeasure = 3", "precision.measure = 3", "string"),
     ("target = 1.0\nestimators = []", "precision.estimators = []", "must have a value"),
     ('target = 1.0\nestimators = ["mle", "mle"]', "precision.estimators", "'mle' given more than once"),

@@ -227,7 +227,7 @@ TRIALS_FIG_MAP = 5
 
 @pytest.fixture
 def grid(make_rows, make_tables):
-    """Tables of two radii, sample counts, angles and estimators and three levels, where some fits fail."""
+    """Tables of two radii, sample counts, angles and estimators and three levels, where some fits have no number."""
 
     def make(levels=LEVELS_FIG_MAP, angles=ANGLES_FIG_MAP):
         rng, parts = np.random.default_rng(1), []
@@ -238,9 +238,10 @@ def grid(make_rows, make_tables):
                         for name in ("mle", "ugdk"):
                             status = np.zeros(TRIALS_FIG_MAP, dtype=int)
                             status[: 3 if name == "ugdk" and level == 10.0 else 1] = 1
+                            error = np.where(status[:, None] == 1, np.nan, rng.normal(size=(TRIALS_FIG_MAP, 3)))
                             parts.append(
                                 make_rows(
-                                    f"{radius}-{count}-{angle}-{level}", name, rng.normal(size=(TRIALS_FIG_MAP, 3)),
+                                    f"{radius}-{count}-{angle}-{level}", name, error,
                                     samples=count, angle=angle, noise=radius * level, radius=radius, status=status,
                                 )
                             )  # fmt: skip
@@ -256,7 +257,7 @@ def test_noise_beyond_the_shown_range_is_left_out(grid):
 
 
 def test_medians_of_the_first_radius(grid):
-    """Failures count as worse than any; on the sphere the unit is the median length of a Gaussian, over √tr."""
+    """Fits without a number count as infinite; on the sphere the unit is the median length of a Gaussian, over √tr."""
     tables = grid()
     ratios = fig_map.prepare(tables).ratios
     assert len(ratios) == 2 * len(COUNTS) * len(ANGLES_FIG_MAP) * len(LEVELS_FIG_MAP)
@@ -325,7 +326,7 @@ TRIALS_FIG_ROBUSTNESS = 9
 
 @pytest.fixture
 def grid_of_fig_robustness(make_rows, make_tables):
-    """Tables of two angles, two radii, five laws, three shares and two estimators; some fits fail."""
+    """Tables of two angles, two radii, five laws, three shares and two estimators; some fits have no number."""
 
     def make(laws=LAWS, shares=SHARES, **more):
         rng, parts = np.random.default_rng(1), []
@@ -338,7 +339,7 @@ def grid_of_fig_robustness(make_rows, make_tables):
                             status = np.zeros(TRIALS_FIG_ROBUSTNESS, dtype=int)
                             status[: 6 if name == "gdke" and share == 0.3 else 0] = 1
                             cell = f"{angle}-{radius}-{law}-{share}"
-                            error = rng.normal(size=(TRIALS_FIG_ROBUSTNESS, 3))
+                            error = np.where(status[:, None] == 1, np.nan, rng.normal(size=(TRIALS_FIG_ROBUSTNESS, 3)))
                             parts.append(make_rows(cell, name, error, status=status, **conditions))
         return make_tables(pd.concat(parts, ignore_index=True), "grid_of_fig_robustness")
 
@@ -346,7 +347,7 @@ def grid_of_fig_robustness(make_rows, make_tables):
 
 
 def test_medians_fig_robustness(grid_of_fig_robustness):
-    """Of the first radius; on the sphere the unit is the median length of a Gaussian, over √tr; failures are worse."""
+    """Of the first radius; on the sphere the unit is the median length of a Gaussian, over √tr; no number is far."""
     tables = grid_of_fig_robustness()
     frame = fig_robustness.prepare(tables)
     errors = tables.errors[(tables.errors["radius"] == 1.0) & (tables.errors["angle"] == 180.0)]

@@ -134,7 +134,7 @@ def test_the_first_view(opened, circles):
     assert tab.evaluate("location.hash") == ""
     frame = circles.table("summary")
     assert tab.evaluate(POINTS) == len(frame)
-    assert tab.evaluate(ERRORS) == np.isfinite(frame["ratio_median_ok_error"]).sum()
+    assert tab.evaluate(ERRORS) == np.isfinite(frame["ratio_median_error"]).sum()
     assert tab.inner_text("#explorer-count") == f"{len(frame)} rows"
     assert tab.locator("#explorer-table tbody tr").count() == len(frame)
 
@@ -158,7 +158,7 @@ def test_each_control(opened, many):
         "",
     ]
     legend = tab.locator("#explorer-chart [aria-label=legend] text").all_text_contents()
-    assert legend[0].startswith("Median of error over radius, all others")
+    assert legend[0] == "Median of error over radius, not ok as infinite"
     assert len(legend) == 12  # the measure, and eleven levels of noise
     tab.uncheck("#explorer-ylog") if tab.is_checked("#explorer-ylog") else tab.check("#explorer-ylog")
     assert ("y" in hash_of(tab)["log"]) == tab.is_checked("#explorer-ylog")
@@ -184,7 +184,11 @@ def test_a_view_can_be_linked(opened, many):
     assert not tab.is_checked("#explorer-ylog")
     assert tab.evaluate(POINTS) == 22
     assert tab.inner_text("#explorer-count") == "22 rows"
-    assert tab.locator("#explorer-table th[aria-sort=descending]").inner_text().startswith("share beyond 10 bounds")
+    assert (
+        tab.locator("#explorer-table th[aria-sort=descending]")
+        .inner_text()
+        .startswith("Share beyond 10 bounds or not ok")
+    )
     assert tab.evaluate("document.getElementById('explorer').getBoundingClientRect().top") < 900
     tab = opened("#explorer?run=gone&y=gone&x=gone&facet=gone")
     assert tab.evaluate(POINTS) > 0
@@ -234,7 +238,7 @@ def test_files(opened, random):
     tab = opened(f"#explorer?run={random.study.run_name()}&is.estimator=UGDK")
     with tab.expect_download() as download:
         tab.click("#explorer-svg")
-    assert download.value.suggested_filename == f"{random.study.run_name()}-ratio_median_ok.svg"
+    assert download.value.suggested_filename == f"{random.study.run_name()}-ratio_median.svg"
     root = ET.parse(download.value.path()).getroot()
     assert root.tag == f"{SVG}svg"
     texts = ["".join(text.itertext()) for text in root.iter(f"{SVG}text")]

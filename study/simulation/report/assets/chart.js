@@ -43,7 +43,7 @@ function chart(run, view, rows, width, describe) {
     const colours = view.colour === "estimator"
         ? names.map(n => run.estimators.find(e => e.label === n).color) : PALETTE(names.length || 1);
     const bars = data.filter(d => d.error > 0);
-    const legend = legends(run.measure[view.y].meaning, names, width), common = { x: "x", y: "y", ...at };
+    const legend = legends(run.measure[view.y].title, names, width), common = { x: "x", y: "y", ...at };
     const svg = Plot.plot({
         width, height: (lines === 1 ? Math.min(440, Math.max(300, 0.7 * inner)) : (columns < 3 && width >= 880 ? 290 : 230) * lines) + legend.height + 45,
         marginTop: legend.height + (facet ? 22 : 8), marginLeft: 62, marginBottom: 42, marginRight: 14,

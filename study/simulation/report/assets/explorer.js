@@ -19,7 +19,7 @@ function options(select, entries, chosen) {
 function fill() {
     const dimensions = run.dimensions.map(d => [d.name, d.symbol]), none = ["", "none"];
     options(get("run"), texts.map(t => [t.dataset.run, t.dataset.run]), run.run);
-    options(get("y"), run.measures.map(m => [m.name, m.meaning]), view.y);
+    options(get("y"), run.measures.map(m => [m.name, m.title]), view.y);
     options(get("x"), dimensions, view.x);
     options(get("colour"), [none, ...dimensions], view.colour);
     options(get("facet"), [none, ...dimensions], view.facet);

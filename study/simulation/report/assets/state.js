@@ -10,7 +10,7 @@ function first(run) {
     const facet = [by(["angle"]), ...varying].find(d => d && d !== x && d.words.length <= MOST_PANELS);
     const only = {};
     for (const d of varying) if (d !== x && d !== facet) only[d.name] = new Set([Math.floor(d.words.length / 2)]);
-    const y = ["ratio_median_ok", "relative_median_ok"].find(name => run.measure[name]) ?? run.measures[0].name;
+    const y = ["ratio_median", "relative_median"].find(name => run.measure[name]) ?? run.measures[0].name;
     return { y, x: x.name, colour: "estimator", facet: facet?.name ?? "", only, q: "", sort: "", down: false, ...scales(run, y, x) };
 }
 
