@@ -40,7 +40,7 @@ from study.runs.commands import (
 from study.runs.plugin_option import with_plugins
 from study.runs.workers import instruction_set
 from study.text.grouped_help import GroupedHelp
-from study.text.shown_stream import ShownStream, unchanged
+from study.text.shown_stream import shown, unchanged
 
 
 class StudyCommands(GroupedHelp):
@@ -315,8 +315,7 @@ def main(command: Callable[..., object] = app) -> None:
     for stream in (sys.stdout, sys.stderr):  # a terminal without Greek letters gets question marks
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
-    if not isinstance(sys.stdout, ShownStream):
-        sys.stdout, sys.stderr = ShownStream(sys.stdout), ShownStream(sys.stderr)
+    sys.stdout, sys.stderr = shown(sys.stdout), shown(sys.stderr)
     try:
         command()
     except SystemExit as end:

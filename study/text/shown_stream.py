@@ -1,6 +1,6 @@
 """Text streams that show control characters instead of sending them to the terminal."""
 
-from typing import Any, TextIO
+from typing import Any, TextIO, cast
 
 _SAFE = "\t\n"
 _CONTROLS = [*range(0x20), *range(0x7F, 0xA0), *range(0x202A, 0x202F), *range(0x2066, 0x206A)]
@@ -33,6 +33,11 @@ class ShownStream:
         if name == "buffer":
             raise AttributeError("a stream of shown text has no buffer")
         return getattr(self.stream, name)
+
+
+def shown(stream: TextIO) -> TextIO:
+    """A stream that shows control characters; the same if it does already."""
+    return stream if isinstance(stream, ShownStream) else cast(TextIO, ShownStream(stream))
 
 
 def unchanged(stream: Any) -> Any:

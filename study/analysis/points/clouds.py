@@ -26,8 +26,9 @@ _LONGEST_HEADER = 1000
 
 def read_ply(path: Path, file: BinaryIO, wanted: Wanted) -> Columns:
     """Read the vertices of a PLY file, in text or binary."""
-    kind, before, fields, count = "", [], [], 0
-    element, known = "", False
+    kind, element, known, count = "", "", False, 0
+    before: list[tuple[int, list[str]]] = []
+    fields: list[tuple[str, str]] = []
     for words in _header(path, file, "end_header"):
         match words:
             case ["format", kind, *_]:
