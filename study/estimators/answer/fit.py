@@ -5,24 +5,22 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from study.estimators.answer.fitted_points import FittedPoints
+from study.estimators.answer.fitted_points import FittedPoints, signed_distances
 from study.estimators.answer.settled_status import settled_status
-from study.estimators.answer.table import as_html, as_text, frame
+from study.estimators.answer.table import as_dict, as_html, as_text, frame, named_axis
 from study.estimators.covariance import plug_in_bound, semi_axes, unless_missing
 from study.estimators.estimates import Estimates
 from study.estimators.form.minimum_zone import MinimumZone, minimum_zone
 from study.estimators.intervals import Intervals, intervals
 from study.estimators.samples import Samples
 from study.estimators.status import Status, explain
-from study.sphere.real_array import real_array
 from study.sphere.types import Bools, Floats, Ints
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
-    from numpy.typing import NDArray
 
 
 class Fit:
@@ -128,7 +126,7 @@ class Fit:
         return self.own_status if self._samples is None else self._settled
 
     @property
-    def status_text(self) -> "str | NDArray[np.str_]":
+    def status_text(self) -> str | NDArray[np.str_]:
         """The status in words: a text for a single fit, an array of texts (…) for a batch."""
         return np.vectorize(explain, otypes=[str])(self.status) if self.shape else explain(int(self.status))
 
@@ -151,58 +149,27 @@ class Fit:
         Raises:
             ValueError: if the level is not in (0, 1), the name is another, or the fit does not hold its points.
 
-        Example:
-            >>> points = [[1, 0.1], [0, 1], [-1.1, 0], [0, -1], [0.7, 0.7]]
-            >>> fit = study.fit(points)
-            >>> bool(fit.interval("x")[0] < fit.center[0] < fit.interval("x")[1])
-            True
-
         Source: theory §10.
         """
-        d = self.center.shape[-1]
-        axes = {f"center_{i + 1}": i for i in range(d)} | {letter: i for i, letter in enumerate("xyz"[:d]) if d <= 3}
-        if of not in ("radius", "diameter", "center", *axes):
-            letters = ", ".join(map(repr, [name for name in axes if d > 3 or len(name) == 1]))
-            raise ValueError(f"of = {of!r}: an interval is that of 'radius', 'diameter', 'center', {letters}")
+        axis = named_axis(of, self.center.shape[-1])
         ends = self._intervals(level)
         if of in ("radius", "diameter"):
             return np.asarray((2.0 if of == "diameter" else 1.0) * ends.radius.reshape(*self.shape, 2))
-        center = ends.center.reshape(*self.center.shape, 2)
-        return center if of == "center" else np.asarray(center[..., axes[of], :])
+        return np.asarray(ends.center.reshape(*self.center.shape, 2)[..., slice(None) if axis is None else axis, :])
 
     def distance(self, points: ArrayLike) -> Floats:
         """Signed distances of points from the sphere, positive outside it: |p - ĉ| - r̂.
 
-        The points need not be those of the fit, whose distances `residuals` has.
-
         Args:
-            points: coordinates (…, m, d), or one point (d,), in the unit of the points that were fitted. Leading axes
-                must match those of the fit, or be missing from one of them.
+            points: coordinates (…, m, d), or one point (d,); leading axes match the fit's, or one of both has none.
 
         Returns:
             Distances (…, m), or (…) for one point, in the unit of the points; NaN where a coordinate is missing.
 
         Raises:
-            TypeError: if the points are no real numbers.
-            ValueError: if they have another number of coordinates, or leading axes that do not match.
-
-        Example:
-            >>> fit = study.fit([[1, 0], [0, 1], [-1, 0], [0, -1.0]])
-            >>> fit.distance([[3, 0], [0, 0.5]]).round(6)
-            array([ 2. , -0.5])
+            ValueError: if the shapes do not match; a TypeError if the points are no real numbers.
         """
-        array, d = real_array(points, "points"), self.center.shape[-1]
-        if array.ndim == 0 or array.shape[-1] != d:
-            raise ValueError(f"points have shape {array.shape}: the fit needs {d} coordinates, (…, m, {d}) or ({d},)")
-        center, radius = self.center, self.radius
-        if array.ndim > 1:
-            center, radius = center[..., None, :], radius[..., None]
-        try:
-            with np.errstate(all="ignore"):
-                return np.asarray(np.linalg.norm(array - center, axis=-1) - radius)
-        except ValueError:
-            lead = f"points have shape {array.shape}, the fits {self.shape}"
-            raise ValueError(f"{lead}: leading axes must match; for the same points, pass (m, {d})") from None
+        return signed_distances(points, self.center, self.radius)
 
     @cached_property
     def _settled(self) -> Ints:
@@ -272,47 +239,14 @@ class Fit:
         """The numbers of a single fit as plain Python: floats, lists and texts, as ``study fit --json`` prints them.
 
         Returns:
-            estimator, ok, status (its name in small letters), status_text, samples (used), outliers (rows from 0),
-            copies, center, center_errors, radius, radius_error, diameter, diameter_error, correlation, sigma,
-            residual_rms, form_error, largest_deviation, condition, radius_interval, center_intervals (95 %). What has
-            no number is NaN.
+            estimator, ok, status (a name), status_text, samples (used), outliers (rows from 0), copies, center,
+            center_errors, radius, radius_error, diameter, diameter_error, correlation, sigma, residual_rms, form_error,
+            largest_deviation, condition, radius_interval, center_intervals (95 %); NaN where there is no number.
 
         Raises:
             ValueError: if there is more than one fit, or the fit does not hold its points.
-
-        Example:
-            >>> study.fit([[1, 0], [0, 1], [-1, 0], [0, -1.0]]).to_dict()["samples"]
-            4
         """
-        if self.shape:
-            raise ValueError(f"{self.radius.size:,} fits of shape {self.shape}: take one, or to_frame() for a table")
-        errors, status = self.standard_errors, Status(int(self.status))
-        numbers = {
-            "estimator": self.estimator,
-            "ok": self.ok,
-            "status": status.name.lower(),
-            "status_text": status.text,
-            "samples": self.count,
-            "outliers": self.outliers.nonzero()[0],
-            "copies": self.copies,
-            "center": self.center,
-            "center_errors": errors[:-1],
-            "radius": self.radius,
-            "radius_error": errors[-1],
-            "diameter": self.diameter,
-            "diameter_error": 2.0 * errors[-1],
-            "correlation": self.correlation,
-            "sigma": self.sigma,
-            "residual_rms": self.residual_rms,
-            "form_error": self.form_error,
-            "largest_deviation": self.largest_deviation,
-            "condition": self.condition,
-            "radius_interval": self.interval("radius"),
-            "center_intervals": self.interval("center"),
-        }
-        return {
-            name: value if isinstance(value, str) else np.asarray(value).tolist() for name, value in numbers.items()
-        }
+        return as_dict(self)
 
     def plot(self) -> "Figure":
         """Draw the points and the circle or sphere of a single fit in two or three dimensions.
@@ -443,8 +377,7 @@ class Fit:
             where `noise_is_known`, else from F with n - d - 1 degrees of freedom.
 
         Raises:
-            ValueError: if the level is not in (0, 1), or if the fit does not hold its points, because it is not from
-                `study.fit`.
+            ValueError: if the level is not in (0, 1), or the fit does not hold its points.
         """
         if not 0.0 < level < 1.0:
             raise ValueError(f"level = {level!r}: a coverage must lie between 0 and 1, such as 0.95")
@@ -456,12 +389,11 @@ class Fit:
     @property
     def noise_is_known(self) -> bool:
         """True if the covariance stands on a noise that was given. `corrected` always estimates it."""
-        given = self._samples is not None and self._samples.noise is not None
-        return given and self._covariance_of is None
+        return self._samples is not None and self._samples.noise is not None and self._covariance_of is None
 
     @cached_property
     def _points(self) -> FittedPoints:
-        """The points, flat; ValueError if the fit does not hold them."""
+        """The points, flat; ValueError if the fit is not from `study.fit` and does not hold them."""
         if self._samples is None:
             raise ValueError("this fit does not hold its points: use study.fit, which stores them in the fit")
         center = self.center.reshape(-1, self.center.shape[-1])
