@@ -13,6 +13,7 @@ from study.experiment.conditions import ANGLE, NOISE_OVER_RADIUS, Condition, Row
 from study.experiment.config import Study
 from study.runs.storage.run_folder import Run
 from study.text.columns import columns
+from study.text.spreadsheet_cell import inert_frame
 
 ROWS = 32
 """Most rows of a table that, with the lines about it, fits 40 lines."""
@@ -96,7 +97,7 @@ def as_csv(run: Run, choice: RowChoice) -> str:
     Raises:
         ValueError: if no cell has the values of the choice.
     """
-    return choice.rows(_summary(run)).to_csv(index=False, lineterminator="\n")
+    return inert_frame(choice.rows(_summary(run))).to_csv(index=False, lineterminator="\n")
 
 
 class _AtBounds:

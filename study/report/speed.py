@@ -9,6 +9,7 @@ from study.report import words
 from study.report.blocks import Block, Row, Section, Table, Text
 from study.report.material import Material
 from study.runs.storage.atomic_write import RunError
+from study.text.regular_file import regular
 
 COLUMNS = ("group", "what", "cost", "measured", "ratio", "aim", "machine")
 
@@ -22,9 +23,10 @@ def read_bench(path: Path) -> pd.DataFrame:
         RunError: if it cannot be read, or is no such table.
     """
     try:
-        found = pd.read_csv(path, dtype=str, keep_default_na=False)
+        found = pd.read_csv(regular(path), dtype=str, keep_default_na=False)
     except (OSError, UnicodeDecodeError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
-        raise RunError(f"{path}: cannot be read: {error}; make bench writes it") from None
+        why = getattr(error, "strerror", None) or error
+        raise RunError(f"{path}: cannot be read: {why}; make bench writes it") from None
     if tuple(found.columns) != COLUMNS or found.empty:
         raise RunError(f"{path}: no table of ratios: needs the columns {', '.join(COLUMNS)}; make bench writes it")
     return found

@@ -5,19 +5,27 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from study.text.coordinate_names import angles, coordinate_places
+
+_USUAL = 3
+"""Most columns of a data frame that are coordinates although their names do not say so."""
+
 
 def real_array(values: ArrayLike, name: str) -> NDArray[Any]:
     """Return an array of real numbers, in which masked values are NaN.
 
     Args:
-        values: numbers in any form that NumPy takes, or a data frame.
+        values: numbers in any form that NumPy takes; or a data frame, of which the columns called x, y and z (or x
+            and y; see `coordinate_places`) are taken, else all of two or three.
         name: the argument's name, for the message.
 
     Raises:
         TypeError: if they are text, truth values, complex numbers or objects. The message names the dtype and, for a
             data frame, the columns.
-        ValueError: if they form no array, because rows have different lengths.
+        ValueError: if they form no array, because rows have different lengths; or if a data frame has more than three
+            columns, and their names do not say which are coordinates.
     """
+    values = _coordinates(values, name)
     try:
         array = np.asarray(values)
     except ValueError as error:
@@ -28,6 +36,24 @@ def real_array(values: ArrayLike, name: str) -> NDArray[Any]:
     if isinstance(values, np.ma.MaskedArray):  # a mask means missing, which is NaN here
         array = np.where(np.ma.getmaskarray(values), np.nan, array)
     return array
+
+
+def _coordinates(values: Any, name: str) -> Any:
+    """The columns of a data frame that are coordinates; anything else as it is."""
+    columns = getattr(values, "columns", None)
+    if columns is None or not hasattr(values, "to_numpy"):
+        return values
+    names = [str(column) for column in columns]
+    if places := coordinate_places(names):
+        return values.iloc[:, places] if hasattr(values, "iloc") else values[[names[i] for i in places]]
+    if pair := angles(names):
+        raise ValueError(f"{name}: columns {' and '.join(pair)} are angles, not lengths: convert them to x, y, z")
+    if len(names) > _USUAL:
+        whole = f"or frame.to_numpy() for all {len(names)} dimensions"
+        raise ValueError(
+            f"{name}: {len(names)} columns, and no names say which are x, y and z: pass those alone, {whole}"
+        )
+    return values
 
 
 def _from_frame(values: Any, array: NDArray[Any], name: str) -> NDArray[Any]:

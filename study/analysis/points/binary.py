@@ -3,40 +3,51 @@
 import ast
 import json
 import zipfile
-from collections.abc import Sequence
 from math import prod
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
-from study.analysis.points.coordinates import coordinates
+from study.analysis.points.coordinates import Columns, Wanted, others
 from study.analysis.points.source import PointFileError, size
-from study.sphere.types import Floats
+from study.text.coordinate_names import coordinate_places
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-Columns = tuple[Floats, list[str], list[str]]
-"""Points (n, d), the names of their columns, and those of the columns left out."""
-MAGIC = {b"\x93NUMPY": ".npy", b"PAR1": ".parquet"}
-"""First bytes of the files, by which standard input is recognised."""
+_POINTS = ["points", "xyz", "vertices"]
+"""Names that an archive's array of points may have among others."""
 
 
-def read_numpy(path: Path, file: BinaryIO, columns: Sequence[str] | None) -> Columns:
-    """Read an array of shape (n, d), whose columns are called by their numbers."""
+def read_numpy(path: Path, file: BinaryIO, wanted: Wanted) -> Columns:
+    """Read an array of shape (n, d), whose columns are called by their numbers; or an archive of arrays."""
     try:
         _assert_whole(path, file)
         array = np.load(file, allow_pickle=False)
+        names: list[str] = []
         if not isinstance(array, np.ndarray):
-            raise PointFileError(f"{path}: expected numbers of shape (n, d), found an archive")
+            names, array = _member(path, dict(array))
     except (ValueError, EOFError, zipfile.BadZipFile):
         raise PointFileError(f"{path}: not a NumPy array of numbers") from None
     if array.ndim != 2 or array.dtype.kind not in "fiu" or 0 in array.shape:
         raise PointFileError(f"{path}: expected numbers of shape (n, d), found {array.dtype}, shape {array.shape}")
-    names = [str(i + 1) for i in range(array.shape[1])]
-    chosen = coordinates(path, names, columns, named=False)
-    return array[:, chosen].astype(float), [names[i] for i in chosen], _others(names, chosen)
+    chosen = wanted.places(path, names or [str(i + 1) for i in range(array.shape[1])], named=bool(names))
+    names = names or [str(i + 1) for i in range(array.shape[1])]
+    return array[:, chosen].astype(float), [names[i] for i in chosen], others(names, chosen)
+
+
+def _member(path: Path, arrays: dict[str, Any]) -> tuple[list[str], Any]:
+    """The array of points in an archive, or its arrays x, y, z, … as columns with their names."""
+    flat = [name for name, array in arrays.items() if array.ndim == 1]
+    if coordinate_places(flat) and len({arrays[name].shape for name in flat}) == 1:
+        return flat, np.column_stack([arrays[name] for name in flat])
+    tables = [name for name, array in arrays.items() if array.ndim == 2]
+    found = tables if len(tables) == 1 else [name for name in _POINTS if name in tables]
+    if len(found) != 1:
+        held = ", ".join(arrays) or "nothing"
+        raise PointFileError(f"{path}: an archive of {held}: save its points alone, or call them points")
+    return [], arrays[found[0]]
 
 
 def _assert_whole(path: Path, file: BinaryIO) -> None:
@@ -57,7 +68,7 @@ def _assert_whole(path: Path, file: BinaryIO) -> None:
     file.seek(0)
 
 
-def read_parquet(path: Path, file: BinaryIO, columns: Sequence[str] | None) -> Columns:
+def read_parquet(path: Path, file: BinaryIO, wanted: Wanted) -> Columns:
     """Read the numeric columns of a parquet file."""
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -75,9 +86,9 @@ def read_parquet(path: Path, file: BinaryIO, columns: Sequence[str] | None) -> C
     if not numeric or not table.num_rows:
         raise PointFileError(f"{path}: no numeric column, or no row")
     names = [table.schema.field(i).name for i in numeric]
-    chosen = coordinates(path, names, columns, named=True)
+    chosen = wanted.places(path, names, named=True)
     values = [table.column(numeric[i]).cast(pa.float64(), safe=False).to_numpy() for i in chosen]
-    return np.stack(values, axis=1), [names[i] for i in chosen], _others(names, chosen)
+    return np.stack(values, axis=1), [names[i] for i in chosen], others(names, chosen)
 
 
 def _index_columns(path: Path, schema: "pa.Schema") -> list[object]:
@@ -86,7 +97,3 @@ def _index_columns(path: Path, schema: "pa.Schema") -> list[object]:
         return list(json.loads((schema.metadata or {}).get(b"pandas", b"{}")).get("index_columns", []))
     except (ValueError, AttributeError, TypeError):
         raise PointFileError(f"{path}: a parquet file whose pandas metadata cannot be read") from None
-
-
-def _others(names: list[str], chosen: list[int]) -> list[str]:
-    return [name for place, name in enumerate(names) if place not in chosen]

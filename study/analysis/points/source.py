@@ -3,13 +3,15 @@
 import os
 import stat
 import sys
+import zipfile
+from importlib import import_module
 from io import BytesIO
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 STDIN = "-"
 _MOST_BYTES = 1_000_000_000
-"""Most that is read from standard input, whose length cannot be known beforehand."""
+"""Most that is read from standard input or unpacked, whose length cannot be known beforehand."""
 
 
 class PointFileError(Exception):
@@ -39,3 +41,33 @@ def size(file: BinaryIO) -> int:
     length = file.seek(0, os.SEEK_END)
     file.seek(0)
     return length
+
+
+def unpacked_names(path: Path, file: BinaryIO) -> list[str]:
+    """Names of the files in a ZIP archive, which is then at its beginning.
+
+    Raises:
+        PointFileError: if it is damaged, or unpacks to more than memory should hold.
+    """
+    try:
+        members = zipfile.ZipFile(file).infolist()
+    except (zipfile.BadZipFile, ValueError, NotImplementedError):
+        raise PointFileError(f"{path}: a ZIP archive that cannot be read") from None
+    if sum(member.file_size for member in members) > _MOST_BYTES:
+        raise PointFileError(f"{path}: unpacks to more than {_MOST_BYTES:,} bytes; save its points as .npy or text")
+    file.seek(0)
+    return [member.filename for member in members]
+
+
+def optional(module: str, path: Path, what: str, way_out: str) -> Any:
+    """Import a library that reads a format and is not among those always installed.
+
+    Raises:
+        PointFileError: if it is not there, with the command that installs it, and another way.
+    """
+    try:
+        return import_module(module)
+    except ImportError:
+        raise PointFileError(
+            f"{path}: {what}, for which {module} is not installed: pip install 'sphere-fit-study[points]', or {way_out}"
+        ) from None

@@ -1,16 +1,22 @@
 """Points from text: a row per point, with the row and column of a value that is no number."""
 
+import codecs
 import csv
 import re
-from collections.abc import Sequence
 from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
 
-from study.analysis.points.coordinates import coordinates
+from study.analysis.points.coordinates import Columns, Wanted, others
 from study.analysis.points.source import PointFileError
 from study.sphere.types import Floats
+from study.text.coordinate_names import coordinate_places, length_unit
+
+_Row = tuple[int, str]
+"""Number of a line, from 1, and its text."""
+_COMMENTS = ("#", "//", "%")
+_MOST_PREAMBLE = 50
 
 _MISSING = {"", "na", "null", "none", "n/a", "-"}
 """Cells without a number, besides nan, which is a float."""
@@ -19,28 +25,47 @@ _SPREADSHEET = re.compile('"?sep=.?"?')
 """First line by which a spreadsheet names the delimiter."""
 
 
-def read_text(path: Path, file: BinaryIO, columns: Sequence[str] | None) -> tuple[Floats, list[str], list[str]]:
+def read_text(path: Path, file: BinaryIO, wanted: Wanted) -> Columns:
     """Read a table: points (n, d), the names of their columns, and those of the columns left out."""
+    data = file.read()
+    wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))  # "Unicode text" of a spreadsheet
     try:
-        text = file.read().decode("utf-8-sig")
+        text = data.decode("utf-16" if wide else "utf-8-sig")
     except UnicodeDecodeError:
-        raise PointFileError(f"{path}: neither UTF-8 text nor .npy nor .parquet; save it as UTF-8") from None
-    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
-    rows = [(n, row) for n, row in enumerate(lines, 1) if row.strip() and not row.lstrip().startswith("#")]
+        raise PointFileError(
+            f"{path}: neither UTF-8 text nor a format that is read here; save it as UTF-8 text with columns x, y, z"
+        ) from None
+    return read_lines(path, text.replace("\r\n", "\n").replace("\r", "\n").split("\n"), wanted)
+
+
+def read_lines(path: Path, lines: list[str], wanted: Wanted) -> Columns:
+    """Read a table from its lines, as `read_text` does."""
+    rows = [(n, row) for n, row in enumerate(lines, 1) if row.strip() and not row.lstrip().startswith(_COMMENTS)]
     if rows and _SPREADSHEET.fullmatch(rows[0][1].strip()):
         rows = rows[1:]
     if not rows:
         raise PointFileError(f"{path}: empty: no row with a number in it")
+    rows = _without_counts(rows, everywhere=path.suffix.lower() == ".pts")
     delimiter = _delimiter([row for _, row in rows[1:21] or rows])
+    if delimiter != _BLANKS and all(row.rstrip(_BLANKS).endswith(delimiter) for _, row in rows):
+        rows = [(n, row.rstrip(_BLANKS).removesuffix(delimiter)) for n, row in rows]  # no column of nothing
+    rows = rows[_preamble(rows, delimiter) :]
     names = [str(i + 1) for i in range(len(_cells(rows[0][1], delimiter)))]
     header = _header(_cells(rows[0][1], delimiter), delimiter)
     if header:
         names = [cell or number for cell, number in zip(header, names, strict=True)]
         rows = rows[1:]
+    else:
+        header = _commented(lines[: rows[0][0] - 1], delimiter, len(names)) or _names_of_pts(path, len(names))
+        names = header or names
     if not rows:
         raise PointFileError(f"{path}: a header and no row")
-    chosen = coordinates(path, names, columns, named=bool(header))
-    kept, left = [names[i] for i in chosen], [name for i, name in enumerate(names) if i not in chosen]
+    if not header and len(rows) > 1 and len(second := _cells(rows[1][1], delimiter)) != len(names):
+        raise _uneven(path, rows[1][0], second, names, delimiter)  # before it is asked which columns are meant
+    chosen = wanted.places(path, names, named=bool(header))
+    if header and _has_units(path, *rows[0], delimiter, chosen):
+        rows = rows[1:]
+    kept, left = [names[i] for i in chosen], others(names, chosen)
     if (plain := _plain([row for _, row in rows], delimiter, len(names), chosen)) is not None:
         return plain, kept, left
     comma = delimiter != "," and any(
@@ -50,10 +75,7 @@ def read_text(path: Path, file: BinaryIO, columns: Sequence[str] | None) -> tupl
     for number, row in rows:
         cells = _cells(row, delimiter)
         if len(cells) != len(names):
-            found = f"{len(cells)} column{'s' * (len(cells) != 1)}"
-            twice = delimiter == "," and len(cells) == 2 * len(names)
-            why = "; where decimals are commas, columns need semicolons or tabs between them" if twice else ""
-            raise PointFileError(f"{path}: row {number} has {found}, the first has {len(names)}{why}")
+            raise _uneven(path, number, cells, names, delimiter)
         for i in chosen:
             value = _number(cells[i], comma)
             if value is None:
@@ -62,6 +84,63 @@ def read_text(path: Path, file: BinaryIO, columns: Sequence[str] | None) -> tupl
                 raise PointFileError(f"{path}: row {number}, column {i + 1}: {cell!r} is not a number{why}")
             values.append(value)
     return np.array(values).reshape(len(rows), len(chosen)), kept, left
+
+
+def _uneven(path: Path, number: int, cells: list[str], names: list[str], delimiter: str) -> PointFileError:
+    """The fault of a row that has more or fewer cells than the first."""
+    found = f"{len(cells)} column{'s' * (len(cells) != 1)}"
+    twice = delimiter == "," and len(cells) == 2 * len(names)
+    why = "; where decimals are commas, columns need semicolons or tabs between them" if twice else ""
+    return PointFileError(f"{path}: row {number} has {found}, the first has {len(names)}{why}")
+
+
+def _without_counts(rows: list[_Row], *, everywhere: bool) -> list[_Row]:
+    """Rows without a first one that holds their number alone; in a PTS file each scan begins with one."""
+    if everywhere:
+        return [row for row in rows if not row[1].strip().isdecimal()] or rows
+    for place in range(min(2, len(rows) - 1)):  # below the header, if there is one
+        if rows[place][1].strip() == str(len(rows) - place - 1) and len(rows[place + 1][1].split()) > 1:
+            return rows[:place] + rows[place + 1 :]
+    return rows
+
+
+def _preamble(rows: list[_Row], delimiter: str) -> int:
+    """Number of rows above a header of coordinates that a program wrote about the measurement; 0 without such a header.
+
+    None of them is a row of numbers.
+    """
+    for place, (_, row) in enumerate(rows[:_MOST_PREAMBLE]):
+        cells = _cells(row, delimiter)
+        if _header(cells, delimiter) and coordinate_places(cells):
+            return place
+        if len(cells) > 1 and all(_number(cell, delimiter != ",") is not None for cell in cells):
+            return 0
+    return 0
+
+
+def _commented(lines: list[str], delimiter: str, count: int) -> list[str]:
+    """The names in a comment right above the first row, if they are those of coordinates."""
+    above = [line.strip() for line in lines if line.strip()][-2:]
+    for line in reversed([line for line in above if line.startswith(_COMMENTS)]):  # a count may stand between
+        cells = [cell.strip() for cell in _cells(line.lstrip("#%/ "), delimiter)]
+        if len(cells) == count and coordinate_places(cells):
+            return cells
+    return []
+
+
+def _names_of_pts(path: Path, count: int) -> list[str]:
+    """Names of the columns of a PTS file, which has no header: coordinates, then intensity, then a colour."""
+    more = {3: [], 4: ["intensity"], 6: ["red", "green", "blue"], 7: ["intensity", "red", "green", "blue"]}.get(count)
+    return [] if path.suffix.lower() != ".pts" or more is None else [*"xyz", *more]
+
+
+def _has_units(path: Path, number: int, row: str, delimiter: str, chosen: list[int]) -> bool:
+    """True if a row below the header holds the units of the coordinates, which must be the same."""
+    cells = _cells(row, delimiter)
+    units = {length_unit(cells[i]) for i in chosen if i < len(cells)}
+    if "" not in units and len(units) > 1:
+        raise PointFileError(f"{path}: row {number}: coordinates in {' and '.join(sorted(units))}; convert them to one")
+    return units != {""} and "" not in units
 
 
 def _plain(rows: list[str], delimiter: str, width: int, chosen: list[int]) -> Floats | None:

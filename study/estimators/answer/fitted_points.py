@@ -3,10 +3,12 @@
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from study.estimators.robust.copies import repeated
 from study.estimators.robust.outliers import outliers
 from study.estimators.samples import Samples
+from study.sphere.real_array import real_array
 from study.sphere.types import Bools, Floats
 
 
@@ -75,3 +77,18 @@ class FittedPoints:
             away = x - self._center[:, :, None]
             distance = np.sqrt(np.einsum("bdn,bdn->bn", away, away))
             return distance, away / distance[:, None], np.logical_not(np.isnan(x).any(axis=1))
+
+
+def signed_distances(points: ArrayLike, center: Floats, radius: Floats) -> Floats:
+    """Distances of points (…, m, d), or of one (d,), from spheres, positive outside; see `Fit.distance`."""
+    array, d = real_array(points, "points"), center.shape[-1]
+    if array.ndim == 0 or array.shape[-1] != d:
+        raise ValueError(f"points have shape {array.shape}: the fit needs {d} coordinates, (…, m, {d}) or ({d},)")
+    lead = f"points have shape {array.shape}, the fits {radius.shape}"
+    if array.ndim > 1:
+        center, radius = center[..., None, :], radius[..., None]
+    try:
+        with np.errstate(all="ignore"):
+            return np.asarray(np.linalg.norm(array - center, axis=-1) - radius)
+    except ValueError:
+        raise ValueError(f"{lead}: leading axes must match; for the same points, pass (m, {d})") from None

@@ -5,6 +5,7 @@ from pathlib import Path
 from study.mocap.export.motion import ExportedMotion
 from study.mocap.io.writing import write_recording
 from study.mocap.skeleton.skeleton_table import skeleton_table
+from study.text.spreadsheet_cell import inert_frame
 
 
 def write_trc(motion: ExportedMotion, path: Path) -> None:
@@ -22,4 +23,4 @@ def write_csv(motion: ExportedMotion, path: Path) -> None:
     Raises:
         OSError: if the file cannot be written.
     """
-    skeleton_table(motion.scene).to_csv(path, index=False, float_format="%.6f", lineterminator="\n")
+    inert_frame(skeleton_table(motion.scene)).to_csv(path, index=False, float_format="%.6f", lineterminator="\n")

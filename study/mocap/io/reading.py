@@ -6,6 +6,7 @@ from study.mocap.io.assembly import assemble
 from study.mocap.io.labels import printable
 from study.mocap.io.recording import Recording, RecordingError
 from study.mocap.io.text_file import is_known_text, read_text
+from study.text.regular_file import regular
 
 FORMATS = (".c3d", ".csv", ".trc", ".tsv", ".txt")
 """Ends of names; files of other names are read if their contents say what they are."""
@@ -39,7 +40,7 @@ def read_recording(
     path = Path(path)
     name = printable(path.stem)
     try:
-        if _is_c3d(path):
+        if _is_c3d(regular(path)):
             from study.mocap.io.c3d_file import read_c3d  # its libraries come with the extra mocap
 
             # C3D files without a unit are usually in millimetres

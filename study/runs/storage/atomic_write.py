@@ -11,6 +11,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
+from study.text.spreadsheet_cell import inert_frame
+
 if TYPE_CHECKING:
     import pandas as pd  # not loaded by a command that reads no table into a data frame
 
@@ -134,6 +136,6 @@ def save_frame(frame: "pd.DataFrame", path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         with replacing(path) as temporary:
             if path.suffix == ".csv":
-                frame.to_csv(temporary, index=False)
+                inert_frame(frame).to_csv(temporary, index=False)
             else:
                 frame.to_parquet(temporary, index=False)

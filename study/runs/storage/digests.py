@@ -9,6 +9,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from study.runs.storage.atomic_write import RunError
+from study.text.regular_file import regular
 
 _SETTLED = 0.1
 """A file that did not change for so many seconds gets another time stamp at its next change; clocks are finer."""
@@ -21,7 +22,7 @@ def of_file(path: Path) -> str | None:
         RunError: if it cannot be read.
     """
     try:
-        found = os.stat(path)
+        found = os.stat(regular(path))
         if time.time() - max(found.st_mtime, found.st_ctime) < _SETTLED:
             return _computed(path)
         return _remembered(os.path.abspath(path), found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns)

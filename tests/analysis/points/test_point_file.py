@@ -146,7 +146,7 @@ def test_parquet(tmp_path, suffix):
     frame = pd.DataFrame(POINTS, columns=names).assign(label="a", good=True, k=pd.array([1, None] * 6, dtype="Int64"))
     frame.loc[3, "b"] = None
     frame[frame.index != 5].to_parquet(tmp_path / f"p{suffix}")
-    points, found, _ = read_points(tmp_path / f"p{suffix}")
+    points, found, _ = read_points(tmp_path / f"p{suffix}", dimension=4)
     expected = np.column_stack([POINTS, [1.0, np.nan] * 6])
     expected[3, 1] = np.nan
     np.testing.assert_array_equal(points, np.delete(expected, 5, axis=0))
@@ -166,7 +166,7 @@ def test_parquet(tmp_path, suffix):
 def test_any_numbers_round_trip(points, mark, tmp_path_factory):
     """Whatever doubles are written with their shortest digits are read to the last bit."""
     path = written(tmp_path_factory.mktemp("any"), "\n".join(lines(points, mark)))
-    np.testing.assert_array_equal(read_points(path)[0], points)
+    np.testing.assert_array_equal(read_points(path, dimension=points.shape[1])[0], points)
 
 
 @pytest.mark.parametrize(
@@ -195,7 +195,7 @@ def test_coordinates_by_name(tmp_path, header, chosen):
 
 @pytest.mark.parametrize("header", ["a,b,c", "xs,ys,zs", "x,z,t", "x,x [mm],y", "max,y,z", "x_dot,y_dot,z_dot"])
 def test_names_that_are_no_coordinates(tmp_path, header):
-    """Where x and y are not there once each, all columns are coordinates."""
+    """Where x and y are not there once each, all of three columns are coordinates."""
     table = read_points(written(tmp_path, "\n".join([header, *lines(POINTS, ",")])))
     np.testing.assert_array_equal(table.points, POINTS)
     assert table.names == header.split(",")

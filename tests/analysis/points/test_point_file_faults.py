@@ -119,8 +119,10 @@ def test_a_single_column(tmp_path):
 
 
 def test_a_column_without_numbers(tmp_path):
-    """A delimiter at the end of each row makes a column of nothing, which would make each point incomplete."""
-    assert refused(written(tmp_path, "\n".join(f"{row}," for row in ROWS))) == "column 4 has no number in it"
+    """A column of nothing would make each point incomplete; a delimiter at the end of each row makes no column."""
+    path = written(tmp_path, "\n".join(["x,y,z", *(row.rpartition(",")[0] + ",-" for row in ROWS)]))
+    assert refused(path) == "column z has no number in it"
+    assert read_points(written(tmp_path, "\n".join(f"{row}," for row in ROWS))).points.shape == (5, 3)
 
 
 @pytest.mark.parametrize("name", ["points.csv", "points.npy", "points.parquet", "points"])
@@ -163,10 +165,10 @@ def test_arrays_that_are_no_points(tmp_path, array, word):
 
 
 def test_an_archive_and_a_torn_array(tmp_path):
-    """An archive called .npy, and a file that ends too early."""
-    np.savez(tmp_path / "points.npz", a=np.ones((5, 3)))
+    """An archive called .npy, of which it is not clear which array is meant, and a file that ends too early."""
+    np.savez(tmp_path / "points.npz", a=np.ones((5, 3)), b=np.ones((5, 3)))
     (tmp_path / "points.npz").rename(tmp_path / "points.npy")
-    refused(tmp_path / "points.npy", "an archive")
+    refused(tmp_path / "points.npy", "an archive of a, b")
     np.save(tmp_path / "points.npy", np.ones((50, 3)))
     data = (tmp_path / "points.npy").read_bytes()
     refused(written(tmp_path, data[:-9], "points.npy"), "not a NumPy array of numbers")
@@ -221,13 +223,15 @@ def test_what_may_never_end(tmp_path, name):
 
 @pytest.mark.parametrize("kind", ["csv", "npy", "parquet"])
 def test_too_many_dimensions(tmp_path, kind):
-    """More than twenty columns are no coordinates, unless fewer are chosen."""
+    """More than twenty columns are no coordinates, unless fewer are chosen; so are more than three without names."""
     path, array = tmp_path / f"points.{kind}", np.random.default_rng(1).standard_normal((30, 500))
     frame = pd.DataFrame(array, columns=[f"c{i}" for i in range(500)])
     {"csv": lambda: frame.to_csv(path, index=False), "npy": lambda: np.save(path, array)}.get(
         kind, lambda: frame.to_parquet(path)
     )()
-    assert refused(path).startswith("500 columns; points may have 20 coordinates at most")
+    assert refused(path).startswith("500 columns, and no names say which are x, y and z: choose")
+    many = [str(i) for i in range(1, 22)]
+    assert refused(path, columns=many).startswith("21 columns; points may have 20 coordinates at most")
     np.testing.assert_array_equal(read_points(path, ["2", "400", "500"]).points, array[:, [1, 399, 499]])
 
 
