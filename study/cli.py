@@ -40,7 +40,7 @@ from study.simulation.commands import (
     worker,
     worst,
 )
-from study.text import GroupedHelp
+from study.text import GroupedHelp, shown, unchanged
 
 
 class StudyCommands(GroupedHelp):
@@ -80,14 +80,16 @@ Task = Annotated[float | None, typer.Option("--task", metavar="SECONDS", help=_T
 Scheduler = Annotated[str | None, typer.Option("--scheduler", help="address of a Dask scheduler: tcp://host:8786")]
 _BUDGET = "start no new work after this many seconds; for configs with [precision]"
 Seconds = Annotated[float | None, typer.Option("--budget", min=0.0, help=_BUDGET)]
-_POINTS = "CSV, TSV or other text, .npy, or .parquet; - for standard input"
+_POINTS = "text such as CSV, .npy, .parquet, .ply, .pcd, .stl, .xlsx, .las and others; - for standard input"
 Points = Annotated[list[Path], typer.Argument(metavar="POINTS", help=_POINTS, allow_dash=True)]
 FitsAsJson = Annotated[bool, typer.Option("--json", help="print the fits as JSON")]
 Csv = Annotated[bool, typer.Option("--csv", help="print the fits as CSV")]
 Estimator = Annotated[str, typer.Option("--estimator", "-e", help="name of an estimator, or all")]
 Noise = Annotated[float | None, typer.Option("--noise", help="standard deviation of a coordinate, if known")]
-_COLUMNS = "coordinates by name or number of column [default: x,y,z if there are such names, else all]"
+_COLUMNS = "coordinates by name or number of column [default: x,y,z if there are such names, else all of two or three]"
 Columns = Annotated[str | None, typer.Option("--columns", help=_COLUMNS)]
+_DIMENSION = "number of coordinates, if all of more than three columns are coordinates"
+Dimension = Annotated[int | None, typer.Option("--dimension", min=2, help=_DIMENSION)]
 Cell = Annotated[str, typer.Argument(metavar="CELL", help="name of the cell, or its beginning; or CELL/TRIAL")]
 Trial = Annotated[int | None, typer.Argument(metavar="[TRIAL]", min=0, help="number of the trial, from 0")]
 PointsOut = Annotated[Path | None, typer.Option("--out", help="file for the points, .csv or .parquet")]
@@ -195,28 +197,35 @@ def fit(
     estimator: Estimator = "corrected",
     noise: Noise = None,
     columns: Columns = None,
+    dimension: Dimension = None,
     plot: Plot = None,
     as_json: FitsAsJson = False,
     as_csv: Csv = False,
 ) -> None:
     """Fit a sphere, or a circle, to the points in each file.
 
-    The exit code is 3 if a fit is not ok, or uses outliers.
+    Several files make a table, a line each. A file that cannot be read costs the others nothing; the exit code is then
+    2. It is 3 if a fit is not ok, or uses outliers.
     """
     from study.fits import fitting
     from study.fits.fitting import choose, fit_all
     from study.fits.point_files import read_points
+    from study.fits.point_text import PointFileError
 
     if as_json and as_csv:
         raise typer.BadParameter("give --json or --csv, not both")
     if plot is not None and len(files) > 1:
         raise typer.BadParameter("--plot: give one file")
     chosen = choose(estimator, noise)
-    tables = [read_points(file, columns.split(",") if columns else None) for file in files]
-    found = [
-        fitting.FileFits(file, table, fit_all(table.points, chosen, noise))
-        for file, table in zip(files, tables, strict=True)
-    ]
+    found, complaints = [], []
+    for file in files:
+        try:
+            table = read_points(file, columns.split(",") if columns else None, dimension)
+            found.append(fitting.FileFits(file, table, fit_all(table.points, chosen, noise)))
+        except PointFileError as error:
+            complaints.append(str(error))
+    if not found:
+        raise typer.Exit(_complain("\n".join(complaints), ExitCode.USAGE))
     if as_json or as_csv:
         typer.echo(fitting.as_json(found) if as_json else fitting.as_csv(found))
     else:
@@ -228,6 +237,8 @@ def fit(
 
         (only,) = found
         save_picture(draw(prepare(only.table.points, only.fits, only.table.names)), plot)
+    if complaints:
+        raise typer.Exit(_complain("\n".join(complaints), ExitCode.USAGE))
     if not all(each.ok() for each in found):
         raise typer.Exit(ExitCode.TOO_MANY_FAILURES)
 
@@ -289,7 +300,7 @@ def _progress(words: str) -> Iterator[Callable[[float], None]]:
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
-    with Progress(*columns, disable=not sys.stderr.isatty(), console=Console(stderr=True)) as bar:
+    with Progress(*columns, disable=not sys.stderr.isatty(), console=Console(file=unchanged(sys.stderr))) as bar:
         task = bar.add_task(words, total=1.0)
         yield lambda share: bar.advance(task, share)
 
@@ -302,6 +313,7 @@ def main(command: Callable[..., object] = app) -> None:
     for stream in (sys.stdout, sys.stderr):  # a terminal without Greek letters gets question marks
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
+    sys.stdout, sys.stderr = shown(sys.stdout), shown(sys.stderr)
     try:
         command()
     except SystemExit as end:
@@ -313,7 +325,7 @@ def main(command: Callable[..., object] = app) -> None:
         raise
     except Exception as error:
         from study.files import InputError, RunError
-        from study.fits.point_files import PointFileError
+        from study.fits.point_text import PointFileError
         from study.fits.registry import PluginError
         from study.simulation.experiment.sampling import ReplayError
         from study.toml import ConfigError

@@ -1,5 +1,7 @@
 """Atomic writing: a file gets a temporary name, is synced, and is renamed, so that it is there whole or not at all.
 
+Files that end: pipes and devices are refused, since to read one may take for ever.
+
 Digests of files: SHA-256 of their bytes, computed once per process as long as a file stays as it is.
 
 The lock of a run's folder: one writer at a time, named in the file. The system releases it when the writer dies.
@@ -8,10 +10,12 @@ Rows of a parquet file by their numbers, read a row group at a time, so that any
 """
 
 import contextlib
+import errno
 import hashlib
 import json
 import os
 import socket
+import stat
 import time
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
@@ -24,6 +28,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from filelock import FileLock, Timeout
+
+from study.text import inert_frame
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -153,9 +159,21 @@ def save_frame(frame: "pd.DataFrame", path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         with replacing(path) as temporary:
             if path.suffix == ".csv":
-                frame.to_csv(temporary, index=False)
+                inert_frame(frame).to_csv(temporary, index=False)
             else:
                 frame.to_parquet(temporary, index=False)
+
+
+def regular(path: Path) -> Path:
+    """The path of a table, which is not opened.
+
+    Raises:
+        OSError: if it is a pipe or a device, or not there.
+    """
+    kind = os.stat(path).st_mode
+    if not (stat.S_ISREG(kind) or stat.S_ISDIR(kind)):  # to open a folder fails by itself, with the system's words
+        raise OSError(errno.EINVAL, "not a regular file; store what the pipe or device gives in one")
+    return path
 
 
 _SETTLED = 0.1
@@ -169,7 +187,7 @@ def of_file(path: Path) -> str | None:
         RunError: if it cannot be read.
     """
     try:
-        found = os.stat(path)
+        found = os.stat(regular(path))
         if time.time() - max(found.st_mtime, found.st_ctime) < _SETTLED:
             return _computed(path)
         return _remembered(os.path.abspath(path), found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns)

@@ -7,6 +7,10 @@ Results as JSON, for other programs.
 The known name nearest to one that a user misspelt, and the words that offer it.
 
 Numbers in tables for a terminal.
+
+Text streams that show control characters instead of sending them to the terminal.
+
+Cells of CSV files that a spreadsheet takes for text, whatever a file or a marker is called.
 """
 
 import difflib
@@ -15,12 +19,13 @@ import math
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, TextIO, cast
 
 from rich.cells import cell_len
 from typer.core import TyperGroup
 
 if TYPE_CHECKING:
+    import pandas as pd
     from typer._click import Context, HelpFormatter
 
 
@@ -205,3 +210,66 @@ def duration(seconds: float) -> str:
 def _in_units(value: float, units: dict[str, float], least: str) -> str:
     unit = next((name for name, factor in units.items() if value >= 2.0 * factor), least)
     return f"{value / units[unit]:,.1f} {unit}"
+
+
+_SAFE = "\t\n"
+_CONTROLS = [*range(0x20), *range(0x7F, 0xA0), *range(0x202A, 0x202F), *range(0x2066, 0x206A)]
+_SHOWN = {code: f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}" for code in _CONTROLS if chr(code) not in _SAFE}
+"""What is printed for characters that move the cursor, colour, or turn the direction of text."""
+
+
+class ShownStream:
+    r"""A text stream that prints ``\x1b`` where a file name or a marker's label would send an escape sequence.
+
+    Args:
+        stream: the stream that is written to; all else that a stream has is its own, but for its buffer, through which
+            bytes would pass unseen.
+    """
+
+    def __init__(self, stream: TextIO) -> None:
+        self.stream = stream
+
+    def write(self, text: str) -> int:
+        """Write a text; returns its length."""
+        self.stream.write(text if text.isprintable() else text.translate(_SHOWN))
+        return len(text)
+
+    def writelines(self, lines: list[str]) -> None:
+        """Write several texts."""
+        for line in lines:
+            self.write(line)
+
+    def __getattr__(self, name: str) -> Any:
+        if name == "buffer":
+            raise AttributeError("a stream of shown text has no buffer")
+        return getattr(self.stream, name)
+
+
+def shown(stream: TextIO) -> TextIO:
+    """A stream that shows control characters; the same if it does already."""
+    return stream if isinstance(stream, ShownStream) else cast(TextIO, ShownStream(stream))
+
+
+def unchanged(stream: Any) -> Any:
+    """The stream itself, for a progress bar, which moves the cursor."""
+    return stream.stream if isinstance(stream, ShownStream) else stream
+
+
+_FORMULA = ("=", "+", "-", "@", "\t", "\r")
+
+
+def inert_frame(frame: "pd.DataFrame") -> "pd.DataFrame":
+    """A data frame whose titles and texts are `inert`, to be written as CSV."""
+    frame = frame.rename(columns=inert)
+    words = [place for place, kind in enumerate(frame.dtypes) if kind.kind == "O"]
+    return frame.assign(**{str(frame.columns[i]): frame.iloc[:, i].map(inert) for i in words}) if words else frame
+
+
+def inert(cell: object) -> object:
+    """A cell that no spreadsheet computes: a text that begins like a formula gets an apostrophe in front.
+
+    Numbers stay, and so does a text of one character.
+
+    Source: OWASP, "CSV Injection".
+    """
+    return f"'{cell}" if isinstance(cell, str) and len(cell) > 1 and cell.startswith(_FORMULA) else cell

@@ -210,7 +210,7 @@ def test_the_report_compares_the_same_trials(pair):
         first.append(unpacked(packed(record)))
     assert medians[0] == medians[1]
     assert first[0] == first[1]
-    state = (Path(schemas.__file__).parents[2] / "report/explorer/state.js").read_text(encoding="utf-8")
+    state = (Path(schemas.__file__).parents[1] / "report/assets/state.js").read_text(encoding="utf-8")
     assert 'const y = ["ratio_median", ' in state
 
 

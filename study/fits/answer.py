@@ -7,16 +7,17 @@ The answer of `study.fit`: spheres, their standard errors, and the distances of 
 
 from collections.abc import Callable, Iterator
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-from study.arrays import Bools, Floats, Ints
-from study.fits.display import as_html, as_text, frame
+from study.arrays import Bools, Floats, Ints, real_array
+from study.fits.display import as_dict, as_html, as_text, frame, named_axis
 from study.fits.form import MinimumZone, minimum_zone
 from study.fits.intervals import Intervals, intervals
 from study.fits.robust import outliers
-from study.fits.samples import Estimates, Samples, Status, plug_in_bound, semi_axes, unless_missing
+from study.fits.samples import Estimates, Samples, Status, explain, plug_in_bound, semi_axes, unless_missing
 from study.fits.trimmed import repeated
 
 if TYPE_CHECKING:
@@ -89,6 +90,21 @@ class FittedPoints:
             away = x - self._center[:, :, None]
             distance = np.sqrt(np.einsum("bdn,bdn->bn", away, away))
             return distance, away / distance[:, None], np.logical_not(np.isnan(x).any(axis=1))
+
+
+def signed_distances(points: ArrayLike, center: Floats, radius: Floats) -> Floats:
+    """Distances of points (…, m, d), or of one (d,), from spheres, positive outside; see `Fit.distance`."""
+    array, d = real_array(points, "points"), center.shape[-1]
+    if array.ndim == 0 or array.shape[-1] != d:
+        raise ValueError(f"points have shape {array.shape}: the fit needs {d} coordinates, (…, m, {d}) or ({d},)")
+    lead = f"points have shape {array.shape}, the fits {radius.shape}"
+    if array.ndim > 1:
+        center, radius = center[..., None, :], radius[..., None]
+    try:
+        with np.errstate(all="ignore"):
+            return np.asarray(np.linalg.norm(array - center, axis=-1) - radius)
+    except ValueError:
+        raise ValueError(f"{lead}: leading axes must match; for the same points, pass (m, {d})") from None
 
 
 def settled_status(estimates: Estimates, ends: Intervals) -> Ints:
@@ -208,30 +224,51 @@ class Fit:
         """
         return self.own_status if self._samples is None else self._settled
 
-    def interval(self, of: Literal["radius", "center"], level: float = 0.95) -> Floats:
-        """Confidence interval of the radius, or one of each coordinate of the centre.
+    @property
+    def status_text(self) -> str | NDArray[np.str_]:
+        """The status in words: a text for a single fit, an array of texts (…) for a batch."""
+        return np.vectorize(explain, otypes=[str])(self.status) if self.shape else explain(int(self.status))
+
+    def interval(self, of: str, level: float = 0.95) -> Floats:
+        """Confidence interval of the radius, the diameter or a coordinate of the centre, or one of each coordinate.
 
         It depends on the points alone, not on the estimator; that of `robust` leaves the outliers out, as the fit
         does. Copies of a point count once. It assumes isotropic noise of unknown size, and covers where an estimate ±
         its standard error does not: on small caps, under large noise, and with few points.
 
         Args:
-            of: "radius" or "center".
+            of: "radius", "diameter" or "center"; "x", "y" or "z" in up to three dimensions, or "center_1", "center_2",
+                … in any number.
             level: nominal coverage of each interval, in (0, 1).
 
         Returns:
-            Lower and upper ends, (…, 2) for the radius and (…, d, 2) for the centre, in the unit of the points. Ends
+            Lower and upper ends, (…, d, 2) for the centre and (…, 2) for one number, in the unit of the points. Ends
             that the points do not determine are 0 or infinite for the radius; the centre then may be anywhere.
 
         Raises:
-            ValueError: if the level is not in (0, 1), or the fit does not hold its points.
+            ValueError: if the level is not in (0, 1), the name is another, or the fit does not hold its points.
 
         Source: theory §10.
         """
-        if of not in ("radius", "center"):
-            raise ValueError(f"of = {of!r}: an interval is that of the 'radius' or of the 'center'")
+        axis = named_axis(of, self.center.shape[-1])
         ends = self._intervals(level)
-        return ends.radius.reshape(*self.shape, 2) if of == "radius" else ends.center.reshape(*self.center.shape, 2)
+        if of in ("radius", "diameter"):
+            return np.asarray((2.0 if of == "diameter" else 1.0) * ends.radius.reshape(*self.shape, 2))
+        return np.asarray(ends.center.reshape(*self.center.shape, 2)[..., slice(None) if axis is None else axis, :])
+
+    def distance(self, points: ArrayLike) -> Floats:
+        """Signed distances of points from the sphere, positive outside it: |p - ĉ| - r̂.
+
+        Args:
+            points: coordinates (…, m, d), or one point (d,); leading axes match the fit's, or one of both has none.
+
+        Returns:
+            Distances (…, m), or (…) for one point, in the unit of the points; NaN where a coordinate is missing.
+
+        Raises:
+            ValueError: if the shapes do not match; a TypeError if the points are no real numbers.
+        """
+        return signed_distances(points, self.center, self.radius)
 
     @cached_property
     def _settled(self) -> Ints:
@@ -296,6 +333,19 @@ class Fit:
             has a level for each leading axis.
         """
         return frame(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The numbers of a single fit as plain Python: floats, lists and texts, as ``study fit --json`` prints them.
+
+        Returns:
+            estimator, ok, status (a name), status_text, samples (used), outliers (rows from 0), copies, center,
+            center_errors, radius, radius_error, diameter, diameter_error, correlation, sigma, residual_rms, form_error,
+            largest_deviation, condition, radius_interval, center_intervals (95 %); NaN where there is no number.
+
+        Raises:
+            ValueError: if there is more than one fit, or the fit does not hold its points.
+        """
+        return as_dict(self)
 
     def plot(self) -> "Figure":
         """Draw the points and the circle or sphere of a single fit in two or three dimensions.
@@ -426,8 +476,7 @@ class Fit:
             where `noise_is_known`, else from F with n - d - 1 degrees of freedom.
 
         Raises:
-            ValueError: if the level is not in (0, 1), or if the fit does not hold its points, because it is not from
-                `study.fit`.
+            ValueError: if the level is not in (0, 1), or the fit does not hold its points.
         """
         if not 0.0 < level < 1.0:
             raise ValueError(f"level = {level!r}: a coverage must lie between 0 and 1, such as 0.95")
@@ -439,12 +488,11 @@ class Fit:
     @property
     def noise_is_known(self) -> bool:
         """True if the covariance stands on a noise that was given. `corrected` always estimates it."""
-        given = self._samples is not None and self._samples.noise is not None
-        return given and self._covariance_of is None
+        return self._samples is not None and self._samples.noise is not None and self._covariance_of is None
 
     @cached_property
     def _points(self) -> FittedPoints:
-        """The points, flat; ValueError if the fit does not hold them."""
+        """The points, flat; ValueError if the fit is not from `study.fit` and does not hold them."""
         if self._samples is None:
             raise ValueError("this fit does not hold its points: use study.fit, which stores them in the fit")
         center = self.center.reshape(-1, self.center.shape[-1])

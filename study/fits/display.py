@@ -70,6 +70,30 @@ def frame(fit: ShownFits) -> "pd.DataFrame":
     return table
 
 
+def as_dict(fit: Any) -> dict[str, Any]:
+    """The numbers of a single fit as plain Python; see `Fit.to_dict`."""
+    if fit.shape:
+        raise ValueError(f"{fit.radius.size:,} fits of shape {fit.shape}: take one, or to_frame() for a table")
+    errors, status = fit.standard_errors, Status(int(fit.status))
+    numbers = {"estimator": fit.estimator, "ok": fit.ok, "status": status.name.lower(), "status_text": status.text}
+    numbers |= {"samples": fit.count, "outliers": fit.outliers.nonzero()[0], "copies": fit.copies}
+    numbers |= {"center": fit.center, "center_errors": errors[:-1], "radius": fit.radius, "radius_error": errors[-1]}
+    numbers |= {"diameter": fit.diameter, "diameter_error": 2.0 * errors[-1]}
+    others = ("correlation", "sigma", "residual_rms", "form_error", "largest_deviation", "condition")
+    numbers |= {name: getattr(fit, name) for name in others}
+    numbers |= {"radius_interval": fit.interval("radius"), "center_intervals": fit.interval("center")}
+    return {name: value if isinstance(value, str) else np.asarray(value).tolist() for name, value in numbers.items()}
+
+
+def named_axis(of: str, d: int) -> int | None:
+    """The coordinate that an interval is asked of by name; None for the radius, the diameter or the whole centre."""
+    axes = {f"center_{i + 1}": i for i in range(d)} | {letter: i for i, letter in enumerate("xyz"[:d]) if d <= 3}
+    if of not in ("radius", "diameter", "center", *axes):
+        letters = ", ".join(map(repr, [name for name in axes if d > 3 or len(name) == 1]))
+        raise ValueError(f"of = {of!r}: an interval is that of 'radius', 'diameter', 'center', {letters}")
+    return axes.get(of)
+
+
 def as_text(fit: ShownFits) -> str:
     """One line: the numbers of a single fit with their standard errors, the statuses of a batch."""
     name, sphere = f"{fit.estimator}: " if fit.estimator else "", fit.estimates

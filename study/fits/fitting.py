@@ -16,10 +16,12 @@ import numpy as np
 
 from study.arrays import Floats
 from study.fits import ESTIMATORS, Fit, Status, fit
-from study.fits.point_files import PointFileError, PointTable
+from study.fits.display import statuses
+from study.fits.point_files import PointTable
+from study.fits.point_text import PointFileError
 from study.fits.registry import load
 from study.fits.samples import explain
-from study.text import columns, did_you_mean, json_text, number, with_error
+from study.text import columns, did_you_mean, inert, json_text, number, with_error
 
 LEVEL = 0.95
 """Coverage of the intervals."""
@@ -241,75 +243,82 @@ class FileFits(NamedTuple):
 
 
 def as_text(files: list[FileFits], noise: float | None = None) -> Iterator[str]:
-    """Lines for a terminal: the fits of each file, and what the numbers are.
+    """Lines for a terminal: the fits of a file, or a line for each of several, and what the numbers are.
 
     Args:
         files: the fits.
         noise: the noise that was given.
     """
-    for place, each in enumerate(files):
-        if len(files) > 1:
-            yield from [""] * (place > 0)
-            yield f"{each.path}"
-        yield from printed(each.rows(), each.table.names)
-        first = next(iter(each.fits.values()))
-        yield from intervals_in_words(first, each.table.names)
+    if len(files) == 1:
+        (only,) = files
+        yield from printed(only.rows(), only.table.names)
+        first = next(iter(only.fits.values()))
+        yield from intervals_in_words(first, only.table.names)
         yield from doubts(first)
-        if len(each.table.names) > 3:
-            yield f"{len(each.table.names)} columns are a sphere in as many dimensions; --columns chooses some of them"
-        if each.table.left:
-            yield f"coordinates are {', '.join(each.table.names)}; columns left out: {', '.join(each.table.left)}"
+    else:
+        yield from _table(files)
+    chosen = [
+        f"coordinates are {', '.join(names)}; columns left out: {', '.join(left)}" for _, names, left in _tables(files)
+    ]
+    yield from dict.fromkeys(chosen)
     idle = [] if noise is None else [name for name, fit in files[0].fits.items() if not fit.noise_is_known]
     if idle:
         yield f"--noise {noise:g} is not used by {', '.join(idle)}: the noise is found in the points"
     yield STANDARD_UNCERTAINTY
 
 
+def _tables(files: list[FileFits]) -> list[PointTable]:
+    """The tables of which columns were left out."""
+    return [each.table for each in files if each.table.left]
+
+
+def _table(files: list[FileFits]) -> Iterator[str]:
+    """A line per file and estimator, and the meaning of statuses that are not ok."""
+    most = max(files, key=lambda each: len(each.table.names)).table.names
+    same = all(each.table.names == most for each in files)
+    axes = most if same else [f"center {i}" for i in range(1, len(most) + 1)]
+    cells, meanings, remarks = [], {}, 0
+    for each in files:
+        for (estimator, answer), row in zip(each.fits.items(), each.rows(), strict=True):
+            names = each.table.names
+            center = [with_error(row[f"center_{name}"], row[f"error_{name}"]) for name in names]
+            center += ["-"] * (len(axes) - len(names))
+            radius, noise = with_error(row["radius"], row["radius_error"]), number(row["noise"])
+            status, said = statuses(answer.status), len(list(doubts(answer)))
+            if not answer.ok:
+                meanings[status] = row["status"]
+            remarks += said
+            cells.append(
+                [str(each.path), estimator, *center, radius, noise, str(row["samples"]), str(said or "-"), status]
+            )
+    yield from columns(cells, ["file", "estimator", *axes, "radius", "noise", "samples", "remarks", "status"])
+    yield from (
+        meaning if meaning.startswith(status) else f"{status}: {meaning}" for status, meaning in meanings.items()
+    )
+    if remarks:
+        yield "study fit with one of the files prints the remarks on it, such as its outliers"
+
+
 def as_json(files: list[FileFits]) -> str:
     """A list of objects, one per file and estimator, with the library's names; null where there is no number."""
-    return json_text([_object(each, *pair) for each in files for pair in each.fits.items()])
+    return json_text([_object(each, fit) for each in files for fit in each.fits.values()])
 
 
 def as_csv(files: list[FileFits]) -> str:
     """A row per file and estimator, with a header; an empty cell where there is no number."""
     rows = [{"file": str(each.path)} | row for each in files for row in each.rows()]
     text = io.StringIO()
-    writer = csv.DictWriter(text, list(dict.fromkeys(name for row in rows for name in row)), lineterminator="\n")
-    writer.writeheader()
+    titles = {name: inert(name) for row in rows for name in row}
+    writer = csv.DictWriter(text, list(titles), lineterminator="\n")
+    writer.writerow(titles)
     for row in rows:
-        writer.writerow({name: "" if _is_no_number(value) else value for name, value in row.items()})
+        writer.writerow({name: "" if _is_no_number(value) else inert(value) for name, value in row.items()})
     return text.getvalue().rstrip("\n")
 
 
-def _object(each: FileFits, estimator: str, fit: Fit) -> dict[str, object]:
-    errors = fit.standard_errors
-    status = Status(int(fit.status))
-    return {
-        "file": each.path,
-        "estimator": estimator,
-        "ok": fit.ok,
-        "status": status.name.lower(),
-        "status_text": status.text,
-        "samples": fit.count,
-        "coordinates": each.table.names,
-        "outliers": fit.outliers.nonzero()[0],
-        "copies": fit.copies,
-        "columns_left_out": each.table.left,
-        "center": fit.center,
-        "center_errors": errors[:-1],
-        "radius": fit.radius,
-        "radius_error": errors[-1],
-        "diameter": fit.diameter,
-        "diameter_error": 2.0 * errors[-1],
-        "correlation": fit.correlation,
-        "sigma": fit.sigma,
-        "residual_rms": fit.residual_rms,
-        "form_error": fit.form_error,
-        "largest_deviation": fit.largest_deviation,
-        "condition": fit.condition,
-        "radius_interval": fit.interval("radius", LEVEL),
-        "center_intervals": fit.interval("center", LEVEL),
-    }
+def _object(each: FileFits, fit: Fit) -> dict[str, object]:
+    more = {"file": each.path, "coordinates": each.table.names, "columns_left_out": each.table.left}
+    return more | fit.to_dict()
 
 
 def _is_no_number(value: object) -> bool:

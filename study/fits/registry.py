@@ -29,7 +29,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Never
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -183,21 +183,36 @@ ESTIMATORS: dict[str, Estimator] = {
 _MOST_COPIED = 100_000
 """Number of coordinates that a fit copies by default: beyond, copying takes longer than a closed form."""
 
+_INSTEAD = {
+    "sigma": "give noise=, the standard deviation of a coordinate",
+    "weight": "all points count the same; a point is left out as NaN, outliers by the estimator 'robust', and noise= "
+    "takes a covariance (d, d) where coordinates differ",
+    "radius": "the radius is always fitted; compare a known one with fit.interval('radius')",
+}
+"""The answer to arguments that other libraries have, by the beginning of their names."""
+
 
 def fit(
-    points: ArrayLike, estimator: str = "corrected", noise: ArrayLike | None = None, *, copy: bool | None = None
+    points: ArrayLike,
+    estimator: str = "corrected",
+    noise: ArrayLike | None = None,
+    *,
+    copy: bool | None = None,
+    **others: Never,
 ) -> Fit:
     """Fit a sphere (a circle, if d = 2) to each of one or many point sets.
 
     Args:
         points: coordinates (…, n, d) of n ≥ d + 1 points in d ≥ 2 dimensions, in any unit; leading axes are a batch.
-            Points with a NaN, or masked, are missing samples.
+            Points with a NaN, or masked, are missing samples. Of a data frame, the columns called x, y and z (or x and
+            y; X_mm, Easting …), else all of two or three.
         estimator: a name in `study.ESTIMATORS`; the default is never far from the best of them (configs/regret.toml).
         noise: standard deviation σ of each coordinate, in the unit of the points, or a covariance Σ (d, d); None if
             it is not known. Only ``ugdk`` cannot do without.
         copy: True to copy the points, from which a `Fit` computes residuals and standard errors when asked. False to
             read the caller's array again, and to refuse if it has changed; that saves time and memory. By default up
             to a hundred thousand coordinates are copied.
+        others: none; a TypeError says what there is in place of weights, sigma or a known radius.
 
     Returns:
         A `Fit` whose arrays have the leading axes of ``points``. Look at ``fit.ok`` before using the numbers: data
@@ -214,6 +229,8 @@ def fit(
 
     Source: the paper of each estimator is in its `Estimator.reference`.
     """
+    if others:
+        raise TypeError(f"study.fit takes no {next(iter(others))}=: {_instead(next(iter(others)))}")
     if not isinstance(estimator, str):
         raise TypeError(f"estimator = {estimator!r}: expected a name, such as 'corrected'")
     if estimator not in ESTIMATORS:
@@ -237,6 +254,12 @@ def fit(
         samples = Samples(np.array(samples.x, order="C"), noise)  # moments that are not finite show no change
         found = careful_fit(entry, samples)
     return as_fit(found.reshape(*lead), samples, estimator)
+
+
+def _instead(argument: str) -> str:
+    """The remedy for an argument that `fit` does not have."""
+    known = ["points", "estimator", "noise", "copy"]
+    return next((text for name, text in _INSTEAD.items() if argument.startswith(name)), did_you_mean(argument, known))
 
 
 def fit_samples(samples: Samples, estimator: str) -> Fit:

@@ -5,10 +5,12 @@ Most commands run in this process, which is what a second process would print; a
 Estimators of one's own on the command line: the page about them holds, in threads and in processes.
 """
 
+import contextlib
 import csv
 import hashlib
 import io
 import json
+import os
 import re
 import subprocess
 import sys
@@ -197,17 +199,80 @@ def test_columns_by_name(say, cap, tmp_path):
 
 
 def test_several_files(say, cap, tmp_path):
-    """Each file has its tables under its name; what ± is, is said once."""
+    """Each file is a line of one table; what ± is, is said once."""
     np.save(tmp_path / "half.npy", cap[:100])
     code, said, complained = say("fit", "cap.csv", "half.npy")
     assert (code, complained) == (0, "")
-    first, second = said.split("\nhalf.npy\n")
-    assert first.startswith("cap.csv\n")
-    assert rows_of(first.removeprefix("cap.csv\n"))[1]["corrected"][-2] == "200"
-    assert rows_of(second)[1]["corrected"][-2] == "100"
+    head, *lines = (re.split(r" {2,}", line) for line in said.splitlines()[:-1])
+    axes = ["center 1", "center 2", "center 3"]  # one file calls them x, y, z, the other 1, 2, 3
+    assert head == ["file", "estimator", *axes, "radius", "noise", "samples", "remarks", "status"]
+    for line, name, points in zip(lines, ["cap.csv", "half.npy"], [cap, cap[:100]], strict=True):
+        assert (line[:2], line[-3:]) == ([name, "corrected"], [str(len(points)), "-", "ok"])
+        assert float(line[5].split(" ± ")[0]) == pytest.approx(study.fit(points).radius, abs=1e-2)
     assert said.count("standard uncertainty") == 1
-    assert say("fit", "cap.csv", "none.csv")[:2] == (2, "")
     assert say("fit", "cap.csv", "half.npy", "--plot", "out.png")[:2] == (2, "")
+
+
+def test_a_file_that_cannot_be_read(say, cap, tmp_path):
+    """One of 20 costs one line on standard error, in every form of output; the exit code is 2."""
+    names = [f"p{i}.npy" for i in range(19)]
+    for name in names:
+        np.save(tmp_path / name, cap)
+    (tmp_path / "bad.csv").write_text("x,y,z\n1,2,3\n4,five,6\n")
+    for form, lines in (("--json", None), ("--csv", 20), ("", 21)):
+        code, said, complained = say("fit", *names[:7], "bad.csv", *names[7:], *filter(None, [form]))
+        assert (code, complained) == (2, "bad.csv: row 3, column 2: 'five' is not a number\n")
+        assert len(json.loads(said)) == 19 if form == "--json" else len(said.splitlines()) == lines
+    assert say("fit", "none.csv", "bad.csv")[:2] == (2, "")
+
+
+def test_a_table_of_fits_that_are_not_ok(say, cap, tmp_path):
+    """Statuses stand in a word and are explained once below; remarks on points are counted; the exit code is 3."""
+    flat = np.column_stack([np.arange(9.0), np.arange(9.0) ** 2, np.zeros(9)])
+    for name in ("a", "b"):
+        np.save(tmp_path / f"{name}.npy", flat)
+    np.save(tmp_path / "twice.npy", np.concatenate([cap, cap[:5]]))
+    np.save(tmp_path / "circle.npy", cap[:, :2])
+    code, said, _ = say("fit", "a.npy", "b.npy", "twice.npy", "circle.npy", "cap.csv")
+    assert code == 3
+    rows = [re.split(r" {2,}", line) for line in said.splitlines()[1:6]]
+    assert [row[-1] for row in rows[:3]] == ["singular", "singular", "ok"]
+    assert rows[2][-2] == "2"
+    assert rows[3][4] == "-"
+    assert said.count(f"singular: {study.Status.SINGULAR.text}\n") == 1
+    assert "\nstudy fit with one of the files prints the remarks on it" in said
+
+
+def test_names_that_would_be_formulas(say, cap, tmp_path):
+    """Cells of names that begin like a formula get an apostrophe; numbers below zero stay numbers."""
+    (tmp_path / "cap.csv").rename(tmp_path / "=1+1.csv")
+    np.save(tmp_path / "@x.npy", -cap)
+    code, said, _ = say("fit", "=1+1.csv", "@x.npy", "--csv")
+    rows = list(csv.DictReader(io.StringIO(said)))
+    assert (code, [row["file"] for row in rows]) == (0, ["'=1+1.csv", "'@x.npy"])
+    assert float(rows[1]["center_1"]) < 0.0
+
+
+def test_escape_sequences_are_shown(command, cap, tmp_path):
+    """Columns and files cannot send a terminal anything: an escape is printed as four characters."""
+    words, environment = command
+    evil = "\x1b]0;owned\x07\x1b[2J"
+    rows = (tmp_path / "cap.csv").read_text().splitlines()[1:]
+    (tmp_path / f"{evil}.csv").write_text("\n".join([f"x,y,z,{evil}\x9b", *(f"{row},0" for row in rows)]))
+    for names, code in ([f"{evil}.csv"], 0), ([f"{evil}.csv", f"{evil}.csv"], 0), ([f"{evil}.txt"], 2):
+        parent, child = os.openpty()
+        done = subprocess.Popen([*words, "fit", *names], cwd=tmp_path, env=environment, stdout=child, stderr=child)
+        os.close(child)
+        said = b""
+        with contextlib.suppress(OSError):  # the end, on a pseudo-terminal
+            while data := os.read(parent, 65536):
+                said += data
+        os.close(parent)
+        assert done.wait() == code
+        assert b"\x1b" not in said
+        assert b"\x07" not in said
+        assert "\x9b" not in said.decode()
+        assert b"\\x1b]0;owned\\x07\\x1b[2J" in said
 
 
 def test_outliers_and_copies(say, rng, on_cap, tmp_path):
@@ -233,17 +298,18 @@ def test_outliers_and_copies(say, rng, on_cap, tmp_path):
 
 
 def test_what_is_not_used_or_may_be_meant_otherwise(say, rng, on_cap, tmp_path):
-    """A noise that no estimator uses, and a fourth column, are told; `mle` takes the noise for its standard errors."""
+    """A noise that no estimator uses is named; four columns without names are refused, unless all are asked for."""
     points, _ = on_cap(rng, 36, angle=120.0, noise=0.01)
     np.save(tmp_path / "p.npy", points)
     told = "--noise 0.3 is not used by corrected: the noise is found in the points"
     assert told in say("fit", "p.npy", "--noise", "0.3")[1]
     assert "--noise" not in say("fit", "p.npy", "--noise", "0.3", "-e", "mle")[1]
-    assert "dimensions" not in say("fit", "p.npy")[1]
     np.save(tmp_path / "timed.npy", np.column_stack([np.arange(36) / 100.0, points]))
-    assert (
-        "\n4 columns are a sphere in as many dimensions; --columns chooses some of them\n" in say("fit", "timed.npy")[1]
-    )
+    code, said, complained = say("fit", "timed.npy")
+    assert (code, said) == (2, "")
+    assert complained.endswith(": choose, as with --columns 1,2,3, or fit all with --dimension 4\n")
+    assert say("fit", "timed.npy", "--columns", "2,3,4")[0] == 0
+    assert rows_of(say("fit", "timed.npy", "--dimension", "4")[1])[0][1:5] == list("1234")
 
 
 def test_json(say, cap, tmp_path):

@@ -7,7 +7,9 @@ Missing samples: the answer is the same as without the rows with a NaN, whatever
 Masked arrays: a masked sample is missing.
 """
 
+import json
 import pickle
+import re
 from typing import get_type_hints
 
 import numpy as np
@@ -154,6 +156,82 @@ def test_an_estimators_own_covariance(points, monkeypatch):
     np.testing.assert_array_equal(fit[0].covariance, fit.covariance[0])
     too_few = study.fit(np.where(np.arange(25)[:, None] < 3, points[0, 0], np.nan), "own")
     assert np.isnan(too_few.covariance).all()
+
+
+def test_distances_from_the_sphere(points):
+    """Signed distances of any points, by NumPy's norm; a batch takes its own points, common ones, or one point."""
+    fit, one = study.fit(points), study.fit(points[0, 0])
+    np.testing.assert_allclose(fit.distance(points), fit.residuals, rtol=0, atol=1e-12)
+    others = np.random.default_rng(3).normal(0.0, 9.0, (7, 3))
+    expected = np.linalg.norm(others - fit.center[..., None, :], axis=-1) - fit.radius[..., None]
+    np.testing.assert_allclose(fit.distance(others), expected, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(fit.distance(others[0]), expected[..., 0], rtol=0, atol=1e-12)
+    assert one.distance(one.center) == -one.radius
+    assert np.isnan(one.distance([[np.nan, 0, 0], [1, 2, 3]])).tolist() == [True, False]
+    assert one.distance(np.zeros((4, 5, 3))).shape == (4, 5)
+    with pytest.raises(ValueError, match=r"shape \(7, 2\): the fit needs 3 coordinates"):
+        one.distance(others[:, :2])
+    with pytest.raises(ValueError, match="leading axes must match"):
+        fit.distance(np.zeros((99, 7, 3)))
+    with pytest.raises(TypeError, match="points have dtype"):
+        one.distance([["a", "b", "c"]])
+
+
+def test_intervals_by_name(points):
+    """The diameter's interval is twice the radius's; each coordinate's is its row of the centre's."""
+    for fit in (study.fit(points), study.fit(points[0, 0])):
+        np.testing.assert_array_equal(fit.interval("diameter", 0.9), 2.0 * fit.interval("radius", 0.9))
+        for i, letter in enumerate("xyz"):
+            for name in (letter, f"center_{i + 1}"):
+                np.testing.assert_array_equal(fit.interval(name), fit.interval("center")[..., i, :])
+    with pytest.raises(ValueError, match=r"of = 'w': .*'radius', 'diameter', 'center', 'x', 'y', 'z'"):
+        fit.interval("w")
+    four = study.fit(np.random.default_rng(1).standard_normal((30, 4)))
+    assert four.interval("center_4").shape == (2,)
+    with pytest.raises(ValueError, match="'center_4'"):
+        four.interval("x")
+
+
+def test_numbers_as_plain_python(points):
+    """A dictionary that JSON takes as it is, with the library's numbers; a batch is refused with the remedy."""
+    fit = study.fit(points[0, 0])
+    plain = fit.to_dict()
+    again = json.loads(json.dumps(plain, allow_nan=bool(np.isnan(fit.condition))))
+    assert list(again) == list(plain)
+    assert plain["center"] == fit.center.tolist()
+    assert plain["diameter_error"] == 2.0 * fit.standard_errors[-1]
+    assert plain["radius_interval"] == fit.interval("radius").tolist()
+    assert (plain["status_text"], plain["ok"]) == (fit.status_text, bool(fit.ok))
+    assert {type(value) for value in plain.values()} <= {str, bool, int, float, list}
+    with pytest.raises(ValueError, match="take one, or to_frame"):
+        study.fit(points).to_dict()
+
+
+def test_statuses_in_words(points):
+    """A text for one fit, an array of texts for a batch."""
+    flat = np.column_stack([np.arange(9.0), np.arange(9.0) ** 2, np.zeros(9)])
+    assert study.fit(flat).status_text == study.Status.SINGULAR.text
+    words = study.fit(np.stack([flat, points[0, 0, :9]]), "als").status_text
+    assert (words.shape, words[0]) == ((2,), study.Status.SINGULAR.text)
+
+
+@pytest.mark.parametrize(
+    ("argument", "words"),
+    [
+        ("sigma", "give noise="),
+        ("sigmas", "give noise="),
+        ("weights", "all points count the same"),
+        ("radius", "the radius is always fitted"),
+        ("estimators", "did you mean 'estimator'"),
+        ("ransac", "known are points, estimator, noise, copy"),
+    ],
+)
+def test_arguments_of_other_libraries(points, argument, words):
+    """They are answered with what there is, in one line."""
+    with pytest.raises(TypeError, match=re.escape(words)) as caught:
+        study.fit(points, **{argument: 1.0})
+    assert str(caught.value).startswith(f"study.fit takes no {argument}=: ")
+    assert "\n" not in str(caught.value)
 
 
 def test_fits_without_points():

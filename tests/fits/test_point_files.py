@@ -18,8 +18,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as some
 
-from study.fits import point_files
-from study.fits.point_files import PointFileError, read_points
+from study.fits import point_text
+from study.fits.point_files import read_points
+from study.fits.point_text import PointFileError
 
 POINTS = np.random.default_rng(1).normal(300.0, 80.0, (12, 3))
 
@@ -154,7 +155,7 @@ def test_parquet(tmp_path, suffix):
     frame = pd.DataFrame(POINTS, columns=names).assign(label="a", good=True, k=pd.array([1, None] * 6, dtype="Int64"))
     frame.loc[3, "b"] = None
     frame[frame.index != 5].to_parquet(tmp_path / f"p{suffix}")
-    points, found, _ = read_points(tmp_path / f"p{suffix}")
+    points, found, _ = read_points(tmp_path / f"p{suffix}", dimension=4)
     expected = np.column_stack([POINTS, [1.0, np.nan] * 6])
     expected[3, 1] = np.nan
     np.testing.assert_array_equal(points, np.delete(expected, 5, axis=0))
@@ -174,7 +175,7 @@ def test_parquet(tmp_path, suffix):
 def test_any_numbers_round_trip(points, mark, tmp_path_factory):
     """Whatever doubles are written with their shortest digits are read to the last bit."""
     path = written(tmp_path_factory.mktemp("any"), "\n".join(lines(points, mark)))
-    np.testing.assert_array_equal(read_points(path)[0], points)
+    np.testing.assert_array_equal(read_points(path, dimension=points.shape[1])[0], points)
 
 
 @pytest.mark.parametrize(
@@ -203,7 +204,7 @@ def test_coordinates_by_name(tmp_path, header, chosen):
 
 @pytest.mark.parametrize("header", ["a,b,c", "xs,ys,zs", "x,z,t", "x,x [mm],y", "max,y,z", "x_dot,y_dot,z_dot"])
 def test_names_that_are_no_coordinates(tmp_path, header):
-    """Where x and y are not there once each, all columns are coordinates."""
+    """Where x and y are not there once each, all of three columns are coordinates."""
     table = read_points(written(tmp_path, "\n".join([header, *lines(POINTS, ",")])))
     np.testing.assert_array_equal(table.points, POINTS)
     assert table.names == header.split(",")
@@ -232,7 +233,7 @@ def test_standard_input(monkeypatch, kind):
 
 def test_endless_standard_input(monkeypatch):
     """It is read up to a limit, beyond which it is refused."""
-    monkeypatch.setattr(point_files, "_MOST_BYTES", 1000)
+    monkeypatch.setattr(point_text, "_MOST_BYTES", 1000)
     with open("/dev/zero", "rb") as endless:
         monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(endless))
         with pytest.raises(PointFileError, match="more than 1,000 bytes"):
@@ -349,10 +350,14 @@ def test_a_single_column(tmp_path):
 
 
 def test_a_column_without_numbers(tmp_path):
-    """A delimiter at the end of each row makes a column of nothing, which would make each point incomplete."""
-    assert (
-        refused(written_of_point_file_faults(tmp_path, "\n".join(f"{row}," for row in ROWS)))
-        == "column 4 has no number in it"
+    """A column of nothing would make each point incomplete; a delimiter at the end of each row makes no column."""
+    path = written_of_point_file_faults(
+        tmp_path, "\n".join(["x,y,z", *(row.rpartition(",")[0] + ",-" for row in ROWS)])
+    )
+    assert refused(path) == "column z has no number in it"
+    assert read_points(written_of_point_file_faults(tmp_path, "\n".join(f"{row}," for row in ROWS))).points.shape == (
+        5,
+        3,
     )
 
 
@@ -396,10 +401,10 @@ def test_arrays_that_are_no_points(tmp_path, array, word):
 
 
 def test_an_archive_and_a_torn_array(tmp_path):
-    """An archive called .npy, and a file that ends too early."""
-    np.savez(tmp_path / "points.npz", a=np.ones((5, 3)))
+    """An archive called .npy, of which it is not clear which array is meant, and a file that ends too early."""
+    np.savez(tmp_path / "points.npz", a=np.ones((5, 3)), b=np.ones((5, 3)))
     (tmp_path / "points.npz").rename(tmp_path / "points.npy")
-    refused(tmp_path / "points.npy", "an archive")
+    refused(tmp_path / "points.npy", "an archive of a, b")
     np.save(tmp_path / "points.npy", np.ones((50, 3)))
     data = (tmp_path / "points.npy").read_bytes()
     refused(written_of_point_file_faults(tmp_path, data[:-9], "points.npy"), "not a NumPy array of numbers")
@@ -457,13 +462,15 @@ def test_what_may_never_end(tmp_path, name):
 
 @pytest.mark.parametrize("kind", ["csv", "npy", "parquet"])
 def test_too_many_dimensions(tmp_path, kind):
-    """More than twenty columns are no coordinates, unless fewer are chosen."""
+    """More than twenty columns are no coordinates, unless fewer are chosen; so are more than three without names."""
     path, array = tmp_path / f"points.{kind}", np.random.default_rng(1).standard_normal((30, 500))
     frame = pd.DataFrame(array, columns=[f"c{i}" for i in range(500)])
     {"csv": lambda: frame.to_csv(path, index=False), "npy": lambda: np.save(path, array)}.get(
         kind, lambda: frame.to_parquet(path)
     )()
-    assert refused(path).startswith("500 columns; points may have 20 coordinates at most")
+    assert refused(path).startswith("500 columns, and no names say which are x, y and z: choose")
+    many = [str(i) for i in range(1, 22)]
+    assert refused(path, columns=many).startswith("21 columns; points may have 20 coordinates at most")
     np.testing.assert_array_equal(read_points(path, ["2", "400", "500"]).points, array[:, [1, 399, 499]])
 
 

@@ -39,10 +39,11 @@ def test_rows_of_different_lengths(call):
 
 @pytest.mark.parametrize("call", CALLS.values(), ids=CALLS)
 def test_frames_with_text(call):
-    """The columns that are not numbers are named, and the others are offered."""
+    """Columns beside x, y and z may hold anything; of others, those that are not numbers are named."""
     frame = pd.DataFrame(UNIT, columns=list("xyz")).assign(name="a", good=True)
-    with pytest.raises(TypeError, match=r"'name' .*'good' has dtype bool.*pass the others, 'x', 'y', 'z', alone"):
-        call(frame)
+    call(frame)
+    with pytest.raises(TypeError, match=r"'name' .*'good' has dtype bool.*pass the others, 'w', alone"):
+        call(frame[["x", "name", "good"]].rename(columns={"x": "w"}))
     call(frame[list("xyz")])
 
 

@@ -162,8 +162,10 @@ def written_files(motion: "ExportedMotion", folder: Path) -> Iterator[Path]:
 def write_motion_video(scene: "Scene", path: Path) -> Path:
     """Write the video, with a progress bar on a terminal."""
     from study.recordings.view.video import write_video
+    from study.text import unchanged
 
-    with typer.progressbar(length=1000, label="video", file=sys.stderr, hidden=not sys.stderr.isatty()) as bar:
+    raw = unchanged(sys.stderr)
+    with typer.progressbar(length=1000, label="video", file=raw, hidden=not raw.isatty()) as bar:
         done = 0.0
 
         def advance(share: float) -> None:

@@ -26,6 +26,7 @@ from study.recordings.formats.write import write_recording
 from study.recordings.recording import UNITS
 from study.recordings.rigid import zxy_angles
 from study.recordings.skeleton.make_scene import skeleton_table
+from study.text import inert_frame
 
 if TYPE_CHECKING:
     import ezc3d
@@ -184,4 +185,4 @@ def write_csv(motion: ExportedMotion, path: Path) -> None:
     Raises:
         OSError: if the file cannot be written.
     """
-    skeleton_table(motion.scene).to_csv(path, index=False, float_format="%.6f", lineterminator="\n")
+    inert_frame(skeleton_table(motion.scene)).to_csv(path, index=False, float_format="%.6f", lineterminator="\n")

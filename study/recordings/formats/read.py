@@ -5,6 +5,7 @@ Read a recording from a file of any known format.
 
 from pathlib import Path
 
+from study.files import regular
 from study.recordings.formats import exports
 from study.recordings.formats.exports import read_vicon
 from study.recordings.formats.text import find_axes, read_table, read_trc, read_two_lines
@@ -88,7 +89,7 @@ def read_recording(
     path = Path(path)
     name = printable(path.stem)
     try:
-        if _is_c3d(path):
+        if _is_c3d(regular(path)):
             from study.recordings.formats.c3d import read_c3d  # its libraries come with the extra mocap
 
             # C3D files without a unit are usually in millimetres

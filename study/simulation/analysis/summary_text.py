@@ -31,7 +31,7 @@ from study.simulation.experiment.conditions import (
 )
 from study.simulation.experiment.config import Study
 from study.simulation.runs.run_folder import Run
-from study.text import columns, did_you_mean
+from study.text import columns, did_you_mean, inert_frame
 
 
 class AtBounds(NamedTuple):
@@ -311,7 +311,7 @@ def as_csv(run: Run, choice: RowChoice) -> str:
     Raises:
         ValueError: if no cell has the values of the choice.
     """
-    return choice.rows(_summary(run)).to_csv(index=False, lineterminator="\n")
+    return inert_frame(choice.rows(_summary(run))).to_csv(index=False, lineterminator="\n")
 
 
 class _AtBounds:

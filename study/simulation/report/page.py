@@ -14,7 +14,7 @@ import pandas as pd
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from study.files import RunError, write
+from study.files import RunError, regular, write
 from study.simulation.claims.claim import Verdict
 from study.simulation.figures import gathered
 from study.simulation.report import words
@@ -157,9 +157,10 @@ def read_bench(path: Path) -> pd.DataFrame:
         RunError: if it cannot be read, or is no such table.
     """
     try:
-        found = pd.read_csv(path, dtype=str, keep_default_na=False)
+        found = pd.read_csv(regular(path), dtype=str, keep_default_na=False)
     except (OSError, UnicodeDecodeError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
-        raise RunError(f"{path}: cannot be read: {error}; make bench writes it") from None
+        why = getattr(error, "strerror", None) or error
+        raise RunError(f"{path}: cannot be read: {why}; make bench writes it") from None
     if tuple(found.columns) != COLUMNS or found.empty:
         raise RunError(f"{path}: no table of ratios: needs the columns {', '.join(COLUMNS)}; make bench writes it")
     return found
