@@ -118,13 +118,13 @@ $(VENV)/.installed: $(VENV)/bin/python pyproject.toml constraints.txt
 # The loops are compiled once, so that no study waits for the compiler: those of fits and of a small study ...
 $(VENV)/.run: $(VENV)/.installed
 	@echo "Loops are compiled, once after an installation or an update; most of a minute:"
-	@$(BIN)/python -m study.simulation.runs.plan configs/smoke.toml
+	@$(BIN)/python -m study.simulation.compile_loops configs/smoke.toml
 	touch $@
 
 # ... and those of the paper's studies, and vector and scalar code for the table of costs.
 $(VENV)/.compiled: $(VENV)/.run
 	@echo "Loops of the paper's studies are compiled:"
-	@$(BIN)/python -m study.simulation.runs.plan $(CONFIGS)
+	@$(BIN)/python -m study.simulation.compile_loops $(CONFIGS)
 	@echo "Loops with and without vector instructions, for the table of costs:"
 	@$(BIN)/python -m study.simulation.analysis.cost time 3 20 >/dev/null
 	@$(BIN)/python -m study.simulation.analysis.cost scalar 3 20 >/dev/null

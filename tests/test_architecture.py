@@ -32,6 +32,7 @@ ORDER = {
         "coverage",
         "report",
         "commands",
+        "compile_loops",
     ],
     "recordings": [
         "recording",
