@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from study.arrays import Bools, Floats, Ints, real_array
 from study.fits.display import as_dict, as_html, as_text, frame, named_axis
 from study.fits.form import MinimumZone, minimum_zone
+from study.fits.goodness import Goodness, goodness
 from study.fits.intervals import Intervals, intervals
 from study.fits.robust import outliers
 from study.fits.samples import Estimates, Samples, Status, explain, plug_in_bound, semi_axes, unless_missing
@@ -392,6 +393,17 @@ class Fit:
         Intervals, and with them the status, count copies once.
         """
         return np.asarray(self._points.repeated.sum(axis=1).reshape(self.shape))
+
+    @cached_property
+    def goodness(self) -> Goodness:
+        """Test of fit (…): p values of *shape*, *unequal noise*, *tails* and *memory* of the rows, and of all.
+
+        It depends on the points alone, not on the estimator, holds for every law of directions, and takes the noise to
+        be isotropic, normal and of unknown size. Copies count once; that of `robust` leaves the outliers out.
+
+        Source: theory §13.
+        """
+        return Goodness(*(block.reshape(self.shape) for block in goodness(self._points.different)))
 
     @cached_property
     def minimum_zone(self) -> MinimumZone:

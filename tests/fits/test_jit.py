@@ -112,7 +112,7 @@ def test_the_library_and_the_commands_share_the_cache_and_compilation_is_announc
     A program that wants no such line sets its logs up.
     """
     _, run = package
-    command = f"from study.text import instruction_set\ninstruction_set.fix()\n{TWO_LOOPS}"
+    command = f"from study import instruction_set\ninstruction_set.fix()\n{TWO_LOOPS}"
     assert run(command) == ["0", "0"]
     assert run(TWO_LOOPS) == ["1", "1"]
     assert run.warnings == [f"{COMPILING}\n", ""]
@@ -224,7 +224,7 @@ from numba.core.registry import cpu_target
 print(cpu_target.target_context.codegen().magic_tuple())
 """
 
-COMMAND = "from study.text import instruction_set\ninstruction_set.fix()\n"
+COMMAND = "from study import instruction_set\ninstruction_set.fix()\n"
 
 LIBRARY = "from study.fits.jit import total\nimport numpy, os\nbefore = dict(os.environ)\ntotal(numpy.ones(2))\n"
 

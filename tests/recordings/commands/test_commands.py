@@ -448,7 +448,7 @@ def call_of_joint_command(monkeypatch, capsys, tmp_path):
 def body_of_joint_command(tmp_path_factory):
     """A recording of a synthetic body as a file."""
     recording, _ = synthesize(Recipe(frames=500, noise=0.001))
-    return write_recording(recording, tmp_path_factory.mktemp("body_of_joint_command") / "body.c3d")
+    return write_recording(recording, tmp_path_factory.mktemp("body") / "body.c3d")
 
 
 def test_one_line_and_no_files(call_of_joint_command, body_of_joint_command, tmp_path):
@@ -464,7 +464,7 @@ def test_json(call_of_joint_command, body_of_joint_command):
     assert (code, complained) == (0, "")
     values = json.loads(said)
     assert (values["recording"], values["ok"], values["kind"], values["frames"] > 400) == (
-        "body_of_joint_command",
+        "body",
         True,
         "ball",
         True,

@@ -341,7 +341,7 @@ def grid_of_fig_robustness(make_rows, make_tables):
                             cell = f"{angle}-{radius}-{law}-{share}"
                             error = np.where(status[:, None] == 1, np.nan, rng.normal(size=(TRIALS_FIG_ROBUSTNESS, 3)))
                             parts.append(make_rows(cell, name, error, status=status, **conditions))
-        return make_tables(pd.concat(parts, ignore_index=True), "grid_of_fig_robustness")
+        return make_tables(pd.concat(parts, ignore_index=True), "grid")
 
     return make
 

@@ -1,0 +1,550 @@
+"""A test of fit: whether points are a sphere with white noise of one size, by moments that hold for all directions.
+
+For a point y = c + r u + noise, isotropic and normal, with R = |y - c|, e = (y - c)/R and a spherical harmonic Y of
+degree l,
+
+    E[(R - λ) Y(e) | u] = 0 for every u,      λ = E[R P_l(e·u)] / E[P_l(e·u)],
+
+so that no law of the directions enters. Four blocks see what fits do not show: *shape*, *unequal noise*, *tails* and
+*memory* of the rows. The errors of centre, radius and noise are taken out of each, and each gives a p value.
+
+Source: theory §13.
+"""
+
+from functools import cache
+from itertools import combinations_with_replacement
+from math import comb
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import null_space
+from scipy.special import betainc, chndtr, gammaln, hyp0f1, hyp1f1, ive, ndtri, stdtrit
+
+from study.arrays import Bools, Floats, Ints
+from study.fits.corrected import corrected
+from study.fits.samples import Samples, binary_size
+
+BLOCKS = ("shape", "unequal noise", "tails", "memory")
+_DEGREES = 4
+_MOST_HARMONICS = 100
+"""Number of harmonics that are tested, at most, beside those of degree 2."""
+_TOGETHER = 20_000
+"""Points that are tested at a time, which stay in a processor's cache."""
+_LEAST = 1e-13
+"""Least mean square of a direction of the harmonics beside which rounding counts."""
+_SMALL = 0.05
+"""Noise in radii up to which residuals are taken to be normal and of one size given the directions."""
+_NO_NOISE = 1e-22
+"""Noise variance in square radii that rounding makes."""
+_COSINES = 6
+"""Terms of the series over time (Lazarus et al. 2018)."""
+_MANY = 300
+"""Number of points from which the moments' own covariance is enough."""
+_FAR = 1e-3
+"""Noise in radii below which a distance is normal."""
+_LARGEST_SCORE = 8.0
+_LEAST_SPARE = 16
+"""Least degrees of freedom of a test of unequal noise and tails."""
+_ODD = 0.5 * (1.0 - np.exp(-2.0)) - np.exp(-1.0)
+_EVEN = 0.5 * (1.0 + np.exp(-4.5)) - (1.0 + 0.5 * 1.5**4) * np.exp(-2.25)
+"""Variances of sin z and cos(3z/2) for normal z, freed from 1, z and z²."""
+_EXACT_MEAN = 150
+"""Degrees of freedom below which the mean of cos(3t/2) is a hypergeometric function, and beyond a series."""
+
+
+class Goodness(NamedTuple):
+    """The p values of a test of fit, for fits with leading axes `…`.
+
+    Attributes:
+        shape: the distances follow the directions beyond what a sphere explains (…).
+        unequal_noise: the size of the residuals follows the directions (…).
+        tails: the residuals are not normal (…).
+        memory: residuals of neighbouring rows depend on each other (…).
+    """
+
+    shape: Floats
+    unequal_noise: Floats
+    tails: Floats
+    memory: Floats
+
+    @property
+    def p(self) -> Floats:
+        """One p value for all blocks (…), the least one corrected for the number of blocks; NaN if there is none."""
+        values = np.stack(self)
+        count = np.isfinite(values).sum(axis=0)
+        least = np.where(count > 0, np.fmin.reduce(values, axis=0), np.nan)
+        return np.asarray(-np.expm1(count * np.log1p(-np.minimum(least, 1.0 - 1e-16))))
+
+    def speaks(self, level: float = 0.01) -> Bools:
+        """True for each block that speaks at an overall level (4, …)."""
+        values = np.stack(self)
+        limit = -np.expm1(np.log1p(-level) / np.maximum(np.isfinite(values).sum(axis=0), 1))
+        return np.asarray(values < limit)
+
+    def first(self, level: float = 0.01) -> np.ndarray[tuple[int, ...], np.dtype[np.str_]]:
+        """Name of the first block that speaks at an overall level, in the order of `BLOCKS`; "" if none does (…)."""
+        speaks = self.speaks(level)
+        return np.where(speaks.any(axis=0), np.array(BLOCKS)[speaks.argmax(axis=0)], "")
+
+
+class Harmonics(NamedTuple):
+    """Harmonics of degrees 0 … L in d dimensions as columns.
+
+    Attributes:
+        degree: degree of each column (k,).
+        turns: for each degree from 1, products of monomials (new monomial from an old one times a coordinate) (m, 2).
+        rules: for each degree, coefficients of its harmonics on its monomials.
+        gradient: ∂_j of column k as a sum of columns (d, k, k).
+    """
+
+    degree: Ints
+    turns: list[Ints]
+    rules: list[Floats]
+    gradient: Floats
+
+
+@cache
+def harmonics(d: int, most: int) -> Harmonics:
+    """Harmonics of degrees 0 … most on the unit sphere in d dimensions; columns 1 … d are the coordinates."""
+    turns, rules, degree = [], [np.ones((1, 1))], [0]
+    monomials: list[list[tuple[int, ...]]] = [[()], [(i,) for i in range(d)]]
+    for order in range(2, most + 1):
+        monomials.append(list(combinations_with_replacement(range(d), order)))
+    places = [{m: k for k, m in enumerate(row)} for row in monomials]
+    derivative = [np.zeros((d, 1, 0))]
+    for order in range(1, most + 1):
+        turns.append(np.array([[places[order - 1][m[:-1]], m[-1]] for m in monomials[order]]))
+        by = np.zeros((d, len(monomials[order]), len(monomials[order - 1])))
+        for k, m in enumerate(monomials[order]):
+            for j in set(m):
+                rest = list(m)
+                rest.remove(j)
+                by[j, k, places[order - 1][tuple(rest)]] += m.count(j)
+        derivative.append(by)
+        if order == 1:
+            rules.append(np.eye(d))
+        else:
+            laplacian = sum(by[j] @ derivative[order - 1][j] for j in range(d))
+            rules.append(null_space(laplacian.T).T)
+        degree += [order] * len(rules[-1])
+    of = np.array(degree)
+    gradient = np.zeros((d, len(of), len(of)))
+    for order in range(1, most + 1):
+        mine, lower = np.flatnonzero(of == order), np.flatnonzero(of == order - 1)
+        for j in range(d):
+            gradient[j][np.ix_(mine, lower)] = rules[order] @ derivative[order][j] @ np.linalg.pinv(rules[order - 1])
+    return Harmonics(of, turns, rules, gradient)
+
+
+def columns(e: Floats, basis: Harmonics) -> Floats:
+    """Harmonics (b, k, n) of directions (b, d, n)."""
+    b, d, n = e.shape
+    out = np.empty((b, len(basis.degree), n))
+    out[:, 0], out[:, 1 : d + 1] = 1.0, e
+    last, at = e, d + 1
+    for turn, rule in zip(basis.turns[1:], basis.rules[2:], strict=True):
+        last = last[:, turn[:, 0]] * e[:, turn[:, 1]]
+        np.matmul(rule, last, out=out[:, at : at + len(rule)])
+        at += len(rule)
+    return out
+
+
+def _moment(q: int, degree: int, t: Floats, d: int) -> Floats:
+    """E[R^q P_l(e·u)] (b,) for r = 1 and t = 1/2s."""
+    a, c = 0.5 * (degree - q), 0.5 * (degree + q + d) - 1.0
+    term, total, inverse = np.ones_like(t), np.ones_like(t), 1.0 / np.maximum(t, 40.0)
+    for k in range(30):
+        term = term * ((a + k) * (k - c) / (k + 1.0)) * inverse
+        total += term
+        if np.all(np.abs(term) < 1e-17):
+            break
+    near = np.flatnonzero(t < 40.0)
+    if len(near):
+        x = t[near]
+        scale = np.exp(gammaln(0.5 * (d + degree + q)) - gammaln(0.5 * d + degree)) * x ** (0.5 * (degree - q))
+        total[near] = scale * hyp1f1(a, 0.5 * d + degree, -x)
+    return total
+
+
+class Lengths(NamedTuple):
+    """λ_l of R, and its derivatives by r and s at r = 1 (b, L + 1); Var R and its derivatives (b,)."""
+
+    value: Floats
+    by_r: Floats
+    by_s: Floats
+    variance: Floats
+    variance_by_r: Floats
+    variance_by_s: Floats
+
+
+def lengths(s: Floats, d: int, most: int) -> Lengths:
+    """λ_l for the noise variances s (b,) of spheres of radius 1."""
+
+    def at(s: Floats) -> tuple[Floats, Floats]:
+        t = 0.5 / s
+        value = np.stack([_moment(1, degree, t, d) / _moment(0, degree, t, d) for degree in range(most + 1)], axis=1)
+        return value, np.maximum((1.0 - value[:, 0]) * (1.0 + value[:, 0]) + d * s, 1e-300)
+
+    h = 1e-3
+    value, variance = at(s)
+    (up, up_v), (down, down_v) = at(s * (1 + h)), at(s * (1 - h))
+    by_s, v_by_s = (up - down) / (2 * h * s[:, None]), (up_v - down_v) / (2 * h * s)
+    return Lengths(value, value - 2 * s[:, None] * by_s, by_s, variance, 2 * variance - 2 * s * v_by_s, v_by_s)
+
+
+def normal_scores(R: Floats, s: Floats, d: int) -> Floats:
+    """Normal scores of distances R (b, n) from the centres of spheres of radius 1, whatever the directions.
+
+    R²/s has a noncentral χ² law, exactly. Where the noise is small, Sankaran's power of it (1963) is normal.
+    """
+    s = s[:, None]
+    z, far = (R - 1.0) / np.sqrt(s), 1.0 / np.maximum(s, _FAR**2)
+    sets = np.flatnonzero(s > _FAR**2)
+    if len(sets):
+        k, far = float(d), far[sets]
+        h = 1.0 - (2.0 / 3.0) * (k + far) * (k + 3.0 * far) / (k + 2.0 * far) ** 2
+        p, m = (k + 2.0 * far) / (k + far) ** 2, (h - 1.0) * (1.0 - 3.0 * h)
+        mean = 1.0 + h * p * (h - 1.0 - 0.5 * (2.0 - h) * m * p)
+        spread = h * np.sqrt(2.0 * p) * (1.0 + 0.5 * m * p)
+        z[sets] = ((R[sets] ** 2 * far / (k + far)) ** h - mean) / spread
+    sets = np.flatnonzero(s > _SMALL**2)
+    if len(sets):
+        square = R[sets] ** 2 / s[sets]
+        z[sets] = np.clip(ndtri(chndtr(square, float(d), 1.0 / s[sets])), -_LARGEST_SCORE, _LARGEST_SCORE)
+    return np.asarray(z)
+
+
+@cache
+def _size_by_degree(d: int) -> tuple[Floats, Floats]:
+    """Noises ln s, and λ_l - λ_0 of φ = |z|^⅔ for degrees 1 and 2 (2, k), z the normal score of R, by a sum over R."""
+    s = np.geomspace(_SMALL**2, 1.0, 60)[:, None]
+    R = 1.0 + np.sqrt(s) * np.linspace(-_LARGEST_SCORE, _LARGEST_SCORE + d, 1501)
+    R, order = np.maximum(R, 1e-9), 0.5 * d - 1.0
+    weight = R ** (0.5 * d) * np.exp(-((R - 1.0) ** 2) / (2.0 * s)) * ive(order, R / s) * (R > 1e-9)
+    size = np.cbrt(normal_scores(R, s[:, 0] * (1.0 + 1e-12), d) ** 2)
+    means = []
+    for degree in range(3):
+        harmonic = weight * ive(order + degree, R / s) / ive(order, R / s)
+        means.append((harmonic * size).sum(axis=1) / harmonic.sum(axis=1))
+    return np.log(s[:, 0]), np.array(means[1:]) - means[0]
+
+
+def f_tail(F: Floats, a: Floats | Ints, b: Floats | Ints | float) -> Floats:
+    """P(F_{a,b} > F); 1 where there is nothing to test."""
+    with np.errstate(all="ignore"):
+        return np.where((a > 0) & (b > 0), betainc(0.5 * b, 0.5 * a, b / (b + a * np.maximum(F, 0.0))), np.nan)
+
+
+def goodness(samples: Samples) -> Goodness:
+    """Test of fit of each set of points (b,).
+
+    Args:
+        samples: the points (b, d, n), missing ones as NaN, copies left out. The noise is taken to be unknown.
+
+    Returns:
+        p values (b,) of each block; NaN where the points are too few for it, or show no noise.
+
+    Source: theory §13.
+    """
+    b, d, _ = samples.shape
+    result = np.full((4, b), np.nan)
+    for sets, present in samples.by_count():
+        n = present.shape[2]
+        if n < d + 4:
+            continue
+        for begun in range(0, len(sets), max(_TOGETHER // n, 1)):
+            part = slice(begun, begun + max(_TOGETHER // n, 1))
+            with np.errstate(all="ignore"):
+                result[:, sets[part]] = _of_part(present.x[part])
+    return Goodness(*result)
+
+
+def _of_part(x: Floats) -> Floats:
+    """The p values (4, b) of complete sets (b, d, n)."""
+    b, d, n = x.shape
+    out = np.full((4, b), np.nan)
+    basis = harmonics(d, _highest_degree(n, d))
+    sets, R, Y, s = _on_the_fit(x, basis)
+    if len(sets):
+        out[0, sets] = _shape(R, Y, s, basis)
+        out[1:, sets] = _residual_blocks(R, Y, s, d)
+    return out
+
+
+def _on_the_fit(x: Floats, basis: Harmonics) -> tuple[Ints, Floats, Floats, Floats]:
+    """Sets whose `corrected` fit serves; their R, harmonics and noise variance s, in radii."""
+    d, n = x.shape[1:]
+    x = np.ldexp(x, -binary_size(x)[:, None, None])
+    fit = corrected(Samples(np.ascontiguousarray(x)))
+    s = fit.noise_variance / fit.radius**2
+    y = (x - fit.center[:, :, None]) / fit.radius[:, None, None]
+    R = np.sqrt(np.einsum("bdn,bdn->bn", y, y))
+    usable = np.isfinite(R).all(axis=1) & (R > 0.0).all(axis=1) & (s > _NO_NOISE)
+    Y = columns(np.where(usable[:, None, None], y / R[:, None], 0.0), basis)
+    usable &= np.linalg.eigvalsh(Y[:, : d + 1] @ Y[:, : d + 1].swapaxes(1, 2) / n)[:, 0] > _LEAST
+    sets = np.flatnonzero(usable)
+    return (sets, R, Y, s) if len(sets) == len(x) else (sets, R[sets], Y[sets], s[sets])
+
+
+def _highest_degree(n: int, d: int) -> int:
+    """Largest degree, 2 to 4: those below leave half of the freedom to the noise, and harmonics are few enough."""
+    count, degree = _count(d, 2), 2
+    while degree < _DEGREES and count < (n - d - 1) // 2 and count + _count(d, degree + 1) <= _MOST_HARMONICS:
+        degree += 1
+        count += _count(d, degree)
+    return degree
+
+
+def _count(d: int, degree: int) -> int:
+    """Number of harmonics of a degree."""
+    return comb(d + degree - 1, degree) - (comb(d + degree - 3, degree - 2) if degree > 1 else 0)
+
+
+class ShapeMoments(NamedTuple):
+    """Moments of a part, freed from the errors of (c, r, σ²) by C(α).
+
+    Attributes:
+        value: the moments of the harmonics of degree 2 and more (b, k).
+        least: the same by least squares on 1 and e, where the noise is small (b, k).
+        model: covariance of ``least`` for noise that is small beside the radius, over the noise variance (b, k, k).
+        left: mean square of the residuals of R on 1 and e (b,).
+        terms: for the sets ``noisy``, covariance of the moments by their terms, over the noise variance.
+    """
+
+    value: Floats
+    least: Floats
+    model: Floats
+    left: Floats
+    terms: Floats
+    noisy: Ints
+
+
+def _moments(R: Floats, Y: Floats, s: Floats, basis: Harmonics) -> ShapeMoments:
+    """The moments of (R - λ) Y; the radius is 1."""
+    b, k, n = Y.shape
+    d, degree = len(basis.gradient), basis.degree
+    known = lengths(s, d, int(degree.max()))
+    value, over = known.value[:, degree], R - known.value[:, :1]
+    gram = Y @ Y.swapaxes(1, 2) / n
+    mean, raw = gram[:, 0], (Y @ over[:, :, None])[:, :, 0] / n
+    square = over**2 - known.variance[:, None]
+    equations = np.column_stack([raw - (value - value[:, :1]) * mean, square.mean(axis=1)])
+    shrink = (1.0 - known.value * np.mean(1.0 / R, axis=1)[:, None])[:, degree]
+    slopes = np.empty((b, k + 1, d + 2))
+    slopes[:, :k, :d] = (1.0 - degree * shrink)[:, :, None] * gram[:, :, 1 : d + 1]
+    slopes[:, :k, :d] += shrink[:, :, None] * (basis.gradient @ mean[:, None, :, None])[..., 0].swapaxes(1, 2)
+    slopes[:, :k, d], slopes[:, :k, d + 1] = known.by_r[:, degree] * mean, known.by_s[:, degree] * mean
+    slopes[:, k, :d] = 2.0 * raw[:, 1 : d + 1]
+    slopes[:, k, d], slopes[:, k, d + 1] = known.variance_by_r, known.variance_by_s
+    solved, test = np.r_[0 : d + 1, k], np.arange(d + 1, k)
+    try:
+        inverse = np.linalg.inv(slopes[:, solved])
+    except np.linalg.LinAlgError:  # a set is exactly singular
+        inverse = np.linalg.pinv(slopes[:, solved])
+    weights = slopes[:, test] @ inverse
+    free = equations[:, test] - (weights @ equations[:, solved, None])[:, :, 0]
+    explained = np.linalg.solve(
+        gram[:, : d + 1, : d + 1], np.concatenate([gram[:, : d + 1, d + 1 :], equations[:, : d + 1, None]], axis=2)
+    )
+    model = gram[:, d + 1 :, d + 1 :] - gram[:, d + 1 :, : d + 1] @ explained[:, :, :-1]
+    left = (over**2).mean(axis=1) - np.einsum("bi,bi->b", equations[:, : d + 1], explained[:, :, -1])
+    least = equations[:, test] - (gram[:, d + 1 :, : d + 1] @ explained[:, :, -1:])[:, :, 0]
+    noisy = np.flatnonzero(s > _SMALL**2)
+    combine = np.zeros((len(noisy), len(test), k + 1))
+    combine[:, np.arange(len(test)), test] = 1.0
+    combine[:, :, solved] = -weights[noisy]
+    each = Y[noisy] * (R[noisy][:, None] - value[noisy][:, :, None])
+    psi = combine @ np.concatenate([each, square[noisy][:, None]], axis=1)
+    psi -= psi.mean(axis=2, keepdims=True)
+    terms = psi @ psi.swapaxes(1, 2) / (left[noisy] * n * n / (n - d - 1))[:, None, None]
+    return ShapeMoments(free, least, model, left, terms, noisy)
+
+
+def _shape(R: Floats, Y: Floats, s: Floats, basis: Harmonics) -> Floats:
+    """The p values (b,) of shape: of degree 2, and of degrees 3 and more freed from it."""
+    n, d = R.shape[1], len(basis.gradient)
+    known = _moments(R, Y, s, basis)
+    degree = basis.degree[d + 1 :]
+    small = _shape_tests(known.least, known.model, known.left, degree, (n, d))
+    if not len(known.noisy):
+        return small
+    own = _shape_tests(known.value[known.noisy], known.terms, known.left[known.noisy], degree, (n, d), own=True)
+    small[known.noisy] = own if n >= _MANY else np.fmax(own, small[known.noisy])
+    return small
+
+
+def _shape_tests(
+    g: Floats, omega: Floats, left: Floats, degree: Ints, size: tuple[int, int], own: bool = False
+) -> Floats:
+    """The p values (b,) of two tests, the lesser one counted twice; ``own`` if Ω stands on the terms themselves."""
+    n, d = size
+    spare, most = n - d - 1, (n - d - 1) // (3 if own else 2)
+    two, more = degree == 2, degree > 2
+    first, count, inverse = _form(g[:, two], omega[:, two][:, :, two], most)
+    forms, counts = [first], [count]
+    if more.any() and most > two.sum() + 1:
+        cross = omega[:, more][:, :, two] @ inverse
+        rest = g[:, more] - (cross @ g[:, two, None])[:, :, 0]
+        second, count, _ = _form(
+            rest, omega[:, more][:, :, more] - cross @ omega[:, two][:, :, more], most - int(two.sum())
+        )
+        forms.append(second)
+        counts.append(count)
+    result = []
+    residual, free = np.maximum(left - sum(forms), 1e-12 * left), spare - sum(counts)
+    for form, count in zip(forms, counts, strict=True):
+        if own:
+            ratio = (n - 1.0) * n / spare * form / left * (spare - count) / (count * (spare - 1.0))
+            result.append(f_tail(ratio, count, spare - count))
+        else:
+            result.append(f_tail(form / count / (residual / free), count, free))
+    tested = np.isfinite(result).sum(axis=0)
+    return np.asarray(-np.expm1(tested * np.log1p(-np.minimum(np.fmin.reduce(result), 1.0 - 1e-16))))
+
+
+def _form(g: Floats, omega: Floats, most: int) -> tuple[Floats, Ints, Floats]:
+    """gᵀ Ω⁺ g (b,), the rank of Ω, and Ω⁺, of the ``most`` directions of largest variance."""
+    if omega.shape[1] <= most:
+        diagonal = np.einsum("bii->bi", omega)
+        try:
+            root = np.linalg.inv(np.linalg.cholesky(omega))
+        except np.linalg.LinAlgError:
+            root = np.full_like(omega, np.nan)
+        if (np.einsum("bii->bi", root) ** -2.0 > np.maximum(1e-6 * diagonal, 1e3 * _LEAST)).all():
+            along = (root @ g[:, :, None])[:, :, 0]
+            return (along**2).sum(axis=1), np.full(len(g), g.shape[1]), root.swapaxes(1, 2) @ root
+    values, vectors = np.linalg.eigh(omega)
+    used = values > np.maximum(_LEAST, 1e-9 * values[:, -1:])
+    used &= np.arange(values.shape[1])[::-1] < most
+    weights = np.where(used, 1.0 / values, 0.0)
+    along = (vectors.swapaxes(1, 2) @ g[:, :, None])[:, :, 0]
+    return (along**2 * weights).sum(axis=1), used.sum(axis=1), (vectors * weights[:, None]) @ vectors.swapaxes(1, 2)
+
+
+def _residual_blocks(R: Floats, Y: Floats, s: Floats, d: int) -> Floats:
+    """The p values (3, b) of unequal noise, tails and memory, from the scores of R freed from 1 and e."""
+    b, _, n = Y.shape
+    z = normal_scores(R, s, d)
+    X = Y[:, : d + 1]
+    Q = np.linalg.solve(np.linalg.cholesky(X @ X.swapaxes(1, 2)), X)  # orthonormal rows
+    rho = z - ((Q @ z[:, :, None]).swapaxes(1, 2) @ Q)[:, 0]
+    spare, total = n - d - 1, np.einsum("bn,bn->b", rho, rho)
+    leverage = np.minimum(np.einsum("bkn,bkn->bn", Q, Q), 1.0 - 1e-9)
+    t = rho / np.sqrt((1.0 - leverage) * (total / spare)[:, None])
+    missing = np.full(b, np.nan)
+    if spare < _LEAST_SPARE:
+        return np.stack([missing, missing, _memory(rho, Q, total)])
+    sizes = _unequal(t, Y, np.zeros(b), d)
+    noisy = np.flatnonzero(s > _SMALL**2)
+    if len(noisy):  # scores have their law for every direction; what e explains of them is not all error
+        scores = z[noisy] - z[noisy].mean(axis=1, keepdims=True)
+        scores /= np.sqrt((scores**2).mean(axis=1, keepdims=True))
+        sizes[noisy] = np.fmax(sizes[noisy], _unequal(scores, Y[noisy], s[noisy], d))
+        if n >= _MANY:
+            t[noisy] = scores
+    return np.stack([sizes, _tails(t, spare), _memory(rho, Q, total)])
+
+
+def _unequal(t: Floats, Y: Floats, s: Floats, d: int) -> Floats:
+    """Test of a regression of |t|^⅔, which is nearly normal, on the harmonics of degrees 1 and 2."""
+    n, last = t.shape[1], 1 + d + _count(d, 2)
+    w = np.cbrt(t * t)
+    w -= w.mean(axis=1, keepdims=True)
+    X = Y[:, 1:last] - Y[:, 1:last].mean(axis=2, keepdims=True)
+    moments = (X @ w[:, :, None])[:, :, 0] / n
+    noisy = np.flatnonzero(s > _SMALL**2)
+    if len(noisy):
+        places, excess = _size_by_degree(d)
+        for degree, part in ((1, slice(0, d)), (2, slice(d, last - 1))):
+            shift = np.interp(np.log(s[noisy]), places, excess[degree - 1])
+            moments[noisy, part] -= shift[:, None] * Y[noisy, 1:last][:, part].mean(axis=2)
+    form, count, _ = _form(moments, X @ X.swapaxes(1, 2) / n, (n - 1) // 4)
+    rest = n - 1.0 - count
+    return f_tail(form / count / (((w * w).mean(axis=1) - form) / rest), count, rest)
+
+
+def _tails(t: Floats, spare: int) -> Floats:
+    """Test of the means of sin t and cos(3t/2), which are bounded, the latter made normal by its skewness."""
+    n, even_at = t.shape[1], 2.25
+    with np.errstate(all="ignore"):
+        few, many = hyp0f1(0.5 * spare, -0.25 * even_at * spare), 1.0 - 0.25 * even_at**2 / (spare + 2.0)
+    expected = few if spare < _EXACT_MEAN else np.exp(-0.5 * even_at) * many
+    odd = np.sin(t).mean(axis=1) * np.sqrt(n / (_ODD * (1.0 - 2.1 / n)))
+    even = (np.cos(1.5 * t).mean(axis=1) - expected) * np.sqrt(n / (_EVEN * (1.0 - 4.0 / n)))
+    skew = 3.4 / np.sqrt(n)
+    even = (np.cbrt(np.maximum(1.0 + 0.5 * skew * even, 0.0)) - 1.0 + skew**2 / 36.0) * 6.0 / skew
+    return np.asarray(np.exp(-0.5 * (odd**2 + even**2)))
+
+
+def _memory(rho: Floats, Q: Floats, total: Floats) -> Floats:
+    """Test of the sum of products of neighbours, a ratio of quadratic forms, by its exact mean and variance."""
+    d, n = Q.shape[1] - 1, Q.shape[2]
+    spare = n - d - 1
+    ratio = np.einsum("bn,bn->b", rho[:, 1:], rho[:, :-1]) / total
+    moved = np.zeros_like(Q)
+    moved[:, :, 1:] += 0.5 * Q[:, :, :-1]
+    moved[:, :, :-1] += 0.5 * Q[:, :, 1:]
+    inner = Q @ moved.swapaxes(1, 2)
+    trace = -np.einsum("bii->b", inner)
+    square = 0.5 * (n - 1) - 2.0 * np.einsum("bkn,bkn->b", moved, moved) + np.einsum("bij,bij->b", inner, inner)
+    variance = 2.0 * (spare * square - trace**2) / (spare**2 * (spare + 2.0))
+    free, share = 1.0 / variance - 1.0, np.minimum((ratio - trace / spare) ** 2, 1.0 - 1e-15)
+    return f_tail(share * free / (1.0 - share), np.ones_like(free), free)
+
+
+def allowance(samples: Samples, answer: Goodness, ordered: bool = False, level: float = 0.95) -> Floats:
+    """Factors on the half-widths of intervals of the centre's coordinates and the radius, where structure is seen.
+
+    Structure is seen where *shape*, *unequal noise* or *memory* speaks. Then a series over the directions measures it,
+    the residuals' own squares do, and a series over time if the rows are in order. The largest factor counts.
+
+    Args:
+        samples: the points (b, d, n), complete.
+        answer: their `goodness`.
+        ordered: the rows are in the order in which they were measured.
+        level: nominal coverage of the intervals.
+
+    Returns:
+        Factors (b, d + 1) of at least 1, and exactly 1 where none of the three speaks at the overall level 1 %.
+
+    Source: theory §13.
+    """
+    b, d, n = samples.shape
+    factors = np.ones((b, d + 1))
+    sets = np.flatnonzero(answer.speaks()[[0, 1, 3]].any(axis=0))
+    part = max(_TOGETHER // n, 1)
+    for some in (sets[i : i + part] for i in range(0, len(sets), part)):
+        with np.errstate(all="ignore"):
+            used, R, Y, _ = _on_the_fit(samples.x[some], harmonics(d, 2))
+            if len(used):
+                factors[some[used]] = _factors(R, Y, ordered, level)
+    return factors
+
+
+def _factors(R: Floats, Y: Floats, ordered: bool, level: float) -> Floats:
+    """Factors (b, d + 1) of sets that are fitted, by the standard errors of white noise."""
+    b, k, n = Y.shape
+    d = next(d for d in range(2, k) if k == 1 + d + _count(d, 2))
+    X, spare, quantile = Y[:, : d + 1], n - d - 1, 0.5 * (1.0 + level)
+    inverse = np.linalg.inv(X @ X.swapaxes(1, 2))
+    pull = (inverse @ X)[:, np.r_[1 : d + 1, 0]]  # (c, r) = pull ρ to first order
+    rho = (R - 1.0) - ((R - 1.0)[:, None] @ X.swapaxes(1, 2) @ inverse @ X)[:, 0]
+    white = np.einsum("bkn,bkn->bk", pull, pull) * (np.einsum("bn,bn->b", rho, rho) / spare)[:, None]
+    ends = float(stdtrit(spare, quantile))
+    factors = np.ones((b, d + 1))
+
+    def admit(variance: Floats, free: float | Ints) -> None:
+        ratio = np.sqrt(variance / white) * np.asarray(stdtrit(free, quantile)) / ends
+        np.fmax(factors, ratio, out=factors)
+
+    gram = Y[:, d + 1 :] - Y[:, d + 1 :] @ X.swapaxes(1, 2) @ inverse @ X
+    form, count, _ = _form((gram @ rho[:, :, None])[:, :, 0], gram @ gram.swapaxes(1, 2), max(spare // 3, 2))
+    over = np.einsum("bkn,bkn->bk", pull, pull) * (form / count)[:, None]
+    admit(over, count[:, None])
+    leverage = np.einsum("bkn,bkl,bln->bn", X, inverse, X, optimize=True)
+    admit((pull**2 @ ((rho / (1.0 - leverage)) ** 2)[:, :, None])[:, :, 0], float(spare))
+    if ordered:
+        places = np.pi * np.outer(np.arange(1, _COSINES + 1), (np.arange(n) + 0.5) / n)
+        along = (pull * rho[:, None]) @ np.cos(places).T * np.sqrt(2.0)
+        admit((along**2).mean(axis=2), float(_COSINES))
+    return factors

@@ -1,0 +1,219 @@
+"""The test of fit: its moments, its level, what it sees, and the errors that allow for what it sees."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.stats import binom
+
+import study
+from study.fits import Samples
+from study.fits.goodness import (
+    BLOCKS,
+    _memory,
+    allowance,
+    columns,
+    f_tail,
+    goodness,
+    harmonics,
+    lengths,
+    normal_scores,
+)
+
+
+def directions(rng, shape, degrees=180.0, d=3):
+    """Directions (…, n, d): uniform in any dimension, or on a cap in space."""
+    if degrees == 180.0:
+        u = rng.normal(size=(*shape, d))
+        return u / np.linalg.norm(u, axis=-1, keepdims=True)
+    height = 1.0 - rng.uniform(size=shape) * (1.0 - math.cos(math.radians(degrees)))
+    angle, across = rng.uniform(0.0, 2.0 * math.pi, shape), np.sqrt(1.0 - height**2)
+    return np.stack([height, across * np.cos(angle), across * np.sin(angle)], axis=-1)
+
+
+def answer_of(points):
+    """The test of points (b, n, d)."""
+    return goodness(Samples(np.ascontiguousarray(points.swapaxes(1, 2))))
+
+
+@pytest.mark.parametrize("d", [2, 3, 5])
+def test_columns_are_harmonics(d):
+    """Columns of one degree are orthogonal to those of others over the sphere, and as many as theory says."""
+    basis = harmonics(d, 4)
+    count = [1] + [round((2 * k + d - 2) / k * math.comb(k + d - 3, k - 1)) for k in range(1, 5)]
+    assert np.bincount(basis.degree).tolist() == count
+    u = directions(np.random.default_rng(1), (1, 400_000), d=d).swapaxes(1, 2)
+    Y = columns(u, basis)[0]
+    Y /= np.sqrt((Y**2).mean(axis=1, keepdims=True))
+    gram = Y @ Y.T / Y.shape[1]
+    other = basis.degree[:, None] != basis.degree
+    assert np.abs(gram[other]).max() < 6.0 * 3.0 / math.sqrt(Y.shape[1])  # products have a variance below 9
+
+
+@pytest.mark.parametrize("sigma", [0.02, 0.1, 0.12, 0.25])
+def test_lengths_agree_with_a_quadrature(sigma):
+    """λ_l in space by a product rule over the noise along and across a direction."""
+    x, w = np.polynomial.hermite_e.hermegauss(80)
+    q, v = np.polynomial.laguerre.laggauss(80)
+    along, across = 1.0 + sigma * x[:, None], sigma * np.sqrt(2.0 * q)[None]
+    R, weight = np.hypot(along, across), (w[:, None] * v[None]) / w.sum()
+    for degree in range(5):
+        P = np.polynomial.legendre.legval(along / R, np.eye(5)[degree])
+        expected = (weight * R * P).sum() / (weight * P).sum()
+        assert lengths(np.array([sigma**2]), 3, 4).value[0, degree] == pytest.approx(expected, abs=1e-3 * sigma**2)
+
+
+def test_derivatives_of_lengths():
+    s, h = np.array([0.01, 0.2]), 1e-4
+    known = lengths(s, 3, 4)
+    by_s = (lengths(s + h * s, 3, 4).value - lengths(s - h * s, 3, 4).value) / (2.0 * h * s[:, None])
+    scaled = [(1.0 + step) * lengths(s / (1.0 + step) ** 2, 3, 4).value for step in (h, -h)]
+    assert known.by_s == pytest.approx(by_s, rel=1e-4)
+    assert known.by_r == pytest.approx((scaled[0] - scaled[1]) / (2.0 * h), rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("d", "n", "angle", "sigma"),
+    [
+        (3, 10, 45, 0.01),
+        (3, 40, 20, 0.005),
+        (3, 200, 90, 0.1),
+        (3, 400, 90, 0.3),
+        (2, 60, 180, 0.05),
+        (4, 60, 180, 0.1),
+    ],
+)
+def test_level_on_clean_points(d, n, angle, sigma):
+    """At most as many rejections in 1000 sets as a level of 1.4 % gives in all but 1e-4 of runs."""
+    rng = np.random.default_rng(n + d)
+    u = directions(rng, (1000, n), angle, d)
+    answer = answer_of(u + sigma * rng.normal(size=u.shape))
+    assert np.isfinite(answer.p).all()
+    assert (answer.p < 0.01).sum() <= binom.isf(1e-4, 1000, 0.014)
+    assert (answer.p < 0.2).sum() >= binom.ppf(1e-4, 1000, 0.1)  # it can speak
+
+
+@pytest.mark.parametrize(("d", "sigma"), [(2, 0.04), (3, 0.04), (3, 0.06), (3, 0.7), (5, 0.3)])
+def test_scores_of_distances_are_normal(d, sigma):
+    """Mean, variance, skewness and kurtosis of 10⁶ scores, each within 4.5 standard errors and what σ⁴ leaves."""
+    rng = np.random.default_rng(3)
+    away = sigma * rng.normal(size=(1_000_000, d))
+    away[:, 0] += 1.0
+    z = normal_scores(np.linalg.norm(away, axis=1)[None], np.array([sigma**2]), d)[0]
+    moments = [z.mean(), (z**2).mean() - 1.0, (z**3).mean(), (z**4).mean() - 3.0]
+    assert (np.abs(moments) < 4.5e-3 * np.sqrt([1.0, 2.0, 15.0, 96.0])).all()
+
+
+def test_every_misfit_is_named():
+    """Shapes and laws of noise that fits do not show, each named by its block in at least 90 of 100 sets."""
+    rng = np.random.default_rng(5)
+    u, z = directions(rng, (100, 200)), rng.normal(size=(100, 200, 3))
+    memory = z[..., :1].copy()
+    for i in range(1, 200):
+        memory[:, i] = 0.8 * memory[:, i - 1] + 0.6 * memory[:, i]
+    cases = {
+        "shape": u * [1.0, 0.9, 0.8] + 0.01 * z,
+        "unequal noise": u + 0.02 * z * np.where(u[..., :1] > 0.3, 4.0, 1.0),
+        "tails": u * rng.choice([1.0, 0.9], (100, 200, 1)) + 0.01 * z,
+        "memory": u * (1.0 + 0.02 * memory),
+    }
+    for name, points in cases.items():
+        assert (answer_of(points).first() == name).mean() >= 0.9, name
+
+
+def test_a_misfit_larger_than_noise_explains_speaks():
+    """A cylinder without its ends: a sphere leaves residuals of .1 r, and the harmonics explain all of them."""
+    rng, n = np.random.default_rng(12), 200
+    angle = rng.uniform(0.0, 2.0 * math.pi, (20, n))
+    wall = np.stack([np.cos(angle), np.sin(angle), rng.uniform(-1.0, 1.0, (20, n))], axis=-1)
+    assert (answer_of(wall + 0.01 * rng.normal(size=wall.shape)).first() == "shape").all()
+
+
+def test_moving_turning_and_scaling_change_nothing():
+    rng = np.random.default_rng(6)
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    u = directions(rng, (5, 60), 60.0)
+    points = u + 0.05 * rng.normal(size=u.shape)
+    first = np.stack(answer_of(points))
+    for other in (points @ turn.T, 1e30 * points, points + np.array([3.0, -2.0, 5.0])):
+        assert np.stack(answer_of(other)) == pytest.approx(first, rel=1e-5)
+
+
+def test_missing_rows_and_copies_do_not_count():
+    rng = np.random.default_rng(7)
+    points = directions(rng, (2, 50), 90.0) + 0.05 * rng.normal(size=(2, 50, 3))
+    expected = np.stack(study.fit(points).goodness)
+    gaps = np.full((2, 60, 3), np.nan)
+    gaps[0, 5:55], gaps[1, ::6] = points[0], np.nan
+    gaps[1, np.arange(60) % 6 != 0] = points[1]
+    copies = np.concatenate([points, points[:, 10:30]], axis=1)
+    assert np.stack(study.fit(gaps).goodness) == pytest.approx(expected)
+    assert np.stack(study.fit(copies).goodness) == pytest.approx(expected)
+    assert study.fit(points[0]).goodness.p.shape == ()
+
+
+def test_nothing_is_said_without_freedom_or_noise():
+    rng = np.random.default_rng(8)
+    u = directions(rng, (3, 12))
+    assert np.isnan(np.stack(answer_of(u))).all()
+    assert np.isnan(np.stack(answer_of(u[:, :6]))).all()
+    few = answer_of(u + 0.01 * rng.normal(size=u.shape))
+    assert np.isfinite(few.shape).all()
+    assert np.isfinite(few.memory).all()
+    assert np.isnan(few.tails).all()
+    flat = np.zeros((1, 30, 3))
+    flat[0, :, :2] = directions(rng, (30,), d=2)
+    assert np.isnan(answer_of(flat).p).all()
+    assert set(few.first(1e-12)) == {""}
+    assert set(answer_of(u + 0.01).first()) <= {"", *BLOCKS}
+
+
+def test_memory_has_its_exact_mean_and_variance():
+    """The p value by moments of the ratio of quadratic forms that NumPy forms from whole matrices."""
+    rng = np.random.default_rng(9)
+    n, Q = 15, np.linalg.qr(rng.normal(size=(15, 4)))[0]
+    rho = rng.normal(size=n)
+    rho -= Q @ (Q.T @ rho)
+    shift = 0.5 * (np.eye(n, k=1) + np.eye(n, k=-1))
+    projected = (np.eye(n) - Q @ Q.T) @ shift
+    free, trace = n - 4, np.trace(projected)
+    variance = 2.0 * (free * np.trace(projected @ projected) - trace**2) / (free**2 * (free + 2.0))
+    share = (rho @ shift @ rho / (rho @ rho) - trace / free) ** 2
+    rest = np.array([1.0 / variance - 1.0])
+    expected = f_tail(share * rest / (1.0 - share), np.ones(1), rest)
+    assert _memory(rho[None], Q.T[None], np.array([rho @ rho])) == pytest.approx(expected)
+
+
+def test_errors_stay_where_nothing_is_seen_and_grow_with_what_is():
+    rng = np.random.default_rng(10)
+    u, z = directions(rng, (200, 300), 60.0), rng.normal(size=(200, 300, 3))
+    clean = Samples(np.ascontiguousarray((u + 0.01 * z).swapaxes(1, 2)))
+    answer = goodness(clean)
+    factors = allowance(clean, answer)
+    silent = ~answer.speaks()[[0, 1, 3]].any(axis=0)
+    assert silent.mean() > 0.95
+    assert (factors[silent] == 1.0).all()
+    form = u[..., 1:2] ** 2 * u  # a radius that follows the direction
+    mean = [
+        allowance(points, goodness(points)).mean()
+        for size in (0.02, 0.2)
+        for points in [Samples(np.ascontiguousarray((u + size * form + 0.01 * z).swapaxes(1, 2)))]
+    ]
+    assert 1.0 < mean[0] < 0.5 * mean[1]
+
+
+def test_errors_allow_for_memory_along_a_path():
+    """AR(1) noise of .9 on a path: ± t errors cover in half of 200 sets, and in at least .85 with the allowance."""
+    rng, n = np.random.default_rng(11), 500
+    t = np.linspace(0.0, 6.0 * math.pi, n)
+    a, b = 0.7 * np.sin(t), 0.7 * np.sin(1.31 * t + 0.4)
+    u = np.column_stack([np.cos(a) * np.cos(b), np.sin(a) * np.cos(b), np.sin(b)])
+    noise = rng.normal(size=(200, n, 3))
+    for i in range(1, n):
+        noise[:, i] = 0.9 * noise[:, i - 1] + math.sqrt(1.0 - 0.81) * noise[:, i]
+    fit = study.fit(u + 0.01 * noise)
+    low, high = fit.interval("radius").T
+    factor = allowance(fit.samples, fit.goodness, ordered=True)[:, 3]
+    away, half = np.abs(0.5 * (low + high) - 1.0), 0.5 * (high - low)
+    assert (away <= half).mean() < 0.7
+    assert (away <= factor * half).mean() >= 0.85 - 3.0 * math.sqrt(0.85 * 0.15 / 200)
