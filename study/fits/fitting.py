@@ -33,10 +33,19 @@ _ACROSS = 0.3
 """Standard error across a belt, in rms distances of its points from its plane, beyond which intervals are too short."""
 _NEAR = 0.3
 """Distance of that plane from the centre, in radii, up to which points are a belt and not a cap."""
+_TESTED = 100_000
+"""Number of points up to which the test of fit is made; beyond, it would take longer than the fit."""
+_REASONS = {
+    "shape": "another shape, or an error that follows the direction",
+    "unequal noise": "noise that is larger in some directions, or outliers",
+    "tails": "outliers, or noise that is not normal",
+    "memory": "rows that share their noise with their neighbours",
+}
+"""Likely reasons for each block of the test of fit."""
 
 
 def doubts(fit: Fit) -> Iterator[str]:
-    """Lines about points that a fit should not be trusted with: outliers, rows that repeat earlier ones, few points.
+    """Lines about points that a fit should not be trusted with: outliers, copies, few points, another shape.
 
     Rows are counted from 1 and include those with missing coordinates.
     """
@@ -68,6 +77,12 @@ def doubts(fit: Fit) -> Iterator[str]:
         yield f"only {more} more than a sphere needs, so that the noise can look small by chance: ok may be luck"
     if fit.ok and _is_belt(fit):
         yield "the points lie close to a plane through the centre: its interval across that plane is too short"
+    explained = rows and not fit.without_outliers  # by the outliers, which are named above
+    if not explained and samples <= _TESTED and (block := str(fit.goodness.first())):
+        shape = "circle" if fit.center.shape[0] == 2 else "sphere"
+        p = float(fit.goodness.p)
+        size = "p < 1e-9" if p < 1e-9 else f"p = {number(p, '.2g')}"
+        yield f"not a {shape} with white noise ({block}, {size}): {_REASONS[block]}; every ± may be too small"
 
 
 def uses_outliers(fit: Fit) -> bool:

@@ -240,6 +240,20 @@ def test_intervals_in_words(cap):
     assert numbers["center_z_high"] == wanted[3, 1]
 
 
+def test_another_shape_is_named():
+    """Ellipsoids and ellipses are named; spheres are not, nor points whose outliers are named already."""
+    rng = np.random.default_rng(11)
+    for d, name in ((2, "circle"), (3, "sphere")):
+        u = rng.normal(size=(300, d))
+        u /= np.linalg.norm(u, axis=1)[:, None]
+        noise = 0.01 * rng.normal(size=u.shape)
+        (line,) = doubts(study.fit(u * np.linspace(1.0, 0.9, d) + noise))
+        assert line.startswith(f"not a {name} with white noise (shape, p < 1e-9): another shape")
+        assert list(doubts(study.fit(u + noise))) == []  # p is .1 or more; a clean set is named in one of a hundred
+        noise[3] += 0.5
+        assert not any("white noise" in line for line in doubts(study.fit(u + noise)))
+
+
 def test_an_open_interval_in_words(rng, on_cap):
     """Points that do not bound the radius are told so, with what they say of it."""
     points, _ = on_cap(rng, 40, 2.0, 3, 0.01)
