@@ -49,6 +49,7 @@ ORDER = {
         "synthetic",
         "case_study",
         "fig7_case",
+        "library",
         "commands",
     ],
 }
