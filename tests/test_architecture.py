@@ -101,7 +101,8 @@ def imported(path, tree):
                     inner = (*parts[1:], name.name)
                     yield node.lineno, list(inner) if inner in MODULES or not parts[1:] else parts[1:]
         elif whole and isinstance(node, ast.Attribute) and ast.unparse(node.value) == "study":
-            yield node.lineno, ["fits"] if node.attr in LIBRARY else [node.attr]
+            place = study._PLACES.get(node.attr, "study.fits") if node.attr in LIBRARY else f"study.{node.attr}"
+            yield node.lineno, place.split(".")[1:]
 
 
 def breaches(path, text):
@@ -186,6 +187,7 @@ def test_imports_follow_the_data(path):
         ("fits/cap.py", "from study import simulation"),
         ("fits/cap.py", "from ..simulation import coverage"),
         ("files.py", "import study\nstudy.fit([])"),
+        ("fits/cap.py", "import study\nstudy.find_joints([])"),
         ("recordings/live.py", "from study.simulation.runs.schemas import read"),
         ("simulation/claims/bias.py", "from study.recordings.rigid import superpose"),
         ("simulation/experiment/designs.py", "def f():\n    from study.simulation.runs.runner import run"),

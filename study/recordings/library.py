@@ -8,7 +8,7 @@ from study.recordings.formats.read import read_recording
 from study.recordings.markersets import MarkerSetError, load_markerset
 from study.recordings.markersets.match import Match, choose, match, with_better
 from study.recordings.one_joint import OneJoint, find_clusters, fit_one_joint
-from study.recordings.recording import Recording, one_after_another
+from study.recordings.recording import Recording, RecordingError, one_after_another
 from study.recordings.skeleton import draw
 from study.recordings.skeleton.calibrate import calibrate, require_same_subject
 from study.recordings.skeleton.calibration import Calibration, load_calibration
@@ -47,10 +47,14 @@ def find_joints(
         >>> joints = study.find_joints(recording)
         >>> hip = joints["left_hip"]
         >>> hip.status.name, hip.joint.parent, hip.joint.child
+        ('OK', 'pelvis', 'left_thigh')
         >>> bool(hip.standard_error < 0.001)
+        True
     """
     trials = [recording] if isinstance(recording, str | Path | Recording) else list(recording)
     every = [_read(trial) for trial in [*trials, *([] if static is None else [static])]]
+    if not every:
+        raise RecordingError("no recording is given; give one, or several of one session")
     if len(every) == 1:
         return with_joints(every[0], None, markerset)[1]
     return fit_session(every, static=static is not None, markerset=markerset)[1].merged.calibration
@@ -90,7 +94,9 @@ def find_joint(
         >>> recording = study.Recording("arrays", ("P1", "P2", "P3", "T1", "T2", "T3"), positions, rate=100)
         >>> joint = study.find_joint(recording, ["P1", "P2", "P3"], ["T1", "T2", "T3"])
         >>> joint.ok, joint.doubts
-        >>> np.round(joint.in_recording, 3) + 0.0
+        (True, ())
+        >>> np.round(joint.in_recording, 2) + 0.0
+        array([ 0. ,  0. , -0.4])
     """
     source = _read(recording)
     return fit_one_joint(source, find_clusters(source, *map(",".join, (parent, child, across))), hinge)
@@ -127,8 +133,10 @@ def draw_skeleton(
         >>> recording, truth = synthesize(Recipe(frames=500, noise=0.001))
         >>> skeleton = study.draw_skeleton(recording)
         >>> skeleton.center("left_hip").shape
+        (3, 500)
         >>> off = skeleton.center("left_hip") - truth.centers[truth.joints.index("left_hip")]
         >>> bool(np.linalg.norm(off, axis=0).max() < 0.01)
+        True
     """
     placed, calibration = with_joints(_read(recording), joints, markerset)
     skeleton = draw.draw_skeleton(calibration, placed.recording)
@@ -165,6 +173,8 @@ def with_joints(
     if joints is None:
         placed = place_markerset(recording, markerset)
         return placed, calibrate(placed.recording, placed.markerset)
+    if markerset is not None:
+        raise RecordingError(f"markerset = {markerset!r}: joints have their own marker set; leave it out")
     if not isinstance(joints, Calibration):
         joints = load_calibration(Path(joints, "calibration.json") if Path(joints).is_dir() else joints)
     return match(joints.markerset, recording), joints

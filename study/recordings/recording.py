@@ -34,6 +34,13 @@ class Recording:
     """Marker positions over time.
 
     A missing sample is NaN in all three coordinates.
+
+    Example:
+        >>> import numpy as np, study
+        >>> positions = np.array([[[0.0, 0.1, np.nan], [0, 0, np.nan], [1, 1, np.nan]]])
+        >>> recording = study.Recording("mine", ("LASI",), positions, rate=100.0)
+        >>> recording.frames, recording.missing().round(2)
+        (3, array([0.33]))
     """
 
     name: str
