@@ -32,7 +32,7 @@ def recording_data(recording: "Recording", match: "Match | None") -> dict[str, o
     """
     seen = recording.seen()
     markers = [
-        {"marker": marker, **vars(gaps(row)), "extent": float(far)}
+        {"marker": marker, **dict(zip(("missing", "gaps", "longest"), gaps(row), strict=True)), "extent": float(far)}
         for marker, row, far in zip(recording.markers, seen, extents(recording), strict=True)
     ]
     return {

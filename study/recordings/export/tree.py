@@ -313,21 +313,6 @@ class JointNode:
             yield from child.walk()
 
 
-@dataclass(frozen=True, eq=False)
-class _Pose:
-    """A segment over time, z up, held in frames in which it is unknown.
-
-    Attributes:
-        rotation: from the rest pose (3, 3, frames).
-        start: place of the segment's joint (3, frames), metres.
-        pivot: place of the joint in the segment's axes (3,), metres.
-    """
-
-    rotation: Floats
-    start: Floats
-    pivot: Floats
-
-
 def joint_tree(motion: ExportedMotion) -> JointNode:
     """Build the hierarchy of a skeleton.
 
@@ -344,7 +329,7 @@ def joint_tree(motion: ExportedMotion) -> JointNode:
     calibration = motion.skeleton.calibration
     above = {place.joint.child: place for place in calibration.joints}
     nodes: dict[str, JointNode] = {}
-    poses: dict[str, _Pose] = {}
+    poses: dict[str, tuple[Floats, Floats, Floats]] = {}
     root = calibration.markerset.segments[0].name
     for segment in calibration.markerset.segments:
         parent = segment.parent or (None if segment.name == root else root)
@@ -353,23 +338,23 @@ def joint_tree(motion: ExportedMotion) -> JointNode:
             continue
         shape, rest = calibration.shape(segment.name), motion.rest_rotations[segment.name]
         place = pivot_joint(above.get(segment.name), shape)
-        poses[segment.name] = pose = _pose(motion, segment.name, place)
-        tip = limb_end(shape, pose.pivot)
+        rotation, start, pivot = poses[segment.name] = _pose(motion, segment.name, place)
+        tip = limb_end(shape, pivot)
         if parent is None:
-            offset, rotation, course = np.zeros(3), pose.rotation, pose.start
+            offset, course = np.zeros(3), start
         else:
-            base = poses[parent]
-            rotation = relative_rotation(base.rotation, pose.rotation)
-            course = np.einsum("jit,jt->it", base.rotation, pose.start - base.start)
+            base_rotation, base_start, base_pivot = poses[parent]
+            rotation = relative_rotation(base_rotation, rotation)
+            course = np.einsum("jit,jt->it", base_rotation, start - base_start)
             offset = np.median(course, axis=1)
             if place is not None:
-                offset = motion.rest_rotations[parent] @ (place.in_parent - base.pivot)
+                offset = motion.rest_rotations[parent] @ (place.in_parent - base_pivot)
         nodes[segment.name] = JointNode(
             name=segment.name if place is None else place.joint.name,
             offset=offset,
             rotation=rotation,
             course=course if place is None else None,
-            end=np.zeros(3) if tip is None else rest @ (tip - pose.pivot),
+            end=np.zeros(3) if tip is None else rest @ (tip - pivot),
         )
         if parent is not None:
             nodes[parent].children.append(nodes[segment.name])
@@ -380,15 +365,20 @@ def joint_tree(motion: ExportedMotion) -> JointNode:
     return nodes[root]
 
 
-def _pose(motion: ExportedMotion, name: str, place: JointPlace | None) -> _Pose:
-    """The pose of a segment that is known in some frame."""
+def _pose(motion: ExportedMotion, name: str, place: JointPlace | None) -> tuple[Floats, Floats, Floats]:
+    """The pose of a segment that is known in at least one frame, z up, held in frames in which it is unknown.
+
+    Returns:
+        Its rotation from the rest pose (3, 3, frames); the place of its joint (3, frames), metres; and the place of the
+        joint in its axes (3,), metres.
+    """
     number = motion.skeleton.segments.index(name)
     frames = _last_known(motion.skeleton.rotations[number][0, 0])
     rotation = np.einsum("ij,jkt->ikt", motion.upright, motion.skeleton.rotations[number][:, :, frames])
     origin = motion.upright @ motion.skeleton.origins[number][:, frames]
     pivot = np.zeros(3) if place is None else place.in_child
     from_rest = np.einsum("ijt,kj->ikt", rotation, motion.rest_rotations[name])
-    return _Pose(from_rest, to_world(rotation, origin, pivot), pivot)
+    return from_rest, to_world(rotation, origin, pivot), pivot
 
 
 def _last_known(row: Floats) -> Ints:

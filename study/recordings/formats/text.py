@@ -18,7 +18,6 @@ or ``X, Y, Z, X, …`` in the next; lines with a key and a value, such as a rate
 import csv
 import io
 import re
-from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -31,53 +30,57 @@ MOST_MISSING = 0.1
 """Share of a file's frames that may be missing; with more the file is a part of another one."""
 
 
-@dataclass(frozen=True)
-class Rows:
-    """The rows of numbers in a file."""
+def read_rows(lines: list[str], first: int, delimiter: str, columns: int) -> Floats:
+    """Read rows of numbers.
 
-    lines: list[str]
-    first: int
-    """Number of its first line in the file, from 1."""
-    delimiter: str
+    Args:
+        lines: the rows.
+        first: number of the first one in the file, from 1.
+        delimiter: between cells.
+        columns: number of cells that a row must have; more must be empty.
 
-    def numbers(self, columns: int) -> Floats:
-        """The cells of the rows (rows, columns); empty ones are NaN."""
-        if not self.lines:
-            return np.empty((0, columns))
-        text = "\n".join(self.lines).replace('"', "")
-        cells = np.array([line.count(self.delimiter) + 1 for line in self.lines], dtype=int)
-        if (cells < columns).any():
-            row = int((cells < columns).argmax())
-            raise RecordingError(
-                f"line {self.first + row} has {cells[row]} cells; {columns} are needed; the line may be cut short"
-            )
-        decimal = "," if self.delimiter != "," and "," in text and "." not in text else "."
-        table = pd.read_csv(
-            io.StringIO(text),
-            sep=self.delimiter,
-            header=None,
-            names=range(int(cells.max())),
-            index_col=False,
-            decimal=decimal,
-            na_values=_MISSING,
-            skipinitialspace=True,
-            skip_blank_lines=False,
-            quoting=csv.QUOTE_NONE,
-            low_memory=False,
+    Returns:
+        The numbers (rows, columns); NaN for an empty cell.
+
+    Raises:
+        RecordingError: with the line, if a row is cut short, or a cell is no number.
+    """
+    if not lines:
+        return np.empty((0, columns))
+    text = "\n".join(lines).replace('"', "")
+    cells = np.array([line.count(delimiter) + 1 for line in lines], dtype=int)
+    if (cells < columns).any():
+        row = int((cells < columns).argmax())
+        raise RecordingError(
+            f"line {first + row} has {cells[row]} cells; {columns} are needed; the line may be cut short"
         )
-        numbers = np.empty(table.shape)
-        for column in range(table.shape[1]):
-            values = table[column]
-            numbers[:, column] = parsed = pd.to_numeric(values, errors="coerce").to_numpy(dtype=np.float64)
-            wrong = np.isnan(parsed) & values.notna().to_numpy()
-            if column >= columns:  # a line may end in delimiters, but not in further numbers
-                wrong = values.notna().to_numpy()
-            if wrong.any():
-                row = int(wrong.argmax())
-                words = "is not a number" if column < columns else "has no header"
-                place = f"line {self.first + row}, column {column + 1}"
-                raise RecordingError(f"{place}: {str(values.iloc[row])[:40]!r} {words}")
-        return numbers[:, :columns]
+    decimal = "," if delimiter != "," and "," in text and "." not in text else "."
+    table = pd.read_csv(
+        io.StringIO(text),
+        sep=delimiter,
+        header=None,
+        names=range(int(cells.max())),
+        index_col=False,
+        decimal=decimal,
+        na_values=_MISSING,
+        skipinitialspace=True,
+        skip_blank_lines=False,
+        quoting=csv.QUOTE_NONE,
+        low_memory=False,
+    )
+    numbers = np.empty(table.shape)
+    for column in range(table.shape[1]):
+        values = table[column]
+        numbers[:, column] = parsed = pd.to_numeric(values, errors="coerce").to_numpy(dtype=np.float64)
+        wrong = np.isnan(parsed) & values.notna().to_numpy()
+        if column >= columns:  # a line may end in delimiters, but not in further numbers
+            wrong = values.notna().to_numpy()
+        if wrong.any():
+            row = int(wrong.argmax())
+            words = "is not a number" if column < columns else "has no header"
+            place = f"line {first + row}, column {column + 1}"
+            raise RecordingError(f"{place}: {str(values.iloc[row])[:40]!r} {words}")
+    return numbers[:, :columns]
 
 
 def with_all_frames(counter: Floats, numbers: Floats, first: int) -> tuple[Floats, tuple[str, ...]]:
@@ -181,7 +184,7 @@ def read_table(lines: list[str]) -> FileContents:
             lacking = ", ".join(sorted({"x", "y", "z"} - set(axes)))
             raise RecordingError(f"line {start + 1}: marker {marker} has no column for {lacking}")
     end = max(i for i, line in enumerate(lines, start=1) if line.strip())
-    numbers = Rows(lines[start + 1 : end], start + 2, delimiter).numbers(len(names))
+    numbers = read_rows(lines[start + 1 : end], start + 2, delimiter, len(names))
     columns = [axes[axis] for axes in places.values() for axis in "xyz"]
     low = [name.lower() for name in names]
     notes: tuple[str, ...] = ()
@@ -251,7 +254,7 @@ def read_trc(lines: list[str]) -> FileContents:
         raise RecordingError("line 2 and 3 must give DataRate, NumFrames and NumMarkers") from None
     if len(labels) != markers:
         raise RecordingError(f"line 4 has {len(labels)} labels, but line 3 gives {markers} markers")
-    numbers = Rows(rows, start + 1, "\t").numbers(2 + 3 * markers)
+    numbers = read_rows(rows, start + 1, "\t", 2 + 3 * markers)
     numbers, notes = with_all_frames(numbers[:, 0], numbers, start + 1)
     notes += missing_frames_note(len(numbers), frames)
     used, words = _rate(rate, numbers[:, 1])
@@ -325,7 +328,7 @@ def read_two_lines(lines: list[str], axes: int) -> FileContents:
         raise RecordingError(f"line {axes}, column {nameless[0] + 1}: no label above the axes {low[nameless[0]]}")
     end = max(i for i, line in enumerate(lines, start=1) if line.strip())
     start = next((i for i in range(axes + 1, end) if lines[i].strip(" ,;\t")), end)
-    numbers = Rows(lines[start:end], start + 1, delimiter).numbers(len(low))
+    numbers = read_rows(lines[start:end], start + 1, delimiter, len(low))
     first = [(low[i] or heads[i]).lower().rstrip("#") for i in range(places[0])]
     notes: tuple[str, ...] = ()
     if first and first[0] in _TWO_LINE_COUNTERS:
