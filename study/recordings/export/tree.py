@@ -1,31 +1,20 @@
-"""Rest poses: the rotation of each segment in the pose in which a file's hierarchy has no rotations.
+"""A skeleton as other programs want it: rest pose, joint angles, and a hierarchy of joints.
 
-Other programs expect a T-pose there (arms sideways, legs down, toes forward), joint angles a standing pose with hanging
-arms. Markers say neither. Each segment starts from the mean pose relative to its parent, and is rotated the shortest
-way until its bone, from its joint to the next one, points where its name says: an arm sideways, a leg down, a trunk up.
-A segment whose name has none of the words keeps its mean pose. A trunk with joints on both sides is also rotated until
-these are level.
+Rest pose: other programs expect a T-pose (arms sideways, legs down, toes forward), joint angles a standing pose with
+hanging arms. Markers say neither. Each segment starts from the mean pose relative to its parent, and is rotated the
+shortest way until its bone, from its joint to the next one, points where its name says: an arm sideways, a leg down, a
+trunk up. A segment whose name has none of the words keeps its mean pose. A trunk with joints on both sides is also
+rotated until these are level. Axes: x to the left, y backward, z up, as Blender and others have them.
 
-Axes of the rest pose: x to the left, y backward, z up, as Blender and others have them.
+Joint angles: the rotation of each child segment relative to its parent, in anatomical axes; zero in the standing pose.
+The axes are OpenSim's: x forward, y up, z to the right. A ball joint has three angles, about z, x and y in this order:
+flexion, adduction and rotation of a limb (flexion forward; adduction and rotation to the inside on both sides),
+extension, bending and rotation of the trunk and the head (backward, to the right, to the left). A hinge has the angle
+about its own axis; the sign of the axis is such that the median angle is positive, as knees and elbows bend one way.
+Rotations about the long axis of a limb are relative to its mean pose: markers alone do not show their zero. Source:
+Rajagopal et al. 2016, Full-body musculoskeletal model; its coordinates have these signs.
 
-A skeleton over time as it is handed to the writers of files.
-
-Angles of joints: the rotation of each child segment relative to its parent, in anatomical axes.
-
-Angles are zero in the standing pose (`rest_pose`): trunk upright, arms and legs straight down, toes forward. Their axes
-are OpenSim's: x forward, y up, z to the right. A ball joint has three angles, about z, x and y in this order: flexion,
-adduction and rotation of a limb (flexion forward; adduction and rotation to the inside on both sides), extension,
-bending and rotation of the trunk and the head (backward, to the right, to the left). A hinge has the angle about its
-own axis; the sign of the axis is such that the median angle is positive, as knees and elbows bend one way.
-
-Rotations about the long axis of a limb are relative to its mean pose: markers alone do not show their zero.
-
-Source: Rajagopal et al. 2016, Full-body musculoskeletal model; its coordinates have these signs.
-
-A skeleton as a hierarchy of joints: each with its offset from the one above and its rotation in every frame.
-
-A node is a joint, rotated as the segment that moves about it; its offset is the bone to it. Without rotations the
-hierarchy is in a rest pose (`rest_pose`).
+Hierarchy: a node is a joint, rotated as the segment that moves about it; its offset is the bone to it.
 """
 
 from collections.abc import Iterator
@@ -80,14 +69,14 @@ def rest_rotations(calibration: Calibration, upright: Floats, rest: RestPose) ->
         For each segment the rotation (3, 3) from its axes to those of the rest pose.
     """
     above = {place.joint.child: place for place in calibration.joints}
-    found: dict[str, Floats] = {}
+    rotations: dict[str, Floats] = {}
     for segment in calibration.markerset.segments:
         place = above.get(segment.name)
         start = upright
         if rest != RestPose.RECORDED and place is not None:
-            start = found[place.joint.parent] @ place.mean_rotation
-        found[segment.name] = start if rest == RestPose.RECORDED else _posed(segment.name, start, calibration, rest)
-    return found
+            start = rotations[place.joint.parent] @ place.mean_rotation
+        rotations[segment.name] = start if rest == RestPose.RECORDED else _posed(segment.name, start, calibration, rest)
+    return rotations
 
 
 def _posed(name: str, start: Floats, calibration: Calibration, rest: RestPose) -> Floats:

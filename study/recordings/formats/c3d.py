@@ -15,7 +15,6 @@ import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
 
 import c3d
 import ezc3d
@@ -118,24 +117,6 @@ class C3DHeader:
     """Frames per second by the header; 0 if it gives none."""
 
 
-class _Fields(NamedTuple):
-    """Numbers of the header's first block."""
-
-    points: int
-    analog: int
-    first: int
-    last: int
-    data_block: int
-    width: int
-    """Bytes of a number in the data."""
-    rate: float
-
-    @property
-    def frame_bytes(self) -> int:
-        """Bytes of a frame: four numbers a point, one an analog sample."""
-        return (4 * self.points + self.analog) * self.width
-
-
 def read_header(path: Path) -> C3DHeader:
     """Read the header of a C3D file.
 
@@ -154,30 +135,24 @@ def read_header(path: Path) -> C3DHeader:
         raise RecordingError("the file is cut short: its header is not complete; get a whole copy of it")
     order = ">" if data[3] == _MIPS else "<"
     sound, numbers = read_parameters(data, order)
-    fields = _fields(header, order, data[3])
-    frames = max(fields.last - fields.first + 1, 0) if fields.last < LONG else LONG
-    held = max(size - max(fields.data_block - 1, 0) * _BLOCK, 0)
+    points, analog, first, last = struct.unpack_from(f"{order}HHHH", header, 2)
+    (block,) = struct.unpack_from(f"{order}H", header, 16)
+    sign = header[{_INTEL: 15, _MIPS: 12}.get(data[3], 13)] & 0x80  # a negative scale: the data are single precision
+    frame_bytes = (4 * points + analog) * (4 if sign else 2)  # four numbers a point, one an analog sample
+    (rate,) = struct.unpack_from(f"{order}f", header, 20) if data[3] in (_INTEL, _MIPS) else (0.0,)
+    frames = max(last - first + 1, 0) if last < LONG else LONG
+    held = max(size - max(block - 1, 0) * _BLOCK, 0)
     parameter = int(numbers.get("POINT:FRAMES", 0.0))
-    if 1 < parameter < frames and frames * fields.frame_bytes > held >= parameter * fields.frame_bytes:
+    if 1 < parameter < frames and frames * frame_bytes > held >= parameter * frame_bytes:
         frames = parameter  # one of the two is damaged, and the file is as long as the parameter says
-    promised = frames * fields.frame_bytes
+    promised = frames * frame_bytes
     if promised > _MUCH * size + _LITTLE:
         raise RecordingError(
-            f"its header promises {frames} frames of {fields.points} points and {fields.analog} analog samples, "
+            f"its header promises {frames} frames of {points} points and {analog} analog samples, "
             f"{_size(promised)}, but the file has {_size(size)}: it is damaged; get a whole copy of it"
         )
     rotations = frames * numbers.get("ROTATION:RATIO", 0.0) * 4
-    return C3DHeader(frames, sound and rotations <= _MUCH * size + _LITTLE, fields.rate)
-
-
-def _fields(header: bytes, order: str, processor: int) -> _Fields:
-    points, analog, first, last = struct.unpack_from(f"{order}HHHH", header, 2)
-    (block,) = struct.unpack_from(f"{order}H", header, 16)
-    sign = header[{_INTEL: 15, _MIPS: 12}.get(processor, 13)] & 0x80  # a negative scale: the data are single precision
-    rate = 0.0
-    if processor in (_INTEL, _MIPS):
-        (rate,) = struct.unpack_from(f"{order}f", header, 20)
-    return _Fields(points, analog, first, last, block, 4 if sign else 2, rate if 0.0 < rate < 1e6 else 0.0)
+    return C3DHeader(frames, sound and rotations <= _MUCH * size + _LITTLE, rate if 0.0 < rate < 1e6 else 0.0)
 
 
 def _size(count: int) -> str:

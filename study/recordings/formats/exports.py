@@ -1,16 +1,14 @@
-"""Read the CSV export of OptiTrack's Motive: a line of keys and values, lines of headers, then rows.
+"""Exports of camera systems: Motive (CSV), Qualisys Track Manager (TSV) and Vicon Nexus (text).
 
-Above each column stand its type (Marker, Rigid Body, Rigid Body Marker, Bone, Bone Marker), its name, its ID, in newer
-versions its parent, then what it holds (Rotation, Position, Mean Marker Error, Marker Quality), then the axis.
-Source: OptiTrack documentation, "Data Export: CSV", format versions 1.2 to 1.25.
+Motive: a line of keys and values, lines of headers, then rows. Above each column stand its type (Marker, Rigid Body,
+Rigid Body Marker, Bone, Bone Marker), its name, its ID, in newer versions its parent, then what it holds (Rotation,
+Position, Mean Marker Error, Marker Quality), then the axis. Source: OptiTrack documentation, "Data Export: CSV", format
+versions 1.2 to 1.25.
 
-Read the TSV export of Qualisys Track Manager: lines with a key and its values, then rows of coordinates.
-
-Source: Qualisys Track Manager User Manual, "TSV file formats": keys NO_OF_FRAMES, NO_OF_MARKERS, FREQUENCY,
-DATA_INCLUDED, MARKER_NAMES and others; optionally TRAJECTORY_TYPES, a line of column headers, and the columns Frame and
-Time; millimetres; a missing sample is empty, NULL, or 0 in all three.
-
-Read the text export of Vicon Nexus.
+Qualisys: lines with a key and its values, then rows of coordinates. Source: Qualisys Track Manager User Manual, "TSV
+file formats": keys NO_OF_FRAMES, NO_OF_MARKERS, FREQUENCY, DATA_INCLUDED, MARKER_NAMES and others; optionally
+TRAJECTORY_TYPES, a line of column headers, and the columns Frame and Time; millimetres; a missing sample is empty,
+NULL, or 0 in all three.
 """
 
 import csv

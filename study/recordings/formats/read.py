@@ -1,7 +1,4 @@
-"""Read markers from text: the format is recognised by the file's contents, not by its name alone.
-
-Read a recording from a file of any known format.
-"""
+"""Read a recording from a file of any known format, which its contents tell, not its name alone."""
 
 from pathlib import Path
 

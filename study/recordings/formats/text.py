@@ -1,18 +1,13 @@
-"""The rows of numbers in a text file: cells, decimal commas, missing samples, and frames that are left out.
+"""Text files of markers: tables of two kinds, TRC, and the rows of numbers that all of them end in.
 
-Read a table with columns such as ``LFHD_X, LFHD_Y, LFHD_Z``, in any order.
-
-D-Flow, which records what Cortex streams, writes ``LASI.PosX`` and a column TimeStamp.
-
-Read TRC files: three lines about the file, one with labels, one with axes, then frame, time and coordinates.
-
-Motion Analysis (EVaRT, Cortex) defined the format and OpenSim uses it. The same with commas, as a spreadsheet saves it,
-is read, too. Source: OpenSim documentation, "Marker (.trc) Files".
-
-Read a table with two lines of headers: a marker's label above the first of its columns, the axes below.
-
-Cortex exports trajectories as text in this form, and spreadsheets save it: labels in one line, ``X1, Y1, Z1, X2, …``
-or ``X, Y, Z, X, …`` in the next; lines with a key and a value, such as a rate, may stand above.
+- A table with columns such as ``LFHD_X, LFHD_Y, LFHD_Z``, in any order. D-Flow, which records what Cortex streams,
+  writes ``LASI.PosX`` and a column TimeStamp.
+- A table with two lines of headers: a marker's label above the first of its columns, the axes below. Cortex exports
+  trajectories in this form, and spreadsheets save it: labels in one line, ``X1, Y1, Z1, X2, …`` or ``X, Y, Z, X, …`` in
+  the next; lines with a key and a value, such as a rate, may stand above.
+- TRC: three lines about the file, one with labels, one with axes, then frame, time and coordinates. Motion Analysis
+  (EVaRT, Cortex) defined the format and OpenSim uses it. The same with commas, as a spreadsheet saves it, is read, too.
+  Source: OpenSim documentation, "Marker (.trc) Files".
 """
 
 import csv
@@ -114,17 +109,17 @@ def with_all_frames(counter: Floats, numbers: Floats, first: int) -> tuple[Float
     return complete, (words,)
 
 
-def missing_frames_note(found: int, promised: int) -> tuple[str, ...]:
+def missing_frames_note(held: int, promised: int) -> tuple[str, ...]:
     """The note on a file that holds fewer frames than its header promises; none if it holds as many, or more.
 
     Raises:
         RecordingError: if more than `MOST_MISSING` of the frames are missing.
     """
-    if found >= promised:
+    if held >= promised:
         return ()
-    if found < (1 - MOST_MISSING) * promised:
-        raise RecordingError(f"the file is cut short: {found} of {promised} frames are there; get a whole copy of it")
-    return (f"its header promises {promised} frames, but {found} are there: the end may be cut off",)
+    if held < (1 - MOST_MISSING) * promised:
+        raise RecordingError(f"the file is cut short: {held} of {promised} frames are there; get a whole copy of it")
+    return (f"its header promises {promised} frames, but {held} are there: the end may be cut off",)
 
 
 def as_points(numbers: Floats) -> Floats:
@@ -169,11 +164,11 @@ def read_table(lines: list[str]) -> FileContents:
     places: dict[str, dict[str, int]] = {}
     units, doubles = set(), []
     for place, name in enumerate(names):
-        if found := _COORDINATE.match(name):
-            axes = places.setdefault(found["marker"].strip(), {})
-            doubles += [name] * (found["axis"].lower() in axes)
-            axes[found["axis"].lower()] = place
-            units.add(found["unit"] or "")
+        if parts := _COORDINATE.match(name):
+            axes = places.setdefault(parts["marker"].strip(), {})
+            doubles += [name] * (parts["axis"].lower() in axes)
+            axes[parts["axis"].lower()] = place
+            units.add(parts["unit"] or "")
     if not places:
         found_names = ", ".join(names[:4])[:80]
         raise RecordingError(f"line {start + 1}: no columns such as LFHD_X, LFHD_Y, LFHD_Z; found {found_names}")
@@ -305,7 +300,7 @@ def find_axes(lines: list[str]) -> int | None:
     """The number, from 0, of the line of axes below a line of labels; None if there is none."""
     for number, line in enumerate(lines[1:_FIRST], start=1):
         cells = cells_of(line, find_delimiter(line))
-        axes = [found[1].upper() for cell in cells if (found := _AXIS.match(cell))]
+        axes = [axis[1].upper() for cell in cells if (axis := _AXIS.match(cell))]
         whole = len(axes) >= 3 and len(axes) % 3 == 0 and axes == list("XYZ") * (len(axes) // 3)
         others = [cell for cell in cells if cell and not _AXIS.match(cell)]
         above = lines[number - 1]
@@ -323,7 +318,7 @@ def read_two_lines(lines: list[str], axes: int) -> FileContents:
     delimiter = find_delimiter(lines[axes])
     low, heads = cells_of(lines[axes], delimiter), cells_of(lines[axes - 1], delimiter)
     heads += [""] * (len(low) - len(heads))
-    places = [i for i, cell in enumerate(low) if (found := _AXIS.match(cell)) and found[1].upper() == "X"]
+    places = [i for i, cell in enumerate(low) if (axis := _AXIS.match(cell)) and axis[1].upper() == "X"]
     if nameless := [i for i in places if not heads[i]]:
         raise RecordingError(f"line {axes}, column {nameless[0] + 1}: no label above the axes {low[nameless[0]]}")
     end = max(i for i, line in enumerate(lines, start=1) if line.strip())

@@ -452,9 +452,9 @@ def _bones(in_parent: Floats) -> dict[tuple[str, str], float]:
     """Length from a segment's joint to its parent to each joint that is fixed in the segment."""
     joint_of = {part.name: part.joint for part in PARTS}
     lengths = np.linalg.norm(in_parent, axis=1)
-    found = {}
+    bones = {}
     for part, length in zip((part for part in PARTS if part.joint), lengths, strict=True):
         start = joint_of[str(part.parent)]
         if start is not None:
-            found[start, str(part.joint)] = float(length)
-    return found
+            bones[start, str(part.joint)] = float(length)
+    return bones
