@@ -19,8 +19,7 @@ from scipy import stats
 from study.recordings.joints.estimate import USABLE
 from study.recordings.joints.find import find_joints
 from study.recordings.markersets import load_markerset
-from study.recordings.synthetic.make import synthesize
-from study.recordings.synthetic.recipe import Recipe
+from study.recordings.synthetic.make import Recipe, synthesize
 
 LAWS = ("none", "random", "angle", "velocity", "cluster")
 LEAST, GREATEST = 0.005, 0.030

@@ -17,8 +17,7 @@ from study.recordings.joints.symmetric import symmetric_fit
 from study.recordings.markersets.match import choose
 from study.recordings.skeleton.calibrate import calibrate
 from study.recordings.skeleton.draw import draw_skeleton
-from study.recordings.synthetic.make import synthesize
-from study.recordings.synthetic.recipe import Recipe
+from study.recordings.synthetic.make import Recipe, synthesize
 
 FRAMES = 5202
 

@@ -7,6 +7,9 @@
     zone = study.minimum_zone(points)               # two concentric spheres that enclose all points most closely
     best = study.attainable_bound(45, noise=0.3)    # (d+1, d+1), for one sample on the unit sphere
 
+    joints = study.find_joints("walk.c3d")          # the joints of a body, with errors and statuses: joints["left_hip"]
+    skeleton = study.draw_skeleton("run.c3d", joints)   # skeleton.center("left_hip") (3, frames)
+
 `study.ESTIMATORS` lists the estimators, `study.register` adds one of your own, and `study.Incremental` fits points as
 they arrive. The command line is `study --help`.
 """
@@ -31,6 +34,9 @@ if TYPE_CHECKING:
         register,
     )
     from study.fits.bounds import attainable_bound, crlb
+    from study.recordings.formats.read import read_recording
+    from study.recordings.library import draw_skeleton, find_joint, find_joints
+    from study.recordings.recording import Recording
 
 
 __version__ = "0.1.0"
@@ -42,18 +48,29 @@ __all__ = [
     "Incremental",
     "JointFit",
     "MinimumZone",
+    "Recording",
     "Samples",
     "Status",
     "__version__",
     "attainable_bound",
     "crlb",
+    "draw_skeleton",
+    "find_joint",
+    "find_joints",
     "fit",
     "mgdk",
     "minimum_zone",
+    "read_recording",
     "register",
 ]
 
-_PLACES = {"attainable_bound": "study.fits.bounds", "crlb": "study.fits.bounds"}
+_PLACES = {
+    "attainable_bound": "study.fits.bounds",
+    "crlb": "study.fits.bounds",
+    "Recording": "study.recordings.recording",
+    "read_recording": "study.recordings.formats.read",
+    **dict.fromkeys(["draw_skeleton", "find_joint", "find_joints"], "study.recordings.library"),
+}
 """Modules of the names that `study.fits` does not define."""
 
 
@@ -61,9 +78,9 @@ def __getattr__(name: str) -> Any:
     """Import the library on first use, so that `study --help` need not wait for it."""
     if name not in __all__:
         raise AttributeError(f"module 'study' has no attribute {name!r}")
-    found = getattr(import_module(_PLACES.get(name, "study.fits")), name)
-    globals()[name] = found  # or each use would come here, which costs as much as a sum over a thousand samples
-    return found
+    value = getattr(import_module(_PLACES.get(name, "study.fits")), name)
+    globals()[name] = value  # or each use would come here, which costs as much as a sum over a thousand samples
+    return value
 
 
 def __dir__() -> list[str]:

@@ -137,6 +137,20 @@ class Fit:
         covariance_of: covariance of (ĉ, r̂) by the estimator's own rule, from samples without missing ones; None for
             the Cramér-Rao bound with the estimates plugged in.
         without_outliers: the estimator leaves ``outliers`` out.
+
+    Example:
+        Two point sets on a circle about (1, 2), one with noise:
+
+        >>> import numpy as np, study
+        >>> angles = np.linspace(0, 6, 50)
+        >>> circle = np.column_stack([1 + np.cos(angles), 2 + np.sin(angles)])
+        >>> noisy = circle + np.random.default_rng(1).normal(0, 0.01, circle.shape)
+        >>> fit = study.fit([circle, noisy])
+        >>> fit.ok, fit.center.round(2), fit.radius.round(2)
+        (array([ True,  True]), array([[1., 2.],
+               [1., 2.]]), array([1., 1.]))
+        >>> fit[1].standard_errors.round(4)
+        array([0.0017, 0.0017, 0.0012])
     """
 
     def __init__(
@@ -249,6 +263,17 @@ class Fit:
         Raises:
             ValueError: if the level is not in (0, 1), the name is another, or the fit does not hold its points.
 
+        Example:
+            >>> import numpy as np, study
+            >>> angles = np.linspace(0, 6, 50)
+            >>> circle = np.column_stack([np.cos(angles), np.sin(angles)])
+            >>> fit = study.fit(circle + np.random.default_rng(1).normal(0, 0.01, circle.shape))
+            >>> fit.interval("radius").round(3)
+            array([0.998, 1.002])
+            >>> fit.interval("center", level=0.99).round(3)
+            array([[-0.003,  0.006],
+                   [-0.006,  0.003]])
+
         Source: theory §10.
         """
         axis = named_axis(of, self.center.shape[-1])
@@ -332,6 +357,15 @@ class Fit:
             Columns: each coordinate of the centre (center_1) and its standard error (error_1), radius and
             radius_error, noise (σ̂), residual_rms, condition (ρ), iterations, samples used, status in words. The index
             has a level for each leading axis.
+
+        Example:
+            >>> import numpy as np, study
+            >>> angles = np.linspace(0, 6, 50)
+            >>> circle = np.column_stack([np.cos(angles), np.sin(angles)])
+            >>> fit = study.fit(circle + np.random.default_rng(1).normal(0, 0.01, circle.shape))
+            >>> fit.to_frame()[["radius", "radius_error", "samples", "status"]].round(4)
+               radius  radius_error  samples status
+            0     1.0        0.0012       50     ok
         """
         return frame(self)
 
@@ -353,6 +387,13 @@ class Fit:
 
         Raises:
             ValueError: if there is more than one fit, or another number of dimensions.
+
+        Example:
+            >>> import numpy as np, study
+            >>> angles = np.linspace(0, 6, 50)
+            >>> circle = np.column_stack([np.cos(angles), np.sin(angles)])
+            >>> fit = study.fit(circle + np.random.default_rng(1).normal(0, 0.01, circle.shape))
+            >>> fit.plot().savefig("circle.png")
         """
         from study.fits.display import draw
 
@@ -464,6 +505,14 @@ class Fit:
         Raises:
             ValueError: if the factor is not positive.
 
+        Example:
+            >>> import numpy as np, study
+            >>> angles = np.linspace(0, 6, 50)
+            >>> circle = np.column_stack([np.cos(angles), np.sin(angles)])
+            >>> fit = study.fit(circle + np.random.default_rng(1).normal(0, 0.01, circle.shape))
+            >>> fit.expanded_uncertainty(k=2).round(4)
+            array([0.0034, 0.0033, 0.0024])
+
         Source: JCGM 100:2008 (GUM), §6.2.
         """
         if not 0.0 < k < np.inf:
@@ -489,6 +538,14 @@ class Fit:
 
         Raises:
             ValueError: if the level is not in (0, 1), or the fit does not hold its points.
+
+        Example:
+            >>> import numpy as np, study
+            >>> angles = np.linspace(0, 6, 50)
+            >>> circle = np.column_stack([np.cos(angles), np.sin(angles)])
+            >>> fit = study.fit(circle + np.random.default_rng(1).normal(0, 0.01, circle.shape))
+            >>> np.linalg.norm(fit.ellipsoid(), axis=0).round(4)
+            array([0.0042, 0.0043])
         """
         if not 0.0 < level < 1.0:
             raise ValueError(f"level = {level!r}: a coverage must lie between 0 and 1, such as 0.95")

@@ -225,6 +225,13 @@ def attainable_bound(angle: float = 45.0, noise: float = 0.3, dimension: int = 3
     Raises:
         ValueError: if an argument is out of range, or noise hides the cap so far that float64 cannot hold the bound.
         TypeError: if an argument is not one number.
+
+    Example:
+        The least standard errors that 100 samples on a cap of 45° allow:
+
+        >>> import numpy as np, study
+        >>> np.sqrt(np.diag(study.attainable_bound(45, noise=0.1)) / 100).round(4)
+        array([0.1365, 0.0285, 0.0285, 0.117 ])
     """
     phi, sigma, d = _number("angle", angle), _number("noise", noise), operator.index(dimension)
     if not 0.0 < phi <= 180.0:
@@ -453,6 +460,12 @@ def crlb(directions: ArrayLike, noise: ArrayLike) -> Floats:
         TypeError: if the directions or the noise are not real numbers.
         ValueError: if the shape or the noise cannot be used, or a direction is not of length 1. The message says which
             and why.
+
+    Example:
+        >>> import study
+        >>> bound = study.crlb([[1, 0], [0, 1], [-1, 0], [0, -1]], noise=0.1)
+        >>> bound.diagonal().round(6)
+        array([0.005 , 0.005 , 0.0025])
 
     Source: paper §4.2; the elimination of the directions is theory (3.1).
     """

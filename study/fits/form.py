@@ -37,6 +37,12 @@ class MinimumZone(NamedTuple):
         width: their distance (…), in the unit of the points: the form error (sphericity, roundness for d = 2).
         optimal: True (…) where d + 2 points prove that no sphere near it has a narrower zone; False where the points
             determine none, with NaN, or where the zone narrows towards a plane or is as narrow as rounding.
+
+    Example:
+        >>> import study
+        >>> zone = study.minimum_zone([[1.1, 0], [0, 0.9], [-1.1, 0], [0, -0.9]])
+        >>> bool(zone.optimal), round(float(zone.width), 6)
+        (True, 0.2)
     """
 
     center: Floats
@@ -59,6 +65,12 @@ def minimum_zone(points: ArrayLike) -> MinimumZone:
     Raises:
         TypeError: if the points are not real numbers.
         ValueError: if the shape is another.
+
+    Example:
+        >>> import study
+        >>> zone = study.minimum_zone([[1.1, 0], [0, 0.9], [-1.1, 0], [0, -0.9]])
+        >>> round(float(zone.radius), 6), abs(zone.center).round(6)
+        (1.0, array([0., 0.]))
 
     Source: Anthony, Anthony, Bittner et al., Reference algorithms for Chebyshev and one-sided data fitting, Numer.
     Algorithms 1996.

@@ -122,10 +122,13 @@ class Incremental:
         ValueError: if the dimension is smaller than 2.
 
     Example:
-        >>> growing = study.Incremental(3)
-        >>> for points in stream:
+        >>> import study
+        >>> growing = study.Incremental(2)
+        >>> for points in ([[1, 0], [0, 1]], [[-1, 0], [0, -1]]):
         ...     growing.update(points)
-        ...     growing.fit(study.ESTIMATORS["als"]).center
+        >>> fit = growing.fit(study.ESTIMATORS["gdke"])
+        >>> fit.center, float(fit.radius)
+        (array([0., 0.]), 1.0)
 
     Source: the idea is the paper's, eqs 24-25.
     """

@@ -48,6 +48,16 @@ class JointFit:
         covariance: covariance of ĉ (d, d), unit squared: the Cramér-Rao bound with the estimates plugged in.
         count: number of samples used of each marker (M,); points with a NaN are left out.
         markers: the points of each marker (n_p, d), missing ones as NaN.
+
+    Example:
+        >>> import numpy as np, study
+        >>> angles = np.linspace(0, 6, 50)
+        >>> circle = np.column_stack([np.cos(angles), np.sin(angles)])
+        >>> near = 1 * circle + np.random.default_rng(1).normal(0, 0.01, circle.shape)
+        >>> far = 2 * circle + np.random.default_rng(2).normal(0, 0.01, circle.shape)
+        >>> joint = study.mgdk([near, far])
+        >>> joint.ok, joint.radii.round(2), joint.standard_errors.round(4)
+        (True, array([1., 2.]), array([0.0013, 0.0013]))
     """
 
     center: Floats
@@ -244,6 +254,12 @@ def mgdk(markers: Sequence[ArrayLike], noise: ArrayLike | None = None, weighted:
     Raises:
         TypeError: if the points or the noise are not real numbers.
         ValueError: if there is no marker, or a shape or the noise cannot be used. The message says which and why.
+
+    Example:
+        >>> import numpy as np, study
+        >>> near = np.array([[1.0, 0], [0, 1], [-1, 0], [0, -1]])
+        >>> study.mgdk([near, 3 * near]).radii
+        array([1., 3.])
 
     Source: paper eqs 22-23; the correction is in theory §2, weights and the joint root in §5.5.
     """

@@ -223,9 +223,11 @@ def fit(
         ValueError: if the shape, the noise or the estimator's name cannot be used. The message says which and why.
 
     Example:
+        >>> import study
         >>> points = [[1, 0], [0, 1], [-1, 0], [0, -1.0]]
-        >>> float(study.fit(points, "gdke").radius)
-        1.0
+        >>> fit = study.fit(points, "gdke")
+        >>> fit.center, float(fit.radius)
+        (array([0., 0.]), 1.0)
 
     Source: the paper of each estimator is in its `Estimator.reference`.
     """
@@ -315,7 +317,10 @@ def register(
         ValueError: if the name cannot be used or is taken, or ``needs`` is not understood.
 
     Example:
+        >>> import study
         >>> study.register("centroid", lambda points: (points.mean(axis=0), 1.0))
+        >>> study.fit([[1, 0], [0, 1], [-1, 0], [0, -1]], "centroid").center
+        array([0., 0.])
     """
     if not callable(function):
         raise TypeError(f"register({name!r}): {type(function).__name__} is not a function")

@@ -40,6 +40,13 @@ class Estimates(NamedTuple):
             an estimator that subtracts no noise.
         status: number of the `Status` of each fit (b,).
         iterations: steps taken (b,); 0 for a closed form.
+
+    Example:
+        >>> import numpy as np, study
+        >>> circle = study.Samples(np.array([[[1.0, 0, -1, 0], [0, 1, 0, -1]]]))
+        >>> estimates = study.ESTIMATORS["gdke"](circle)
+        >>> estimates.radius, estimates.status
+        (array([1.]), array([0]))
     """
 
     center: Floats
@@ -77,6 +84,14 @@ class Samples:
         source: the points, coordinates first (b, d, n), float64, any memory layout; or the draws they are formed from.
         noise: σ, one for all sets or one for each (b,), a covariance Σ (d, d), or None if it is not known.
         lent: True if the points are in an array of the caller's, who may have changed them since.
+
+    Example:
+        A batched estimator of one's own reads them; see `study.register`.
+
+        >>> import numpy as np, study
+        >>> samples = study.Samples(np.array([[[1.0, 0, -1, 0], [0, 1, 0, -1]]]), noise=0.1)
+        >>> samples.shape, samples.x.mean(axis=2), samples.noise
+        ((1, 2, 4), array([[0., 0.]]), 0.1)
     """
 
     source: Floats | Placed
@@ -204,6 +219,13 @@ class Estimator:
             that intervals are to be formed without them.
         version: to be raised with every change of its numbers, so that runs do not mix old rows with new ones; a digest
             of its code, for an estimator that is not shipped.
+
+    Example:
+        >>> import study
+        >>> "corrected" in study.ESTIMATORS, study.ESTIMATORS["ugdk"].needs
+        (True, 'noise')
+        >>> study.ESTIMATORS["ugdk"].reference
+        'paper eqs 15-21'
     """
 
     function: Callable[[Samples], Estimates]
@@ -240,6 +262,14 @@ class Status(Worded):
 
     A fit that is not ``OK`` may still hold a number: the status says how far to trust it. Statuses compare equal to
     the integers in `Fit.status`, and `text` explains them: ``Status(2).text``.
+
+    Example:
+        >>> import study
+        >>> line = study.fit([[0, 0], [1, 0], [2, 0], [3, 0]])
+        >>> bool(line.ok), study.Status(int(line.status)).name
+        (False, 'SINGULAR')
+        >>> bool(line.status == study.Status.OK), study.Status.TOO_FEW_POINTS.text
+        (False, 'fewer than d + 1 points')
     """
 
     OK = 0, "ok"

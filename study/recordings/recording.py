@@ -1,14 +1,8 @@
 """A recording: the position of each marker in each frame, in metres.
 
-Name markers by the labels of points: without subjects' prefixes, and each name once.
-
-Make a recording of a file's contents: units, labels and missing samples, for every format.
-
-Describe a recording in lines of text: markers, frames, rate, gaps, and the extent of each marker's motion.
-
-The origin of a stored table: the name of the recording's file, and a digest of its bytes.
-
-The digest decides: a renamed or copied file is the same recording, another file of the same name is not.
+Readers of file formats return `FileContents`; `assemble` makes a recording of them. It settles for every format alike
+units, missing samples, and the names of markers: without subjects' prefixes, and each name once. `describe` lays out
+what a recording holds, and `with_origin` stamps a stored table with the recording that it comes from.
 """
 
 import hashlib
@@ -34,6 +28,13 @@ class Recording:
     """Marker positions over time.
 
     A missing sample is NaN in all three coordinates.
+
+    Example:
+        >>> import numpy as np, study
+        >>> positions = np.array([[[0.0, 0.1, np.nan], [0, 0, np.nan], [1, 1, np.nan]]])
+        >>> recording = study.Recording("mine", ("LASI",), positions, rate=100.0)
+        >>> recording.frames, recording.missing().round(2)
+        (3, array([0.33]))
     """
 
     name: str
@@ -125,19 +126,9 @@ def one_after_another(recordings: Sequence[Recording], name: str) -> Recording:
     return Recording(name, markers, np.concatenate(parts, axis=2), recordings[0].rate, notes)
 
 
-@dataclass(frozen=True)
-class MarkerNames:
-    """The points of a file that are markers, and their names."""
-
-    rows: tuple[int, ...]
-    """Numbers of these points in the file, from 0."""
-    markers: tuple[str, ...]
-    """Their names, each different."""
-    notes: tuple[str, ...]
-    """Messages about points that were left out or renamed."""
-
-
-def name_points(labels: Sequence[str], subject: str | None = None, prefixes: Sequence[str] = ()) -> MarkerNames:
+def name_points(
+    labels: Sequence[str], subject: str | None = None, prefixes: Sequence[str] = ()
+) -> tuple[list[int], list[str], list[str]]:
     """Name the points of a file.
 
     A label is a marker's name, perhaps after a subject's name and a colon (``male:LFHD``). Two points with one label
@@ -149,10 +140,14 @@ def name_points(labels: Sequence[str], subject: str | None = None, prefixes: Seq
         subject: the subject whose markers to take, if the file has several.
         prefixes: of the labels, if the file gives them, such as ``male:``.
 
+    Returns:
+        The numbers of the points that are markers, from 0; their names, each different; and messages about points that
+        were left out or renamed.
+
     Raises:
         RecordingError: if there are several subjects and none is chosen, or the chosen one is missing.
     """
-    parts = [_split(printable(label.strip()), [printable(each.strip()) for each in prefixes]) for label in labels]
+    parts = [_split(printable(label.strip()), [printable(prefix.strip()) for prefix in prefixes]) for label in labels]
     rows = _of_subject([owner for owner, _ in parts], subject)
     names = [parts[row][1] or f"point {row + 1}" for row in rows]
     notes = []
@@ -167,7 +162,7 @@ def name_points(labels: Sequence[str], subject: str | None = None, prefixes: Seq
         )
         for number, i in enumerate(places, start=1):
             names[i] = f"{name}#{number}"
-    return MarkerNames(tuple(rows), tuple(names), tuple(notes))
+    return rows, names, notes
 
 
 def printable(text: str) -> str:
@@ -258,25 +253,25 @@ def assemble(
         raise RecordingError("no markers in it")
     if frames < 2:
         raise RecordingError(f"{'1 frame' if frames else 'no frames'} in it; motion needs at least 2")
-    naming = name_points(contents.labels, subject, contents.prefixes)
-    notes = [*contents.notes, *naming.notes]
+    rows, markers, notes = name_points(contents.labels, subject, contents.prefixes)
+    notes = [*contents.notes, *notes]
     used = _unit(unit or contents.unit or usual_unit)
     if unit is None and not contents.unit:
         notes.append(f"the file does not give its unit: {used} assumed")
     rate = contents.rate if rate is None else rate
     if rate is None or not np.isfinite(rate) or rate <= 0:
-        found = "is not given" if rate is None else f"is {rate:g}"
-        raise RecordingError(f"its rate in frames per second {found}; give one above 0 with --rate")
-    positions = np.array(contents.points[list(naming.rows)], dtype=np.float64, order="C")
+        words = "is not given" if rate is None else f"is {rate:g}"
+        raise RecordingError(f"its rate in frames per second {words}; give one above 0 with --rate")
+    positions = np.array(contents.points[rows], dtype=np.float64, order="C")
     missing = ~np.isfinite(positions).all(axis=1) | (positions == 0).all(axis=1)
     if missing.all():
-        raise RecordingError(f"none of its {len(naming.rows)} markers has a sample in any of its {frames} frames")
+        raise RecordingError(f"none of its {len(rows)} markers has a sample in any of its {frames} frames")
     positions *= UNITS[used]
     positions[np.broadcast_to(missing[:, None], positions.shape)] = np.nan
     extent = _extent(positions, ~missing)
     if not _BODY[0] <= extent <= _BODY[1]:
         notes.append(f"its markers are {extent:.3g} m apart: is its unit {used} right? Give another with --unit")
-    return Recording(name, naming.markers, positions, float(rate), tuple(notes))
+    return Recording(name, tuple(markers), positions, float(rate), tuple(notes))
 
 
 def _unit(text: str | None) -> str:
@@ -292,11 +287,11 @@ def _unit(text: str | None) -> str:
 
 def _extent(positions: Floats, seen: Bools) -> float:
     """Median over some frames of the diagonal of the markers' bounding box, metres; `_BODY[0]` for one marker."""
-    some = np.unique(np.linspace(0, positions.shape[2] - 1, 200).astype(int))
-    some = some[seen[:, some].sum(axis=0) > 1]
-    if not len(some):
+    frames = np.unique(np.linspace(0, positions.shape[2] - 1, 200).astype(int))
+    frames = frames[seen[:, frames].sum(axis=0) > 1]
+    if not len(frames):
         return _BODY[0]
-    chosen = positions[:, :, some]
+    chosen = positions[:, :, frames]
     box = np.nanmax(chosen, axis=0) - np.nanmin(chosen, axis=0)
     return float(np.median(np.linalg.norm(box, axis=0)))
 
@@ -305,27 +300,15 @@ STILL = 0.001
 """A marker whose bounding box has a smaller diagonal does not move; metres."""
 
 
-@dataclass(frozen=True)
-class Gaps:
-    """Missing samples of a marker."""
-
-    missing: int
-    """Frames without a sample."""
-    gaps: int
-    """Runs of such frames."""
-    longest: int
-    """Frames in the longest run."""
-
-
-def gaps(seen: Bools) -> Gaps:
-    """Count the runs of frames in which a marker is missing.
+def gaps(seen: Bools) -> tuple[int, int, int]:
+    """Count the frames in which a marker is missing, the runs of such frames, and the frames of the longest run.
 
     Args:
         seen: True where it has a sample (frames,).
     """
     edges = np.diff(np.concatenate([[True], seen, [True]]).astype(np.int8))
     starts, ends = np.flatnonzero(edges == -1), np.flatnonzero(edges == 1)
-    return Gaps(int((~seen).sum()), len(starts), int((ends - starts).max(initial=0)))
+    return int((~seen).sum()), len(starts), int((ends - starts).max(initial=0))
 
 
 def extents(recording: Recording) -> Floats:
@@ -360,15 +343,18 @@ def describe(recording: Recording) -> list[str]:
         lines.append(f"move by less than {1000 * STILL:g} mm: {', '.join(still)}")
     rows = []
     for marker, row, far in zip(recording.markers, seen, moved, strict=True):
-        found = gaps(row)
-        longest = f"{found.longest / recording.rate:.2f} s" if found.longest else "-"
+        missing, runs, longest = gaps(row)
+        seconds = f"{longest / recording.rate:.2f} s" if longest else "-"
         extent = f"{far:.2f} m" if np.isfinite(far) else "-"
-        rows.append([marker, f"{found.missing / frames:.1%}", str(found.gaps), longest, extent])
+        rows.append([marker, f"{missing / frames:.1%}", str(runs), seconds, extent])
     return [*lines, *columns(rows, ["marker", "missing", "gaps", "longest", "extent"], "<>")]
 
 
 ORIGIN = ("recording", "digest")
-"""The columns: the file's stem, and the first `DIGITS` hexadecimal digits of its SHA-256."""
+"""The columns: the file's stem, and the first `DIGITS` hexadecimal digits of its SHA-256.
+
+The digest decides: a renamed or copied file is the same recording, another file of the same name is not.
+"""
 DIGITS = 12
 
 

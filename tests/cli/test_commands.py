@@ -104,7 +104,7 @@ print("loaded", *(set(sys.modules) & {names}))
 
 def test_help_is_light(command):
     """`study --help`, and that of a command, import none of the heavy libraries."""
-    for arguments in (["--help"], ["run", "--help"], ["plan", "--help"]):
+    for arguments in (["--help"], ["run", "--help"], ["plan", "--help"], ["joints", "--help"], ["synthetic", "--help"]):
         code = CODE.replace("{names}", repr(set(HEAVY)))
         words = [sys.executable, "-W", "error", "-c", code, *arguments]
         done = subprocess.run(words, env=command[1], capture_output=True, encoding="utf-8", check=True)

@@ -14,8 +14,7 @@ from study.recordings.markersets.match import choose
 from study.recordings.recording import Recording
 from study.recordings.skeleton.calibrate import calibrate, calibration_from
 from study.recordings.skeleton.make_scene import SceneJoint, make_scene
-from study.recordings.synthetic.make import synthesize
-from study.recordings.synthetic.recipe import Recipe
+from study.recordings.synthetic.make import Recipe, synthesize
 
 
 def shared(name):

@@ -6,8 +6,7 @@ from study.recordings.case_study import case_study
 from study.recordings.joints.find import find_joints
 from study.recordings.markersets import load_markerset
 from study.recordings.recording import RecordingError
-from study.recordings.synthetic.make import synthesize
-from study.recordings.synthetic.recipe import Recipe
+from study.recordings.synthetic.make import Recipe, synthesize
 
 CMU41 = load_markerset("cmu41")
 

@@ -5,7 +5,6 @@ import pytest
 
 from study.recordings.recording import (
     FileContents,
-    Gaps,
     Recording,
     RecordingError,
     assemble,
@@ -108,9 +107,9 @@ def test_the_files_own_array_is_left_alone():
 
 def test_gaps_counted_by_hand():
     seen = np.array([0, 0, 1, 1, 0, 1, 0, 0, 0, 1, 0], dtype=bool)
-    assert gaps(seen) == Gaps(missing=7, gaps=4, longest=3)
-    assert gaps(np.ones(4, dtype=bool)) == Gaps(0, 0, 0)
-    assert gaps(np.zeros(4, dtype=bool)) == Gaps(4, 1, 4)
+    assert gaps(seen) == (7, 4, 3)
+    assert gaps(np.ones(4, dtype=bool)) == (0, 0, 0)
+    assert gaps(np.zeros(4, dtype=bool)) == (4, 1, 4)
 
 
 def recording():
@@ -151,26 +150,25 @@ def test_nothing_moves():
 @pytest.mark.parametrize("prefix", ["", "male:", "Subject 1:", "a:b:", "  male: "])
 def test_prefixes_are_taken_off(prefix):
     """The prefix of the subject is left out, for any name."""
-    found = name_points([f"{prefix}LFHD", f"{prefix}RFHD ", f"{prefix}C7"])
-    assert found.markers == ("LFHD", "RFHD", "C7")
-    assert (found.rows, found.notes) == ((0, 1, 2), ())
+    labels = [f"{prefix}LFHD", f"{prefix}RFHD ", f"{prefix}C7"]
+    assert name_points(labels) == ([0, 1, 2], ["LFHD", "RFHD", "C7"], [])
 
 
 def test_prefixes_of_the_file_need_no_colon():
-    assert name_points(["bob_LFHD", "bob_C7"], prefixes=["bob_"]).markers == ("LFHD", "C7")
+    assert name_points(["bob_LFHD", "bob_C7"], prefixes=["bob_"])[1] == ["LFHD", "C7"]
 
 
 def test_points_without_a_label_are_numbered_and_props_are_kept():
     """Extra points stay; a marker set leaves them out."""
-    found = name_points(["male:LFHD", "", "*110", "male:"])
-    assert found.markers == ("LFHD", "point 2", "*110", "male:")
+    _, markers, _ = name_points(["male:LFHD", "", "*110", "male:"])
+    assert markers == ["LFHD", "point 2", "*110", "male:"]
 
 
 def test_doubles_are_renamed_and_said():
     """Neither of two points with one label is used, as nothing tells which is the marker."""
-    found = name_points(["m:A", "m:B", "m:A"])
-    assert found.markers == ("A#1", "B", "A#2")
-    assert found.notes == ("the label A is on points 1, 3: nothing tells which is the marker, so none of them is used",)
+    _, markers, notes = name_points(["m:A", "m:B", "m:A"])
+    assert markers == ["A#1", "B", "A#2"]
+    assert notes == ["the label A is on points 1, 3: nothing tells which is the marker, so none of them is used"]
 
 
 def test_of_several_subjects_one_is_chosen():
@@ -179,9 +177,7 @@ def test_of_several_subjects_one_is_chosen():
         RecordingError, match=r"2 subjects: male \(1 markers\), female \(2 markers\); choose one with --subject"
     ):
         name_points(labels)
-    found = name_points(labels, "female")
-    assert (found.rows, found.markers) == ((1, 2), ("A", "B"))
-    assert found.notes == ("2 points of other subjects are left out",)
+    assert name_points(labels, "female") == ([1, 2], ["A", "B"], ["2 points of other subjects are left out"])
     with pytest.raises(RecordingError, match=r"no subject 'child' in it; there are male"):
         name_points(labels, "child")
     with pytest.raises(RecordingError, match="the labels have no prefix"):
@@ -191,8 +187,8 @@ def test_of_several_subjects_one_is_chosen():
 def test_labels_can_be_shown():
     """Bytes that are not UTF-8 are decoded, and control characters are replaced."""
     latin = "Andr\u00e9:LFHD".encode("latin-1").decode("utf-8", "surrogateescape")
-    assert name_points([latin, "A\x1b[2J"]).markers == ("LFHD", "A�[2J")
-    assert name_points(["André:LFHD"], "André").markers == ("LFHD",)
+    assert name_points([latin, "A\x1b[2J"])[1] == ["LFHD", "A�[2J"]
+    assert name_points(["André:LFHD"], "André")[1] == ["LFHD"]
 
 
 def test_what_it_says_of_itself(small):

@@ -1,7 +1,4 @@
-"""Results of the commands on recordings as data, for `--json`.
-
-The first steps of each command on a recording: read it, place a marker set on it, find the folder of its results.
-"""
+"""Output of the commands on recordings: their results as data, for `--json`, printed lines, and the folder of files."""
 
 import re
 from collections.abc import Iterable
@@ -11,9 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import typer
 
-from study.recordings.commands.options import Reading
-from study.recordings.markersets import MarkerSetError, load_markerset
-from study.recordings.markersets.match import Match, choose, match, with_better
 from study.recordings.recording import Recording, RecordingError, extents, gaps
 
 if TYPE_CHECKING:
@@ -21,6 +15,7 @@ if TYPE_CHECKING:
 
     from study.recordings.case_study import CaseStudy
     from study.recordings.markersets import MarkerSet
+    from study.recordings.markersets.match import Match
 
 
 def recording_data(recording: "Recording", match: "Match | None") -> dict[str, object]:
@@ -37,7 +32,7 @@ def recording_data(recording: "Recording", match: "Match | None") -> dict[str, o
     """
     seen = recording.seen()
     markers = [
-        {"marker": marker, **vars(gaps(row)), "extent": float(far)}
+        {"marker": marker, **dict(zip(("missing", "gaps", "longest"), gaps(row), strict=True)), "extent": float(far)}
         for marker, row, far in zip(recording.markers, seen, extents(recording), strict=True)
     ]
     return {
@@ -105,35 +100,6 @@ RESULTS = Path("results") / "recordings"
 """The folder with a folder for each recording's results."""
 
 
-def open_recording(file: Path, markerset: str | None = None, reading: Reading | None = None) -> Match:
-    """Read a recording and place a marker set on it.
-
-    Args:
-        file: of the recording.
-        markerset: name or path of a marker set; the shipped one that fits best if None.
-        reading: unit, rate and subject, if the file lacks them.
-
-    Raises:
-        RecordingError: if the recording cannot be read.
-        MarkerSetError: if the marker set cannot be read, or no joint can be found with it.
-    """
-    return place_markerset((reading or Reading()).read(file), markerset)
-
-
-def place_markerset(recording: Recording, markerset: str | None = None) -> Match:
-    """Place a marker set on a recording; the arguments and errors are those of `open_recording`."""
-    if markerset is None:
-        return choose(recording)
-    found = match(load_markerset(markerset), recording)
-    if not found.joints:
-        reasons = "; ".join(f"{joint}: {reason}" for joint, reason in list(found.lost.items())[:3])
-        raise MarkerSetError(
-            f"{recording.name}: no joint of marker set {markerset} can be found ({reasons}, ...); "
-            "leave --markerset out to choose the shipped one that fits best"
-        )
-    return with_better(found)
-
-
 def results_folder(name: str, out: Path | None = None) -> Path:
     """The folder for the results of a recording: ``out`` if given, else a folder of `RESULTS`.
 
@@ -149,10 +115,10 @@ def results_folder(name: str, out: Path | None = None) -> Path:
     return folder
 
 
-def print_match(found: Match) -> None:
+def print_match(match: "Match") -> None:
     """Print the notes about a recording, and how the marker set fits it."""
-    print_lines(f"note: {note}" for note in found.source.notes)
-    print_lines(found.lines())
+    print_lines(f"note: {note}" for note in match.source.notes)
+    print_lines(match.lines())
 
 
 def print_lines(lines: Iterable[object]) -> None:

@@ -1,11 +1,4 @@
-"""The command `study joints`: phase 1, the joints of a recording, or of several trials of one session.
-
-The command `study case-study`: the paper's precision study, section 9.1, on a recording.
-
-The command `study joint`: one joint between two clusters of markers, without a marker set.
-
-The command `study live`: joints from a stream of frames, which improve as the frames come.
-"""
+"""Commands that find joints: `study joints` (phase 1), `study joint`, `study live` and `study case-study`."""
 
 import signal
 from pathlib import Path
@@ -14,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from study.options import ExitCode, Json
-from study.recordings.commands.options import File, MarkerSetName, Out, Reading, grouped
+from study.recordings.commands import File, MarkerSetName, Out, Rate, Subject, Unit
 
 if TYPE_CHECKING:
     from study.recordings.live import LiveJoints
@@ -25,16 +18,16 @@ Subsets = Annotated[int, typer.Option("--subsets", help="subsets of each size an
 Seed = Annotated[int, typer.Option("--seed", help="seed of the subsets")]
 
 
-@grouped
 def case_study(
     file: File,
-    *,
     markerset: MarkerSetName = None,
     out: Out = None,
     subsets: Subsets = 400,
     seed: Seed = 1,
     as_json: Json = False,
-    reading: Reading,
+    unit: Unit = None,
+    rate: Rate = None,
+    subject: Subject = None,
 ) -> None:
     """Repeat the paper's precision study, section 9.1.
 
@@ -47,17 +40,19 @@ def case_study(
     from study.recordings import fig7_case
     from study.recordings.commands.common import (
         case_study_data,
-        open_recording,
         print_lines,
         print_match,
         results_folder,
     )
+    from study.recordings.formats.read import read_recording
     from study.recordings.joints.find import find_joints
+    from study.recordings.library import place_markerset
     from study.recordings.recording import digest_of, with_origin
     from study.style import save
     from study.text import json_text
 
-    match, digest = open_recording(file, markerset, reading), digest_of(file)
+    match = place_markerset(read_recording(file, unit=unit, rate=rate, subject=subject), markerset)
+    digest = digest_of(file)
     folder = results_folder(match.source.name, out)
     if not as_json:
         print_match(match)
@@ -88,16 +83,16 @@ Across = Annotated[
 JointJson = Annotated[bool, typer.Option("--json", help="print the joint as JSON, in metres and degrees")]
 
 
-@grouped
 def joint(
     file: File,
-    *,
     parent: Parent,
     child: Child,
     hinge: Hinge = False,
     across: Across = "",
     as_json: JointJson = False,
-    reading: Reading,
+    unit: Unit = None,
+    rate: Rate = None,
+    subject: Subject = None,
 ) -> None:
     """Find one joint, from the markers of its two segments.
 
@@ -105,18 +100,19 @@ def joint(
     joint is not ok.
     """
     from study.recordings.commands.common import print_lines
+    from study.recordings.formats.read import read_recording
     from study.recordings.one_joint import find_clusters, fit_one_joint, joint_json, joint_line
 
     if across and not hinge:
         raise typer.BadParameter("--across: only a hinge has an axis; give --hinge, too")
-    recording = reading.read(file)
-    found = fit_one_joint(recording, find_clusters(recording, parent, child, across), hinge)
+    recording = read_recording(file, unit=unit, rate=rate, subject=subject)
+    answer = fit_one_joint(recording, find_clusters(recording, parent, child, across), hinge)
     if as_json:
-        typer.echo(joint_json(found))
+        typer.echo(joint_json(answer))
     else:
         print_lines(f"note: {note}" for note in recording.notes)
-        print_lines([joint_line(found)])
-    if not found.ok:
+        print_lines([joint_line(answer)])
+    if not answer.ok:
         raise typer.Exit(ExitCode.TOO_MANY_FAILURES)
 
 
@@ -130,16 +126,16 @@ Static = Annotated[
 Force = Annotated[bool, typer.Option("--force", help="merge trials even if they seem to show different subjects")]
 
 
-@grouped
 def joints(
     files: Files,
-    *,
     static: Static = None,
     force: Force = False,
     markerset: MarkerSetName = None,
     out: Out = None,
     as_json: Json = False,
-    reading: Reading,
+    unit: Unit = None,
+    rate: Rate = None,
+    subject: Subject = None,
 ) -> None:
     """Find the joints of a recording: phase 1.
 
@@ -149,76 +145,73 @@ def joints(
     With --json: recording, notes, markerset, joints (the columns of the table), files, and for one recording
     without_pose.
     """
-    if len(files) == 1 and static is None:
-        if force:
-            raise typer.BadParameter("--force: there is nothing to overrule with one recording")
-        _one(files[0], markerset, out, as_json, reading)
+    from study.recordings.formats.read import read_recording
+
+    if len(files) == 1 and static is None and force:
+        raise typer.BadParameter("--force: there is nothing to overrule with one recording")
+    every = [*files, *([] if static is None else [static])]
+    recordings = [read_recording(file, unit=unit, rate=rate, subject=subject) for file in every]
+    if len(recordings) == 1:
+        _one(recordings[0], markerset, out, as_json)
     else:
-        trials = [reading.read(file) for file in files]
-        _several(trials, None if static is None else reading.read(static), markerset, out, force, as_json)
+        _several(recordings, static is not None, markerset, out, force, as_json)
 
 
-def _one(file: Path, markerset: str | None, out: Path | None, as_json: bool, reading: Reading) -> None:
+def _one(recording: "Recording", markerset: str | None, out: Path | None, as_json: bool) -> None:
     """The joints of one recording."""
     from study.files import save_frame
-    from study.recordings.commands.common import joints_data, open_recording, print_lines, print_match, results_folder
+    from study.recordings.commands.common import joints_data, print_lines, print_match, results_folder
     from study.recordings.joints.find import find_joints
     from study.recordings.joints.report import agreement_lines, agreement_table, joint_lines, joint_table
+    from study.recordings.library import place_markerset
     from study.recordings.skeleton.calibrate import calibration_from
     from study.recordings.skeleton.calibration import save_calibration
     from study.text import json_text
 
-    match = open_recording(file, markerset, reading)
-    folder = results_folder(match.source.name, out)
-    found = find_joints(match.markerset, match.recording)
-    compared = agreement_table(found, match.recording)
-    calibration = calibration_from(found, match.recording)
+    match = place_markerset(recording, markerset)
+    folder = results_folder(recording.name, out)
+    result = find_joints(match.markerset, match.recording)
+    compared = agreement_table(result, match.recording)
+    calibration = calibration_from(result, match.recording)
     if not as_json:
         print_match(match)
-        print_lines([*joint_lines(found), *agreement_lines(compared), *calibration.warnings()])
-    table = joint_table(found).merge(compared, on="joint")
+        print_lines([*joint_lines(result), *agreement_lines(compared), *calibration.warnings()])
+    table = joint_table(result).merge(compared, on="joint")
     table["warnings"] = ["; ".join(place.warnings) for place in calibration.joints]
     save_frame(table, folder / "joints.parquet")
     paths = [folder / "joints.parquet", save_calibration(calibration, folder / "calibration.json")]
     if as_json:
-        typer.echo(json_text(joints_data(match, table) | {"without_pose": found.without_pose, "files": paths}))
+        typer.echo(json_text(joints_data(match, table) | {"without_pose": result.without_pose, "files": paths}))
     else:
         print_lines(paths)
 
 
 def _several(
     trials: "list[Recording]",
-    static: "Recording | None",
+    static: bool,
     markerset: str | None,
     out: Path | None,
     force: bool,
     as_json: bool,
 ) -> None:
-    """The joints of a session."""
+    """The joints of a session; ``static`` if the last of the trials gives the shapes of the segments."""
     from study.files import save_frame
-    from study.recordings.commands.common import joints_data, place_markerset, print_lines, print_match, results_folder
-    from study.recordings.markersets.match import match
-    from study.recordings.recording import one_after_another
-    from study.recordings.session import calibrate_session, session_lines, session_table
+    from study.recordings.commands.common import joints_data, print_lines, print_match, results_folder
+    from study.recordings.library import fit_session
+    from study.recordings.session import session_lines, session_table
     from study.recordings.skeleton.calibration import save_calibration
     from study.text import json_text
 
-    every = [*trials, *([] if static is None else [static])]
-    names = ", ".join(trial.name for trial in every)
-    together = place_markerset(one_after_another(every, names), markerset)
-    folder = results_folder("-".join(trial.name for trial in every), out)
-    named = [match(together.whole, trial).recording for trial in every]
-    session = calibrate_session(
-        together.markerset, named[: len(trials)], None if static is None else named[-1], force=force
-    )
+    folder = results_folder("-".join(trial.name for trial in trials), out)
+    match, session = fit_session(trials, static=static, markerset=markerset, force=force)
     table = session_table(session)
     if not as_json:
-        print_match(together)
+        print_match(match)
         print_lines(session_lines(session))
     save_frame(table, folder / "joints.parquet")
     paths = [folder / "joints.parquet", save_calibration(session.merged.calibration, folder / "calibration.json")]
     if as_json:
-        typer.echo(json_text(joints_data(together, table) | {"files": paths}))
+        typer.echo(json_text(joints_data(match, table) | {"files": paths}))
     else:
         print_lines(paths)
 
@@ -231,7 +224,7 @@ Set = Annotated[str | None, typer.Option("--markerset", help="all joints of a ma
 Udp = Annotated[
     int | None, typer.Option("--udp", metavar="PORT", help="receive datagrams at 127.0.0.1 [default: standard input]")
 ]
-Unit = Annotated[str, typer.Option("--unit", help="of the positions: m, cm, mm, in or ft")]
+LiveUnit = Annotated[str, typer.Option("--unit", help="of the positions: m, cm, mm, in or ft")]
 Every = Annotated[int, typer.Option("--every", min=1, help="frames between two answers")]
 
 
@@ -240,7 +233,7 @@ def live(
     child: LiveChild = "",
     markerset: Set = None,
     udp: Udp = None,
-    unit: Unit = "mm",
+    unit: LiveUnit = "mm",
     every: Every = 100,
 ) -> None:
     """Find joints in a stream of frames.
@@ -312,10 +305,10 @@ def _joints(parent: str, child: str, markerset: str | None) -> "LiveJoints":
         if len(given[0]) < 3 or not given[1]:
             raise typer.BadParameter("--parent needs three markers, and --child one or more that are not among them")
         return LiveJoints([("joint", given[0], given[1])])
-    found = load_markerset(markerset)
+    whole = load_markerset(markerset)
     joints = [
-        (j.name, [m for m in found.segment(j.parent).markers if m not in found.optional], found.markers_for(j))
-        for j in found.joints
+        (j.name, [m for m in whole.segment(j.parent).markers if m not in whole.optional], whole.markers_for(j))
+        for j in whole.joints
     ]
     wide = [joint for joint in joints if len(joint[1]) > 2]
     for name, markers, _ in joints:

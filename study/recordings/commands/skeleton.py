@@ -1,34 +1,20 @@
-"""The command `study skeleton`: phase 2, the skeleton of a recording in every frame.
+"""Commands on whole recordings: `study skeleton` (phase 2), `study recording` and `study markersets` to look at one.
 
-The command `study fetch`: a recording from a public library.
-
-The command `study markersets`: the marker sets that come with the program.
-
-The command `study recording`: the contents of a recording.
-
-The output of `study skeleton`: its options, its files, and what is printed of them.
-
-The command `study synthetic`: a recording of a body whose joints are known.
+`study fetch` downloads one, `study synthetic` makes one of a body whose joints are known.
 """
 
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from study.options import Json
-from study.recordings.commands.options import File, MarkerSetName, Out, Reading, grouped
-from study.recordings.synthetic.recipe import SKIN, Recipe
+from study.recordings.commands import File, MarkerSetName, Out, Rate, Subject, Unit
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from study.recordings.export.tree import ExportedMotion
-    from study.recordings.markersets.match import Match
-    from study.recordings.skeleton.calibration import Calibration
     from study.recordings.skeleton.scene import Scene
 
 
@@ -75,15 +61,14 @@ def markersets(
 
     if as_json:
         names = shipped() if name is None else [name]
-        typer.echo(json_text({"markersets": [markerset_data(load_markerset(each)) for each in names]}))
+        typer.echo(json_text({"markersets": [markerset_data(load_markerset(word)) for word in names]}))
     elif name is None:
         print_lines(described())
     else:
         typer.echo(shipped_text(name), nl=False)
 
 
-@grouped
-def recording(file: File, *, as_json: Json = False, reading: Reading) -> None:
+def recording(file: File, as_json: Json = False, unit: Unit = None, rate: Rate = None, subject: Subject = None) -> None:
     """Describe a recording.
 
     Prints its markers, frames and rate, the gaps of each marker, and the marker set that fits best.
@@ -91,41 +76,21 @@ def recording(file: File, *, as_json: Json = False, reading: Reading) -> None:
     With --json: recording, rate, frames, duration, missing, notes, markers and markerset (null if none fits).
     """
     from study.recordings.commands.common import print_lines, recording_data
+    from study.recordings.formats.read import read_recording
     from study.recordings.markersets import MarkerSetError
     from study.recordings.markersets.match import choose
     from study.recordings.recording import describe
     from study.text import json_text
 
-    found = reading.read(file)
+    source = read_recording(file, unit=unit, rate=rate, subject=subject)
     try:
-        match, reason = choose(found), ""
+        match, reason = choose(source), ""
     except MarkerSetError as error:  # a recording that no marker set fits can be described, too
-        match, reason = None, str(error).removeprefix(f"{found.name}: ")
+        match, reason = None, str(error).removeprefix(f"{source.name}: ")
     if as_json:
-        typer.echo(json_text(recording_data(found, match)))
+        typer.echo(json_text(recording_data(source, match)))
     else:
-        print_lines([*describe(found), *([reason] if match is None else match.lines())])
-
-
-@dataclass(frozen=True)
-class Output:
-    """The options that say what to write and to print."""
-
-    write: str | None = field(
-        default=None,
-        metadata={
-            "help": "further files, with commas between them: names that end in .c3d, .trc (markers and joint "
-            "centres), .glb, .bvh (animated bones), .mot (joint angles) or .csv (table), or the endings alone"
-        },
-    )
-    rest: Literal["t-pose", "recorded"] = field(
-        default="t-pose",
-        metadata={
-            "help": "the pose of .bvh and .glb in which all rotations are zero: a T-pose, or one of the recording"
-        },
-    )
-    video: bool = field(default=False, metadata={"help": "also write motion.mp4"})
-    json: bool = field(default=False, metadata={"help": "print one JSON object, with null where there is no number"})
+        print_lines([*describe(source), *([reason] if match is None else match.lines())])
 
 
 def written_files(motion: "ExportedMotion", folder: Path) -> Iterator[Path]:
@@ -176,37 +141,36 @@ def write_motion_video(scene: "Scene", path: Path) -> Path:
         return write_video(scene, path, advance=advance)
 
 
-@dataclass(frozen=True)
-class Given:
-    """The options on a calibration that is given."""
-
-    calibration: Path | None = field(
-        default=None, metadata={"help": "calibration.json of the same subject, or its folder [default: calibrate here]"}
-    )
-    force: bool = field(
-        default=False, metadata={"help": "use the calibration even if it seems to be of another subject"}
-    )
-    refit: bool = field(
-        default=False, metadata={"help": "fit the calibration's segment shapes to this recording; its joints stay"}
-    )
-
-    def require_sense(self) -> None:
-        """Refuse options that say how to use a calibration where none is given."""
-        if self.calibration is None and self.force:
-            raise typer.BadParameter("--force: there is nothing to overrule without --calibration")
-        if self.calibration is None and self.refit:
-            raise typer.BadParameter("--refit: there are no shapes to refit without --calibration")
+_CALIBRATION = "calibration.json of the same subject, or its folder [default: calibrate here]"
+CalibrationFile = Annotated[Path | None, typer.Option("--calibration", help=_CALIBRATION)]
+_FORCE = "use the calibration even if it seems to be of another subject"
+Force = Annotated[bool, typer.Option("--force", help=_FORCE)]
+_REFIT = "fit the calibration's segment shapes to this recording; its joints stay"
+Refit = Annotated[bool, typer.Option("--refit", help=_REFIT)]
+_WRITE = (
+    "further files, with commas between them: names that end in .c3d, .trc (markers and joint centres), .glb, .bvh "
+    "(animated bones), .mot (joint angles) or .csv (table), or the endings alone"
+)
+Write = Annotated[str | None, typer.Option("--write", help=_WRITE)]
+_REST = "the pose of .bvh and .glb in which all rotations are zero: a T-pose, or one of the recording"
+Rest = Annotated[Literal["t-pose", "recorded"], typer.Option("--rest", help=_REST)]
+Video = Annotated[bool, typer.Option("--video", help="also write motion.mp4")]
 
 
-@grouped
 def skeleton(
     file: File,
-    *,
-    given: Given,
+    calibration: CalibrationFile = None,
+    force: Force = False,
+    refit: Refit = False,
     markerset: MarkerSetName = None,
     out: Out = None,
-    output: Output,
-    reading: Reading,
+    write: Write = None,
+    rest: Rest = "t-pose",
+    video: Video = False,
+    as_json: Json = False,
+    unit: Unit = None,
+    rate: Rate = None,
+    subject: Subject = None,
 ) -> None:
     """Draw the skeleton in every frame: phase 2.
 
@@ -217,86 +181,96 @@ def skeleton(
     spread, error and uneven; notes, overruled and files.
     """
     from study.recordings.commands.common import print_lines, print_match, results_folder
-    from study.recordings.export import planned_files
+    from study.recordings.export import planned_files, write_file
     from study.recordings.export.tree import ExportedMotion, RestPose
+    from study.recordings.formats.read import read_recording
+    from study.recordings.library import with_joints
     from study.recordings.recording import printable
     from study.recordings.session import refit_shapes
     from study.recordings.skeleton.calibrate import overruled, require_same_subject
+    from study.recordings.skeleton.calibration import save_calibration
     from study.recordings.skeleton.draw import draw_skeleton
     from study.recordings.skeleton.make_scene import skeleton_data, skeleton_lines, skeleton_scene
     from study.recordings.view.video import encoder
     from study.text import json_text
 
-    given.require_sense()
-    if output.video:
+    if calibration is None and force:
+        raise typer.BadParameter("--force: there is nothing to overrule without --calibration")
+    if calibration is None and refit:
+        raise typer.BadParameter("--refit: there are no shapes to refit without --calibration")
+    if calibration is not None and markerset is not None:
+        raise typer.BadParameter(f"--markerset {markerset}: a calibration has its own marker set; leave it out")
+    if video:
         encoder()  # so that a missing one is reported before the work is done
     name = printable(file.stem)
     folder = results_folder(name, out)
-    further = planned_files(output.write or "", folder, name, file)
-    match, used = _calibrated(file, reading, given.calibration, markerset)
-    if not output.json:
+    further = planned_files(write or "", folder, name, file)
+    match, used = with_joints(read_recording(file, unit=unit, rate=rate, subject=subject), calibration, markerset)
+    if not as_json:
         print_match(match)
         print_lines(used.lines())
     drawn = draw_skeleton(used, match.recording)
-    remarks = overruled(drawn) if given.force else []
-    drawn = drawn if given.force else require_same_subject(drawn)
-    if given.refit:
+    remarks = overruled(drawn) if force else []
+    drawn = drawn if force else require_same_subject(drawn)
+    if refit:
         used = refit_shapes(used, match.recording)
         drawn = draw_skeleton(used, match.recording)
     scene = skeleton_scene(drawn, match.recording)
-    if not output.json:
+    if not as_json:
         print_lines([*remarks, *skeleton_lines(scene)])
-    motion = ExportedMotion(drawn, match.source, scene, file, RestPose(output.rest))
+    motion = ExportedMotion(drawn, match.source, scene, file, RestPose(rest))
+
+    def written() -> Iterator[Path]:
+        if calibration is None:
+            yield save_calibration(used, folder / "calibration.json")
+        yield from written_files(motion, folder)
+        yield from (write_file(motion, path) for path in further)
+        if video:
+            yield write_motion_video(scene, folder / "motion.mp4")
+
     paths: list[Path] = []
-    for path in _written(motion, output, folder, [] if given.calibration else [used], further):
+    for path in written():
         paths.append(path)
-        print_lines([] if output.json else [path])
-    if output.json:
+        print_lines([] if as_json else [path])
+    if as_json:
         typer.echo(json_text(skeleton_data(scene) | {"overruled": remarks, "files": paths}))
 
 
-def _written(
-    motion: "ExportedMotion", output: Output, folder: Path, own: "Sequence[Calibration]", further: "Sequence[Path]"
-) -> "Iterator[Path]":
-    """Write all files; yields the path of each when it is there."""
-    from study.recordings.export import write_file
-    from study.recordings.skeleton.calibration import save_calibration
-
-    yield from (save_calibration(calibration, folder / "calibration.json") for calibration in own)
-    yield from written_files(motion, folder)
-    yield from (write_file(motion, path) for path in further)
-    if output.video:
-        yield write_motion_video(motion.scene, folder / "motion.mp4")
-
-
-def _calibrated(
-    file: Path, reading: Reading, calibration: Path | None, markerset: str | None
-) -> "tuple[Match, Calibration]":
-    """A recording, and the given calibration, or one that is fitted to the recording itself."""
-    from study.recordings.commands.common import open_recording
-    from study.recordings.markersets.match import match
-    from study.recordings.skeleton.calibrate import calibrate
-    from study.recordings.skeleton.calibration import load_calibration
-
-    if calibration is None:
-        found = open_recording(file, markerset, reading)
-        return found, calibrate(found.recording, found.markerset)
-    if markerset is not None:
-        raise typer.BadParameter(f"--markerset {markerset}: a calibration has its own marker set; leave it out")
-    used = load_calibration(calibration / "calibration.json" if calibration.is_dir() else calibration)
-    return match(used.markerset, reading.read(file)), used
+_OUT = ".c3d, .trc or .csv [default: results/recordings/synthetic-<seed>/synthetic-<seed>.c3d]"
+SyntheticOut = Annotated[Path | None, typer.Option("--out", help=_OUT)]
+Frames = Annotated[int, typer.Option("--frames", help="number of frames")]
+SyntheticRate = Annotated[float, typer.Option("--rate", help="frames per second")]
+Seed = Annotated[int, typer.Option("--seed", help="seed of all random numbers")]
+Noise = Annotated[float, typer.Option("--noise", help="standard deviation of a marker's coordinate, metres")]
+SoftTissue = Annotated[float, typer.Option("--soft-tissue", help="largest soft-tissue artefact of a marker, metres")]
+_SKIN = "law of the soft-tissue artefact: mixed, random, angle, velocity, cluster"
+Skin = Annotated[str, typer.Option("--skin", help=_SKIN)]
+Gaps = Annotated[float, typer.Option("--gaps", help="share of each marker's samples that are missing")]
+Swaps = Annotated[float, typer.Option("--swaps", help="share of the frames in which two markers are exchanged")]
+_HEIGHT = "height of the body, metres; another height gives another subject"
+Height = Annotated[float, typer.Option("--height", help=_HEIGHT)]
+Reach = Annotated[float, typer.Option("--reach", help="share of the natural range of motion")]
+Independent = Annotated[bool, typer.Option("--independent", help="draw each frame anew instead of a smooth motion")]
+_GAIT = "move as in walking: in strides, little out of the sagittal plane"
+Gait = Annotated[bool, typer.Option("--gait", help=_GAIT)]
 
 
-SyntheticOut = Annotated[
-    Path | None,
-    typer.Option(
-        "--out", help=".c3d, .trc or .csv [default: results/recordings/synthetic-<seed>/synthetic-<seed>.c3d]"
-    ),
-]
-
-
-@grouped
-def synthetic(*, out: SyntheticOut = None, as_json: Json = False, recipe: Recipe) -> None:
+def synthetic(
+    out: SyntheticOut = None,
+    as_json: Json = False,
+    frames: Frames = 3000,
+    rate: SyntheticRate = 120.0,
+    seed: Seed = 1,
+    noise: Noise = 0.001,
+    soft_tissue: SoftTissue = 0.0,
+    skin: Skin = "mixed",
+    gaps: Gaps = 0.0,
+    swaps: Swaps = 0.0,
+    height: Height = 1.75,
+    reach: Reach = 1.0,
+    independent: Independent = False,
+    gait: Gait = False,
+) -> None:
     """Make a recording of a synthetic body.
 
     Writes the recording, and tables of the true joints beside it. With --json: recording, frames, rate and files.
@@ -304,11 +278,14 @@ def synthetic(*, out: SyntheticOut = None, as_json: Json = False, recipe: Recipe
     from study.recordings.commands.common import print_lines, results_folder
     from study.recordings.formats.write import write_recording
     from study.recordings.recording import RecordingError
-    from study.recordings.synthetic.make import synthesize, write_truth
+    from study.recordings.synthetic.make import Recipe, synthesize, write_truth
     from study.text import json_text
 
-    if recipe.skin != SKIN[0] and not recipe.soft_tissue:
-        raise RecordingError(f"--skin {recipe.skin}: skin moves by 0 m; give its largest motion with --soft-tissue")
+    recipe = Recipe(
+        frames, rate, seed, noise, soft_tissue, skin, gaps, swaps, height, reach, independent=independent, gait=gait
+    )
+    if skin != "mixed" and not soft_tissue:
+        raise RecordingError(f"--skin {skin}: skin moves by 0 m; give its largest motion with --soft-tissue")
     made, truth = synthesize(recipe)
     path = write_recording(made, out or results_folder(made.name) / f"{made.name}.c3d")
     paths = [path, *write_truth(truth, path)]

@@ -1,17 +1,11 @@
-"""Skeletons as BVH files (Biovision hierarchy), which Blender and other animation programs open.
+"""Writers of files without a mesh: BVH, C3D, OpenSim's MOT, TRC and CSV.
 
-In BVH y points up, as importers expect: (x, y, z) of a skeleton is (x, z, -y) there. In a T-pose the body looks
-along z. Units are metres and degrees, and rotations are in the order Z, X, Y.
-
-Source: Meredith & Maddock 2001, Motion capture file formats explained.
-
-Joint centres as points in a C3D file, beside the markers and all else that the recording's own file holds.
-
-Joint angles as OpenSim's motion files (.mot).
-
-Source: OpenSim documentation, "Motion (.mot) Files".
-
-The skeleton's joints as text: points in a TRC file beside the markers, and the table of joints as CSV.
+- BVH (Biovision hierarchy), which Blender and other animation programs open: y points up, as importers expect, so that
+  (x, y, z) of a skeleton is (x, z, -y) there. In a T-pose the body looks along z. Units are metres and degrees, and
+  rotations are in the order Z, X, Y. Source: Meredith & Maddock 2001, Motion capture file formats explained.
+- C3D: joint centres as points beside the markers and all else that the recording's own file holds.
+- MOT: joint angles. Source: OpenSim documentation, "Motion (.mot) Files".
+- TRC: joint centres as points beside the markers; CSV: the table of joints.
 """
 
 from pathlib import Path
@@ -114,8 +108,8 @@ def _own_file(motion: ExportedMotion) -> "ezc3d.c3d | None":
     except Exception:  # not a C3D file; ezc3d raises many types for odd contents
         return None
     labels = parameters["LABELS"]["value"]
-    room = _LABELS_EACH - len(motion.skeleton.joints)
-    same = points.shape[2] == motion.recording.frames and len(labels) == points.shape[1] <= room
+    most = _LABELS_EACH - len(motion.skeleton.joints)
+    same = points.shape[2] == motion.recording.frames and len(labels) == points.shape[1] <= most
     if not same or unit is None or not _same_scale(points, unit, motion.recording.positions):
         return None
     return file

@@ -3,20 +3,18 @@
 The file has a node for each joint, a mesh of simple bones that is skinned to them, and an animation with all frames.
 y points up and units are metres; in the rest pose the body looks along z. What else is known of a joint is in the
 ``extras`` of its node: ``error``, its largest standard error in metres, and ``doubt``, the reason not to rely on it.
+A bone is an octahedron from its joint to the one below.
 
 Source: Khronos Group, glTF 2.0 Specification.
-
-Triangles that show the bones of a hierarchy of joints: an octahedron from each joint to the ones below.
 """
 
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pygltflib as gltf
 from scipy.spatial.transform import Rotation
 
-from study.arrays import Floats, Ints
+from study.arrays import Bools, Floats, Ints
 from study.recordings.export.files import Y_UP
 from study.recordings.export.tree import ExportedMotion, JointNode, joint_tree
 from study.recordings.skeleton.scene import Scene
@@ -30,20 +28,6 @@ _WIDEST = 0.2
 _FACES = np.array([[0, 2, 1], [0, 3, 2], [0, 4, 3], [0, 1, 4], [5, 1, 2], [5, 2, 3], [5, 3, 4], [5, 4, 1]])
 
 
-class BoneMesh(NamedTuple):
-    """Triangles in the rest pose, z up.
-
-    Attributes:
-        vertices: (v, 3), metres.
-        faces: numbers of vertices (f, 3), counterclockwise as seen from outside.
-        nodes: number of the node that each vertex moves with (v,).
-    """
-
-    vertices: Floats
-    faces: Ints
-    nodes: Ints
-
-
 def rest_places(root: JointNode) -> Floats:
     """Places of all nodes in the rest pose (nodes, 3), metres, in the order of `JointNode.walk`."""
     places = {root: root.offset}
@@ -52,8 +36,13 @@ def rest_places(root: JointNode) -> Floats:
     return np.stack([places[node] for node in root.walk()])
 
 
-def bone_mesh(root: JointNode) -> BoneMesh:
-    """Make the bones of a hierarchy: to each joint that is fixed in the one above, and to the ends of limbs."""
+def bone_mesh(root: JointNode) -> tuple[Floats, Ints, Ints]:
+    """Make the bones of a hierarchy: to each joint that is fixed in the one above, and to the ends of limbs.
+
+    Returns:
+        Vertices (v, 3) in the rest pose, metres, z up; triangles as numbers of vertices (f, 3), counterclockwise as
+        seen from outside; and the number of the node that each vertex moves with (v,).
+    """
     vertices: list[Floats] = []
     faces: list[Ints] = []
     owners: list[Ints] = []
@@ -66,8 +55,8 @@ def bone_mesh(root: JointNode) -> BoneMesh:
             vertices.append(start + _octahedron(bone))
             owners.append(np.full(6, number))
     if not vertices:
-        return BoneMesh(np.zeros((0, 3)), np.zeros((0, 3), dtype=int), np.zeros(0, dtype=int))
-    return BoneMesh(np.concatenate(vertices), np.concatenate(faces), np.concatenate(owners))
+        return np.zeros((0, 3)), np.zeros((0, 3), dtype=int), np.zeros(0, dtype=int)
+    return np.concatenate(vertices), np.concatenate(faces), np.concatenate(owners)
 
 
 def _octahedron(bone: Floats) -> Floats:
@@ -98,7 +87,7 @@ def write_gltf(motion: ExportedMotion, path: Path) -> None:
     document = _Document()
     document.add_nodes(nodes, motion.scene)
     document.add_skin(rest_places(root) @ Y_UP.T)
-    document.add_bones(bone_mesh(root), np.array([bool(_doubt(node, motion.scene)) for node in nodes]))
+    document.add_bones(*bone_mesh(root), np.array([bool(_doubt(node, motion.scene)) for node in nodes]))
     document.add_animation(nodes, motion.skeleton.frames, motion.skeleton.rate, motion.skeleton.name)
     path.write_bytes(document.binary())
 
@@ -146,22 +135,22 @@ class _Document:
         skin = gltf.Skin(name="skeleton", skeleton=0, joints=list(range(len(places))), inverseBindMatrices=matrices)
         self.gltf.skins.append(skin)
 
-    def add_bones(self, mesh: BoneMesh, doubted: "np.typing.NDArray[np.bool_]") -> None:
+    def add_bones(self, vertices: Floats, faces: Ints, owners: Ints, doubted: Bools) -> None:
         """Add the mesh of the bones, each moved by one node; those of doubted joints in a colour of their own."""
-        if not len(mesh.vertices):
+        if not len(vertices):
             return
-        joints = np.zeros((len(mesh.nodes), 4), dtype="B")
-        joints[:, 0] = mesh.nodes
+        joints = np.zeros((len(owners), 4), dtype="B")
+        joints[:, 0] = owners
         weights = np.tile(np.array([1, 0, 0, 0], dtype="f"), (len(joints), 1))
         attributes = gltf.Attributes(
-            POSITION=self._accessor((mesh.vertices @ Y_UP.T).astype("f"), gltf.ARRAY_BUFFER, bounds=True),
+            POSITION=self._accessor((vertices @ Y_UP.T).astype("f"), gltf.ARRAY_BUFFER, bounds=True),
             JOINTS_0=self._accessor(joints, gltf.ARRAY_BUFFER),
             WEIGHTS_0=self._accessor(weights, gltf.ARRAY_BUFFER),
         )
         primitives = []
-        marked = doubted[mesh.nodes[mesh.faces[:, 0]]]
-        for colour, faces in ((_PLAIN, mesh.faces[~marked]), (_DOUBTED, mesh.faces[marked])):
-            if not len(faces):
+        marked = doubted[owners[faces[:, 0]]]
+        for colour, part in ((_PLAIN, faces[~marked]), (_DOUBTED, faces[marked])):
+            if not len(part):
                 continue
             material = gltf.Material(
                 name="bone" if colour is _PLAIN else "bone of an unreliable joint",
@@ -171,7 +160,7 @@ class _Document:
                 alphaCutoff=None,
             )
             self.gltf.materials.append(material)
-            indices = self._accessor(faces.reshape(-1, 1).astype("H"), gltf.ELEMENT_ARRAY_BUFFER)
+            indices = self._accessor(part.reshape(-1, 1).astype("H"), gltf.ELEMENT_ARRAY_BUFFER)
             primitives.append(
                 gltf.Primitive(attributes=attributes, indices=indices, material=len(self.gltf.materials) - 1)
             )
@@ -227,6 +216,8 @@ class _Document:
 
 def _quaternions(rotations: Floats) -> Floats:
     """Quaternions x, y, z, w (frames, 4) of rotations (frames, 3, 3), without jumps of sign."""
-    found = Rotation.from_matrix(rotations).as_quat()
-    flips = np.cumprod(np.concatenate([[1.0], np.where((found[1:] * found[:-1]).sum(axis=1) < 0.0, -1.0, 1.0)]))
-    return np.asarray(found * flips[:, None])
+    quaternions = Rotation.from_matrix(rotations).as_quat()
+    flips = np.cumprod(
+        np.concatenate([[1.0], np.where((quaternions[1:] * quaternions[:-1]).sum(axis=1) < 0.0, -1.0, 1.0)])
+    )
+    return np.asarray(quaternions * flips[:, None])

@@ -1,31 +1,20 @@
-"""Rest poses: the rotation of each segment in the pose in which a file's hierarchy has no rotations.
+"""A skeleton as other programs want it: rest pose, joint angles, and a hierarchy of joints.
 
-Other programs expect a T-pose there (arms sideways, legs down, toes forward), joint angles a standing pose with hanging
-arms. Markers say neither. Each segment starts from the mean pose relative to its parent, and is rotated the shortest
-way until its bone, from its joint to the next one, points where its name says: an arm sideways, a leg down, a trunk up.
-A segment whose name has none of the words keeps its mean pose. A trunk with joints on both sides is also rotated until
-these are level.
+Rest pose: other programs expect a T-pose (arms sideways, legs down, toes forward), joint angles a standing pose with
+hanging arms. Markers say neither. Each segment starts from the mean pose relative to its parent, and is rotated the
+shortest way until its bone, from its joint to the next one, points where its name says: an arm sideways, a leg down, a
+trunk up. A segment whose name has none of the words keeps its mean pose. A trunk with joints on both sides is also
+rotated until these are level. Axes: x to the left, y backward, z up, as Blender and others have them.
 
-Axes of the rest pose: x to the left, y backward, z up, as Blender and others have them.
+Joint angles: the rotation of each child segment relative to its parent, in anatomical axes; zero in the standing pose.
+The axes are OpenSim's: x forward, y up, z to the right. A ball joint has three angles, about z, x and y in this order:
+flexion, adduction and rotation of a limb (flexion forward; adduction and rotation to the inside on both sides),
+extension, bending and rotation of the trunk and the head (backward, to the right, to the left). A hinge has the angle
+about its own axis; the sign of the axis is such that the median angle is positive, as knees and elbows bend one way.
+Rotations about the long axis of a limb are relative to its mean pose: markers alone do not show their zero. Source:
+Rajagopal et al. 2016, Full-body musculoskeletal model; its coordinates have these signs.
 
-A skeleton over time as it is handed to the writers of files.
-
-Angles of joints: the rotation of each child segment relative to its parent, in anatomical axes.
-
-Angles are zero in the standing pose (`rest_pose`): trunk upright, arms and legs straight down, toes forward. Their axes
-are OpenSim's: x forward, y up, z to the right. A ball joint has three angles, about z, x and y in this order: flexion,
-adduction and rotation of a limb (flexion forward; adduction and rotation to the inside on both sides), extension,
-bending and rotation of the trunk and the head (backward, to the right, to the left). A hinge has the angle about its
-own axis; the sign of the axis is such that the median angle is positive, as knees and elbows bend one way.
-
-Rotations about the long axis of a limb are relative to its mean pose: markers alone do not show their zero.
-
-Source: Rajagopal et al. 2016, Full-body musculoskeletal model; its coordinates have these signs.
-
-A skeleton as a hierarchy of joints: each with its offset from the one above and its rotation in every frame.
-
-A node is a joint, rotated as the segment that moves about it; its offset is the bone to it. Without rotations the
-hierarchy is in a rest pose (`rest_pose`).
+Hierarchy: a node is a joint, rotated as the segment that moves about it; its offset is the bone to it.
 """
 
 from collections.abc import Iterator
@@ -80,14 +69,14 @@ def rest_rotations(calibration: Calibration, upright: Floats, rest: RestPose) ->
         For each segment the rotation (3, 3) from its axes to those of the rest pose.
     """
     above = {place.joint.child: place for place in calibration.joints}
-    found: dict[str, Floats] = {}
+    rotations: dict[str, Floats] = {}
     for segment in calibration.markerset.segments:
         place = above.get(segment.name)
         start = upright
         if rest != RestPose.RECORDED and place is not None:
-            start = found[place.joint.parent] @ place.mean_rotation
-        found[segment.name] = start if rest == RestPose.RECORDED else _posed(segment.name, start, calibration, rest)
-    return found
+            start = rotations[place.joint.parent] @ place.mean_rotation
+        rotations[segment.name] = start if rest == RestPose.RECORDED else _posed(segment.name, start, calibration, rest)
+    return rotations
 
 
 def _posed(name: str, start: Floats, calibration: Calibration, rest: RestPose) -> Floats:
@@ -313,21 +302,6 @@ class JointNode:
             yield from child.walk()
 
 
-@dataclass(frozen=True, eq=False)
-class _Pose:
-    """A segment over time, z up, held in frames in which it is unknown.
-
-    Attributes:
-        rotation: from the rest pose (3, 3, frames).
-        start: place of the segment's joint (3, frames), metres.
-        pivot: place of the joint in the segment's axes (3,), metres.
-    """
-
-    rotation: Floats
-    start: Floats
-    pivot: Floats
-
-
 def joint_tree(motion: ExportedMotion) -> JointNode:
     """Build the hierarchy of a skeleton.
 
@@ -344,7 +318,7 @@ def joint_tree(motion: ExportedMotion) -> JointNode:
     calibration = motion.skeleton.calibration
     above = {place.joint.child: place for place in calibration.joints}
     nodes: dict[str, JointNode] = {}
-    poses: dict[str, _Pose] = {}
+    poses: dict[str, tuple[Floats, Floats, Floats]] = {}
     root = calibration.markerset.segments[0].name
     for segment in calibration.markerset.segments:
         parent = segment.parent or (None if segment.name == root else root)
@@ -353,23 +327,23 @@ def joint_tree(motion: ExportedMotion) -> JointNode:
             continue
         shape, rest = calibration.shape(segment.name), motion.rest_rotations[segment.name]
         place = pivot_joint(above.get(segment.name), shape)
-        poses[segment.name] = pose = _pose(motion, segment.name, place)
-        tip = limb_end(shape, pose.pivot)
+        rotation, start, pivot = poses[segment.name] = _pose(motion, segment.name, place)
+        tip = limb_end(shape, pivot)
         if parent is None:
-            offset, rotation, course = np.zeros(3), pose.rotation, pose.start
+            offset, course = np.zeros(3), start
         else:
-            base = poses[parent]
-            rotation = relative_rotation(base.rotation, pose.rotation)
-            course = np.einsum("jit,jt->it", base.rotation, pose.start - base.start)
+            base_rotation, base_start, base_pivot = poses[parent]
+            rotation = relative_rotation(base_rotation, rotation)
+            course = np.einsum("jit,jt->it", base_rotation, start - base_start)
             offset = np.median(course, axis=1)
             if place is not None:
-                offset = motion.rest_rotations[parent] @ (place.in_parent - base.pivot)
+                offset = motion.rest_rotations[parent] @ (place.in_parent - base_pivot)
         nodes[segment.name] = JointNode(
             name=segment.name if place is None else place.joint.name,
             offset=offset,
             rotation=rotation,
             course=course if place is None else None,
-            end=np.zeros(3) if tip is None else rest @ (tip - pose.pivot),
+            end=np.zeros(3) if tip is None else rest @ (tip - pivot),
         )
         if parent is not None:
             nodes[parent].children.append(nodes[segment.name])
@@ -380,15 +354,20 @@ def joint_tree(motion: ExportedMotion) -> JointNode:
     return nodes[root]
 
 
-def _pose(motion: ExportedMotion, name: str, place: JointPlace | None) -> _Pose:
-    """The pose of a segment that is known in some frame."""
+def _pose(motion: ExportedMotion, name: str, place: JointPlace | None) -> tuple[Floats, Floats, Floats]:
+    """The pose of a segment that is known in at least one frame, z up, held in frames in which it is unknown.
+
+    Returns:
+        Its rotation from the rest pose (3, 3, frames); the place of its joint (3, frames), metres; and the place of the
+        joint in its axes (3,), metres.
+    """
     number = motion.skeleton.segments.index(name)
     frames = _last_known(motion.skeleton.rotations[number][0, 0])
     rotation = np.einsum("ij,jkt->ikt", motion.upright, motion.skeleton.rotations[number][:, :, frames])
     origin = motion.upright @ motion.skeleton.origins[number][:, frames]
     pivot = np.zeros(3) if place is None else place.in_child
     from_rest = np.einsum("ijt,kj->ikt", rotation, motion.rest_rotations[name])
-    return _Pose(from_rest, to_world(rotation, origin, pivot), pivot)
+    return from_rest, to_world(rotation, origin, pivot), pivot
 
 
 def _last_known(row: Floats) -> Ints:

@@ -1,17 +1,12 @@
-"""The parameters of a C3D file, as far as they are checked before a library reads it.
+"""C3D files, read with ezc3d, or with c3d if ezc3d refuses a file or would leave out frames.
 
-They are a chain of records, each with the distance to the next one (c3d.org, The C3D File Format: User Guide).
+The format is described at c3d.org (The C3D File Format: User Guide). A file begins with a block of 512 bytes that gives
+the number of points and frames and the places of the parameters and of the data. Libraries reserve memory for what is
+promised there, and a damaged header of a small file may promise terabytes: it is checked before a library reads it, and
+so are the parameters, a chain of records, each with the distance to the next one.
 
-Check the header of a C3D file before a library reads it: its frames, its parameters, and what it promises.
-
-A file begins with a block of 512 bytes that gives the number of points and frames and the places of the parameters and
-of the data (c3d.org, The C3D File Format: User Guide). Libraries reserve memory for what is promised there: a damaged
-header of a small file may promise terabytes.
-
-Read C3D files with ezc3d, or with c3d if ezc3d refuses a file or would leave out frames.
-
-The format is described at c3d.org. Its header counts frames in 16 bits; longer recordings give their length in a
-parameter (``TRIAL:ACTUAL_END_FIELD``, ``POINT:LONG_FRAMES``), which c3d reads and ezc3d does not always.
+The header counts frames in 16 bits; longer recordings give their length in a parameter (``TRIAL:ACTUAL_END_FIELD``,
+``POINT:LONG_FRAMES``), which c3d reads and ezc3d does not always.
 """
 
 import math
@@ -20,7 +15,6 @@ import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
 
 import c3d
 import ezc3d
@@ -35,59 +29,38 @@ _SIZES = {_TEXT: "", 1: "b", 2: "H", 4: "f"}
 """Letters of `struct` for the numbers, by their size in bytes."""
 
 
-class _Record(NamedTuple):
-    """A group or a parameter."""
-
-    group: int
-    """Number of the group, negative in the record of the group itself."""
-    name: str
-    size: int
-    """Bytes of one value; -1 for text; 0 for a group."""
-    dimensions: tuple[int, ...]
-    start: int
-    """Place of the first value."""
-
-
-class C3DParameters(NamedTuple):
-    """The parameters of a file."""
-
-    sound: bool
-    """True if each record ends where the next one begins, and no text lacks its length."""
-    numbers: Mapping[str, float]
-    """The first number of each parameter that holds numbers, by ``GROUP:NAME``."""
-
-
-def read_parameters(data: bytes, order: str) -> C3DParameters:
+def read_parameters(data: bytes, order: str) -> tuple[bool, dict[str, float]]:
     """Follow the chain of parameters.
 
     Args:
         data: the file's bytes from its block of parameters on.
         order: of bytes, as `struct` has it: ``<`` or ``>``.
+
+    Returns:
+        True if each record ends where the next one begins, and no text lacks its length; and the first number of each
+        parameter that holds numbers, by ``GROUP:NAME``.
     """
     groups: dict[int, str] = {}
-    found: list[_Record] = []
+    numbers: dict[tuple[int, str], float] = {}
     sound = True
     try:
-        for record in _records(data, order):
-            if record.group < 0:
-                groups[-record.group] = record.name
-            else:
-                found.append(record)
-                sound &= record.size != _TEXT or len(record.dimensions) > 0  # ezc3d ends the program on these
+        for group, name, size, dimensions, start in _records(data, order):
+            if group < 0:
+                groups[-group] = name
+            elif size == _TEXT:
+                sound &= len(dimensions) > 0  # ezc3d ends the program on these
+            elif 0 not in dimensions:
+                (numbers[group, name],) = struct.unpack_from(f"{order}{_SIZES[size]}", data, start)
     except (struct.error, IndexError, ValueError):
         sound = False
-    numbers = {
-        f"{groups.get(record.group, '')}:{record.name}": float(
-            struct.unpack_from(f"{order}{_SIZES[record.size]}", data, record.start)[0]
-        )
-        for record in found
-        if record.size > 0 and 0 not in record.dimensions
-    }
-    return C3DParameters(sound, numbers)
+    return sound, {f"{groups.get(group, '')}:{name}": float(number) for (group, name), number in numbers.items()}
 
 
-def _records(data: bytes, order: str) -> Iterator[_Record]:
-    """The records, up to the last one.
+def _records(data: bytes, order: str) -> Iterator[tuple[int, str, int, tuple[int, ...], int]]:
+    """The records, groups and parameters, up to the last one.
+
+    Each has the number of its group, negative in the record of the group itself; its name; the bytes of one value, -1
+    for text and 0 for a group; the dimensions of its values; and the place of the first one.
 
     Raises:
         ValueError: where the chain breaks; `struct.error` and IndexError where it leaves the data.
@@ -114,7 +87,7 @@ def _records(data: bytes, order: str) -> Iterator[_Record]:
         end += 1 + data[end]
         if (distance and start + distance != end) or end > len(data):
             raise ValueError("a record does not end where the next one begins")
-        yield _Record(group, name, size, dimensions, values)
+        yield group, name, size, dimensions, values
         if not distance:
             return
         place = end
@@ -144,24 +117,6 @@ class C3DHeader:
     """Frames per second by the header; 0 if it gives none."""
 
 
-class _Fields(NamedTuple):
-    """Numbers of the header's first block."""
-
-    points: int
-    analog: int
-    first: int
-    last: int
-    data_block: int
-    width: int
-    """Bytes of a number in the data."""
-    rate: float
-
-    @property
-    def frame_bytes(self) -> int:
-        """Bytes of a frame: four numbers a point, one an analog sample."""
-        return (4 * self.points + self.analog) * self.width
-
-
 def read_header(path: Path) -> C3DHeader:
     """Read the header of a C3D file.
 
@@ -179,31 +134,25 @@ def read_header(path: Path) -> C3DHeader:
     if len(header) < _BLOCK or len(data) < 4:
         raise RecordingError("the file is cut short: its header is not complete; get a whole copy of it")
     order = ">" if data[3] == _MIPS else "<"
-    parameters = read_parameters(data, order)
-    fields = _fields(header, order, data[3])
-    frames = max(fields.last - fields.first + 1, 0) if fields.last < LONG else LONG
-    room = max(size - max(fields.data_block - 1, 0) * _BLOCK, 0)
-    told = int(parameters.numbers.get("POINT:FRAMES", 0.0))
-    if 1 < told < frames and frames * fields.frame_bytes > room >= told * fields.frame_bytes:
-        frames = told  # one of the two is damaged, and the file is as long as the parameter says
-    promised = frames * fields.frame_bytes
-    if promised > _MUCH * size + _LITTLE:
-        raise RecordingError(
-            f"its header promises {frames} frames of {fields.points} points and {fields.analog} analog samples, "
-            f"{_size(promised)}, but the file has {_size(size)}: it is damaged; get a whole copy of it"
-        )
-    rotations = frames * parameters.numbers.get("ROTATION:RATIO", 0.0) * 4
-    return C3DHeader(frames, parameters.sound and rotations <= _MUCH * size + _LITTLE, fields.rate)
-
-
-def _fields(header: bytes, order: str, processor: int) -> _Fields:
+    sound, numbers = read_parameters(data, order)
     points, analog, first, last = struct.unpack_from(f"{order}HHHH", header, 2)
     (block,) = struct.unpack_from(f"{order}H", header, 16)
-    sign = header[{_INTEL: 15, _MIPS: 12}.get(processor, 13)] & 0x80  # a negative scale: the data are single precision
-    rate = 0.0
-    if processor in (_INTEL, _MIPS):
-        (rate,) = struct.unpack_from(f"{order}f", header, 20)
-    return _Fields(points, analog, first, last, block, 4 if sign else 2, rate if 0.0 < rate < 1e6 else 0.0)
+    sign = header[{_INTEL: 15, _MIPS: 12}.get(data[3], 13)] & 0x80  # a negative scale: the data are single precision
+    frame_bytes = (4 * points + analog) * (4 if sign else 2)  # four numbers a point, one an analog sample
+    (rate,) = struct.unpack_from(f"{order}f", header, 20) if data[3] in (_INTEL, _MIPS) else (0.0,)
+    frames = max(last - first + 1, 0) if last < LONG else LONG
+    held = max(size - max(block - 1, 0) * _BLOCK, 0)
+    parameter = int(numbers.get("POINT:FRAMES", 0.0))
+    if 1 < parameter < frames and frames * frame_bytes > held >= parameter * frame_bytes:
+        frames = parameter  # one of the two is damaged, and the file is as long as the parameter says
+    promised = frames * frame_bytes
+    if promised > _MUCH * size + _LITTLE:
+        raise RecordingError(
+            f"its header promises {frames} frames of {points} points and {analog} analog samples, "
+            f"{_size(promised)}, but the file has {_size(size)}: it is damaged; get a whole copy of it"
+        )
+    rotations = frames * numbers.get("ROTATION:RATIO", 0.0) * 4
+    return C3DHeader(frames, sound and rotations <= _MUCH * size + _LITTLE, rate if 0.0 < rate < 1e6 else 0.0)
 
 
 def _size(count: int) -> str:

@@ -1,29 +1,26 @@
-"""Read the CSV export of OptiTrack's Motive: a line of keys and values, lines of headers, then rows.
+"""Exports of camera systems: Motive (CSV), Qualisys Track Manager (TSV) and Vicon Nexus (text).
 
-Above each column stand its type (Marker, Rigid Body, Rigid Body Marker, Bone, Bone Marker), its name, its ID, in newer
-versions its parent, then what it holds (Rotation, Position, Mean Marker Error, Marker Quality), then the axis.
-Source: OptiTrack documentation, "Data Export: CSV", format versions 1.2 to 1.25.
+Motive: a line of keys and values, lines of headers, then rows. Above each column stand its type (Marker, Rigid Body,
+Rigid Body Marker, Bone, Bone Marker), its name, its ID, in newer versions its parent, then what it holds (Rotation,
+Position, Mean Marker Error, Marker Quality), then the axis. Source: OptiTrack documentation, "Data Export: CSV", format
+versions 1.2 to 1.25.
 
-Read the TSV export of Qualisys Track Manager: lines with a key and its values, then rows of coordinates.
-
-Source: Qualisys Track Manager User Manual, "TSV file formats": keys NO_OF_FRAMES, NO_OF_MARKERS, FREQUENCY,
-DATA_INCLUDED, MARKER_NAMES and others; optionally TRAJECTORY_TYPES, a line of column headers, and the columns Frame and
-Time; millimetres; a missing sample is empty, NULL, or 0 in all three.
-
-Read the text export of Vicon Nexus.
+Qualisys: lines with a key and its values, then rows of coordinates. Source: Qualisys Track Manager User Manual, "TSV
+file formats": keys NO_OF_FRAMES, NO_OF_MARKERS, FREQUENCY, DATA_INCLUDED, MARKER_NAMES and others; optionally
+TRAJECTORY_TYPES, a line of column headers, and the columns Frame and Time; millimetres; a missing sample is empty,
+NULL, or 0 in all three.
 """
 
 import csv
 import re
-from typing import NamedTuple
 
 import numpy as np
 
 from study.recordings.formats.text import (
-    Rows,
     as_points,
     find_delimiter,
     missing_frames_note,
+    read_rows,
     until_blank,
     with_all_frames,
 )
@@ -53,22 +50,22 @@ def read_motive(lines: list[str]) -> FileContents:
     table = list(csv.reader(lines[:_FIRST]))
     axes = next((i for i, row in enumerate(table) if row and row[0].strip().lower() == "frame"), 0)
     columns = _columns(table, axes)
-    chosen = [each for each in columns if each.kind in _MEASURED and not _UNLABELED.match(each.name)]
-    unlabelled = sum(each.kind in _MEASURED for each in columns) - len(chosen)
+    chosen = [column for column in columns if column[1] in _MEASURED and not _UNLABELED.match(column[2])]
+    unlabelled = sum(kind in _MEASURED for _, kind, _ in columns) - len(chosen)
     notes = [f"{unlabelled} markers without a label are left out"] * (unlabelled > 0)
-    if not chosen and (chosen := [each for each in columns if each.kind in _SOLVED]):
+    if not chosen and (chosen := [column for column in columns if column[1] in _SOLVED]):
         notes.append("its markers are those of solved rigid bodies, not the measured ones: export Markers, too")
     if not chosen:
-        found = ", ".join(sorted({each.kind for each in columns})) or "no positions"
-        raise RecordingError(f"no labelled markers in it, but {found}; export it from Motive with Markers")
+        kinds = ", ".join(sorted({kind for _, kind, _ in columns})) or "no positions"
+        raise RecordingError(f"no labelled markers in it, but {kinds}; export it from Motive with Markers")
     end = max(i for i, line in enumerate(lines, start=1) if line.strip())
-    numbers = Rows(lines[axes + 1 : end], axes + 2, ",").numbers(len(table[axes]))
+    numbers = read_rows(lines[axes + 1 : end], axes + 2, ",", len(table[axes]))
     numbers, lacking = with_all_frames(numbers[:, 0], numbers, axes + 2)
-    places = [each.place + axis for each in chosen for axis in range(3)]
+    places = [place + axis for place, _, _ in chosen for axis in range(3)]
     keys = [cell.strip().lower() for cell in table[0]]
     given = dict(zip(keys[::2], table[0][1::2], strict=False))
     return FileContents(
-        labels=[_label(each.name) for each in chosen],
+        labels=[_label(name) for _, _, name in chosen],
         points=as_points(np.ascontiguousarray(numbers[:, places])),
         rate=_rate(given),
         unit=given.get("length units") or None,
@@ -76,16 +73,11 @@ def read_motive(lines: list[str]) -> FileContents:
     )
 
 
-class _Position(NamedTuple):
-    """Three columns with a position: the number of the first, the type of what is there, and its name."""
+def _columns(table: list[list[str]], axes: int) -> list[tuple[int, str, str]]:
+    """The positions in a file, by its lines of headers; ``axes`` is the number of the last of them.
 
-    place: int
-    kind: str
-    name: str
-
-
-def _columns(table: list[list[str]], axes: int) -> list[_Position]:
-    """The positions in a file, by its lines of headers; ``axes`` is the number of the last of them."""
+    Each takes three columns: the number of the first, the type of what is there, and its name.
+    """
     titles = {row[1].strip().lower(): row for row in table[1:axes] if len(row) > 1 and row[1].strip()}
     if axes < _FEWEST or not {"type", "name"} <= titles.keys():
         raise RecordingError("no lines Type, Name and Frame above the rows; export it from Motive with its header")
@@ -96,7 +88,7 @@ def _columns(table: list[list[str]], axes: int) -> list[_Position]:
     )
     axis = [cell.strip().lower() for cell in table[axes]]
     return [
-        _Position(i, kinds[i].lower(), names[i])
+        (i, kinds[i].lower(), names[i])
         for i in range(2, width - 2)
         if axis[i : i + 3] == ["x", "y", "z"] and holds[i].lower() == "position"
     ]
@@ -104,8 +96,8 @@ def _columns(table: list[list[str]], axes: int) -> list[_Position]:
 
 def _label(name: str) -> str:
     """A marker's label; where it is only a number within its asset, the asset's name belongs to it."""
-    found = _NUMBERED.match(name)
-    return f"{found[1]} {found[2]}" if found else name
+    numbered = _NUMBERED.match(name)
+    return f"{numbered[1]} {numbered[2]}" if numbered else name
 
 
 def _rate(given: dict[str, str]) -> float | None:
@@ -146,7 +138,7 @@ def read_qualisys(lines: list[str]) -> FileContents:
     wanted = 3 * len(labels)
     cells = max((len(row.rstrip("\r\n").split("\t")) for row in rows), default=wanted)
     extra = 2 if cells >= wanted + 2 else 0  # Frame and Time, if they were exported; a row may end in a tab
-    numbers = Rows(rows, start + 1, "\t").numbers(wanted + extra)
+    numbers = read_rows(rows, start + 1, "\t", wanted + extra)
     notes: tuple[str, ...] = ()
     if extra:
         numbers, notes = with_all_frames(numbers[:, 0], numbers, start + 1)
@@ -189,7 +181,7 @@ def read_vicon(lines: list[str], start: int) -> FileContents:
     places = [i for i in range(len(axes) - 2) if axes[i : i + 3] == ["x", "y", "z"]]
     units = [cell.strip() for cell in lines[start + 4].split(delimiter)]
     rows = until_blank(lines, start + 5)
-    numbers = Rows(rows, start + 6, delimiter).numbers(len(axes))
+    numbers = read_rows(rows, start + 6, delimiter, len(axes))
     numbers, notes = with_all_frames(numbers[:, 0], numbers, start + 6)
     unit = next((units[i] for i in places if i < len(units) and units[i]), None)
     columns = [column for i in places for column in (i, i + 1, i + 2)]

@@ -1,7 +1,4 @@
-"""Read markers from text: the format is recognised by the file's contents, not by its name alone.
-
-Read a recording from a file of any known format.
-"""
+"""Read a recording from a file of any known format, which its contents tell, not its name alone."""
 
 from pathlib import Path
 
@@ -85,6 +82,17 @@ def read_recording(
 
     Raises:
         RecordingError: one line with the file, the fault and the remedy.
+
+    Example:
+        >>> import study
+        >>> with open("walk.csv", "w") as file:
+        ...     for line in ("time,LASI_X,LASI_Y,LASI_Z", "0.00,412,680,966", "0.01,413,680,966"):
+        ...         print(line, file=file)
+        >>> recording = study.read_recording("walk.csv", unit="mm")
+        >>> recording.markers, recording.frames, recording.rate
+        (('LASI',), 2, 100.0)
+        >>> recording.of("LASI")[:, 0]
+        array([0.412, 0.68 , 0.966])
     """
     path = Path(path)
     name = printable(path.stem)

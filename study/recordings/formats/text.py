@@ -1,24 +1,18 @@
-"""The rows of numbers in a text file: cells, decimal commas, missing samples, and frames that are left out.
+"""Text files of markers: tables of two kinds, TRC, and the rows of numbers that all of them end in.
 
-Read a table with columns such as ``LFHD_X, LFHD_Y, LFHD_Z``, in any order.
-
-D-Flow, which records what Cortex streams, writes ``LASI.PosX`` and a column TimeStamp.
-
-Read TRC files: three lines about the file, one with labels, one with axes, then frame, time and coordinates.
-
-Motion Analysis (EVaRT, Cortex) defined the format and OpenSim uses it. The same with commas, as a spreadsheet saves it,
-is read, too. Source: OpenSim documentation, "Marker (.trc) Files".
-
-Read a table with two lines of headers: a marker's label above the first of its columns, the axes below.
-
-Cortex exports trajectories as text in this form, and spreadsheets save it: labels in one line, ``X1, Y1, Z1, X2, …``
-or ``X, Y, Z, X, …`` in the next; lines with a key and a value, such as a rate, may stand above.
+- A table with columns such as ``LFHD_X, LFHD_Y, LFHD_Z``, in any order. D-Flow, which records what Cortex streams,
+  writes ``LASI.PosX`` and a column TimeStamp.
+- A table with two lines of headers: a marker's label above the first of its columns, the axes below. Cortex exports
+  trajectories in this form, and spreadsheets save it: labels in one line, ``X1, Y1, Z1, X2, …`` or ``X, Y, Z, X, …`` in
+  the next; lines with a key and a value, such as a rate, may stand above.
+- TRC: three lines about the file, one with labels, one with axes, then frame, time and coordinates. Motion Analysis
+  (EVaRT, Cortex) defined the format and OpenSim uses it. The same with commas, as a spreadsheet saves it, is read, too.
+  Source: OpenSim documentation, "Marker (.trc) Files".
 """
 
 import csv
 import io
 import re
-from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -31,53 +25,57 @@ MOST_MISSING = 0.1
 """Share of a file's frames that may be missing; with more the file is a part of another one."""
 
 
-@dataclass(frozen=True)
-class Rows:
-    """The rows of numbers in a file."""
+def read_rows(lines: list[str], first: int, delimiter: str, columns: int) -> Floats:
+    """Read rows of numbers.
 
-    lines: list[str]
-    first: int
-    """Number of its first line in the file, from 1."""
-    delimiter: str
+    Args:
+        lines: the rows.
+        first: number of the first one in the file, from 1.
+        delimiter: between cells.
+        columns: number of cells that a row must have; more must be empty.
 
-    def numbers(self, columns: int) -> Floats:
-        """The cells of the rows (rows, columns); empty ones are NaN."""
-        if not self.lines:
-            return np.empty((0, columns))
-        text = "\n".join(self.lines).replace('"', "")
-        cells = np.array([line.count(self.delimiter) + 1 for line in self.lines], dtype=int)
-        if (cells < columns).any():
-            row = int((cells < columns).argmax())
-            raise RecordingError(
-                f"line {self.first + row} has {cells[row]} cells; {columns} are needed; the line may be cut short"
-            )
-        decimal = "," if self.delimiter != "," and "," in text and "." not in text else "."
-        table = pd.read_csv(
-            io.StringIO(text),
-            sep=self.delimiter,
-            header=None,
-            names=range(int(cells.max())),
-            index_col=False,
-            decimal=decimal,
-            na_values=_MISSING,
-            skipinitialspace=True,
-            skip_blank_lines=False,
-            quoting=csv.QUOTE_NONE,
-            low_memory=False,
+    Returns:
+        The numbers (rows, columns); NaN for an empty cell.
+
+    Raises:
+        RecordingError: with the line, if a row is cut short, or a cell is no number.
+    """
+    if not lines:
+        return np.empty((0, columns))
+    text = "\n".join(lines).replace('"', "")
+    cells = np.array([line.count(delimiter) + 1 for line in lines], dtype=int)
+    if (cells < columns).any():
+        row = int((cells < columns).argmax())
+        raise RecordingError(
+            f"line {first + row} has {cells[row]} cells; {columns} are needed; the line may be cut short"
         )
-        numbers = np.empty(table.shape)
-        for column in range(table.shape[1]):
-            values = table[column]
-            numbers[:, column] = parsed = pd.to_numeric(values, errors="coerce").to_numpy(dtype=np.float64)
-            wrong = np.isnan(parsed) & values.notna().to_numpy()
-            if column >= columns:  # a line may end in delimiters, but not in further numbers
-                wrong = values.notna().to_numpy()
-            if wrong.any():
-                row = int(wrong.argmax())
-                words = "is not a number" if column < columns else "has no header"
-                place = f"line {self.first + row}, column {column + 1}"
-                raise RecordingError(f"{place}: {str(values.iloc[row])[:40]!r} {words}")
-        return numbers[:, :columns]
+    decimal = "," if delimiter != "," and "," in text and "." not in text else "."
+    table = pd.read_csv(
+        io.StringIO(text),
+        sep=delimiter,
+        header=None,
+        names=range(int(cells.max())),
+        index_col=False,
+        decimal=decimal,
+        na_values=_MISSING,
+        skipinitialspace=True,
+        skip_blank_lines=False,
+        quoting=csv.QUOTE_NONE,
+        low_memory=False,
+    )
+    numbers = np.empty(table.shape)
+    for column in range(table.shape[1]):
+        values = table[column]
+        numbers[:, column] = parsed = pd.to_numeric(values, errors="coerce").to_numpy(dtype=np.float64)
+        wrong = np.isnan(parsed) & values.notna().to_numpy()
+        if column >= columns:  # a line may end in delimiters, but not in further numbers
+            wrong = values.notna().to_numpy()
+        if wrong.any():
+            row = int(wrong.argmax())
+            words = "is not a number" if column < columns else "has no header"
+            place = f"line {first + row}, column {column + 1}"
+            raise RecordingError(f"{place}: {str(values.iloc[row])[:40]!r} {words}")
+    return numbers[:, :columns]
 
 
 def with_all_frames(counter: Floats, numbers: Floats, first: int) -> tuple[Floats, tuple[str, ...]]:
@@ -111,17 +109,17 @@ def with_all_frames(counter: Floats, numbers: Floats, first: int) -> tuple[Float
     return complete, (words,)
 
 
-def missing_frames_note(found: int, promised: int) -> tuple[str, ...]:
+def missing_frames_note(held: int, promised: int) -> tuple[str, ...]:
     """The note on a file that holds fewer frames than its header promises; none if it holds as many, or more.
 
     Raises:
         RecordingError: if more than `MOST_MISSING` of the frames are missing.
     """
-    if found >= promised:
+    if held >= promised:
         return ()
-    if found < (1 - MOST_MISSING) * promised:
-        raise RecordingError(f"the file is cut short: {found} of {promised} frames are there; get a whole copy of it")
-    return (f"its header promises {promised} frames, but {found} are there: the end may be cut off",)
+    if held < (1 - MOST_MISSING) * promised:
+        raise RecordingError(f"the file is cut short: {held} of {promised} frames are there; get a whole copy of it")
+    return (f"its header promises {promised} frames, but {held} are there: the end may be cut off",)
 
 
 def as_points(numbers: Floats) -> Floats:
@@ -166,11 +164,11 @@ def read_table(lines: list[str]) -> FileContents:
     places: dict[str, dict[str, int]] = {}
     units, doubles = set(), []
     for place, name in enumerate(names):
-        if found := _COORDINATE.match(name):
-            axes = places.setdefault(found["marker"].strip(), {})
-            doubles += [name] * (found["axis"].lower() in axes)
-            axes[found["axis"].lower()] = place
-            units.add(found["unit"] or "")
+        if parts := _COORDINATE.match(name):
+            axes = places.setdefault(parts["marker"].strip(), {})
+            doubles += [name] * (parts["axis"].lower() in axes)
+            axes[parts["axis"].lower()] = place
+            units.add(parts["unit"] or "")
     if not places:
         found_names = ", ".join(names[:4])[:80]
         raise RecordingError(f"line {start + 1}: no columns such as LFHD_X, LFHD_Y, LFHD_Z; found {found_names}")
@@ -181,7 +179,7 @@ def read_table(lines: list[str]) -> FileContents:
             lacking = ", ".join(sorted({"x", "y", "z"} - set(axes)))
             raise RecordingError(f"line {start + 1}: marker {marker} has no column for {lacking}")
     end = max(i for i, line in enumerate(lines, start=1) if line.strip())
-    numbers = Rows(lines[start + 1 : end], start + 2, delimiter).numbers(len(names))
+    numbers = read_rows(lines[start + 1 : end], start + 2, delimiter, len(names))
     columns = [axes[axis] for axes in places.values() for axis in "xyz"]
     low = [name.lower() for name in names]
     notes: tuple[str, ...] = ()
@@ -251,7 +249,7 @@ def read_trc(lines: list[str]) -> FileContents:
         raise RecordingError("line 2 and 3 must give DataRate, NumFrames and NumMarkers") from None
     if len(labels) != markers:
         raise RecordingError(f"line 4 has {len(labels)} labels, but line 3 gives {markers} markers")
-    numbers = Rows(rows, start + 1, "\t").numbers(2 + 3 * markers)
+    numbers = read_rows(rows, start + 1, "\t", 2 + 3 * markers)
     numbers, notes = with_all_frames(numbers[:, 0], numbers, start + 1)
     notes += missing_frames_note(len(numbers), frames)
     used, words = _rate(rate, numbers[:, 1])
@@ -302,7 +300,7 @@ def find_axes(lines: list[str]) -> int | None:
     """The number, from 0, of the line of axes below a line of labels; None if there is none."""
     for number, line in enumerate(lines[1:_FIRST], start=1):
         cells = cells_of(line, find_delimiter(line))
-        axes = [found[1].upper() for cell in cells if (found := _AXIS.match(cell))]
+        axes = [axis[1].upper() for cell in cells if (axis := _AXIS.match(cell))]
         whole = len(axes) >= 3 and len(axes) % 3 == 0 and axes == list("XYZ") * (len(axes) // 3)
         others = [cell for cell in cells if cell and not _AXIS.match(cell)]
         above = lines[number - 1]
@@ -320,12 +318,12 @@ def read_two_lines(lines: list[str], axes: int) -> FileContents:
     delimiter = find_delimiter(lines[axes])
     low, heads = cells_of(lines[axes], delimiter), cells_of(lines[axes - 1], delimiter)
     heads += [""] * (len(low) - len(heads))
-    places = [i for i, cell in enumerate(low) if (found := _AXIS.match(cell)) and found[1].upper() == "X"]
+    places = [i for i, cell in enumerate(low) if (axis := _AXIS.match(cell)) and axis[1].upper() == "X"]
     if nameless := [i for i in places if not heads[i]]:
         raise RecordingError(f"line {axes}, column {nameless[0] + 1}: no label above the axes {low[nameless[0]]}")
     end = max(i for i, line in enumerate(lines, start=1) if line.strip())
     start = next((i for i in range(axes + 1, end) if lines[i].strip(" ,;\t")), end)
-    numbers = Rows(lines[start:end], start + 1, delimiter).numbers(len(low))
+    numbers = read_rows(lines[start:end], start + 1, delimiter, len(low))
     first = [(low[i] or heads[i]).lower().rstrip("#") for i in range(places[0])]
     notes: tuple[str, ...] = ()
     if first and first[0] in _TWO_LINE_COUNTERS:

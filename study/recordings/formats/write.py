@@ -1,10 +1,8 @@
-"""Download recordings from a public library by name, once, into the user's cache folder.
+"""Get and store recordings: download one from a public library, once, and write one as C3D, TRC or a table.
 
 The library of the CMU Graphics Lab is at mocap.cs.cmu.edu; its recordings may be used freely, but not resold. It asks
 for this acknowledgement: "The data used in this project was obtained from mocap.cs.cmu.edu. The database was created
 with funding from NSF EIA-0196217."
-
-Write a recording to a file: C3D, TRC, or a table with a column per coordinate.
 """
 
 import contextlib
@@ -45,8 +43,8 @@ class Library:
     """Terms of use, in short."""
 
 
-def _cmu_place(found: re.Match[str]) -> str:
-    subject, trial = found["subject"].lstrip("0").zfill(2), found["trial"].lstrip("0").zfill(2)
+def _cmu_place(name: re.Match[str]) -> str:
+    subject, trial = name["subject"].lstrip("0").zfill(2), name["trial"].lstrip("0").zfill(2)
     return f"{subject}/{subject}_{trial}.c3d"
 
 
@@ -88,10 +86,10 @@ def fetch(library: str, name: str, *, base: str | None = None, folder: Path | No
     if library not in LIBRARIES:
         raise RecordingError(f"no library {library!r}: {did_you_mean(library, LIBRARIES)}")
     source = LIBRARIES[library]
-    found = source.name.fullmatch(name)
-    if found is None:
+    parts = source.name.fullmatch(name)
+    if parts is None:
         raise RecordingError(f"{name!r} cannot be a recording of {library}; give a name such as {source.example}")
-    place = source.where(found)
+    place = source.where(parts)
     address = (base or os.environ.get(f"STUDY_{library.upper()}_URL") or source.base).rstrip("/")
     folder = Path(pooch.os_cache("sphere-fit-study")) / library if folder is None else folder
     url, target = f"{address}/{place}", folder / Path(place).name

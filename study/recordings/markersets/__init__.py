@@ -1,8 +1,7 @@
 """A marker set: the markers on each segment of the body, and the joints between the segments.
 
-Faults between the names of a marker set whose file breaks the schema, too, so that a user hears of both at once.
-
-Read marker sets from TOML files: a `MarkerSet`, or one message with every fault; shipped ones go by their name.
+It is read from a TOML file, shipped or a user's own. A file with faults gives one message with all of them, those of
+the schema and those between names.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -66,8 +65,8 @@ class MarkerSet(MarkerSetParts):
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
-        if found := list(misfits(self)):
-            raise ValueError("; ".join(f"{fault.place()}: {fault.words}" for fault in found))
+        if faults := list(misfits(self)):
+            raise ValueError("; ".join(f"{fault.place()}: {fault.words}" for fault in faults))
         return self
 
     def segment(self, name: str) -> Segment:
@@ -184,8 +183,8 @@ def name_faults(document: Mapping[str, object], faults: Sequence[Fault]) -> list
     seen = {fault.path for fault in faults}
     # without all markers nobody knows which of them are on no segment
     vague = any(path[0] == "segments" and path[2:3] == ("markers",) for path in seen)
-    found = [fault for fault in misfits(parts) if fault.path not in seen]
-    return [fault for fault in found if not (vague and (fault.path[0] == "optional" or fault.path[-1] == "markers"))]
+    further = [fault for fault in misfits(parts) if fault.path not in seen]
+    return [fault for fault in further if not (vague and (fault.path[0] == "optional" or fault.path[-1] == "markers"))]
 
 
 def _loosely(model: type[_Part], table: Mapping[str, object], blank: Mapping[str, object]) -> _Part:
@@ -206,7 +205,7 @@ def _tables(document: Mapping[str, object], section: str) -> list[Mapping[str, o
 
 
 def _names(value: object) -> tuple[str, ...]:
-    return tuple(each for each in value if isinstance(each, str)) if isinstance(value, list) else ()
+    return tuple(word for word in value if isinstance(word, str)) if isinstance(value, list) else ()
 
 
 FOLDER = Path(__file__).parent

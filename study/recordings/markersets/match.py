@@ -110,7 +110,7 @@ def choose(recording: Recording, candidates: Sequence[str] | None = None) -> Mat
     """
     names = shipped() if candidates is None else list(candidates)
     matches = sorted((match(load_markerset(name), recording) for name in names), key=_quality, reverse=True)
-    if fitting := [found for found in matches if _fits(found)]:
+    if fitting := [placed for placed in matches if _fits(placed)]:
         return fitting[0]
     labels = ", ".join(recording.markers[:8]) + (", ..." if len(recording.markers) > 8 else "")
     if matches and matches[0].joints:
@@ -119,51 +119,51 @@ def choose(recording: Recording, candidates: Sequence[str] | None = None) -> Mat
         words = f"with {name}, the nearest, {_share(best)} can be found; --markerset {name} uses it nevertheless"
         words += f"; unused clusters are {', '.join(unused)}" if unused else ""
     else:
-        tried = ", ".join(sorted(found.whole.name for found in matches)) or "none"
+        tried = ", ".join(sorted(placed.whole.name for placed in matches)) or "none"
         words = f"with none of {tried} can a joint be found among the labels {labels}"
     remedy = "write your own: `study markersets cmu41 > mine.toml` gives a start, --markerset mine.toml uses it"
     raise MarkerSetError(f"{recording.name}: no marker set fits: {words}; {remedy}")
 
 
-def with_better(found: Match) -> Match:
+def with_better(placed: Match) -> Match:
     """The match with a remark if a shipped set finds more joints than the one that a user named."""
-    others = [match(load_markerset(name), found.source) for name in shipped()]
-    better = [other for other in others if len(other.joints) > len(found.joints) and _fits(other)]
+    others = [match(load_markerset(name), placed.source) for name in shipped()]
+    better = [other for other in others if len(other.joints) > len(placed.joints) and _fits(other)]
     if not better:
-        return found
+        return placed
     best = max(better, key=_quality)
-    return replace(found, remarks=(f"marker set {best.whole.name} fits better: {_share(best)} can be found with it",))
+    return replace(placed, remarks=(f"marker set {best.whole.name} fits better: {_share(best)} can be found with it",))
 
 
 def clusters(labels: Sequence[str]) -> list[str]:
     """Groups of three or more labels that differ by a number at the end alone, such as LTH1-LTH3."""
     groups: dict[str, list[tuple[int, str]]] = {}
     for label in labels:
-        if (found := _NUMBERED.match(label)) is not None:
-            groups.setdefault(found[1], []).append((int(found[2]), label))
+        if (numbered := _NUMBERED.match(label)) is not None:
+            groups.setdefault(numbered[1], []).append((int(numbered[2]), label))
     return [f"{min(group)[1]}-{max(group)[1]}" for group in groups.values() if len(group) > 2]
 
 
-def _fits(found: Match) -> bool:
+def _fits(placed: Match) -> bool:
     """True if a set fits a recording well enough to be chosen without being named."""
-    count = len(found.joints)
-    if 2 * count > len(found.whole.joints):
+    count = len(placed.joints)
+    if 2 * count > len(placed.whole.joints):
         return True
-    shown = [j for j in found.whole.joints if any(m in found.labels for m in found.whole.segment(j.child).markers)]
-    most = 2 * len(found.labels) > len(found.source.markers)
+    shown = [j for j in placed.whole.joints if any(m in placed.labels for m in placed.whole.segment(j.child).markers)]
+    most = 2 * len(placed.labels) > len(placed.source.markers)
     return 2 * count > len(shown) and (count >= _ENOUGH or (count > 1 and most))
 
 
-def _share(found: Match) -> str:
-    return f"{len(found.joints)} of {len(found.whole.joints)} joints"
+def _share(placed: Match) -> str:
+    return f"{len(placed.joints)} of {len(placed.whole.joints)} joints"
 
 
-def _quality(found: Match) -> tuple[int, int, int, int]:
+def _quality(placed: Match) -> tuple[int, int, int, int]:
     """Order by how well a set fits: joints, markers, gaps in the segments that the recording shows, aliases."""
-    aliases = sum(marker != label for marker, label in found.labels.items())
-    shown = (s.name for s in found.whole.segments if any(marker in found.labels for marker in s.markers))
-    gaps = sum(len(found.lacking.get(name, ())) for name in shown)
-    return len(found.joints), len(found.labels), -gaps, -aliases
+    aliases = sum(marker != label for marker, label in placed.labels.items())
+    shown = (s.name for s in placed.whole.segments if any(marker in placed.labels for marker in s.markers))
+    gaps = sum(len(placed.lacking.get(name, ())) for name in shown)
+    return len(placed.joints), len(placed.labels), -gaps, -aliases
 
 
 def _label(markerset: MarkerSet, marker: str, labels: dict[str, str]) -> str | None:

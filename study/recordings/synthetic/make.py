@@ -1,15 +1,10 @@
-"""Artefacts of real recordings, drawn for synthetic ones: noise, soft tissue, gaps and swapped markers.
+"""Recordings of an articulated body whose joints are known, on which estimators and skeletons are tested.
 
-The truth about a synthetic body - segments, joints and missing samples - and its tables beside the recording.
-
-Random motion of the articulated body within its natural range: smooth, in strides, or each frame drawn anew.
-
-Laws by which the skin moves the markers on their segments, for synthetic bodies.
+The body moves at random within its natural range; then come the artefacts of real recordings: skin that moves the
+markers, noise, swapped markers and gaps. The truth stands in tables of its own.
 
 What skin does to a joint's centre depends on what it moves with (theory §12): a displacement that is linear in the
 joint's own angle moves the centre and leaves next to no residual, above all one that is common to a segment's markers.
-
-Make a recording of an articulated body whose joints are known; estimators and skeletons are tested on it.
 """
 
 from collections.abc import Callable, Sequence
@@ -27,7 +22,53 @@ from study.fits.streams import stream
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.rigid import nearest_rotation
 from study.recordings.synthetic.body import JOINTS, MARKERS, PARTS, BodyPart, nearest_pairs, unit
-from study.recordings.synthetic.recipe import Recipe
+
+_LIMITS = {
+    "frames": (2, 10**7),
+    "rate": (1, 1e5),
+    "seed": (0, 2**63),
+    "noise": (0, 10),
+    "soft_tissue": (0, 10),
+    "gaps": (0, 1),
+    "swaps": (0, 1),
+    "height": (0.1, 10),
+    "reach": (0, 1),
+}
+"""Least and greatest value of each number of a recipe."""
+SKIN = ("mixed", "random", "angle", "velocity", "cluster")
+"""Laws by which the skin moves the markers; see `skin_motion`."""
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """The settings of a synthetic recording: the options of `study synthetic`, whose help says more.
+
+    Raises:
+        RecordingError: if a number is outside of its limits, ``skin`` is no law, or both ``independent`` and ``gait``.
+    """
+
+    frames: int = 3000
+    rate: float = 120.0
+    seed: int = 1
+    noise: float = 0.001
+    soft_tissue: float = 0.0
+    skin: str = "mixed"
+    gaps: float = 0.0
+    swaps: float = 0.0
+    height: float = 1.75
+    reach: float = 1.0
+    independent: bool = False
+    gait: bool = False
+
+    def __post_init__(self) -> None:
+        for name, (low, high) in _LIMITS.items():
+            if not low <= (value := getattr(self, name)) <= high:
+                raise RecordingError(f"{name} = {value:g} of a synthetic body must be from {low:g} to {high:g}")
+        if self.skin not in SKIN:
+            raise RecordingError(f"skin = {self.skin} of a synthetic body must be one of {', '.join(SKIN)}")
+        if self.independent and self.gait:
+            raise RecordingError("independent and gait of a synthetic body exclude each other; choose one")
+
 
 _GAP = 0.2  # mean duration of a gap, seconds
 _SWAP = 0.15  # mean duration of a swap, seconds
@@ -411,9 +452,9 @@ def _bones(in_parent: Floats) -> dict[tuple[str, str], float]:
     """Length from a segment's joint to its parent to each joint that is fixed in the segment."""
     joint_of = {part.name: part.joint for part in PARTS}
     lengths = np.linalg.norm(in_parent, axis=1)
-    found = {}
+    bones = {}
     for part, length in zip((part for part in PARTS if part.joint), lengths, strict=True):
         start = joint_of[str(part.parent)]
         if start is not None:
-            found[start, str(part.joint)] = float(length)
-    return found
+            bones[start, str(part.joint)] = float(length)
+    return bones

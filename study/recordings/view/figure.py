@@ -1,12 +1,7 @@
-"""View a scene from a direction, in parallel projection: lengths across the view keep their scale.
+"""Pictures of a skeleton with matplotlib, and figure 1: one frame with its markers, bones and joints.
 
-Error ellipsoids of joints: their half axes, and the factor by which they are drawn larger.
-
-Colours of skeletons in figures, videos and the viewer: one per side of the body, and one for doubtful joints.
-
-Draw a skeleton with matplotlib; for the next frame its artists move.
-
-Figure 1: the skeleton in one frame, with its markers, bones and joints, and the error ellipsoid of each joint.
+The view is a parallel projection: lengths across it keep their scale. A bone has the colour of its side of the body,
+and doubtful joints have one of their own. For the next frame of a video the artists move.
 
 The paper shows a skeleton during a karate exercise. Here each joint has its 95 % error ellipsoid, enlarged by a factor
 that the figure states. That of a hinge is a disc, and a line shows its axis, along which the data do not place it.
@@ -106,8 +101,8 @@ def exaggeration(scene: Scene) -> int:
 
 def hinges(scene: Scene) -> Bools:
     """True for joints that are known across an axis, but not along it (joints,)."""
-    found: Bools = np.isnan(scene.errors[:, 2]) & ~np.isnan(scene.errors[:, 0])
-    return found
+    known: Bools = np.isnan(scene.errors[:, 2]) & ~np.isnan(scene.errors[:, 0])
+    return known
 
 
 SIDES = {"left": "#0072b2", "right": "#c2580a", "": "#4a4a4a"}
@@ -292,8 +287,8 @@ def _complete(scene: Scene) -> Ints:
     """Some of the frames with the fewest missing markers and bridged joints."""
     bad = (scene.flags != Flag.SEEN).sum(axis=0) + np.isnan(scene.places[:, 0]).sum(axis=0)
     best = np.flatnonzero(bad == bad.min())
-    some: Ints = best[np.unique(np.linspace(0, len(best) - 1, _CANDIDATES).astype(int))]
-    return some
+    frames: Ints = best[np.unique(np.linspace(0, len(best) - 1, _CANDIDATES).astype(int))]
+    return frames
 
 
 def _apart(points: Floats, camera: Camera) -> float:

@@ -1,35 +1,24 @@
-"""The commands on recordings, as a user calls them: output, files and refusals.
-
-The command `study joint`, as a user calls it.
-
-The folder for the results of a recording.
-
-Options in groups: a command has an option for each field of a dataclass, and receives the dataclass.
-"""
+"""The commands on recordings, as a user calls them: options, output, files and refusals."""
 
 import inspect
 import json
 import os
 import shutil
 import sys
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import get_args
 
 import numpy as np
 import pandas as pd
 import pytest
-import typer
-from typer.testing import CliRunner
 
 from study import cli
 from study.recordings.commands.common import results_folder
-from study.recordings.commands.options import grouped
+from study.recordings.commands.skeleton import synthetic
 from study.recordings.formats.write import write_recording
 from study.recordings.markersets import load_markerset, shipped
 from study.recordings.recording import Recording, RecordingError
-from study.recordings.synthetic.make import synthesize
-from study.recordings.synthetic.recipe import Recipe
+from study.recordings.synthetic.make import SKIN, Recipe, synthesize
 
 FILES = ["angles.parquet", "bones.parquet", "calibration.json", "fig1_skeleton.png", "fig1_skeleton.svg", "motion.json"]
 
@@ -430,37 +419,23 @@ def test_case_study(call, body, tmp_path):
 NECK = ("--parent", "C7,CLAV,STRN,T10", "--child", "LFHD,RFHD,LBHD,RBHD")
 
 
-@pytest.fixture
-def call_of_joint_command(monkeypatch, capsys, tmp_path):
-    """Run the command in a folder of its own; exit code, standard output and standard error come back."""
-
-    def run(*arguments):
-        monkeypatch.chdir(tmp_path)
-        monkeypatch.setattr(sys, "argv", ["study", "joint", *map(str, arguments)])
-        with pytest.raises(SystemExit) as end:
-            cli.main()
-        return end.value.code, *capsys.readouterr()
-
-    return run
-
-
 @pytest.fixture(scope="module")
-def body_of_joint_command(tmp_path_factory):
-    """A recording of a synthetic body as a file."""
+def whole_body(tmp_path_factory):
+    """A recording of a synthetic body as a file, without gaps."""
     recording, _ = synthesize(Recipe(frames=500, noise=0.001))
-    return write_recording(recording, tmp_path_factory.mktemp("body") / "body.c3d")
+    return write_recording(recording, tmp_path_factory.mktemp("whole") / "body.c3d")
 
 
-def test_one_line_and_no_files(call_of_joint_command, body_of_joint_command, tmp_path):
-    code, said, complained = call_of_joint_command(body_of_joint_command, *NECK)
+def test_one_line_and_no_files(call, whole_body, tmp_path):
+    code, said, complained = call("joint", whole_body, *NECK)
     assert (code, complained) == (0, "")
     (line,) = said.splitlines()
     assert line.startswith("body: ok; centre (")
     assert list(tmp_path.iterdir()) == []
 
 
-def test_json(call_of_joint_command, body_of_joint_command):
-    code, said, complained = call_of_joint_command(body_of_joint_command, *NECK, "--json")
+def test_json(call, whole_body):
+    code, said, complained = call("joint", whole_body, *NECK, "--json")
     assert (code, complained) == (0, "")
     values = json.loads(said)
     assert (values["recording"], values["ok"], values["kind"], values["frames"] > 400) == (
@@ -471,23 +446,17 @@ def test_json(call_of_joint_command, body_of_joint_command):
     )
 
 
-def test_a_joint_that_is_not_ok(call_of_joint_command, body_of_joint_command):
+def test_a_joint_that_is_not_ok(call, whole_body):
     """The exit code is 3, and the reason stands in the line: within the pelvis nothing moves."""
-    code, said, complained = call_of_joint_command(
-        body_of_joint_command, "--parent", "LFWT,RFWT,LBWT", "--child", "RBWT"
-    )
+    code, said, complained = call("joint", whole_body, "--parent", "LFWT,RFWT,LBWT", "--child", "RBWT")
     assert (code, complained) == (3, "")
     assert "doubts: " in said
-    code, said, _ = call_of_joint_command(
-        body_of_joint_command, "--parent", "LFWT,RFWT,LBWT", "--child", "RBWT", "--json"
-    )
+    code, said, _ = call("joint", whole_body, "--parent", "LFWT,RFWT,LBWT", "--child", "RBWT", "--json")
     assert (code, json.loads(said)["ok"]) == (3, False)
 
 
-def test_a_wrong_label(call_of_joint_command, body_of_joint_command):
-    code, said, complained = call_of_joint_command(
-        body_of_joint_command, "--parent", "C77,CLAV,STRN", "--child", "LFHD"
-    )
+def test_a_wrong_label(call, whole_body):
+    code, said, complained = call("joint", whole_body, "--parent", "C77,CLAV,STRN", "--child", "LFHD")
     assert (code, said, len(complained.splitlines())) == (2, "", 1)
     assert "did you mean 'C7'" in complained
 
@@ -520,67 +489,21 @@ def test_a_file_is_no_folder(tmp_path):
         results_folder("a", tmp_path / "file")
 
 
-@dataclass(frozen=True)
-class Speed:
-    """A group of three options."""
-
-    per_second: float = field(default=2.5, metadata={"help": "metres per second"})
-    name: str | None = field(default=None, metadata={"help": "of the runner"})
-    uphill: bool = field(default=False, metadata={"help": "on a slope"})
+def test_options_of_a_synthetic_body():
+    """The command has an option for each setting, with the same default, and its help names every law of the skin."""
+    options = inspect.signature(synthetic).parameters
+    assert {name: options[name].default for name in Recipe.__dataclass_fields__} == vars(Recipe())
+    assert get_args(options["skin"].annotation)[1].help.endswith(f": {', '.join(SKIN)}")
 
 
-@pytest.fixture
-def run():
-    """Call a command with a group; its output comes back."""
-    app = typer.Typer(rich_markup_mode=None)
-
-    @app.command()
-    @grouped
-    def walk(
-        file: Annotated[Path, typer.Argument()], *, count: Annotated[int, typer.Option()] = 3, speed: Speed
-    ) -> None:
-        """Walk along a file."""
-        typer.echo(f"{file} {count} {speed}")
-
-    def call(*arguments):
-        done = CliRunner().invoke(app, list(arguments))
-        return done.exit_code, done.output
-
-    return call
-
-
-def test_values(run):
-    """Given options and defaults arrive in the group, others in their parameters."""
-    assert run("a") == (0, f"a 3 {Speed()}\n")
-    assert run("a", "--per-second", "4", "--count", "1", "--name", "x", "--uphill") == (
-        0,
-        f"a 1 {Speed(4.0, 'x', True)}\n",
-    )
-
-
-def test_help(run):
-    """Each field has its option with its type, default and help; the group itself has none."""
-    said = run("--help")[1]
-    assert "Walk along a file." in said
-    for words in ("--per-second <float>", "metres per second", "[default: 2.5]", "--name <str>", "of the runner"):
-        assert words in said
-    assert "--uphill" in said
-    assert "--no-uphill" not in said
-    assert "--speed" not in said
-
-
-def test_wrong_values(run):
-    """A value of another type is a mistake of the user, with the option's name."""
-    code, said = run("a", "--per-second", "fast")
-    assert code == 2
-    assert "--per-second" in said
-
-
-def test_order():
-    """The options of a group stand where the group stands."""
-
-    @grouped
-    def walk(first: int, speed: Speed, last: int) -> None:
-        """Walk."""
-
-    assert list(inspect.signature(walk).parameters) == ["first", "per_second", "name", "uphill", "last"]
+def test_every_option_is_passed_on(call, tmp_path):
+    """Each setting reaches the body: the recording is the one that the library makes of them."""
+    given = Recipe(30, 60.0, 2, 0.002, 0.01, "angle", 0.1, 0.05, 1.6, 0.5, gait=True)
+    options = [f"--{name.replace('_', '-')}={value}" for name, value in vars(given).items() if type(value) is not bool]
+    assert call("synthetic", *options, "--gait", "--out", "a.csv")[0] == 0
+    write_recording(synthesize(given)[0], tmp_path / "b.csv")
+    assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
+    options = ["--frames=30", "--independent", "--out", "c.csv"]
+    assert call("synthetic", *options)[0] == 0
+    write_recording(synthesize(Recipe(30, independent=True))[0], tmp_path / "d.csv")
+    assert (tmp_path / "c.csv").read_bytes() == (tmp_path / "d.csv").read_bytes()

@@ -14,8 +14,7 @@ from trc import TRCData
 from study.recordings.formats.read import read_recording
 from study.recordings.formats.write import LIBRARIES, WRITERS, DownloadError, fetch, write_recording
 from study.recordings.recording import Recording, RecordingError
-from study.recordings.synthetic.make import synthesize
-from study.recordings.synthetic.recipe import Recipe
+from study.recordings.synthetic.make import Recipe, synthesize
 
 
 class Server(ThreadingHTTPServer):

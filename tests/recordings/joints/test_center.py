@@ -15,8 +15,7 @@ from study.recordings.joints.symmetric import symmetric_fit
 from study.recordings.markersets import load_markerset
 from study.recordings.pose_noise import PoseNoise
 from study.recordings.rigid import fit_rigid_motion, to_local
-from study.recordings.synthetic.make import synthesize
-from study.recordings.synthetic.recipe import Recipe
+from study.recordings.synthetic.make import Recipe, synthesize
 
 CENTER = np.array([0.02, 0.09, -0.1])
 

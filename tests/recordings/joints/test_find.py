@@ -23,8 +23,7 @@ from study.recordings.rigid import rotation_range
 from study.recordings.skeleton.calibrate import calibration_from
 from study.recordings.skeleton.draw import draw_skeleton
 from study.recordings.skeleton.make_scene import skeleton_lines, skeleton_scene
-from study.recordings.synthetic.make import synthesize
-from study.recordings.synthetic.recipe import Recipe
+from study.recordings.synthetic.make import Recipe, synthesize
 
 CMU41 = load_markerset("cmu41")
 

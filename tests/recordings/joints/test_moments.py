@@ -15,8 +15,7 @@ from study.recordings.joints.poses import (
 )
 from study.recordings.markersets import load_markerset
 from study.recordings.pose_noise import PoseNoise
-from study.recordings.synthetic.make import synthesize
-from study.recordings.synthetic.recipe import Recipe
+from study.recordings.synthetic.make import Recipe, synthesize
 
 
 def frame_noise(rng, frames, tilt=0.0, shift=0.0, cross=False):

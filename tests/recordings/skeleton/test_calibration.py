@@ -23,8 +23,7 @@ from study.recordings.skeleton.calibrate import (
 from study.recordings.skeleton.calibration import load_calibration, save_calibration
 from study.recordings.skeleton.draw import draw_skeleton
 from study.recordings.skeleton.make_scene import skeleton_scene
-from study.recordings.synthetic.make import synthesize
-from study.recordings.synthetic.recipe import Recipe
+from study.recordings.synthetic.make import Recipe, synthesize
 
 
 def test_saved_and_read_it_is_the_same(figure, figure_calibration, tmp_path):

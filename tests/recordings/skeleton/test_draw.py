@@ -14,8 +14,7 @@ from study.recordings.skeleton.draw import draw_skeleton
 from study.recordings.skeleton.make_scene import skeleton_scene
 from study.recordings.skeleton.poses import ExpectedPoses, PivotPath, SegmentPath, complete_poses
 from study.recordings.skeleton.scene import Flag
-from study.recordings.synthetic.make import synthesize
-from study.recordings.synthetic.recipe import Recipe
+from study.recordings.synthetic.make import Recipe, synthesize
 
 CMU41 = load_markerset("cmu41")
 

@@ -17,8 +17,7 @@ from study.recordings.markersets import load_markerset
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.skeleton.make_scene import SceneJoint, bone_table, make_scene, skeleton_lines, skeleton_table
 from study.recordings.skeleton.scene import Flag, bones, mirrored, side
-from study.recordings.synthetic.make import synthesize
-from study.recordings.synthetic.recipe import Recipe
+from study.recordings.synthetic.make import Recipe, synthesize
 
 
 @pytest.fixture(scope="module")

@@ -14,8 +14,7 @@ from study.recordings.recording import RecordingError
 from study.recordings.rigid import nearest_rotation
 from study.recordings.synthetic import make
 from study.recordings.synthetic.body import JOINTS, MARKERS, PARTS, nearest_pairs, unit
-from study.recordings.synthetic.make import draw_motion, synthesize, write_truth
-from study.recordings.synthetic.recipe import SKIN, Recipe
+from study.recordings.synthetic.make import SKIN, Recipe, draw_motion, synthesize, write_truth
 
 
 def test_noise():

@@ -1,0 +1,201 @@
+"""Recordings in Python, as the commands treat them: from a file to joints, and to a skeleton in every frame."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from study.recordings import session
+from study.recordings.formats.read import read_recording
+from study.recordings.markersets import MarkerSetError, load_markerset
+from study.recordings.markersets.match import Match, choose, match, with_better
+from study.recordings.one_joint import OneJoint, find_clusters, fit_one_joint
+from study.recordings.recording import Recording, RecordingError, one_after_another
+from study.recordings.skeleton import draw
+from study.recordings.skeleton.calibrate import calibrate, require_same_subject
+from study.recordings.skeleton.calibration import Calibration, load_calibration
+
+Source = str | Path | Recording
+"""A recording, or its file."""
+
+
+def find_joints(
+    recording: Source | Sequence[Source], markerset: str | None = None, *, static: Source | None = None
+) -> Calibration:
+    """Find the joints of a recording, or of several trials of one session: phase 1, as `study joints` does.
+
+    Args:
+        recording: a `Recording` or its file; or several, of the same subject with the same markers: each joint then
+            comes from the trials that moved it.
+        markerset: name or file of a marker set; the shipped one that fits best if None.
+        static: a trial that gives the shapes of the segments.
+
+    Returns:
+        The joints by their names, ``joints["left_hip"]``, and all in ``joints.joints``. Each has a ``status`` and the
+        ``reason`` for it in words, its place ``in_parent`` and ``in_child`` (3,), metres, in the axes of its two
+        segments, the ``covariance`` (3, 3) of the place, m², and its largest ``standard_error``, metres.
+        `draw_skeleton` draws other recordings of the subject with them.
+
+    Raises:
+        RecordingError: if a recording cannot be read, or trials seem to show different subjects.
+        MarkerSetError: if the marker set cannot be read, or no joint can be found with it.
+
+    Example:
+        A body of random motion, whose joints are known:
+
+        >>> import numpy as np, study
+        >>> from study.recordings.synthetic.make import Recipe, synthesize
+        >>> recording, truth = synthesize(Recipe(frames=500, noise=0.001))
+        >>> joints = study.find_joints(recording)
+        >>> hip = joints["left_hip"]
+        >>> hip.status.name, hip.joint.parent, hip.joint.child
+        ('OK', 'pelvis', 'left_thigh')
+        >>> bool(hip.standard_error < 0.001)
+        True
+    """
+    trials = [recording] if isinstance(recording, str | Path | Recording) else list(recording)
+    every = [_read(trial) for trial in [*trials, *([] if static is None else [static])]]
+    if not every:
+        raise RecordingError("no recording is given; give one, or several of one session")
+    if len(every) == 1:
+        return with_joints(every[0], None, markerset)[1]
+    return fit_session(every, static=static is not None, markerset=markerset)[1].merged.calibration
+
+
+def find_joint(
+    recording: Source, parent: Sequence[str], child: Sequence[str], *, hinge: bool = False, across: Sequence[str] = ()
+) -> OneJoint:
+    """Find one joint, from the markers of its two segments, as `study joint` does.
+
+    Args:
+        recording: a `Recording` or its file.
+        parent: labels of three or more markers of the parent segment.
+        child: labels of markers of the child segment, which rotates about the joint.
+        hinge: True if the joint is a hinge, such as a knee or an elbow.
+        across: labels of the lateral and the medial point midway between which a hinge lies along its axis.
+
+    Returns:
+        The joint: ``ok``; ``doubts``, the reasons not to rely on it; its largest standard ``error``, metres; its mean
+        place ``in_recording`` (3,), metres; and more. One that cannot be found has NaN for its place.
+
+    Raises:
+        RecordingError: if the recording cannot be read, or its markers cannot fix a joint.
+
+    Example:
+        A thigh that rotates about a point .4 m below the origin, before a pelvis at rest:
+
+        >>> import numpy as np, study
+        >>> from scipy.spatial.transform import Rotation
+        >>> rng = np.random.default_rng(1)
+        >>> pelvis = np.array([[0.1, 0.1, 0], [-0.1, 0.1, 0], [0, -0.1, 0]])
+        >>> thigh = np.array([[0.05, 0, -0.2], [-0.05, 0, -0.3], [0, 0.05, -0.4]])
+        >>> turns = Rotation.from_rotvec(rng.uniform(-0.5, 0.5, (300, 3))).as_matrix()
+        >>> moved = [0, 0, -0.4] + np.einsum("tij,mj->mti", turns, thigh)
+        >>> rest = np.repeat(pelvis[:, None], 300, axis=1)
+        >>> positions = np.swapaxes(np.concatenate([rest, moved]), 1, 2) + rng.normal(0, 0.001, (6, 3, 300))
+        >>> recording = study.Recording("arrays", ("P1", "P2", "P3", "T1", "T2", "T3"), positions, rate=100)
+        >>> joint = study.find_joint(recording, ["P1", "P2", "P3"], ["T1", "T2", "T3"])
+        >>> joint.ok, joint.doubts
+        (True, ())
+        >>> np.round(joint.in_recording, 2) + 0.0
+        array([ 0. ,  0. , -0.4])
+    """
+    source = _read(recording)
+    return fit_one_joint(source, find_clusters(source, *map(",".join, (parent, child, across))), hinge)
+
+
+def draw_skeleton(
+    recording: Source,
+    joints: Calibration | str | Path | None = None,
+    *,
+    markerset: str | None = None,
+    force: bool = False,
+) -> draw.Skeleton:
+    """Draw the skeleton of a recording in every frame: phase 2, as `study skeleton` does.
+
+    Args:
+        recording: a `Recording` or its file.
+        joints: of the same subject with the same markers, as `find_joints` returns them or in a calibration.json; found
+            in this recording if None.
+        markerset: for joints that are found here; the shipped one that fits best if None.
+        force: True to use ``joints`` even if they seem to be another subject's.
+
+    Returns:
+        The skeleton: ``center("left_hip")`` is a joint's centre (3, frames), metres, NaN where unknown, ``flags``
+        (joints, frames) tell if markers show it, and ``rotation("left_thigh")`` is the rotation of a segment (3, 3,
+        frames).
+
+    Raises:
+        RecordingError: if the recording cannot be read, or the joints seem to be another subject's.
+        MarkerSetError: if the marker set cannot be read, or no joint can be found with it.
+
+    Example:
+        >>> import numpy as np, study
+        >>> from study.recordings.synthetic.make import Recipe, synthesize
+        >>> recording, truth = synthesize(Recipe(frames=500, noise=0.001))
+        >>> skeleton = study.draw_skeleton(recording)
+        >>> skeleton.center("left_hip").shape
+        (3, 500)
+        >>> off = skeleton.center("left_hip") - truth.centers[truth.joints.index("left_hip")]
+        >>> bool(np.linalg.norm(off, axis=0).max() < 0.01)
+        True
+    """
+    placed, calibration = with_joints(_read(recording), joints, markerset)
+    skeleton = draw.draw_skeleton(calibration, placed.recording)
+    return skeleton if force else require_same_subject(skeleton)
+
+
+def place_markerset(recording: Recording, markerset: str | None = None) -> Match:
+    """Place a marker set on a recording: the named one, or the shipped one that fits best.
+
+    Raises:
+        MarkerSetError: if the marker set cannot be read, or no joint can be found with it.
+    """
+    if markerset is None:
+        return choose(recording)
+    placed = match(load_markerset(markerset), recording)
+    if not placed.joints:
+        reasons = "; ".join(f"{joint}: {reason}" for joint, reason in list(placed.lost.items())[:3])
+        raise MarkerSetError(
+            f"{recording.name}: no joint of marker set {markerset} can be found ({reasons}, ...); "
+            "leave --markerset out to choose the shipped one that fits best"
+        )
+    return with_better(placed)
+
+
+def with_joints(
+    recording: Recording, joints: Calibration | str | Path | None, markerset: str | None = None
+) -> tuple[Match, Calibration]:
+    """Place the marker set of given joints on a recording, or find joints in the recording itself.
+
+    Raises:
+        RecordingError: if the joints cannot be read, or ``markerset`` is given, too.
+        MarkerSetError: if no joint can be found with the marker set.
+    """
+    if joints is None:
+        placed = place_markerset(recording, markerset)
+        return placed, calibrate(placed.recording, placed.markerset)
+    if markerset is not None:
+        raise RecordingError(f"markerset = {markerset!r}: joints have their own marker set; leave it out")
+    if not isinstance(joints, Calibration):
+        joints = load_calibration(Path(joints, "calibration.json") if Path(joints).is_dir() else joints)
+    return match(joints.markerset, recording), joints
+
+
+def fit_session(
+    trials: Sequence[Recording], *, static: bool = False, markerset: str | None = None, force: bool = False
+) -> tuple[Match, session.Session]:
+    """Find the joints of several trials of one session.
+
+    Args:
+        trials: of the same subject with the same markers.
+        static: True if the last of them gives the shapes of the segments.
+        markerset: as in `place_markerset`, for all trials together.
+        force: True to merge trials that seem to show different subjects.
+    """
+    together = place_markerset(one_after_another(trials, ", ".join(trial.name for trial in trials)), markerset)
+    named = [match(together.whole, trial).recording for trial in trials]
+    still = named.pop() if static else None
+    return together, session.calibrate_session(together.markerset, named, still, force=force)
+
+
+def _read(recording: Source) -> Recording:
+    return recording if isinstance(recording, Recording) else read_recording(recording)

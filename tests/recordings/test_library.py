@@ -1,0 +1,91 @@
+"""Recordings from Python: public functions find joints and draw skeletons as the commands do."""
+
+import json
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import study
+from study import cli
+from study.recordings.formats.write import write_recording
+from study.recordings.markersets import MarkerSetError
+from study.recordings.recording import RecordingError
+from study.recordings.skeleton.calibration import save_calibration
+from study.recordings.synthetic.make import Recipe, synthesize
+
+
+@pytest.fixture(scope="module")
+def body(tmp_path_factory):
+    """A recording of a synthetic body as a file."""
+    return write_recording(synthesize(Recipe(frames=500))[0], tmp_path_factory.mktemp("body") / "body.c3d")
+
+
+@pytest.fixture(scope="module")
+def joints(body):
+    """Its joints."""
+    return study.find_joints(body)
+
+
+def command(*arguments):
+    """Call a command; its output comes back."""
+    done = CliRunner().invoke(cli.app, list(map(str, arguments)))
+    assert done.exit_code == 0, done.output
+    return done.stdout
+
+
+def test_joints_are_those_of_the_command(body, joints, tmp_path):
+    """The calibration is the command's, byte by byte, from the file, its name or the recording."""
+    command("joints", body, "--out", tmp_path)
+    expected = (tmp_path / "calibration.json").read_bytes()
+    for result in (joints, study.find_joints(str(body), "cmu41"), study.find_joints([study.read_recording(body)])):
+        assert save_calibration(result, tmp_path / "mine.json").read_bytes() == expected
+
+
+def test_trials_of_a_session(body, tmp_path):
+    """Several trials, one of which gives the shapes, are merged as by the command."""
+    other = synthesize(Recipe(frames=300, seed=2))[0]
+    path = write_recording(other, tmp_path / "still.c3d")
+    command("joints", body, "--static", path, "--out", tmp_path)
+    result = study.find_joints(body, static=path)
+    assert save_calibration(result, tmp_path / "mine.json").read_bytes() == (tmp_path / "calibration.json").read_bytes()
+    together = study.find_joints([body, path])
+    assert together["left_hip"].standard_error < study.find_joints(path)["left_hip"].standard_error
+
+
+def test_skeleton(body, joints, tmp_path):
+    """Joints found in the recording, given, or read from a file or its folder give the same skeleton."""
+    save_calibration(joints, tmp_path / "calibration.json")
+    own = study.draw_skeleton(body)
+    for given in (joints, tmp_path, tmp_path / "calibration.json", str(tmp_path)):
+        skeleton = study.draw_skeleton(study.read_recording(body), given)
+        np.testing.assert_array_equal(skeleton.centers, own.centers)
+
+
+def test_another_subject(joints):
+    """Joints of another subject are refused, unless they are forced."""
+    other, _ = synthesize(Recipe(frames=100, height=1.5))
+    with pytest.raises(RecordingError, match="or use --force"):
+        study.draw_skeleton(other, joints)
+    assert study.draw_skeleton(other, joints, force=True).frames == 100
+
+
+def test_one_joint(body):
+    """One joint is the command's."""
+    parent, child = ["C7", "CLAV", "STRN", "T10"], ["LFHD", "RFHD", "LBHD", "RBHD"]
+    joint = study.find_joint(body, parent, child)
+    said = command("joint", body, "--parent", ",".join(parent), "--child", ",".join(child), "--json")
+    assert json.loads(said)["center_in_recording"] == pytest.approx(joint.in_recording, rel=1e-12)
+    assert joint.ok
+
+
+def test_refusals(body, joints, tmp_path):
+    """Faults are named: no file, no such marker set, a set beside given joints."""
+    with pytest.raises(RecordingError, match=r"nothing\.c3d: cannot be read"):
+        study.find_joints(tmp_path / "nothing.c3d")
+    with pytest.raises(MarkerSetError, match="cmu42"):
+        study.find_joints(body, "cmu42")
+    with pytest.raises(RecordingError, match="markerset = 'cmu41': joints have their own marker set"):
+        study.draw_skeleton(body, joints, markerset="cmu41")
+    with pytest.raises(RecordingError, match="no recording is given"):
+        study.find_joints([])
