@@ -160,7 +160,7 @@ ESTIMATORS: dict[str, Estimator] = {
         robust,
         "Rousseeuw & Van Driessen 2006; Hadi & Simonoff 1993: mle without the outliers",
         without_outliers=True,
-        version=2,
+        version=3,
     ),
     "lls": Estimator(
         lls, "paper §4.4", flops=lambda d: 2 * d * d + 10 * d + 5, caution=_BIASED, by_window=True, version=2
