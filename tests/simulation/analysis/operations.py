@@ -56,14 +56,14 @@ def closed(x):
     """Moments, from which the closed forms follow."""
     d = x.shape[1]
     result = moments.Moments(objects(2, 1), objects(2, 1, d), objects(1, d, d))
-    moments.accumulate(x, 1, result, zeros(d), zeros(d, d))
+    moments.accumulate(x, result, zeros(d), zeros(d, d))
 
 
 def linear(x):
     """Linear least squares."""
     d = x.shape[1]
     fit = blank(1, d)._replace(center=objects(1, d), radius=objects(1), noise_variance=objects(1))
-    lls._fit_all(x, 1, fit, objects(1), objects(1, d, d), zeros(d))
+    lls._fit_all(x, fit, objects(1), objects(1, d, d), zeros(d))
 
 
 def one_pass(x):
