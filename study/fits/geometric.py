@@ -12,8 +12,7 @@ the best plane.
 Maximum likelihood: geometric least squares, minimising F(c) = Σ(Rᵢ - R̄)² over the centre, Rᵢ = |xᵢ - c|.
 
 Newton's method with the exact Hessian, from GDKE's or Taubin's answer: 1-8 passes over the data where Gauss-Newton
-takes 7-78. Never from UGDK's, which can lie anywhere. `newton.py` has the steps, this file the sums that they need.
-Sets that are formed from the same draws proceed side by side, pass by pass, while the draws are in a cache.
+takes 7-78. Never from UGDK's, which can lie anywhere.
 
 F falls off on both sides of the points: besides the minimum on the side of the sphere there may be one on the other
 side, or only a slope to infinity, where the sphere is a plane (a status says so). `mle_centroid` and `mle_mirror`
