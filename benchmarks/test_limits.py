@@ -13,7 +13,7 @@ MILLION = 1_000_000
 MANY = 60
 """Rounds that find a moment in which no neighbour uses the processor: it slows these loops more than what they beat."""
 DECADES = np.geomspace(1e-13, 1e14, 28)
-"""Levels of noise that are fitted side by side: those of the factorial study."""
+"""Levels of noise on the same draws: those of the factorial study."""
 FILL = "numpy standard_normal fills the same 3 N numbers"
 
 
@@ -50,7 +50,7 @@ def test_whole_loop(timed, normals, samples):
 
 @pytest.mark.parametrize("samples", [0, 1000, 10_000, 100_000])
 def test_one_more_level(timed, normals, samples):
-    """Points, moments and four estimators of another noise, on directions and noise that are there, beside others."""
+    """Points, moments and four estimators of another noise, on directions and noise that are there."""
     group = "one more level of noise, per sample"
     if not samples:
         timed(group, FILL, fill, *normals, items=MILLION, unit=True, rounds=MANY)
@@ -62,9 +62,10 @@ def test_one_more_level(timed, normals, samples):
     levels = [cell.level for cell in batches[0].cells]
 
     def more():
-        fitted = draws.place_each(levels)
-        for name in FOUR:
-            ESTIMATORS[name](fitted)
+        for level in levels:
+            fitted = draws.place(level, room)
+            for name in FOUR:
+                ESTIMATORS[name](fitted)
 
     items = len(levels) * draws.unit_noise.size // 3
     timed(group, f"N = {samples:,}", more, items=items, aim="≤ 0.35" if samples >= 10_000 else "", rounds=MANY)

@@ -40,15 +40,12 @@ from study.fits.closed_forms import fuller_constant, root, shrunk
 from study.fits.jit import (
     BLOCK,
     CHUNK,
-    PointSets,
     SampleBlock,
     Scratch,
     Sums,
-    abreast,
     at,
     compiled,
     dot,
-    extent,
     fill,
     fresh,
     put,
@@ -318,7 +315,7 @@ def _fit(samples: Samples, eta: Floats, pair: float | Floats) -> Estimates:
         pair=pair + np.zeros_like(eta),
         fuller=alpha,
     )
-    _fit_all(samples.rows, abreast(samples.source), start, fit, zeros(d), zeros(d, d))
+    _fit_all(samples.rows, start, fit, zeros(d), zeros(d, d))
     return fit
 
 
@@ -388,43 +385,31 @@ def _conclude(start: RootStart, t: int, trial: RootTrial, status: int, n: int, f
 
 
 @compiled
-def _fit_all(x: PointSets, group: int, start: RootStart, fit: Estimates, zero: Sums, square: Sums) -> None:
-    """Solve the equations for each set of a batch; ``group`` sets share their draws, see `abreast`.
+def _fit_all(x: Floats, start: RootStart, fit: Estimates, zero: Sums, square: Sums) -> None:
+    """Solve the equations for each set of a batch (b, d, n).
 
     ``fit`` holds the starts. ``zero`` and ``square`` are d and d² sums at zero.
     """
-    b, d, n = extent(x)
+    b, d, n = x.shape
     scratch = Scratch(np.empty((1, d, CHUNK)), zero, square)
     equations = Equations(np.empty(d + 2), np.empty((d + 2, d + 2)))
-    state, going, sums = np.empty(group, STATE), np.empty(group, np.bool_), np.empty((group, 2 + 3 * d + 2 * d * d))
-    center = np.empty((group, d))
-    for head in range(0, b, group):
-        left = 0
-        for g in range(group):
-            t = head + g
-            going[g] = start.variance[t] > 0.0 and start.radius[t] > 0.0
-            if going[g]:
-                left += 1
-                state[g].pair, state[g].radius, state[g].variance = start.pair[t], start.radius[t], start.variance[t]
-                state[g].fuller, state[g].last, state[g].passes = start.fuller[t], 0.0, 0
-                for i in range(d):
-                    center[g, i] = start.offset[t, i]
-        while left > 0:
-            for g in range(group):
-                fill(sums[g], 0.0)
+    states, center, sums = np.empty(1, STATE), np.empty(d), np.empty(2 + 3 * d + 2 * d * d)
+    state = states[0]
+    for t in range(b):
+        if not (start.variance[t] > 0.0 and start.radius[t] > 0.0):
+            continue
+        state.pair, state.radius, state.variance = start.pair[t], start.radius[t], start.variance[t]
+        state.fuller, state.last, state.passes = start.fuller[t], 0.0, 0
+        for i in range(d):
+            center[i] = start.offset[t, i]
+        trial, status = RootTrial(state, center), ON
+        while status == ON:
+            fill(sums, 0.0)
             for begun in range(0, n, BLOCK):
-                for g in range(group):
-                    if going[g]:
-                        block = SampleBlock(x, head + g, begun, min(BLOCK, n - begun))
-                        _pass(block, start.origin[head + g], center[g], state[g].radius, sums[g], scratch)
-            for g in range(group):
-                if going[g]:
-                    trial = RootTrial(state[g], center[g])
-                    status = advance(trial, n, sums[g], equations)
-                    if status != ON:
-                        _conclude(start, head + g, trial, status, n, fit)
-                        going[g] = False
-                        left -= 1
+                block = SampleBlock(x, t, begun, min(BLOCK, n - begun))
+                _pass(block, start.origin[t], center, state.radius, sums, scratch)
+            status = advance(trial, n, sums, equations)
+        _conclude(start, t, trial, status, n, fit)
 
 
 _NODES = 64

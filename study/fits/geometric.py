@@ -12,8 +12,7 @@ the best plane.
 Maximum likelihood: geometric least squares, minimising F(c) = Σ(Rᵢ - R̄)² over the centre, Rᵢ = |xᵢ - c|.
 
 Newton's method with the exact Hessian, from GDKE's or Taubin's answer: 1-8 passes over the data where Gauss-Newton
-takes 7-78. Never from UGDK's, which can lie anywhere. `newton.py` has the steps, this file the sums that they need.
-Sets that are formed from the same draws proceed side by side, pass by pass, while the draws are in a cache.
+takes 7-78. Never from UGDK's, which can lie anywhere.
 
 F falls off on both sides of the points: besides the minimum on the side of the sphere there may be one on the other
 side, or only a slope to infinity, where the sphere is a plane (a status says so). `mle_centroid` and `mle_mirror`
@@ -33,15 +32,12 @@ from study.fits.closed_forms import member, root
 from study.fits.jit import (
     BLOCK,
     CHUNK,
-    PointSets,
     SampleBlock,
     Scratch,
     Sums,
-    abreast,
     at,
     compiled,
     dot,
-    extent,
     fill,
     fresh,
     put,
@@ -330,7 +326,7 @@ def _minimum_from(samples: Samples, share: float) -> Estimates:
     fit = blank(b, d)
     fit.status[:] = first.status
     start = Start(regression.origin, regression.square, values, share * (first.center - regression.origin))
-    _fit_all(samples.rows, abreast(samples.source), start, fit, zeros(d), zeros(d, d))
+    _fit_all(samples.rows, start, fit, zeros(d), zeros(d, d))
     return fit
 
 
@@ -377,47 +373,32 @@ def _pass(block: SampleBlock, origin: Floats, center: Floats, radius: float, sum
 
 
 @compiled
-def _fit_all(x: PointSets, group: int, start: Start, fit: Estimates, zero: Sums, square: Sums) -> None:
-    """Minimise F for each set of a batch whose status is ok; ``group`` sets share their draws, see `abreast`.
+def _fit_all(x: Floats, start: Start, fit: Estimates, zero: Sums, square: Sums) -> None:
+    """Minimise F for each set of a batch (b, d, n) whose status is ok.
 
     ``zero`` and ``square`` are d and d² sums at zero.
     """
-    b, d, n = extent(x)
+    b, d, n = x.shape
     scratch = Scratch(np.empty((1, d, CHUNK)), zero, square)
     room = Room(np.empty(d), np.empty((d, d)), np.empty((d, d)))
-    state, going, sums = np.empty(group, STATE), np.empty(group, np.bool_), np.empty((group, 2 + 2 * d + d * d))
-    trial, step, result = np.empty((group, d)), np.empty((group, d)), np.empty((group, 3))
-    for head in range(0, b, group):
-        left = 0
-        for g in range(group):
-            t = head + g
-            result[g, 0] = result[g, 1] = math.nan
-            result[g, 2] = 0.0
-            going[g] = fit.status[t] == 0
-            if going[g]:
-                left += 1
-                search = Search(state[g], start.offset[t], trial[g], step[g], result[g])
-                begin(search, start.spread[t], (n - 1.0) * start.values[t, 0])
-        while left > 0:
-            for g in range(group):
-                fill(sums[g], 0.0)
+    state, sums = np.empty(1, STATE), np.empty(2 + 2 * d + d * d)
+    trial, step, result = np.empty(d), np.empty(d), np.empty(3)
+    for t in range(b):
+        result[0] = result[1] = math.nan
+        result[2] = 0.0
+        search = Search(state[0], start.offset[t], trial, step, result)
+        status = fit.status[t] if fit.status[t] != 0 else ON
+        if status == ON:
+            begin(search, start.spread[t], (n - 1.0) * start.values[t, 0])
+        while status == ON:
+            fill(sums, 0.0)
             for begun in range(0, n, BLOCK):
-                for g in range(group):
-                    if going[g]:
-                        block = SampleBlock(x, head + g, begun, min(BLOCK, n - begun))
-                        _pass(block, start.origin[head + g], trial[g], state[g].radius, sums[g], scratch)
-            for g in range(group):
-                if going[g]:
-                    t = head + g
-                    search = Search(state[g], start.offset[t], trial[g], step[g], result[g])
-                    status = advance(search, n, sums[g], room)
-                    if status != ON:
-                        fit.status[t], going[g] = status, False
-                        left -= 1
-        for g in range(group):
-            t = head + g
-            for i in range(d):
-                fit.center[t, i] = start.origin[t, i] + start.offset[t, i]
-            fit.radius[t], fit.iterations[t] = result[g, 0], int(result[g, 2])
-            value = max(result[g, 1], 0.0) if result[g, 1] == result[g, 1] else math.nan  # rounding can take F below 0
-            fit.noise_variance[t] = value / (n - d - 1) if n > d + 1 else math.nan
+                block = SampleBlock(x, t, begun, min(BLOCK, n - begun))
+                _pass(block, start.origin[t], trial, state[0].radius, sums, scratch)
+            status = advance(search, n, sums, room)
+        fit.status[t] = status
+        for i in range(d):
+            fit.center[t, i] = start.origin[t, i] + start.offset[t, i]
+        fit.radius[t], fit.iterations[t] = result[0], int(result[2])
+        value = max(result[1], 0.0) if result[1] == result[1] else math.nan  # rounding can take F below 0
+        fit.noise_variance[t] = value / (n - d - 1) if n > d + 1 else math.nan

@@ -8,7 +8,7 @@ Every compiled function of the package is decorated with :func:`compiled` and so
 * ``forceinline``: a function that two others call is compiled into each. On its own it would have a version in each,
   and which of them runs would depend on whether they were just compiled or come from the cache: bits would differ.
 
-The compiler is loaded when a compiled function is first called: a program that calls none starts in half the time.
+The compiler is loaded with the first module that has kernels, and compiles a function when it is first called.
 The first function of a process that is compiled, and not read from the cache, is a warning in the log ``study``, which
 Python prints on standard error unless a program sets up its logs; each function is a message for debugging.
 
@@ -16,32 +16,35 @@ A loop over samples keeps its sums in the value that :func:`zeros` returns: tupl
 compiler knows, so that it unrolls the loops over coordinates and vectorises the one over samples; arrays in many.
 :func:`put` and :func:`fresh` work on both, so that each sum is written once for every dimension.
 
-Layouts of point sets in memory, and the one way in which kernels read samples from each.
+Layouts of point sets in memory, and the one way in which kernels read samples.
 
-A batch of point sets is an array (b, d, n), which lies in memory coordinate by coordinate; the same sample by sample
-(`BySample`); or the draws that its points are formed from (`Placed`). Kernels read samples chunk by chunk from a
-:func:`window`, and so are written once for all three. Sets that are formed from the same draws are read side by side
-(:func:`abreast`), a block of samples from each in turn, while the draws are in a cache: reading them from memory costs
-more than forming the points.
+A batch of point sets is an array (b, d, n), which lies in memory coordinate by coordinate, or the same sample by sample
+(`BySample`). Kernels that read samples once read them chunk by chunk from a :func:`window`, and so are written once for
+both.
 """
 
-import functools
 import hashlib
 import logging
-import re
 import shutil
-import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, Protocol, TypeVar, cast
+from typing import Any, NamedTuple, Protocol, TypeVar, cast
 
 import numpy as np
 
 from study import instruction_set
 from study.arrays import Floats
 
+instruction_set.fix_compiler()
+
+from numba import float64, njit, types, uint64  # noqa: E402  after its settings are made
+from numba.core import event  # noqa: E402
+from numba.cpython.unsafe.tuple import tuple_setitem  # noqa: E402
+from numba.extending import intrinsic, overload  # noqa: E402
+
+_replaced: Callable[..., Any] = cast(Any, tuple_setitem)
+
 F = TypeVar("F", bound=Callable[..., object])
-Inline = Literal["never", "always"]
 
 CHUNK = 256
 """Samples that a kernel handles at a time: d + 2 rows of 256 doubles, and the samples, stay in a first-level cache."""
@@ -68,147 +71,65 @@ class Sums(Protocol):
     def __getitem__(self, i: int, /) -> float: ...
 
 
-def _compiled_sources() -> dict[Path, str]:
-    """Texts of the files that define kernels and of all that they import: a compiled constant may come from there."""
-    texts = {path: path.read_text(encoding="utf-8") for path in sorted(_PACKAGE.rglob("*.py"))}
-    reached = [path for path, text in texts.items() if "study.fits.jit" in text]
-    for path in reached:  # grows while it is read
-        for module, names in re.findall(r"^\s*from study\.([\w.]+) import \(?([\w\s,]*)", texts[path], re.MULTILINE):
-            folder = _PACKAGE.joinpath(*module.split("."))
-            files = [folder.with_suffix(".py"), *(folder / f"{name.strip()}.py" for name in names.split(","))]
-            reached += [file for file in files if file in texts and file not in reached]
-    return {path: texts[path] for path in sorted(reached)}
-
-
 def _discard_stale_code() -> None:
     """Remove compiled code that was made from other sources.
 
-    Numba keys a cached function by its own file alone: after a change in a function that it calls, the
-    caller would be served from the cache with the old callee inlined. A stamp of all sources of compiled code
-    prevents it.
+    Numba keys a cached function by its own file alone: after a change in a function that it calls, the caller would be
+    served from the cache with the old callee inlined. A stamp of all sources in folders with kernels prevents it.
     """
-    texts = _compiled_sources()
-    rooms = {path.relative_to(_PACKAGE).parts[0] for path in texts}
-    digest = hashlib.sha256("".join(texts.values()).encode()).hexdigest()[:16]
-    stamp = Path(__file__).parent / "__pycache__" / f"compiled-{digest}"
+    texts = {path: path.read_bytes() for path in sorted(_PACKAGE.rglob("*.py"))}
+    folders = {path.parent for path, text in texts.items() if b"\n@compiled" in text}
+    sources = (text for path, text in texts.items() if path.parent in {_PACKAGE, *folders})
+    stamp = SCALAR_CODE.parent / f"compiled-{hashlib.sha256(b''.join(sources)).hexdigest()[:16]}"
     if stamp.exists():
         return
     try:
         stamp.parent.mkdir(exist_ok=True)
         shutil.rmtree(SCALAR_CODE, ignore_errors=True)
-        for pattern in ("*.nbi", "*.nbc", "compiled-*"):
-            for stale in (path for name in rooms for path in (_PACKAGE / name).rglob(f"__pycache__/{pattern}")):
-                stale.unlink(missing_ok=True)
+        for folder in folders:
+            for stale in (folder / "__pycache__").glob("*"):
+                if stale.suffix in (".nbi", ".nbc") or stale.name.startswith("compiled-"):
+                    stale.unlink(missing_ok=True)
         stamp.touch()
     except OSError:  # a read-only installation: its sources do not change either
         return
 
 
-_overloads: list[tuple[Callable[..., object], Callable[..., object], Inline]] = []
-"""Overloads that Numba does not know yet: a function, the maker of what is compiled for it, and when to inline that."""
-_lock = threading.RLock()
+class _Report(cast(Any, event).Listener):  # type: ignore[misc]  # numba has no type for it
+    """Log functions of this package when they are compiled, and the first of them so that a user reads it."""
+
+    warned = False
+
+    def on_start(self, started: Any) -> None:
+        """Log a function."""
+        function = started.data["dispatcher"].py_func
+        if function.__module__.startswith("study."):
+            if not self.warned:
+                _LOG.warning(COMPILING)
+            self.warned = True
+            _LOG.debug("%s.%s", function.__module__, function.__qualname__)
+
+    def on_end(self, ended: Any) -> None:
+        """Say nothing."""
 
 
-class Kernel:
-    """A function that is compiled, or read from the cache on disk, when it is first called.
-
-    Args:
-        function: the function.
-        fastmath: names of LLVM's flags for floating-point arithmetic, or False.
-    """
-
-    __name__: str
-    __qualname__: str
-
-    def __init__(self, function: Callable[..., object], fastmath: set[str] | bool) -> None:
-        functools.update_wrapper(self, function)
-        self.function = function
-        self.fastmath = fastmath
-        self._code: Callable[..., object] | None = None
-
-    def __call__(self, *arguments: object) -> object:
-        """Call the compiled function."""
-        return (self._code or self.code)(*arguments)
-
-    def __reduce__(self) -> str:
-        """Pickle the function by its name, as any function."""
-        return self.__qualname__
-
-    @property
-    def code(self) -> Any:
-        """Numba's function."""
-        if self._code is None:
-            with _lock:
-                self._code = self._code or _compiler()(
-                    cache=True, nogil=True, error_model="numpy", forceinline=True, fastmath=self.fastmath
-                )(self.function)
-        return self._code
-
-
-@functools.cache
-def _load_compiler() -> Any:
-    """Load Numba, and register kernels as functions that other kernels can call."""
-    _discard_stale_code()
-    instruction_set.fix_compiler()
-    from numba import njit, types
-    from numba.core import event
-    from numba.extending import typeof_impl
-
-    class Report(event.Listener):
-        """Log functions of this package when they are compiled, and the first of them so that a user reads it."""
-
-        said = False
-
-        def on_start(self, started: Any) -> None:
-            function = started.data["dispatcher"].py_func
-            if function.__module__.startswith("study."):
-                if not self.said:
-                    _LOG.warning(COMPILING)
-                self.said = True
-                _LOG.debug("%s.%s", function.__module__, function.__qualname__)
-
-        def on_end(self, ended: Any) -> None:
-            """Nothing is said."""
-
-    cast(Any, event).register("numba:compile", Report())
-
-    @typeof_impl.register(Kernel)
-    def _type_of(kernel: Kernel, _: object) -> object:
-        return types.Dispatcher(kernel.code)
-
-    return njit
-
-
-def _compiler() -> Any:
-    """Numba's decorator, after all overloads are registered with Numba."""
-    njit = _load_compiler()
-    from numba.extending import overload
-
-    while _overloads:
-        function, make, inline = _overloads.pop()
-        overload(function, inline=inline)(make)
-    return njit
-
-
-def overload(function: Callable[..., object], inline: Inline = "never") -> Callable[[F], F]:
-    """Declare the code that kernels compile for a call of a function; it reaches `numba.extending.overload` later."""
-
-    def note(make: F) -> F:
-        with _lock:
-            _overloads.append((function, make, inline))
-        return make
-
-    return note
+_discard_stale_code()
+cast(Any, event).register("numba:compile", _Report())
 
 
 def compiled(function: F) -> F:
-    """Compile a function with the package's options, and cache the code on disk."""
-    return cast(F, Kernel(function, {"reassoc", "contract", "arcp", "nsz"}))
+    """Compile a function with the package's options when it is first called, and cache the code on disk."""
+    return _njit(function, {"reassoc", "contract", "arcp", "nsz"})
 
 
 def compiled_as_written(function: F) -> F:
     """Compile a function without ``fastmath``: its numbers have the same bits wherever it is inlined."""
-    return cast(F, Kernel(function, False))
+    return _njit(function, False)
+
+
+def _njit(function: F, fastmath: set[str] | bool) -> F:
+    options = njit(cache=True, nogil=True, error_model="numpy", forceinline=True, fastmath=fastmath)
+    return cast(F, options(function))
 
 
 def zeros(dimension: int, per: int = 1) -> Sums:
@@ -227,88 +148,39 @@ def fresh(sums: Sums) -> Sums:
     return sums
 
 
-# Numba calls an overload with types in place of values, and wants the same annotations in it and in what it returns.
-@overload(put, inline="always")
-def _put(sums: Any, i: int, value: float) -> Callable[[Any, int, float], Sums]:
-    from numba.cpython.unsafe.tuple import tuple_setitem
-
-    replaced = cast(Callable[[Sums, int, float], Sums], tuple_setitem)
-
-    def unrolled(sums: Any, i: int, value: float) -> Sums:
-        return replaced(sums, i, value)
-
-    def stored(sums: Any, i: int, value: float) -> Sums:
+@overload(put, inline="always", strict=False)
+def _put(sums: Any, i: Any, value: Any) -> Callable[..., Any]:
+    def stored(sums: Any, i: Any, value: Any) -> Any:
         sums[i] = value
-        return sums  # type: ignore[no-any-return]
+        return sums
 
-    return unrolled if _is_tuple(sums) else stored
+    return (lambda sums, i, value: _replaced(sums, i, value)) if _is_tuple(sums) else stored
+
+
+@overload(fresh, inline="always", strict=False)
+def _fresh(sums: Any) -> Callable[..., Any]:
+    return (lambda sums: sums) if _is_tuple(sums) else (lambda sums: sums.copy())
 
 
 def _is_tuple(kind: object) -> bool:
-    from numba import types
-
     return isinstance(kind, types.BaseTuple)
 
 
-@overload(fresh, inline="always")
-def _fresh(sums: Any) -> Callable[[Any], Sums]:
-    def same(sums: Any) -> Sums:
-        return sums  # type: ignore[no-any-return]
-
-    def copied(sums: Any) -> Sums:
-        return sums.copy()  # type: ignore[no-any-return]
-
-    return same if _is_tuple(sums) else copied
+def _fma(typing: Any, factor: Any, other: Any, term: Any) -> Any:
+    return float64(float64, float64, float64), lambda _, builder, signature, numbers: builder.fma(*numbers)
 
 
-def fma(factor: float, other: float, term: float) -> float:
-    """``factor * other + term``, rounded once: the same bits wherever it is inlined. For kernels alone."""
-    raise NotImplementedError
+def _float_of(typing: Any, bits: Any) -> Any:
+    def cast_bits(context: Any, builder: Any, signature: Any, words: Any) -> Any:
+        return builder.bitcast(words[0], context.get_value_type(float64))
+
+    return float64(uint64), cast_bits
 
 
-def float_of(bits: np.uint64) -> float:
-    """The floating-point number of these bits. For kernels alone."""
-    raise NotImplementedError
-
-
-@overload(fma, inline="always")
-def _fma(factor: float, other: float, term: float) -> Callable[[float, float, float], float]:
-    from numba import types
-    from numba.extending import intrinsic
-
-    @intrinsic
-    def instruction(typing: object, factor: object, other: object, term: object) -> object:
-        def generate(context: object, builder: Any, signature: object, arguments: Sequence[object]) -> object:
-            return builder.fma(*arguments)
-
-        return types.float64(types.float64, types.float64, types.float64), generate
-
-    at_once = cast(Callable[[float, float, float], float], instruction)
-
-    def once(factor: float, other: float, term: float) -> float:
-        return at_once(factor, other, term)
-
-    return once
-
-
-@overload(float_of, inline="always")
-def _float_of(bits: np.uint64) -> Callable[[np.uint64], float]:
-    from numba import types
-    from numba.extending import intrinsic
-
-    @intrinsic
-    def instruction(typing: object, bits: object) -> object:
-        def generate(context: Any, builder: Any, signature: object, arguments: Sequence[object]) -> object:
-            return builder.bitcast(arguments[0], context.get_value_type(types.float64))
-
-        return types.float64(types.uint64), generate
-
-    at_once = cast(Callable[[np.uint64], float], instruction)
-
-    def same(bits: np.uint64) -> float:
-        return at_once(bits)
-
-    return same
+fma: Callable[[float, float, float], float] = cast(Any, intrinsic(_fma))
+"""``factor * other + term``, rounded once: the same bits wherever it is inlined. For kernels alone."""
+float_of: Callable[[np.uint64], float] = cast(Any, intrinsic(_float_of))
+"""The floating-point number of these bits. For kernels alone."""
 
 
 @compiled
@@ -345,7 +217,7 @@ def fill(row: Floats, value: float) -> None:
 
 
 BLOCK = 32 * CHUNK
-"""Samples that are read from a set before it is the next one's turn: that many draws stay in a second-level cache."""
+"""Samples whose sums are formed apart, before they are added to those of the whole set."""
 
 _FEW = 1 << 12
 """Smaller arrays are copied rather than wrapped."""
@@ -354,26 +226,11 @@ _NEAR = 32
 """Number of first samples whose mean serves as an origin near all."""
 
 
-class Placed(NamedTuple):
-    """Point sets x = c + r u + σ z: those of the first trial on every sphere, then those of the next.
-
-    Attributes:
-        directions: unit vectors u (t, d, n), with the height 1 - u₁ in place of u₁.
-        noise: noise z of unit size (t, d, n).
-        center: c (l, d).
-        radius: r (l,).
-        sigma: σ (l,).
-    """
-
-    directions: Floats
-    noise: Floats
-    center: Floats
-    radius: Floats
-    sigma: Floats
-
-
 class BySample(NamedTuple):
     """Point sets that lie in memory sample by sample, as users have them.
+
+    To read them so saves a user's batch a copy: a quarter to a half of the time of GDKE and LLS. Studies' points lie
+    coordinate by coordinate.
 
     Attributes:
         points: coordinates last (b, n, d), contiguous.
@@ -382,30 +239,15 @@ class BySample(NamedTuple):
     points: Floats
 
 
-PointSets = Floats | Placed | BySample
+PointSets = Floats | BySample
 
 
-class Stored(NamedTuple):
+class View(NamedTuple):
     """View of samples in an array (b, d, n): those of set ``t`` from sample ``start`` on."""
 
     x: Floats
     t: np.uintp
     start: np.uintp
-
-
-class Formed(NamedTuple):
-    """View of samples that are formed when they are read: those of a trial from sample ``start`` on."""
-
-    directions: Floats
-    noise: Floats
-    trial: np.uintp
-    start: np.uintp
-    center: Sums
-    radius: float
-    sigma: float
-
-
-View = Stored | Formed
 
 
 class SampleBlock(NamedTuple):
@@ -439,122 +281,73 @@ def _coordinate(i: int, u: float, z: float, center: float, radius: float, sigma:
 
 
 @compiled
-def _form(placed: Placed, first: int, points: Floats) -> None:
+def form(directions: Floats, noise: Floats, center: Floats, radius: float, sigma: float, points: Floats) -> None:
+    """Write the points x = c + r u + σ z of directions with the height 1 - u₁ in place of u₁, all (b, d, n)."""
     b, d, n = points.shape
     for t in range(b):
-        trial, s = (first + t) // placed.radius.size, (first + t) % placed.radius.size
         for i in range(d):
-            u, z, x = placed.directions[trial, i], placed.noise[trial, i], points[t, i]
-            center, radius, sigma = placed.center[s, i], placed.radius[s], placed.sigma[s]
+            u, z, x, c = directions[t, i], noise[t, i], points[t, i], center[i]
             for k in range(n):
-                x[k] = _coordinate(i, u[k], z[k], center, radius, sigma)
+                x[k] = _coordinate(i, u[k], z[k], c, radius, sigma)
 
 
-def form(placed: Placed, points: Floats, first: int = 0) -> Floats:
-    """Write point sets into an array (b, d, n), from set ``first`` on as many as it holds, and return it."""
-    _form(placed, first, points)
-    return points
-
-
-def readable(x: Floats | Placed) -> PointSets:
+def readable(x: Floats) -> PointSets:
     """Point sets (b, d, n) in a form that :func:`window` reads. Small or strided arrays are copied.
 
     Kernels would be compiled for each other layout, of which a batch of one set and a batch of many are two.
     """
-    if isinstance(x, Placed) or x.flags.c_contiguous:
+    if x.flags.c_contiguous:
         return x
     points = x.swapaxes(1, 2)
     return BySample(points) if points.flags.c_contiguous and x.size > _FEW else np.ascontiguousarray(x)
 
 
-def extent(x: PointSets) -> tuple[int, int, int]:
-    """Number of sets b, dimension d, samples n."""
-    if isinstance(x, BySample):
-        b, n, d = x.points.shape
-        return b, d, n
-    if isinstance(x, Placed):
-        t, d, n = x.noise.shape
-        return t * len(x.radius), d, n
-    b, d, n = x.shape
-    return b, d, n
-
-
-def abreast(x: PointSets) -> int:
-    """Number of consecutive sets built from the same draws.
-
-    Kernels take it as an argument, and do not compute it: bits could differ where the compiler knows it to be 1.
-    """
-    return len(x.radius) if isinstance(x, Placed) else 1
+def extent(x: PointSets) -> tuple[int, ...]:
+    """Number of sets b, dimension d, samples n. For kernels."""
+    return cast(Floats, x).shape
 
 
 def window(x: PointSets, t: int, start: int, count: int, rows: Floats, zero: Sums) -> View:
     """A view of ``count`` samples of set t of a batch, from sample ``start`` on, for :func:`at`.
 
-    It shows the batch itself if that lies in memory coordinate by coordinate; ``rows`` (1, d, CHUNK), to which
-    the samples are copied, if it lies there sample by sample; or the draws that the points are formed from. ``zero``
-    holds d sums at zero. No sum depends on the layout, not in a bit.
+    It shows the batch itself if that lies in memory coordinate by coordinate, and ``rows`` (1, d, CHUNK), to which the
+    samples are copied, if it lies there sample by sample. ``zero`` holds d sums at zero. No sum depends on the layout,
+    not in a bit.
     """
-    return Stored(cast(Floats, x), np.uintp(t), np.uintp(start))
+    return View(cast(Floats, x), np.uintp(t), np.uintp(start))
 
 
+@compiled
 def at(view: View, i: int, k: int) -> float:
     """The i-th coordinate of the k-th sample of a view."""
-    x, t, start = cast(Stored, view)
-    return x[t, i, start + np.uintp(k)]  # type: ignore[no-any-return]
+    return view.x[view.t, i, view.start + np.uintp(k)]  # type: ignore[no-any-return]
 
 
-def _is(x: object, kind: type) -> bool:
-    return getattr(x, "instance_class", None) is kind
+def _is_by_sample(x: object) -> bool:
+    return getattr(x, "instance_class", None) is BySample
 
 
-@overload(extent)
+@overload(extent, strict=False)
 def _extent(x: Any) -> Callable[..., tuple[int, ...]]:
-    def stored(x: Any) -> tuple[int, ...]:
-        return x.shape  # type: ignore[no-any-return]
-
-    def placed(x: Any) -> tuple[int, ...]:
-        t, d, n = x.noise.shape
-        return t * x.radius.size, d, n
-
     def by_sample(x: Any) -> tuple[int, ...]:
         b, n, d = x.points.shape
         return b, d, n
 
-    return placed if _is(x, Placed) else by_sample if _is(x, BySample) else stored
+    return by_sample if _is_by_sample(x) else lambda x: x.shape
 
 
-@overload(window)
-def _window(x: Any, t: int, start: int, count: int, rows: Floats, zero: Sums) -> Callable[..., View]:
-    def itself(x: Any, t: int, start: int, count: int, rows: Floats, zero: Sums) -> Stored:
-        return Stored(x, np.uintp(t), np.uintp(start))
+@overload(window, strict=False)
+def _window(x: Any, t: Any, start: Any, count: Any, rows: Any, zero: Any) -> Callable[..., View]:
+    def itself(x: Any, t: int, start: int, count: int, rows: Floats, zero: Sums) -> View:
+        return View(x, np.uintp(t), np.uintp(start))
 
-    def copied(x: Any, t: int, start: int, count: int, rows: Floats, zero: Sums) -> Stored:
+    def copied(x: Any, t: int, start: int, count: int, rows: Floats, zero: Sums) -> View:
         for k in range(count):
             for i in range(len(zero)):
                 rows[0, i, k] = x.points[t, np.uintp(start) + np.uintp(k), i]
-        return Stored(rows, np.uintp(0), np.uintp(0))
+        return View(rows, np.uintp(0), np.uintp(0))
 
-    def formed(x: Any, t: int, start: int, count: int, rows: Floats, zero: Sums) -> Formed:
-        trial, s, center = np.uintp(t // x.radius.size), t % x.radius.size, fresh(zero)
-        for i in range(len(zero)):
-            center = put(center, i, x.center[s, i])
-        return Formed(x.directions, x.noise, trial, np.uintp(start), center, x.radius[s], x.sigma[s])
-
-    return formed if _is(x, Placed) else copied if _is(x, BySample) else itself
-
-
-@overload(at)
-def _at(view: Any, i: int, k: int) -> Callable[..., float]:
-    def stored(view: Any, i: int, k: int) -> float:
-        x, t, start = view
-        return x[t, i, start + np.uintp(k)]  # type: ignore[no-any-return]
-
-    def formed(view: Any, i: int, k: int) -> float:
-        u, z, t, start, center, radius, sigma = view
-        place = start + np.uintp(k)
-        return _coordinate(i, u[t, i, place], z[t, i, place], center[i], radius, sigma)
-
-    return formed if _is(view, Formed) else stored
+    return copied if _is_by_sample(x) else itself
 
 
 @compiled_as_written

@@ -27,7 +27,6 @@ from study.fits.jit import (
     PointSets,
     Sums,
     View,
-    abreast,
     aligned,
     at,
     compiled,
@@ -35,9 +34,7 @@ from study.fits.jit import (
     dot,
     extent,
     fill,
-    fresh,
     near,
-    put,
     readable,
     total,
     window,
@@ -58,7 +55,7 @@ def lls(samples: Samples) -> Estimates:
     """
     b, d, _ = samples.shape
     fit, residual, scatter = blank(b, d), np.empty(b), np.empty((b, d, d))
-    _fit_all(readable(samples.source), abreast(samples.source), fit, residual, scatter, zeros(d))
+    _fit_all(readable(samples.x), fit, residual, scatter, zeros(d))
     values, _ = eigenbasis(scatter)
     fit.status[~(values[:, 0] > d * _EPS * values[:, -1])] = Status.SINGULAR  # the rule of `gdke`
     fit.status[~np.isfinite(residual)] = Status.NOT_FINITE
@@ -154,7 +151,7 @@ def _columns(view: View, m: int, origin: Sums, rows: Floats) -> None:
 
 
 @compiled
-def _fit_all(x: PointSets, group: int, fit: Estimates, residual: Floats, scatter: Floats, zero: Sums) -> None:
+def _fit_all(x: PointSets, fit: Estimates, residual: Floats, scatter: Floats, zero: Sums) -> None:
     """Solve each point set of a batch (b, d, n), about a point near it: the mean of its first samples.
 
     It fills in ``fit``, the mean square ``residual`` of the algebraic equations (b,), and ``scatter`` (b, d, d), which
@@ -163,39 +160,29 @@ def _fit_all(x: PointSets, group: int, fit: Estimates, residual: Floats, scatter
     b, d, n = extent(x)
     q = d + 2
     rows, copy = aligned(q * _AT_ONCE).reshape((q, _AT_ONCE)), np.empty((1, d, _AT_ONCE))
-    products, beta = np.empty(q), np.empty(d + 1)
-    origins, triangles = np.empty((group, d)), np.empty((group, q, q))
+    products, beta, triangle = np.empty(q), np.empty(d + 1), np.empty((q, q))
     fill(rows[0], 1.0)
-    for head in range(0, b, group):
-        triangles[:] = 0.0
-        for g in range(group):
-            point = near(x, head + g, n, copy, zero)
-            for i in range(d):
-                origins[g, i] = point[i]
+    for t in range(b):
+        triangle[:] = 0.0
+        origin = near(x, t, n, copy, zero)
         for start in range(0, n, _AT_ONCE):
             m = min(_AT_ONCE, n - start)
-            for g in range(group):
-                origin = fresh(zero)
-                for i in range(d):
-                    origin = put(origin, i, origins[g, i])
-                view = window(x, head + g, start, m, copy, zero)
-                _columns(view, m, origin, rows)
-                products[0] = float(m)
-                for j in range(1, q):
-                    products[j] = total(rows[j, :m])
-                _append(triangles[g], rows, m, products)
-        for g in range(group):
-            t, triangle = head + g, triangles[g]
-            _scatter(triangle, scatter[t])
-            _solve(triangle, beta)
-            residual[t] = triangle[d + 1, d + 1] ** 2 / n
-            radius_squared = beta[0]
-            for i in range(d):
-                half = 0.5 * beta[i + 1]
-                fit.center[t, i] = origins[g, i] + half
-                radius_squared += half * half
-            fit.radius[t] = math.sqrt(radius_squared) if radius_squared >= 0.0 else math.nan
-            fit.noise_variance[t] = noise_of_residuals(residual[t], radius_squared, float(n), d)
+            view = window(x, t, start, m, copy, zero)
+            _columns(view, m, origin, rows)
+            products[0] = float(m)
+            for j in range(1, q):
+                products[j] = total(rows[j, :m])
+            _append(triangle, rows, m, products)
+        _scatter(triangle, scatter[t])
+        _solve(triangle, beta)
+        residual[t] = triangle[d + 1, d + 1] ** 2 / n
+        radius_squared = beta[0]
+        for i in range(d):
+            half = 0.5 * beta[i + 1]
+            fit.center[t, i] = origin[i] + half
+            radius_squared += half * half
+        fit.radius[t] = math.sqrt(radius_squared) if radius_squared >= 0.0 else math.nan
+        fit.noise_variance[t] = noise_of_residuals(residual[t], radius_squared, float(n), d)
 
 
 def lls_nr(samples: Samples) -> Estimates:

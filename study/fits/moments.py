@@ -35,13 +35,11 @@ from study.arrays import Floats
 from study.fits.jit import (
     BLOCK,
     CHUNK,
-    Placed,
     PointSets,
     SampleBlock,
     Scratch,
     Sums,
     View,
-    abreast,
     at,
     compiled,
     dot,
@@ -81,11 +79,11 @@ class Moments(NamedTuple):
     second: Floats
 
     @classmethod
-    def of(cls, x: Floats | Placed) -> "Moments":
-        """Compute the moments of point sets: an array (b, d, n) in any memory layout, or the draws they come from."""
-        b, d, _ = extent(x)
+    def of(cls, x: Floats) -> "Moments":
+        """Compute the moments of point sets: an array (b, d, n) in any memory layout."""
+        b, d, _ = x.shape
         moments = cls(np.empty((2, b)), np.empty((2, b, d)), np.empty((b, d, d)))
-        accumulate(readable(x), abreast(x), moments, zeros(d), zeros(d, d))
+        accumulate(readable(x), moments, zeros(d), zeros(d, d))
         return moments
 
     def merge(self, other: "Moments") -> "Moments":
@@ -220,36 +218,31 @@ def _add(block: SampleBlock, moments: Moments, first: Floats, scratch: Scratch) 
 
 
 @compiled
-def accumulate(x: PointSets, group: int, moments: Moments, zero: Sums, square: Sums) -> None:
-    """Write the moments of each point set of a batch (b, d, n); ``group`` sets share their draws, see `abreast`.
+def accumulate(x: PointSets, moments: Moments, zero: Sums, square: Sums) -> None:
+    """Write the moments of each point set of a batch (b, d, n).
 
     ``zero`` and ``square`` are d and d² sums at zero.
     """
     b, d, n = extent(x)
     scratch = Scratch(np.empty((1, d, CHUNK)), zero, square)
-    first, delta = np.empty((group, d)), np.empty(d)
+    first, delta = np.empty(d), np.empty(d)
     mean, third, second = moments.vectors[0], moments.vectors[1], moments.second
     count, fourth = moments.numbers[0], moments.numbers[1]
-    for head in range(0, b, group):
-        for g in range(group):
-            t = head + g
-            point, count[t], fourth[t] = near(x, t, n, scratch.rows, zero), float(n), 0.0
-            for i in range(d):
-                mean[t, i], first[g, i], third[t, i] = point[i], 0.0, 0.0
-                for j in range(i + 1):
-                    second[t, i, j] = 0.0
+    for t in range(b):
+        point, count[t], fourth[t] = near(x, t, n, scratch.rows, zero), float(n), 0.0
+        for i in range(d):
+            mean[t, i], first[i], third[t, i] = point[i], 0.0, 0.0
+            for j in range(i + 1):
+                second[t, i, j] = 0.0
         for start in range(0, n, BLOCK):
-            for g in range(group):
-                _add(SampleBlock(x, head + g, start, min(BLOCK, n - start)), moments, first[g], scratch)
-        for g in range(group):
-            t = head + g
-            for i in range(d):
-                delta[i] = first[g, i] / n
-                for j in range(i):
-                    second[t, j, i] = second[t, i, j]
-            fourth[t] = shift(float(n), delta, first[g], second[t], third[t], fourth[t])
-            for i in range(d):
-                mean[t, i] += delta[i]
+            _add(SampleBlock(x, t, start, min(BLOCK, n - start)), moments, first, scratch)
+        for i in range(d):
+            delta[i] = first[i] / n
+            for j in range(i):
+                second[t, j, i] = second[t, i, j]
+        fourth[t] = shift(float(n), delta, first, second[t], third[t], fourth[t])
+        for i in range(d):
+            mean[t, i] += delta[i]
 
 
 @compiled

@@ -136,35 +136,24 @@ def _moments(d: int) -> float:
 _BIASED = "biased towards the points by the noise, which its standard errors do not include; als has no such bias"
 
 ESTIMATORS: dict[str, Estimator] = {
-    "mle": Estimator(
-        mle, "paper §4.3; Shakarji 1998", flops=lambda d: d * d + 10 * d + 6, flops_of="a pass", by_window=True
-    ),
-    "mle_centroid": Estimator(mle_centroid, "mle from another start, the centroid of the points", by_window=True),
-    "mle_mirror": Estimator(mle_mirror, "mle from a wrong start, beyond the points", by_window=True),
+    "mle": Estimator(mle, "paper §4.3; Shakarji 1998", flops=lambda d: d * d + 10 * d + 6, flops_of="a pass"),
+    "mle_centroid": Estimator(mle_centroid, "mle from another start, the centroid of the points"),
+    "mle_mirror": Estimator(mle_mirror, "mle from a wrong start, beyond the points"),
     "corrected": Estimator(
         corrected,
         "theory §9: geometric, without its bias, for every law of directions",
-        by_window=True,
         covariance=corrected_covariance,
     ),
-    "corrected_01": Estimator(
-        corrected_01, "theory §9, with ν = 0", by_window=True, covariance=partial(sandwich, pair=0.0)
-    ),
-    "corrected_02": Estimator(
-        corrected_02, "theory §9, with ν = ½", by_window=True, covariance=partial(sandwich, pair=0.5)
-    ),
-    "corrected_12": Estimator(
-        corrected_12, "theory §9, with ν = 1", by_window=True, covariance=partial(sandwich, pair=1.0)
-    ),
+    "corrected_01": Estimator(corrected_01, "theory §9, with ν = 0", covariance=partial(sandwich, pair=0.0)),
+    "corrected_02": Estimator(corrected_02, "theory §9, with ν = ½", covariance=partial(sandwich, pair=0.5)),
+    "corrected_12": Estimator(corrected_12, "theory §9, with ν = 1", covariance=partial(sandwich, pair=1.0)),
     "robust": Estimator(
         robust,
         "Rousseeuw & Van Driessen 2006; Hadi & Simonoff 1993: mle without the outliers",
         without_outliers=True,
-        version=2,
+        version=3,
     ),
-    "lls": Estimator(
-        lls, "paper §4.4", flops=lambda d: 2 * d * d + 10 * d + 5, caution=_BIASED, by_window=True, version=2
-    ),
+    "lls": Estimator(lls, "paper §4.4", flops=lambda d: 2 * d * d + 10 * d + 5, caution=_BIASED, version=2),
     "lls_nr": Estimator(lls_nr, "paper §4.4; Press et al. 1992: centred, singular values cut at 1e-5", caution=_BIASED),
     "lls_nr_raw": Estimator(lls_nr_raw, "paper §4.4; Press et al. 1992: not centred, cut at 1e-6", caution=_BIASED),
     "lls_single": Estimator(lls_single, "lls by normal equations in single precision", caution=_BIASED),

@@ -21,7 +21,6 @@ import numpy as np
 
 from study.arrays import Bools, Floats, Ints
 from study.fits.bounds import bound_from_scatter, normal_weights, unit_covariance, weighted_scatter
-from study.fits.jit import Placed, extent, form
 from study.fits.linalg import eigenbasis
 from study.fits.moments import Moments, Regression, Spectrum
 
@@ -81,7 +80,7 @@ class Samples:
     """A batch of point sets.
 
     Attributes:
-        source: the points, coordinates first (b, d, n), float64, any memory layout; or the draws they are formed from.
+        x: the points, coordinates first (b, d, n), float64, any memory layout.
         noise: σ, one for all sets or one for each (b,), a covariance Σ (d, d), or None if it is not known.
         lent: True if the points are in an array of the caller's, who may have changed them since.
 
@@ -94,7 +93,7 @@ class Samples:
         ((1, 2, 4), array([[0., 0.]]), 0.1)
     """
 
-    source: Floats | Placed
+    x: Floats
     noise: float | Floats | None = None
     lent: bool = False
 
@@ -114,11 +113,8 @@ class Samples:
         """One set of the batch."""
         one = slice(index, index + 1)
         noise = self._noise_of(one)
-        _, d, n = self.shape
-        if isinstance(self.source, Placed):
-            return Samples(form(self.source, np.empty((1, d, n)), index), noise)
-        if n or "regression" not in self.__dict__:
-            return self._part(self.source[one], noise, np.array([index]))
+        if self.shape[2] or "regression" not in self.__dict__:
+            return self._part(self.x[one], noise, np.array([index]))
         return Samples.of_regression(self.regression.only(index), noise)
 
     def take(self, places: Ints) -> "Samples":
@@ -133,7 +129,7 @@ class Samples:
         Raises:
             ValueError: if they are lent, and their moments are no longer those that were computed first.
         """
-        if self.lent and not all(map(np.array_equal, self.moments, Moments.of(self.source))):
+        if self.lent and not all(map(np.array_equal, self.moments, Moments.of(self.x))):
             raise ValueError(
                 "the points have changed since they were fitted: the fit reads them from your array; use copy=True"
             )
@@ -166,17 +162,13 @@ class Samples:
     @property
     def shape(self) -> tuple[int, int, int]:
         """Number of sets b, dimension d, samples n."""
-        return extent(self.source)
+        b, d, n = self.x.shape
+        return b, d, n
 
     @cached_property
-    def x(self) -> Floats:
-        """The points, coordinates first (b, d, n)."""
-        return form(self.source, np.empty(self.shape)) if isinstance(self.source, Placed) else self.source
-
-    @cached_property
-    def rows(self) -> Floats | Placed:
-        """The points with each coordinate in a row of memory, for kernels that read them many times; or the draws."""
-        return self.source if isinstance(self.source, Placed) else np.ascontiguousarray(self.source)
+    def rows(self) -> Floats:
+        """The points with each coordinate in a row of memory, for kernels that read them many times."""
+        return np.ascontiguousarray(self.x)
 
     @property
     def points(self) -> Floats:
@@ -186,7 +178,7 @@ class Samples:
     @cached_property
     def moments(self) -> Moments:
         """Centred moments of each set."""
-        return Moments.of(self.source)
+        return Moments.of(self.x)
 
     @cached_property
     def regression(self) -> Regression:
@@ -207,12 +199,10 @@ class Estimator:
         function: computes `Estimates` from `Samples`. It never raises on data, only on a noise that it cannot use.
         reference: publication that it follows.
         needs: argument of `study.fit` without which it raises; empty if points are enough.
-        flops: floating-point operations per sample in d dimensions, counted as in `study.simulation.analysis.cost`.
+        flops: floating-point operations per sample in d dimensions: sums, products, quotients, square roots.
         flops_of: the part of a fit that ``flops`` counts; empty for all of it.
         caution: warning for the user that holds whatever the status; empty if there is none.
         moments_suffice: the function reads ``Samples.moments`` alone.
-        by_window: the function reads samples only through `study.fits.jit.window`, so that points need not lie
-            in memory.
         covariance: covariance of (ĉ, r̂) (b, d+1, d+1), unit squared, of its answers, from samples without missing ones
             and with the noise that they show; None for the Cramér-Rao bound with the estimates plugged in.
         without_outliers: the function leaves out the points that `study.fits.robust.outliers` names, so
@@ -235,7 +225,6 @@ class Estimator:
     flops_of: str = ""
     caution: str = ""
     moments_suffice: bool = False
-    by_window: bool = False
     covariance: Callable[[Samples, Estimates], Floats] | None = None
     without_outliers: bool = False
     version: int | str = 1

@@ -259,36 +259,20 @@ def concentrate(y: Floats, starts: Floats, h: int, spheres: Floats, sums: Floats
             spheres[t, 0, i], spheres[t, best, i] = spheres[t, best, i], spheres[t, 0, i]
 
 
-_FACTOR = np.uint64(0x9E3779B97F4A7C15)
-
-
 def repeated(x: Floats) -> Bools:
     """True for each point of the sets (b, d, n) that repeats an earlier one: (b, n). Missing samples repeat none.
 
     Points of a continuous law never do: copies mean that a file holds the same measurement several times, or rounds,
     and then the standard errors, which take the points to be independent, may be too small.
     """
-    b, _, n = x.shape
-    found = np.zeros((b, n), dtype=np.bool_)
-    words = _words(x)
-    ordered = np.sort(words, axis=1)
-    for t in np.flatnonzero((ordered[:, 1:] == ordered[:, :-1]).any(axis=1)):
-        present = np.flatnonzero(~np.isnan(x[t]).any(axis=0))
-        _, first = np.unique(x[t][:, present], axis=1, return_index=True)
-        again = np.ones(len(present), dtype=np.bool_)
-        again[first] = False
-        found[t, present[again]] = True
-    return found
-
-
-def _words(x: Floats) -> Words:
-    """A number for each point (b, n), equal for equal points and almost surely for no others."""
-    words = np.zeros((x.shape[0], x.shape[2]), dtype=np.uint64)
-    for i in range(x.shape[1]):
-        words ^= np.ascontiguousarray(x[:, i] + 0.0).view(np.uint64)  # + 0.0: -0.0 equals 0.0
-        words *= _FACTOR
-        words ^= words >> np.uint64(29)
-    return words
+    result = np.zeros((x.shape[0], x.shape[2]), dtype=np.bool_)
+    first = np.sort(x[:, 0], axis=1)  # where no two are equal, which is the rule, nothing else need be sorted
+    tied = np.flatnonzero((first[:, 1:] == first[:, :-1]).any(axis=1))
+    order = np.lexsort(np.moveaxis(x[tied], 1, 0), axis=1)  # stable: of equal points the earliest stands first
+    ordered, again = np.take_along_axis(x[tied], order[:, None], axis=2), np.zeros(order.shape, dtype=np.bool_)
+    np.put_along_axis(again, order[:, 1:], (ordered[:, :, 1:] == ordered[:, :, :-1]).all(axis=1), axis=1)
+    result[tied] = again
+    return result
 
 
 _FEWEST, _MOST = 200, 3000

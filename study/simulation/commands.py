@@ -315,7 +315,7 @@ def cost(
 ) -> None:
     """Measure the cost of a fit beside the paper's figures.
 
-    Operations are counted and fits are timed; the table is stored.
+    Fits are timed; the table, with operations beside the seconds, is stored.
     """
     from study.files import save_frame
     from study.simulation.analysis.cost import cost_table, printed

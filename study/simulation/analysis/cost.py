@@ -1,12 +1,8 @@
-"""Measurement of a fit's cost: operations counted in the kernels themselves, and seconds.
+"""The cost of a fit: operations by the paper and by the registry, and seconds measured here in vector and scalar code.
 
-With compilation off the kernels are plain Python and accept `Counted` numbers: every addition, subtraction,
-multiplication, division and square root is one operation. Nothing is modelled; a change in a kernel changes its count.
-Counting, and timing of scalar code, run as a program of their own, because compiler settings hold from its start.
-
-Operations of a fit by the paper's formulas and statements.
-
-The cost of a fit as a table: operations counted and seconds measured, beside the paper's figures.
+An estimator's entry in the registry says how many additions, subtractions, multiplications, divisions and square roots
+its kernel spends on a sample. Scalar code is timed by a program of its own, because compiler settings hold from its
+start.
 """
 
 import json
@@ -17,17 +13,15 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from importlib import import_module
 from time import perf_counter
-from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from study import instruction_set
+from study.fits import ESTIMATORS, Samples
+from study.fits.cap import sample_cap
 from study.fits.jit import SCALAR_CODE
-from study.fits.samples import blank
 from study.fits.streams import stream
 from study.text import columns
 
@@ -47,135 +41,12 @@ PAPER: dict[str, Callable[[int, int], float]] = {
 }
 """FLOPs of a fit of n samples in d dimensions, by estimator; NaN if the paper gives none."""
 
-Objects = NDArray[np.object_]
-"""Arrays of `Counted` numbers."""
 _TURNS = 20
 """Rounds in which each fit is timed three times; the least time counts."""
 
 
-class Counted(float):
-    """A float whose arithmetic is counted."""
-
-    operations = 0
-
-    def __add__(self, other: float) -> "Counted":
-        return _counted(float.__add__(self, other))
-
-    def __sub__(self, other: float) -> "Counted":
-        return _counted(float.__sub__(self, other))
-
-    def __mul__(self, other: float) -> "Counted":
-        return _counted(float.__mul__(self, other))
-
-    def __truediv__(self, other: float) -> "Counted":
-        return _counted(float.__truediv__(self, other))
-
-    def __radd__(self, other: float) -> "Counted":
-        return _counted(float.__radd__(self, other))
-
-    def __rsub__(self, other: float) -> "Counted":
-        return _counted(float.__rsub__(self, other))
-
-    def __rmul__(self, other: float) -> "Counted":
-        return _counted(float.__rmul__(self, other))
-
-    def __rtruediv__(self, other: float) -> "Counted":
-        return _counted(float.__rtruediv__(self, other))
-
-    def __pow__(self, other: float, modulo: None = None) -> "Counted":
-        return _counted(float(self) ** float(other))  # squares only
-
-    def __neg__(self) -> "Counted":
-        return Counted(float.__neg__(self))
-
-    def __abs__(self) -> "Counted":
-        return Counted(float.__abs__(self))
-
-
-def _counted(value: float) -> Counted:
-    Counted.operations += 1
-    return Counted(value)
-
-
-@contextmanager
-def _counting_numpy() -> Iterator[None]:
-    """Make new arrays hold objects, and count square roots."""
-    empty, root = np.empty, math.sqrt
-    arrays: Any = np
-
-    def objects(shape: int | tuple[int, ...], dtype: type = float) -> NDArray[Any]:
-        return empty(shape, dtype=object if dtype is float else dtype)
-
-    arrays.empty = objects
-    math.sqrt = lambda value: _counted(root(value))
-    try:
-        yield
-    finally:
-        arrays.empty, math.sqrt = empty, root
-
-
-def _objects(*shape: int) -> Objects:
-    array: Objects = np.zeros(shape, dtype=object)
-    array[...] = Counted(0.0)
-    return array
-
-
-def _slope(run: Callable[[Objects], None], dimension: int) -> float:
-    """Operations per sample: the increase between two numbers of samples within one chunk."""
-    counts = []
-    for n in (40, 140):
-        rng = stream(1, "flops")
-        x = _objects(1, dimension, n)
-        for index, value in np.ndenumerate(rng.standard_normal(x.shape)):
-            x[index] = Counted(value)
-        Counted.operations = 0
-        with _counting_numpy():
-            run(x)
-        counts.append(Counted.operations)
-    return (counts[1] - counts[0]) / 100.0
-
-
-def count(dimension: int) -> dict[str, float]:
-    """Operations per sample of each kernel; compilation must be off."""
-    layouts, moments = (import_module(f"study.fits.{name}") for name in ("jit", "moments"))
-    lls, mle, igdk = (import_module(f"study.fits.{name}") for name in ("lls", "geometric", "incremental"))
-    d = dimension
-
-    def zeros(dimension: int, per: int = 1) -> tuple[float, ...]:
-        return (0.0,) * (dimension * per)  # plain numbers, so that counting works in any dimension
-
-    def closed(x: Objects) -> None:
-        result = moments.Moments(_objects(2, 1), _objects(2, 1, d), _objects(1, d, d))
-        moments.accumulate(x, 1, result, zeros(d), zeros(d, d))
-
-    def linear(x: Objects) -> None:
-        counted: dict[str, Any] = {"center": _objects(1, d), "radius": _objects(1), "noise_variance": _objects(1)}
-        lls._fit_all(x, 1, blank(1, d)._replace(**counted), _objects(1), _objects(1, d, d), zeros(d))
-
-    def one_pass(x: Objects) -> None:
-        block, scratch = layouts.SampleBlock(x, 0, 0, x.shape[2]), layouts.Scratch(None, zeros(d), zeros(d, d))
-        mle._pass(block, _objects(d), _objects(d), 1.0, _objects(2 + 2 * d + d * d), scratch)
-
-    def incremental(x: Objects) -> None:
-        running = igdk.Running(_objects(1, d), _objects(1, d, d), _objects(1, d), _objects(1, d, d))
-        for i in range(d):
-            running.inverse[0, i, i] = Counted(1.0)
-        igdk._stream_all(x, np.array([d + 5]), running)
-
-    kernels = {"moments": closed, "lls": linear, "mle": one_pass, "igdk": incremental}
-    return {name: _slope(run, d) for name, run in kernels.items()}
-
-
-def counted(dimension: int) -> dict[str, float]:
-    """Operations per sample of each kernel, counted in a process of its own."""
-    return _elsewhere(["count", str(dimension)], {"NUMBA_DISABLE_JIT": "1"})
-
-
 def timed(dimension: int, samples: int) -> dict[str, float]:
     """Seconds of one fit of each estimator, moments included, for points of a 60° cap with noise 0.05 r."""
-    from study.fits import ESTIMATORS, Samples
-    from study.fits.cap import sample_cap
-
     rng = stream(1, "flops")
     sets = 128
     u = np.stack([sample_cap(rng, samples, math.radians(60.0), dimension) for _ in range(sets)])
@@ -195,7 +66,7 @@ def timed_scalar(dimension: int, samples: int) -> dict[str, float]:
     """Seconds as in `timed`, without vector instructions, like code of 2008; it is compiled the first time."""
     with _scalar_code() as cache:
         off = {"NUMBA_LOOP_VECTORIZE": "0", "NUMBA_SLP_VECTORIZE": "0", "NUMBA_CACHE_DIR": cache}
-        return _elsewhere(["time", str(dimension), str(samples)], off)
+        return _timed_elsewhere(dimension, samples, off)
 
 
 @contextmanager
@@ -213,40 +84,35 @@ def _scalar_code() -> Iterator[str]:
         yield folder
 
 
-def _elsewhere(arguments: list[str], environment: dict[str, str]) -> dict[str, float]:
-    """Run this module as a program with other compiler settings, and read what it prints."""
-    command = [sys.executable, "-m", "study.simulation.analysis.cost", *arguments]
+def _timed_elsewhere(dimension: int, samples: int, environment: dict[str, str]) -> dict[str, float]:
+    """Seconds as in `timed`, by this module as a program with other compiler settings."""
+    command = [sys.executable, "-m", "study.simulation.analysis.cost", "time", str(dimension), str(samples)]
     done = subprocess.run(command, capture_output=True, text=True, env={**os.environ, **environment}, check=True)
     result: dict[str, float] = json.loads(done.stdout)
     return result
 
 
-if __name__ == "__main__":
-    instruction_set.fix()  # as in the command, so that what an installation compiles is what the command calls
-    works: dict[str, Callable[..., dict[str, float]]] = {"count": count, "time": timed, "scalar": timed_scalar}
-    print(json.dumps(works[sys.argv[1]](*map(int, sys.argv[2:]))))
-
 _COSTS = ("paper_flops", "flops_per_sample", "vector_seconds", "scalar_seconds")
 
 
 def cost_table(dimension: int = 3, samples: int = 1000) -> pd.DataFrame:
-    """The paper's costs beside what is counted and measured here.
+    """The paper's costs, with those of the registry and what is measured here.
 
     Returns:
         A row per estimator: FLOPs of a fit by the paper, FLOPs per sample here, seconds of a fit in vector and in
         scalar code, and each of them over GDKE's (``…_over_gdke``).
     """
-    operations, vector, scalar = counted(dimension), timed(dimension, samples), timed_scalar(dimension, samples)
+    vector, scalar = timed(dimension, samples), timed_scalar(dimension, samples)
     rows = []
     for name, paper in PAPER.items():
-        kernel = {"mle": "mle", "lls": "lls", "igdk": "igdk"}.get(name, "moments")
+        entry = ESTIMATORS[name]
         rows.append(
             {
                 "estimator": name,
                 "samples": samples,
                 "paper_flops": paper(samples, dimension),
-                "flops_per_sample": operations[kernel],
-                "flops_of": "a pass" if name == "mle" else "a fit",
+                "flops_per_sample": float(entry.flops(dimension)) if entry.flops else math.nan,
+                "flops_of": entry.flops_of or "a fit",
                 "vector_seconds": vector[name],
                 "scalar_seconds": scalar[name],
             }
@@ -274,3 +140,9 @@ def printed(frame: pd.DataFrame) -> Iterator[str]:
             rows[-1] += [value, f"{row[f'{name}_over_gdke']:.2f}×"] if known else ["-", ""]
     titles = ["", "paper FLOPs", "", "FLOPs per sample", "", "vector code", "", "scalar code", ""]
     yield from columns(rows, titles, "<>")
+
+
+if __name__ == "__main__":
+    instruction_set.fix()  # as in the command, so that what an installation compiles is what the command calls
+    work = {"time": timed, "scalar": timed_scalar}[sys.argv[1]]
+    print(json.dumps(work(*map(int, sys.argv[2:]))))

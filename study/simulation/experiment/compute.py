@@ -276,9 +276,6 @@ class Failures:
 TOGETHER = 2**17
 """Samples drawn at once: several batches, so that calls cost little, and few enough for a cache."""
 
-_SETS = 2**15
-"""Point sets fitted at once: the moments of so many stay in a cache."""
-
 _workspace = Workspace()
 
 
@@ -380,39 +377,24 @@ def _from_points(
         bound, truths = draws.unit_bound(), []
         fits: list[list[Estimates]] = []
         clock.read("bound", n, trials)
-        for some in _side_by_side(study, cells, trials):
-            on = [cells[places[0]].level for places in some]
-            samples = draws.place(on[0], _workspace) if len(on) == 1 else draws.place_each(on)
-            clock.read("points", n, trials * len(on))
+        for places in levels(cells):
+            level = cells[places[0]].level
+            samples = draws.place(level, _workspace)
+            clock.read("points", n, trials)
             samples.spectrum  # noqa: B018  computed now, so that no estimator's time includes what all use
-            clock.read("moments", n, trials * len(on))
+            clock.read("moments", n, trials)
             fits.append([])
             for name in study.estimators:
                 fit, raised = attempt(name, samples)
                 fits[-1].append(fit)
-                for k, places in enumerate(some) if raised else ():
-                    of_level = {t // len(on): message for t, message in raised.items() if t % len(on) == k}
-                    failures.note(name, places, batches, of_level)
-                clock.read(name, n, trials * len(on))
-            truths += [Truth(level.center, level.radius) for level in on]
-            for place in some[0] if study.keep_points else ():
+                if raised:
+                    failures.note(name, places, batches, raised)
+                clock.read(name, n, trials)
+            truths.append(Truth(level.center, level.radius))
+            for place in places if study.keep_points else ():
                 points.add(cells[place], batches, samples)
         if study.estimators:  # if all fits are known already, a run may need points or timings alone
             yield Errors.of(study, batches, bound, fits, truths)
-
-
-def _side_by_side(study: Study, cells: tuple[Cell, ...], trials: int) -> Iterator[list[list[int]]]:
-    """Places of the cells of each level, in groups of levels that are computed at once.
-
-    A level is computed alone if its points are formed in memory: for an estimator that needs them there, to store them,
-    for noise that is not isotropic, or for conditions besides σ, r and c.
-    """
-    entries = [ESTIMATORS[name] for name in study.estimators]
-    alone = study.keep_points or not study.noise_law.isotropic or any(cell.further for cell in cells)
-    alone = alone or not all(entry.moments_suffice or entry.by_window for entry in entries)
-    count, places = 1 if alone else max(1, _SETS // trials), list(levels(cells))
-    for first in range(0, len(places), count):
-        yield places[first : first + count]
 
 
 def _from_moments(study: Study, unit: Unit, clock: Clock, failures: Failures) -> Iterator[Errors]:

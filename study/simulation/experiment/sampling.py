@@ -15,7 +15,7 @@ import numpy as np
 
 from study.arrays import Floats
 from study.fits import Samples, cap
-from study.fits.jit import Placed, form
+from study.fits.jit import form
 from study.fits.streams import lanes
 from study.simulation.experiment.config import Study
 from study.simulation.experiment.designs import Batch, Cell, Group, Level, Span, Unit
@@ -69,23 +69,9 @@ class Draws:
         noise = self.unit_noise
         for departure in departures(dict(level.further)):
             noise = departure.applied(noise, self.numbers)
-        points = form(self._placed([level], noise), array("points", noise.shape))
+        points = array("points", noise.shape)
+        form(self.directions, noise, np.array(level.center), float(level.radius), float(level.sigma), points)
         return Samples(points, self.law.given(level.sigma))
-
-    def place_each(self, levels: Sequence[Level]) -> Samples:
-        """Place the draws at several levels: all levels of the first trial, then of the next one.
-
-        The points are formed when they are read. The noise must be normal and isotropic.
-        """
-        return Samples(
-            self._placed(levels, self.unit_noise), np.tile([level.sigma for level in levels], len(self.unit_noise))
-        )
-
-    def _placed(self, levels: Sequence[Level], noise: Floats) -> Placed:
-        center = np.array([level.center for level in levels])
-        radius = np.array([level.radius for level in levels])
-        sigma = np.array([level.sigma for level in levels])
-        return Placed(self.directions, noise, center, radius, sigma)
 
     def only(self, trial: int) -> "Draws":
         """One trial of the batch, counted from its first."""

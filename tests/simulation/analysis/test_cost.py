@@ -1,9 +1,10 @@
-"""Operations counted: counting really counts, kernels cost what they declare, and the paper's figures are its own."""
+"""Kernels cost the operations that the registry declares; the paper's figures are its own."""
 
+import json
 import math
+import os
 import subprocess
 import sys
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numba
@@ -15,63 +16,24 @@ import study
 from study.files import save_frame
 from study.fits.jit import SCALAR_CODE
 from study.simulation.analysis import cost
-from study.simulation.analysis.cost import PAPER, Counted, cost_table, counted, printed
+from study.simulation.analysis.cost import PAPER, cost_table, printed
 
 KERNEL = {"mle": "mle", "lls": "lls", "igdk": "igdk"}
 DIMENSIONS = [2, 3, 4, 5]
 
 
-def operations(expression):
-    """Operations that evaluating an expression of three counted numbers takes, and its value."""
-    numbers = [Counted(value) for value in (3.0, 4.0, 0.5)]
-    Counted.operations = 0
-    value = expression(*numbers)
-    return Counted.operations, float(value)
-
-
-@pytest.mark.parametrize(
-    ("expression", "count", "value"),
-    [
-        (lambda a, b, c: a, 0, 3.0),
-        (lambda a, b, c: a + b, 1, 7.0),
-        (lambda a, b, c: a - b, 1, -1.0),
-        (lambda a, b, c: (a + b) * c - a / b, 4, 2.75),
-        (lambda a, b, c: 1.0 - 2 * a / (1.0 + b), 4, -0.2),
-        (lambda a, b, c: 1 / a, 1, 1 / 3),
-        (lambda a, b, c: a**2 + b**2, 3, 25.0),
-        (lambda a, b, c: -abs(-a), 0, -3.0),
-        (lambda a, b, c: max(a, b) if a < b else c, 0, 4.0),
-        (lambda a, b, c: sum([a, b, c]), 3, 7.5),
-        (lambda a, b, c: np.array([a, b, c], dtype=object).sum(), 2, 7.5),
-        (lambda a, b, c: np.array([a, b], dtype=object) @ np.array([b, a], dtype=object), 3, 24.0),
-    ],
-)
-def test_expressions_are_counted(expression, count, value):
-    """Each +, -, *, / and square is one operation, in arrays too; signs and comparisons are not; values are right."""
-    found, result = operations(expression)
-    assert found == count
-    assert result == pytest.approx(value, rel=1e-15)
-
-
-def test_roots_are_counted_and_numpy_is_given_back():
-    """Within the context square roots count and new arrays hold numbers that do; after it all is as before."""
-    empty, root = np.empty, math.sqrt
-    with cost._counting_numpy():
-        array = np.empty(2)
-        array[:] = Counted(9.0)
-        found, value = operations(lambda a, b, c: math.sqrt(a * a + b * b) + array[0])
-        assert np.empty(3, dtype=bool).dtype == bool
-    assert (found, value) == (5, 14.0)
-    assert array.dtype == object
-    assert (np.empty, math.sqrt) == (empty, root)
-    assert np.empty(2).dtype == float
+def count(dimension):
+    """Operations per sample of each kernel, counted by a program without compilation."""
+    command = [sys.executable, str(Path(__file__).with_name("operations.py")), str(dimension)]
+    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1"}
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, check=True)
+    return json.loads(done.stdout)
 
 
 @pytest.fixture(scope="module")
 def kernels():
     """Operations per sample of each kernel for d = 2 to 5."""
-    with ThreadPoolExecutor(2) as pool:
-        return dict(zip(DIMENSIONS, pool.map(counted, DIMENSIONS), strict=True))
+    return {d: count(d) for d in DIMENSIONS}
 
 
 @pytest.fixture(scope="module")
@@ -81,22 +43,20 @@ def settings():
 
 
 @pytest.fixture(scope="module")
-def table(kernels, settings):
+def table(settings):
     """The cost table of fits of 20 samples.
 
     Scalar code is timed by the program that does it, but with the compiled code at hand: to compile all of it without
     vector instructions would take half a minute.
     """
-    elsewhere = cost._elsewhere
+    elsewhere = cost._timed_elsewhere
 
-    def warm(arguments, environment):
-        if arguments[0] == "count":
-            return kernels[int(arguments[1])]
+    def warm(dimension, samples, environment):
         settings.append(environment)
-        return elsewhere(arguments, {})
+        return elsewhere(dimension, samples, {})
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(cost, "_elsewhere", warm)
+        patch.setattr(cost, "_timed_elsewhere", warm)
         return cost_table(3, 20)
 
 
@@ -133,13 +93,13 @@ def test_the_papers_figures():
         assert round(PAPER["lls"](n, 3) / PAPER["gdke"](n, 3), 2) == ratio
 
 
-def test_cost_table(table, kernels):
+def test_cost_table(table):
     """The table has a row per estimator of the comparison, what was counted and measured, and each over GDKE."""
     assert list(table["estimator"]) == list(PAPER)
     assert (table["samples"] == 20).all()
     rows = table.set_index("estimator")
     for name, row in rows.iterrows():
-        assert row["flops_per_sample"] == kernels[3][KERNEL.get(name, "moments")]
+        assert row["flops_per_sample"] == study.ESTIMATORS[name].flops(3)
         assert row["flops_of"] == ("a pass" if name == "mle" else "a fit")
         np.testing.assert_equal(row["paper_flops"], PAPER[name](20, 3))
         for column in ("vector_seconds", "scalar_seconds"):
@@ -177,11 +137,3 @@ def test_cost_table_printed_and_stored(table, tmp_path):
         path = tmp_path / "deep" / f"cost{suffix}"
         save_frame(table, path)
         pd.testing.assert_frame_equal(read(path), table, check_dtype=False, rtol=1e-12)
-
-
-def test_counting_needs_compilation_off():
-    """Asked to count with compilation on, the program fails instead of reporting nothing counted."""
-    done = subprocess.run(
-        [sys.executable, "-m", "study.simulation.analysis.cost", "count", "2"], capture_output=True, text=True
-    )
-    assert done.returncode != 0
