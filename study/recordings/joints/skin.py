@@ -133,6 +133,8 @@ _BLOCKS = 16
 """Stretches of time from which the share of the noise is found, long enough to be independent of each other."""
 _FEWEST = 6
 """Fewest frames for each regressor."""
+_RANK = 1e-9
+"""Size of a regressor, relative to the largest, below which it is rounding."""
 
 
 def skin_slope(departures: Floats, angles: Floats) -> float:
@@ -161,7 +163,8 @@ def skin_slope(departures: Floats, angles: Floats) -> float:
     regressors = np.concatenate([x, quadratics])
     regressors -= regressors.mean(axis=1, keepdims=True)
     d = d - d.mean(axis=1, keepdims=True)
-    rows = np.linalg.svd(regressors, full_matrices=False)[2]  # orthonormal
+    sizes, rows = np.linalg.svd(regressors, full_matrices=False)[1:]
+    rows = rows[sizes > _RANK * sizes[0]]  # orthonormal; of angles that lack a direction fewer than nine
     coefficients = rows @ d.T
     rest = d - coefficients.T @ rows
     edges = np.linspace(0, n, _BLOCKS + 1).astype(int)
