@@ -27,7 +27,7 @@ import numpy as np
 from study.arrays import Bools, Floats
 from study.fits import fit
 from study.fits.streams import stream
-from study.recordings.joints.moments import SHAPE_ERROR, TINY, PooledMoments, add_scores, marker_moments
+from study.recordings.joints.moments import SHAPE_ERROR, TINY, PooledMoments, marker_moments
 from study.recordings.pose_noise import PoseNoise, long_run_covariance
 
 _FRAMES = 600
@@ -41,7 +41,7 @@ _WORSE = 1.5
 _LINE = 2.0 / math.sqrt(5.0)
 """Relative standard deviation of the variance along a random direction, for soft tissue that slides along one line."""
 CONDITION_LIMIT = 0.999
-"""A condition ρ above this counts as 1: at the limit of `solve_center`."""
+"""A condition ρ above this counts as 1: at the limit of `PooledMoments.solve`."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ class CenterFit:
         clear: True if the extent along ``least`` exceeds the noise even if that has another shape than expected.
         rms_angles: root mean square angles of the markers' motion about the centre, along their principal directions
             (3,), ascending, radians; noise taken off.
-        normal: matrix of the normal equations A = Σ w (C - ηF) (3, 3), see `solve_center`.
+        normal: matrix of the normal equations A = Σ w (C - ηF) (3, 3), see `moments`.
         weights: w of each marker (M,); 0 for one with too few samples.
     """
 
@@ -133,7 +133,7 @@ def fit_center(
     if pooled is None:
         return None
     size, center = pooled.solve(everything, given)
-    scores, basis, axis = _scores(pooled, size, center, everything), everything, None
+    scores, basis, axis = pooled.scores(size, center, everything), everything, None
     covariance, share = _covariance(scores, pooled, size, center, everything)
     frames = int((scores != 0.0).any(axis=0).sum())
     effective = share * frames
@@ -145,7 +145,7 @@ def fit_center(
     least, across = pooled.least_direction(size)
     if hinge or (not clear and hinge is None):
         planar_size, planar_center = pooled.solve(across, given)
-        planar_scores = _scores(pooled, planar_size, planar_center, across)
+        planar_scores = pooled.scores(planar_size, planar_center, across)
         # sizes, not residuals: moving the centre to where the pose itself rotates least makes any residual smaller
         before = size if size < CONDITION_LIMIT * pooled.largest_size(everything) else 0.0
         if hinge or (
@@ -217,15 +217,6 @@ def _moments_of_size(markers: Sequence[LocalMarker], pose: PoseNoise, size: floa
 def _sum_is_noise(score: Floats) -> bool:
     """True if scores (frames,) add up to no more than their standard errors explain."""
     return bool(score.sum() ** 2 < _SIGNIFICANT**2 * long_run_covariance(score[None])[0][0, 0])
-
-
-def _scores(pooled: PooledMoments, size: float, center: Floats, basis: Floats) -> Floats:
-    """Estimating functions of (c, η), frame by frame (4, frames)."""
-    scores = np.zeros((4, pooled.markers[0].z.shape[1]))
-    within = basis @ basis.T
-    for moments, weight in zip(pooled.markers, pooled.w / pooled.stacked.n, strict=True):
-        add_scores(moments, size, center, within, weight, scores)
-    return scores
 
 
 def _covariance(
