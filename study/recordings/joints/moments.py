@@ -66,7 +66,7 @@ class MarkerMoments:
     @property
     def count(self) -> int:
         """Number of samples n."""
-        return self.z.shape[1]
+        return int(self.z.shape[1])
 
 
 def marker_moments(y: Floats, used: Bools, pose: PoseNoise, own: float, size: float) -> MarkerMoments:
