@@ -1,8 +1,4 @@
-"""Summaries of a case study's scatter: power laws over the number of frames, and the reasons for outliers.
-
-Joint centres from subsets of a recording's frames: MGDK in batches, and the choice of the frames.
-
-The paper's precision study (§9.1): the scatter of joint centres that are fitted to parts of a recording.
+"""The paper's precision study (§9.1): the scatter of joint centres that are fitted to parts of a recording.
 
 There are four data sets, each a random half of the frames; a quarter of the subsets comes from each. A centre is MGDK's
 in the parent's axes (paper eq. 22, corrected), with the noise that the whole recording shows, as in UGDK. A hinge has

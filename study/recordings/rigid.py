@@ -1,36 +1,25 @@
-"""Outliers among the markers of one rigid segment, found by the distances between markers.
+"""Rigid bodies from markers: wrong samples, the shape of a segment, its poses, and angles between two segments.
 
-A distance between two markers of a rigid segment does not depend on its pose, and its median over time is not moved by
-some wrong frames. A sample whose distances to the other markers are far from their medians is a swapped marker or a
-stray one.
+Outliers. A distance between two markers of a rigid segment does not depend on its pose, and its median over time is not
+moved by some wrong frames. A sample whose distances to the other markers are far from their medians is a swapped marker
+or a stray one.
 
-Angles of rotations about three axes, one after the other.
+Angles of a joint over time are rotation vectors about its mean position. They come from the rotations of one segment in
+the other's axes; or, where only one segment has a pose, from the markers of the other about the joint's centre, to
+first order.
 
-Points and directions between the world's axes and axes that move with a body.
+Poses. Kabsch's fit is the rotation and translation that take a rigid template nearest to its points, in every video
+frame. The rotation is built from the two leading singular directions; the third follows from right-handedness. So
+points in a plane, as three always are, need no special case, and a mirror image is never taken for a rotation. Points
+that are missing in a frame do not enter the fit. A frame of four points takes less than a microsecond.
 
-Angles of a joint over time, as rotation vectors about its mean position, and the frames of rotation each way.
+The cross sums take any fixed point in place of the centroid, for fits about a joint.
 
-They come from the rotations of one segment in the other's axes; or, where only one segment has a pose, from the markers
-of the other about the joint's centre, to first order.
+Shapes. Classical scaling turns the median distances between markers into a shape. Generalised Procrustes analysis
+refines it on the frames without outliers: fit the shape to each frame, take the mean of the markers in the shape's
+axes, repeat.
 
-Kabsch's fit: the rotation and translation that take a rigid template nearest to its points, in every video frame.
-
-The rotation is built from the two leading singular directions; the third follows from right-handedness. So points in
-a plane, as three always are, need no special case, and a mirror image is never taken for a rotation. Points that are
-missing in a frame do not enter the fit. A frame of four points takes less than a microsecond.
-
-Source: Kabsch 1976, 1978. The cross sums take any fixed point in place of the centroid, for fits about a joint.
-
-Ranges of motion: the angle that markers sweep about a joint, and the angle by which one segment rotates in another.
-
-They say what a fitted centre rests on, whatever its standard error is.
-
-The shape of the markers on one rigid segment, from a recording with missing, stray and swapped samples.
-
-Classical scaling turns the median distances between markers into a shape. Generalised Procrustes analysis refines it
-on the frames without outliers: fit the shape to each frame, take the mean of the markers in the shape's axes, repeat.
-
-Source: Torgerson 1952 (scaling); Gower 1975 (Procrustes), without change of size.
+Source: Kabsch 1976, 1978; Torgerson 1952 (scaling); Gower 1975 (Procrustes), without change of size.
 """
 
 import math

@@ -1,26 +1,18 @@
 """A session: the trials of one subject with the markers on, calibrated one by one and merged if they fit each other.
 
-Common axes for calibrations of several trials: each trial's segments, moved onto those of a reference.
-
 Each trial has its own axes for a segment. Kabsch's fit of the markers that two trials share moves one trial's axes onto
 the other's; a segment with fewer than three markers takes the joint above it as one more point.
 
-One place for a joint from several trials of a session, weighted by what each trial knows of it.
-
-The trials whose estimate is reliable are weighted by the inverse of their covariances, so a trial that did not move the
-joint counts for next to nothing. A hinge counts across its axis only. Trials that contradict each other are found as
-segments that do are (`side_agreement`): the best one's place stays, and its covariance covers the other.
-
-Source: the weighted mean of independent estimates (Gauss-Markov).
-
-Merge the calibrations of several trials of one session: shapes averaged, joints from the trials that moved them.
+A joint has one place from all trials. The trials whose estimate is reliable are weighted by the inverse of their
+covariances, so a trial that did not move the joint counts for next to nothing. A hinge counts across its axis only.
+Trials that contradict each other are found as segments that do are (`side_agreement`): the best one's place stays, and
+its covariance covers the other.
 
 A functional calibration moves one joint after the other, each in a trial of its own. The merged calibration has all of
-them, and a static trial may give the shapes.
+them. A static trial may give the shapes of the segments, and with medial markers, which are off during motion, the
+places of hinges along their axes.
 
-Places of hinges along their axes, from a static trial with the medial markers, which are off during motion.
-
-The calibration of a session as lines for a reader, and its joints as a table.
+Source: the weighted mean of independent estimates (Gauss-Markov).
 """
 
 from collections import defaultdict

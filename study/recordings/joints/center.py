@@ -8,12 +8,11 @@ The covariance is the sandwich of the estimating functions of (c, η), frame by 
 (`long_run_covariance`). It holds for any residuals, be they correlated in time and between markers or of unequal
 variance, as long as there are many times more frames than their autocorrelation time.
 
-Outliers among a marker's samples about a joint: samples far off the marker's sphere, such as swapped markers.
-
-Least squares is not robust: one marker that is half a metre away in one frame of fifty moves the sphere there. So
-small random sets of samples, many of which hold no outlier, propose centres. If the median sample is several times
-nearer to its sphere about one of these than about the centre of all samples, there are outliers. Samples far from the
-spheres about that centre are rejected, then those far from GDKE's, until none is.
+Samples far off a marker's sphere, such as those of swapped markers, are rejected before. Least squares is not robust:
+one marker that is half a metre away in one frame of fifty moves the sphere there. So small random sets of samples, many
+of which hold no outlier, propose centres. If the median sample is several times nearer to its sphere about one of these
+than about the centre of all samples, there are outliers. Samples far from the spheres about that centre are rejected,
+then those far from GDKE's, until none is.
 
 Source: Rousseeuw 1984 (least median of squares).
 """

@@ -2,9 +2,9 @@
 
 It belongs to a subject with its markers on. Fitted to one recording, it serves for any other of the same session.
 
-Source: paper §10 ("calculations can be reused for the same actor and marker-set").
+Its file is JSON: every number exactly, readable by any program.
 
-Calibrations as JSON files: every number exactly, readable by any program.
+Source: paper §10 ("calculations can be reused for the same actor and marker-set").
 """
 
 import json
