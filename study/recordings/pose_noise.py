@@ -171,10 +171,10 @@ class PoseNoise:
         shift = self.in_patterns_of(self.shift + own * np.eye(3), frames)
         if not self.tilt.any():  # an exact pose
             return np.broadcast_to(shift, (3, 3, y.shape[1]))
-        v = y - self.in_patterns_of(self.centroid, frames)
-        mixed = _crossed(v, self.in_patterns_of(self.cross, frames))
+        v, cross = y - self.in_patterns_of(self.centroid, frames), self.in_patterns_of(self.cross, frames)
         tilted = _crossed(v, self.in_patterns_of(self.tilt, frames))
-        return np.asarray(shift + _crossed(v, tilted.swapaxes(0, 1)) - mixed - mixed.swapaxes(0, 1))
+        half = _crossed(v, 0.5 * tilted.swapaxes(0, 1) - cross)  # ½ [v] Cov δ [v]ᵀ - [v] Cov(δ, ε̄)
+        return np.asarray(shift + half + half.swapaxes(0, 1))
 
     def in_patterns_of(self, values: Floats, frames: Bools) -> Floats:
         """Values of the patterns (patterns, …) in frames (frames,), as (…, n); (…, 1) if there is one pattern."""
