@@ -1,8 +1,4 @@
-"""Summaries of a case study's scatter: power laws over the number of frames, and the reasons for outliers.
-
-Joint centres from subsets of a recording's frames: MGDK in batches, and the choice of the frames.
-
-The paper's precision study (§9.1): the scatter of joint centres that are fitted to parts of a recording.
+"""The paper's precision study (§9.1): the scatter of joint centres that are fitted to parts of a recording.
 
 There are four data sets, each a random half of the frames; a quarter of the subsets comes from each. A centre is MGDK's
 in the parent's axes (paper eq. 22, corrected), with the noise that the whole recording shows, as in UGDK. A hinge has
@@ -26,8 +22,6 @@ import numpy as np
 import pandas as pd
 
 from study.arrays import Bools, Floats, Ints
-from study.fits.jit import compiled
-from study.fits.markers import add_marker
 from study.fits.streams import stream
 from study.recordings.joints.estimate import USABLE, Estimate
 from study.recordings.joints.find import FoundJoint, FoundJoints
@@ -219,57 +213,22 @@ class JointSamples:
 
     def _pool(self, index: Ints) -> tuple[Floats, Floats]:
         """Σ w n (C - σ²I) / Σ w n (B, 3, 3), and the same of (C - σ²I) x̄ + ½S (B, 3), for frames (B, N)."""
-        left, right = np.zeros((len(index), 3, 3)), np.zeros((len(index), 3))
-        _pool(self.y, self.used, self.weights, self.noise_variance, index, left, right)
-        return left, right
-
-
-@compiled
-def _pool(y: Floats, used: Bools, weights: Floats, variance: float, index: Ints, left: Floats, right: Floats) -> None:
-    """Add the sums of `JointSamples._pool` to ``left`` (B, 3, 3) and ``right`` (B, 3), which are zero."""
-    mean, c, s = np.empty(3), np.empty((3, 3)), np.empty(3)
-    for b in range(index.shape[0]):
-        total = 0.0
-        for p in range(y.shape[0]):
-            n = 0.0
-            for i in range(3):
-                mean[i], s[i] = 0.0, 0.0
-                for j in range(3):
-                    c[i, j] = 0.0
-            for t in index[b]:
-                if used[p, t]:
-                    n += 1.0
-                    for i in range(3):
-                        mean[i] += y[p, i, t]
-            if n < 2.0:
-                continue
-            for i in range(3):
-                mean[i] /= n
-            for t in index[b]:
-                if used[p, t]:
-                    d0, d1, d2 = y[p, 0, t] - mean[0], y[p, 1, t] - mean[1], y[p, 2, t] - mean[2]
-                    square = d0 * d0 + d1 * d1 + d2 * d2
-                    c[0, 0] += d0 * d0
-                    c[0, 1] += d0 * d1
-                    c[0, 2] += d0 * d2
-                    c[1, 1] += d1 * d1
-                    c[1, 2] += d1 * d2
-                    c[2, 2] += d2 * d2
-                    s[0] += square * d0
-                    s[1] += square * d1
-                    s[2] += square * d2
-            c[1, 0], c[2, 0], c[2, 1] = c[0, 1], c[0, 2], c[1, 2]
-            for i in range(3):
-                s[i] /= n - 1.0
-                for j in range(3):
-                    c[i, j] = c[i, j] / (n - 1.0) - (variance if i == j else 0.0)
-            total += weights[p] * n
-            add_marker(weights[p] * n, c, mean, s, left[b], right[b])
-        total = max(total, 1e-300)
-        for i in range(3):
-            right[b, i] /= total
-            for j in range(3):
-                left[b, i, j] /= total
+        left, right, total = np.zeros((len(index), 3, 3)), np.zeros((len(index), 3)), np.zeros(len(index))
+        for y, used, weight in zip(self.y, self.used, self.weights, strict=True):
+            chosen = used[index]
+            count = chosen.sum(axis=1)
+            w = np.where(count > 1, weight * count, 0.0)  # one sample has no extent
+            x = np.where(chosen, np.take(y, index, axis=1), 0.0)  # (3, B, N)
+            mean = x.sum(axis=2) / np.maximum(count, 1)
+            z = np.where(chosen, x - mean[:, :, None], 0.0).swapaxes(0, 1)
+            share = 1.0 / np.maximum(count - 1, 1)
+            c = share[:, None, None] * z @ z.swapaxes(1, 2) - self.noise_variance * np.eye(3)
+            s = share[:, None] * (z @ (z**2).sum(axis=1)[:, :, None])[:, :, 0]
+            left += w[:, None, None] * c
+            right += w[:, None] * (np.einsum("bij,jb->bi", c, mean) + 0.5 * s)
+            total += w
+        total = np.maximum(total, 1e-300)
+        return left / total[:, None, None], right / total[:, None]
 
 
 def subset_frames(way: str, seen: Ints, number: int, subsets: int, rng: np.random.Generator) -> Ints:

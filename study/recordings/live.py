@@ -1,8 +1,7 @@
-"""Lines of a stream: each is a frame, a JSON object of labels and positions, ``{"LASI": [412.1, 680.3, 966.2], ...}``.
+"""Joints that grow with the frames of a stream, in constant memory: incremental fits of the paper's section 4.
 
-A marker that is not seen is left out, or null. Blank lines are skipped.
-
-Joints that grow with the frames of a stream, in constant memory: incremental fits of the paper's section 4.
+Each line of a stream is a frame, a JSON object of labels and positions, ``{"LASI": [412.1, 680.3, 966.2], ...}``. A
+marker that is not seen is left out, or null. Blank lines are skipped.
 
 The pose of a parent segment comes from a rigid fit of its markers to their shape in the most typical of the first
 frames with all of them. In its axes each marker of the child adds to a `study.Incremental`, and MGDK's centre follows

@@ -1,15 +1,9 @@
 """One joint of a recording, fitted to the markers of its two segments, with its range of motion and its doubts.
 
-Checks of the two points that place a hinge along its axis: they must be on its segments, and near the joint.
-
-Two clusters of markers as a marker set of one joint: the labels that a user gave, looked up in a recording.
-
-Joint centres that other programs left in a recording as points, and their distances from a joint fitted here.
-
-Gait software writes its centres beside the markers: LHJC, RHJC (Vicon's Plug-in Gait, Visual3D), L_HipCentre,
-RightHipCenter and the like. They are another method's answer, not the truth.
-
-One joint as a line for a reader, and as JSON for a program.
+The markers are those of the labels that a user gave, looked up in the recording. The two points that place a hinge
+along its axis must be on its segments, and near the joint. Gait software writes its centres beside the markers: LHJC,
+RHJC (Vicon's Plug-in Gait, Visual3D), L_HipCentre, RightHipCenter and the like. They are another method's answer, not
+the truth; their distances from the joint are reported.
 """
 
 import math
@@ -210,7 +204,7 @@ NEAR = 0.1
 """Metres within which another program's centre may be of this joint, and not of the other side's."""
 
 
-class LeftCentre(NamedTuple):
+class OtherCentre(NamedTuple):
     """A point of a recording that another program calls a joint's centre.
 
     Attributes:
@@ -229,7 +223,7 @@ def is_centre(label: str) -> bool:
     return _PATTERN.search(label.strip()) is not None
 
 
-def left_centres(recording: Recording, joint: Floats, axis: Floats | None = None) -> tuple[LeftCentre, ...]:
+def other_centres(recording: Recording, joint: Floats, axis: Floats | None = None) -> tuple[OtherCentre, ...]:
     """Measure the distances of other programs' centres from a joint.
 
     Args:
@@ -247,7 +241,7 @@ def left_centres(recording: Recording, joint: Floats, axis: Floats | None = None
         distance = np.linalg.norm(off, axis=0)
         distance = distance[~np.isnan(distance)]
         if len(distance):
-            found.append(LeftCentre(label, float(np.median(distance)), len(distance)))
+            found.append(OtherCentre(label, float(np.median(distance)), len(distance)))
     return tuple(sorted(found, key=lambda each: each.distance))
 
 
@@ -288,7 +282,7 @@ class OneJoint:
     turn: float
     frames: int
     effective_frames: float
-    compared: tuple[LeftCentre, ...]
+    compared: tuple[OtherCentre, ...]
     misplaced: tuple[str, ...]
     doubts: tuple[str, ...]
 
@@ -324,7 +318,7 @@ def fit_one_joint(recording: Recording, clusters: Clusters, hinge: bool = False)
     if parent is not None and child is not None:
         turn = float(np.degrees(rotation_range(relative_rotation(parent.rotation, child.rotation))))
     accuracy = accuracy_columns(found)
-    compared = left_centres(recording, world, axis)
+    compared = other_centres(recording, world, axis)
     misplaced = misplaced_across(found, joints.poses, clusters.markers, recording)
     doubts = [*misplaced, *_doubts(found, joints, recording, world), *_contradictions(compared, accuracy["error"])]
     return OneJoint(
@@ -369,7 +363,7 @@ def _doubts(found: FoundJoint, joints: FoundJoints, recording: Recording, world:
     return doubts
 
 
-def _contradictions(compared: tuple[LeftCentre, ...], error: float) -> list[str]:
+def _contradictions(compared: tuple[OtherCentre, ...], error: float) -> list[str]:
     """The doubt where the nearest of other programs' centres may be of this joint, but contradicts its error."""
     if not compared or not max(CENTIMETRE, _ERRORS * error) < compared[0].distance < NEAR:
         return []
@@ -441,7 +435,7 @@ def _parts(joint: OneJoint) -> Iterator[str]:
     yield f"doubts: {'; '.join(joint.doubts)}" if joint.doubts else "no doubts"
 
 
-def _comparison(centre: LeftCentre) -> str:
+def _comparison(centre: OtherCentre) -> str:
     return f"{centre.label} of another program is {1000 * centre.distance:.1f} mm away"
 
 

@@ -1,4 +1,4 @@
-"""Noise of a segment pose: it moves all markers that are expressed in the segment's axes.
+"""Noise of a segment pose, which moves all markers in the segment's axes, and sums over correlated frames.
 
 A pose fitted to noisy markers is displaced by ε̄ and rotated by a small angle δ. A point at v from the centroid of the
 pose's markers, whose own noise is ε, then has in the segment's axes the error ε - ε̄ + v × δ, of covariance
@@ -11,10 +11,6 @@ samples. Four markers on a pelvis rotate a marker of the thigh by a tenth of a d
 three in a thin triangle rotate it far more about the long side. A sphere fit that takes this noise for isotropic is
 biased by centimetres at the knee. The moments of a marker are corrected for it sample by sample.
 
-Generalised eigenvalues of two small symmetric matrices: the extent of points in units of their noise.
-
-Long-run covariance of a sum over correlated video frames, and the autocorrelation time of a series.
-
 Frames of a recording follow each other within milliseconds, and soft tissue that is displaced in one still is in the
 next. So the covariance of a fit must count effectively independent frames. The score of a frame, which is its part of
 the estimating equations, carries what is needed: errors common to markers, unequal noise, correlation in time. The
@@ -24,66 +20,12 @@ frequencies, up to a fraction of 1/τ, with τ = 1 + 2 Σ ρ(k) summed up to the
 Source: Sokal 1997 (τ); Lazarus, Lewis, Stock & Watson 2018 (equal weights on the lowest frequencies).
 """
 
-import math
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from scipy import fft
 
 from study.arrays import Bools, Floats, Ints
-from study.fits.jit import compiled
-from study.fits.linalg import diagonalise
-
-
-@compiled
-def diagonalise_pair(c: Floats, f: Floats, scratch: Floats, values: Floats, vectors: Floats) -> None:
-    """Find V with VᵀFV = I and VᵀCV diagonal, for C (d, d) and a positive definite F (d, d).
-
-    ``values`` (d,) receives the diagonal, ascending and not below 0; ``vectors`` (d, d) receives V, one direction a
-    column; ``scratch`` is (2, d, d).
-    """
-    d = len(values)
-    inverse, inner = scratch[0], scratch[1]
-    # Cholesky's factor L of F, and its inverse row by row
-    for i in range(d):
-        for j in range(i + 1):
-            entry = f[i, j]
-            for k in range(j):
-                entry -= inner[i, k] * inner[j, k]
-            inner[i, j] = math.sqrt(entry) if i == j else entry / inner[j, j]
-    for i in range(d):
-        for j in range(d):
-            entry = 1.0 if i == j else 0.0
-            for k in range(j, i):
-                entry -= inner[i, k] * inverse[k, j]
-            inverse[i, j] = entry / inner[i, i] if j <= i else 0.0
-    for i in range(d):
-        for j in range(i + 1):
-            entry = 0.0
-            for k in range(i + 1):
-                for m in range(j + 1):
-                    entry += inverse[i, k] * c[k, m] * inverse[j, m]
-            inner[i, j] = entry
-            inner[j, i] = entry
-    diagonalise(inner, vectors)
-    for k in range(d):
-        values[k] = max(inner[k, k], 0.0)
-    for k in range(d):
-        for i in range(d):
-            entry = 0.0
-            for m in range(i, d):
-                entry += inverse[m, i] * vectors[m, k]
-            vectors[i, k] = entry  # row i is not needed again: L⁻ᵀ is triangular
-
-
-def smallest_generalised_eigenvalue(c: Floats, f: Floats) -> float:
-    """Least λ with det(C - λF) = 0, not below 0, for C (d, d) and a positive definite F (d, d)."""
-    d = len(c)
-    values = np.empty(d)
-    diagonalise_pair(c, f, np.empty((2, d, d)), values, np.empty((d, d)))
-    return float(values[0])
-
 
 _WINDOW = 5.0
 """Autocorrelations are summed up to a lag of this many τ."""
@@ -108,23 +50,11 @@ def autocorrelation_time(series: Floats) -> Floats:
     size = fft.next_fast_len(2 * n, real=True)
     spectrum = fft.rfft(series, size, axis=1)
     covariance = fft.irfft(spectrum.real**2 + spectrum.imag**2, size, axis=1)
-    tau = np.empty(len(series))
-    _sum_autocorrelations(covariance, n, tau)
-    return tau
-
-
-@compiled
-def _sum_autocorrelations(covariance: Floats, n: int, tau: Floats) -> None:
-    """Put autocorrelation times into ``tau`` (k,), from autocovariances (k, n or more) of lags from 0."""
-    for row in range(len(tau)):
-        tau[row] = 1.0
-        if not covariance[row, 0] > 0.0:
-            continue
-        for lag in range(1, n):
-            tau[row] += 2.0 * covariance[row, lag] / covariance[row, 0]
-            if lag >= _WINDOW * tau[row]:
-                break
-        tau[row] = max(tau[row], 1.0)
+    correlation = covariance[:, 1:n] / np.where(covariance[:, :1] > 0.0, covariance[:, :1], np.inf)
+    sums = 1.0 + 2.0 * np.cumsum(correlation, axis=1)  # up to each lag
+    wide = np.arange(1, n) >= _WINDOW * sums
+    last = np.where(wide.any(axis=1), wide.argmax(axis=1), n - 2)
+    return np.asarray(np.maximum(sums[np.arange(len(series)), last], 1.0))
 
 
 def long_run_covariance(scores: Floats) -> tuple[Floats, Floats]:
@@ -154,21 +84,6 @@ def long_run_covariance(scores: Floats) -> tuple[Floats, Floats]:
     ratios, axes = np.linalg.eigh(inverse @ spectrum @ inverse.T)
     inflated = root @ (axes * np.maximum(ratios, 1.0)) @ axes.T @ root.T
     return inflated * np.outer(scale, scale), independent
-
-
-class PatternNoise(NamedTuple):
-    """Noise of one marker in each pattern, as compiled code takes it; see `PoseNoise` for shapes.
-
-    ``shift`` includes the marker's own noise; ``expansion`` and ``mean_shift`` undo the mean effects of the noise.
-    """
-
-    pattern: Ints
-    centroid: Floats
-    shift: Floats
-    tilt: Floats
-    cross: Floats
-    expansion: Floats
-    mean_shift: Floats
 
 
 @dataclass(frozen=True)
@@ -203,10 +118,10 @@ class PoseNoise:
             known: frames in which the pose is known (frames,).
         """
         bits = (np.where(used, 1, 0) << np.arange(len(template))[:, None]).sum(axis=0)
-        found, where = np.unique(bits[known], return_inverse=True)
+        distinct, where = np.unique(bits[known], return_inverse=True)
         pattern = np.full(used.shape[1], -1)
         pattern[known] = where
-        masks = (found[:, None] >> np.arange(len(template))) & 1
+        masks = (distinct[:, None] >> np.arange(len(template))) & 1
         parts = [_first_order(template[mask == 1], noise[mask == 1]) for mask in masks]
         centroid, shift, tilt, cross = (
             np.array([part[i] for part in parts]).reshape(-1, *shape)
@@ -219,8 +134,8 @@ class PoseNoise:
         weights = np.bincount(self.pattern[self.pattern >= 0], minlength=len(self.centroid))
         k = skew(np.asarray(point) - self.centroid)
         mixed = k @ self.cross
-        each = self.shift + k @ self.tilt @ k.swapaxes(1, 2) - mixed - mixed.swapaxes(1, 2)
-        return np.asarray(np.einsum("k,kij->ij", weights / max(weights.sum(), 1), each))
+        by_pattern = self.shift + k @ self.tilt @ k.swapaxes(1, 2) - mixed - mixed.swapaxes(1, 2)
+        return np.asarray(np.einsum("k,kij->ij", weights / max(weights.sum(), 1), by_pattern))
 
     def expansion(self, size: float = 1.0) -> Floats:
         """I + B (patterns, 3, 3) for noise of variance ``size``: undoes the mean contraction towards the centroid."""
@@ -233,16 +148,38 @@ class PoseNoise:
         parts = [c[:, 1, 2] - c[:, 2, 1], c[:, 2, 0] - c[:, 0, 2], c[:, 0, 1] - c[:, 1, 0]]
         return size * np.stack(parts, axis=1)
 
-    def of_marker(self, own: float, size: float) -> PatternNoise:
-        """Noise of a marker in each pattern.
+    def corrected(self, y: Floats, frames: Bools, size: float) -> Floats:
+        """Undo the mean effects of noise of variance ``size`` on a marker.
 
         Args:
-            own: variance of the marker's own noise, m².
-            size: variance of all noise, in units of what this and ``own`` say, for its mean effects.
+            y: its places in the segment's axes (3, n), metres.
+            frames: its frames (frames,), n of them, in which the pose is known.
+            size: variance of the noise, in units of what this says.
         """
-        shift = self.shift + own * np.eye(3)
-        expansion, mean_shift = self.expansion(size), self.mean_shift(size)
-        return PatternNoise(self.pattern, self.centroid, shift, self.tilt, self.cross, expansion, mean_shift)
+        centroid = self.in_patterns_of(self.centroid, frames)
+        shift = self.in_patterns_of(self.mean_shift(size), frames)
+        return np.asarray(centroid - shift + times(self.in_patterns_of(self.expansion(size), frames), y - centroid))
+
+    def covariances(self, y: Floats, frames: Bools, own: float) -> Floats:
+        """Covariance F (3, 3, n), m², of a marker by (*), for each of n samples.
+
+        Args:
+            y: its places in the segment's axes (3, n), metres.
+            frames: its frames (frames,), n of them, in which the pose is known.
+            own: variance s² of its own noise, m².
+        """
+        shift = self.in_patterns_of(self.shift + own * np.eye(3), frames)
+        if not self.tilt.any():  # an exact pose
+            return np.broadcast_to(shift, (3, 3, y.shape[1]))
+        v, cross = y - self.in_patterns_of(self.centroid, frames), self.in_patterns_of(self.cross, frames)
+        tilted = _crossed(v, self.in_patterns_of(self.tilt, frames))
+        half = _crossed(v, 0.5 * tilted.swapaxes(0, 1) - cross)  # ½ [v] Cov δ [v]ᵀ - [v] Cov(δ, ε̄)
+        return np.asarray(shift + half + half.swapaxes(0, 1))
+
+    def in_patterns_of(self, values: Floats, frames: Bools) -> Floats:
+        """Values of the patterns (patterns, …) in frames (frames,), as (…, n); (…, 1) if there is one pattern."""
+        values = values.T if values.ndim < 3 else values.transpose(1, 2, 0)
+        return values if values.shape[-1] == 1 else np.take(values, self.pattern[frames], axis=-1)
 
     def patterns_beyond(self, angle: float) -> Bools:
         """Patterns (patterns,) whose rotation about some axis has a standard deviation above an angle, radians."""
@@ -268,30 +205,14 @@ class PoseNoise:
         return float(np.sqrt(np.linalg.eigvalsh(self.tilt)[:, -1].max(initial=0.0)))
 
 
-@compiled
-def covariance_of_sample(v0: float, v1: float, v2: float, noise: PatternNoise, p: int, f: Floats) -> None:
-    """Put the covariance F (3, 3) of a marker at v from the centroid in pattern p, by (*), into ``f``."""
-    shift, tilt, cross = noise.shift[p], noise.tilt[p], noise.cross[p]
-    for j in range(3):
-        # column j of [v] T; row i of [v] is v × e_i
-        f[0, j] = v1 * tilt[2, j] - v2 * tilt[1, j]
-        f[1, j] = v2 * tilt[0, j] - v0 * tilt[2, j]
-        f[2, j] = v0 * tilt[1, j] - v1 * tilt[0, j]
-    for i in range(3):
-        a, b, c = f[i, 0], f[i, 1], f[i, 2]
-        f[i, 0], f[i, 1], f[i, 2] = v1 * c - v2 * b, v2 * a - v0 * c, v0 * b - v1 * a
-    for j in range(3):
-        a, b, c = cross[0, j], cross[1, j], cross[2, j]
-        x0, x1, x2 = v1 * c - v2 * b, v2 * a - v0 * c, v0 * b - v1 * a
-        f[0, j] -= x0
-        f[1, j] -= x1
-        f[2, j] -= x2
-        f[j, 0] -= x0
-        f[j, 1] -= x1
-        f[j, 2] -= x2
-    for i in range(3):
-        for j in range(3):
-            f[i, j] += shift[i, j]
+def times(matrix: Floats, v: Floats) -> Floats:
+    """Matrices (3, 3, n or 1) times vectors (3, n)."""
+    return np.asarray(matrix[:, 0] * v[0] + matrix[:, 1] * v[1] + matrix[:, 2] * v[2])
+
+
+def _crossed(v: Floats, m: Floats) -> Floats:
+    """[v] m for vectors v (3, n) and matrices m (3, 3, n or 1)."""
+    return np.array([v[1] * m[2] - v[2] * m[1], v[2] * m[0] - v[0] * m[2], v[0] * m[1] - v[1] * m[0]])
 
 
 def skew(v: Floats) -> Floats:

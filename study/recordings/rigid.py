@@ -1,36 +1,25 @@
-"""Outliers among the markers of one rigid segment, found by the distances between markers.
+"""Rigid bodies from markers: wrong samples, the shape of a segment, its poses, and angles between two segments.
 
-A distance between two markers of a rigid segment does not depend on its pose, and its median over time is not moved by
-some wrong frames. A sample whose distances to the other markers are far from their medians is a swapped marker or a
-stray one.
+Outliers. A distance between two markers of a rigid segment does not depend on its pose, and its median over time is not
+moved by some wrong frames. A sample whose distances to the other markers are far from their medians is a swapped marker
+or a stray one.
 
-Angles of rotations about three axes, one after the other.
+Angles of a joint over time are rotation vectors about its mean position. They come from the rotations of one segment in
+the other's axes; or, where only one segment has a pose, from the markers of the other about the joint's centre, to
+first order.
 
-Points and directions between the world's axes and axes that move with a body.
+Poses. Kabsch's fit is the rotation and translation that take a rigid template nearest to its points, in every video
+frame. The rotation is built from the two leading singular directions; the third follows from right-handedness. So
+points in a plane, as three always are, need no special case, and a mirror image is never taken for a rotation. Points
+that are missing in a frame do not enter the fit. A frame of four points takes less than a microsecond.
 
-Angles of a joint over time, as rotation vectors about its mean position, and the frames of rotation each way.
+The cross sums take any fixed point in place of the centroid, for fits about a joint.
 
-They come from the rotations of one segment in the other's axes; or, where only one segment has a pose, from the markers
-of the other about the joint's centre, to first order.
+Shapes. Classical scaling turns the median distances between markers into a shape. Generalised Procrustes analysis
+refines it on the frames without outliers: fit the shape to each frame, take the mean of the markers in the shape's
+axes, repeat.
 
-Kabsch's fit: the rotation and translation that take a rigid template nearest to its points, in every video frame.
-
-The rotation is built from the two leading singular directions; the third follows from right-handedness. So points in
-a plane, as three always are, need no special case, and a mirror image is never taken for a rotation. Points that are
-missing in a frame do not enter the fit. A frame of four points takes less than a microsecond.
-
-Source: Kabsch 1976, 1978. The cross sums take any fixed point in place of the centroid, for fits about a joint.
-
-Ranges of motion: the angle that markers sweep about a joint, and the angle by which one segment rotates in another.
-
-They say what a fitted centre rests on, whatever its standard error is.
-
-The shape of the markers on one rigid segment, from a recording with missing, stray and swapped samples.
-
-Classical scaling turns the median distances between markers into a shape. Generalised Procrustes analysis refines it
-on the frames without outliers: fit the shape to each frame, take the mean of the markers in the shape's axes, repeat.
-
-Source: Torgerson 1952 (scaling); Gower 1975 (Procrustes), without change of size.
+Source: Kabsch 1976, 1978; Torgerson 1952 (scaling); Gower 1975 (Procrustes), without change of size.
 """
 
 import math
@@ -275,10 +264,33 @@ Triple = tuple[float, float, float]
 
 
 @compiled
-def best_rotation(cross: Floats, square: Floats, vectors: Floats, rotation: Floats) -> bool:
-    """Find the rotation (3, 3) that maximises Tr(RᵀH) for ``cross`` = H = Σ x aᵀ.
+def _times(matrix: Floats, vectors: Floats, column: int) -> Triple:
+    """A matrix (3, 3) times a column of another."""
+    a, b, c = vectors[0, column], vectors[1, column], vectors[2, column]
+    return (
+        matrix[0, 0] * a + matrix[0, 1] * b + matrix[0, 2] * c,
+        matrix[1, 0] * a + matrix[1, 1] * b + matrix[1, 2] * c,
+        matrix[2, 0] * a + matrix[2, 1] * b + matrix[2, 2] * c,
+    )
 
-    ``square`` and ``vectors`` (3, 3) are scratch. Returns False, with ``rotation`` undefined, if H has rank one.
+
+@compiled
+def _unit(v: Triple) -> Triple:
+    size = 1.0 / math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    return size * v[0], size * v[1], size * v[2]
+
+
+@compiled
+def _cross(v: Triple, w: Triple) -> Triple:
+    return v[1] * w[2] - v[2] * w[1], v[2] * w[0] - v[0] * w[2], v[0] * w[1] - v[1] * w[0]
+
+
+@compiled
+def best_rotation(cross: Floats, square: Floats, vectors: Floats, rotation: Floats) -> bool:
+    """Find the rotation (3, 3) that maximises Tr(RᵀH) for ``cross`` = H = Σ x aᵀ: it takes a, b, a × b to p, q, p × q.
+
+    a and b are the leading right singular vectors of H, p and q the left ones. ``square`` and ``vectors`` (3, 3) are
+    scratch. Returns False, with ``rotation`` undefined, if H has rank one.
     """
     for i in range(3):
         for j in range(3):
@@ -286,31 +298,15 @@ def best_rotation(cross: Floats, square: Floats, vectors: Floats, rotation: Floa
     diagonalise(square, vectors)
     if not square[1, 1] > _THIN**4 * square[2, 2]:  # H holds squares of extents, and this is its square
         return False
-    a0, a1, a2 = vectors[0, 2], vectors[1, 2], vectors[2, 2]
-    b0, b1, b2 = vectors[0, 1], vectors[1, 1], vectors[2, 1]
-    p0 = cross[0, 0] * a0 + cross[0, 1] * a1 + cross[0, 2] * a2
-    p1 = cross[1, 0] * a0 + cross[1, 1] * a1 + cross[1, 2] * a2
-    p2 = cross[2, 0] * a0 + cross[2, 1] * a1 + cross[2, 2] * a2
-    size = 1.0 / math.sqrt(p0 * p0 + p1 * p1 + p2 * p2)
-    p0, p1, p2 = p0 * size, p1 * size, p2 * size
-    q0 = cross[0, 0] * b0 + cross[0, 1] * b1 + cross[0, 2] * b2
-    q1 = cross[1, 0] * b0 + cross[1, 1] * b1 + cross[1, 2] * b2
-    q2 = cross[2, 0] * b0 + cross[2, 1] * b1 + cross[2, 2] * b2
-    along = p0 * q0 + p1 * q1 + p2 * q2
-    q0, q1, q2 = q0 - along * p0, q1 - along * p1, q2 - along * p2
-    size = 1.0 / math.sqrt(q0 * q0 + q1 * q1 + q2 * q2)
-    q0, q1, q2 = q0 * size, q1 * size, q2 * size
-    c0, c1, c2 = a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0
-    r0, r1, r2 = p1 * q2 - p2 * q1, p2 * q0 - p0 * q2, p0 * q1 - p1 * q0
-    rotation[0, 0] = p0 * a0 + q0 * b0 + r0 * c0
-    rotation[0, 1] = p0 * a1 + q0 * b1 + r0 * c1
-    rotation[0, 2] = p0 * a2 + q0 * b2 + r0 * c2
-    rotation[1, 0] = p1 * a0 + q1 * b0 + r1 * c0
-    rotation[1, 1] = p1 * a1 + q1 * b1 + r1 * c1
-    rotation[1, 2] = p1 * a2 + q1 * b2 + r1 * c2
-    rotation[2, 0] = p2 * a0 + q2 * b0 + r2 * c0
-    rotation[2, 1] = p2 * a1 + q2 * b1 + r2 * c1
-    rotation[2, 2] = p2 * a2 + q2 * b2 + r2 * c2
+    a = (vectors[0, 2], vectors[1, 2], vectors[2, 2])
+    b = (vectors[0, 1], vectors[1, 1], vectors[2, 1])
+    p, q = _unit(_times(cross, vectors, 2)), _times(cross, vectors, 1)
+    along = p[0] * q[0] + p[1] * q[1] + p[2] * q[2]
+    q = _unit((q[0] - along * p[0], q[1] - along * p[1], q[2] - along * p[2]))
+    c, r = _cross(a, b), _cross(p, q)
+    for i in range(3):
+        for j in range(3):
+            rotation[i, j] = p[i] * a[j] + q[i] * b[j] + r[i] * c[j]
     return True
 
 

@@ -1,28 +1,21 @@
 """A session: the trials of one subject with the markers on, calibrated one by one and merged if they fit each other.
 
-Common axes for calibrations of several trials: each trial's segments, moved onto those of a reference.
-
 Each trial has its own axes for a segment. Kabsch's fit of the markers that two trials share moves one trial's axes onto
 the other's; a segment with fewer than three markers takes the joint above it as one more point.
 
-One place for a joint from several trials of a session, weighted by what each trial knows of it.
-
-The trials whose estimate is reliable are weighted by the inverse of their covariances, so a trial that did not move the
-joint counts for next to nothing. A hinge counts across its axis only. Trials that contradict each other are found as
-segments that do are (`side_agreement`): the best one's place stays, and its covariance covers the other.
-
-Source: the weighted mean of independent estimates (Gauss-Markov).
-
-Merge the calibrations of several trials of one session: shapes averaged, joints from the trials that moved them.
+A joint has one place from all trials. The trials whose estimate is reliable are weighted by the inverse of their
+covariances, so a trial that did not move the joint counts for next to nothing. A hinge counts across its axis only.
+Trials that contradict each other are found as segments that do are (`side_agreement`): the best one's place stays, and
+its covariance covers the other.
 
 A functional calibration moves one joint after the other, each in a trial of its own. The merged calibration has all of
-them, and a static trial may give the shapes.
+them. A static trial may give the shapes of the segments, and with medial markers, which are off during motion, the
+places of hinges along their axes.
 
-Places of hinges along their axes, from a static trial with the medial markers, which are off during motion.
-
-The calibration of a session as lines for a reader, and its joints as a table.
+Source: the weighted mean of independent estimates (Gauss-Markov).
 """
 
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -144,75 +137,38 @@ def moved(place: JointPlace, changes: Mapping[str, AxesChange]) -> JointPlace:
     )
 
 
-@dataclass(frozen=True, eq=False)
-class TrialPlace:
-    """A joint as one trial places it, in the axes that all trials have in common."""
-
-    trial: str
-    place: JointPlace
-
-    @property
-    def usable(self) -> bool:
-        """True if its place is known and reliable."""
-        return self.place.status in USABLE and not np.isnan(self.place.in_parent).any()
-
-    @property
-    def rank(self) -> tuple[bool, JointStatus, float]:
-        """Order by quality, the best first."""
-        place = self.place
-        error = place.standard_error
-        return bool(np.isnan(place.in_parent).any()), place.status, np.inf if np.isnan(error) else error
-
-
-@dataclass(frozen=True, eq=False)
-class PooledPlace:
-    """A joint from several trials.
-
-    Attributes:
-        place: of the joint, with the names of the trials that it comes from.
-        parts: each trial's place that was looked at, the best first.
-    """
-
-    place: JointPlace
-    parts: tuple[TrialPlace, ...]
-
-
-def pool_places(parts: Sequence[TrialPlace]) -> PooledPlace:
-    """Pool the places of one joint.
+def pool_places(parts: Sequence[JointPlace]) -> JointPlace:
+    """Pool the places of one joint from several trials.
 
     Args:
-        parts: one for each trial, at least one.
+        parts: one for each trial, at least one, with its name, in axes that all trials have in common.
 
     Returns:
-        The weighted mean of the reliable ones; the best one if none is reliable.
+        The weighted mean of the reliable ones; the best one if none is reliable. It has the names of their trials.
     """
-    ranked = tuple(sorted(parts, key=lambda part: part.rank))
+    ranked = sorted(parts, key=lambda part: part.rank)
     best, used = ranked[0], [part for part in ranked if part.usable]
     if len(used) < 2:
-        return PooledPlace(replace(best.place, trials=(best.trial,)), ranked)
-    contradictions = [(part, difference(best.place, part.place)) for part in used[1:]]
-    against = [(part, each) for part, each in contradictions if each.contradicts]
+        return best
+    contradictions = [(part, difference(best, part)) for part in used[1:]]
+    against = [(part, off) for part, off in contradictions if off.contradicts]
     if against:
         part, worst = max(against, key=lambda pair: pair[1].distance)
-        place = replace(
-            best.place,
+        return replace(
+            best,
             status=JointStatus.DISAGREE,
-            reason=_contradiction(best.trial, part.trial, worst),
-            covariance=best.place.covariance + np.outer(worst.vector, worst.vector),
-            trials=(best.trial,),
+            reason=_contradiction(best, part, worst),
+            covariance=best.covariance + np.outer(worst.vector, worst.vector),
         )
-        return PooledPlace(place, ranked)
-    known = [_information(part.place, best.place.axis_in_parent) for part in used]
-    turn = best.place.mean_rotation
-    turned = [turn.T @ each @ turn for each in known]
-    place = replace(
-        best.place,
-        in_parent=_mean([part.place.in_parent for part in used], known),
-        in_child=_mean([part.place.in_child for part in used], turned),
-        covariance=np.linalg.pinv(np.sum(known, axis=0), hermitian=True),
-        trials=tuple(part.trial for part in used),
+    information = [_information(part, best.axis_in_parent) for part in used]
+    rotation = best.mean_rotation
+    return replace(
+        best,
+        in_parent=_mean([part.in_parent for part in used], information),
+        in_child=_mean([part.in_child for part in used], [rotation.T @ each @ rotation for each in information]),
+        covariance=np.linalg.pinv(np.sum(information, axis=0), hermitian=True),
+        trials=tuple(name for part in used for name in part.trials),
     )
-    return PooledPlace(place, ranked)
 
 
 def difference(one: JointPlace, other: JointPlace) -> SideDifference:
@@ -226,11 +182,10 @@ def difference(one: JointPlace, other: JointPlace) -> SideDifference:
     return SideDifference(basis @ off, chi_square, len(off), "parent", angle)
 
 
-def _contradiction(best: str, other: str, found: SideDifference) -> str:
-    turn = f", its axis turned by {np.degrees(found.angle):.0f}°" if found.angle > 0.0 else ""
-    return (
-        f"{other} puts it {1000 * found.distance:.0f} mm from where {best} does{turn}: beyond what the errors explain"
-    )
+def _contradiction(best: JointPlace, other: JointPlace, off: SideDifference) -> str:
+    turn = f", its axis turned by {np.degrees(off.angle):.0f}°" if off.angle > 0.0 else ""
+    (one,), (two,) = best.trials, other.trials
+    return f"{two} puts it {1000 * off.distance:.0f} mm from where {one} does{turn}: beyond what the errors explain"
 
 
 def _basis(axis: Floats) -> Floats:
@@ -245,15 +200,15 @@ def _information(place: JointPlace, axis: Floats) -> Floats:
     return np.asarray(basis @ np.linalg.pinv(basis.T @ place.covariance @ basis, hermitian=True) @ basis.T)
 
 
-def _mean(points: Sequence[Floats], known: Sequence[Floats]) -> Floats:
+def _mean(points: Sequence[Floats], information: Sequence[Floats]) -> Floats:
     """Mean of points (3,) weighted by information; in directions without any it is the first point that is known."""
-    there = [(point, each) for point, each in zip(points, known, strict=True) if not np.isnan(point).any()]
-    if not there:
+    known = [(point, weight) for point, weight in zip(points, information, strict=True) if not np.isnan(point).any()]
+    if not known:
         return np.full(3, np.nan)
-    first = there[0][0]
-    total = np.sum([each for _, each in there], axis=0)
-    pull = np.sum([each @ (point - first) for point, each in there], axis=0)
-    return np.asarray(first + np.linalg.pinv(total, hermitian=True) @ pull)
+    first = known[0][0]
+    total = np.sum([weight for _, weight in known], axis=0)
+    moment = np.sum([weight @ (point - first) for point, weight in known], axis=0)
+    return np.asarray(first + np.linalg.pinv(total, hermitian=True) @ moment)
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,11 +217,11 @@ class Merged:
 
     Attributes:
         calibration: merged from all trials; the misfits of its shapes are those of the trials.
-        joints: of the marker set, each with its places in the trials.
+        parts: each joint's places in the trials, in the axes that these have in common.
     """
 
     calibration: Calibration
-    joints: tuple[PooledPlace, ...]
+    parts: Mapping[str, Sequence[JointPlace]]
 
 
 def merge_calibrations(markerset: MarkerSet, calibrations: Sequence[Calibration], static: int | None = None) -> Merged:
@@ -282,24 +237,22 @@ def merge_calibrations(markerset: MarkerSet, calibrations: Sequence[Calibration]
     shapes = tuple(
         _merged_shape(segment.name, onto[segment.name], calibrations, changes, static) for segment in markerset.segments
     )
-    joints = tuple(
-        pool_places(
-            [
-                TrialPlace(calibration.source, moved(calibration[joint.name], change))
-                for calibration, change in zip(calibrations, changes, strict=True)
-            ]
-        )
+    parts = {
+        joint.name: [
+            replace(moved(calibration[joint.name], change), trials=(calibration.source,))
+            for calibration, change in zip(calibrations, changes, strict=True)
+        ]
         for joint in markerset.joints
-    )
+    }
     return Merged(
         Calibration(
             source=", ".join(calibration.source for calibration in calibrations),
             frames=sum(calibration.frames for calibration in calibrations),
             markerset=markerset,
             shapes=shapes,
-            joints=tuple(joint.place for joint in joints),
+            joints=tuple(map(pool_places, parts.values())),
         ),
-        joints,
+        parts,
     )
 
 
@@ -311,69 +264,53 @@ def _merged_shape(
     static: int | None,
 ) -> SegmentShape:
     """Mean shape of a segment over the trials, weighted by their frames; a static trial's for the markers it has."""
-    placed: dict[str, list[_Placed]] = {}
     first = calibrations[reference.trial].shape(name)
     own = first.has_own_pose
+    # of each marker in each trial that shows it
+    places, scatters, frames = defaultdict(list), defaultdict(list), defaultdict(list)
+    fixed: dict[str, Floats] = {}
     for index, (calibration, change) in enumerate(zip(calibrations, changes, strict=True)):
         shape = calibration.shape(name)
         if shape.has_pose != reference.has_pose or np.isnan(change[name].shift).any():
             continue
         own = own or shape.has_own_pose
-        for marker, place, scatter in zip(shape.markers, shape.places, shape.scatter, strict=True):
-            part = _Placed(change[name].place(place), float(scatter), calibration.frames, index == static)
-            placed.setdefault(marker, []).append(part)
-    markers = tuple(marker for marker in calibrations[0].markerset.segment(name).markers if marker in placed)
-    merged = [_mean_place(placed[marker]) for marker in markers]
-    return SegmentShape(
-        segment=name,
-        markers=markers,
-        places=np.array([place for place, _ in merged]).reshape(-1, 3),
-        scatter=np.array([scatter for _, scatter in merged]),
-        has_own_pose=own,
-        reason=first.reason,
-    )
+        for marker, place, scatter in zip(shape.markers, change[name].place(shape.places), shape.scatter, strict=True):
+            places[marker].append(place)
+            scatters[marker].append(scatter)
+            frames[marker].append(calibration.frames)
+            if index == static:
+                fixed[marker] = place
+    markers = tuple(marker for marker in calibrations[0].markerset.segment(name).markers if marker in places)
+    merged, scatter = np.zeros((len(markers), 3)), np.zeros(len(markers))
+    for k, marker in enumerate(markers):
+        merged[k] = fixed.get(marker, np.average(places[marker], axis=0, weights=frames[marker]))
+        square = np.nan_to_num(scatters[marker]) ** 2 + ((places[marker] - merged[k]) ** 2).sum(axis=1)
+        scatter[k] = np.sqrt(np.average(square, weights=frames[marker]))
+    return SegmentShape(name, markers, merged, scatter, own, first.reason)
 
 
-class _Placed(NamedTuple):
-    """A marker's place in one trial."""
-
-    place: Floats
-    scatter: float
-    frames: int
-    static: bool
-
-
-def _mean_place(parts: Sequence[_Placed]) -> tuple[Floats, float]:
-    """A marker's place (3,), and its root mean square distance from there over all trials, metres."""
-    chosen = [part for part in parts if part.static] or parts
-    place = np.average([part.place for part in chosen], axis=0, weights=[part.frames for part in chosen])
-    square = [np.nan_to_num(part.scatter) ** 2 + ((part.place - place) ** 2).sum() for part in parts]
-    return place, float(np.sqrt(np.average(square, weights=[part.frames for part in parts])))
-
-
-def hinges_placed(merged: Merged, static: Calibration, found: FoundJoints, recording: Recording) -> Merged:
+def hinges_placed(merged: Merged, static: Calibration, joints: FoundJoints, recording: Recording) -> Merged:
     """Move hinges along their axes to the middle of the two points across them, as far as a static trial shows these.
 
     Args:
         merged: calibration of the session.
         static: calibration of the static trial alone.
-        found: its joints, with the poses of its segments.
+        joints: its joints, with the poses of its segments.
         recording: the static trial.
     """
-    joints = []
-    for joint in merged.joints:
-        middle = _middle(joint.place, merged.calibration, static, found, recording)
-        joints.append(replace(joint, place=_along_axis(joint.place, middle)))
-    calibration = replace(merged.calibration, joints=tuple(joint.place for joint in joints))
-    return replace(merged, calibration=calibration, joints=tuple(joints))
+    places = tuple(
+        _along_axis(place, _middle(place, merged.calibration, static, joints, recording))
+        for place in merged.calibration.joints
+    )
+    return replace(merged, calibration=replace(merged.calibration, joints=places))
 
 
 def _middle(
-    place: JointPlace, merged: Calibration, static: Calibration, found: FoundJoints, recording: Recording
+    place: JointPlace, merged: Calibration, static: Calibration, joints: FoundJoints, recording: Recording
 ) -> Floats:
     """Middle of the two points in the parent's axes (3,), metres; NaN if the trial does not show it."""
     parent, across = place.joint.parent, place.joint.across
-    poses = found.poses.get(parent)
+    poses = joints.poses.get(parent)
     if poses is None or len(across) != 2 or not set(across) <= set(recording.markers):
         return np.full(3, np.nan)
     middle = poses.mean_place(0.5 * (recording.of(across[0]) + recording.of(across[1])))
@@ -489,14 +426,17 @@ def session_lines(session: Session) -> Iterator[str]:
     """Lay out the merged joints, a line each in millimetres, with the trials that each comes from."""
     yield from session.overruled
     titles = ["joint", "status", *(f"{axis} / mm" for axis in "xyz"), "error", "apart", "from"]
-    yield from columns(map(_row, session.merged.joints), titles, "<<>>>>><")
+    merged = session.merged
+    yield from columns(
+        (_row(place, merged.parts[place.joint.name]) for place in merged.calibration.joints), titles, "<<>>>>><"
+    )
     yield "x, y, z: centre in its parent; error: largest standard error; apart: farthest reliable trial; all in mm"
-    for joint in session.merged.joints:
-        place = joint.place
+    for place in merged.calibration.joints:
         if place.status not in USABLE:
             yield f"{place.joint.name}: {place.reason}"
-        left = [part for part in joint.parts if part.trial not in place.trials]
-        if left and place.status in USABLE:
+            continue
+        parts = sorted(merged.parts[place.joint.name], key=lambda part: part.rank)
+        if left := [part for part in parts if not set(part.trials) <= set(place.trials)]:
             yield f"{place.joint.name}: not from {', '.join(map(_left_out, left))}"
 
 
@@ -511,14 +451,13 @@ def session_table(session: Session) -> pd.DataFrame:
     for found in session.found:
         table = joint_table(found)
         table.insert(0, "recording", found.recording)
-        table["merged"] = [found.recording in joint.place.trials for joint in session.merged.joints]
+        table["merged"] = [found.recording in place.trials for place in session.merged.calibration.joints]
         tables.append(table)
     return pd.concat(tables, ignore_index=True)
 
 
-def _row(joint: PooledPlace) -> list[str]:
-    place = joint.place
-    apart = [difference(place, part.place).distance for part in joint.parts if part.usable]
+def _row(place: JointPlace, parts: Sequence[JointPlace]) -> list[str]:
+    apart = [difference(place, part).distance for part in parts if part.usable]
     return [
         place.joint.name,
         SHORT_TEXTS[place.status],
@@ -529,10 +468,10 @@ def _row(joint: PooledPlace) -> list[str]:
     ]
 
 
-def _left_out(part: TrialPlace) -> str:
-    error = part.place.standard_error
+def _left_out(part: JointPlace) -> str:
+    error = part.standard_error
     size = "" if np.isnan(error) else f", ± {1000 * error:.1f} mm"
-    return f"{part.trial} ({SHORT_TEXTS[part.place.status]}{size})"
+    return f"{', '.join(part.trials)} ({SHORT_TEXTS[part.status]}{size})"
 
 
 def _millimetres(metres: float) -> str:

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from study.recordings.formats.read import read_recording
 from study.recordings.joints.find import find_joints
-from study.recordings.one_joint import find_clusters, fit_one_joint, is_centre, joint_json, joint_line, left_centres
+from study.recordings.one_joint import find_clusters, fit_one_joint, is_centre, joint_json, joint_line, other_centres
 from study.recordings.recording import Recording, RecordingError
 
 PELVIS = np.array([[0.12, 0.1, 0.0], [-0.12, 0.1, 0.0], [0.05, -0.1, 0.02], [-0.05, -0.1, 0.02]])
@@ -111,7 +111,7 @@ def test_distance_is_the_median_over_frames_with_both():
     x[1] = np.nan
     joint = np.zeros((3, 5))
     joint[:, 4] = np.nan
-    (only,) = left_centres(Recording("walk", ("LHJC", "RHJC"), x, 100.0), joint)
+    (only,) = other_centres(Recording("walk", ("LHJC", "RHJC"), x, 100.0), joint)
     assert only == ("LHJC", 2.0, 3)
 
 

@@ -8,12 +8,11 @@ The covariance is the sandwich of the estimating functions of (c, η), frame by 
 (`long_run_covariance`). It holds for any residuals, be they correlated in time and between markers or of unequal
 variance, as long as there are many times more frames than their autocorrelation time.
 
-Outliers among a marker's samples about a joint: samples far off the marker's sphere, such as swapped markers.
-
-Least squares is not robust: one marker that is half a metre away in one frame of fifty moves the sphere there. So
-small random sets of samples, many of which hold no outlier, propose centres. If the median sample is several times
-nearer to its sphere about one of these than about the centre of all samples, there are outliers. Samples far from the
-spheres about that centre are rejected, then those far from GDKE's, until none is.
+Samples far off a marker's sphere, such as those of swapped markers, are rejected before. Least squares is not robust:
+one marker that is half a metre away in one frame of fifty moves the sphere there. So small random sets of samples, many
+of which hold no outlier, propose centres. If the median sample is several times nearer to its sphere about one of these
+than about the centre of all samples, there are outliers. Samples far from the spheres about that centre are rejected,
+then those far from GDKE's, until none is.
 
 Source: Rousseeuw 1984 (least median of squares).
 """
@@ -27,7 +26,7 @@ import numpy as np
 from study.arrays import Bools, Floats
 from study.fits import fit
 from study.fits.streams import stream
-from study.recordings.joints.moments import SHAPE_ERROR, TINY, PooledMoments, add_scores, marker_moments
+from study.recordings.joints.moments import SHAPE_ERROR, TINY, PooledMoments, marker_moments
 from study.recordings.pose_noise import PoseNoise, long_run_covariance
 
 _FRAMES = 600
@@ -41,7 +40,7 @@ _WORSE = 1.5
 _LINE = 2.0 / math.sqrt(5.0)
 """Relative standard deviation of the variance along a random direction, for soft tissue that slides along one line."""
 CONDITION_LIMIT = 0.999
-"""A condition ρ above this counts as 1: at the limit of `solve_center`."""
+"""A condition ρ above this counts as 1: at the limit of `PooledMoments.solve`."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +82,7 @@ class CenterFit:
         clear: True if the extent along ``least`` exceeds the noise even if that has another shape than expected.
         rms_angles: root mean square angles of the markers' motion about the centre, along their principal directions
             (3,), ascending, radians; noise taken off.
-        normal: matrix of the normal equations A = Σ w (C - ηF) (3, 3), see `solve_center`.
+        normal: matrix of the normal equations A = Σ w (C - ηF) (3, 3), see `moments`.
         weights: w of each marker (M,); 0 for one with too few samples.
     """
 
@@ -133,7 +132,7 @@ def fit_center(
     if pooled is None:
         return None
     size, center = pooled.solve(everything, given)
-    scores, basis, axis = _scores(pooled, size, center, everything), everything, None
+    scores, basis, axis = pooled.scores(size, center, everything), everything, None
     covariance, share = _covariance(scores, pooled, size, center, everything)
     frames = int((scores != 0.0).any(axis=0).sum())
     effective = share * frames
@@ -145,7 +144,7 @@ def fit_center(
     least, across = pooled.least_direction(size)
     if hinge or (not clear and hinge is None):
         planar_size, planar_center = pooled.solve(across, given)
-        planar_scores = _scores(pooled, planar_size, planar_center, across)
+        planar_scores = pooled.scores(planar_size, planar_center, across)
         # sizes, not residuals: moving the centre to where the pose itself rotates least makes any residual smaller
         before = size if size < CONDITION_LIMIT * pooled.largest_size(everything) else 0.0
         if hinge or (
@@ -217,15 +216,6 @@ def _moments_of_size(markers: Sequence[LocalMarker], pose: PoseNoise, size: floa
 def _sum_is_noise(score: Floats) -> bool:
     """True if scores (frames,) add up to no more than their standard errors explain."""
     return bool(score.sum() ** 2 < _SIGNIFICANT**2 * long_run_covariance(score[None])[0][0, 0])
-
-
-def _scores(pooled: PooledMoments, size: float, center: Floats, basis: Floats) -> Floats:
-    """Estimating functions of (c, η), frame by frame (4, frames)."""
-    scores = np.zeros((4, pooled.markers[0].z.shape[1]))
-    within = basis @ basis.T
-    for moments, weight in zip(pooled.markers, pooled.w / pooled.stacked.n, strict=True):
-        add_scores(moments, size, center, within, weight, scores)
-    return scores
 
 
 def _covariance(

@@ -1,15 +1,13 @@
 """Estimates of one joint, from markers on spheres in one segment's axes, or from the poses of both segments.
 
 A sphere fit uses the noise of the segment's pose (`pose_noise`) as long as the markers' motion exceeds it. Where that
-noise would explain the motion along some direction, the noise is taken for isotropic, as slowly sliding soft tissue
-may be. Where even that hides the motion, no noise is taken off: that is GDKE's answer, which is biased towards the
-markers but never far away.
+noise would explain the motion along some direction, the noise is taken for isotropic, as slowly sliding soft tissue may
+be. Where even that hides the motion, no noise is taken off: that is GDKE's answer, which is biased towards the markers
+but never far away.
 
-Agreement of the estimates of one joint from its two segments, against their errors.
-
-A joint whose segments both have poses is estimated up to three times. Soft tissue that moves alike in every frame
-shows in no standard error, but it makes the estimates differ. A joint whose estimate another reliable one contradicts
-is not known to its standard error.
+A joint whose segments both have poses is estimated up to three times. Soft tissue that moves alike in every frame shows
+in no standard error, but it makes the estimates differ. A joint whose estimate another reliable one contradicts is not
+known to its standard error.
 
 Two estimates contradict each other if they are more than a centimetre apart, across a hinge's axis, and that is beyond
 the 80 % quantile of χ² for the sum of their covariances; or if their axes differ by more than 20°, which over a limb's

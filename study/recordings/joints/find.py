@@ -1,12 +1,10 @@
-"""Answer of phase 1: each joint's place and axis in both of its segments, or the reason why there is none.
+"""Phase 1: fit all joints of a body to a whole recording, each fixed in the two segments that meet there.
 
-Phase 1: fit all joints of a body to a whole recording, each fixed in the two segments that meet there.
-
-A joint is the centre of the spheres on which the child's markers move in the parent's axes. Joints are fitted from the
-root outwards: hips come from the pelvis's own markers, and a hip is the third point of a thigh that has two. Where the
-child has poses of its own, the parent's markers are fitted in the child's axes, too, and so is the point in which both
-segments agree. The estimate with the best status and the smallest standard error is chosen; the others are compared
-with it.
+The answer is each joint's place and axis in both of its segments, or the reason why there is none. A joint is the
+centre of the spheres on which the child's markers move in the parent's axes. Joints are fitted from the root outwards:
+hips come from the pelvis's own markers, and a hip is the third point of a thigh that has two. Where the child has poses
+of its own, the parent's markers are fitted in the child's axes, too, and so is the point in which both segments agree.
+The estimate with the best status and the smallest standard error is chosen; the others are compared with it.
 
 Source: paper §2, §7; theory §1.2.
 """

@@ -1,12 +1,9 @@
-"""The answer of phase 1 as a table: each joint's place, its accuracy, and the data behind it.
+"""The answer of phase 1 as a table and as lines: each joint's place, its accuracy, and the reasons to doubt it.
 
-The answer of phase 1 as lines for a reader: each joint's place, its accuracy, and the reasons to doubt it.
-
-Agreement of methods: the distances of other estimators' centres from the chosen one, joint by joint.
-
-The paper's estimators fit the same samples with isotropic noise: `mgdk` fits all markers, weighted, and finds the noise
-as `als` does; `gdke`, `ugdk` (with mgdk's noise) and `mle` fit the marker that moved most. The symmetric fit of both
-segments is the fifth. Distances are across a hinge's axis, for no method knows the place along it.
+A second table has the agreement of methods: the distances of other estimators' centres from the chosen one. The paper's
+estimators fit the same samples with isotropic noise: `mgdk` fits all markers, weighted, and finds the noise as `als`
+does; `gdke`, `ugdk` (with mgdk's noise) and `mle` fit the marker that moved most. The symmetric fit of both segments is
+the fifth. Distances are across a hinge's axis, for no method knows the place along it.
 """
 
 from collections.abc import Iterator

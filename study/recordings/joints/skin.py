@@ -1,18 +1,15 @@
-"""Covariance of a joint's centre from skin that moves with the joint's own angle.
+"""Errors of joints from skin that moves with them: the part that markers show, and a floor for the unseen part.
 
 A marker at lever arm a, whose skin moves by Bθ for the joint's rotation vector θ, moves the centre by about (Bᵀâ) × â,
 without a trace in the residuals (theory §12). So the covariance rests on the size of B alone. The entries of B have the
 variance β² of the segment: for the segment on which the markers are, half of it common to its markers; for the segment
 in whose axes the centre is fitted, each marker's own.
 
-The slope of a segment's skin: how far its markers leave their rigid template as a joint rotates, in m/rad.
-
-Errors of joints from skin that moves with them: the part that markers show, and a floor for the unseen part.
-
-The slope β of a segment's skin, m/rad, is measured where three markers of its own fix its pose (`skin_slope`), and
-drawn to the mean of those that were measured in the body so far; a segment without such a pose, as a thigh with two
-markers, gets that mean. `skin_response` turns the slope into a covariance. Skin that does not follow the angle makes
-the centre from frames in which the joint bends differ from the centre from frames in which it straightens.
+The slope β of a segment's skin, m/rad, is how far its markers leave their rigid template as a joint rotates. It is
+measured where three markers of its own fix its pose (`skin_slope`), and drawn to the mean of those that were measured
+in the body so far; a segment without such a pose, as a thigh with two markers, gets that mean. `skin_response` turns
+the slope into a covariance. Skin that does not follow the angle makes the centre from frames in which the joint bends
+differ from the centre from frames in which it straightens.
 """
 
 import itertools
@@ -133,6 +130,8 @@ _BLOCKS = 16
 """Stretches of time from which the share of the noise is found, long enough to be independent of each other."""
 _FEWEST = 6
 """Fewest frames for each regressor."""
+_RANK = 1e-9
+"""Size of a regressor, relative to the largest, below which it is rounding."""
 
 
 def skin_slope(departures: Floats, angles: Floats) -> float:
@@ -161,7 +160,8 @@ def skin_slope(departures: Floats, angles: Floats) -> float:
     regressors = np.concatenate([x, quadratics])
     regressors -= regressors.mean(axis=1, keepdims=True)
     d = d - d.mean(axis=1, keepdims=True)
-    rows = np.linalg.svd(regressors, full_matrices=False)[2]  # orthonormal
+    sizes, rows = np.linalg.svd(regressors, full_matrices=False)[1:]
+    rows = rows[sizes > _RANK * sizes[0]]  # orthonormal; of angles that lack a direction fewer than nine
     coefficients = rows @ d.T
     rest = d - coefficients.T @ rows
     edges = np.linspace(0, n, _BLOCKS + 1).astype(int)

@@ -1,22 +1,18 @@
 """Calibration: from a recording, or from the joints found in it, to segment shapes and joint places.
 
-Distances of joints from the convex hull of the markers, which surround the body.
+Plausibility. A joint is inside the body, and so, mostly, inside the hull. A knee or an elbow whose only marker is on
+its outer side may leave the hull by up to its own thickness where it is the outermost part of the body: the true joints
+of synthetic bodies do so by 2-3 cm in one frame of twenty, and by 4 cm at most. So the distance is reported for every
+joint, and a joint is doubted only where it is farther out than any body's.
 
-A joint is inside the body, and so, mostly, inside the hull. A knee or an elbow whose only marker is on its outer side
-may leave the hull by up to its own thickness where it is the outermost part of the body: the true joints of synthetic
-bodies do so by 2-3 cm in one frame of twenty, and by 4 cm at most. So the distance is reported for every joint, and a
-joint is doubted only where it is farther out than any body's.
+Warnings about implausible hips, bones left and right, and joints outside the hull are signs that a joint is wrong, not
+measures of how far, so they do not change its status.
 
-Warnings about joints that are implausible in any body: hips, bones left and right, joints outside the markers' hull.
-
-They are signs that a joint is wrong, not measures of how far, so they do not change its status.
-
-Check that a calibration is of the subject in a recording, by the misfit of its segments' markers.
-
-The markers of one subject stay at their places to a soft-tissue artefact of a few millimetres, which grows with the
-motion: a functional trial with misfits of 3 mm meets 3-8 mm in a walk of the same session. Those of another subject, or
-of the same one with its markers put on again, miss by 11-55 mm. So a segment does not fit if its misfit is beyond both
-that range and twice its own in the recording that was calibrated, or if most of its samples are rejected.
+Subject. The misfit of its segments' markers shows if a calibration is of the subject in a recording. The markers of one
+subject stay at their places to a soft-tissue artefact of a few millimetres, which grows with the motion: a functional
+trial with misfits of 3 mm meets 3-8 mm in a walk of the same session. Those of another subject, or of the same one with
+its markers put on again, miss by 11-55 mm. So a segment does not fit if its misfit is beyond both that range and twice
+its own in the recording that was calibrated, or if most of its samples are rejected.
 """
 
 from collections import defaultdict

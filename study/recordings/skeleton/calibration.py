@@ -2,9 +2,9 @@
 
 It belongs to a subject with its markers on. Fitted to one recording, it serves for any other of the same session.
 
-Source: paper §10 ("calculations can be reused for the same actor and marker-set").
+Its file is JSON: every number exactly, readable by any program.
 
-Calibrations as JSON files: every number exactly, readable by any program.
+Source: paper §10 ("calculations can be reused for the same actor and marker-set").
 """
 
 import json
@@ -17,7 +17,7 @@ import numpy as np
 
 from study.arrays import Floats
 from study.files import write
-from study.recordings.joints.estimate import JointStatus, largest_error
+from study.recordings.joints.estimate import USABLE, JointStatus, largest_error
 from study.recordings.joints.report import SHORT_TEXTS
 from study.recordings.markersets import Joint, MarkerSet
 from study.recordings.recording import RecordingError
@@ -67,7 +67,7 @@ class JointPlace:
         axis_in_parent: axis of a hinge in the parent's axes (3,); NaN for others.
         axis_in_child: axis of a hinge in the child's axes (3,); NaN for others.
         mean_rotation: of the child in the parent's axes (3, 3).
-        trials: names of the recordings that the place comes from, if the calibration is merged from several.
+        trials: names of the recordings that the place comes from, where there are several.
         floor: standard error from skin that no marker shows, metres (see `Estimate`); part of no covariance.
         warnings: reasons why it is unlike any body's joint (see `plausibility`); they do not change its status.
     """
@@ -89,6 +89,17 @@ class JointPlace:
     def known(self) -> bool:
         """True if its place in both of its segments is known."""
         return not (np.isnan(self.in_parent).any() or np.isnan(self.in_child).any())
+
+    @property
+    def usable(self) -> bool:
+        """True if its place is known and reliable."""
+        return self.status in USABLE and not np.isnan(self.in_parent).any()
+
+    @property
+    def rank(self) -> tuple[bool, JointStatus, float]:
+        """Order by quality, the best first."""
+        error = self.standard_error
+        return bool(np.isnan(self.in_parent).any()), self.status, np.inf if np.isnan(error) else error
 
     @property
     def standard_error(self) -> float:

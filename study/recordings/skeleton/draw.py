@@ -1,6 +1,4 @@
-"""Expected poses of a segment in frames that do not show it, from the frames around them that do.
-
-Phase 2: draw a skeleton in every frame, from a calibration and the markers that are seen.
+"""Phase 2: draw a skeleton in every frame, from a calibration and the markers that are seen.
 
 From the root outwards each segment is placed at its joint, J(t) = o_P(t) + R_P(t) c_J, and rotated about it onto its
 markers (`full_pose`, `partial_pose`). Time is proportional to the number of segments, and bones keep their lengths.

@@ -1,10 +1,7 @@
 """From joints over time to a scene: principal directions of their errors, ends of limbs, bones, z up.
 
-A skeleton over time as tables: joints in every frame, and the lengths of bones.
-
-A summary of a skeleton, for other programs.
-
-The scene of a skeleton: its joints with their errors, and the reasons to doubt some of them.
+A scene is also laid out as tables - joints in every frame, lengths of bones -, as lines, and as data for other
+programs.
 """
 
 from collections.abc import Iterator, Sequence

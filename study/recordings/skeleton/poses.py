@@ -1,15 +1,14 @@
-"""Least-squares poses of a segment in the frames that show enough of its markers, about its joint where it is known.
+"""Poses of a segment over time: least squares in the frames that show enough of its markers, completed in the others.
 
-Two markers and the joint, or three markers without it, fix the rotation, by Kabsch's fit about the joint instead of
-the centroid. A marker that is far from its place in the segment, such as a swapped one, is rejected and the rest are
-fitted again. Time is proportional to the number of markers.
+Two markers and the joint, or three markers without it, fix the rotation, by Kabsch's fit about the joint instead of the
+centroid. A marker that is far from its place in the segment, such as a swapped one, is rejected and the rest are fitted
+again. Time is proportional to the number of markers.
+
+In a frame with too few markers, those that are left show a direction. The segment is rotated from its expected pose by
+the shortest arc that takes the expected direction to the one seen; the rotation about that direction is the expected
+one.
 
 Source: paper §10 (second phase); theory §1.2.
-
-Poses of a segment in frames that show too few of its markers to fit its rotation.
-
-The markers that are left show a direction. The segment is rotated from its expected pose by the shortest arc that takes
-the expected direction to the one seen; the rotation about that direction is the expected one.
 """
 
 import math

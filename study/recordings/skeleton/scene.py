@@ -2,9 +2,8 @@
 
 It holds plain arrays in metres, z up, and nothing of the fits. `make_scene` makes it.
 
-Bones of a skeleton: the lines between its joints and ends of limbs, from the segments that they are fixed in.
-
-The rotation after which z points up: files do not say which way is up, but a body's parts are above one another.
+Bones are the lines between joints and ends of limbs that are fixed in one segment. Files do not say which way is up,
+but a body's parts are above one another: the rotation that makes z point up follows from that.
 """
 
 import re

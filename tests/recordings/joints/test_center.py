@@ -225,14 +225,12 @@ def test_shape_covariance_is_what_noise_of_another_shape_does(rng):
     size, center = moments.solve(np.eye(3))
     found = moments.shape_covariance(size, center, np.eye(3), SHAPE_ERROR)
     share, expected = 1e-3, np.zeros((3, 3))
-    stacked = moments.stacked
+    f, noise_shift, zfz = moments.f, moments.shift, moments.zfz
     for e in np.linalg.eigh(moments.matrix(size, np.eye(3)))[1].T:
-        along = np.einsum("i,pij,j->p", e, stacked.f, e)
+        along = np.einsum("i,pij,j->p", e, f, e)
         more = share * along[:, None, None] * np.outer(e, e)
-        extent = np.einsum("i,pij,j->p", e, stacked.c, e)
-        moments.stacked = stacked._replace(
-            f=stacked.f + more, shift=stacked.shift + more, zfz=stacked.zfz + share * along * extent
-        )
+        extent = np.einsum("i,pij,j->p", e, moments.c, e)
+        moments.f, moments.shift, moments.zfz = f + more, noise_shift + more, zfz + share * along * extent
         shift = (moments.solve(np.eye(3))[1] - center) * SHAPE_ERROR / share
         expected += np.outer(shift, shift)
     assert np.linalg.norm(found - expected) < 0.1 * np.linalg.norm(expected)

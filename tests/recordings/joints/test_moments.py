@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from study.fits.moments import Moments
-from study.recordings.joints.moments import add_scores, marker_moments
+from study.recordings.joints.moments import PooledMoments, marker_moments
 from study.recordings.joints.poses import (
     PosePoint,
     SegmentPoses,
@@ -40,7 +40,7 @@ def test_without_pose_noise_they_are_plain_moments(rng):
     np.testing.assert_allclose(found.noise, 0.01 * np.eye(3), atol=1e-17)
     np.testing.assert_allclose(found.noise_z, 0.0, atol=1e-15)
     assert found.z_noise_z == pytest.approx(0.01 * np.trace(plain.second[0]) / n)
-    assert found.squared_noise(np.ones(3)) == pytest.approx(3 * 0.01**2)
+    assert PooledMoments([found], [0]).squared_noise(np.ones(3))[0] == pytest.approx(3 * 0.01**2)
 
 
 def test_the_noise_is_that_of_the_formula(rng):
@@ -76,16 +76,17 @@ def test_scores_add_up_to_the_equations(rng):
     used = rng.random(frames) < 0.9
     found = marker_moments(y, used, pose, 0.02, size)
     center = rng.standard_normal(3)
-    scores = np.zeros((4, frames))
-    add_scores(found, size, center, np.eye(3), 2.0, scores)
+    pooled = PooledMoments([found], [0])
+    pooled.w = 2.0 * pooled.n
+    scores = pooled.scores(size, center, np.eye(3))
     offset = center - found.mean
     third = found.third - size * (2 * found.noise_z + found.trace_z)
     wanted = 0.5 * third - (found.second - size * found.noise) @ offset
     np.testing.assert_allclose(scores[:3].sum(axis=1), 2.0 * found.count * wanted, rtol=1e-9, atol=1e-9)
     assert (scores[:, ~used] == 0.0).all()
-    f = ((found.z[:, used] - offset[:, None]) ** 2).sum(axis=0)
+    f = ((found.z - offset[:, None]) ** 2).sum(axis=0)
     strain = found.z_noise_z - 2 * offset @ found.noise_z + offset @ found.noise @ offset
-    wanted = f.var() - 4 * size * strain + 2 * size**2 * found.squared_noise(center)
+    wanted = f.var() - 4 * size * strain + 2 * size**2 * pooled.squared_noise(center)[0]
     assert scores[3].sum() == pytest.approx(2.0 * found.count * wanted)
 
 

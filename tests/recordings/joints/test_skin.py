@@ -111,3 +111,12 @@ def test_too_little_to_measure():
     assert skin_slope(departures, angles) > 0.0
     departures[0, :, 30:] = np.nan
     assert np.isnan(skin_slope(departures, angles))
+
+
+def test_angles_about_two_axes_show_a_slope_that_rounding_does_not_change(rng):
+    """A joint that never rotates about one axis leaves regressors without extent, which explain nothing."""
+    angles = rng.standard_normal((3, 400)) * np.array([[0.3], [0.2], [0.0]])
+    departures = np.einsum("mij,jt->mit", 0.005 * rng.standard_normal((4, 3, 3)), angles)
+    departures += 0.001 * rng.standard_normal((4, 3, 400))
+    slopes = [skin_slope(departures, angles + 1e-16 * rng.standard_normal((3, 400))) for _ in range(5)]
+    np.testing.assert_allclose(slopes, slopes[0], rtol=1e-9)
