@@ -247,7 +247,7 @@ class ShownStream:
 
 def shown(stream: TextIO) -> TextIO:
     """A stream that shows control characters; the same if it does already."""
-    return stream if isinstance(stream, ShownStream) else cast(TextIO, ShownStream(stream))
+    return cast(TextIO, ShownStream(stream)) if stream and not isinstance(stream, ShownStream) else stream
 
 
 def unchanged(stream: Any) -> Any:
