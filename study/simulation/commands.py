@@ -363,6 +363,11 @@ _RECORDING = "folder that `study case-study` wrote; may be given several times"
 Recordings = Annotated[list[Path] | None, typer.Option("--recording", metavar="DIR", help=_RECORDING)]
 Page = Annotated[Path | None, typer.Option("--out", help="file of the page [default: RUN/report.html]")]
 Bench = Annotated[Path | None, typer.Option("--bench", help="table that `make bench` stores")]
+FiguresToo = Annotated[
+    Path | None, typer.Option("--figures", metavar="DIR", help="write the figures there too, as PNG and SVG")
+]
+ClaimsToo = Annotated[bool, typer.Option("--claims", help="print and store the verdicts too, as `study claims` does")]
+NoJobs = Annotated[int | None, typer.Option("--jobs", "-j", min=1, hidden=True, help="has no effect any more")]
 
 
 def claims(folders: Folders, cost: Cost = None, recording: Recordings = None, as_json: Json = False) -> None:
@@ -375,22 +380,18 @@ def claims(folders: Folders, cost: Cost = None, recording: Recordings = None, as
     number, name, section, statement, quantity, value, error, trials, verdict, finding, criterion, remark, reads, runs
     and figure.
     """
-    from study.simulation.claims import as_data, judge_all, key, printed, save, stored
+    from study.simulation.claims import as_data, judge_all, printed, save
     from study.simulation.claims.recordings import read_case_studies
     from study.simulation.runs.run_folder import Run
     from study.text import json_text
 
     runs = [Run.open(folder) for folder in folders]
     runs[0].manifest()  # without a sound one, no verdict could be stored
-    spreads = read_case_studies(recording) if recording else None
-    known = key(runs, cost, spreads)
-    before = stored(runs[0], known)
-    judged = judge_all(runs, cost, spreads) if before is None else before
+    verdicts = judge_all(runs, cost, read_case_studies(recording) if recording else None)
     try:
-        if before is None:
-            save(runs[0], judged, known)
+        save(runs[0], verdicts)
     finally:  # verdicts that cannot be stored are printed all the same
-        for line in [json_text(as_data(runs, judged))] if as_json else printed(judged):
+        for line in [json_text(as_data(runs, verdicts))] if as_json else printed(verdicts):
             typer.echo(line)
 
 
@@ -400,24 +401,45 @@ def report(
     cost: Cost = None,
     recording: Recordings = None,
     bench: Bench = None,
-    jobs: Jobs = 2,
+    figures: FiguresToo = None,
+    claims: ClaimsToo = False,
+    jobs: NoJobs = None,
 ) -> None:
     """Write one HTML page about runs.
 
-    It has the claims, figures, tables and provenance, and needs no other file.
+    It has the claims, figures, tables and provenance, and needs no other file. With --figures and --claims the command
+    does the work of `study figures` and `study claims` too, and nothing is made twice.
     """
-    from study.simulation.claims import judge_all, key, stored
+    from study.simulation.claims import judge_all, printed
+    from study.simulation.claims import save as save_claims
     from study.simulation.claims.recordings import read_case_studies
+    from study.simulation.figures import Gallery, make_folder
     from study.simulation.report.page import read_bench, render, save
     from study.simulation.runs.run_folder import Run
 
+    if jobs is not None:
+        typer.echo("--jobs: has no effect any more; one process draws each figure once", err=True)
     runs = [Run.open(folder) for folder in folders]
     measured = read_bench(bench) if bench else None
     spreads = read_case_studies(recording) if recording else None
-    judged = stored(runs[0], key(runs, cost, spreads))
-    if judged is None:
-        judged = judge_all(runs, cost, spreads)
-    typer.echo(str(save(render(runs, judged, measured, jobs), out or runs[0].folder / "report.html")))
+    if figures is not None:
+        make_folder(figures)
+    if claims:
+        runs[0].manifest()  # without a sound one, no verdict could be stored
+    verdicts = judge_all(runs, cost, spreads)
+    gallery = Gallery() if figures is not None else Gallery(kinds=["png"])
+    path = save(render(runs, verdicts, measured, gallery), out or runs[0].folder / "report.html")
+    for picture in gallery.save(figures) if figures is not None else []:
+        typer.echo(str(picture))
+    for line in printed(verdicts) if claims else []:
+        typer.echo(line)
+    typer.echo(str(path))
+    if claims:
+        save_claims(runs[0], verdicts)
+    if figures is not None and (failures := gallery.failures()):
+        for name, reason in failures.items():
+            typer.echo(f"{name}: {reason}", err=True)
+        raise typer.Exit(ExitCode.FAILURE)
 
 
 def _load(paths: list[Path] | None) -> list[Path] | None:

@@ -31,7 +31,7 @@ from study import style
 from study.arrays import Floats
 from study.fits import Status
 from study.simulation.claims.ugdk import PAPER_CONDITION
-from study.simulation.figures import NotApplicable, Tables
+from study.simulation.figures.figure import NotApplicable, Tables
 from study.simulation.statistics import inside, quantile, robust_sd
 
 LEVELS = (0.68, 0.95)

@@ -23,7 +23,7 @@ from matplotlib.lines import Line2D
 
 from study import style
 from study.arrays import Floats
-from study.simulation.figures import NotApplicable, Tables
+from study.simulation.figures.figure import NotApplicable, Tables
 from study.simulation.posterior.run import FLAT, LEVELS, coverage, trials
 
 _LEAST_TRIALS = 20

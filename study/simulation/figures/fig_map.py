@@ -24,7 +24,7 @@ from matplotlib.figure import Figure
 from study import style
 from study.fits.cap import cap_moments
 from study.simulation.analysis.regret import median_at_bound
-from study.simulation.figures import NotApplicable, Tables, at_first
+from study.simulation.figures.figure import NotApplicable, Tables, at_first
 
 _LEAST = 2
 _FAR = 100.0

@@ -23,7 +23,7 @@ from study import style
 from study.arrays import Floats
 from study.fits import Status
 from study.simulation.experiment.config import ChainStatus
-from study.simulation.figures import NotApplicable, Tables
+from study.simulation.figures.figure import NotApplicable, Tables
 
 _LEVELS = (0.68, 0.95)
 _SHADES = ("#d9d9d9", "#a6a6a6")

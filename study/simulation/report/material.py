@@ -5,8 +5,6 @@ One sentence of answer to each claim, made from the numbers that its verdict was
 The words of a sentence do not depend on the numbers: only its numbers and the verdict change. To answer a new claim,
 write an entry in `ANSWERS`; a claim without one is answered by the first of its numbers.
 
-Draw pictures in parallel with other work: in a second process if one is allowed, else at once.
-
 Six findings of the study, in plain sentences; every number is one of the tables', none is written here.
 
 Figures embedded in the page as PNG data URIs, with alternative text.
@@ -15,15 +13,10 @@ Figures embedded in the page as PNG data URIs, with alternative text.
 import base64
 import inspect
 import math
-import multiprocessing
 import re
-import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, NamedTuple, ParamSpec, Self, TypeVar
+from typing import NamedTuple, Self
 
 import numpy as np
 import pandas as pd
@@ -35,8 +28,9 @@ from study.files import RunError
 from study.fits.registry import ESTIMATORS
 from study.simulation.analysis.summary import worst_of_run
 from study.simulation.claims.claim import Verdict
-from study.simulation.figures import FIGURES, FigureModule, KeptPictures, NotApplicable, Tables, failure
+from study.simulation.figures import Drawing, FigureModule, Gallery, Tables
 from study.simulation.figures.fig_efficiency import EfficiencyFrame
+from study.simulation.figures.figure import failure
 from study.simulation.report import words
 from study.simulation.report.blocks import Content, InlineCode, Link, Picture, Text, coded
 from study.simulation.report.words import count
@@ -164,62 +158,6 @@ def answer(name: str, verdict: str, finding: str) -> str:
     except (KeyError, IndexError, ValueError):  # a claim of another version, or one whose numbers are fewer
         rest = words.readable(finding.partition("\n")[0])
     return f"{begin}: {rest}"
-
-
-P = ParamSpec("P")
-T = TypeVar("T")
-
-
-class Artist:
-    """Call functions, in another process if there is one, and return their results later.
-
-    Args:
-        executor: another process; None to call each function at once.
-    """
-
-    def __init__(self, executor: Executor | None) -> None:
-        self._executor = executor
-
-    def begin(self, function: Callable[P, T], *arguments: P.args, **named: P.kwargs) -> Callable[[], T]:
-        """Begin a call; the function that is returned waits for the result and returns it.
-
-        For another process the function, its arguments and its result must be such that they can be pickled.
-        """
-        if self._executor is None:
-            found = function(*arguments, **named)
-            return lambda: found
-        future = self._executor.submit(function, *arguments, **named)
-
-        def wait() -> T:
-            try:
-                return future.result()
-            except BrokenProcessPool:  # for want of memory, perhaps
-                return function(*arguments, **named)
-
-        return wait
-
-
-@contextmanager
-def artist(jobs: int) -> Iterator[Artist]:
-    """An artist with a process of its own, if two are allowed; the process ends with the artist.
-
-    The other process loads the libraries by itself; that takes as long as two figures.
-    """
-    if jobs < 2:
-        yield Artist(None)
-        return
-    context = multiprocessing.get_context("spawn")  # a fork of a process with threads may wait for ever
-    with ProcessPoolExecutor(1, context, _ignore_interrupt) as executor:
-        try:
-            yield Artist(executor)
-        except BaseException:
-            executor.shutdown(wait=False, cancel_futures=True)
-            raise
-
-
-def _ignore_interrupt() -> None:
-    """Leave Ctrl-C, which a terminal sends to both processes, to the other one."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 _CAP = 45.0
@@ -393,89 +331,8 @@ _SHOWN = ("gdke", "lls", "ugdk", "mle", "als", "corrected")
 """Estimators of the paper, and those to use instead, in the order of drawing."""
 
 
-class Gallery:
-    """The figures that runs can feed, each drawn from the first run that can, unless its picture was kept.
-
-    Args:
-        artist: draws the pictures; see `study.simulation.report.material`.
-
-    Attributes:
-        undrawn: for each figure that no run could feed so far the reasons, by the run's name.
-        efficiency: content of the figure that the top of the page has a part of; None where no run can feed it.
-    """
-
-    def __init__(self, artist: Artist) -> None:
-        self._artist = artist
-        self._begun: dict[str, tuple[str, Callable[[], bytes | str]]] = {}
-        self._lead: Callable[[], bytes | str] | None = None
-        self.undrawn: dict[str, dict[str, str]] = {}
-        self.efficiency: EfficiencyFrame | None = None
-
-    def add(self, tables: Tables, pictures: KeptPictures) -> None:
-        """Begin to draw the figures that a run can feed and no earlier run could.
-
-        Args:
-            tables: the run's.
-            pictures: those that were drawn from them before.
-        """
-        for name, figure in FIGURES.items():
-            if name in self._begun:
-                continue
-            found = pictures.find(name, figure, ["png"])
-            try:
-                frame = figure.prepare(tables) if found is None or name == _LEAD else None
-            except NotApplicable as reason:
-                self.undrawn.setdefault(name, {})[tables.name] = str(reason)
-            except Exception as error:  # a figure that fails must not cost the page
-                self.undrawn.setdefault(name, {})[tables.name] = failure(error)
-            else:
-                self.undrawn.pop(name, None)
-                self._begun[name] = (
-                    tables.name,
-                    (_given(found["png"]) if found is not None else self._begin(pictures, name, figure, frame)),
-                )
-                if isinstance(frame, EfficiencyFrame):
-                    self.efficiency = frame
-                    top = pictures.find("lead", figure, ["png"])
-                    self._lead = _given(top["png"]) if top else self._begin(pictures, "lead", figure, frame)
-
-    def _begin(self, pictures: KeptPictures, name: str, figure: FigureModule, frame: Any) -> Callable[[], bytes | str]:
-        """Begin to draw a picture; the function returned waits for it, and keeps it."""
-        drawing = self._artist.begin(_drawn, name, frame)
-
-        def wait() -> bytes | str:
-            if isinstance(drawn := drawing(), bytes):
-                pictures.keep(name, figure, {"png": drawn})
-            return drawn
-
-        return wait
-
-    def finish(self) -> tuple[dict[str, Picture], Picture | None]:
-        """Wait for the pictures.
-
-        Returns:
-            The figures, by name and in their order, and the picture at the top of the page; None where no run can feed
-            it. A figure that fails does not cost the others; ``undrawn`` has its reason, with its place in the code.
-        """
-        found = {}
-        for name in (name for name in FIGURES if name in self._begun):
-            run, drawing = self._begun[name]
-            drawn = drawing()
-            if isinstance(drawn, bytes):
-                found[name] = picture(name, FIGURES[name], drawn, run)
-            else:
-                self.undrawn[name] = {run: drawn}
-        top = self._lead() if self._lead is not None and _LEAD in found else None
-        return found, lead(self.efficiency, top) if self.efficiency is not None and isinstance(top, bytes) else None
-
-
-def _given(picture: bytes) -> Callable[[], bytes]:
-    """A function that returns a picture that was kept."""
-    return lambda: picture
-
-
-def lead(efficiency: EfficiencyFrame, data: bytes) -> Picture:
-    """The picture at the top of the page, given as PNG."""
+def lead(efficiency: EfficiencyFrame) -> Picture:
+    """The picture at the top of the page."""
     angle = nearest_cap(efficiency)
     at = f"Cap of {angle:g}°, N\u00a0=\u00a0{count(efficiency.samples)}."
     words = f"Median error of each estimator over the Cramér-Rao bound, against noise. {at}"
@@ -484,7 +341,7 @@ def lead(efficiency: EfficiencyFrame, data: bytes) -> Picture:
         Text([words, advice]),
         Text([Link("The whole figure", "fig_efficiency"), f", {efficiency.stamp}"]),
     ]
-    return embedded("lead", data, words, caption)
+    return embedded("lead", style.encode(draw_lead(efficiency), "png"), words, caption)
 
 
 @style.journal()
@@ -513,19 +370,12 @@ def draw_lead(frame: EfficiencyFrame) -> Figure:
     return figure
 
 
-def _drawn(name: str, frame: Any) -> bytes | str:
-    """Draw a figure as PNG; its failure in words if it fails."""
-    try:
-        return style.encode(draw_lead(frame) if name == "lead" else FIGURES[name].draw(frame), "png")
-    except Exception as error:  # a figure that fails must not cost the page
-        return failure(error)
-
-
-def picture(name: str, figure: FigureModule, data: bytes, run: str) -> Picture:
-    """A figure's PNG with its title, its advice and the name of the run as caption."""
-    title, look = described(figure)
-    caption = [Text(coded(title)), *([Text(coded(look))] if look else []), Text([InlineCode(name), f", run {run}"])]
-    return embedded(name, data, f"{title} Run {run}.".replace("`", ""), caption)
+def picture(name: str, drawing: Drawing) -> Picture:
+    """A figure with its title, its advice and the name of the run as caption."""
+    title, look = described(drawing.figure)
+    of_run = Text([InlineCode(name), f", run {drawing.name}"])
+    caption = [Text(coded(title)), *([Text(coded(look))] if look else []), of_run]
+    return embedded(name, drawing.pictures["png"], f"{title} Run {drawing.name}.".replace("`", ""), caption)
 
 
 def embedded(name: str, data: bytes, alt: str, caption: Content) -> Picture:
@@ -673,23 +523,38 @@ class Material:
     bench: pd.DataFrame | None = None
 
     @classmethod
-    def of(cls, runs: Sequence[Run], claims: pd.DataFrame, bench: pd.DataFrame | None = None, jobs: int = 1) -> Self:
-        """Read runs, one after the other, so that no two error tables are in memory together.
+    def of(
+        cls,
+        runs: Sequence[Run],
+        claims: pd.DataFrame,
+        bench: pd.DataFrame | None = None,
+        gallery: Gallery | None = None,
+    ) -> Self:
+        """Read runs and draw their figures, one after the other, so that no two error tables are in memory together.
 
-        With two jobs, and runs, figures are drawn in a second process meanwhile.
+        Args:
+            runs: finished runs.
+            claims: the claims table.
+            bench: the table that `make bench` stores.
+            gallery: takes the figures, so that a caller can write them; with PNG among its formats.
 
         Raises:
             RunError: if a run did not finish, or is given twice.
         """
+        gallery = gallery or Gallery(kinds=["png"])
         records: list[Record] = []
-        with artist(min(jobs, len(runs))) as drawn_by:
-            gallery = Gallery(drawn_by)
-            for run in runs:
-                tables = Tables.of(run)
-                if tables.name in {record.name for record in records}:
-                    raise RunError(f"{run.folder}: {tables.name} is given twice")
-                gallery.add(tables, KeptPictures(run))
-                records.append(Record.of(run, tables))
-            found = findings(claims, gallery.efficiency)
-            pictures, lead = gallery.finish()
-        return cls(records, claims, pictures, gallery.undrawn, lead, found, bench)
+        for run in runs:
+            tables = Tables.of(run)
+            if tables.name in {record.name for record in records}:
+                raise RunError(f"{run.folder}: {tables.name} is given twice")
+            gallery.add(run, tables)
+            records.append(Record.of(run, tables))
+        drawings, undrawn, top = gallery.drawings, dict(gallery.undrawn), None
+        efficiency = drawings[_LEAD].frame if _LEAD in drawings else None
+        if efficiency is not None:
+            try:
+                top = lead(efficiency)
+            except Exception as error:  # a picture that fails must not cost the page
+                undrawn["lead"] = {drawings[_LEAD].name: failure(error)}
+        pictures = {name: picture(name, drawing) for name, drawing in drawings.items()}
+        return cls(records, claims, pictures, undrawn, top, findings(claims, efficiency), bench)

@@ -16,7 +16,7 @@ from markupsafe import Markup
 
 from study.files import RunError, write
 from study.simulation.claims.claim import Verdict
-from study.simulation.figures import gathered
+from study.simulation.figures import Gallery, gathered
 from study.simulation.report import words
 from study.simulation.report.blocks import (
     Badge,
@@ -223,14 +223,16 @@ SECTIONS: list[Callable[[Material], Iterable[Section]]] = [
 """The page, in order. Each entry gives one section, several, or none where the runs have nothing for it."""
 
 
-def render(runs: Sequence[Run], claims: pd.DataFrame, bench: pd.DataFrame | None = None, jobs: int = 1) -> str:
+def render(
+    runs: Sequence[Run], claims: pd.DataFrame, bench: pd.DataFrame | None = None, gallery: Gallery | None = None
+) -> str:
     """Write the page about runs: one HTML document that needs no other file.
 
     Args:
         runs: finished runs, at least one, no two of the same name.
         claims: the claims table; columns as `study.simulation.runs.schemas.CLAIMS`, perhaps without rows.
         bench: the table that `make bench` stores, if it is to be shown; see `study.simulation.report.page`.
-        jobs: number of processes; in the second one figures are drawn.
+        gallery: takes the figures, if the caller wants to write them.
 
     Returns:
         The document. The same runs and claims give the same bytes.
@@ -238,7 +240,7 @@ def render(runs: Sequence[Run], claims: pd.DataFrame, bench: pd.DataFrame | None
     Raises:
         RunError: if a run did not finish, is given twice, or a table cannot be read.
     """
-    material = Material.of(runs, claims, bench, jobs)
+    material = Material.of(runs, claims, bench, gallery)
     sections = [section for make in SECTIONS for section in make(material)]
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent, encoding="utf-8"),

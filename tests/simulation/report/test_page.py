@@ -44,7 +44,7 @@ def feeds(circles, random):
 @pytest.fixture
 def no_figures(monkeypatch):
     """Draw none, where they are not what is tested."""
-    monkeypatch.setattr("study.simulation.report.material.FIGURES", {})
+    monkeypatch.setattr("study.simulation.figures.FIGURES", {})
 
 
 def test_one_well_formed_document(document):
@@ -151,7 +151,7 @@ def test_the_first_run_that_can_feed_a_figure_does(circles, random, claims, read
         return Figure((3.0, 2.0))
 
     figures = {"fig7_power_law": FIGURES["fig7_power_law"], "either": SimpleNamespace(prepare=either, draw=either)}
-    monkeypatch.setattr("study.simulation.report.material.FIGURES", figures)
+    monkeypatch.setattr("study.simulation.figures.FIGURES", figures)
     document = read(render([random, circles], claims))
     assert [tag["id"] for tag in document.of("figure")] == list(figures)
     assert f"either, run {random.study.run_name()}" in document.text
@@ -168,9 +168,7 @@ def test_a_broken_figure_does_not_cost_the_page(random, claims, monkeypatch, rea
         def prepare(self, tables):
             raise ZeroDivisionError("no such luck")
 
-    monkeypatch.setattr(
-        "study.simulation.report.material.FIGURES", {"broken": Broken(), "fig2_error": FIGURES["fig2_error"]}
-    )
+    monkeypatch.setattr("study.simulation.figures.FIGURES", {"broken": Broken(), "fig2_error": FIGURES["fig2_error"]})
     document = read(render([random], claims))
     assert "broken: failed: ZeroDivisionError('no such luck')" in document.text
     assert [tag["id"] for tag in document.of("figure")] == ["fig2_error"]
