@@ -10,7 +10,6 @@ Six findings of the study, in plain sentences; every number is one of the tables
 Figures embedded in the page as PNG data URIs, with alternative text.
 """
 
-import base64
 import inspect
 import math
 import re
@@ -20,6 +19,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 import pandas as pd
+from markupsafe import Markup
 from matplotlib.figure import Figure
 from pydantic import BaseModel, ValidationError
 
@@ -31,8 +31,7 @@ from study.simulation.claims.claim import Verdict
 from study.simulation.figures import Drawing, FigureModule, Gallery, Tables
 from study.simulation.figures.fig_efficiency import EfficiencyFrame
 from study.simulation.figures.figure import failure
-from study.simulation.report import words
-from study.simulation.report.blocks import Content, InlineCode, Link, Picture, Text, coded
+from study.simulation.report import html, words
 from study.simulation.report.words import count
 from study.simulation.runs.run_folder import Run
 
@@ -331,17 +330,17 @@ _SHOWN = ("gdke", "lls", "ugdk", "mle", "als", "corrected")
 """Estimators of the paper, and those to use instead, in the order of drawing."""
 
 
-def lead(efficiency: EfficiencyFrame) -> Picture:
+def lead(efficiency: EfficiencyFrame) -> Markup:
     """The picture at the top of the page."""
     angle = nearest_cap(efficiency)
     at = f"Cap of {angle:g}°, N\u00a0=\u00a0{count(efficiency.samples)}."
     words = f"Median error of each estimator over the Cramér-Rao bound, against noise. {at}"
     advice = " The closer to the lines, the better. Only a biased estimator can lie below them."
     caption = [
-        Text([words, advice]),
-        Text([Link("The whole figure", "fig_efficiency"), f", {efficiency.stamp}"]),
+        html.paragraph([words, advice]),
+        html.paragraph([html.link("The whole figure", "fig_efficiency"), f", {efficiency.stamp}"]),
     ]
-    return embedded("lead", style.encode(draw_lead(efficiency), "png"), words, caption)
+    return html.picture("lead", style.encode(draw_lead(efficiency), "png"), words, caption)
 
 
 @style.journal()
@@ -370,19 +369,12 @@ def draw_lead(frame: EfficiencyFrame) -> Figure:
     return figure
 
 
-def picture(name: str, drawing: Drawing) -> Picture:
+def picture(name: str, drawing: Drawing) -> Markup:
     """A figure with its title, its advice and the name of the run as caption."""
     title, look = described(drawing.figure)
-    of_run = Text([InlineCode(name), f", run {drawing.name}"])
-    caption = [Text(coded(title)), *([Text(coded(look))] if look else []), of_run]
-    return embedded(name, drawing.pictures["png"], f"{title} Run {drawing.name}.".replace("`", ""), caption)
-
-
-def embedded(name: str, data: bytes, alt: str, caption: Content) -> Picture:
-    """A PNG as a picture that needs no other file."""
-    # a PNG begins with a signature, a length and "IHDR"; then come width and height
-    width, height = (int.from_bytes(data[i : i + 4], "big") for i in (16, 20))
-    return Picture(name, f"data:image/png;base64,{base64.b64encode(data).decode()}", alt, width, height, caption)
+    of_run = html.paragraph([html.code(name), f", run {drawing.name}"])
+    caption = [html.paragraph(html.coded(title)), *([html.paragraph(html.coded(look))] if look else []), of_run]
+    return html.picture(name, drawing.pictures["png"], f"{title} Run {drawing.name}.".replace("`", ""), caption)
 
 
 def described(figure: FigureModule) -> tuple[str, str]:
@@ -516,9 +508,9 @@ class Material:
 
     records: list[Record]
     claims: pd.DataFrame
-    pictures: dict[str, Picture]
+    pictures: dict[str, Markup]
     undrawn: dict[str, dict[str, str]]
-    lead: Picture | None
+    lead: Markup | None
     findings: list[Headline]
     bench: pd.DataFrame | None = None
 

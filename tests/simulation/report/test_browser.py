@@ -130,7 +130,7 @@ def test_wide_tables(look, many, claims, monkeypatch, width, media):
     """Nine estimators and 44 conditions scroll in their own box, on a phone, and fit on paper."""
     monkeypatch.setattr("study.simulation.figures.FIGURES", {})
     monkeypatch.setattr("study.simulation.report.runs._LONG", 1000)  # not folded ...
-    monkeypatch.setattr("study.simulation.report.blocks.PRINTED", 1000)  # ... and printed
+    monkeypatch.setattr("study.simulation.report.html.PRINTED", 1000)  # ... and printed
     assert look(render([many], claims), width, media) == []
 
 
