@@ -165,6 +165,8 @@ CLAIMS: tuple[Claim, ...] = (
         criterion="Reproduced if the greatest ratio with κ = (v/σ²)√(N/2) ≥ 20 is at most 1.1, three standard errors "
         "allowed; partly if the ratio is 1 at the smallest noise, within .1 or three standard errors; not reproduced "
         "otherwise.",
+        answer="UGDK's variance along the axis is up to {0:times} the bound's; at the smallest noise it is {2:times} "
+        "the bound's.",
         reads=("efficiency/errors",),
         measure=_measure_efficiency,
         judge=_judge_efficiency,
@@ -181,6 +183,8 @@ CLAIMS: tuple[Claim, ...] = (
         criterion="Reproduced if the least value is at least 1, five standard errors allowed; partly if that holds "
         "only in cells without significant bias (a mean error of up to three standard errors); not reproduced "
         "otherwise.",
+        answer="the least root mean square error is {0:times} the bound; where the bias is not significant it is "
+        "{2:times} the bound.",
         reads=("efficiency/errors",),
         measure=_measure_bound,
         judge=_judge_bound,
@@ -198,6 +202,8 @@ CLAIMS: tuple[Claim, ...] = (
         "efficient estimator, three standard errors allowed, and the bias is within four standard errors of 0. Worse: "
         "the error grows from each cap to the next smaller one by two standard errors. Reproduced with both, partly "
         "with one, not reproduced with neither. All fits count.",
+        answer="on the whole sphere GDKE errs up to {0:times} as far as an efficient estimator; on the smallest cap "
+        "its error is up to {last:times} the bound.",
         reads=("efficiency/errors",),
         measure=_measure_even,
         judge=_judge_even,

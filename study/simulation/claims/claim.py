@@ -237,6 +237,8 @@ class Claim:
         statement: the paper's statement, in our words.
         quantity: the quantity that is measured.
         criterion: the rule from the numbers to the verdict, in words; it says what ``judge`` does.
+        answer: the page's sentence of answer, with a number in each place, "{0:times}" or "{last:share}", formatted as
+            a ratio (times), a share or an exponent (power). Only the numbers depend on the tables.
         reads: tables, as "config/table"; "cost" for the cost table, "case-study" for those of recordings.
         measure: function from the tables to numbers, the headline first.
         judge: function from these numbers, in that order, to a verdict. It sees nothing else.
@@ -249,6 +251,7 @@ class Claim:
     statement: str
     quantity: str
     criterion: str
+    answer: str
     reads: tuple[str, ...]
     measure: Callable[[Evidence], list[Number]]
     judge: Callable[[list[Number]], Verdict]

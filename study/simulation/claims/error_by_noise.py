@@ -171,6 +171,8 @@ CLAIMS: tuple[Claim, ...] = (
         criterion="Reproduced if all exponents are 1 within .1 or three standard errors, over the paper's 27 decades "
         "and in parts of the range; partly if MLE's is over the whole range; not reproduced otherwise. All fits count "
         "as computed.",
+        answer="over the paper's range MLE's median error grows as σ to the power {0:power}; where GDKE's bias "
+        "dominates, GDKE's as σ to the power {4:power}.",
         reads=("paper/errors", "efficiency/errors"),
         measure=_measure_slopes,
         judge=_judge_slopes,
@@ -188,6 +190,8 @@ CLAIMS: tuple[Claim, ...] = (
         "standard errors of the difference, without the trials that agree to 1 %. Two conditions: UGDK is clearly "
         "closer than each other method in some decade; no method is clearly closer than UGDK in any decade. Reproduced "
         "with both, partly with one, not reproduced with neither. All fits count as computed.",
+        answer="UGDK is clearly the closest in {0:share} of the decades of noise, and another method is clearly "
+        "closer in {1:share}.",
         reads=("paper/errors",),
         measure=_measure_closest,
         judge=_judge_closest,
@@ -203,6 +207,7 @@ CLAIMS: tuple[Claim, ...] = (
         criterion="Reproduced if the greatest ratio is at most 1.1, three standard errors allowed; partly if the "
         "ratios at the smallest noise are 1 within .1 or three standard errors; not reproduced otherwise. All fits "
         "count.",
+        answer="GDKE's median error is up to {0:times} MLE's; at the smallest noise it is {1:times} MLE's.",
         reads=("efficiency/errors",),
         measure=_measure_par,
         judge=_judge_par,

@@ -216,6 +216,8 @@ CLAIMS: tuple[Claim, ...] = (
         criterion="Reproduced if there are such outliers (three or more) and the best minimum from three starts "
         "reduces the error of more than half of them to a third or less, by two standard errors; partly if there are "
         "outliers and it does not; not reproduced if there are none. All fits count.",
+        answer="of the trials with noise around the radius, {0:share} are such outliers; the best of three starts "
+        "mends {1:share} of them.",
         reads=("starts/errors",),
         measure=_measure_mle,
         judge=_judge_mle,
@@ -233,6 +235,7 @@ CLAIMS: tuple[Claim, ...] = (
         criterion="Reproduced if LLS without a cut of singular values has such outliers for σ < 1e-6 r (three or "
         "more); partly if only LLS with a cut has them, and less than a tenth as often for σ ≥ 1e-5 r; not reproduced "
         "otherwise. Failures count.",
+        answer="of LLS's fits there, {0:share} are outliers, and {1:share} if small singular values are cut.",
         reads=("outliers/errors", "paper/errors"),
         measure=_measure_small,
         judge=_judge_small,
@@ -249,6 +252,7 @@ CLAIMS: tuple[Claim, ...] = (
         quantity="error over radius of the outliers that a cut of small singular values makes",
         criterion="Reproduced if with both cuts more than half of the outliers, by two standard errors, have their "
         "centre within r/10 of the sphere; partly if with one of the cuts; not reproduced if with none.",
+        answer="{1:share} of the outliers lie on the sphere if the design matrix is centred, {3:share} if it is not.",
         reads=("outliers/errors",),
         measure=_measure_place,
         judge=_judge_place,
@@ -264,6 +268,8 @@ CLAIMS: tuple[Claim, ...] = (
         quantity="outliers of LLS that GDKE in double precision does not have on the same points, and failures",
         criterion="Reproduced if LLS in double precision has them for σ > 1e10 r (three or more); partly if only LLS "
         "in single precision has them, and less than a tenth as often for r ≤ σ ≤ 1e9 r; not reproduced otherwise.",
+        answer="of LLS's fits there, {0:share} are outliers or fail in double precision, {1:share} in single "
+        "precision.",
         reads=("outliers/errors", "paper/errors"),
         measure=_measure_large,
         judge=_judge_large,

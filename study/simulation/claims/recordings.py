@@ -93,6 +93,7 @@ CLAIMS: tuple[Claim, ...] = (
         criterion="Reproduced if, by two standard errors over joints, more than half of the spreads above 200 samples "
         "are below 1 cm and of joints that are not in doubt, and a larger share than up to 200 samples; not reproduced "
         "if at most half are below 1 cm; partly otherwise.",
+        answer="above 200 samples {0:share} of the spreads are below 1 cm.",
         reads=("case-study",),
         measure=_measure_recordings,
         judge=_judge_recordings,

@@ -192,6 +192,7 @@ CLAIMS: tuple[Claim, ...] = (
         criterion="Reproduced if, by two standard errors, the exponent of N in UGDK's bias is below -.75 and that in "
         "GDKE's bias above -.25; partly if UGDK's exponent is below -.25; not reproduced otherwise. Both are of the "
         "trials in which both fits are ok.",
+        answer="UGDK's bias goes as N to the power {0:power}, GDKE's as N to the power {1:power}.",
         reads=("bias/errors",),
         measure=_measure_bias,
         judge=_judge_bias,
@@ -208,6 +209,8 @@ CLAIMS: tuple[Claim, ...] = (
         "of σ in error over bound (∝ σ/√N) for σ < .01 r within .1 of 0; of N in error over σ for σ ≥ r within .1 of "
         "-½. Reproduced with all three, partly with the first two, not reproduced otherwise. All fits count as "
         "computed.",
+        answer="at σ = .02 r the median error goes as N to the power {0:power}; where σ ≥ r, as N to the power "
+        "{2:power}.",
         reads=("power-law/errors", "paper/errors"),
         measure=_measure_error,
         judge=_judge_error,
@@ -224,6 +227,8 @@ CLAIMS: tuple[Claim, ...] = (
         criterion="Three conditions: .557238 is among the middle 90 % of the trials' ρ; ρ < 1 in at least 99 % of the "
         "trials; more than half of all ellipses contain the true centre. Reproduced with all three, partly with the "
         "first alone or with one other, not reproduced without the first. All fits count as computed.",
+        answer="{0:share} of the trials have a smaller ρ than the paper's, {1:share} have ρ < 1, and {2:share} of the "
+        "ellipses hold the true centre.",
         reads=("ellipse/errors",),
         measure=_measure_condition,
         judge=_judge_condition,
@@ -242,6 +247,8 @@ CLAIMS: tuple[Claim, ...] = (
         "errors included. Partly if it holds and UGDK with estimated Σ errs less than twice as far as UGDK with known "
         "Σ, by two standard errors, so that the open question has an answer; reproduced if it holds and UGDK with "
         "estimated Σ does not; not reproduced otherwise. All fits count as computed.",
+        answer="ALS's noise variance is {0:times} the true one, and UGDK with a Σ estimated from the points errs up "
+        "to {1:times} as far as with the true Σ.",
         reads=("efficiency/errors", "anisotropic/errors", "markers/errors", "markers/points"),
         measure=_measure_noise,
         judge=_judge_noise,

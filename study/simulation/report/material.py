@@ -1,13 +1,6 @@
-"""Content of the page: each run's tables, read once, and the figures that they can feed.
+"""Content of the page: each run's tables, read once, the figures that they can feed, and findings in plain sentences.
 
-One sentence of answer to each claim, made from the numbers that its verdict was computed from.
-
-The words of a sentence do not depend on the numbers: only its numbers and the verdict change. To answer a new claim,
-write an entry in `ANSWERS`; a claim without one is answered by the first of its numbers.
-
-Six findings of the study, in plain sentences; every number is one of the tables', none is written here.
-
-Figures embedded in the page as PNG data URIs, with alternative text.
+Every number in a sentence is one of the tables'; none is written here.
 """
 
 import inspect
@@ -15,7 +8,7 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Self
+from typing import Self
 
 import numpy as np
 import pandas as pd
@@ -27,6 +20,7 @@ from study import style
 from study.files import RunError
 from study.fits.registry import ESTIMATORS
 from study.simulation.analysis.summary import worst_of_run
+from study.simulation.claims import CLAIMS
 from study.simulation.claims.claim import Verdict
 from study.simulation.figures import Drawing, FigureModule, Gallery, Tables
 from study.simulation.figures.fig_efficiency import EfficiencyFrame
@@ -35,109 +29,8 @@ from study.simulation.report import html, words
 from study.simulation.report.words import count
 from study.simulation.runs.run_folder import Run
 
-Values = Sequence[float]
-"""The values behind a claim, in the order of its finding."""
-
 _BEGINNINGS = {Verdict.REPRODUCED: "Yes", Verdict.PARTLY: "In part", Verdict.NOT_REPRODUCED: "No"}
-
-
-def parts(share: float) -> str:
-    """Format a share as a reader says it: none, all, or per cent to two digits."""
-    if math.isnan(share):
-        return words.number(share)
-    if share in {0.0, 1.0}:
-        return "all" if share else "none"
-    return f"{words.number(100.0 * share, 3 if share > 0.99 else 2)}\u00a0%"
-
-
-def times(value: float) -> str:
-    """Format a ratio to two digits, three above 100."""
-    return f"{words.number(value, 2 if value < 100.0 else 3, zeros=bool(0.1 <= value < 10.0))}\u00a0times"
-
-
-def power(value: float) -> str:
-    """Format an exponent to two decimals."""
-    return f"{value:.2f}".replace("-", "−")
-
-
-ANSWERS: dict[str, Callable[[Values], str]] = {
-    "one-line": lambda n: (
-        f"over the paper's range MLE's median error grows as σ to the power {power(n[0])}; where GDKE's bias "
-        f"dominates, GDKE's as σ to the power {power(n[4])}."
-    ),
-    "ugdk-closest": lambda n: (
-        f"UGDK is clearly the closest in {parts(n[0])} of the decades of noise, and another method is clearly closer "
-        f"in {parts(n[1])}."
-    ),
-    "gdke-on-par": lambda n: (
-        f"GDKE's median error is up to {times(n[0])} MLE's; at the smallest noise it is {times(n[1])} MLE's."
-    ),
-    "mle-outliers": lambda n: (
-        f"of the trials with noise around the radius, {parts(n[0])} are such outliers; the best of three starts mends "
-        f"{parts(n[1])} of them."
-    ),
-    "lls-outliers-small": lambda n: (
-        f"of LLS's fits there, {parts(n[0])} are outliers, and {parts(n[1])} if small singular values are cut."
-    ),
-    "lls-outliers-place": lambda n: (
-        f"{parts(n[1])} of the outliers lie on the sphere if the design matrix is centred, {parts(n[3])} if it is not."
-    ),
-    "lls-outliers-large": lambda n: (
-        f"of LLS's fits there, {parts(n[0])} are outliers or fail in double precision, {parts(n[1])} in single "
-        "precision."
-    ),
-    "gdke-bias-order": lambda n: (
-        f"the bias grows as σ to the power {power(n[0])}, {power(n[1])} and {power(n[2])} on three caps."
-    ),
-    "gdke-bias-stays": lambda n: (
-        f"the bias is {times(n[0])} the scatter, {parts(n[1])} of the 95 % ellipses hold the true centre, and at the "
-        f"largest number of samples the bias is {times(n[2])} that at the smallest."
-    ),
-    "ugdk-efficient": lambda n: (
-        f"UGDK's variance along the axis is up to {times(n[0])} the bound's; at the smallest noise it is "
-        f"{times(n[2])} the bound's."
-    ),
-    "bound-for-all": lambda n: (
-        f"the least root mean square error is {times(n[0])} the bound; where the bias is not significant it is "
-        f"{times(n[2])} the bound."
-    ),
-    "gdke-even-data": lambda n: (
-        f"on the whole sphere GDKE errs up to {times(n[0])} as far as an efficient estimator; on the smallest cap its "
-        f"error is up to {times(n[-1])} the bound."
-    ),
-    "ugdk-bias": lambda n: f"UGDK's bias goes as N to the power {power(n[0])}, GDKE's as N to the power {power(n[1])}.",
-    "ugdk-error": lambda n: (
-        f"at σ = .02 r the median error goes as N to the power {power(n[0])}; where σ ≥ r, as N to the power "
-        f"{power(n[2])}."
-    ),
-    "figure-4-setting": lambda n: (
-        f"{parts(n[0])} of the trials have a smaller ρ than the paper's, {parts(n[1])} have ρ < 1, and {parts(n[2])} "
-        "of the ellipses hold the true centre."
-    ),
-    "noise-from-the-points": lambda n: (
-        f"ALS's noise variance is {times(n[0])} the true one, and UGDK with a Σ estimated from the points errs up to "
-        f"{times(n[1])} as far as with the true Σ."
-    ),
-    "markers-averaged": lambda n: (
-        f"the fit to all markers errs {times(n[0])} as far as the best marker alone, and less than the worst in "
-        f"{parts(n[1])} of the trials."
-    ),
-    "markers-positive-definite": lambda n: (
-        f"the sum is positive definite in {parts(n[1])} of the trials, and in {parts(n[0])} at the worst noise."
-    ),
-    "same-cost": lambda n: (
-        f"UGDK takes {times(n[0])} the operations of GDKE, and on this machine {times(n[1])} its time."
-    ),
-    "incremental-cost": lambda n: (
-        f"IGDK takes {times(n[0])} the operations of GDKE, and on this machine {times(n[1])} its time."
-    ),
-    "speed": lambda n: f"LLS takes {times(n[0])} the operations of GDKE, MLE {times(n[1])}.",
-    "power-law": lambda n: (
-        f"the median error of UGDK falls as N to the power {power(n[0])}, GDKE's as N to the power {power(n[2])}."
-    ),
-    "recordings-within-1-cm": lambda n: f"above 200 samples {parts(n[0])} of the spreads are below 1 cm.",
-}
-"""Sentences by the name of their claim."""
+_ANSWERS = {claim.name: claim.answer for claim in CLAIMS}
 
 
 def answer(name: str, verdict: str, finding: str) -> str:
@@ -153,7 +46,8 @@ def answer(name: str, verdict: str, finding: str) -> str:
     """
     begin = _BEGINNINGS.get(Verdict(verdict), verdict) if verdict in set(Verdict) else verdict.capitalize()
     try:
-        rest = ANSWERS[name](words.values(finding))
+        values = words.values(finding)
+        rest = _ANSWERS[name].format(*values, last=values[-1])
     except (KeyError, IndexError, ValueError):  # a claim of another version, or one whose numbers are fewer
         rest = words.readable(finding.partition("\n")[0])
     return f"{begin}: {rest}"
@@ -187,39 +81,27 @@ class _Judged:
 
     number: int
     verdict: Verdict
-    values: list[float]
+    values: list[words.Quantity]
 
 
-class _Cause(NamedTuple):
-    """The cause of a method's outliers, shown by two numbers of a claim: one that is above 0, and one that is 0."""
-
-    claim: str
-    outliers: str
-    finding: str
-    numbers: str
-    some: int
-    none: int
-
-
-_CAUSES = (
-    _Cause(
+_CAUSES: tuple[tuple[str, str, str, str, Callable[..., bool]], ...] = (
+    (
         "lls-outliers-small",
         "LLS's outliers",
         "come from a cut of small singular values",
-        "On tiny caps with tiny noise {some} of its fits are outliers with the cut, {none} without.",
-        some=1,
-        none=0,
+        "On tiny caps with tiny noise {1:share} of its fits are outliers with the cut, {0:share} without.",
+        lambda without, cut, *_: cut > 0.0 == without,
     ),
-    _Cause(
+    (
         "mle-outliers",
         "MLE's outliers",
         "do not come from other minima",
-        "With noise around the radius {some} of its fits are off by about the radius; the best of three starts mends "
-        "{none} of them.",
-        some=0,
-        none=1,
+        "With noise around the radius {0:share} of its fits are off by about the radius; the best of three starts "
+        "mends {1:share} of them.",
+        lambda outliers, mended, *_: outliers > 0.0 == mended,
     ),
 )
+"""Claim on a method's outliers, the method, their cause, the sentence of the numbers, and when they show the cause."""
 
 
 def findings(claims: pd.DataFrame, efficiency: EfficiencyFrame | None) -> list[Headline]:
@@ -238,14 +120,14 @@ def findings(claims: pd.DataFrame, efficiency: EfficiencyFrame | None) -> list[H
 
 
 def _main(judged: Mapping[str, _Judged]) -> Iterator[Headline]:
-    if found := judged.get("ugdk-closest"):
-        n = found.values
+    if claim := judged.get("ugdk-closest"):
+        closest, other, far, *_ = claim.values
         yield Headline(
-            f"The paper's main claim {_HOLDS[found.verdict]}.",
-            f"It says that UGDK comes closest to the Cramér-Rao bound. UGDK is clearly the closest in {parts(n[0])} of "
-            f"the decades of noise; another method is clearly closer in {parts(n[1])}. With noise above the radius it "
-            f"errs {times(n[2])} as far as the best of the others.",
-            found.number,
+            f"The paper's main claim {_HOLDS[claim.verdict]}.",
+            f"It says that UGDK comes closest to the Cramér-Rao bound. UGDK is clearly the closest in {closest:share} "
+            f"of the decades of noise; another method is clearly closer in {other:share}. With noise above the radius "
+            f"it errs {far:times} as far as the best of the others.",
+            claim.number,
         )
 
 
@@ -299,29 +181,26 @@ def _reached(efficiency: EfficiencyFrame | None) -> Iterator[Headline]:
     yield Headline(
         "What can be reached lies above the Cramér-Rao bound where noise is large.",
         f"On a cap of {angle:g}° with noise of {words.number(at['level'], 2)}\u00a0r the attainable bound, which does "
-        f"not take the directions as known, is {times(at['ratio'])} the Cramér-Rao bound"
-        + "".join(f"; {words.estimator(name)} reaches {times(here[name])}" for name in beside)
+        f"not take the directions as known, is {words.times(at['ratio'])} the Cramér-Rao bound"
+        + "".join(f"; {words.estimator(name)} reaches {words.times(here[name])}" for name in beside)
         + ".",
     )
 
 
 def _others(judged: Mapping[str, _Judged]) -> Iterator[Headline]:
     if (stays := judged.get("gdke-bias-stays")) and (order := judged.get("gdke-bias-order")):
-        powers = dict.fromkeys(power(value) for value in sorted(order.values[:3]))
+        scatters, covered, *_ = stays.values
+        powers = dict.fromkeys(f"{value:power}" for value in sorted(order.values[:3]))
         yield Headline(
             "GDKE is biased, and more points do not help." if stays.verdict == Verdict.REPRODUCED else "GDKE's bias.",
-            f"The bias is {times(stays.values[0])} its scatter, and {parts(stays.values[1])} of its 95 % ellipses hold "
-            f"the truth. It grows as σ to the power {' to '.join(powers)}.",
+            f"The bias is {scatters:times} its scatter, and {covered:share} of its 95 % ellipses hold the truth. It "
+            f"grows as σ to the power {' to '.join(powers)}.",
             stays.number,
         )
-    for cause in _CAUSES:
-        if found := judged.get(cause.claim):
-            some, none = found.values[cause.some], found.values[cause.none]
-            yield Headline(
-                f"{cause.outliers} {cause.finding}." if some > 0.0 == none else f"{cause.outliers}.",
-                cause.numbers.format(some=parts(some), none=parts(none)),
-                found.number,
-            )
+    for name, outliers, cause, numbers, shown in _CAUSES:
+        if claim := judged.get(name):
+            head = f"{outliers} {cause}." if shown(*claim.values) else f"{outliers}."
+            yield Headline(head, numbers.format(*claim.values), claim.number)
 
 
 _LEAD = "fig_efficiency"

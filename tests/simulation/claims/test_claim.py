@@ -38,7 +38,7 @@ angle = 90
 
 def claim(measure, judge=lambda numbers: Verdict.REPRODUCED, reads=("small/errors",)):
     """A claim of these functions."""
-    return Claim("a", "1", "statement", "quantity", "criterion", reads, measure, judge)
+    return Claim("a", "1", "statement", "quantity", "criterion", "answer", reads, measure, judge)
 
 
 def of_small(evidence):
