@@ -213,22 +213,22 @@ def fit(
         raise typer.BadParameter("--plot: give one file")
     chosen = choose(estimator, noise)
     tables = [read_points(file, columns.split(",") if columns else None) for file in files]
-    found = [
+    results = [
         fitting.FileFits(file, table, fit_all(table.points, chosen, noise))
         for file, table in zip(files, tables, strict=True)
     ]
     if as_json or as_csv:
-        typer.echo(fitting.as_json(found) if as_json else fitting.as_csv(found))
+        typer.echo(fitting.as_json(results) if as_json else fitting.as_csv(results))
     else:
-        for line in fitting.as_text(found, noise):
+        for line in fitting.as_text(results, noise):
             typer.echo(line)
     if plot is not None:
         from study.fits.fit_plot import draw, prepare
         from study.style import save_picture
 
-        (only,) = found
+        (only,) = results
         save_picture(draw(prepare(only.table.points, only.fits, only.table.names)), plot)
-    if not all(each.ok() for each in found):
+    if not all(each.ok() for each in results):
         raise typer.Exit(ExitCode.TOO_MANY_FAILURES)
 
 

@@ -1,13 +1,4 @@
-"""Tables for a terminal: rows as aligned columns of plain text.
-
-Help of a command line whose commands stand in titled groups, with its exit codes at the end.
-
-Results as JSON, for other programs.
-
-The known name nearest to one that a user misspelt, and the words that offer it.
-
-Numbers in tables for a terminal.
-"""
+"""Text for a terminal and for other programs: aligned tables, grouped help, JSON, near names, numbers."""
 
 import difflib
 import json
@@ -163,8 +154,8 @@ def did_you_mean(names: str | Iterable[str], known: Iterable[str]) -> str:
         "did you mean 'kasa'? Known are kasa, lls"; without a name that is much like it, "known are kasa, lls".
     """
     known = list(known)
-    found = [nearest(name, known) for name in ([names] if isinstance(names, str) else names)]
-    close = list(dict.fromkeys(name for name in found if name is not None))
+    result = [nearest(name, known) for name in ([names] if isinstance(names, str) else names)]
+    close = list(dict.fromkeys(name for name in result if name is not None))
     listed = f"nown are {', '.join(known)}"
     return f"did you mean {' and '.join(map(repr, close))}? K{listed}" if close else f"k{listed}"
 

@@ -1,13 +1,4 @@
-"""Commands about configs and runs, for `study.cli`, with their exit codes; the worker of a cluster.
-
-Commands on the tables of runs and on estimators, for `study.cli`.
-
-The command `study coverage`.
-
-Commands that judge the claims and write the page, for `study.cli`.
-
-The option ``--plugin`` of commands that must know the estimators of a user's own files.
-"""
+"""Commands about configs, runs, estimators and claims, for `study.cli`, and the option ``--plugin``."""
 
 import functools
 import inspect
@@ -67,14 +58,14 @@ def plan(config: Config, jobs: Jobs = 2, as_json: Json = False) -> None:
     study = load(config_file(config))
     plans = {title: make_plan(part, jobs) for title, part in extremes(study).items()}
     if as_json:
-        parts = [{"title": title, **vars(found)} for title, found in plans.items()]
+        parts = [{"title": title, **vars(result)} for title, result in plans.items()]
         typer.echo(json_text({"run": study.run_name(), "jobs": jobs, "parts": parts}))
     else:
         typer.echo(f"{study.run_name()}")
-        for title, found in plans.items():
+        for title, result in plans.items():
             if title:
                 typer.echo(f"  {title}")
-            for line in columns(found.lines(), indent=2):
+            for line in columns(result.lines(), indent=2):
                 typer.echo(line)
     if (words := warning(study, next(iter(plans.values())), jobs)) is not None:  # the first is the least work
         typer.echo(words, err=True)
@@ -107,8 +98,8 @@ def status(folder: Folder, as_json: Json = False) -> None:
     from study.simulation.runs.status import status as status_of
     from study.text import json_text
 
-    found = status_of(folder)
-    for line in [json_text(vars(found))] if as_json else printed(found):
+    result = status_of(folder)
+    for line in [json_text(vars(result))] if as_json else printed(result):
         typer.echo(line)
 
 
@@ -116,7 +107,7 @@ Where = Annotated[
     list[str] | None,
     typer.Option("--where", metavar="CONDITION=VALUE,…", help="cells with these values, such as angle=45,samples=1000"),
 ]
-Some = Annotated[
+EstimatorChoice = Annotated[
     str | None, typer.Option("--estimators", "-e", metavar="NAME,…", help="such as als,mle [default: all]")
 ]
 All = Annotated[bool, typer.Option("--all", help="print every row; by default some that are evenly spread")]
@@ -129,7 +120,7 @@ Csv = Annotated[bool, typer.Option("--csv", help="print all columns of the summa
 def summary(
     folder: Folder,
     where: Where = None,
-    estimators: Some = None,
+    estimators: EstimatorChoice = None,
     every: All = False,
     only_ok: OnlyOk = False,
     as_json: Json = False,
@@ -186,10 +177,10 @@ def diff(
     from study.simulation.runs.run_folder import Run
     from study.text import json_text
 
-    found = compare(Run.open(one), Run.open(other))
-    for line in [json_text(as_data(found))] if as_json else printed(found):
+    result = compare(Run.open(one), Run.open(other))
+    for line in [json_text(as_data(result))] if as_json else printed(result):
         typer.echo(line)
-    if found.different:
+    if result.different:
         raise typer.Exit(ExitCode.FAILURE)
 
 
@@ -208,10 +199,10 @@ def verify(
     from study.simulation.analysis.verify import verify as check
     from study.simulation.runs.run_folder import Run
 
-    found = check(Run.open(folder), share)
-    for line in printed(found):
+    result = check(Run.open(folder), share)
+    for line in printed(result):
         typer.echo(line)
-    if found.faults:
+    if result.faults:
         raise typer.Exit(ExitCode.FAILURE)
 
 
@@ -254,8 +245,8 @@ def worst(
     from study.text import json_text
 
     run = Run.open(folder)
-    found = of_run(run, count, estimator)
-    for line in [json_text(as_data(run, found))] if as_json else printed(run, found):
+    result = of_run(run, count, estimator)
+    for line in [json_text(as_data(run, result))] if as_json else printed(run, result):
         typer.echo(line)
 
 
@@ -301,10 +292,10 @@ def check(
     """
     from study.fits.check import check_file, printed
 
-    found = check_file(file, limit=limit)
-    for line in printed(found):
+    result = check_file(file, limit=limit)
+    for line in printed(result):
         typer.echo(line)
-    if any(report.violations for report in found):
+    if any(report.violations for report in result):
         raise typer.Exit(ExitCode.FAILURE)
 
 

@@ -16,7 +16,7 @@ from study.simulation.analysis.summary import decade
 from study.simulation.claims.claim import Claim, Evidence, Number, Verdict
 from study.simulation.claims.measures import (
     WHOLE,
-    At,
+    CellMeasure,
     by_estimator,
     cells,
     error_over,
@@ -99,7 +99,7 @@ def _measure_closest(evidence: Evidence) -> list[Number]:
     farther = "share of decades of σ/r in which UGDK is clearly farther from the truth than another method"
     if not has_estimators(errors, *_PAPERS):
         return [Number.unknown(closer)]
-    found, noise = (
+    results, noise = (
         by_estimator(errors, error_over(errors, "bound")),
         by_estimator(errors, relative_noise(errors))["ugdk"],
     )
@@ -107,11 +107,11 @@ def _measure_closest(evidence: Evidence) -> list[Number]:
     used = np.unique(decades[in_large_groups(decades)])
     if len(used) == 0:
         return [Number.unknown(closer)]
-    leads = [[_lead(part["ugdk"], part[name]) for name in _OTHERS] for part in (found[decades == d] for d in used)]
+    leads = [[_lead(part["ugdk"], part[name]) for name in _OTHERS] for part in (results[decades == d] for d in used)]
     first = sum(min(lead) > _CLEAR for lead in leads) / len(used)
     behind = sum(min(lead) < -_CLEAR for lead in leads) / len(used)
     trials = min(int(np.sum(decades == d)) for d in used)
-    large, middle = found[noise >= 1.0], found[(noise >= 0.01) & (noise < 0.1)]
+    large, middle = results[noise >= 1.0], results[(noise >= 0.01) & (noise < 0.1)]
     best, name = min((median(large[name]), name) for name in _OTHERS)
     above = ratio(median(large["ugdk"]), best)
     between = ratio(median(middle["ugdk"]), median(middle["mle"]))
@@ -136,18 +136,18 @@ def _judge_closest(numbers: list[Number]) -> Verdict:
 def _measure_par(evidence: Evidence) -> list[Number]:
     grid = evidence.errors("efficiency", "error")
     mle = {(angle, noise): median(error_over(part, "radius")) for angle, noise, part in cells(grid, "mle")}
-    found = [
-        At(ratio(median(error_over(part, "radius")), mle[angle, noise]), angle, noise, len(part))
+    results = [
+        CellMeasure(ratio(median(error_over(part, "radius")), mle[angle, noise]), angle, noise, len(part))
         for angle, noise, part in cells(grid, "gdke")
         if (angle, noise) in mle
     ]
-    found = [at for at in found if not math.isnan(at.measure.value)]
+    results = [at for at in results if not math.isnan(at.measure.value)]
     words = "GDKE's median error over MLE's"
-    if not found:
+    if not results:
         return [Number.unknown(words)]
-    most, quiet = greatest(found), furthest_from_one(found)
-    whole = [at for at in found if at.angle == WHOLE]
-    even = greatest(whole) if whole else At(UNKNOWN, WHOLE, 0.0, 0)
+    most, quiet = greatest(results), furthest_from_one(results)
+    whole = [at for at in results if at.angle == WHOLE]
+    even = greatest(whole) if whole else CellMeasure(UNKNOWN, WHOLE, 0.0, 0)
     least = f"{words}, σ = {quiet.relative_noise:.2g} r, at the angle where it is furthest from 1"
     return [
         Number.of(f"{words}, greatest ({most})", most.measure, most.trials),

@@ -65,9 +65,9 @@ def _measure_mle(evidence: Evidence) -> list[Number]:
         return [Number.unknown(words)]
     outliers, relative, noise = _mle_outliers(errors)
     low, high = _NOISE_ABOUT_RADIUS
-    found = _count(words, outliers[(noise >= low) & (noise <= high)])
-    if math.isnan(found.value) or found.value == 0.0:
-        return [found]
+    result = _count(words, outliers[(noise >= low) & (noise <= high)])
+    if math.isnan(result.value) or result.value == 0.0:
+        return [result]
     residual = by_estimator(errors, errors["noise_variance"])[list(starts)][outliers].fillna(math.inf)
     least = residual.to_numpy().argmin(axis=1)
     best = np.take_along_axis(relative[list(starts)][outliers].to_numpy(), least[:, None], axis=1)[:, 0]
@@ -76,7 +76,7 @@ def _measure_mle(evidence: Evidence) -> list[Number]:
     quiet = relative[noise < 0.01]
     other = (quiet["mle_mirror"] - quiet["mle"]).abs() > _TWO_MINIMA * quiet["mle"]
     return [
-        found,
+        result,
         Number.of(
             "share of these outliers whose error the best minimum from three starts reduces to a third or less",
             share(int(cured.sum()), len(cured)) if len(cured) >= _FEW else UNKNOWN,
@@ -158,11 +158,11 @@ def _measure_place(evidence: Evidence) -> list[Number]:
     noise = by_estimator(errors, relative_noise(errors))["gdke"]
     numbers = []
     for name in ("lls_nr", "lls_nr_raw"):
-        found = relative[name][_numerical(errors, name) & (noise > _ROUNDING) & (noise < _SMALL)].to_numpy()
-        near = share(int(np.sum(np.abs(found - 1.0) <= _ON_SPHERE)), len(found)) if len(found) >= _FEW else UNKNOWN
+        result = relative[name][_numerical(errors, name) & (noise > _ROUNDING) & (noise < _SMALL)].to_numpy()
+        near = share(int(np.sum(np.abs(result - 1.0) <= _ON_SPHERE)), len(result)) if len(result) >= _FEW else UNKNOWN
         words = _VERSIONS[name]
-        numbers.append(Number.of(f"median error over r of LLS's outliers, {words}", median(found, _FEW), len(found)))
-        numbers.append(Number.of(f"share of these outliers within r/10 of the sphere, {words}", near, len(found)))
+        numbers.append(Number.of(f"median error over r of LLS's outliers, {words}", median(result, _FEW), len(result)))
+        numbers.append(Number.of(f"share of these outliers within r/10 of the sphere, {words}", near, len(result)))
     return numbers
 
 

@@ -38,8 +38,8 @@ def _bias_exponent(errors: pd.DataFrame, estimator: str) -> Number:
     if not rows:
         return Number.unknown(words)
     n, bias, error, trials = np.array(rows, dtype=float).T
-    found = power_law(n, np.abs(bias), error)
-    return Number(words, found.exponent, found.error, int(trials.min()))
+    result = power_law(n, np.abs(bias), error)
+    return Number(words, result.exponent, result.error, int(trials.min()))
 
 
 def _measure_bias(evidence: Evidence) -> list[Number]:
@@ -147,19 +147,19 @@ def _measure_noise(evidence: Evidence) -> list[Number]:
 def _furthest(words: str, part: pd.DataFrame) -> Number:
     """Median of estimated over true noise variance of all fits, at the angle where it is furthest from 1."""
     share_of_true = (part["noise_variance"] / part["noise"] ** 2).fillna(math.inf)
-    found = [(quantile(p.to_numpy(), 0.5), len(p)) for _, p in share_of_true.groupby(part["angle"])]
-    worst, trials = max(found, key=lambda f: abs(f[0].value - 1.0), default=(UNKNOWN, 0))
+    result = [(quantile(p.to_numpy(), 0.5), len(p)) for _, p in share_of_true.groupby(part["angle"])]
+    worst, trials = max(result, key=lambda f: abs(f[0].value - 1.0), default=(UNKNOWN, 0))
     return Number.of(f"{words}, median of all fits at the angle where it is furthest from 1", worst, trials)
 
 
 def _greatest(words: str, errors: pd.DataFrame, estimator: str) -> Number:
     """Greatest ratio over the angles of an estimator's median error to UGDK's; all fits count."""
-    found = []
+    result = []
     for _, part in errors.groupby("angle"):
         rows = [rows_of(part, name) for name in (estimator, "ugdk")]
         above, below = (quantile(np.asarray(error_over(row, "radius")), 0.5) for row in rows)
-        found.append((ratio(above, below), min(map(len, rows))))
-    greatest, trials = max(found, key=lambda f: (math.isnan(f[0].value), f[0].value), default=(UNKNOWN, 0))
+        result.append((ratio(above, below), min(map(len, rows))))
+    greatest, trials = max(result, key=lambda f: (math.isnan(f[0].value), f[0].value), default=(UNKNOWN, 0))
     return Number.of(f"{words}, greatest over the angles, all fits", greatest, trials)
 
 
@@ -171,8 +171,8 @@ def _fed_back(evidence: Evidence, factor: float) -> Number:
         return Number.unknown(words)
     sigma, _, markers = known[0]
     given, x = sigma * math.sqrt(factor), markers[-1]
-    found = fit_joints([x], given)
-    trace = np.sum((x - found.center[:, None, :]) ** 2, axis=2).mean(axis=1) - found.squares[0]
+    result = fit_joints([x], given)
+    trace = np.sum((x - result.center[:, None, :]) ** 2, axis=2).mean(axis=1) - result.squares[0]
     return Number.of(words, quantile(np.nan_to_num(trace, nan=np.inf) / (x.shape[2] * given**2), 0.5), len(x))
 
 

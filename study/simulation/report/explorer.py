@@ -64,18 +64,18 @@ def _entries(record: Record) -> Iterable[tuple[str, str]]:
     yield "measures", "[" + ",".join(_measures(frame)) + "]"
     if record.worst_of_groups is not None:
         worst = record.worst_of_groups.set_index(["group", "estimator"])
-        found = worst.reindex(pd.MultiIndex.from_frame(frame[["group", "estimator"]].astype(str)))
+        rows = worst.reindex(pd.MultiIndex.from_frame(frame[["group", "estimator"]].astype(str)))
         names = [
-            f"{c}/{int(t)}" if isinstance(c, str) else None for c, t in zip(found["cell"], found["trial"], strict=True)
+            f"{c}/{int(t)}" if isinstance(c, str) else None for c, t in zip(rows["cell"], rows["trial"], strict=True)
         ]
         yield "worst", json.dumps(names)
-        yield "ratio", _numbers(found["ratio"], _ERROR_DIGITS)
+        yield "ratio", _numbers(rows["ratio"], _ERROR_DIGITS)
 
 
 def _coded(values: Sequence[Any] | pd.Series) -> tuple[list[Any], Ints]:
     """Values without repetition in the order in which they appear, and each row's place among them."""
-    codes, found = pd.factorize(pd.Series(values))
-    return list(found), codes
+    codes, result = pd.factorize(pd.Series(values))
+    return list(result), codes
 
 
 def _conditions(frame: pd.DataFrame, by_decade: bool) -> tuple[list[str], str]:
@@ -126,9 +126,9 @@ def _measures(frame: pd.DataFrame) -> Iterable[str]:
         if name in frame and frame[name].notna().any():
             title, meaning, _ = MEASURES[name]
             yield _measure(name, title, meaning, frame[name], frame[f"{name}_error"])
-    found = [share(int(p - k), int(p)) for p, k in zip(frame["planned"], frame["ok"], strict=True)]
+    result = [share(int(p - k), int(p)) for p, k in zip(frame["planned"], frame["ok"], strict=True)]
     meaning = "share of the fits that are not ok"
-    yield _measure("not_ok", "share not ok", meaning, [m.value for m in found], [m.error for m in found])
+    yield _measure("not_ok", "share not ok", meaning, [m.value for m in result], [m.error for m in result])
 
 
 def _measure(name: str, title: str, meaning: str, values: Iterable[float], errors: Iterable[float]) -> str:

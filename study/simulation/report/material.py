@@ -144,17 +144,17 @@ def _instead(efficiency: EfficiencyFrame | None) -> Iterator[Headline]:
     curves = efficiency.curves[efficiency.curves["level"] < 1.0]  # beyond, the noise hides the sphere from all of them
     if curves.empty:
         return
-    found = regret(curves)
-    first, *others = [str(name) for name in found.index if name in ESTIMATORS and not ESTIMATORS[str(name)].needs]
+    result = regret(curves)
+    first, *others = [str(name) for name in result.index if name in ESTIMATORS and not ESTIMATORS[str(name)].needs]
     if not others:
         return
-    beside = [name for name in ("ugdk", "mle", "gdke") if name in found.index and name != first]
+    beside = [name for name in ("ugdk", "mle", "gdke") if name in result.index and name != first]
     cells = len(curves[["angle", "level"]].drop_duplicates())
     yield Headline(
-        f"Use the estimator {words.estimator(first)}{' instead' if 'ugdk' in found.index else ''}.",
+        f"Use the estimator {words.estimator(first)}{' instead' if 'ugdk' in result.index else ''}.",
         f"It does not need the noise level. Over {cells} conditions with {words.count(efficiency.samples)} points and "
-        f"noise below the radius, its median error is on average {_three(found[first])} times the least of all "
-        "estimators" + "".join(f", {words.estimator(name)}'s {_three(found[name])} times" for name in beside) + ".",
+        f"noise below the radius, its median error is on average {_three(result[first])} times the least of all "
+        "estimators" + "".join(f", {words.estimator(name)}'s {_three(result[name])} times" for name in beside) + ".",
     )
 
 
@@ -353,7 +353,7 @@ class Record:
         samples = int((one["planned"] * one["samples"]).sum())
         if tables.design == "random" and "errors" in tables.stored:  # a row of the summary has many numbers of samples
             samples = int(tables.some_errors(["samples"], tables.estimators[:1])["samples"].sum())
-        main, found = run.study.keep, worst_of_run(run) if "errors" in tables.stored else None
+        main, result = run.study.keep, worst_of_run(run) if "errors" in tables.stored else None
         return cls(
             run=run,
             name=tables.name,
@@ -364,8 +364,8 @@ class Record:
             samples=samples,
             summary=tables.summary,
             timings=run.table("timings"),
-            worst=None if found is None else found.trials,
-            worst_of_groups=None if found is None else found.of_groups,
+            worst=None if result is None else result.trials,
+            worst_of_groups=None if result is None else result.of_groups,
             main=main,
             fingerprint=run.fingerprint(main) or "",
         )

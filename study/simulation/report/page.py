@@ -1,8 +1,7 @@
-"""The page: its sections and their order.
+"""The page: its sections in their order, with those of the claims, of speed and of figures.
 
-The section of the paper's claims: each with its verdict, the numbers behind it, and the rule that joins them.
-
-Section on speed: the ratios that `make bench` stored, by group, with the machine's name.
+A claim has its verdict, the numbers behind it, and the rule that joins them. Ratios of speed are those that
+`make bench` stored, by group, with the machine's name.
 """
 
 from collections import Counter
@@ -70,11 +69,11 @@ def _claims(material: Material, claims: pd.DataFrame) -> Iterable[Markup]:
 
 def tally(claims: pd.DataFrame) -> Markup:
     """The sentence that counts each verdict, in the order of the verdicts."""
-    found = Counter(str(verdict) for verdict in claims["verdict"])
-    order = [*(str(v) for v in Verdict if str(v) in found), *sorted(set(found) - {str(v) for v in Verdict})]
+    result = Counter(str(verdict) for verdict in claims["verdict"])
+    order = [*(str(v) for v in Verdict if str(v) in result), *sorted(set(result) - {str(v) for v in Verdict})]
     badges: list[str] = [f"{len(claims)} claim{'s' * (len(claims) > 1)}: "]
     for verdict in order:
-        badges += [_badge(verdict, f"{found[verdict]} {verdict}"), " "]
+        badges += [_badge(verdict, f"{result[verdict]} {verdict}"), " "]
     return html.paragraph(badges[:-1])
 
 
@@ -101,12 +100,12 @@ def _judged(row: Any, material: Material) -> list[Content]:
     numbers = html.items([readable(part) for part in str(row.finding).splitlines()])
     rule = html.facts([(term, content) for term, content in facts if content])
     verdict = str(row.verdict)
-    found: list[str] = [
+    result: list[str] = [
         html.paragraph([_badge(verdict, verdict)]),
         html.paragraph(html.coded(answer(str(row.claim), verdict, str(row.finding)))),
         html.folded("Numbers and rule", [numbers, rule]),
     ]
-    return [str(row.number), str(row.section), str(row.statement), found]
+    return [str(row.number), str(row.section), str(row.statement), result]
 
 
 def _missing(rest: pd.DataFrame, judged: pd.DataFrame, material: Material) -> Iterable[Markup]:
@@ -145,12 +144,12 @@ def read_bench(path: Path) -> pd.DataFrame:
         RunError: if it cannot be read, or is no such table.
     """
     try:
-        found = pd.read_csv(path, dtype=str, keep_default_na=False)
+        result = pd.read_csv(path, dtype=str, keep_default_na=False)
     except (OSError, UnicodeDecodeError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
         raise RunError(f"{path}: cannot be read: {error}; make bench writes it") from None
-    if tuple(found.columns) != COLUMNS or found.empty:
+    if tuple(result.columns) != COLUMNS or result.empty:
         raise RunError(f"{path}: no table of ratios: needs the columns {', '.join(COLUMNS)}; make bench writes it")
-    return found
+    return result
 
 
 def _spoken(cost: str, unit: str) -> str:

@@ -20,16 +20,19 @@ def posterior_section(material: Material) -> Iterable[Section]:
     content: list[Markup] = []
     for record in material.records:
         if record.run.has("posterior"):
-            found, answers = record.run.table("posterior"), record.run.table("answers")
-            if found.empty:  # no chain was run; `study verify` tells of chains that are missing
+            posteriors, answers = record.run.table("posterior"), record.run.table("answers")
+            if posteriors.empty:  # no chain was run; `study verify` tells of chains that are missing
                 continue
-            content += [html.heading(f"Run {record.name}", f"posterior-{record.name}"), *_said(record, found, answers)]
+            content += [
+                html.heading(f"Run {record.name}", f"posterior-{record.name}"),
+                *_said(record, posteriors, answers),
+            ]
     if content:
         yield Section("Posteriors", "posteriors", content)
 
 
-def _said(record: Record, found: pd.DataFrame, answers: pd.DataFrame) -> list[Markup]:
-    cells = run.by_cell(found, answers)
+def _said(record: Record, posteriors: pd.DataFrame, answers: pd.DataFrame) -> list[Markup]:
+    cells = run.by_cell(posteriors, answers)
     chains, ok = int(cells["chains"].sum()), int(cells["ok"].sum())
     curved = cells[(cells["flatness"] < run.FLAT) & (cells["likelihood"] == "geometric")]
     known = curved[curved["noise_is"] == "known"]
@@ -45,7 +48,7 @@ def _said(record: Record, found: pd.DataFrame, answers: pd.DataFrame) -> list[Ma
     shown: Markup = (
         table if len(cells) <= _LONG else html.folded(f"All {len(cells)} kinds of chain", table, printed=False)
     )
-    return [html.paragraph(said), *_coverage(record, found, answers), shown]
+    return [html.paragraph(said), *_coverage(record, posteriors, answers), shown]
 
 
 def _cells(record: Record, cells: pd.DataFrame) -> Markup:
@@ -76,13 +79,13 @@ def _cells(record: Record, cells: pd.DataFrame) -> Markup:
     return html.table(f"Posteriors, {record.name}", caption, head, rows, numeric=frozenset(range(len(head))) - words_at)
 
 
-def _coverage(record: Record, found: pd.DataFrame, answers: pd.DataFrame) -> list[Markup]:
+def _coverage(record: Record, posteriors: pd.DataFrame, answers: pd.DataFrame) -> list[Markup]:
     """Table of coverage: share of sets of a nominal level that hold the truth."""
     if not record.run.study.independent():
         return [
             html.note("Coverage is not shown: cells of this run share draws, and so are not independent of each other.")
         ]
-    everything = run.trials(found, answers)
+    everything = run.trials(posteriors, answers)
     curved = everything[everything["flatness"] < run.FLAT]
     if curved.empty:
         return []

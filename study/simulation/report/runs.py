@@ -1,10 +1,6 @@
-"""First section of the page: the runs and the machines.
+"""Sections about runs: what was run on which machine, errors over the bound, statuses, worst trials, provenance.
 
-Table of adaptive runs: cells by the reason why they got no more trials.
-
-Provenance of a run: time, versions, machine, and the command that reproduces it.
-
-Section of a run: errors over the bound, statuses of the fits, the worst trials.
+An adaptive run has a table of cells by the reason why they got no more trials.
 """
 
 import shlex
