@@ -12,16 +12,17 @@ INSTALL := $(BIN)/python -m pip install --disable-pip-version-check -c constrain
 STUDIES := paper ellipse mgdk power-law efficiency outliers starts bias anisotropic markers posterior
 CONFIGS := $(STUDIES:%=configs/%.toml)
 DRAW = $(BIN)/study figures --out figures
-# The studies' figures, drawn by two processes.
-PICTURES := 'efficiency paper mgdk fig_efficiency fig2_error fig6_mgdk' \
-    'ellipse power-law posterior fig3_gdke_ellipse fig4_ugdk_ellipse fig5_methods fig7_power_law fig_posterior fig_calibration'
+# Figures that the documents have from these studies.
+PICTURES := fig2_error fig3_gdke_ellipse fig4_ugdk_ellipse fig5_methods fig6_mgdk fig7_power_law fig_efficiency \
+    fig_posterior fig_calibration
 paper: $(VENV)/.compiled results/cost.parquet
 	@set -e; \
 	echo "The paper's 1000 trials, and ten studies that its claims need:"; \
 	$(BIN)/study run $(CONFIGS); \
-	printf '%s\n' $(PICTURES) | xargs -P 2 -L 1 $(DRAW); \
-	$(BIN)/study claims $(CONFIGS) --cost results/cost.parquet; \
-	$(BIN)/study report $(CONFIGS) --cost results/cost.parquet --bench results/bench.csv --out results/report.html; \
+	echo "Figures, verdicts, and one page about everything:"; \
+	$(BIN)/study report $(CONFIGS) --cost results/cost.parquet --bench results/bench.csv \
+	    --figures results/figures --claims --out results/report.html; \
+	cp $(PICTURES:%=results/figures/%.png) $(PICTURES:%=results/figures/%.svg) figures/; \
 	echo "The reference run in this repository, and this one:"; \
 	$(BIN)/study diff results/paper configs/paper.toml
 

@@ -217,29 +217,29 @@ def fit(
     if plot is not None and len(files) > 1:
         raise typer.BadParameter("--plot: give one file")
     chosen = choose(estimator, noise)
-    found, complaints = [], []
+    results, complaints = [], []
     for file in files:
         try:
             table = read_points(file, columns.split(",") if columns else None, dimension)
-            found.append(fitting.FileFits(file, table, fit_all(table.points, chosen, noise)))
+            results.append(fitting.FileFits(file, table, fit_all(table.points, chosen, noise)))
         except PointFileError as error:
             complaints.append(str(error))
-    if not found:
+    if not results:
         raise typer.Exit(_complain("\n".join(complaints), ExitCode.USAGE))
     if as_json or as_csv:
-        typer.echo(fitting.as_json(found) if as_json else fitting.as_csv(found))
+        typer.echo(fitting.as_json(results) if as_json else fitting.as_csv(results))
     else:
-        for line in fitting.as_text(found, noise):
+        for line in fitting.as_text(results, noise):
             typer.echo(line)
     if plot is not None:
         from study.fits.fit_plot import draw, prepare
         from study.style import save_picture
 
-        (only,) = found
+        (only,) = results
         save_picture(draw(prepare(only.table.points, only.fits, only.table.names)), plot)
     if complaints:
         raise typer.Exit(_complain("\n".join(complaints), ExitCode.USAGE))
-    if not all(each.ok() for each in found):
+    if not all(each.ok() for each in results):
         raise typer.Exit(ExitCode.TOO_MANY_FAILURES)
 
 

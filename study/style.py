@@ -6,7 +6,7 @@ import io
 import math
 import textwrap
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -193,9 +193,13 @@ def save(figure: Figure, path: Path) -> list[Path]:
     return [save_bytes(path.with_name(f"{path.name}.{kind}"), data) for kind, data in encoded(figure).items()]
 
 
-def encoded(figure: Figure) -> dict[str, bytes]:
-    """Encode a figure as PNG and SVG; the bytes by format."""
-    return {kind: encode(figure, kind) for kind in ("png", "svg")}
+KINDS = ("png", "svg")
+"""Formats that a figure is written in."""
+
+
+def encoded(figure: Figure, kinds: Collection[str] = KINDS) -> dict[str, bytes]:
+    """Encode a figure in several formats; the bytes by format."""
+    return {kind: encode(figure, kind) for kind in kinds}
 
 
 @journal()

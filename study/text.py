@@ -1,16 +1,7 @@
-"""Tables for a terminal: rows as aligned columns of plain text.
+"""Text for a terminal and for other programs: aligned tables, grouped help, JSON, near names, numbers, safe cells.
 
-Help of a command line whose commands stand in titled groups, with its exit codes at the end.
-
-Results as JSON, for other programs.
-
-The known name nearest to one that a user misspelt, and the words that offer it.
-
-Numbers in tables for a terminal.
-
-Text streams that show control characters instead of sending them to the terminal.
-
-Cells of CSV files that a spreadsheet takes for text, whatever a file or a marker is called.
+Control characters are shown and not sent to a terminal; cells of CSV files are text to a spreadsheet, whatever a file
+or a marker is called.
 """
 
 import difflib
@@ -168,8 +159,8 @@ def did_you_mean(names: str | Iterable[str], known: Iterable[str]) -> str:
         "did you mean 'kasa'? Known are kasa, lls"; without a name that is much like it, "known are kasa, lls".
     """
     known = list(known)
-    found = [nearest(name, known) for name in ([names] if isinstance(names, str) else names)]
-    close = list(dict.fromkeys(name for name in found if name is not None))
+    result = [nearest(name, known) for name in ([names] if isinstance(names, str) else names)]
+    close = list(dict.fromkeys(name for name in result if name is not None))
     listed = f"nown are {', '.join(known)}"
     return f"did you mean {' and '.join(map(repr, close))}? K{listed}" if close else f"k{listed}"
 

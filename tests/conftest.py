@@ -21,7 +21,6 @@ import pytest  # noqa: E402
 
 import study  # noqa: E402
 from study.fits.cap import sample_cap  # noqa: E402
-from study.simulation.runs import kept  # noqa: E402
 from study.simulation.runs.run_folder import Run  # noqa: E402
 
 CIRCLES = """
@@ -64,10 +63,10 @@ FLAGS += ["--use-angle=swiftshader", "--enable-unsafe-swiftshader"]  # three dim
 
 @pytest.fixture
 def copied(tmp_path):
-    """A function that copies a run, without the results that were kept of it."""
+    """A function that copies a run."""
 
     def copy(run, name="run"):
-        return Run.open(shutil.copytree(run.folder, tmp_path / name, ignore=shutil.ignore_patterns(kept.FOLDER)))
+        return Run.open(shutil.copytree(run.folder, tmp_path / name))
 
     return copy
 

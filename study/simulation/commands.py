@@ -1,13 +1,4 @@
-"""Commands about configs and runs, for `study.cli`, with their exit codes; the worker of a cluster.
-
-Commands on the tables of runs and on estimators, for `study.cli`.
-
-The command `study coverage`.
-
-Commands that judge the claims and write the page, for `study.cli`.
-
-The option ``--plugin`` of commands that must know the estimators of a user's own files.
-"""
+"""Commands about configs, runs, estimators and claims, for `study.cli`, and the option ``--plugin``."""
 
 import functools
 import inspect
@@ -67,14 +58,14 @@ def plan(config: Config, jobs: Jobs = 2, as_json: Json = False) -> None:
     study = load(config_file(config))
     plans = {title: make_plan(part, jobs) for title, part in extremes(study).items()}
     if as_json:
-        parts = [{"title": title, **vars(found)} for title, found in plans.items()]
+        parts = [{"title": title, **vars(result)} for title, result in plans.items()]
         typer.echo(json_text({"run": study.run_name(), "jobs": jobs, "parts": parts}))
     else:
         typer.echo(f"{study.run_name()}")
-        for title, found in plans.items():
+        for title, result in plans.items():
             if title:
                 typer.echo(f"  {title}")
-            for line in columns(found.lines(), indent=2):
+            for line in columns(result.lines(), indent=2):
                 typer.echo(line)
     if (words := warning(study, next(iter(plans.values())), jobs)) is not None:  # the first is the least work
         typer.echo(words, err=True)
@@ -107,8 +98,8 @@ def status(folder: Folder, as_json: Json = False) -> None:
     from study.simulation.runs.status import status as status_of
     from study.text import json_text
 
-    found = status_of(folder)
-    for line in [json_text(vars(found))] if as_json else printed(found):
+    result = status_of(folder)
+    for line in [json_text(vars(result))] if as_json else printed(result):
         typer.echo(line)
 
 
@@ -116,7 +107,7 @@ Where = Annotated[
     list[str] | None,
     typer.Option("--where", metavar="CONDITION=VALUE,…", help="cells with these values, such as angle=45,samples=1000"),
 ]
-Some = Annotated[
+EstimatorChoice = Annotated[
     str | None, typer.Option("--estimators", "-e", metavar="NAME,…", help="such as als,mle [default: all]")
 ]
 All = Annotated[bool, typer.Option("--all", help="print every row; by default some that are evenly spread")]
@@ -129,7 +120,7 @@ Csv = Annotated[bool, typer.Option("--csv", help="print all columns of the summa
 def summary(
     folder: Folder,
     where: Where = None,
-    estimators: Some = None,
+    estimators: EstimatorChoice = None,
     every: All = False,
     only_ok: OnlyOk = False,
     as_json: Json = False,
@@ -186,10 +177,10 @@ def diff(
     from study.simulation.runs.run_folder import Run
     from study.text import json_text
 
-    found = compare(Run.open(one), Run.open(other))
-    for line in [json_text(as_data(found))] if as_json else printed(found):
+    result = compare(Run.open(one), Run.open(other))
+    for line in [json_text(as_data(result))] if as_json else printed(result):
         typer.echo(line)
-    if found.different:
+    if result.different:
         raise typer.Exit(ExitCode.FAILURE)
 
 
@@ -208,10 +199,10 @@ def verify(
     from study.simulation.analysis.verify import verify as check
     from study.simulation.runs.run_folder import Run
 
-    found = check(Run.open(folder), share)
-    for line in printed(found):
+    result = check(Run.open(folder), share)
+    for line in printed(result):
         typer.echo(line)
-    if found.faults:
+    if result.faults:
         raise typer.Exit(ExitCode.FAILURE)
 
 
@@ -254,8 +245,8 @@ def worst(
     from study.text import json_text
 
     run = Run.open(folder)
-    found = of_run(run, count, estimator)
-    for line in [json_text(as_data(run, found))] if as_json else printed(run, found):
+    result = of_run(run, count, estimator)
+    for line in [json_text(as_data(run, result))] if as_json else printed(run, result):
         typer.echo(line)
 
 
@@ -301,10 +292,10 @@ def check(
     """
     from study.fits.check import check_file, printed
 
-    found = check_file(file, limit=limit)
-    for line in printed(found):
+    result = check_file(file, limit=limit)
+    for line in printed(result):
         typer.echo(line)
-    if any(report.violations for report in found):
+    if any(report.violations for report in result):
         raise typer.Exit(ExitCode.FAILURE)
 
 
@@ -363,6 +354,11 @@ _RECORDING = "folder that `study case-study` wrote; may be given several times"
 Recordings = Annotated[list[Path] | None, typer.Option("--recording", metavar="DIR", help=_RECORDING)]
 Page = Annotated[Path | None, typer.Option("--out", help="file of the page [default: RUN/report.html]")]
 Bench = Annotated[Path | None, typer.Option("--bench", help="table that `make bench` stores")]
+FiguresToo = Annotated[
+    Path | None, typer.Option("--figures", metavar="DIR", help="write the figures there too, as PNG and SVG")
+]
+ClaimsToo = Annotated[bool, typer.Option("--claims", help="print and store the verdicts too, as `study claims` does")]
+NoJobs = Annotated[int | None, typer.Option("--jobs", "-j", min=1, hidden=True, help="has no effect any more")]
 
 
 def claims(folders: Folders, cost: Cost = None, recording: Recordings = None, as_json: Json = False) -> None:
@@ -375,22 +371,18 @@ def claims(folders: Folders, cost: Cost = None, recording: Recordings = None, as
     number, name, section, statement, quantity, value, error, trials, verdict, finding, criterion, remark, reads, runs
     and figure.
     """
-    from study.simulation.claims import as_data, judge_all, key, printed, save, stored
+    from study.simulation.claims import as_data, judge_all, printed, save
     from study.simulation.claims.recordings import read_case_studies
     from study.simulation.runs.run_folder import Run
     from study.text import json_text
 
     runs = [Run.open(folder) for folder in folders]
     runs[0].manifest()  # without a sound one, no verdict could be stored
-    spreads = read_case_studies(recording) if recording else None
-    known = key(runs, cost, spreads)
-    before = stored(runs[0], known)
-    judged = judge_all(runs, cost, spreads) if before is None else before
+    verdicts = judge_all(runs, cost, read_case_studies(recording) if recording else None)
     try:
-        if before is None:
-            save(runs[0], judged, known)
+        save(runs[0], verdicts)
     finally:  # verdicts that cannot be stored are printed all the same
-        for line in [json_text(as_data(runs, judged))] if as_json else printed(judged):
+        for line in [json_text(as_data(runs, verdicts))] if as_json else printed(verdicts):
             typer.echo(line)
 
 
@@ -400,24 +392,45 @@ def report(
     cost: Cost = None,
     recording: Recordings = None,
     bench: Bench = None,
-    jobs: Jobs = 2,
+    figures: FiguresToo = None,
+    claims: ClaimsToo = False,
+    jobs: NoJobs = None,
 ) -> None:
     """Write one HTML page about runs.
 
-    It has the claims, figures, tables and provenance, and needs no other file.
+    It has the claims, figures, tables and provenance, and needs no other file. With --figures and --claims the command
+    does the work of `study figures` and `study claims` too, and nothing is made twice.
     """
-    from study.simulation.claims import judge_all, key, stored
+    from study.simulation.claims import judge_all, printed
+    from study.simulation.claims import save as save_claims
     from study.simulation.claims.recordings import read_case_studies
+    from study.simulation.figures import Gallery, make_folder
     from study.simulation.report.page import read_bench, render, save
     from study.simulation.runs.run_folder import Run
 
+    if jobs is not None:
+        typer.echo("--jobs: has no effect any more; one process draws each figure once", err=True)
     runs = [Run.open(folder) for folder in folders]
     measured = read_bench(bench) if bench else None
     spreads = read_case_studies(recording) if recording else None
-    judged = stored(runs[0], key(runs, cost, spreads))
-    if judged is None:
-        judged = judge_all(runs, cost, spreads)
-    typer.echo(str(save(render(runs, judged, measured, jobs), out or runs[0].folder / "report.html")))
+    if figures is not None:
+        make_folder(figures)
+    if claims:
+        runs[0].manifest()  # without a sound one, no verdict could be stored
+    verdicts = judge_all(runs, cost, spreads)
+    gallery = Gallery() if figures is not None else Gallery(kinds=["png"])
+    path = save(render(runs, verdicts, measured, gallery), out or runs[0].folder / "report.html")
+    for picture in gallery.save(figures) if figures is not None else []:
+        typer.echo(str(picture))
+    for line in printed(verdicts) if claims else []:
+        typer.echo(line)
+    typer.echo(str(path))
+    if claims:
+        save_claims(runs[0], verdicts)
+    if figures is not None and (failures := gallery.failures()):
+        for name, reason in failures.items():
+            typer.echo(f"{name}: {reason}", err=True)
+        raise typer.Exit(ExitCode.FAILURE)
 
 
 def _load(paths: list[Path] | None) -> list[Path] | None:

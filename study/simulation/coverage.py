@@ -1,17 +1,12 @@
-"""The config of a coverage study: caps, numbers of samples, and noise up to the level at which curvature is lost.
+"""Coverage of intervals and standard errors on caps, from little noise up to the level at which curvature is lost.
 
 Noise is given by κ = (v/σ²)√(N/2), the least variance v of the directions over the standard error of the noise's
 variance. It compares the extent along the cap's axis with the noise. Curvature is lost near κ = 1, whatever the cap.
+A cell of the config is drawn and fitted, and its shares get Monte-Carlo errors; the table is printed, and drawn.
 
-Coverage of one cell: draws, fits, intervals, and shares with their Monte-Carlo errors.
-
-The coverage table in words: one row per N and cap, a column per κ; and what the whole table says.
-
-Coverage of the radius against the noise: over all fits, and over the fits that are called ok.
-
-A point is a cell; its colour is the number of samples. The band is .93 to .97. Look at: the interval within the band
-up to σ = .2 r and near it up to .5 r, above and below; and the standard errors, which leave it where the noise grows,
-most of all among the fits that the estimators call ok.
+In the figure a point is a cell; its colour is the number of samples. The band is .93 to .97. Look at: the interval
+within the band up to σ = .2 r and near it up to .5 r, above and below; and the standard errors, which leave it where
+the noise grows, most of all among the fits that the estimators call ok.
 """
 
 import math
@@ -91,12 +86,12 @@ class CoverageDesign(Frozen):
 
     def cells(self) -> list[CoverageCell]:
         """All conditions whose noise is not too large."""
-        found = []
+        result = []
         for n, angle, kappa in product(self.samples, self.angle, self.kappa):
             sigma = relative_noise(n, angle, kappa)
             if sigma <= self.largest_noise:
-                found.append(CoverageCell(n, angle, kappa, sigma, min(self.trials, self.most_samples // n)))
-        return found
+                result.append(CoverageCell(n, angle, kappa, sigma, min(self.trials, self.most_samples // n)))
+        return result
 
 
 def relative_noise(samples: int, angle: float, kappa: float) -> float:
@@ -174,7 +169,7 @@ def measure(design: CoverageDesign, jobs: int = 2) -> pd.DataFrame:
 def _cell(design: CoverageDesign, cell: CoverageCell) -> list[dict[str, object]]:
     """Rows of a cell, one per method."""
     state = lanes(design.seed, "coverage", cell.samples, cell.angle, cell.kappa)
-    found: dict[str, list[Floats]] = {name: [] for name in (*design.estimators, INTERVAL)}
+    result: dict[str, list[Floats]] = {name: [] for name in (*design.estimators, INTERVAL)}
     left = cell.trials
     while left > 0:
         batch = min(left, max(_BATCH // cell.samples, 1))
@@ -184,8 +179,8 @@ def _cell(design: CoverageDesign, cell: CoverageCell) -> list[dict[str, object]]
         directions[:, 0] = 1.0 - directions[:, 0]
         samples = Samples(directions + cell.sigma * noise)
         for name, outcome in _outcomes(design, samples, directions, cell.sigma).items():
-            found[name].append(outcome)
-    return [_row(cell, name, np.concatenate(parts)) for name, parts in found.items()]
+            result[name].append(outcome)
+    return [_row(cell, name, np.concatenate(parts)) for name, parts in result.items()]
 
 
 def _outcomes(design: CoverageDesign, samples: Samples, directions: Floats, sigma: float) -> dict[str, Floats]:
@@ -193,18 +188,18 @@ def _outcomes(design: CoverageDesign, samples: Samples, directions: Floats, sigm
     _, d, n = samples.shape
     quantile = float(stdtrit(n - d - 1, 0.5 * (1.0 + design.level)))
     efficient = 2.0 * quantile * np.sqrt(crlb(directions.swapaxes(1, 2), sigma)[:, d, d])
-    found = {}
+    result = {}
     for name in design.estimators:
         fit = fit_samples(samples, name)
         with np.errstate(all="ignore"):
             half = quantile * fit.standard_errors
             estimate = np.column_stack([fit.center, fit.radius])
             ends = np.stack([estimate - half, estimate + half], axis=2)
-        found[name] = _outcome(ends, fit.own_status == Status.OK, efficient)
+        result[name] = _outcome(ends, fit.own_status == Status.OK, efficient)
     known = intervals(samples, design.level)
     both = np.concatenate([known.center, known.radius[:, None]], axis=1)
-    found[INTERVAL] = _outcome(both, known.identified, efficient)
-    return found
+    result[INTERVAL] = _outcome(both, known.identified, efficient)
+    return result
 
 
 def _outcome(ends: Floats, ok: Bools, efficient: Floats) -> Floats:

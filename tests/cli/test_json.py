@@ -20,6 +20,7 @@ from study.fits import Status
 from study.simulation import figures
 from study.simulation.analysis.summary import worst
 from study.simulation.experiment.config import parse
+from study.simulation.figures import figure
 from study.simulation.runs import schemas
 from study.simulation.runs.run_folder import Run
 from study.text import json_text
@@ -286,7 +287,7 @@ class Inside(Drawable):
     """A figure that fails in a function of the package, one call further in."""
 
     def prepare(self, tables):
-        return figures.at_first(None, [])
+        return figure.at_first(None, [])
 
 
 class Whole(Drawable):
@@ -306,8 +307,8 @@ def line_of(where, text):
 PLACES = {
     Outside: f"AttributeError(\"'Tables' object has no attribute 'stamp'\") at {HERE}, "
     f"line {line_of(Outside, 'tables.stamp')}, in prepare",
-    Inside: "at study/simulation/figures/__init__.py, "
-    f"line {line_of(figures.at_first, 'condition.name in table and')}, in at_first",
+    Inside: "at study/simulation/figures/figure.py, "
+    f"line {line_of(figure.at_first, 'condition.name in table and')}, in at_first",
 }
 
 

@@ -1,8 +1,7 @@
 """Archive of runs: one zip file with tables, schemas, configs, how to rerun, and metadata that machines read.
 
-Metadata of an archive: RO-Crate 1.1 with the profile of process runs, one action for each run.
-
-Pages of an archive for people: how to rerun, the studies by ADEMP; and CodeMeta for machines.
+People read how to rerun and the studies by ADEMP. Machines read CodeMeta, and RO-Crate 1.1 with the profile of process
+runs, one action for each run.
 """
 
 import json
@@ -108,7 +107,7 @@ def _text(name: str, size: int) -> Entity:
 
 def _run_files(run: ArchivedRun) -> list[Entity]:
     """An entity for each file of a run; tables have their digests."""
-    found = []
+    result = []
     for path in run.files:
         entity = {
             "@id": f"runs/{run.name}/{path.name}",
@@ -119,8 +118,8 @@ def _run_files(run: ArchivedRun) -> list[Entity]:
         }
         if path.stem in run.tables:
             entity["sha256"] = run.manifest["tables"][path.stem]
-        found.append(entity)
-    return found
+        result.append(entity)
+    return result
 
 
 def _action(run: ArchivedRun, software: str) -> Entity:
@@ -304,23 +303,23 @@ def archive(runs: Sequence[Run], out: Path) -> Path:
     for name in names:
         if names.count(name) > 1:
             raise RunError(f"{name}: given twice; an archive has a run once")
-    found = [_archived(run) for run in runs]
+    result = [_archived(run) for run in runs]
     texts = {
-        "README.md": readme(found),
-        "ADEMP.md": ademp(found),
+        "README.md": readme(result),
+        "ADEMP.md": ademp(result),
         "CITATION.cff": citation(),
-        "codemeta.json": _json(codemeta(found)),
-        **{f"configs/{run.name}.toml": run.config for run in found},
-        **{f"schemas/{run.name}.json": _json(_schemas(run)) for run in found},
+        "codemeta.json": _json(codemeta(result)),
+        **{f"configs/{run.name}.toml": run.config for run in result},
+        **{f"schemas/{run.name}.json": _json(_schemas(run)) for run in result},
     }
     sizes = {name: len(text.encode()) for name, text in texts.items()}
-    texts = {"ro-crate-metadata.json": _json(metadata(found, sizes)), **texts}
+    texts = {"ro-crate-metadata.json": _json(metadata(result, sizes)), **texts}
     with explained(out, of_run=False):
         out.parent.mkdir(parents=True, exist_ok=True)
         with replacing(out) as temporary, zipfile.ZipFile(temporary, "w") as file:
             for name, text in texts.items():
                 file.writestr(_entry(name), text, zipfile.ZIP_DEFLATED)
-            for run in found:
+            for run in result:
                 for path in run.files:
                     _copy(file, path, f"runs/{run.name}/{path.name}")
     return out

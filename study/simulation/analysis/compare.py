@@ -77,24 +77,24 @@ class Difference:
     Attributes:
         runs: the two runs.
         how: the test that was used, in words.
-        found: one or two comparisons per group and estimator.
+        comparisons: one or two comparisons per group and estimator.
         only: number of pairs of group and estimator that only the first run has, and only the second.
     """
 
     runs: tuple[Run, Run]
     how: str
-    found: list[Comparison]
+    comparisons: list[Comparison]
     only: tuple[int, int]
 
     @property
     def threshold(self) -> float:
         """The chance below which a comparison makes runs different."""
-        return FALSE_ALARM / len(self.found)
+        return FALSE_ALARM / len(self.comparisons)
 
     @property
     def different(self) -> bool:
         """True if any comparison is too improbable for equal runs."""
-        return any(each.chance < self.threshold for each in self.found)
+        return any(row.chance < self.threshold for row in self.comparisons)
 
     @property
     def verdict(self) -> str:
@@ -106,12 +106,12 @@ class Difference:
     @property
     def identical(self) -> bool:
         """True if everything that both runs have is the same to the bit."""
-        return all(each.equal for each in self.found)
+        return all(row.equal for row in self.comparisons)
 
     @property
     def whole(self) -> bool:
         """True if the runs have the same groups, estimators and trials."""
-        return self.only == (0, 0) and all(each.whole for each in self.found)
+        return self.only == (0, 0) and all(row.whole for row in self.comparisons)
 
 
 def compare(one: Run, other: Run) -> Difference:
@@ -121,10 +121,10 @@ def compare(one: Run, other: Run) -> Difference:
         RunError: if a run has neither, or they have nothing in common.
     """
     tables = one.has("errors") and other.has("errors")
-    found, only, how = _by_errors(one, other) if tables else _by_summary(one, other)
-    if not found:
+    comparisons, only, how = _by_errors(one, other) if tables else _by_summary(one, other)
+    if not comparisons:
         raise RunError(f"{one.folder} and {other.folder}: no cell and estimator is in both")
-    return Difference((one, other), how, found, only)
+    return Difference((one, other), how, comparisons, only)
 
 
 def _by_errors(one: Run, other: Run) -> tuple[list[Comparison], tuple[int, int], str]:
@@ -134,12 +134,12 @@ def _by_errors(one: Run, other: Run) -> tuple[list[Comparison], tuple[int, int],
     paired = one.study.stem() == other.study.stem() and _draws(one) == _draws(other)
     shared = [key for key in a.counts if key in b.counts]
     columns = [*_COLUMNS, *(condition.name for condition in one.study.conditions())]
-    found = []
+    comparisons = []
     for keys in a.batches(shared):
         mine, theirs = a.read(keys, columns), b.read(keys, _COLUMNS)
-        found += [_paired(key, pd.DataFrame(mine[key]), pd.DataFrame(theirs[key]), paired) for key in keys]
+        comparisons += [_paired(key, pd.DataFrame(mine[key]), pd.DataFrame(theirs[key]), paired) for key in keys]
     only = len(a.counts) - len(shared), len(b.counts) - len(shared)
-    return found, only, "errors, trial by trial" if paired else "errors over bound; the draws are not shared"
+    return comparisons, only, "errors, trial by trial" if paired else "errors over bound; the draws are not shared"
 
 
 def _draws(run: Run) -> str:
@@ -192,15 +192,15 @@ def _by_summary(one: Run, other: Run) -> tuple[list[Comparison], tuple[int, int]
     a, b = frames
     shared = [key for key in a.index if key in b.index]
     columns = [name for name in a.columns if name in b.columns]
-    found = []
+    comparisons = []
     for key in shared:
         mine, theirs = a.loc[key], b.loc[key]
         equal = bool(mine[columns].equals(theirs[columns]))
         words, trials = _words(mine, key), int(min(mine["planned"], theirs["planned"]))
         whole = bool(mine["planned"] == theirs["planned"])
         for measure, values in (("share ok", _shares(mine, theirs)), ("median over bound", _medians(mine, theirs))):
-            found.append(Comparison(key, words, measure, *values, trials, equal, whole))
-    return found, (len(a) - len(shared), len(b) - len(shared)), "summaries; one run has no error table"
+            comparisons.append(Comparison(key, words, measure, *values, trials, equal, whole))
+    return comparisons, (len(a) - len(shared), len(b) - len(shared)), "summaries; one run has no error table"
 
 
 def _shares(one: "pd.Series[float]", other: "pd.Series[float]") -> tuple[float, float, float]:
@@ -230,64 +230,64 @@ def _words(row: "pd.Series[float]", key: Key) -> str:
     return f"{label(row)}, cell {key[0]}"
 
 
-def as_data(found: Difference) -> dict[str, object]:
+def as_data(difference: Difference) -> dict[str, object]:
     """A comparison for other programs: the verdict, the two runs, the test, and a mapping per comparison."""
     runs = [
         {"folder": run.folder, "run": run.study.run_name(), "made_by": run.maker(), "only_here": only}
-        for run, only in zip(found.runs, found.only, strict=True)
+        for run, only in zip(difference.runs, difference.only, strict=True)
     ]
     comparisons = [
         {
-            "group": each.key[0],
-            "estimator": each.key[1],
-            "conditions": each.words,
-            "measure": each.measure,
-            "first": each.one,
-            "second": each.other,
-            "deviation": each.deviation,
-            "chance": each.chance,
-            "trials": each.trials,
-            "equal": each.equal,
-            "same_trials": each.whole,
-            "different": each.chance < found.threshold,
+            "group": row.key[0],
+            "estimator": row.key[1],
+            "conditions": row.words,
+            "measure": row.measure,
+            "first": row.one,
+            "second": row.other,
+            "deviation": row.deviation,
+            "chance": row.chance,
+            "trials": row.trials,
+            "equal": row.equal,
+            "same_trials": row.whole,
+            "different": row.chance < difference.threshold,
         }
-        for each in found.found
+        for row in difference.comparisons
     ]
-    data = {"verdict": found.verdict, "runs": runs, "test": found.how, "threshold": found.threshold}
+    data = {"verdict": difference.verdict, "runs": runs, "test": difference.how, "threshold": difference.threshold}
     return {**data, "comparisons": comparisons}
 
 
-def printed(found: Difference, most: int = 5) -> Iterator[str]:
+def printed(difference: Difference, most: int = 5) -> Iterator[str]:
     """A comparison for a terminal: the verdict, the test, and the largest differences.
 
     Args:
-        found: the comparison.
+        difference: the comparison.
         most: number of differences to list.
     """
-    names = [str(run.folder) for run in found.runs]
-    yield f"{names[0]} and {names[1]}: {found.verdict}"
-    for name, run, only in zip(names, found.runs, found.only, strict=True):
+    names = [str(run.folder) for run in difference.runs]
+    yield f"{names[0]} and {names[1]}: {difference.verdict}"
+    for name, run, only in zip(names, difference.runs, difference.only, strict=True):
         more = f"; {only:,} pairs of group and estimator are in this run only" if only else ""
         yield f"  {name}: {run.study.run_name()}, {described(run.maker())}{more}"
-    equal = sum(each.equal for each in found.found)
-    yield f"  compared: {found.how}; {len(found.found):,} comparisons, {equal:,} of them equal to the bit"
-    if found.identical:
+    count, equal = len(difference.comparisons), sum(row.equal for row in difference.comparisons)
+    yield f"  compared: {difference.how}; {count:,} comparisons, {equal:,} of them equal to the bit"
+    if difference.identical:
         return
-    limit = float(scipy.stats.norm.isf(0.5 * found.threshold))
-    beyond = sum(each.chance < found.threshold for each in found.found)
+    limit = float(scipy.stats.norm.isf(0.5 * difference.threshold))
+    beyond = sum(row.chance < difference.threshold for row in difference.comparisons)
     yield f"  {beyond:,} deviate by more than {limit:.2f} standard errors (marked !), which makes runs different;"
     yield f"  equal runs deviate so far at most once in {1 / FALSE_ALARM:g} times"
     rows = [
         [
-            "!" if each.chance < found.threshold else "",
-            f"{each.words}, {each.key[1]}",
-            each.measure,
-            f"{each.one:.4g}",
-            f"{each.other:.4g}",
-            f"{each.deviation:+.2f}",
-            f"{each.trials:,}",
+            "!" if row.chance < difference.threshold else "",
+            f"{row.words}, {row.key[1]}",
+            row.measure,
+            f"{row.one:.4g}",
+            f"{row.other:.4g}",
+            f"{row.deviation:+.2f}",
+            f"{row.trials:,}",
         ]
-        for each in sorted(found.found, key=lambda c: (c.chance, c.key))[:most]
+        for row in sorted(difference.comparisons, key=lambda c: (c.chance, c.key))[:most]
     ]
     titles = ["", "group and estimator", "measure", "first run", "second run", "standard errors", "trials"]
     yield from columns(rows, titles, "<<<>", indent=2)

@@ -1,23 +1,16 @@
-"""Regret of an estimator: its error over that of the best estimator in each cell of a grid, and the mean over cells.
+"""Estimators against theory and against each other: regret, expected errors, joints of several markers, single trials.
 
-No estimator is the best in every cell, and a user does not know which cell the data are from. An estimator of small
+The regret of an estimator is its error over that of the best estimator in each cell of a grid, and its mean over cells.
+No estimator is the best in every cell, and a user does not know which cell the data are from; an estimator of small
 regret is never far from the best. Errors are taken as they come, whatever the status; a fit without a number counts as
 worse than any. Means over cells are geometric. Monte-Carlo errors are those of a jackknife over groups of trials:
 trials that share draws are left out together, in all cells.
 
-Expectations from theory on a cap: GDKE's bias, noise limits of estimators, and the median error at a bound.
+Theory is about directions u uniform on a cap, with mean (m₁, 0, …) and covariance diag(Kₐ, Kₚ, …): `study.fits.cap`.
+With the radius as the unit the points' variance along the axis, v, is Kₐ, and noise is σ/r.
 
-Directions u uniform on a cap have mean (m₁, 0, …) and covariance diag(Kₐ, Kₚ, …): `study.fits.cap`. With
-the radius as the unit the points' variance along the axis, v, is Kₐ, and noise is σ/r.
-
-The registered estimators for a terminal: their cost, what they need, and where they come from.
-
-Stored points of a run as markers of joints: the cells of a grid of radii that share one centre; and their fits.
-
-The fits are those of `study.mgdk` for a noise that is known (theory §2), without its covariances: of all trials of a
-joint at once.
-
-One trial drawn again: its points, the truth, the bound, and every estimator's fit.
+Joints of several markers are the cells of a grid of radii that share one centre; they are fitted as `study.mgdk` does
+for a noise that is known (theory §2), all trials of a joint at once.
 """
 
 import math

@@ -1,11 +1,8 @@
-"""The summary table: per cell, or per decade of relative noise, and estimator.
+"""The summary table: measures per cell, or per decade of relative noise, and estimator; and the worst trials of a run.
 
 The headline is ``ratio_median``, of all trials, so that columns of one row are of the same trials. For quantiles of the
-fits whose status is ok (``_ok``), and with failures last (``_all``), see `study.simulation.statistics`.
-
-An error table read by group and estimator, a part at a time, so that any length fits in memory.
-
-The worst trials of a run: the largest errors among the fits whose status is ok.
+fits whose status is ok (``_ok``), and with failures last (``_all``), see `study.simulation.statistics`. The error table
+is read by group and estimator, a part at a time, so that any length fits in memory.
 """
 
 from collections.abc import Collection, Iterator

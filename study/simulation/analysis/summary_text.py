@@ -1,8 +1,7 @@
-"""The summary of a run for a terminal, and for other programs: median errors in units of the bound.
+"""The summary of a run for a terminal and for other programs: median errors in units of the bound.
 
-Medians that an efficient estimator would have, beside those measured: at the Cramér-Rao and the attainable bound.
-
-Choice of rows of a summary: those that a user asks for, and of these as many as fit a screen.
+With them go the medians that an efficient estimator would have, at the Cramér-Rao and at the attainable bound. A user
+chooses rows; of these as many are printed as fit a screen.
 """
 
 import math
@@ -112,14 +111,14 @@ class RowChoice:
         for name, wanted in self.where.items():
             condition = CONDITIONS[name]
             if len(summary) and condition is NOISE_OVER_RADIUS and np.isfinite(summary["decade"]).all():
-                found = pd.Series([f"1e{power:+03.0f}" for power in summary["decade"]], index=summary.index)
-                here = found.isin([f"1e{power:+03.0f}" for power in decade([float(value) for value in wanted])])
+                result = pd.Series([f"1e{power:+03.0f}" for power in summary["decade"]], index=summary.index)
+                here = result.isin([f"1e{power:+03.0f}" for power in decade([float(value) for value in wanted])])
             else:
-                found = pd.Series([condition.written(value) for value in _values(condition, summary)], summary.index)
-                here = found.isin([condition.written(value) for value in wanted])
+                result = pd.Series([condition.written(value) for value in _values(condition, summary)], summary.index)
+                here = result.isin([condition.written(value) for value in wanted])
             if len(summary) and not here.any():
                 texts = " or ".join(condition.written(value) for value in wanted)
-                raise ValueError(f"--where {name}={texts}: no cell has it; there are {_some(found)}")
+                raise ValueError(f"--where {name}={texts}: no cell has it; there are {_some(result)}")
             use &= here.to_numpy()
         if len(summary) and not use.any():
             raise ValueError(f"--where: no cell has these values of {', '.join(self.where)} together")

@@ -1,10 +1,7 @@
 """Verification of a run: every table by its digest, and a share of its numbers by computing them again.
 
-Comparison of tables to the last bit, and the choice of the things that are computed again.
-
-Units of a finished run, computed again and compared with the rows that are stored of them.
-
-Rows of a summary and chains of posteriors, computed again and compared with the stored ones.
+Units, rows of the summary and chains are chosen at random, computed again, and compared with the stored rows to the
+last bit.
 """
 
 import hashlib

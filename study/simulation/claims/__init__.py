@@ -3,13 +3,12 @@
 To add a claim, write a `Claim` in the file of its subject: the tables it reads, its measure, and its rule.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import pandas as pd
 
-from study import files
-from study.files import RunError, writing
+from study.files import writing
 from study.simulation.claims import (
     bias,
     bound,
@@ -22,7 +21,7 @@ from study.simulation.claims import (
     ugdk,
 )
 from study.simulation.claims.claim import Claim, Evidence, Verdict, evaluate, frame
-from study.simulation.runs import kept, schemas
+from study.simulation.runs import schemas
 from study.simulation.runs.run_folder import Run
 from study.text import columns
 
@@ -38,7 +37,7 @@ CLAIMS: tuple[Claim, ...] = (
     *recordings.CLAIMS,
 )
 
-__all__ = ["CLAIMS", "Claim", "Evidence", "Verdict", "as_data", "judge_all", "key", "printed", "save", "stored"]
+__all__ = ["CLAIMS", "Claim", "Evidence", "Verdict", "as_data", "judge_all", "printed", "save"]
 
 
 def judge_all(runs: Iterable[Run], cost: Path | None = None, spreads: pd.DataFrame | None = None) -> pd.DataFrame:
@@ -59,45 +58,18 @@ def judge_all(runs: Iterable[Run], cost: Path | None = None, spreads: pd.DataFra
     return frame(evaluate(CLAIMS, evidence), evidence)
 
 
-def key(runs: Sequence[Run], cost: Path | None = None, spreads: pd.DataFrame | None = None) -> str | None:
-    """Key of all that claims are judged by; see `study.simulation.runs.kept.key`, and `judge_all` for the arguments."""
-    try:
-        digest = None if cost is None else files.of_file(cost)
-    except RunError:  # a folder, perhaps: `judge_all` says so
-        return None
-    if (digest is None) != (cost is None):
-        return None
-    table = None if spreads is None else spreads.to_csv(float_format="%.17g")
-    return kept.key(runs, "claims", digest, table, *(run.again() for run in runs))  # reasons name these commands
-
-
-def stored(run: Run, known: str | None) -> pd.DataFrame | None:
-    """The claims table that a run's folder has, if it was judged by the same tables and the same program, else None.
-
-    Args:
-        run: the run in whose folder the table was stored.
-        known: the key; see `key`.
-    """
-    digest = kept.find(run, "claims", known)
-    if digest is None or not run.valid("claims") or digest.decode() != run.fingerprint("claims"):
-        return None
-    return run.table("claims")
-
-
-def save(run: Run, claims: pd.DataFrame, known: str | None = None) -> None:
+def save(run: Run, claims: pd.DataFrame) -> None:
     """Store the claims table in a run's folder; a stored one stays where no claim could be judged.
 
     Args:
         run: the run.
         claims: the claims table.
-        known: the key of what the claims were judged by; see `key`.
     """
     if run.valid("claims") and bool((claims["verdict"] == Verdict.NOT_EVALUATED).all()):
         return
     data = {column.name: claims[column.name].to_numpy() for column in schemas.CLAIMS}
-    with writing(run.folder):  # the key too: else another command's table could come between the two
+    with writing(run.folder):
         run.save("claims", schemas.table(schemas.CLAIMS, data))
-        kept.keep(run, "claims", known, str(run.fingerprint("claims")).encode())
 
 
 def as_data(runs: Iterable[Run], claims: pd.DataFrame) -> dict[str, object]:

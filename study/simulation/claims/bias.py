@@ -118,6 +118,7 @@ CLAIMS: tuple[Claim, ...] = (
         quantity="exponent of σ in GDKE's bias along the cap's axis, before it saturates",
         criterion="Reproduced if the exponent is within .1 of 1 on every cap, two standard errors allowed; not "
         "reproduced if it is further than .5 from 1 on every cap; partly otherwise. All fits count as computed.",
+        answer="the bias grows as σ to the power {0:power}, {1:power} and {2:power} on three caps.",
         reads=("efficiency/errors",),
         measure=_measure_order,
         judge=_judge_order,
@@ -135,6 +136,8 @@ CLAIMS: tuple[Claim, ...] = (
         criterion="Two conditions, each by two standard errors. First: the bias exceeds 2 standard deviations, and "
         "less than 5 % of the ellipses contain the truth. Second: more than half of the bias remains at the largest N. "
         "Reproduced with both, partly with one, not reproduced with neither. All fits count.",
+        answer="the bias is {0:times} the scatter, {1:share} of the 95 % ellipses hold the true centre, and at the "
+        "largest number of samples the bias is {2:times} that at the smallest.",
         reads=("ellipse/errors", "power-law/errors"),
         measure=_measure_lasting,
         judge=_judge_lasting,

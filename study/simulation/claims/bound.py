@@ -18,7 +18,7 @@ from study.simulation.claims.claim import Claim, Evidence, Number, Verdict
 from study.simulation.claims.measures import (
     LEAST,
     WHOLE,
-    At,
+    CellMeasure,
     cells,
     error_over,
     furthest_from_one,
@@ -51,14 +51,14 @@ def _variance_ratio(part: pd.DataFrame, moments: CapMoments) -> Measure:
 def _measure_efficiency(evidence: Evidence) -> list[Number]:
     errors = evidence.errors("efficiency", "error_1", "bound")
     samples = float(errors["samples"].max())
-    found = []
+    results = []
     for angle, noise, part in cells(errors, "ugdk"):
         moments = cap_moments(math.radians(angle), 3)
         if angle < WHOLE and kappa(noise, samples, moments) >= _SAFE and len(part) >= LEAST:
-            found.append(At(_variance_ratio(part, moments), angle, noise, len(part)))
-    if not found:
+            results.append(CellMeasure(_variance_ratio(part, moments), angle, noise, len(part)))
+    if not results:
         return [Number.unknown("UGDK's variance over the bound")]
-    most, quiet = greatest(found), furthest_from_one(found)
+    most, quiet = greatest(results), furthest_from_one(results)
     theory = ugdk_variance(most.relative_noise, cap_moments(math.radians(most.angle), 3), 3)
     words = "UGDK's variance along the axis over the bound's"
     least = f"{words}, σ = {quiet.relative_noise:.2g} r, at the angle where it is furthest from 1"
@@ -83,19 +83,19 @@ _SIGNIFICANT = 3.0
 
 def _measure_bound(evidence: Evidence) -> list[Number]:
     errors = evidence.errors("efficiency", "error", "error_1", "bound")
-    found: list[tuple[Measure, str, int, float]] = []
+    results: list[tuple[Measure, str, int, float]] = []
     for name in _COMPARED:
         for angle, noise, part in cells(errors, name):
             over_bound = np.asarray(error_over(part, "bound"))
             if np.isfinite(over_bound).all() and moments_exist(part["error"].to_numpy()):
                 root, bias = root_mean_square(over_bound), mean(part["error_1"].to_numpy())
                 where = f"{name.upper()}, φ = {angle:g}°, σ = {noise:.2g} r"
-                found.append((root, where, len(part), abs(bias.value) / bias.error))
+                results.append((root, where, len(part), abs(bias.value) / bias.error))
     words = "least root mean square error over √tr CRLB"
-    unbiased = [entry for entry in found if entry[3] <= _SIGNIFICANT]
+    unbiased = [entry for entry in results if entry[3] <= _SIGNIFICANT]
     if not unbiased:
         return [Number.unknown(words)]
-    least, where, trials, pull = min(found)
+    least, where, trials, pull = min(results)
     of_unbiased, elsewhere, few, _ = min(unbiased)
     return [
         Number.of(f"{words} ({where})", least, trials),
@@ -133,15 +133,15 @@ def _measure_even(evidence: Evidence) -> list[Number]:
     ]
     for clumped in sorted({float(angle) for angle in rows["angle"].unique()} - {WHOLE}, reverse=True):
         levels = [(median(error_over(part, "bound")), len(part)) for a, _, part in cells(rows, "gdke") if a == clumped]
-        found, few = max(levels, key=lambda entry: entry[0].value)
-        numbers.append(Number.of(f"GDKE's median error over bound, greatest for φ = {clumped:g}°", found, few))
+        results, few = max(levels, key=lambda entry: entry[0].value)
+        numbers.append(Number.of(f"GDKE's median error over bound, greatest for φ = {clumped:g}°", results, few))
     return numbers
 
 
 def _pull(part: pd.DataFrame) -> float:
     """Median axis error over its Monte-Carlo error."""
-    found = quantile(part["error_1"].fillna(math.inf).to_numpy(), 0.5)
-    return found.value / found.error
+    results = quantile(part["error_1"].fillna(math.inf).to_numpy(), 0.5)
+    return results.value / results.error
 
 
 def _judge_even(numbers: list[Number]) -> Verdict:
@@ -165,6 +165,8 @@ CLAIMS: tuple[Claim, ...] = (
         criterion="Reproduced if the greatest ratio with κ = (v/σ²)√(N/2) ≥ 20 is at most 1.1, three standard errors "
         "allowed; partly if the ratio is 1 at the smallest noise, within .1 or three standard errors; not reproduced "
         "otherwise.",
+        answer="UGDK's variance along the axis is up to {0:times} the bound's; at the smallest noise it is {2:times} "
+        "the bound's.",
         reads=("efficiency/errors",),
         measure=_measure_efficiency,
         judge=_judge_efficiency,
@@ -181,6 +183,8 @@ CLAIMS: tuple[Claim, ...] = (
         criterion="Reproduced if the least value is at least 1, five standard errors allowed; partly if that holds "
         "only in cells without significant bias (a mean error of up to three standard errors); not reproduced "
         "otherwise.",
+        answer="the least root mean square error is {0:times} the bound; where the bias is not significant it is "
+        "{2:times} the bound.",
         reads=("efficiency/errors",),
         measure=_measure_bound,
         judge=_judge_bound,
@@ -198,6 +202,8 @@ CLAIMS: tuple[Claim, ...] = (
         "efficient estimator, three standard errors allowed, and the bias is within four standard errors of 0. Worse: "
         "the error grows from each cap to the next smaller one by two standard errors. Reproduced with both, partly "
         "with one, not reproduced with neither. All fits count.",
+        answer="on the whole sphere GDKE errs up to {0:times} as far as an efficient estimator; on the smallest cap "
+        "its error is up to {last:times} the bound.",
         reads=("efficiency/errors",),
         measure=_measure_even,
         judge=_judge_even,

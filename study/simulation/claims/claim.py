@@ -1,12 +1,8 @@
-"""A claim of the paper, the numbers behind it, and its verdict.
+"""A claim of the paper, the tables it is judged by, the numbers behind it, and its verdict.
 
 A `Claim` names the tables that it reads. Its ``measure`` turns them into numbers, each with its Monte-Carlo error, and
 its ``judge`` turns the numbers into a verdict by the rule that ``criterion`` states. No verdict is written down
 anywhere: it changes with the tables, and without them there is none.
-
-The stored tables that claims are judged by.
-
-Evaluation of claims: from stored tables to findings, and from findings to the claims table.
 """
 
 import math
@@ -112,12 +108,12 @@ class Evidence:
         known = self._read.get((config, "errors"), pd.DataFrame())
         missing = [name for name in (columns if len(known.columns) else [*_ALWAYS, *columns]) if name not in known]
         if missing:
-            found = self._stored(config, "errors", missing, _NAMED)
+            table = self._stored(config, "errors", missing, _NAMED)
             if config not in self._order:
-                keys = found[["estimator", "cell"]].reset_index(drop=True)
+                keys = table[["estimator", "cell"]].reset_index(drop=True)
                 self._order[config] = keys.sort_values(["estimator", "cell"], kind="stable").index.to_numpy()
-            found = found.take(self._order[config]).reset_index(drop=True)
-            known = found if known.empty else known.assign(**{name: found[name] for name in missing})
+            table = table.take(self._order[config]).reset_index(drop=True)
+            known = table if known.empty else known.assign(**{name: table[name] for name in missing})
             self._read[config, "errors"] = known
         return known
 
@@ -237,6 +233,8 @@ class Claim:
         statement: the paper's statement, in our words.
         quantity: the quantity that is measured.
         criterion: the rule from the numbers to the verdict, in words; it says what ``judge`` does.
+        answer: the page's sentence of answer, with a number in each place, "{0:times}" or "{last:share}", formatted as
+            a ratio (times), a share or an exponent (power). Only the numbers depend on the tables.
         reads: tables, as "config/table"; "cost" for the cost table, "case-study" for those of recordings.
         measure: function from the tables to numbers, the headline first.
         judge: function from these numbers, in that order, to a verdict. It sees nothing else.
@@ -249,6 +247,7 @@ class Claim:
     statement: str
     quantity: str
     criterion: str
+    answer: str
     reads: tuple[str, ...]
     measure: Callable[[Evidence], list[Number]]
     judge: Callable[[list[Number]], Verdict]

@@ -113,6 +113,7 @@ CLAIMS: tuple[Claim, ...] = (
         quantity="operations and seconds of UGDK over GDKE",
         criterion="Reproduced if UGDK's operations per sample agree with GDKE's within 5 % and both times within 25 %; "
         "partly if only the operations do; not reproduced otherwise.",
+        answer="UGDK takes {0:times} the operations of GDKE, and on this machine {1:times} its time.",
         reads=("cost", "paper/timings"),
         measure=_measure_same_cost,
         judge=_judge_same_cost,
@@ -127,6 +128,7 @@ CLAIMS: tuple[Claim, ...] = (
         quantity="operations and seconds of IGDK over GDKE",
         criterion="Reproduced if the operations are within 25 % of 4 times GDKE's and the time in scalar code is "
         "within 25 % of 2.17 times GDKE's; partly if one of them is; not reproduced otherwise. Memory is not judged.",
+        answer="IGDK takes {0:times} the operations of GDKE, and on this machine {1:times} its time.",
         reads=("cost",),
         measure=_measure_incremental,
         judge=_judge_incremental,
@@ -142,6 +144,7 @@ CLAIMS: tuple[Claim, ...] = (
         quantity="operations and seconds of LLS and MLE over GDKE",
         criterion="Reproduced if the counted operations are within 25 % of 11.05 and 80 times GDKE's; partly if they "
         "are not, but GDKE takes the fewest operations and the least time in scalar code; not reproduced otherwise.",
+        answer="LLS takes {0:times} the operations of GDKE, MLE {1:times}.",
         reads=("cost", "paper/errors", "paper/timings"),
         measure=_measure_speed,
         judge=_judge_speed,

@@ -1,11 +1,9 @@
-"""Rules that several claims share: from numbers with their errors to yes, no, or a verdict.
+"""Measures and rules that several claims share.
 
-Rows of error tables: selections, errors in a unit, and tables with a column per estimator.
-
-Every fit counts with its error as computed, whatever its status, and one without a number as infinite (`error_over`):
-so estimators are compared on the same trials. A status would select other trials for each of them.
-
-Medians of errors with their Monte-Carlo errors: power laws, quotients, and extremes over conditions.
+Rows of error tables are chosen, divided by a unit, and arranged in a column per estimator. Every fit counts with its
+error as computed, whatever its status, and one without a number as infinite (`error_over`): so estimators are compared
+on the same trials, where a status would select other trials for each of them. Medians have their Monte-Carlo errors, as
+have the power laws, quotients and extremes that are made of them.
 """
 
 import math
@@ -134,8 +132,8 @@ def exponent(words: str, x: Floats, values: Floats, groups: Floats) -> Number:
     trials = min((int(np.sum(groups == label)) for label in labels), default=0)
     if any(m.value == math.inf for m in medians):
         return Number(words, math.inf, math.nan, trials)
-    found = power_law(at, np.array([m.value for m in medians]), np.array([m.error for m in medians]))
-    return Number(words, found.exponent, found.error, trials)
+    results = power_law(at, np.array([m.value for m in medians]), np.array([m.error for m in medians]))
+    return Number(words, results.exponent, results.error, trials)
 
 
 def ratio(above: Measure, below: Measure) -> Measure:
@@ -152,7 +150,7 @@ def ratio(above: Measure, below: Measure) -> Measure:
     return Measure(value, math.hypot(above.error, value * below.error) / below.value)
 
 
-class At(NamedTuple):
+class CellMeasure(NamedTuple):
     """A measure in one condition of a grid: half-angle, σ/r, and the number of data sets behind it."""
 
     measure: Measure
@@ -165,12 +163,12 @@ class At(NamedTuple):
         return f"φ = {self.angle:g}°, σ = {self.relative_noise:.2g} r"
 
 
-def greatest(found: Iterable[At]) -> At:
+def greatest(results: Iterable[CellMeasure]) -> CellMeasure:
     """The condition with the greatest measure."""
-    return max(found, key=lambda at: at.measure.value)
+    return max(results, key=lambda at: at.measure.value)
 
 
-def furthest_from_one(found: list[At]) -> At:
+def furthest_from_one(results: list[CellMeasure]) -> CellMeasure:
     """Of the conditions at the smallest noise, the one whose measure is furthest from 1."""
-    least = min(at.relative_noise for at in found)
-    return max((at for at in found if at.relative_noise == least), key=lambda at: abs(at.measure.value - 1.0))
+    least = min(at.relative_noise for at in results)
+    return max((at for at in results if at.relative_noise == least), key=lambda at: abs(at.measure.value - 1.0))

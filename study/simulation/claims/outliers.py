@@ -65,9 +65,9 @@ def _measure_mle(evidence: Evidence) -> list[Number]:
         return [Number.unknown(words)]
     outliers, relative, noise = _mle_outliers(errors)
     low, high = _NOISE_ABOUT_RADIUS
-    found = _count(words, outliers[(noise >= low) & (noise <= high)])
-    if math.isnan(found.value) or found.value == 0.0:
-        return [found]
+    result = _count(words, outliers[(noise >= low) & (noise <= high)])
+    if math.isnan(result.value) or result.value == 0.0:
+        return [result]
     residual = by_estimator(errors, errors["noise_variance"])[list(starts)][outliers].fillna(math.inf)
     least = residual.to_numpy().argmin(axis=1)
     best = np.take_along_axis(relative[list(starts)][outliers].to_numpy(), least[:, None], axis=1)[:, 0]
@@ -76,7 +76,7 @@ def _measure_mle(evidence: Evidence) -> list[Number]:
     quiet = relative[noise < 0.01]
     other = (quiet["mle_mirror"] - quiet["mle"]).abs() > _TWO_MINIMA * quiet["mle"]
     return [
-        found,
+        result,
         Number.of(
             "share of these outliers whose error the best minimum from three starts reduces to a third or less",
             share(int(cured.sum()), len(cured)) if len(cured) >= _FEW else UNKNOWN,
@@ -158,11 +158,11 @@ def _measure_place(evidence: Evidence) -> list[Number]:
     noise = by_estimator(errors, relative_noise(errors))["gdke"]
     numbers = []
     for name in ("lls_nr", "lls_nr_raw"):
-        found = relative[name][_numerical(errors, name) & (noise > _ROUNDING) & (noise < _SMALL)].to_numpy()
-        near = share(int(np.sum(np.abs(found - 1.0) <= _ON_SPHERE)), len(found)) if len(found) >= _FEW else UNKNOWN
+        result = relative[name][_numerical(errors, name) & (noise > _ROUNDING) & (noise < _SMALL)].to_numpy()
+        near = share(int(np.sum(np.abs(result - 1.0) <= _ON_SPHERE)), len(result)) if len(result) >= _FEW else UNKNOWN
         words = _VERSIONS[name]
-        numbers.append(Number.of(f"median error over r of LLS's outliers, {words}", median(found, _FEW), len(found)))
-        numbers.append(Number.of(f"share of these outliers within r/10 of the sphere, {words}", near, len(found)))
+        numbers.append(Number.of(f"median error over r of LLS's outliers, {words}", median(result, _FEW), len(result)))
+        numbers.append(Number.of(f"share of these outliers within r/10 of the sphere, {words}", near, len(result)))
     return numbers
 
 
@@ -216,6 +216,8 @@ CLAIMS: tuple[Claim, ...] = (
         criterion="Reproduced if there are such outliers (three or more) and the best minimum from three starts "
         "reduces the error of more than half of them to a third or less, by two standard errors; partly if there are "
         "outliers and it does not; not reproduced if there are none. All fits count.",
+        answer="of the trials with noise around the radius, {0:share} are such outliers; the best of three starts "
+        "mends {1:share} of them.",
         reads=("starts/errors",),
         measure=_measure_mle,
         judge=_judge_mle,
@@ -233,6 +235,7 @@ CLAIMS: tuple[Claim, ...] = (
         criterion="Reproduced if LLS without a cut of singular values has such outliers for σ < 1e-6 r (three or "
         "more); partly if only LLS with a cut has them, and less than a tenth as often for σ ≥ 1e-5 r; not reproduced "
         "otherwise. Failures count.",
+        answer="of LLS's fits there, {0:share} are outliers, and {1:share} if small singular values are cut.",
         reads=("outliers/errors", "paper/errors"),
         measure=_measure_small,
         judge=_judge_small,
@@ -249,6 +252,7 @@ CLAIMS: tuple[Claim, ...] = (
         quantity="error over radius of the outliers that a cut of small singular values makes",
         criterion="Reproduced if with both cuts more than half of the outliers, by two standard errors, have their "
         "centre within r/10 of the sphere; partly if with one of the cuts; not reproduced if with none.",
+        answer="{1:share} of the outliers lie on the sphere if the design matrix is centred, {3:share} if it is not.",
         reads=("outliers/errors",),
         measure=_measure_place,
         judge=_judge_place,
@@ -264,6 +268,8 @@ CLAIMS: tuple[Claim, ...] = (
         quantity="outliers of LLS that GDKE in double precision does not have on the same points, and failures",
         criterion="Reproduced if LLS in double precision has them for σ > 1e10 r (three or more); partly if only LLS "
         "in single precision has them, and less than a tenth as often for r ≤ σ ≤ 1e9 r; not reproduced otherwise.",
+        answer="of LLS's fits there, {0:share} are outliers or fail in double precision, {1:share} in single "
+        "precision.",
         reads=("outliers/errors", "paper/errors"),
         measure=_measure_large,
         judge=_judge_large,

@@ -34,6 +34,7 @@ CLAIMS: tuple[Claim, ...] = (
         quantity="exponent of N in the median error",
         criterion="Reproduced if UGDK's exponent and two standard errors on either side are within .05 of -½; partly "
         "if it is below -.25 by two standard errors; not reproduced otherwise. All fits count as computed.",
+        answer="the median error of UGDK falls as N to the power {0:power}, GDKE's as N to the power {2:power}.",
         reads=("power-law/errors",),
         measure=_measure_power,
         judge=_judge_power,

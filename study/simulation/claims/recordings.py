@@ -1,10 +1,8 @@
 """The claim of section 9.1 on recordings: above about 200 samples most joints are within a centimetre.
 
-All fits to a joint share the frames of its recording, in every case study of it, and joints of one name in several
-recordings are alike. So each joint counts once, by the share of its spreads that are below a centimetre, and every
-standard error is over joints.
-
-Read stored case studies, for the paper's claim on recordings: the scatter of joint centres from random frames.
+It is judged by stored case studies: the scatter of joint centres from random frames. All fits to a joint share the
+frames of its recording, in every case study of it, and joints of one name in several recordings are alike. So each
+joint counts once, by the share of its spreads that are below a centimetre, and every standard error is over joints.
 """
 
 from collections.abc import Sequence
@@ -93,6 +91,7 @@ CLAIMS: tuple[Claim, ...] = (
         criterion="Reproduced if, by two standard errors over joints, more than half of the spreads above 200 samples "
         "are below 1 cm and of joints that are not in doubt, and a larger share than up to 200 samples; not reproduced "
         "if at most half are below 1 cm; partly otherwise.",
+        answer="above 200 samples {0:share} of the spreads are below 1 cm.",
         reads=("case-study",),
         measure=_measure_recordings,
         judge=_judge_recordings,
@@ -136,13 +135,13 @@ def read_case_studies(folders: Sequence[Path]) -> pd.DataFrame:
         InputError: if a folder has no case study, one that cannot be read or does not name its recording, or the
             same one as another folder.
     """
-    found = [_read(folder) for folder in folders]
-    for place, table in enumerate(found):
+    result = [_read(folder) for folder in folders]
+    for place, table in enumerate(result):
         for before in range(place):
-            if table.equals(found[before]):
+            if table.equals(result[before]):
                 same = f"{folders[before]} and {folders[place]}"
                 raise InputError(f"{same}: the same case study; give it once, else its subsets count twice")
-    return pd.concat(found, ignore_index=True)
+    return pd.concat(result, ignore_index=True)
 
 
 def _read(folder: Path) -> pd.DataFrame:

@@ -147,6 +147,8 @@ CLAIMS: tuple[Claim, ...] = (
         "the trials, by three standard errors. Second: its median error is below .9 of the best marker's, by two "
         "standard errors. Reproduced with both, partly with the first alone, not reproduced otherwise. All fits "
         "count as computed.",
+        answer="the fit to all markers errs {0:times} as far as the best marker alone, and less than the worst in "
+        "{1:share} of the trials.",
         reads=("markers/errors", "markers/points", "mgdk/errors", "mgdk/points"),
         measure=_measure_averaging,
         judge=_judge_averaging,
@@ -165,6 +167,7 @@ CLAIMS: tuple[Claim, ...] = (
         criterion="Reproduced if the sum is positive definite in at least 99 % of the trials at every noise; partly if "
         "it is positive definite more often than a single marker's matrix, by three standard errors; not reproduced "
         "otherwise.",
+        answer="the sum is positive definite in {1:share} of the trials, and in {0:share} at the worst noise.",
         reads=("markers/errors", "markers/points"),
         measure=_measure_definite,
         judge=_judge_definite,

@@ -1,321 +1,139 @@
-"""Registry of the figures, each a module of ``prepare(tables) -> frame`` and ``draw(frame) -> Figure``.
+"""Registry of the figures, and the pictures that runs can feed.
 
-To add one, write such a module and a line in `FIGURES`. All computing is in ``prepare``; ``draw`` reads no files.
-
-Reasons why figures were not drawn: the place of a failure in this package, and what runs lack.
-
-Input of a figure: a run's tables; `NotApplicable` says why a run cannot feed a figure.
-
-Pictures of a run's figures, kept beside its tables: `study figures` and the page draw each of them once.
+To add a figure, write a module as `study.simulation.figures.figure` describes it, and its name in `FIGURES`.
 """
 
-import traceback
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from importlib import import_module
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol, Self
-
-import pandas as pd
-from matplotlib.figure import Figure
+from typing import Any
 
 from study import style
 from study.files import RunError, explained
-from study.simulation.analysis.summary import TableReader, stored_summary
-from study.simulation.experiment.conditions import STORED, bound_law
-from study.simulation.experiment.noise import NoiseLaw
-from study.simulation.runs import kept
+from study.simulation.figures.figure import FAILED, FigureModule, NotApplicable, Tables, failure, gathered
 from study.simulation.runs.run_folder import Run
 
-PACKAGE = Path(__file__).parents[2]
-FAILED = "failed: "
-"""Beginning of the reason why a figure that failed was not drawn; other reasons say that a run cannot feed it."""
+FIGURES: dict[str, FigureModule] = {
+    name: import_module(f"{__name__}.{name}")
+    for name in (
+        "fig2_error",
+        "fig3_gdke_ellipse",
+        "fig4_ugdk_ellipse",
+        "fig5_methods",
+        "fig6_mgdk",
+        "fig7_power_law",
+        "fig_efficiency",
+        "fig_regret",
+        "fig_map",
+        "fig_robustness",
+        "fig_posterior",
+        "fig_calibration",
+    )
+}
 
-
-def failure(error: Exception) -> str:
-    """A figure's failure in one line.
-
-    Args:
-        error: the exception, in the function that caught it.
-
-    Returns:
-        "failed: KeyError('noise') at study/simulation/figures/fig_map.py, line 31, in prepare": the innermost line of
-        this package, whatever library it called; the innermost line of all, if the figure is not of this package.
-    """
-    frames = traceback.extract_tb(error.__traceback__)[1:]  # the first caught it
-    own = [frame for frame in frames if PACKAGE in Path(frame.filename).parents]
-    words = FAILED + " ".join(repr(error).split())
-    if not frames:
-        return words
-    place = (own or frames)[-1]
-    path = Path(place.filename)
-    name = path.relative_to(PACKAGE.parent).as_posix() if own else path.name
-    return f"{words} at {name}, line {place.lineno}, in {place.name}"
-
-
-def gathered(reasons: Mapping[str, str], runs: int) -> str:
-    """Reasons by the runs' names in words, each once, with its runs unless it holds for all of so many."""
-    found: dict[str, list[str]] = {}
-    for name, reason in reasons.items():
-        found.setdefault(reason, []).append(name)
-    each = (reason if len(names) == runs else f"{reason} ({', '.join(names)})" for reason, names in found.items())
-    return "; ".join(each)
-
-
-class NotApplicable(Exception):  # noqa: N818  not an error: most runs cannot feed some figure
-    """A figure that cannot be drawn from a run; the message is the reason, in words for a user."""
+__all__ = ["FAILED", "FIGURES", "Drawing", "FigureModule", "Gallery", "NotApplicable", "Tables", "draw_all", "gathered"]
 
 
 @dataclass(frozen=True)
-class Tables:
-    """Tables of a run, each read when it is first asked for, and once.
+class Drawing:
+    """A figure that was drawn from a run.
 
     Attributes:
-        name: the run's name, which is printed on every figure, and the law that the bound is of, if that is in doubt.
-        dimension: d of the spheres.
-        design: "grid" or "random".
-        noise_law: the law of the noise of a sample.
-        reader: the run.
-        stored: names of its tables.
-        used: columns of the error table that `errors` has; all if None.
-        independent: True if no two cells share their directions and noise.
+        figure: its module.
+        run: the run.
+        name: the run's name in words; see `Tables`.
+        frame: what ``prepare`` computed.
+        pictures: the encoded pictures by format.
     """
 
+    figure: FigureModule
+    run: Run
     name: str
-    dimension: int
-    design: str
-    noise_law: NoiseLaw
-    reader: TableReader
-    stored: frozenset[str]
-    used: tuple[str, ...] | None = None
-    independent: bool = True
+    frame: Any
+    pictures: dict[str, bytes]
 
-    @classmethod
-    def of(cls, run: Run) -> Self:
-        """Find the tables of a finished run, and check all of them.
 
-        Raises:
-            RunError: if a table is missing, because the run did not finish, or its budget ended before any trial.
-        """
-        study = run.study
-        # figures of single trials read every column; the others these, which are a third of a large table
-        every = study.keep_points or study.posterior is not None
-        used = ("cell", "trial", *(c.name for c in study.conditions()), "estimator", "error", "bound", "status")
-        names = ["errors"] if study.keep == "errors" else []
-        names += ["summary", *(["points"] if study.keep_points else [])]
-        names += ["posterior", "answers", "draws"] if run.has("posterior") else []
-        for name in names:
-            run.require(name)
-        tables = cls(
-            name=" · ".join(filter(None, [study.run_name(), bound_law(study.design.given())])),
-            dimension=study.dimension,
-            design=study.design.kind,
-            independent=study.independent(),
-            noise_law=study.noise_law,
-            reader=run,
-            stored=frozenset(names),
-            used=None if every else used,
-        )
-        if tables.summary.empty:
-            raise RunError(
-                f"{run.folder}: its budget ended before any cell had a trial; run `study run` again to resume"
-            )
-        return tables
+class Gallery:
+    """Figures of runs, each drawn from the first run that has the tables for it.
 
-    @cached_property
-    def errors(self) -> pd.DataFrame:
-        """The error table; see `study.simulation.runs.schemas.errors`.
+    A figure that fails does not cost the others; its reason starts with `FAILED`, and says where in the code it failed.
 
-        Of a run without points or posteriors it has no columns of parameters other than the centre.
+    Args:
+        names: the figures; all, if none is named.
+        kinds: formats of the pictures.
 
-        Raises:
-            NotApplicable: if the study kept its summary alone.
-        """
-        return self.some_errors(self.used)
+    Attributes:
+        undrawn: for each figure that was not drawn so far the reasons, by the run's name.
+    """
 
-    def some_errors(self, columns: Collection[str] | None, estimators: Collection[str] | None = None) -> pd.DataFrame:
-        """Read some columns of the error table, and some estimators' rows: a part is read sooner.
-
-        Raises:
-            NotApplicable: if the study kept its summary alone.
-        """
-        self.require_errors()
-        return self.reader.table("errors", columns, estimators)
-
-    def require_errors(self) -> None:
-        """Raise `NotApplicable` if the study kept its summary alone."""
-        if "errors" not in self.stored:
-            raise NotApplicable('needs every error: keep = "errors" in the config')
-
-    @cached_property
-    def summary(self) -> pd.DataFrame:
-        """The summary table; see `study.simulation.runs.schemas.summary`."""
-        return stored_summary(self.reader, "errors" in self.stored, self.design == "random")
-
-    def require_all_trials(self, name: str) -> None:
-        """Raise `NotApplicable` if a measure of all trials is not known in some cell."""
-        if self.summary[name].isna().any():
-            words = "the run is of an earlier version, which kept no medians of all trials"
-            raise NotApplicable(f"{words}: run its config again, in another folder (--out)")
-
-    @cached_property
-    def points(self) -> pd.DataFrame | None:
-        """The points of the trials that were kept; None if none were."""
-        return self._if_stored("points")
-
-    @cached_property
-    def posterior(self) -> pd.DataFrame | None:
-        """A row per chain; None if none was run. See `study.simulation.runs.schemas.posterior`."""
-        return self._if_stored("posterior")
-
-    @cached_property
-    def answers(self) -> pd.DataFrame | None:
-        """The estimators' answers beside the chains, likewise."""
-        return self._if_stored("answers")
-
-    @cached_property
-    def draws(self) -> pd.DataFrame | None:
-        """Draws of the chains that were kept, likewise."""
-        return self._if_stored("draws")
-
-    def _if_stored(self, name: str) -> pd.DataFrame | None:
-        return self.reader.table(name) if name in self.stored else None
+    def __init__(self, names: Collection[str] = (), kinds: Collection[str] = style.KINDS) -> None:
+        self._kinds = kinds
+        self._drawings: dict[str, Drawing | None] = dict.fromkeys(names or FIGURES)
+        self._open = list(self._drawings)
+        self.undrawn: dict[str, dict[str, str]] = {name: {} for name in self._open}
 
     @property
-    def estimators(self) -> list[str]:
-        """Names of the estimators, in the order of the config."""
-        return [str(name) for name in self.summary["estimator"].unique()]
+    def drawings(self) -> dict[str, Drawing]:
+        """The figures that were drawn, by name, in the order in which they were named."""
+        return {name: drawing for name, drawing in self._drawings.items() if drawing is not None}
 
+    def add(self, run: Run, tables: Tables) -> None:
+        """Draw the figures that a run can feed and no earlier run could."""
+        for name in list(self._open):
+            figure = FIGURES[name]
+            try:
+                frame = figure.prepare(tables)
+                pictures = style.encoded(figure.draw(frame), self._kinds)
+            except NotApplicable as reason:
+                self.undrawn[name][tables.name] = str(reason)
+                continue
+            except Exception as error:  # a figure that fails must not cost the others
+                self.undrawn[name] = {tables.name: failure(error)}
+            else:
+                self._drawings[name] = Drawing(figure, run, tables.name, frame, pictures)
+                del self.undrawn[name]
+            self._open.remove(name)
 
-def at_first(table: pd.DataFrame, besides: Collection[str]) -> pd.DataFrame:
-    """Rows in which every condition has the value of the first row.
+    def save(self, folder: Path | None = None) -> list[Path]:
+        """Write the pictures into a folder, by default the run's own, and return their paths.
 
-    Args:
-        table: errors or their summary.
-        besides: names of conditions that may have any value.
-    """
-    for condition in STORED:
-        if condition.name in table and condition.name not in besides:
-            chosen = table[condition.name] == table[condition.name].iloc[0]
-            table = table if chosen.all() else table[chosen]  # a copy of millions of rows takes seconds
-    return table
-
-
-KINDS = ("png", "svg")
-"""Formats that a figure is written in."""
-
-
-class KeptPictures:
-    """The pictures of a run that were drawn from the same tables by the same program.
-
-    Args:
-        run: a finished run.
-    """
-
-    def __init__(self, run: Run) -> None:
-        self._run = run
-        self._key = kept.key([run], "pictures")
-
-    def find(self, name: str, figure: object, kinds: Collection[str] = KINDS) -> dict[str, bytes] | None:
-        """Find a figure's pictures.
-
-        Args:
-            name: the figure's.
-            figure: its module; pictures of a module outside this package are not kept, as the key lacks its source.
-            kinds: the formats that are needed.
-
-        Returns:
-            The pictures by format; None if one of them was not kept.
+        Raises:
+            RunError: if one cannot be written.
         """
-        if not _shipped(figure):
-            return None
-        found = {kind: kept.find(self._run, f"{name}.{kind}", self._key) for kind in kinds}
-        known = {kind: picture for kind, picture in found.items() if picture is not None}
-        return known if len(known) == len(found) else None
+        return [
+            style.save_bytes((folder or own_folder(drawing.run)) / f"{name}.{kind}", picture)
+            for name, drawing in self.drawings.items()
+            for kind, picture in drawing.pictures.items()
+        ]
 
-    def keep(self, name: str, figure: object, pictures: Mapping[str, bytes]) -> None:
-        """Keep a figure's pictures, given by format; for the other arguments see `find`."""
-        if _shipped(figure):
-            for kind, picture in pictures.items():
-                kept.keep(self._run, f"{name}.{kind}", self._key, picture)
-
-
-def _shipped(figure: object) -> bool:
-    """True if a figure is a module of this package."""
-    return str(getattr(figure, "__name__", "")).startswith("study.")
+    def failures(self) -> dict[str, str]:
+        """For each figure that failed its name and the place in the code."""
+        reasons = {name: next(iter(reasons.values()), "") for name, reasons in self.undrawn.items()}
+        return {name: reason for name, reason in reasons.items() if reason.startswith(FAILED)}
 
 
-class FigureModule(Protocol):
-    """Protocol of a figure's module."""
-
-    def prepare(self, tables: Tables) -> Any:
-        """Compute the frame; raise `NotApplicable` if the run lacks what it needs."""
-
-    def draw(self, frame: Any) -> Figure:
-        """Draw the frame."""
+def own_folder(run: Run) -> Path:
+    """A run's own folder of pictures."""
+    return run.folder / "figures"
 
 
-class FigureModules(Mapping[str, FigureModule]):
-    """Modules of figures by the figures' names, each loaded when it is first asked for.
+def make_folder(folder: Path) -> None:
+    """Make a folder for pictures, before any is drawn.
 
-    Args:
-        rooms: folders of the modules, relative to this one, by the figures' names.
+    Raises:
+        RunError: if it is a file or cannot be made.
     """
-
-    def __init__(self, rooms: Mapping[str, str]) -> None:
-        self._rooms = rooms
-
-    def __getitem__(self, name: str) -> FigureModule:
-        """The module of a figure."""
-        return import_module(f"{__name__}{self._rooms[name]}.{name}")
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._rooms)
-
-    def __len__(self) -> int:
-        return len(self._rooms)
-
-    def __contains__(self, name: object) -> bool:
-        """True if there is such a figure; nothing is loaded."""
-        return name in self._rooms
+    with explained(folder, of_run=False):
+        if folder.exists() and not folder.is_dir():
+            raise RunError(f"{folder}: is a file, not a folder; choose another with --out")
+        folder.mkdir(parents=True, exist_ok=True)
 
 
-FIGURES: Mapping[str, FigureModule] = FigureModules(
-    {
-        "fig2_error": "",
-        "fig3_gdke_ellipse": "",
-        "fig4_ugdk_ellipse": "",
-        "fig5_methods": "",
-        "fig6_mgdk": "",
-        "fig7_power_law": "",
-        "fig_efficiency": "",
-        "fig_regret": "",
-        "fig_map": "",
-        "fig_robustness": "",
-        "fig_posterior": "",
-        "fig_calibration": "",
-    }
-)
-
-
-class Drawn(NamedTuple):
-    """The result of drawing figures.
-
-    Attributes:
-        paths: the files written.
-        undrawn: for each figure that was not drawn the reason.
-    """
-
-    paths: list[Path]
-    undrawn: dict[str, str]
-
-
-__all__ = ["FAILED", "FIGURES", "Drawn", "FigureModule", "KeptPictures", "NotApplicable", "Tables", "draw_all"]
-
-
-def draw_all(runs: Sequence[Run], folder: Path | None = None, names: Collection[str] = ()) -> Drawn:
-    """Draw figures, each from the first run that has the tables for it; pictures kept of the same tables are copied.
+def draw_all(
+    runs: Sequence[Run], folder: Path | None = None, names: Collection[str] = ()
+) -> tuple[list[Path], dict[str, str]]:
+    """Draw figures, each from the first run that has the tables for it.
 
     Args:
         runs: finished runs.
@@ -323,52 +141,16 @@ def draw_all(runs: Sequence[Run], folder: Path | None = None, names: Collection[
         names: figures to draw; all, if none is named.
 
     Returns:
-        The paths written, and for each figure that was not drawn the reason. A figure that fails does not cost the
-        others; its reason starts with `FAILED`, and says where in the code it failed.
+        The paths written, and for each figure that was not drawn the reason; see `Gallery`.
 
     Raises:
         RunError: if a run did not finish, or the folder is a file or cannot be made.
     """
-    sources = [(run, Tables.of(run), KeptPictures(run)) for run in runs]
-    for place in {folder} if folder is not None else {_own(run) for run in runs}:
-        with explained(place, of_run=False):
-            if place.exists() and not place.is_dir():
-                raise RunError(f"{place}: is a file, not a folder; choose another with --out")
-            place.mkdir(parents=True, exist_ok=True)
-    found = Drawn([], {})
-    for name in names or FIGURES:
-        lacking: dict[str, str] = {}
-        for run, tables, pictures in sources:
-            try:
-                drawn = _draw(name, tables, pictures, folder or _own(run))
-            except NotApplicable as reason:
-                lacking[tables.name] = str(reason)
-                continue
-            if isinstance(drawn, str):
-                found.undrawn[name] = gathered({tables.name: drawn}, len(runs))
-            else:
-                found.paths.extend(drawn)
-            break
-        else:
-            found.undrawn[name] = gathered(lacking, len(runs))
-    return found
-
-
-def _own(run: Run) -> Path:
-    """A run's own folder of pictures."""
-    return run.folder / "figures"
-
-
-def _draw(name: str, tables: Tables, pictures: KeptPictures, folder: Path) -> list[Path] | str:
-    """Write a figure's pictures, drawn unless they were kept; its failure in words if it fails."""
-    figure = FIGURES[name]
-    try:
-        found = pictures.find(name, figure)
-        if found is None:
-            found = style.encoded(figure.draw(figure.prepare(tables)))
-            pictures.keep(name, figure, found)
-        return [style.save_bytes(folder / f"{name}.{kind}", data) for kind, data in found.items()]
-    except NotApplicable:
-        raise
-    except Exception as error:  # a figure that fails must not cost the others
-        return failure(error)
+    tables = [Tables.of(run) for run in runs]
+    for place in {folder or own_folder(run) for run in runs}:
+        make_folder(place)
+    gallery = Gallery(names)
+    for run in runs:
+        gallery.add(run, tables.pop(0))  # the tables of one run after the other are in memory
+    reasons = {name: gathered(reasons, len(runs)) for name, reasons in gallery.undrawn.items()}
+    return gallery.save(folder), reasons

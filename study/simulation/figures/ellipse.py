@@ -1,17 +1,15 @@
-"""Shared drawing of figures 3 and 4: the whole circle on the left, its centre with error ellipses on the right.
-
-The ellipses are centred on the estimate, as the paper draws them, and have the size of the estimator's spread over
-all trials of the cell (`choose`). The dots are the centres fitted to other trials, so that the ellipse can be judged
-by eye; they lie about the estimator's own median, not about the truth.
-
-The data set of figures 3 to 5: the kept trial that is nearest to the paper's, its fits, and how they spread.
+"""The data set of figures 3 to 5, and the drawing that figures 3 and 4 share.
 
 The paper shows one arc of 100 points with noise 0.05 and says of it that the spectral radius ρ(Σ̂C⁻¹), UGDK's Leontief
-condition, is 0.557238. Of the trials whose points were kept, the one with the nearest ρ is taken, for all the figures.
-
+condition, is 0.557238. Of the trials whose points are stored, the one with the nearest ρ is taken, for all the figures.
 Lengths are in radii, and positions are measured from the true centre. The axis of the arc is the first coordinate;
 errors along and across it are uncorrelated, because the arc is its own mirror image. Spreads are robust, because UGDK's
 errors have neither variance nor mean.
+
+On the left is the whole circle, on the right its centre with error ellipses. They are centred on the estimate, as the
+paper draws them, and have the size of the estimator's spread over all trials of the cell (`choose`). The dots are the
+centres fitted to other trials, so that the ellipse can be judged by eye; they lie about the estimator's own median, not
+about the truth.
 """
 
 import math
@@ -31,7 +29,7 @@ from study import style
 from study.arrays import Floats
 from study.fits import Status
 from study.simulation.claims.ugdk import PAPER_CONDITION
-from study.simulation.figures import NotApplicable, Tables
+from study.simulation.figures.figure import NotApplicable, Tables
 from study.simulation.statistics import inside, quantile, robust_sd
 
 LEVELS = (0.68, 0.95)

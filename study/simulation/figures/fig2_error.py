@@ -29,7 +29,7 @@ from study import style
 from study.arrays import Floats
 from study.fits import Status
 from study.simulation.analysis.summary import decade
-from study.simulation.figures import NotApplicable, Tables
+from study.simulation.figures.figure import NotApplicable, Tables
 from study.simulation.statistics import FAR, theil_sen
 
 _MOST_COLUMNS = 4

@@ -8,7 +8,8 @@ Look at: the distance from the cross (the truth) to the ellipses, and how many o
 
 from matplotlib.figure import Figure
 
-from study.simulation.figures import Tables, ellipse
+from study.simulation.figures import ellipse
+from study.simulation.figures.figure import Tables
 
 
 def prepare(tables: Tables) -> ellipse.EllipseFrame:

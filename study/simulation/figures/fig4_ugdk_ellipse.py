@@ -9,7 +9,8 @@ the errors are not Gaussian: they trail off away from the points.
 
 from matplotlib.figure import Figure
 
-from study.simulation.figures import Tables, ellipse
+from study.simulation.figures import ellipse
+from study.simulation.figures.figure import Tables
 
 
 def prepare(tables: Tables) -> ellipse.EllipseFrame:

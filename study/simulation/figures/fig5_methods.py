@@ -16,8 +16,9 @@ from matplotlib.patches import Circle
 from matplotlib.ticker import MaxNLocator
 
 from study import style
-from study.simulation.figures import Tables, ellipse
+from study.simulation.figures import ellipse
 from study.simulation.figures.ellipse import DataSet, choose, draw_data, frame_axes, window, write_below
+from study.simulation.figures.figure import Tables
 
 METHODS = ["mle", "ugdk", "gdke"]
 

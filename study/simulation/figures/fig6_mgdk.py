@@ -23,7 +23,7 @@ from study import style
 from study.arrays import Floats
 from study.fits import fit, mgdk
 from study.simulation.analysis.regret import point_sets
-from study.simulation.figures import NotApplicable, Tables, at_first
+from study.simulation.figures.figure import NotApplicable, Tables, at_first
 from study.simulation.statistics import Measure, quantile
 
 OUTER, INNER, JOINT = _COLORS = ("#d55e00", "#0072b2", "#009e73")

@@ -27,7 +27,7 @@ from study import style
 from study.arrays import Bools, Floats
 from study.fits.cap import cap_moments
 from study.simulation.analysis.regret import gdke_bias, median_at_bound
-from study.simulation.figures import NotApplicable, Tables, at_first
+from study.simulation.figures.figure import NotApplicable, Tables, at_first
 from study.simulation.statistics import power_law
 
 _LEAST_SAMPLES = 4

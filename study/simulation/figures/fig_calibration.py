@@ -23,7 +23,7 @@ from matplotlib.lines import Line2D
 
 from study import style
 from study.arrays import Floats
-from study.simulation.figures import NotApplicable, Tables
+from study.simulation.figures.figure import NotApplicable, Tables
 from study.simulation.posterior.run import FLAT, LEVELS, coverage, trials
 
 _LEAST_TRIALS = 20
@@ -72,10 +72,10 @@ def prepare(tables: Tables) -> CalibrationFrame:
         raise NotApplicable("needs posteriors: [posterior] in the config, then `study posterior RUN`")
     if not tables.independent:
         raise NotApplicable('needs trials that are independent of each other: draws = "independent" in the config')
-    found = trials(tables.posterior, tables.answers)
-    found = found[found["flatness"] < FLAT]
-    kinds = found[found["method"] == "posterior"].groupby(["likelihood", "noise_is"], sort=False, observed=True)
-    least = int(kinds.size().min()) if len(found) else 0
+    result = trials(tables.posterior, tables.answers)
+    result = result[result["flatness"] < FLAT]
+    kinds = result[result["method"] == "posterior"].groupby(["likelihood", "noise_is"], sort=False, observed=True)
+    least = int(kinds.size().min()) if len(result) else 0
     if least < _LEAST_TRIALS:
         raise NotApplicable(f"needs at least {_LEAST_TRIALS} chains of each kind with σ²/v < {FLAT}, not {least}")
     curves = []
@@ -90,7 +90,7 @@ def prepare(tables: Tables) -> CalibrationFrame:
     count = min(len(curve.ranks) for curve in curves)
     failed = sum(int((~part["ok"]).sum()) for _, part in kinds)
     stamp = f"{tables.name} · {count:,} trials behind each curve" + (f", {failed} chains not ok" if failed else "")
-    return CalibrationFrame(curves, coverage(found), count, stamp)
+    return CalibrationFrame(curves, coverage(result), count, stamp)
 
 
 @style.journal()

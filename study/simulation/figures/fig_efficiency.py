@@ -32,7 +32,7 @@ from study.simulation.analysis.regret import (
     ugdk_leaves,
 )
 from study.simulation.claims.measures import error_over
-from study.simulation.figures import NotApplicable, Tables, at_first
+from study.simulation.figures.figure import NotApplicable, Tables, at_first
 from study.simulation.statistics import quantile
 
 _LEAST_LEVELS = 4

@@ -24,7 +24,7 @@ from matplotlib.figure import Figure
 from study import style
 from study.fits.cap import cap_moments
 from study.simulation.analysis.regret import median_at_bound
-from study.simulation.figures import NotApplicable, Tables, at_first
+from study.simulation.figures.figure import NotApplicable, Tables, at_first
 
 _LEAST = 2
 _FAR = 100.0
@@ -62,32 +62,32 @@ def prepare(tables: Tables) -> MapFrame:
     if not tables.noise_law.isotropic:
         raise NotApplicable("compares with an isotropic bound: needs a config without noise_shape")
     tables.require_all_trials("ratio_median")
-    found = at_first(tables.summary, besides=("samples", "noise", "angle"))
+    result = at_first(tables.summary, besides=("samples", "noise", "angle"))
     # twelve digits: one level of a logspace may differ in its last bit from radius to radius
-    level = np.array([float(f"{v:.12g}") for v in found["noise"] / found["radius"]])
+    level = np.array([float(f"{v:.12g}") for v in result["noise"] / result["radius"]])
     inside = (level >= _SHOWN[0]) & (level <= _SHOWN[1])
     if len(np.unique(level[inside])) >= _LEAST:
-        found, level = found[inside], level[inside]
-    for name, values in (("levels of noise", level), ("angles", found["angle"])):
+        result, level = result[inside], level[inside]
+    for name, values in (("levels of noise", level), ("angles", result["angle"])):
         if len(np.unique(values)) < _LEAST:
             raise NotApplicable(f"needs at least {_LEAST} {name} in the grid")
     unit = {
         angle: median_at_bound(cap_moments(math.radians(angle), tables.dimension), tables.dimension)
-        for angle in found["angle"].unique()
+        for angle in result["angle"].unique()
     }
     ratios = pd.DataFrame(
         {
-            "estimator": found["estimator"].astype(str),
-            "samples": found["samples"].astype(int),
-            "angle": found["angle"],
+            "estimator": result["estimator"].astype(str),
+            "samples": result["samples"].astype(int),
+            "angle": result["angle"],
             "level": level,
-            "ratio": found["ratio_median"] / found["angle"].map(unit),
+            "ratio": result["ratio_median"] / result["angle"].map(unit),
         }
     ).reset_index(drop=True)
-    relative = (found["ratio_median_error"] / found["ratio_median"]).to_numpy()
+    relative = (result["ratio_median_error"] / result["ratio_median"]).to_numpy()
     known = relative[np.isfinite(relative)]
     usual = f", usual standard error {100.0 * np.median(known):.1f} %" if len(known) else ""
-    least = int(found["planned"].min())
+    least = int(result["planned"].min())
     return MapFrame(ratios, f"{tables.name} · at least {least:,} trials behind each median{usual}")
 
 

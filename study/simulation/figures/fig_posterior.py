@@ -23,7 +23,7 @@ from study import style
 from study.arrays import Floats
 from study.fits import Status
 from study.simulation.experiment.config import ChainStatus
-from study.simulation.figures import NotApplicable, Tables
+from study.simulation.figures.figure import NotApplicable, Tables
 
 _LEVELS = (0.68, 0.95)
 _SHADES = ("#d9d9d9", "#a6a6a6")
@@ -70,13 +70,13 @@ def prepare(tables: Tables) -> PosteriorFrame:
     """
     if tables.posterior is None or tables.draws is None:
         raise NotApplicable("needs posteriors: [posterior] in the config, then `study posterior RUN`")
-    found = tables.posterior
+    result = tables.posterior
     kept = set(zip(tables.draws["cell"], tables.draws["trial"], strict=True))
-    use = (found["status"] == ChainStatus.OK) & (found["likelihood"] == "geometric") & (found["noise_is"] == "known")
-    use &= np.array([pair in kept for pair in zip(found["cell"], found["trial"], strict=True)])
+    use = (result["status"] == ChainStatus.OK) & (result["likelihood"] == "geometric") & (result["noise_is"] == "known")
+    use &= np.array([pair in kept for pair in zip(result["cell"], result["trial"], strict=True)])
     if not use.any():
         raise NotApplicable("needs a geometric chain with σ known that converged and whose draws were kept")
-    row = found[use].sort_values(["flatness", "samples"], ascending=[False, True], kind="stable").iloc[0]
+    row = result[use].sort_values(["flatness", "samples"], ascending=[False, True], kind="stable").iloc[0]
     draws, errors = tables.draws, tables.errors
     mine = (draws["cell"] == row["cell"]) & (draws["trial"] == row["trial"]) & (draws["likelihood"] == "geometric")
     draws = draws[mine & (draws["noise_is"] == "known")]

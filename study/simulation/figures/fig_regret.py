@@ -19,7 +19,7 @@ from matplotlib.lines import Line2D
 
 from study import style
 from study.simulation.analysis.regret import QUANTILES, by_cell, regret
-from study.simulation.figures import NotApplicable, Tables
+from study.simulation.figures.figure import NotApplicable, Tables
 
 _FEWEST_CELLS = 6
 _EDGE = 12.0

@@ -30,7 +30,7 @@ from study.fits.cap import cap_moments
 from study.simulation.analysis.regret import median_at_bound
 from study.simulation.experiment.conditions import LAW, OUTLIER_SHARE, OUTLIER_SIZE
 from study.simulation.experiment.noise import NORMAL, excess_kurtosis, freedom
-from study.simulation.figures import NotApplicable, Tables, at_first
+from study.simulation.figures.figure import NotApplicable, Tables, at_first
 
 _LEAST = 3
 _MOST_ROWS = 4

@@ -2,10 +2,7 @@
 
 The numbers travel in the page as compressed columns (`packed`). The scripts beside this file unpack and show them;
 Observable Plot, bundled with its licence, draws.
-
-A run's summary as compressed columns of text: what the explorer shows, in few bytes.
-
-The section of the explorer: its block, its scripts, and the digests by which the page's policy knows them.
+The page's policy names the scripts by their digests, so that no other may run.
 """
 
 import base64
@@ -14,10 +11,9 @@ import hashlib
 import json
 import shlex
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -27,8 +23,8 @@ from study import style
 from study.arrays import Floats, Ints
 from study.fits import Status
 from study.simulation.experiment.conditions import LABELS, Condition
-from study.simulation.report import words
-from study.simulation.report.blocks import Block, Section
+from study.simulation.report import html, words
+from study.simulation.report.html import Section
 from study.simulation.report.material import Material, Record
 from study.simulation.statistics import MEASURES, share
 
@@ -68,18 +64,18 @@ def _entries(record: Record) -> Iterable[tuple[str, str]]:
     yield "measures", "[" + ",".join(_measures(frame)) + "]"
     if record.worst_of_groups is not None:
         worst = record.worst_of_groups.set_index(["group", "estimator"])
-        found = worst.reindex(pd.MultiIndex.from_frame(frame[["group", "estimator"]].astype(str)))
+        rows = worst.reindex(pd.MultiIndex.from_frame(frame[["group", "estimator"]].astype(str)))
         names = [
-            f"{c}/{int(t)}" if isinstance(c, str) else None for c, t in zip(found["cell"], found["trial"], strict=True)
+            f"{c}/{int(t)}" if isinstance(c, str) else None for c, t in zip(rows["cell"], rows["trial"], strict=True)
         ]
         yield "worst", json.dumps(names)
-        yield "ratio", _numbers(found["ratio"], _ERROR_DIGITS)
+        yield "ratio", _numbers(rows["ratio"], _ERROR_DIGITS)
 
 
 def _coded(values: Sequence[Any] | pd.Series) -> tuple[list[Any], Ints]:
     """Values without repetition in the order in which they appear, and each row's place among them."""
-    codes, found = pd.factorize(pd.Series(values))
-    return list(found), codes
+    codes, result = pd.factorize(pd.Series(values))
+    return list(result), codes
 
 
 def _conditions(frame: pd.DataFrame, by_decade: bool) -> tuple[list[str], str]:
@@ -130,9 +126,9 @@ def _measures(frame: pd.DataFrame) -> Iterable[str]:
         if name in frame and frame[name].notna().any():
             title, meaning, _ = MEASURES[name]
             yield _measure(name, title, meaning, frame[name], frame[f"{name}_error"])
-    found = [share(int(p - k), int(p)) for p, k in zip(frame["planned"], frame["ok"], strict=True)]
+    result = [share(int(p - k), int(p)) for p, k in zip(frame["planned"], frame["ok"], strict=True)]
     meaning = "share of the fits that are not ok"
-    yield _measure("not_ok", "share not ok", meaning, [m.value for m in found], [m.error for m in found])
+    yield _measure("not_ok", "share not ok", meaning, [m.value for m in result], [m.error for m in result])
 
 
 def _measure(name: str, title: str, meaning: str, values: Iterable[float], errors: Iterable[float]) -> str:
@@ -163,32 +159,12 @@ _SCRIPTS = ("rows.js", "chart.js", "table.js", "state.js", "explorer.js")
 _LIBRARY = "plot.min.js"
 
 
-class RunTable(NamedTuple):
-    """A run's name, and its summary as `study.simulation.report.explorer.packed` has it."""
-
-    name: str
-    text: str
-
-
-@dataclass(frozen=True)
-class Explorer(Block):
-    """Controls, chart and table of runs.
-
-    Attributes:
-        tables: the runs' summaries.
-        library, script: code of the chart's library with its licence, and of the explorer.
-    """
-
-    kind: ClassVar[str] = "explorer"
-    tables: Sequence[RunTable]
-    library: Markup
-    script: Markup
-
-
 def explorer_section(material: Material) -> Iterable[Section]:
     """Section in which every row of the runs' summaries can be searched and drawn."""
-    tables = [RunTable(record.name, packed(record)) for record in material.records]
-    yield Section("Explore every number", "explorer", [Explorer(tables, *map(Markup, scripts()))], printed=False)
+    library, script = map(Markup, scripts())
+    tables = {record.name: packed(record) for record in material.records}
+    part = html.rendered("assets/part.html", tables=tables, library=library, script=script)
+    yield Section("Explore every number", "explorer", [Markup(part)], printed=False)
 
 
 @cache

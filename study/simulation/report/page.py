@@ -1,8 +1,7 @@
-"""The page: its sections and their order.
+"""The page: its sections in their order, with those of the claims, of speed and of figures.
 
-The section of the paper's claims: each with its verdict, the numbers behind it, and the rule that joins them.
-
-Section on speed: the ratios that `make bench` stored, by group, with the machine's name.
+A claim has its verdict, the numbers behind it, and the rule that joins them. Ratios of speed are those that
+`make bench` stored, by group, with the machine's name.
 """
 
 from collections import Counter
@@ -11,29 +10,14 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from study.files import RunError, regular, write
 from study.simulation.claims.claim import Verdict
-from study.simulation.figures import gathered
-from study.simulation.report import words
-from study.simulation.report.blocks import (
-    Badge,
-    Block,
-    Content,
-    Facts,
-    Folded,
-    InlineCode,
-    Items,
-    Link,
-    Row,
-    Section,
-    Table,
-    Text,
-    coded,
-)
+from study.simulation.figures import Gallery, gathered
+from study.simulation.report import html, words
 from study.simulation.report.explorer import digests, explorer_section
+from study.simulation.report.html import Content, Section
 from study.simulation.report.material import Material, answer
 from study.simulation.report.posterior import posterior_section
 from study.simulation.report.runs import overview_section, run_id, run_section
@@ -48,97 +32,100 @@ _LOOKS = {
 }
 
 
+_PROSE = "stacked prose"
+
+
 def claims_section(material: Material) -> Iterable[Section]:
     """Section of the claims: first those with a verdict, then those without, and why."""
     claims = material.claims
     yield Section("The paper's claims", "claims", [*_claims(material, claims)])
 
 
-def _claims(material: Material, claims: pd.DataFrame) -> Iterable[Block]:
+def _claims(material: Material, claims: pd.DataFrame) -> Iterable[Markup]:
     if claims.empty:
-        yield Text(
+        yield html.paragraph(
             "No claim of the paper was judged: that takes runs of the project's own configs, such as paper.toml."
         )
         return
     without = claims["verdict"] == Verdict.NOT_EVALUATED
     judged, rest = claims[~without], claims[without]
     if judged.empty:
-        yield Text("These runs can judge none of the claims.")
+        yield html.paragraph("These runs can judge none of the claims.")
     else:
         head = ["No.", "§", "The paper says", "Found"]
         rows = [_judged(row, material) for row in judged.rename(columns={"name": "claim"}).itertuples()]
+        ids = [f"claim-{number}" for number in judged["number"]]
         caption = "Each verdict is computed from numbers with their Monte-Carlo errors, by the rule given with them."
-        yield Table("The paper's claims and what was found", caption, head, rows, prose=True)
+        yield html.table("The paper's claims and what was found", caption, head, rows, look=_PROSE, ids=ids)
     if not rest.empty:
         rows = [
-            Row([str(r.number), str(r.section), str(r.statement), coded(str(r.finding))]) for r in rest.itertuples()
+            [str(r.number), str(r.section), str(r.statement), html.coded(str(r.finding))] for r in rest.itertuples()
         ]
-        table = Table("Claims not evaluated", "", ["No.", "§", "Claim", "Why not"], rows, prose=True)
+        table = html.table("Claims not evaluated", "", ["No.", "§", "Claim", "Why not"], rows, look=_PROSE)
         title = f"{len(rows)} claim{'s' * (len(rows) > 1)} not evaluated, and why"
         yield from _missing(rest, judged, material)
-        yield Folded(title, table)
+        yield html.folded(title, table)
 
 
-def tally(claims: pd.DataFrame) -> Text:
+def tally(claims: pd.DataFrame) -> Markup:
     """The sentence that counts each verdict, in the order of the verdicts."""
-    found = Counter(str(verdict) for verdict in claims["verdict"])
-    order = [*(str(v) for v in Verdict if str(v) in found), *sorted(set(found) - {str(v) for v in Verdict})]
-    badges: list[str | Block] = [f"{len(claims)} claim{'s' * (len(claims) > 1)}: "]
+    result = Counter(str(verdict) for verdict in claims["verdict"])
+    order = [*(str(v) for v in Verdict if str(v) in result), *sorted(set(result) - {str(v) for v in Verdict})]
+    badges: list[str] = [f"{len(claims)} claim{'s' * (len(claims) > 1)}: "]
     for verdict in order:
-        badges += [_badge(verdict, f"{found[verdict]} {verdict}"), " "]
-    return Text(badges[:-1])
+        badges += [_badge(verdict, f"{result[verdict]} {verdict}"), " "]
+    return html.paragraph(badges[:-1])
 
 
-def _badge(verdict: str, words: str) -> Badge:
-    return Badge(words, _LOOKS.get(Verdict(verdict), "untested") if verdict in set(Verdict) else "untested")
+def _badge(verdict: str, words: str) -> Markup:
+    return html.badge(words, _LOOKS.get(Verdict(verdict), "untested") if verdict in set(Verdict) else "untested")
 
 
-def _judged(row: Any, material: Material) -> Row:
+def _judged(row: Any, material: Material) -> list[Content]:
     """A claim with a verdict; the row comes from `DataFrame.itertuples`."""
     name = str(row.figure)
     places = {record.name: run_id(record) for record in material.records}
-    runs: list[str | Block] = []
+    runs: list[str] = []
     for run in filter(None, str(row.runs).split(", ")):
-        runs += [", "] * bool(runs) + [Link(run, places[run]) if run in places else run]
+        runs += [", "] * bool(runs) + [html.link(run, places[run]) if run in places else run]
     facts: list[tuple[str, Content]] = [
         ("Measured", str(row.quantity)),
         ("Criterion", str(row.criterion)),
         ("Remark", str(row.remark)),
         ("Trials", f"at least {count(int(row.trials))} behind each number" if row.trials else ""),
         ("Runs", runs),
-        ("Tables", InlineCode(str(row.reads)) if row.reads else ""),
-        ("Figure", Link(name, name) if name in material.pictures else name),
+        ("Tables", html.code(str(row.reads)) if row.reads else ""),
+        ("Figure", html.link(name, name) if name in material.pictures else name),
     ]
-    numbers = Items([readable(part) for part in str(row.finding).splitlines()])
-    rule = Facts([(term, content) for term, content in facts if content])
+    numbers = html.items([readable(part) for part in str(row.finding).splitlines()])
+    rule = html.facts([(term, content) for term, content in facts if content])
     verdict = str(row.verdict)
-    found: list[str | Block] = [
-        Text([_badge(verdict, verdict)]),
-        Text(coded(answer(str(row.claim), verdict, str(row.finding)))),
-        Folded("Numbers and rule", [numbers, rule]),
+    result: list[str] = [
+        html.paragraph([_badge(verdict, verdict)]),
+        html.paragraph(html.coded(answer(str(row.claim), verdict, str(row.finding)))),
+        html.folded("Numbers and rule", [numbers, rule]),
     ]
-    cells: list[Content] = [str(row.number), str(row.section), str(row.statement), found]
-    return Row(cells, id=f"claim-{row.number}")
+    return [str(row.number), str(row.section), str(row.statement), result]
 
 
-def _missing(rest: pd.DataFrame, judged: pd.DataFrame, material: Material) -> Iterable[Block]:
+def _missing(rest: pd.DataFrame, judged: pd.DataFrame, material: Material) -> Iterable[Markup]:
     """Sentence that names the runs or tables that the remaining claims need."""
     reads = _reads(rest)
     given = {record.run.study.name for record in material.records}
     configs = dict.fromkeys(config for config, _, table in (read.partition("/") for read in reads) if table)
-    needed: list[str | Block] = [f"configs/{name}.toml" for name in configs if name not in given]
+    needed: list[str] = [f"configs/{name}.toml" for name in configs if name not in given]
     if needed:
         needed = [f"runs of {', '.join(map(str, needed))}"]
     for table, option in (("cost", "--cost"), ("case-study", "--recording")):
         if table in reads and table not in _reads(judged):
             needed += [", and "] * bool(needed) + [
                 "what ",
-                InlineCode(f"study {table}"),
+                html.code(f"study {table}"),
                 " writes, given by ",
-                InlineCode(option),
+                html.code(option),
             ]
     if needed:
-        yield Text(["Missing are ", *needed, "."])
+        yield html.paragraph(["Missing are ", *needed, "."])
 
 
 def _reads(claims: pd.DataFrame) -> list[str]:
@@ -157,13 +144,13 @@ def read_bench(path: Path) -> pd.DataFrame:
         RunError: if it cannot be read, or is no such table.
     """
     try:
-        found = pd.read_csv(regular(path), dtype=str, keep_default_na=False)
+        result = pd.read_csv(regular(path), dtype=str, keep_default_na=False)
     except (OSError, UnicodeDecodeError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
         why = getattr(error, "strerror", None) or error
         raise RunError(f"{path}: cannot be read: {why}; make bench writes it") from None
-    if tuple(found.columns) != COLUMNS or found.empty:
+    if tuple(result.columns) != COLUMNS or result.empty:
         raise RunError(f"{path}: no table of ratios: needs the columns {', '.join(COLUMNS)}; make bench writes it")
-    return found
+    return result
 
 
 def _spoken(cost: str, unit: str) -> str:
@@ -180,30 +167,30 @@ def speed_section(material: Material) -> Iterable[Section]:
     if material.bench is None:
         return
     machine = material.bench["machine"].iloc[0]
-    content: list[Block] = [
-        Text(
+    content: list[Markup] = [
+        html.paragraph(
             f"Measured on {machine}, in one run. A ratio compares a row with the row of its group whose ratio is 1, by "
             "the best of many rounds of each. A group without such a row has times alone."
         )
     ]
     for group, part in material.bench.groupby("group", sort=False):
         cells = part[["what", "cost", "measured", "ratio", "aim"]].to_numpy(dtype=str).tolist()
-        rows = [Row([what, _spoken(cost, unit), words.readable(ratio), aim]) for what, cost, unit, ratio, aim in cells]
+        rows = [[what, _spoken(cost, unit), words.readable(ratio), aim] for what, cost, unit, ratio, aim in cells]
         head = ["What", "Cost", "Ratio", "Aim"]
-        content.append(Table(f"Speed: {group}", str(group), head, rows, numeric=frozenset({1, 2})))
+        content.append(html.table(f"Speed: {group}", str(group), head, rows, numeric={1, 2}))
     yield Section("Speed", "speed", content)
 
 
 def figures_section(material: Material) -> Iterable[Section]:
     """Section of figures, each once, with the reasons for those that are missing."""
-    content: list[Block] = list(material.pictures.values())
+    content: list[Markup] = list(material.pictures.values())
     if not content:
-        content.append(Text("These runs can feed none of the figures."))
+        content.append(html.paragraph("These runs can feed none of the figures."))
     if material.undrawn:
         runs = len(material.records)
         reasons = [f"{name}: {gathered(reasons, runs)}" for name, reasons in material.undrawn.items()]
         some = f"{len(reasons)} figure{'s' * (len(reasons) > 1)} not drawn, and why"
-        content.append(Folded(some, Items(reasons)))
+        content.append(html.folded(some, html.items(reasons)))
     yield Section("Figures", "figures", content)
 
 
@@ -224,14 +211,16 @@ SECTIONS: list[Callable[[Material], Iterable[Section]]] = [
 """The page, in order. Each entry gives one section, several, or none where the runs have nothing for it."""
 
 
-def render(runs: Sequence[Run], claims: pd.DataFrame, bench: pd.DataFrame | None = None, jobs: int = 1) -> str:
+def render(
+    runs: Sequence[Run], claims: pd.DataFrame, bench: pd.DataFrame | None = None, gallery: Gallery | None = None
+) -> str:
     """Write the page about runs: one HTML document that needs no other file.
 
     Args:
         runs: finished runs, at least one, no two of the same name.
         claims: the claims table; columns as `study.simulation.runs.schemas.CLAIMS`, perhaps without rows.
         bench: the table that `make bench` stores, if it is to be shown; see `study.simulation.report.page`.
-        jobs: number of processes; in the second one figures are drawn.
+        gallery: takes the figures, if the caller wants to write them.
 
     Returns:
         The document. The same runs and claims give the same bytes.
@@ -239,18 +228,10 @@ def render(runs: Sequence[Run], claims: pd.DataFrame, bench: pd.DataFrame | None
     Raises:
         RunError: if a run did not finish, is given twice, or a table cannot be read.
     """
-    material = Material.of(runs, claims, bench, jobs)
+    material = Material.of(runs, claims, bench, gallery)
     sections = [section for make in SECTIONS for section in make(material)]
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent, encoding="utf-8"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
-    environment.filters["coded"] = coded
-    return environment.get_template("template.html").render(
+    return html.rendered(
+        "template.html",
         names=", ".join(record.name for record in material.records),
         sets=count(sum(record.trials for record in material.records)),
         findings=material.findings,

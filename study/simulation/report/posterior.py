@@ -3,12 +3,13 @@
 from collections.abc import Iterable
 
 import pandas as pd
+from markupsafe import Markup
 
 from study import style
 from study.simulation.experiment.conditions import named_in
 from study.simulation.posterior import run
-from study.simulation.report import words
-from study.simulation.report.blocks import Block, Folded, Heading, Note, Row, Section, Table, Text
+from study.simulation.report import html, words
+from study.simulation.report.html import Section
 from study.simulation.report.material import Material, Record
 
 _LONG = 20
@@ -16,19 +17,22 @@ _LONG = 20
 
 def posterior_section(material: Material) -> Iterable[Section]:
     """Section of the posteriors; empty if no run has them."""
-    content: list[Block] = []
+    content: list[Markup] = []
     for record in material.records:
         if record.run.has("posterior"):
-            found, answers = record.run.table("posterior"), record.run.table("answers")
-            if found.empty:  # no chain was run; `study verify` tells of chains that are missing
+            posteriors, answers = record.run.table("posterior"), record.run.table("answers")
+            if posteriors.empty:  # no chain was run; `study verify` tells of chains that are missing
                 continue
-            content += [Heading(f"Run {record.name}", f"posterior-{record.name}"), *_said(record, found, answers)]
+            content += [
+                html.heading(f"Run {record.name}", f"posterior-{record.name}"),
+                *_said(record, posteriors, answers),
+            ]
     if content:
         yield Section("Posteriors", "posteriors", content)
 
 
-def _said(record: Record, found: pd.DataFrame, answers: pd.DataFrame) -> list[Block]:
-    cells = run.by_cell(found, answers)
+def _said(record: Record, posteriors: pd.DataFrame, answers: pd.DataFrame) -> list[Markup]:
+    cells = run.by_cell(posteriors, answers)
     chains, ok = int(cells["chains"].sum()), int(cells["ok"].sum())
     curved = cells[(cells["flatness"] < run.FLAT) & (cells["likelihood"] == "geometric")]
     known = curved[curved["noise_is"] == "known"]
@@ -41,11 +45,13 @@ def _said(record: Record, found: pd.DataFrame, answers: pd.DataFrame) -> list[Bl
             "Cramér-Rao bound's."
         )
     table = _cells(record, cells)
-    shown: Block = table if len(cells) <= _LONG else Folded(f"All {len(cells)} kinds of chain", table, printed=False)
-    return [Text(said), *_coverage(record, found, answers), shown]
+    shown: Markup = (
+        table if len(cells) <= _LONG else html.folded(f"All {len(cells)} kinds of chain", table, printed=False)
+    )
+    return [html.paragraph(said), *_coverage(record, posteriors, answers), shown]
 
 
-def _cells(record: Record, cells: pd.DataFrame) -> Table:
+def _cells(record: Record, cells: pd.DataFrame) -> Markup:
     conditions = named_in(cells)
     head = [*(c.symbol for c in conditions), "likelihood", "σ", "σ²/v", "ok", "shift from MLE", "sd over bound", "τ"]
     rows = []
@@ -55,16 +61,14 @@ def _cells(record: Record, cells: pd.DataFrame) -> Table:
             shift = f"{row['shift']:.2f}" if pd.notna(row["shift"]) else "–"
             numbers = [shift, f"{row['least']:.2f} to {row['most']:.2f}", f"{row['tau']:.0f}"]
         rows.append(
-            Row(
-                [
-                    *(words.condition(condition, row) for condition in conditions),
-                    str(row["likelihood"]).replace("_", " "),
-                    str(row["noise_is"]),
-                    words.number(row["flatness"]),
-                    f"{row['ok']} of {row['chains']}",
-                    *numbers,
-                ]
-            )
+            [
+                *(words.condition(condition, row) for condition in conditions),
+                str(row["likelihood"]).replace("_", " "),
+                str(row["noise_is"]),
+                words.number(row["flatness"]),
+                f"{row['ok']} of {row['chains']}",
+                *numbers,
+            ]
         )
     caption = (
         "Per condition: chains that converged; the largest shift of the posterior mean from the MLE in any component, "
@@ -72,14 +76,16 @@ def _cells(record: Record, cells: pd.DataFrame) -> Table:
         "unknown they follow σ̂); the longest autocorrelation time, in steps."
     )
     words_at = {len(conditions), len(conditions) + 1}
-    return Table(f"Posteriors, {record.name}", caption, head, rows, numeric=frozenset(range(len(head))) - words_at)
+    return html.table(f"Posteriors, {record.name}", caption, head, rows, numeric=frozenset(range(len(head))) - words_at)
 
 
-def _coverage(record: Record, found: pd.DataFrame, answers: pd.DataFrame) -> list[Block]:
+def _coverage(record: Record, posteriors: pd.DataFrame, answers: pd.DataFrame) -> list[Markup]:
     """Table of coverage: share of sets of a nominal level that hold the truth."""
     if not record.run.study.independent():
-        return [Note("Coverage is not shown: cells of this run share draws, and so are not independent of each other.")]
-    everything = run.trials(found, answers)
+        return [
+            html.note("Coverage is not shown: cells of this run share draws, and so are not independent of each other.")
+        ]
+    everything = run.trials(posteriors, answers)
     curved = everything[everything["flatness"] < run.FLAT]
     if curved.empty:
         return []
@@ -93,9 +99,7 @@ def _coverage(record: Record, found: pd.DataFrame, answers: pd.DataFrame) -> lis
             for row in part.to_dict("records")
         ]
         first = part.iloc[0]
-        rows.append(
-            Row([name, noise_is, words.count(int(first["trials"])), words.count(int(first["failed"])), *shares])
-        )
+        rows.append([name, noise_is, words.count(int(first["trials"])), words.count(int(first["failed"])), *shares])
     caption = (
         "Share of trials whose true centre lies in sets of nominal level, with the exact binomial 95 % interval. What "
         f"is not ok counts as outside. Only conditions with σ²/v < {run.FLAT:g}."
@@ -107,6 +111,6 @@ def _coverage(record: Record, found: pd.DataFrame, answers: pd.DataFrame) -> lis
         "not ok",
         *(f"{level:.0%} sets".replace("%", " %") for level in run.LEVELS),
     ]
-    table = Table(f"Coverage, {record.name}", caption, head, rows, numeric=frozenset({2, 3, 4, 5}))
+    table = html.table(f"Coverage, {record.name}", caption, head, rows, numeric={2, 3, 4, 5})
     note = "An estimator's sets are the ellipsoids of its own covariance, which does not know of a bias (GDKE)."
-    return [table, Note(note)]
+    return [table, html.note(note)]

@@ -1,10 +1,6 @@
-"""First section of the page: the runs and the machines.
+"""Sections about runs: what was run on which machine, errors over the bound, statuses, worst trials, provenance.
 
-Table of adaptive runs: cells by the reason why they got no more trials.
-
-Provenance of a run: time, versions, machine, and the command that reproduces it.
-
-Section of a run: errors over the bound, statuses of the fits, the worst trials.
+An adaptive run has a table of cells by the reason why they got no more trials.
 """
 
 import shlex
@@ -13,29 +9,15 @@ from functools import partial
 
 import numpy as np
 import pandas as pd
+from markupsafe import Markup
 
 from study import style
 from study.fits import Status
 from study.fits.samples import explain
 from study.simulation.analysis.summary_text import has_bounds, medians_at_bounds
 from study.simulation.experiment.conditions import LABELS, SAMPLES, RowValues, bound_law, named_in
-from study.simulation.report import words
-from study.simulation.report.blocks import (
-    Block,
-    Content,
-    Facts,
-    Folded,
-    Heading,
-    InlineCode,
-    Link,
-    Note,
-    Row,
-    Section,
-    Table,
-    Text,
-    Verbatim,
-    coded,
-)
+from study.simulation.report import html, words
+from study.simulation.report.html import Content, Section
 from study.simulation.report.material import Material, Record
 from study.simulation.runs.run_folder import plugins
 from study.simulation.statistics import MEASURES
@@ -47,7 +29,7 @@ def overview_section(material: Material) -> Iterable[Section]:
     """A row per run."""
     caption = "Trials are data sets, over all cells; samples are the points in them, each fitted by every estimator."
     rows = [_row(record) for record in material.records]
-    table = Table("The runs", caption, _HEAD, rows, numeric=frozenset({3, 4, 5, 7, 8}), stacked=True)
+    table = html.table("The runs", caption, _HEAD, rows, numeric={3, 4, 5, 7, 8}, look="stacked")
     yield Section("What was run", "runs", [table])
 
 
@@ -56,24 +38,22 @@ def run_id(record: Record) -> str:
     return f"run-{record.name}"
 
 
-def _row(record: Record) -> Row:
+def _row(record: Record) -> list[Content]:
     study, manifest = record.run.study, record.manifest
     machine = manifest.machine
     cores = f", {machine.cores}\u00a0cores" if machine.cores else ""
     law = "" if study.noise_law.isotropic else f"; {study.noise_law.words}"
-    return Row(
-        [
-            [Link(record.name, run_id(record)), Note(["of the config ", InlineCode(study.name)])],
-            f"{words.dimension(study)}; {words.design(study)}{law}",
-            coded(", ".join(map(words.estimator, record.estimators))),
-            words.count(record.trials),
-            words.count(record.samples) if record.samples < 1_000_000 else words.number(record.samples),
-            str(study.seed),
-            [f"{machine.processor}{cores}", Note(words.moment(manifest.started))],
-            words.timed(manifest.seconds),
-            str(manifest.jobs),
-        ]
-    )
+    return [
+        [html.link(record.name, run_id(record)), html.note(["of the config ", html.code(study.name)])],
+        f"{words.dimension(study)}; {words.design(study)}{law}",
+        html.coded(", ".join(map(words.estimator, record.estimators))),
+        words.count(record.trials),
+        words.count(record.samples) if record.samples < 1_000_000 else words.number(record.samples),
+        str(study.seed),
+        [f"{machine.processor}{cores}", html.note(words.moment(manifest.started))],
+        words.timed(manifest.seconds),
+        str(manifest.jobs),
+    ]
 
 
 _REASONS = {
@@ -83,7 +63,7 @@ _REASONS = {
 }
 
 
-def precision(record: Record) -> list[Block]:
+def precision(record: Record) -> list[Markup]:
     """Table with a row per reason why cells got no more trials."""
     asked, frame = record.run.study.precision, record.run.table("precision")
     assert asked is not None
@@ -97,20 +77,20 @@ def precision(record: Record) -> list[Block]:
         part = frame[frame["reason"] == reason]
         if len(part):
             least, most = words.count(int(part["trials"].min())), words.count(int(part["trials"].max()))
-            rows.append(Row([meaning, words.count(len(part)), least if least == most else f"{least} to {most}"]))
+            rows.append([meaning, words.count(len(part)), least if least == most else f"{least} to {most}"])
     caption = (
         "A cell stops at the first checkpoint where the Monte-Carlo error is small enough. A cell stops early if that "
         "error is estimated too small, so quote the target instead: 2 targets on either side hold the truth in 97 % "
         "of the cells that reached theirs, 2 of the errors shown in 93 %."
     )
     head = ["Why there are no more trials", "cells", "trials of each"]
-    table = Table(f"Trials by need, {record.name}", caption, head, rows, numeric=frozenset({1, 2}))
-    told: list[str | Block] = [
+    table = html.table(f"Trials by need, {record.name}", caption, head, rows, numeric={1, 2})
+    told: list[str] = [
         f"Trials were added until the Monte-Carlo error of the {MEASURES[asked.measure].title} (",
-        InlineCode(asked.measure),
+        html.code(asked.measure),
         f") was {goal}, for {whose}.",
     ]
-    return [Text(told), table]
+    return [html.paragraph(told), table]
 
 
 _MANY_SAMPLES = 12
@@ -122,7 +102,7 @@ _STEPS = {
 }
 
 
-def times(record: Record) -> list[Block]:
+def times(record: Record) -> list[Markup]:
     """Seconds of each step, and nanoseconds per sample, in all and by the number of samples."""
     frame = record.timings.assign(step=record.timings["step"].astype(str))
     frame = frame.assign(handled=frame["fits"] * frame["samples"])
@@ -130,22 +110,22 @@ def times(record: Record) -> list[Block]:
     rows = []
     for step, part in frame.groupby("step", sort=False):
         seconds = words.timed(float(part["seconds"].sum()))
-        rows.append(Row([_step(str(step)), words.count(int(part["fits"].sum())), seconds, _per_sample(part)]))
+        rows.append([_step(str(step)), words.count(int(part["fits"].sum())), seconds, _per_sample(part)])
     caption = (
         f"Seconds are of all workers together ({record.manifest.jobs}); the run took "
         f"{words.timed(record.manifest.seconds)} s by the clock, {words.timed(record.manifest.seconds_computing)} s of "
         "them computing. An estimator's time is without the moments."
     )
     head = ["Step", "Data sets", "Seconds", "ns per sample"]
-    blocks: list[Block] = [Table(f"Time by step, {record.name}", caption, head, rows, numeric=frozenset({1, 2, 3}))]
+    blocks: list[Markup] = [html.table(f"Time by step, {record.name}", caption, head, rows, numeric={1, 2, 3})]
     if frame["samples"].nunique() > 1:
         blocks.append(
-            Folded("Nanoseconds per sample, by the number of samples", _by_samples(frame, steps, record.name))
+            html.folded("Nanoseconds per sample, by the number of samples", _by_samples(frame, steps, record.name))
         )
     return blocks
 
 
-def _by_samples(frame: pd.DataFrame, steps: list[str], name: str) -> Table:
+def _by_samples(frame: pd.DataFrame, steps: list[str], name: str) -> Markup:
     """Table whose columns are numbers of samples, or their decades if there are many."""
     text: Callable[[int], str]
     if frame["samples"].nunique() > _MANY_SAMPLES:
@@ -158,10 +138,10 @@ def _by_samples(frame: pd.DataFrame, steps: list[str], name: str) -> Table:
     rows = []
     for step in steps:
         part = frame[frame["step"] == step]
-        rows.append(Row([_step(step), *(_per_sample(part[part["level"] == level]) for level in levels)]))
+        rows.append([_step(step), *(_per_sample(part[part["level"] == level]) for level in levels)])
     head = ["Step", *(text(int(level)) for level in levels)]
     numeric = frozenset(range(1, len(head)))
-    return Table(f"Nanoseconds per sample, {name}", caption, head, rows, numeric=numeric)
+    return html.table(f"Nanoseconds per sample, {name}", caption, head, rows, numeric=numeric)
 
 
 def _per_sample(part: pd.DataFrame) -> str:
@@ -173,14 +153,14 @@ def _step(name: str) -> str:
     return _STEPS.get(name, style.label(name))
 
 
-def provenance(record: Record) -> list[Block]:
+def provenance(record: Record) -> list[Markup]:
     """Facts on a run's origin, and the command that reproduces it."""
     manifest, folder = record.manifest, record.run.folder
     software, machine = manifest.software, manifest.machine
     commit: Content = "unknown: not run from a checkout"
     if software.commit:
         state = "with changes that were not committed" if software.dirty else "nothing uncommitted"
-        commit = [InlineCode(software.commit), f", {state}"]
+        commit = [html.code(software.commit), f", {state}"]
     packages = ", ".join(f"{name} {version}" for name, version in software.packages.items() if version)
     threads = ", ".join(f"{pool} {n}" for pool, n in machine.threads.items())
     facts: list[tuple[str, Content]] = [
@@ -193,18 +173,20 @@ def provenance(record: Record) -> list[Block]:
         ("Workers", str(manifest.jobs)),
         ("Started", words.moment(manifest.started)),
         ("Seed", str(record.run.study.seed)),
-        ("Digest of the config", InlineCode(record.run.study.digest())),
-        (f"SHA-256 of {record.main}.parquet", InlineCode(record.fingerprint)),
+        ("Digest of the config", html.code(record.run.study.digest())),
+        (f"SHA-256 of {record.main}.parquet", html.code(record.fingerprint)),
     ]
     command = ["study", "run", str(folder / "config.toml"), "--jobs", str(manifest.jobs), *plugins(record.run.own())]
     again = shlex.join(command)
     other = shlex.quote(f"{folder}-again")
     return [
-        Facts(facts),
-        Folded("The config, as it was given", Verbatim(record.config, f"Config of {record.name}")),
-        Text("To run it again, into another folder; with the same versions the error table is equal to the byte:"),
-        Verbatim(f"{again} --out {other}", f"Command that runs {record.name} again"),
-        *([Text("The commit above does not hold all of the code that ran.")] if software.dirty else []),
+        html.facts(facts),
+        html.folded("The config, as it was given", html.verbatim(record.config, f"Config of {record.name}")),
+        html.paragraph(
+            "To run it again, into another folder; with the same versions the error table is equal to the byte:"
+        ),
+        html.verbatim(f"{again} --out {other}", f"Command that runs {record.name} again"),
+        *([html.paragraph("The commit above does not hold all of the code that ran.")] if software.dirty else []),
     ]
 
 
@@ -224,19 +206,21 @@ def run_section(record: Record) -> Section:
         "Time": ("time", times),
         "Provenance": ("provenance", provenance),
     }
-    content: list[Block] = []
+    content: list[Markup] = []
     for title, (name, make) in shown.items():
-        content += [Heading(title, f"{name}-{record.name}"), *make(record)]
+        content += [html.heading(title, f"{name}-{record.name}"), *make(record)]
     for title, (name, make) in folded.items():
-        content.append(Folded(title, make(record), printed=False, id=f"{name}-{record.name}"))
+        content.append(html.folded(title, make(record), printed=False, id=f"{name}-{record.name}"))
     return Section(f"Run {record.name}", run_id(record), content, listed=False)
 
 
-def efficiency(record: Record) -> list[Block]:
+def efficiency(record: Record) -> list[Markup]:
     """Median error over the bound: a row per group, a column per estimator."""
     frame = record.summary
     if frame["group"].nunique() > _TOO_LONG:
-        return [Text(["There are too many conditions for a table; ", InlineCode("summary.parquet"), " has them."])]
+        return [
+            html.paragraph(["There are too many conditions for a table; ", html.code("summary.parquet"), " has them."])
+        ]
     by_decade = bool(frame["decade"].notna().any())
     titles, conditions, fixed = _conditions(frame, by_decade)
     shown = [name for name in record.estimators if name in set(frame["estimator"])]
@@ -250,7 +234,7 @@ def efficiency(record: Record) -> list[Block]:
         cells: list[Content] = [*(make(first) for make in conditions), words.count(int(first["planned"]))]
         if bounded:
             cells += [f"{value:.3g}" for value in medians_at_bounds(record.run.study, first)]
-        rows.append(Row([*cells, *(_ratio(found[name]) if name in found else "–" for name in shown)]))
+        rows.append([*cells, *(_ratio(found[name]) if name in found else "–" for name in shown)])
     least = words.count(int(frame["planned"].min()))
     law = f" ({name})" if (name := bound_law(frame)) else ""
     efficient = (
@@ -267,11 +251,14 @@ def efficiency(record: Record) -> list[Block]:
         f"At least {least} trial{'s' * (least != '1')} a row{fixed}."
     )
     head = [*titles, "trials", *(["CRLB", "attainable"] if bounded else []), *(style.label(name) for name in shown)]
-    table = Table(f"Error over the bound, {record.name}", caption, head, rows, numeric=frozenset(range(len(head))))
+    table = html.table(f"Error over the bound, {record.name}", caption, head, rows, numeric=range(len(head)))
     if len(rows) <= _LONG:
         return [table]
     summary = f"The table of all {words.count(len(rows))} conditions"
-    return [Text("There are many conditions; the figures show them better."), Folded(summary, table, printed=False)]
+    return [
+        html.paragraph("There are many conditions; the figures show them better."),
+        html.folded(summary, table, printed=False),
+    ]
 
 
 def _conditions(frame: pd.DataFrame, by_decade: bool) -> tuple[list[str], list[Callable[[RowValues], str]], str]:
@@ -293,10 +280,10 @@ def _decade(row: RowValues) -> str:
 def _ratio(row: RowValues) -> Content:
     ok, planned = int(row["ok"]), int(row["planned"])
     text = words.measured(row["ratio_median"], row["ratio_median_error"])
-    return [text, Note(f"{words.percent(planned - ok, planned)} not ok")] if ok < planned else text
+    return [text, html.note(f"{words.percent(planned - ok, planned)} not ok")] if ok < planned else text
 
 
-def statuses(record: Record) -> list[Block]:
+def statuses(record: Record) -> list[Markup]:
     """Table of counts: a row per status that occurs, a column per estimator."""
     known = ["planned", *(status.name.lower() for status in Status)]
     names = [name for name in known if name in record.summary]  # an older run may lack newer statuses
@@ -306,34 +293,34 @@ def statuses(record: Record) -> list[Block]:
         total = [int(counts[name][estimator]) for estimator in record.estimators]
         if name in ("planned", "ok") or any(total):
             text = "planned" if name == "planned" else Status[name.upper()].text
-            rows.append(Row([text, *map(words.count, total)]))
+            rows.append([text, *map(words.count, total)])
     head = ["Fits", *(style.label(name) for name in record.estimators)]
     caption = "None is ever drawn again or left out."
     numeric = frozenset(range(1, len(head)))
-    return [Table(f"How the fits ended, {record.name}", caption, head, rows, numeric=numeric)]
+    return [html.table(f"How the fits ended, {record.name}", caption, head, rows, numeric=numeric)]
 
 
-def worst_trials(record: Record) -> list[Block]:
+def worst_trials(record: Record) -> list[Markup]:
     """Table of the trials with the largest errors over the bound, with the commands that replay them."""
     frame = record.worst
     if frame is None:
-        return [Text('The study kept its summary alone (keep = "summary"): which trials were worst is not known.')]
+        return [
+            html.paragraph('The study kept its summary alone (keep = "summary"): which trials were worst is not known.')
+        ]
     if frame.empty:
-        return [Text("No fit is ok and has a finite bound.")]
+        return [html.paragraph("No fit is ok and has a finite bound.")]
     folder = shlex.quote(str(record.run.folder))
     conditions = named_in(frame)
     rows = [
-        Row(
-            [
-                InlineCode(str(row["cell"])),
-                str(row["trial"]),
-                style.label(str(row["estimator"])),
-                *(words.condition(condition, row) for condition in conditions),
-                words.timed(row["ratio"]),
-                explain(int(row["status"])),
-                InlineCode(f"study replay {folder} {shlex.quote(str(row['cell']))} {row['trial']}"),
-            ]
-        )
+        [
+            html.code(str(row["cell"])),
+            str(row["trial"]),
+            style.label(str(row["estimator"])),
+            *(words.condition(condition, row) for condition in conditions),
+            words.timed(row["ratio"]),
+            explain(int(row["status"])),
+            html.code(f"study replay {folder} {shlex.quote(str(row['cell']))} {row['trial']}"),
+        ]
         for _, row in frame.iterrows()
     ]
     symbols = [c.symbol for c in conditions]
@@ -344,4 +331,6 @@ def worst_trials(record: Record) -> list[Block]:
         "estimator. The command draws the same points again; the fits that it shows are those of the version installed."
     )
     label = f"The worst trials, {record.name}"
-    return [Table(label, caption, head, rows, numeric=frozenset({1, *range(3, 4 + len(conditions))}), stacked=True)]
+    return [
+        html.table(label, caption, head, rows, numeric=frozenset({1, *range(3, 4 + len(conditions))}), look="stacked")
+    ]

@@ -118,13 +118,40 @@ def readable(text: str) -> str:
     return re.sub(r"(?<![\w.)\]-])-(?=[\d.])", "−", text)
 
 
-def values(finding: str) -> list[float]:
+def share(value: float) -> str:
+    """Format a share as a reader says it: none, all, or per cent to two digits."""
+    if math.isnan(value):
+        return number(value)
+    if value in {0.0, 1.0}:
+        return "all" if value else "none"
+    return f"{number(100.0 * value, 3 if value > 0.99 else 2)}{JOINED}%"
+
+
+def times(value: float) -> str:
+    """Format a ratio to two digits, three above 100."""
+    return f"{number(value, 2 if value < 100.0 else 3, zeros=bool(0.1 <= value < 10.0))}{JOINED}times"
+
+
+def power(value: float) -> str:
+    """Format an exponent to two decimals."""
+    return f"{value:.2f}".replace("-", "−")
+
+
+class Quantity(float):
+    """A number behind a claim, which a sentence formats by the name of a function: share, times or power."""
+
+    def __format__(self, name: str) -> str:
+        """The number in words."""
+        return {"share": share, "times": times, "power": power}[name](float(self))
+
+
+def values(finding: str) -> list[Quantity]:
     """The values in a claim's finding, which has a number a line: "words: value ± error", or without an error.
 
     Raises:
         ValueError: if a line is not so.
     """
-    return [float(line.rpartition(": ")[2].partition(" ± ")[0]) for line in finding.splitlines()]
+    return [Quantity(line.rpartition(": ")[2].partition(" ± ")[0]) for line in finding.splitlines()]
 
 
 def dimension(study: Study) -> str:

@@ -12,7 +12,6 @@
         summary.parquet    performance measures with their Monte-Carlo error
         posterior.parquet, answers.parquet, draws.parquet   ensemble posteriors, where the config has a [posterior]
         claims.parquet     verdicts on the paper's claims, where `study claims` was given the run first
-        kept/              pictures, and the keys of their sources; see `study.simulation.runs.kept`
 
 Workers compute and write nothing; the parent alone writes, and only while it holds the folder's lock. A table is read
 only if its digest is the one in the manifest, and its columns are those declared.

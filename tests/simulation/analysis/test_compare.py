@@ -57,7 +57,7 @@ def test_identical(make):
     found = compare(one, other)
     assert found.identical
     assert not found.different
-    assert len(found.found) == 2 * 4
+    assert len(found.comparisons) == 2 * 4
     assert verdict(found) == "identical"
     found = compare(without_errors(one), other)
     assert found.identical
@@ -77,8 +77,8 @@ def test_the_same_within_monte_carlo_error(make, change, by_summary):
     grown = change[0] == "trials = 200" and not by_summary
     words = "identical in the trials that both have" if grown else "the same within Monte-Carlo error"
     assert verdict(found) == words
-    assert {each.equal for each in found.found} == {grown}
-    assert {each.whole for each in found.found} == {by_summary and change[0] == "seed = 1"}
+    assert {each.equal for each in found.comparisons} == {grown}
+    assert {each.whole for each in found.comparisons} == {by_summary and change[0] == "seed = 1"}
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -97,7 +97,7 @@ def test_different(make, monkeypatch, seed, by_summary):
     changes = [("seed = 1", f"seed = {seed}")] if seed != 1 else []
     found = compare(without_errors(one) if by_summary else one, make("other", *changes))
     assert found.different
-    beyond = {each.key[1] for each in found.found if each.chance < found.threshold}
+    beyond = {each.key[1] for each in found.comparisons if each.chance < found.threshold}
     assert beyond == {"lls"}
     lines = list(printed(found))
     assert verdict(found) == "different"

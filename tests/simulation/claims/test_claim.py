@@ -9,16 +9,15 @@ import shutil
 from pathlib import Path
 
 import pandas as pd
-import pyarrow.parquet as pq
 import pytest
 
 import study
-from study.files import RunError, holder, writing
+from study.files import RunError, writing
 from study.simulation import claims, commands
-from study.simulation.claims import CLAIMS, judge_all, key, save
+from study.simulation.claims import CLAIMS, judge_all, save
 from study.simulation.claims.claim import Claim, Evidence, Number, Verdict, evaluate, frame, only_known
 from study.simulation.experiment.config import load, parse
-from study.simulation.runs import kept, runner, schemas
+from study.simulation.runs import runner, schemas
 from study.simulation.runs.run_folder import Run
 from study.simulation.statistics import Measure
 
@@ -39,7 +38,7 @@ angle = 90
 
 def claim(measure, judge=lambda numbers: Verdict.REPRODUCED, reads=("small/errors",)):
     """A claim of these functions."""
-    return Claim("a", "1", "statement", "quantity", "criterion", reads, measure, judge)
+    return Claim("a", "1", "statement", "quantity", "criterion", "answer", reads, measure, judge)
 
 
 def of_small(evidence):
@@ -115,7 +114,6 @@ def test_the_cost_table(tmp_path):
     with pytest.raises(RunError, match="no cost table"):
         Evidence.of([], path)
     path.mkdir()
-    assert key([], path) is None  # and no exception: the judge says what is wrong
     with pytest.raises(RunError, match="no cost table; `study cost"):
         Evidence.of([], path)
     path.rmdir()
@@ -253,11 +251,6 @@ def test_verdicts_stay_where_no_claim_can_be_judged(tmp_path):
     assert set(run.table("claims")["verdict"]) == {"not evaluated"}
 
 
-def fail(*_):
-    """Stand-in for what judges claims."""
-    raise AssertionError("judged again")
-
-
 @pytest.fixture
 def run(circles, copied):
     """A run of its own, whose files a test may change."""
@@ -266,81 +259,29 @@ def run(circles, copied):
 
 @pytest.fixture
 def judged(run):
-    """The run's verdicts, stored; each change after it shows in the key or in the digest."""
+    """The run's verdicts, stored."""
     table = claims.judge_all([run])
-    claims.save(run, table, claims.key([run]))
+    claims.save(run, table)
     return table
 
 
-def test_the_same_is_not_judged_again(run, judged):
-    """With the same tables the stored verdicts are the ones that were judged, in another object of the run too."""
-    again = Run.open(run.folder)
-    found = claims.stored(again, claims.key([again]))
-    pd.testing.assert_frame_equal(found, judged, check_dtype=False)
-    assert list(claims.printed(found)) == list(claims.printed(judged))
-
-
-def test_the_command_does_not_judge_again(run, monkeypatch, capsys):
-    """A second call prints the same and judges nothing, nor does the page; with another table both do."""
-    monkeypatch.setattr("study.simulation.report.material.FIGURES", {})
+def test_the_page_judges_and_stores_when_asked(run, judged, monkeypatch, capsys, tmp_path, files_of):
+    """The page's command prints and stores what `study claims` does; without the option it leaves the run alone."""
+    monkeypatch.setattr("study.simulation.figures.FIGURES", {})
+    table, page = run.path("claims").read_bytes(), tmp_path / "page.html"
     commands.claims([run.folder])
     said = capsys.readouterr().out
-    monkeypatch.setattr("study.simulation.claims.claim", fail)
-    commands.claims([run.folder])
-    assert capsys.readouterr().out == said
-    commands.report([run.folder], jobs=1)
-    run.save("timings", run.arrow("timings").slice(1))
-    for command in (commands.claims, commands.report):
-        with pytest.raises(AssertionError, match="judged again"):
-            command([run.folder])
-
-
-def test_edited_verdicts_are_not_believed(run, judged):
-    """A claims table that is not as the manifest says is judged again; so is one that was noted there since."""
-    known = claims.key([run])
-    table = pq.read_table(run.path("claims"))
-    verdicts = table.set_column(table.schema.get_field_index("verdict"), "verdict", [["reproduced"] * len(table)])
-    pq.write_table(verdicts, run.path("claims"))
-    assert claims.stored(run, known) is None
-    run.record("claims")
-    assert claims.stored(run, known) is None
     run.remove("claims")
-    assert claims.stored(run, known) is None
-
-
-def test_the_key_is_noted_under_the_lock(run, monkeypatch):
-    """No other command can store its table between a table and the note of what that was judged by."""
-    writers = []
-    monkeypatch.setattr(kept, "keep", lambda run, *_: writers.append(holder(run.folder)))
-    claims.save(run, claims.judge_all([run]), "key")
-    assert len(writers) == 1
-    assert writers[0] is not None
-
-
-def test_another_cost_table(run, judged, tmp_path):
-    """Another cost table, none, or other recordings have keys of their own; a missing file has none."""
-    path = tmp_path / "cost.csv"
-    spreads = pd.DataFrame({"recording": ["a"], "spread": [0.1]})
-    keys = {claims.key([run]), claims.key([run], None, spreads), claims.key([run], None, spreads * 2)}
-    for text in ("a\n1\n", "a\n2\n"):
-        path.write_text(text)
-        keys.add(claims.key([run], path))
-    assert len(keys) == 5
-    assert None not in keys
-    path.unlink()
-    assert claims.key([run], path) is None
-
-
-def test_another_folder(run, judged, tmp_path):
-    """A copy of the run elsewhere is judged again: reasons name the folder."""
-    other = Run.open(shutil.copytree(run.folder, tmp_path / "other"))
-    assert claims.stored(other, claims.key([other])) is None
-
-
-def test_another_program(run, judged, monkeypatch):
-    """Verdicts of other sources or libraries are judged again."""
-    monkeypatch.setattr(kept, "_program", lambda: ("other",))
-    assert claims.stored(run, claims.key([run])) is None
+    before = files_of(run.folder)
+    commands.report([run.folder], page)
+    assert files_of(run.folder) == before
+    commands.report([run.folder], page, claims=True)
+    assert capsys.readouterr().out == f"{page}\n{said}{page}\n"
+    assert run.path("claims").read_bytes() == table
+    run.remove("claims")
+    with writing(run.folder), pytest.raises(RunError, match="is writing to it"):
+        commands.report([run.folder], page, claims=True)
+    assert capsys.readouterr().out == f"{said}{page}\n"  # the work is not lost
 
 
 def test_verdicts_that_cannot_be_stored_are_printed(run, capsys, files_of):

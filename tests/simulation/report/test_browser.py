@@ -128,9 +128,9 @@ def test_on_paper(look, page):
 @pytest.mark.parametrize(("width", "media"), [(375, "screen"), (PAPER, "print")])
 def test_wide_tables(look, many, claims, monkeypatch, width, media):
     """Nine estimators and 44 conditions scroll in their own box, on a phone, and fit on paper."""
-    monkeypatch.setattr("study.simulation.report.material.FIGURES", {})
+    monkeypatch.setattr("study.simulation.figures.FIGURES", {})
     monkeypatch.setattr("study.simulation.report.runs._LONG", 1000)  # not folded ...
-    monkeypatch.setattr("study.simulation.report.blocks.PRINTED", 1000)  # ... and printed
+    monkeypatch.setattr("study.simulation.report.html.PRINTED", 1000)  # ... and printed
     assert look(render([many], claims), width, media) == []
 
 
@@ -172,7 +172,7 @@ def whole(circles, random, many, make_claims):
     claims = make_claims(*((Verdict.PARTLY, said) for _ in range(23)))
     with pytest.MonkeyPatch.context() as patch:
         figures = {f"figure_{i}": FIGURES["fig3_gdke_ellipse"] for i in range(12)}
-        patch.setattr("study.simulation.report.material.FIGURES", figures)
+        patch.setattr("study.simulation.figures.FIGURES", figures)
         return render([circles, random, many], claims)
 
 

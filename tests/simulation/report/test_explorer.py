@@ -84,7 +84,7 @@ def test_equal_runs_have_equal_text(circles):
 def file(circles, random, many, claims, tmp_path_factory):
     """The page about three runs; the third is a grid of three conditions and nine estimators."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("study.simulation.report.material.FIGURES", {})
+        patch.setattr("study.simulation.figures.FIGURES", {})
         text = render([circles, random, many], claims)
     path = tmp_path_factory.mktemp("explorer") / "page.html"
     path.write_text(text, encoding="utf-8")

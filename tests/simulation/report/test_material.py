@@ -1,74 +1,40 @@
-"""Figures are drawn by a second process as they are by the first.
-
-A figure is drawn once from the same tables: by the command or for the page, and again where a table has changed.
-
-The top of the page: findings and answers say what the numbers say, whatever they are.
-
-Posteriors on the page where there are none.
-
-The table of ratios on the page.
-"""
+"""Content of the page: its figures, its findings and answers, its tables of posteriors, ratios and numbers."""
 
 import base64
 import dataclasses
 import math
-import os
 import re
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from study import style
 from study.files import RunError
 from study.simulation import figures
 from study.simulation.claims import CLAIMS, judge_all
 from study.simulation.claims.claim import Number, Verdict
 from study.simulation.experiment.config import parse
-from study.simulation.figures import FIGURES, KeptPictures
+from study.simulation.figures import FIGURES, Gallery
 from study.simulation.figures.fig_efficiency import EfficiencyFrame
 from study.simulation.report import material, words
-from study.simulation.report.blocks import InlineCode, Table, coded
-from study.simulation.report.material import ANSWERS, Artist, Material, answer, artist, draw_lead, parts, power, times
+from study.simulation.report.html import coded
+from study.simulation.report.material import Material, answer, draw_lead
 from study.simulation.report.page import COLUMNS, read_bench, render, speed_section
 from study.simulation.report.posterior import posterior_section
-from study.simulation.runs import kept
-from study.simulation.runs.run_folder import Run
 from study.simulation.statistics import MEASURES
 
-
-def test_a_second_process_draws_the_same_page(circles, random, claims):
-    """A page has the same bytes however many processes draw its figures."""
-    assert render([random, circles], claims, jobs=2) == render([random, circles], claims)
-
-
-def mine(number):
-    """The process that is asked."""
-    return number, os.getpid()
-
-
-def end(parent):
-    """End the process at once, as the system does for want of memory, unless it is the parent."""
-    if os.getpid() != parent:
-        os._exit(1)
-    return "drawn"
-
-
-def test_another_process_does_the_work():
-    """With two jobs the calls are not of this process, with one they are."""
-    for jobs, here in ((1, True), (2, False)):
-        with artist(jobs) as worker:
-            number, process = worker.begin(mine, 7)()
-        assert number == 7
-        assert (process == os.getpid()) is here
-
-
-def test_a_process_that_dies_costs_no_picture():
-    """What it did not draw is drawn here."""
-    with artist(2) as worker:
-        drawing, after = worker.begin(end, os.getpid()), worker.begin(end, os.getpid())
-        assert [drawing(), after()] == ["drawn", "drawn"]
+NOISES = """
+name = "noises"
+seed = 3
+estimators = ["mle", "gdke", "als"]
+[design]
+kind = "grid"
+trials = 30
+samples = 50
+noise_over_radius = [1e-3, 1e-2, 1e-1, 1]
+angle = [45, 180]
+"""
 
 
 def test_a_figure_that_fails_when_it_is_drawn(random, claims, monkeypatch, read):
@@ -78,117 +44,35 @@ def test_a_figure_that_fails_when_it_is_drawn(random, claims, monkeypatch, read)
         raise ZeroDivisionError("no ink")
 
     broken = SimpleNamespace(prepare=lambda tables: 1, draw=draw)
-    monkeypatch.setattr(material, "FIGURES", {"broken": broken, "fig2_error": material.FIGURES["fig2_error"]})
+    monkeypatch.setattr(figures, "FIGURES", {"broken": broken, "fig2_error": FIGURES["fig2_error"]})
     document = read(render([random], claims))
     assert "broken: failed: ZeroDivisionError('no ink') at " in document.text
     assert [tag["id"] for tag in document.of("figure")] == ["fig2_error"]
 
 
-def test_nothing_is_drawn_twice():
-    """A result may be asked for again."""
-    calls = []
-    drawing = Artist(None).begin(calls.append, 1)
-    drawing()
-    drawing()
-    assert calls == [1]
+def test_a_top_that_fails(circles, make_run, claims, monkeypatch, read):
+    """The picture at the top costs neither the page nor the whole figure; its place in the code is said."""
+    noises = make_run(NOISES)
+
+    def broken(frame):
+        raise ZeroDivisionError("no ink")
+
+    monkeypatch.setattr(material, "draw_lead", broken)
+    document = read(render([noises], claims))
+    assert "lead: failed: ZeroDivisionError('no ink') at " in document.text
+    assert "fig_efficiency" in [tag["id"] for tag in document.of("figure")]
+    assert "lead" not in [tag["id"] for tag in document.of("figure")]
 
 
-@pytest.mark.parametrize("jobs", [1, 2])
-def test_a_failure_ends_the_work(jobs):
-    """An exception of the caller is not held up by pictures that nobody will see."""
-    with pytest.raises(KeyError), artist(jobs):
-        raise KeyError
-
-
-@pytest.fixture
-def run(random, copied):
-    """A run of its own, whose files a test may change."""
-    return copied(random)
-
-
-@pytest.fixture
-def forbidden(monkeypatch):
-    """Let nothing be drawn any more."""
-
-    def forbid():
-        def refuse(*_):
-            raise AssertionError("drawn again")
-
-        monkeypatch.setattr(style, "encode", refuse)
-
-    return forbid
-
-
-def on_page(run, claims):
-    """PNGs on the page about a run, by the figure's name."""
-    found = re.findall(r'<figure id="(\w+)".*?base64,([^"]*)"', render([run], claims), re.DOTALL)
-    return {name: base64.b64decode(text) for name, text in found}
-
-
-def test_the_page_has_the_pictures_of_the_command(run, claims, tmp_path, forbidden):
-    """After the command nothing is drawn for the page, nor by the command again; the bytes are those of its files."""
-    first, _ = figures.draw_all([run], tmp_path / "first")
-    forbidden()
-    again, _ = figures.draw_all([run], tmp_path / "again")
-    assert [path.read_bytes() for path in first] == [path.read_bytes() for path in again]
-    assert on_page(run, claims) == {path.stem: path.read_bytes() for path in first if path.suffix == ".png"}
-
-
-def test_a_second_page_draws_nothing(run, claims, forbidden):
-    """Two pages have the same bytes, and the second draws nothing."""
-    first = render([run], claims)
-    forbidden()
-    assert render([run], claims) == first
-
-
-def test_a_changed_table_is_drawn_again(run, claims):
-    """The error of a trial is another: the picture is another, and so is the command's."""
-    before = on_page(run, claims)
-    table = run.arrow("errors")
-    place = table.schema.get_field_index("error")
-    run.save("errors", table.set_column(place, table.field(place), [[3.0, *table["error"].to_pylist()[1:]]]))
-    after = on_page(Run.open(run.folder), claims)
-    assert list(after) == list(before) == ["fig2_error"]
-    assert after != before
-
-
-def test_an_edited_picture_is_drawn_again(run, claims):
-    """A kept picture whose bytes were changed is not shown."""
-    before = on_page(run, claims)
-    path = run.folder / kept.FOLDER / "fig2_error.png"
-    path.write_bytes(path.read_bytes()[:-1] + b"x")
-    assert on_page(run, claims) == before
-
-
-def test_a_picture_that_is_removed_meanwhile(run, claims, monkeypatch):
-    """A kept picture that was found is shown, though its file is gone before the page is written."""
-    before, find = on_page(run, claims), kept.find
-
-    def once(found_of, name, known):
-        found = find(found_of, name, known)
-        (found_of.folder / kept.FOLDER / name).unlink(missing_ok=True)
-        return found
-
-    monkeypatch.setattr(kept, "find", once)
-    assert on_page(run, claims) == before
-
-
-def test_only_figures_of_the_package_are_kept(run):
-    """A figure whose source the key does not know is drawn each time."""
-    pictures = KeptPictures(run)
-    for mine in (object(), ModuleType("mine")):
-        pictures.keep("mine", mine, {"png": b"picture"})
-        assert pictures.find("mine", mine, ["png"]) is None
-    pictures.keep("mine", FIGURES["fig_map"], {"png": b"picture"})
-    assert pictures.find("mine", FIGURES["fig_map"], ["png"]) == {"png": b"picture"}
-    assert pictures.find("mine", FIGURES["fig_map"]) is None  # the SVG is missing
-
-
-def test_a_folder_that_cannot_be_written(run, claims, tmp_path):
-    """The page and the pictures are made where nothing can be kept."""
-    (run.folder / kept.FOLDER).write_text("a file in its place")
-    assert len(figures.draw_all([run], tmp_path / "out")[0]) == 2
-    assert list(on_page(run, claims)) == ["fig2_error"]
+def test_the_page_has_the_pictures_that_are_written(random, claims, tmp_path):
+    """Each figure is drawn once: the PNGs on the page are the bytes of the files, which `study figures` writes too."""
+    gallery = Gallery()
+    text = render([random], claims, gallery=gallery)
+    written = {path.name: path.read_bytes() for path in gallery.save(tmp_path / "page")}
+    alone, _ = figures.draw_all([random], tmp_path / "alone")
+    assert written == {path.name: path.read_bytes() for path in alone}
+    shown = re.findall(r'<figure id="(\w+)".*?base64,([^"]*)"', text, re.DOTALL)
+    assert {name: base64.b64decode(code) for name, code in shown} == {"fig2_error": written["fig2_error.png"]}
 
 
 def finding(*values):
@@ -215,16 +99,12 @@ def efficiency():
     return EfficiencyFrame(pd.DataFrame(rows).assign(trials=9), reached, marks, 100, "made up")
 
 
-def test_every_claim_has_an_answer():
-    """A claim without one would be answered by a bare number."""
-    assert set(ANSWERS) == {claim.name for claim in CLAIMS}
-
-
 @pytest.mark.parametrize("claim", CLAIMS, ids=[claim.name for claim in CLAIMS])
 def test_answers_are_sentences(claim):
     """An answer begins with its verdict, has a number in it, and ends; it fits the numbers that the judge reads."""
     text = answer(claim.name, "partly", finding(0.25, 0.5, 0.75, 1.5, 2.5))
     assert text.startswith("In part: ")
+    assert "number 0" not in text  # the first number stands in for a sentence that does not fit
     assert text.endswith(".")
     assert any(digits in text for digits in ("25", "50", "0.75", "1.5", "2.5"))
 
@@ -249,14 +129,14 @@ def test_an_answer_without_its_numbers(name):
 
 def test_numbers_in_words():
     """Shares, ratios and exponents as a reader says them."""
-    assert [parts(share) for share in (0.0, 1.0, 0.1386, 0.996)] == ["none", "all", "14\u00a0%", "99.6\u00a0%"]
-    assert [times(value) for value in (0.176, 1.0, 25.96, 1234.0)] == [
+    assert [words.share(share) for share in (0.0, 1.0, 0.1386, 0.996)] == ["none", "all", "14\u00a0%", "99.6\u00a0%"]
+    assert [words.times(value) for value in (0.176, 1.0, 25.96, 1234.0)] == [
         "0.18\u00a0times",
         "1.0\u00a0times",
         "26\u00a0times",
         "1.23\u00a0×\u00a010³\u00a0times",
     ]
-    assert power(-0.5022) == "−0.50"
+    assert words.power(-0.5022) == "−0.50"
     assert words.values(finding(1.5, math.nan, math.inf))[::2] == [1.5, math.inf]
 
 
@@ -292,7 +172,7 @@ def test_a_name_that_is_a_word_is_code(efficiency):
     first, reached = material.findings(claims, dataclasses.replace(efficiency, curves=curves))
     assert first.head == "Use the estimator `corrected` instead."
     assert "`corrected` reaches" in reached.rest
-    assert coded(first.head) == ["Use the estimator ", InlineCode("corrected"), " instead."]
+    assert coded(first.head) == "Use the estimator <code>corrected</code> instead."
 
 
 def test_findings_without_tables(efficiency):
@@ -350,14 +230,19 @@ def stored(tmp_path):
     return tmp_path / "bench.csv"
 
 
+def cells(table):
+    """The cells of a table's rows."""
+    rows = re.findall("<tr>(.*)</tr>", table.partition("<tbody>")[2])
+    return [re.findall("<t[hd][^>]*>(.*?)</t[hd]>", row) for row in rows]
+
+
 def test_a_table_for_each_group(stored):
     """In the order of the file, cells as they are stored, the machine named."""
     (section,) = speed_section(Material([], None, {}, {}, None, [], read_bench(stored)))
     text, *tables = section.content
-    assert "Some CPU" in text.content
-    assert [table.caption for table in tables] == ["loop, per sample", "memory"]
-    assert all(isinstance(table, Table) for table in tables)
-    assert [list(row.cells) for row in tables[0].rows] == [
+    assert "Some CPU" in text
+    assert [re.findall('<p class="caption">(.*)</p>', table) for table in tables] == [["loop, per sample"], ["memory"]]
+    assert cells(tables[0]) == [
         ["filling memory", "36.2\u00a0ns", "1", ""],
         ["ours", "33.7\u00a0ns", "0.931", "≤ 1"],
     ]
@@ -371,7 +256,7 @@ def test_costs_in_units_that_suit_them(tmp_path):
     ]
     (tmp_path / "bench.csv").write_text("\n".join([*lines, "times,memory,383.2,MB,,,Some CPU", ""]), encoding="utf-8")
     (section,) = speed_section(Material([], None, {}, {}, None, [], read_bench(tmp_path / "bench.csv")))
-    rows = [[str(cell).replace("\u00a0", " ") for cell in row.cells] for row in section.content[1].rows]
+    rows = [[cell.replace("\u00a0", " ") for cell in row] for row in cells(section.content[1])]
     assert [row[1] for row in rows] == ["0.327 ns", "5.93 µs", "55.8 ms", "52.0 s", "383.2 MB"]
     assert [row[2] for row in rows] == ["0.327", "5931", "5.584 × 10⁷", "5.2 × 10¹⁰", ""]
 

@@ -17,8 +17,8 @@ from study.files import RunError
 from study.fits import Status
 from study.simulation.claims.claim import Verdict
 from study.simulation.figures import FIGURES, NotApplicable, Tables
+from study.simulation.report import html
 from study.simulation.report import page as pages
-from study.simulation.report.blocks import Badge, Row, Section, Table, Text
 from study.simulation.report.page import render, save
 from study.simulation.report.words import timed
 from study.simulation.runs.run_folder import Run
@@ -44,7 +44,7 @@ def feeds(circles, random):
 @pytest.fixture
 def no_figures(monkeypatch):
     """Draw none, where they are not what is tested."""
-    monkeypatch.setattr("study.simulation.report.material.FIGURES", {})
+    monkeypatch.setattr("study.simulation.figures.FIGURES", {})
 
 
 def test_one_well_formed_document(document):
@@ -116,7 +116,9 @@ def test_a_section_more(circles, claims, monkeypatch, read):
 
     def more(material):
         for record in material.records:
-            yield Section("More <things>", f"more-{record.name}", [Text(["as ", Badge("said", "good")])])
+            yield html.Section(
+                "More <things>", f"more-{record.name}", [html.paragraph(["as ", html.badge("said", "good")])]
+            )
 
     monkeypatch.setattr(pages, "SECTIONS", [more])
     document = read(render([circles], claims))
@@ -151,7 +153,7 @@ def test_the_first_run_that_can_feed_a_figure_does(circles, random, claims, read
         return Figure((3.0, 2.0))
 
     figures = {"fig7_power_law": FIGURES["fig7_power_law"], "either": SimpleNamespace(prepare=either, draw=either)}
-    monkeypatch.setattr("study.simulation.report.material.FIGURES", figures)
+    monkeypatch.setattr("study.simulation.figures.FIGURES", figures)
     document = read(render([random, circles], claims))
     assert [tag["id"] for tag in document.of("figure")] == list(figures)
     assert f"either, run {random.study.run_name()}" in document.text
@@ -168,9 +170,7 @@ def test_a_broken_figure_does_not_cost_the_page(random, claims, monkeypatch, rea
         def prepare(self, tables):
             raise ZeroDivisionError("no such luck")
 
-    monkeypatch.setattr(
-        "study.simulation.report.material.FIGURES", {"broken": Broken(), "fig2_error": FIGURES["fig2_error"]}
-    )
+    monkeypatch.setattr("study.simulation.figures.FIGURES", {"broken": Broken(), "fig2_error": FIGURES["fig2_error"]})
     document = read(render([random], claims))
     assert "broken: failed: ZeroDivisionError('no such luck')" in document.text
     assert [tag["id"] for tag in document.of("figure")] == ["fig2_error"]
@@ -417,4 +417,15 @@ def test_save(tmp_path):
 def test_a_row_that_does_not_fit():
     """A table's row with a cell too few is refused, instead of shifting columns."""
     with pytest.raises(ValueError, match="numbers: a row has not 2 cells"):
-        Table("numbers", "", ["a", "b"], [Row(["1"])])
+        html.table("numbers", "", ["a", "b"], [["1"]])
+
+
+def test_what_is_no_markup_is_escaped():
+    """In text, in names of places and in cells; markup stays as it is, and braces are text."""
+    assert html.paragraph(["<b> & {} ", html.link("<a>", '"x"')]) == (
+        '<p>&lt;b&gt; &amp; {} <a href="#&#34;x&#34;">&lt;a&gt;</a></p>'
+    )
+    table = html.table('"n"', "<c>", ["<h>"], [["<r>"]], ids=["<i>"], look="stacked")
+    for text in ('aria-label="&#34;n&#34;"', "&lt;c&gt;", "&lt;h&gt;", "&lt;r&gt;", 'id="&lt;i&gt;"'):
+        assert text in table
+    assert not re.findall("<[chri]>", table)

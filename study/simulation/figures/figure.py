@@ -1,0 +1,204 @@
+"""A figure: a module of ``prepare(tables) -> frame`` and ``draw(frame) -> Figure``, and the tables that it reads.
+
+All computing is in ``prepare``; ``draw`` reads no files. `NotApplicable` says why a run cannot feed a figure.
+"""
+
+import traceback
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Protocol, Self
+
+import pandas as pd
+from matplotlib.figure import Figure
+
+from study.files import RunError
+from study.simulation.analysis.summary import TableReader, stored_summary
+from study.simulation.experiment.conditions import STORED, bound_law
+from study.simulation.experiment.noise import NoiseLaw
+from study.simulation.runs.run_folder import Run
+
+PACKAGE = Path(__file__).parents[2]
+FAILED = "failed: "
+"""Beginning of the reason why a figure that failed was not drawn; other reasons say that a run cannot feed it."""
+
+
+def failure(error: Exception) -> str:
+    """A figure's failure in one line.
+
+    Args:
+        error: the exception, in the function that caught it.
+
+    Returns:
+        "failed: KeyError('noise') at study/simulation/figures/fig_map.py, line 31, in prepare": the innermost line of
+        this package, whatever library it called; the innermost line of all, if the figure is not of this package.
+    """
+    frames = traceback.extract_tb(error.__traceback__)[1:]  # the first caught it
+    own = [frame for frame in frames if PACKAGE in Path(frame.filename).parents]
+    words = FAILED + " ".join(repr(error).split())
+    if not frames:
+        return words
+    place = (own or frames)[-1]
+    path = Path(place.filename)
+    name = path.relative_to(PACKAGE.parent).as_posix() if own else path.name
+    return f"{words} at {name}, line {place.lineno}, in {place.name}"
+
+
+def gathered(reasons: Mapping[str, str], runs: int) -> str:
+    """Reasons by the runs' names in words, each once, with its runs unless it holds for all of so many."""
+    names_of: dict[str, list[str]] = {}
+    for name, reason in reasons.items():
+        names_of.setdefault(reason, []).append(name)
+    return "; ".join(
+        reason if len(names) == runs else f"{reason} ({', '.join(names)})" for reason, names in names_of.items()
+    )
+
+
+class NotApplicable(Exception):  # noqa: N818  not an error: most runs cannot feed some figure
+    """A figure that cannot be drawn from a run; the message is the reason, in words for a user."""
+
+
+@dataclass(frozen=True)
+class Tables:
+    """Tables of a run, each read when it is first asked for, and once.
+
+    Attributes:
+        name: the run's name, which is printed on every figure, and the law that the bound is of, if that is in doubt.
+        dimension: d of the spheres.
+        design: "grid" or "random".
+        noise_law: the law of the noise of a sample.
+        reader: the run.
+        stored: names of its tables.
+        used: columns of the error table that `errors` has; all if None.
+        independent: True if no two cells share their directions and noise.
+    """
+
+    name: str
+    dimension: int
+    design: str
+    noise_law: NoiseLaw
+    reader: TableReader
+    stored: frozenset[str]
+    used: tuple[str, ...] | None = None
+    independent: bool = True
+
+    @classmethod
+    def of(cls, run: Run) -> Self:
+        """Find the tables of a finished run, and check all of them.
+
+        Raises:
+            RunError: if a table is missing, because the run did not finish, or its budget ended before any trial.
+        """
+        study = run.study
+        # figures of single trials read every column; the others these, which are a third of a large table
+        every = study.keep_points or study.posterior is not None
+        used = ("cell", "trial", *(c.name for c in study.conditions()), "estimator", "error", "bound", "status")
+        names = ["errors"] if study.keep == "errors" else []
+        names += ["summary", *(["points"] if study.keep_points else [])]
+        names += ["posterior", "answers", "draws"] if run.has("posterior") else []
+        for name in names:
+            run.require(name)
+        tables = cls(
+            name=" · ".join(filter(None, [study.run_name(), bound_law(study.design.given())])),
+            dimension=study.dimension,
+            design=study.design.kind,
+            independent=study.independent(),
+            noise_law=study.noise_law,
+            reader=run,
+            stored=frozenset(names),
+            used=None if every else used,
+        )
+        if tables.summary.empty:
+            raise RunError(
+                f"{run.folder}: its budget ended before any cell had a trial; run `study run` again to resume"
+            )
+        return tables
+
+    @cached_property
+    def errors(self) -> pd.DataFrame:
+        """The error table; see `study.simulation.runs.schemas.errors`.
+
+        Of a run without points or posteriors it has no columns of parameters other than the centre.
+
+        Raises:
+            NotApplicable: if the study kept its summary alone.
+        """
+        return self.some_errors(self.used)
+
+    def some_errors(self, columns: Collection[str] | None, estimators: Collection[str] | None = None) -> pd.DataFrame:
+        """Read some columns of the error table, and some estimators' rows: a part is read sooner.
+
+        Raises:
+            NotApplicable: if the study kept its summary alone.
+        """
+        self.require_errors()
+        return self.reader.table("errors", columns, estimators)
+
+    def require_errors(self) -> None:
+        """Raise `NotApplicable` if the study kept its summary alone."""
+        if "errors" not in self.stored:
+            raise NotApplicable('needs every error: keep = "errors" in the config')
+
+    @cached_property
+    def summary(self) -> pd.DataFrame:
+        """The summary table; see `study.simulation.runs.schemas.summary`."""
+        return stored_summary(self.reader, "errors" in self.stored, self.design == "random")
+
+    def require_all_trials(self, name: str) -> None:
+        """Raise `NotApplicable` if a measure of all trials is not known in some cell."""
+        if self.summary[name].isna().any():
+            words = "the run is of an earlier version, which kept no medians of all trials"
+            raise NotApplicable(f"{words}: run its config again, in another folder (--out)")
+
+    @cached_property
+    def points(self) -> pd.DataFrame | None:
+        """The points of the trials that were kept; None if none were."""
+        return self._if_stored("points")
+
+    @cached_property
+    def posterior(self) -> pd.DataFrame | None:
+        """A row per chain; None if none was run. See `study.simulation.runs.schemas.posterior`."""
+        return self._if_stored("posterior")
+
+    @cached_property
+    def answers(self) -> pd.DataFrame | None:
+        """The estimators' answers beside the chains, likewise."""
+        return self._if_stored("answers")
+
+    @cached_property
+    def draws(self) -> pd.DataFrame | None:
+        """Draws of the chains that were kept, likewise."""
+        return self._if_stored("draws")
+
+    def _if_stored(self, name: str) -> pd.DataFrame | None:
+        return self.reader.table(name) if name in self.stored else None
+
+    @property
+    def estimators(self) -> list[str]:
+        """Names of the estimators, in the order of the config."""
+        return [str(name) for name in self.summary["estimator"].unique()]
+
+
+def at_first(table: pd.DataFrame, besides: Collection[str]) -> pd.DataFrame:
+    """Rows in which every condition has the value of the first row.
+
+    Args:
+        table: errors or their summary.
+        besides: names of conditions that may have any value.
+    """
+    for condition in STORED:
+        if condition.name in table and condition.name not in besides:
+            chosen = table[condition.name] == table[condition.name].iloc[0]
+            table = table if chosen.all() else table[chosen]  # a copy of millions of rows takes seconds
+    return table
+
+
+class FigureModule(Protocol):
+    """Protocol of a figure's module."""
+
+    def prepare(self, tables: Tables) -> Any:
+        """Compute the frame; raise `NotApplicable` if the run lacks what it needs."""
+
+    def draw(self, frame: Any) -> Figure:
+        """Draw the frame."""
