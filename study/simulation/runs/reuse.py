@@ -21,9 +21,9 @@ import pyarrow.compute as pc
 from study.files import RunError, TableRows
 from study.fits.streams import Name
 from study.simulation.experiment.config import Study
-from study.simulation.experiment.designs import Group, Span
-from study.simulation.experiment.sampling import groups, spans, trials_of
-from study.simulation.runs.jobs import Job, Layout, estimators_of, order, output
+from study.simulation.experiment.designs import Group, Unit
+from study.simulation.experiment.sampling import groups, trials_of, units
+from study.simulation.runs.jobs import Layout, Task, estimators_of, order, output
 from study.simulation.runs.parts import FORMAT, Packet
 from study.simulation.runs.run_folder import NAME, Run
 
@@ -116,23 +116,23 @@ class ReuseLayout(Layout):
         self._groups = {group.stream: group for group in groups(self.earlier)} if self.earlier is not None else {}
         self._halves: tuple[Group, Group | None, Group | None] | None = None
 
-    def cut(self, span: Span) -> Iterator[Span]:
+    def cut(self, unit: Unit) -> Iterator[Unit]:
         """Cut a unit into the earlier run's trials of its cells, further trials of them, and other cells."""
-        earlier = self._groups.get(span.group.stream)
+        earlier = self._groups.get(unit.group.stream)
         if self.earlier is None or earlier is None:
-            yield span
+            yield unit
             return
-        if self._halves is None or self._halves[0] is not span.group:  # units of a group come one after the other
-            self._halves = span.group, *span.group.shared(earlier)
+        if self._halves is None or self._halves[0] is not unit.group:  # units of a group come one after the other
+            self._halves = unit.group, *unit.group.shared(earlier)
         _, shared, others = self._halves
         if others is not None:
-            yield Span(others, span.first, span.last)
+            yield Unit(others, unit.first, unit.last)
         if shared is not None:
-            middle = min(max(trials_of(self.earlier, shared), span.first), span.last)
-            if span.first < middle:
-                yield Span(shared, span.first, middle)
-            if middle < span.last:
-                yield Span(shared, middle, span.last)
+            middle = min(max(trials_of(self.earlier, shared), unit.first), unit.last)
+            if unit.first < middle:
+                yield Unit(shared, unit.first, middle)
+            if middle < unit.last:
+                yield Unit(shared, middle, unit.last)
 
 
 class EarlierRun:
@@ -150,9 +150,9 @@ class EarlierRun:
         self._failures = run.arrow("failures") if run.has("failures") else None
         self._begin: dict[Name, tuple[int, int]] = {}
         row, each = 0, len(run.study.estimators)
-        for span in spans(run.study):
-            self._begin.setdefault(span.group.stream, (row, span.group.width * each))
-            row += span.rows * each
+        for unit in units(run.study):
+            self._begin.setdefault(unit.group.stream, (row, unit.group.width * each))
+            row += unit.rows * each
 
     @classmethod
     def of(cls, run: Run) -> "EarlierRun | None":
@@ -165,37 +165,37 @@ class EarlierRun:
         except RunError:  # of a version with other columns
             return None
 
-    def take(self, job: Job) -> Packet | None:
-        """Take the rows of a job that this run has, in the order that the job gives them; None if it has none.
+    def take(self, task: Task) -> Packet | None:
+        """Take the rows of a task that this run has, in the order that the task gives them; None if it has none.
 
         Args:
-            job: outputs of a piece, as `ReuseLayout` cut it.
+            task: outputs of a piece, as `ReuseLayout` cut it.
         """
-        span = job.span
-        trials = trials_of(self.run.study, span.group)
-        if span.last > trials:
+        unit = task.unit
+        trials = trials_of(self.run.study, unit.group)
+        if unit.last > trials:
             return None
-        outputs = tuple(o for o in job.outputs if o in self.outputs)
-        if not outputs or span.group.stream not in self._begin:
+        outputs = tuple(o for o in task.outputs if o in self.outputs)
+        if not outputs or unit.group.stream not in self._begin:
             return None
-        begin, per_trial = self._begin[span.group.stream]
-        size = span.group.size  # whole blocks hold the cells one after the other
-        low, high = span.first // size * size, -(-span.last // size) * size
+        begin, per_trial = self._begin[unit.group.stream]
+        size = unit.group.size  # whole blocks hold the cells one after the other
+        low, high = unit.first // size * size, -(-unit.last // size) * size
         whole = self._errors.rows(begin + per_trial * low, begin + per_trial * min(high, trials))
-        use = (pc.field("trial") >= span.first) & (pc.field("trial") < span.last)
+        use = (pc.field("trial") >= unit.first) & (pc.field("trial") < unit.last)
         use &= pc.field("estimator").cast(pa.string()).isin(list(estimators_of(outputs)))
-        if span.group.cells:
-            use &= pc.field("cell").cast(pa.string()).isin([cell.name for cell in span.group.cells])
+        if unit.group.cells:
+            use &= pc.field("cell").cast(pa.string()).isin([cell.name for cell in unit.group.cells])
         found = {"errors": whole.filter(use)}
-        if found["errors"].num_rows != span.rows * len(outputs):
+        if found["errors"].num_rows != unit.rows * len(outputs):
             return None
         if self._failures is not None:
             cells = pc.unique(found["errors"]["cell"]).to_pylist()
             found["failures"] = self._failures.filter(use & pc.field("cell").cast(pa.string()).isin(cells))
             if "worker" in pc.unique(found["failures"]["cause"]).to_pylist():
                 return None
-        ordered = {name: table.take(order(estimators_of(outputs), span, table)) for name, table in found.items()}
-        return Packet.of([(job.key, outputs)], [ordered])
+        ordered = {name: table.take(order(estimators_of(outputs), unit, table)) for name, table in found.items()}
+        return Packet.of([(task.key, outputs)], [ordered])
 
 
 def beside(study: Study, folder: Path) -> Run | None:
@@ -210,7 +210,7 @@ def beside(study: Study, folder: Path) -> Run | None:
             continue
         if run.study.digest() != study.digest() and _related(study, run.study):
             shared = set(run.study.estimators) & set(study.estimators)
-            found.append((sum(each.rows for each in spans(run.study)) * len(shared), run))
+            found.append((sum(each.rows for each in units(run.study)) * len(shared), run))
     found.sort(key=lambda entry: -entry[0])
     return next((run for rows, run in found if rows and EarlierRun.of(run)), None)
 
