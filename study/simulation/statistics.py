@@ -3,27 +3,17 @@
 Medians and quantiles are the headline, because the errors of sphere fits have heavy tails: UGDK's have no mean at any
 number of samples, GDKE's no variance at n ≤ d + 2. Moments are given only where they exist (`moments_exist`).
 
-Performance measures of an estimator in one group of fits, by name, each with its Monte-Carlo error.
+Performance measures have names (`MEASURES`). Every quantile comes twice: of the fits whose status is ok (``_ok``), and
+of all fits with the others counted as infinite (``_all``).
 
-They are those of Morris, White & Crowther (2019) as far as they exist for errors with heavy tails. Every quantile comes
-twice: of the fits whose status is ok (``_ok``), and of all fits with the others counted as infinite (``_all``).
-
-Rows of the summary table: for each group of fits and estimator, counts of each status and performance measures.
-
-A group is a cell, or, in a random design, a decade of σ/r. Failures count: no planned fit is left out, and a measure of
-all fits counts those that are not ok as infinite.
-
-Theil and Sen's slope: the median of the slopes between all pairs of points, with its interval.
-
-The numbers are those of `scipy.stats.theilslopes`. They are computed here because that library takes half a second to
-load, a third of the time in which a figure is drawn.
+The summary table has a row for each group of fits and estimator, with counts of each status and all measures. A group
+is a cell, or, in a random design, a decade of σ/r. Failures count: no planned fit is left out.
 """
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
-from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
@@ -375,16 +365,8 @@ def as_columns(rows: list[Row]) -> Columns:
     }
 
 
-class RobustSlope(NamedTuple):
-    """A slope, and the ends of its interval."""
-
-    value: float
-    low: float
-    high: float
-
-
-def theil_sen(x: Floats, y: Floats, level: float = 0.95) -> RobustSlope:
-    """Slope of y over x, with Sen's interval from the variance of Kendall's tau (Sen 1968, eq. 2.6).
+def theil_sen(x: Floats, y: Floats, level: float = 0.95) -> tuple[float, float, float]:
+    """Theil and Sen's slope of y over x, the median of the slopes between all pairs of points (Sen 1968).
 
     Args:
         x: first coordinates of the points (n,), n ≥ 2, all finite. Pairs with the same x count for nothing.
@@ -392,22 +374,9 @@ def theil_sen(x: Floats, y: Floats, level: float = 0.95) -> RobustSlope:
         level: probability that the interval contains the slope.
 
     Returns:
-        The slope and its interval; NaN where all x are the same.
+        The slope and the ends of its interval; NaN where all x are the same.
     """
-    right = x[:, np.newaxis] - x
-    use = right > 0.0
-    slopes = np.sort((y[:, np.newaxis] - y)[use] / right[use])
-    if not len(slopes):
-        return RobustSlope(math.nan, math.nan, math.nan)
-    n, pairs = len(y), len(slopes)
-    variance = (n * (n - 1) * (2 * n + 5) - _ties(x) - _ties(y)) / 18.0
-    away = NormalDist().inv_cdf(0.5 + 0.5 * level) * math.sqrt(max(variance, 0.0))
-    low = max(round(0.5 * (pairs - away)) - 1, 0)
-    high = min(round(0.5 * (pairs + away)), pairs - 1)
-    return RobustSlope(float(np.median(slopes)), float(slopes[low]), float(slopes[high]))
-
-
-def _ties(values: Floats) -> int:
-    """Part of the variance of Kendall's tau that is lost to values that occur more than once."""
-    _, counts = np.unique(values, return_counts=True)
-    return sum(int(k) * (int(k) - 1) * (2 * int(k) + 5) for k in counts)
+    if np.ptp(x) == 0.0:
+        return math.nan, math.nan, math.nan
+    slope, _, low, high = scipy.stats.theilslopes(y, x, level)
+    return float(slope), float(low), float(high)
