@@ -1,23 +1,15 @@
-"""The posterior tables of a run: chains computed by workers, stored as they finish, and joined at the end.
-
-Simulation-based calibration of posteriors and of the estimators' own covariances, over many trials.
-
-For a correct posterior the rank of the truth is uniform (Cook, Gelman & Rubin 2006; Talts et al. 2018), and sets of
-nominal level p contain the truth in a share p of the trials. An estimator is tested in the same way: its rank is the
-distribution function of its error law at the truth, its level that of the ellipsoid through the truth.
-
-In a grid the truth is fixed, in a random design it is drawn. The priors are flat where the posterior is, so both must
-give uniform ranks up to terms of the order of σ²/v, if the likelihood is that of the data.
-
-The tables of a chain: the posterior in numbers, each estimator's fit beside it, and stored draws.
-
-The chains that a config asks for, each computed from its name alone.
+"""The posterior tables of a run: chains computed by workers, stored as they finish, joined at the end, and calibrated.
 
 A chain is named by its cell, trial, likelihood and whether the noise is known, and draws from a stream of that name. So
 its numbers depend neither on the number of workers nor on an interruption, and more trials or cells leave the other
-chains as they are.
+chains as they are. Its tables are the posterior in numbers, each estimator's fit, and stored draws.
 
-The posterior tables for a terminal: posteriors beside the MLE and the bound, and their calibration.
+Simulation-based calibration tests posteriors and the estimators' own covariances over many trials. For a correct
+posterior the rank of the truth is uniform (Cook, Gelman & Rubin 2006; Talts et al. 2018), and sets of nominal level p
+contain the truth in a share p of the trials. An estimator is tested in the same way: its rank is the distribution
+function of its error law at the truth, its level that of the ellipsoid through the truth. In a grid the truth is fixed,
+in a random design it is drawn. The priors are flat where the posterior is, so both must give uniform ranks up to terms
+of the order of σ²/v, if the likelihood is that of the data.
 """
 
 import hashlib
@@ -273,7 +265,7 @@ def _squares(vectors: Floats, covariance: Floats) -> Floats:
         return np.asarray((((vectors @ axes) ** 2) / values).sum(axis=1))
 
 
-FORMAT = 2
+FORMAT = 3
 """Version of the sampler; a chain of another version is computed again."""
 
 
