@@ -130,19 +130,19 @@ def _random(study: Study, batches: Sequence[Batch]) -> Result:
 
 
 def config(weight: float) -> str:
-    """Config of a study of about so much work; see `study.simulation.runs.jobs.Task`."""
+    """Config of a study of about so much work; see `study.simulation.runs.jobs.UnitTask`."""
     return CONFIG.format(trials=max(1, round(100 * weight / _weight(parse(CONFIG.format(trials=100))))))
 
 
 def _weight(study: Study) -> float:
-    found = jobs.Tasks(study)
+    found = jobs.UnitTasks(study)
     return sum(found.task(unit).weight for unit in units(study))
 
 
 def pace() -> float:
     """Seconds of one core to the weight of a task, measured on some units of the study."""
     study = parse(CONFIG.format(trials=100))
-    found = jobs.Tasks(study)
+    found = jobs.UnitTasks(study)
     some = [found.task(unit) for unit in islice(units(study), 5)]
     seconds = []
     for task in some:
@@ -260,7 +260,7 @@ def _cpu(process: psutil.Process) -> float:
 def schedule() -> list[dict[str, float]]:
     """Seconds that the study of 10¹³ samples takes by the weights of its units, the heaviest first; nothing is run."""
     study, rows = parse(LARGE), []
-    found = jobs.Tasks(study)
+    found = jobs.UnitTasks(study)
     some = [found.task(unit) for unit in units(study)]
     seconds = sorted((task.weight / PER_SECOND for task in some), reverse=True)
     fits = study.design.groups(study.seed, study.dimension)

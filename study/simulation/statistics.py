@@ -251,7 +251,7 @@ class Performance(NamedTuple):
 
 
 def _quantiles() -> dict[str, Performance]:
-    found = {}
+    result = {}
     for name, quantity in (("relative", "error over radius"), ("ratio", "error over √tr CRLB")):
         for part, p, words in (
             ("median", 0.5, "median"),
@@ -259,9 +259,9 @@ def _quantiles() -> dict[str, Performance]:
             ("q95", 0.95, "95 % quantile"),
         ):
             of_ok, of_all = partial(_quantile_ok, name, p), partial(_quantile_all, name, p)
-            found[f"{name}_{part}_ok"] = Performance(f"{words} of {quantity}, of the fits that are ok", of_ok)
-            found[f"{name}_{part}_all"] = Performance(f"{words} of {quantity}, all others counted as infinite", of_all)
-    return found
+            result[f"{name}_{part}_ok"] = Performance(f"{words} of {quantity}, of the fits that are ok", of_ok)
+            result[f"{name}_{part}_all"] = Performance(f"{words} of {quantity}, all others counted as infinite", of_all)
+    return result
 
 
 _GUARD = "only where the tail index exceeds 2 by two errors"
@@ -315,7 +315,7 @@ def row(group: str, estimator: str, fits: Columns) -> Row:
         A value for each column of the summary table.
     """
     status = fits["status"]
-    found: Row = {
+    result: Row = {
         "group": group,
         "estimator": estimator,
         "decade": fits["decade"][0],
@@ -325,12 +325,12 @@ def row(group: str, estimator: str, fits: Columns) -> Row:
         if condition.name in fits:
             values = fits[condition.name]
             varying = "" if condition.kind is str else np.nan
-            found[condition.name] = values[0] if np.all(values == values[0]) else varying
-    found |= {s.name.lower(): int(np.sum(status == s)) for s in Status}
+            result[condition.name] = values[0] if np.all(values == values[0]) else varying
+    result |= {s.name.lower(): int(np.sum(status == s)) for s in Status}
     measures = Fits(fits)
     for name, measure in MEASURES.items():
-        found[name], found[f"{name}_error"] = measure.of(measures)
-    return found
+        result[name], result[f"{name}_error"] = measure.of(measures)
+    return result
 
 
 def of_errors(errors: Errors) -> Columns:

@@ -18,7 +18,7 @@ from study.simulation.analysis import regret
 from study.simulation.experiment.compute import compute
 from study.simulation.experiment.config import parse
 from study.simulation.experiment.sampling import find, replay, units
-from study.simulation.runs.jobs import Tasks, execute
+from study.simulation.runs.jobs import UnitTasks, execute
 from study.simulation.runs.parts import FORMAT, Parts
 from study.simulation.runs.run_folder import Run
 
@@ -37,7 +37,7 @@ def begun(config, tmp_path):
     made = parse(config)
     store = Run.create(tmp_path / "out", made).begin(config)
     parts = Parts(store.folder, "units")
-    parts.add(execute(made, (Tasks(made).task(next(units(made))),)))
+    parts.add(execute(made, (UnitTasks(made).task(next(units(made))),)))
     parts.commit()
     return tmp_path
 

@@ -201,9 +201,9 @@ def _expanded(condition: Condition, given: Any) -> tuple[Value, ...]:
         raise ValueError(f"{listed} not allowed: every value must be {condition.rule}")
     if condition.kind is float:
         values = [v + 0.0 for v in values]  # -0.0 is 0.0
-    found: tuple[Value, ...] = tuple(map(condition.kind, values))
+    result: tuple[Value, ...] = tuple(map(condition.kind, values))
     # a range of whole numbers may round to equal ones; in a list, a second one is a mistake
-    return tuple(dict.fromkeys(found)) if isinstance(given, dict) else each_once(found)
+    return tuple(dict.fromkeys(result)) if isinstance(given, dict) else each_once(result)
 
 
 def _spaced(given: dict[str, Any]) -> list[float]:
@@ -410,12 +410,12 @@ class Design(Frozen):
 
     def given(self) -> dict[str, Any]:
         """The axes, or the laws, by the condition's name; silent conditions only if they are not at their default."""
-        found = {}
+        result = {}
         for name, condition in CONDITIONS.items():
             entry = getattr(self, name, None)
             if entry is not None and not (condition.silent and entry == type(self).model_fields[name].default):
-                found[name] = entry
-        return found
+                result[name] = entry
+        return result
 
     def _unwritten(self) -> set[str]:
         """Names of the entries that have no effect."""

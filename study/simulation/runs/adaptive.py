@@ -1,14 +1,9 @@
-"""Precision of cells, from their stored rows: a performance measure of each estimator and its Monte-Carlo error.
-
-Progress of the cells that share their draws: which of them are open, and why the others are not.
-
-Rounds of an adaptive run: from checkpoint to checkpoint, trials are added to the cells that are still open.
+"""Rounds of an adaptive run: from checkpoint to checkpoint, trials are added to the cells that are still open.
 
 In each round, every group of cells that share their draws goes on to its next checkpoint, with only those cells whose
-measure is not known well enough. These decisions are not stored. They follow from the parts, and a resumed run finds
-them again. So they depend neither on the workers nor on interruptions.
-
-A time budget: seconds after which a run starts no new work.
+performance measure is not known well enough: its Monte-Carlo error, for every estimator, is above the target. These
+decisions are not stored. They follow from the parts, and a resumed run finds them again. So they depend neither on the
+workers nor on interruptions. Once a time budget is spent, a run starts no new work.
 """
 
 import math
@@ -28,7 +23,7 @@ from study.simulation.experiment.config import Precision, Study
 from study.simulation.experiment.designs import Cell, Group, Unit
 from study.simulation.experiment.sampling import groups, trials_of, units_of
 from study.simulation.runs import schemas
-from study.simulation.runs.jobs import Layout, Tasks, stored_rows
+from study.simulation.runs.jobs import Layout, UnitTasks, stored_rows
 from study.simulation.runs.parts import Parts
 from study.simulation.statistics import Measure, measured
 
@@ -61,7 +56,7 @@ class CellPrecision:
 
 
 def measure_cells(
-    tasks: Tasks, parts: Parts, places: Sequence[list[Unit]], precision: Precision
+    tasks: UnitTasks, parts: Parts, places: Sequence[list[Unit]], precision: Precision
 ) -> Iterator[tuple[Cell, CellPrecision]]:
     """Find the precision of cells from all of their trials.
 
@@ -73,17 +68,17 @@ def measure_cells(
     """
     names = precision.estimators or tasks.study.estimators
     for batch in _batches(places, len(tasks.study.estimators)):
-        cells = [cell for _, some in batch for cell in some]
-        trials = [pieces[-1].last for pieces, some in batch for _ in some]
+        cells = [cell for _, group in batch for cell in group]
+        trials = [pieces[-1].last for pieces, group in batch for _ in group]
         rows = _split(_read(tasks, parts, batch), [cell.name for cell in cells], names)
-        for cell, count, found in zip(cells, trials, rows, strict=True):
-            measures = {name: measured(precision.measure, each) for name, each in zip(names, found, strict=True)}
+        for cell, count, result in zip(cells, trials, rows, strict=True):
+            measures = {name: measured(precision.measure, columns) for name, columns in zip(names, result, strict=True)}
             yield cell, _worst(precision, count, measures)
 
 
-def _read(tasks: Tasks, parts: Parts, batch: CellBatch) -> pa.Table:
+def _read(tasks: UnitTasks, parts: Parts, batch: CellBatch) -> pa.Table:
     """Read the rows of some cells, those of each in the order of its trials."""
-    found: list[pa.Table] = []
+    result: list[pa.Table] = []
     order = sorted((index, number) for number, (pieces, _) in enumerate(batch) for index in range(len(pieces)))
     for index, number in order:  # across groups first: what was computed together is stored together
         pieces, cells = batch[number]
@@ -92,8 +87,8 @@ def _read(tasks: Tasks, parts: Parts, batch: CellBatch) -> pa.Table:
             rows = table.select(["cell", "estimator", *COLUMNS])
             if len(cells) < len(pieces[index].group.cells):
                 rows = rows.filter(pc.is_in(rows["cell"].cast(pa.string()), wanted))
-            found.append(rows)
-    return pa.concat_tables(found)
+            result.append(rows)
+    return pa.concat_tables(result)
 
 
 def _worst(precision: Precision, trials: int, measures: dict[str, Measure]) -> CellPrecision:
@@ -106,7 +101,7 @@ def _worst(precision: Precision, trials: int, measures: dict[str, Measure]) -> C
 
     worst = max(measures, key=distance)  # the first of equals
     value, error = measures[worst]
-    reached = all(precision.reached(*each) for each in measures.values())
+    reached = all(precision.reached(*measure) for measure in measures.values())
     return CellPrecision(trials, worst, value, error, precision.goal(value), reached)
 
 
@@ -115,15 +110,15 @@ def _batches(places: Sequence[list[Unit]], estimators: int) -> Iterator[CellBatc
     batch: CellBatch = []
     held = 0
     for pieces in places:
-        each = pieces[-1].last * estimators
+        per_cell = pieces[-1].last * estimators
         cells = list(pieces[-1].group.cells)
         while cells:
-            room = max((_ROWS - held) // each, 0 if batch else 1)
-            if room:
-                some = cells[:room]
-                batch.append((pieces, some))
-                held += each * len(some)
-                cells = cells[room:]
+            space = max((_ROWS - held) // per_cell, 0 if batch else 1)
+            if space:
+                taken = cells[:space]
+                batch.append((pieces, taken))
+                held += per_cell * len(taken)
+                cells = cells[space:]
             if cells:
                 yield batch
                 batch, held = [], 0
@@ -141,21 +136,21 @@ def _split(table: pa.Table, cells: list[str], estimators: Sequence[str]) -> Iter
     columns = {name: table[name].to_numpy()[use] for name in COLUMNS}
     begin = 0
     for place in range(len(cells)):
-        found = []
+        result = []
         for end in ends[place * len(estimators) : (place + 1) * len(estimators)]:
-            found.append({name: values[begin:end] for name, values in columns.items()})
+            result.append({name: values[begin:end] for name, values in columns.items()})
             begin = int(end)
-        yield found
+        yield result
 
 
 def _codes(table: pa.Table, column: str, words: Sequence[str]) -> Ints:
     """Place of each row's word among others; -1 for a word that is not among them."""
     known = {word: place for place, word in enumerate(words)}
-    found = [
+    result = [
         np.array([known.get(word, -1) for word in chunk.dictionary.to_pylist()], dtype=np.int64)[chunk.indices]
         for chunk in table[column].chunks
     ]
-    return np.concatenate(found) if found else np.empty(0, dtype=np.int64)
+    return np.concatenate(result) if result else np.empty(0, dtype=np.int64)
 
 
 TARGET, CAP, BUDGET = "target", "cap", "budget"
@@ -223,7 +218,7 @@ class Rounds(Layout):
     def __init__(self, study: Study) -> None:
         assert study.precision is not None
         super().__init__(study)
-        self._tasks = Tasks(study)
+        self._tasks = UnitTasks(study)
         self.precision: Precision = study.precision
         self.progress = {
             group.stream: GroupProgress(group, self.precision.checkpoints(trials_of(study, group)))
@@ -257,12 +252,12 @@ class Rounds(Layout):
                 before, now = self._pieces(progress)
                 if next(self._tasks.missing(now, parts.outputs), None) is None:
                     places[stream] = before + now
-        found = dict(measure_cells(self._tasks, parts, list(places.values()), self.precision))
+        result = dict(measure_cells(self._tasks, parts, list(places.values()), self.precision))
         further = False
         for stream in places:
             progress = self.progress[stream]
             for cell in progress.stages[-1].group.cells:
-                progress.take(cell, found[cell])
+                progress.take(cell, result[cell])
             if progress.open:
                 progress.go_on()
                 further = True
@@ -270,11 +265,11 @@ class Rounds(Layout):
 
     def _pieces(self, progress: GroupProgress) -> tuple[list[Unit], list[Unit]]:
         """Pieces of the stages that are measured, and of the last one."""
-        found: tuple[list[Unit], list[Unit]] = [], []
+        result: tuple[list[Unit], list[Unit]] = [], []
         for stage in progress.stages:
             for unit in units_of(self.study, progress.group, stage.last):
-                found[stage is progress.stages[-1]].extend(_within(unit, stage))
-        return found
+                result[stage is progress.stages[-1]].extend(_within(unit, stage))
+        return result
 
     def restart(self) -> None:
         """Forget all measures, because some of the rows are lost."""
@@ -306,14 +301,14 @@ class Rounds(Layout):
         rows = []
         for progress in self.progress.values():
             for cell in progress.group.cells:
-                found = progress.found.get(cell, NOTHING)
+                result = progress.found.get(cell, NOTHING)
                 rows.append(
                     {
                         "cell": cell.name,
                         **cell.values,
-                        "trials": found.trials,
-                        "checkpoints": sum(point <= found.trials for point in progress.checkpoints),
-                        **{name: getattr(found, name) for name in ("estimator", "value", "error", "goal")},
+                        "trials": result.trials,
+                        "checkpoints": sum(point <= result.trials for point in progress.checkpoints),
+                        **{name: getattr(result, name) for name in ("estimator", "value", "error", "goal")},
                         "reason": progress.reasons[cell],
                     }
                 )

@@ -34,7 +34,7 @@ _LONG = 1e9
 
 
 @dataclass(frozen=True)
-class Task:
+class UnitTask:
     """Outputs to compute of a unit.
 
     Attributes:
@@ -56,7 +56,7 @@ class Task:
         return samples * (1.0 + levels) + _OVERHEAD * batches * (1 + levels) + _ROW * rows
 
 
-class Tasks:
+class UnitTasks:
     """The tasks of a study.
 
     Args:
@@ -68,13 +68,13 @@ class Tasks:
         self._stem = hashlib.sha256(f"{FORMAT} {study.stem()}".encode()).digest()
         self.estimators = tuple(output(name) for name in study.estimators)
 
-    def task(self, unit: Unit) -> Task:
+    def task(self, unit: Unit) -> UnitTask:
         """The task of a unit, with all of its outputs."""
         content = self._stem + unit.group.digest + f"{unit.first}-{unit.last}".encode()
         points = (f"{POINTS}:{self.study.keep_points}",) if unit.first < self.study.keep_points else ()
-        return Task(unit, hashlib.blake2b(content, digest_size=12).hexdigest(), self.estimators + points)
+        return UnitTask(unit, hashlib.blake2b(content, digest_size=12).hexdigest(), self.estimators + points)
 
-    def missing(self, units: Iterable[Unit], stored: Callable[[str], set[str]]) -> Iterator[Task]:
+    def missing(self, units: Iterable[Unit], stored: Callable[[str], set[str]]) -> Iterator[UnitTask]:
         """The tasks of units, with the outputs that are not stored; tasks that have none are left out.
 
         Args:
@@ -85,12 +85,12 @@ class Tasks:
             task = self.task(unit)
             there = stored(task.key)
             if missing := tuple(o for o in task.outputs if o not in there):
-                yield Task(unit, task.key, missing)
+                yield UnitTask(unit, task.key, missing)
 
 
 def takes_long(study: Study) -> bool:
     """Tell whether processes compute a study sooner than threads, which start at once but share one interpreter."""
-    tasks, weight = Tasks(study), 0.0
+    tasks, weight = UnitTasks(study), 0.0
     for unit in units(study):
         weight += tasks.task(unit).weight
         if weight > _LONG:
@@ -108,12 +108,12 @@ def estimators_of(outputs: Iterable[str]) -> tuple[str, ...]:
     return tuple(o.rpartition("@")[0] for o in outputs if "@" in o)
 
 
-def execute(study: Study, tasks: tuple[Task, ...]) -> Packet:
+def execute(study: Study, tasks: tuple[UnitTask, ...]) -> Packet:
     """Compute tasks of a study; workers run this."""
     return _packed(study, tasks, compute)
 
 
-def give_up(study: Study, tasks: tuple[Task, ...], message: str) -> Packet:
+def give_up(study: Study, tasks: tuple[UnitTask, ...], message: str) -> Packet:
     """Rows of tasks whose worker died twice: every fit failed.
 
     Args:
@@ -124,19 +124,19 @@ def give_up(study: Study, tasks: tuple[Task, ...], message: str) -> Packet:
     return _packed(study, tasks, lambda part, batches: lost(part, batches, message))
 
 
-def _packed(study: Study, tasks: tuple[Task, ...], result: Callable[[Study, tuple[Batch, ...]], Result]) -> Packet:
-    found = []
+def _packed(study: Study, tasks: tuple[UnitTask, ...], result: Callable[[Study, tuple[Batch, ...]], Result]) -> Packet:
+    of_tasks = []
     for outputs, together in groupby(tasks, key=lambda task: task.outputs):
         kept = study.keep_points if any(o.startswith(POINTS) for o in outputs) else 0
         part = study.model_copy(update={"estimators": estimators_of(outputs), "keep_points": kept})
         for task in together:
-            found.append(tables(part, result(part, task.unit.batches)))
+            of_tasks.append(tables(part, result(part, task.unit.batches)))
     stacked, rows = {}, {}
     for name, columns in schemas.of_units(study.dimension, study.conditions()).items():
-        some = [each[name] for each in found if each[name]]
-        if some:
-            stacked[name] = schemas.table(columns, stack(some))
-            rows[name] = [len(next(iter(each[name].values()))) if each[name] else 0 for each in found]
+        filled = [unit[name] for unit in of_tasks if unit[name]]
+        if filled:
+            stacked[name] = schemas.table(columns, stack(filled))
+            rows[name] = [len(next(iter(unit[name].values()))) if unit[name] else 0 for unit in of_tasks]
     return Packet([(task.key, task.outputs) for task in tasks], rows, {k: encode(t) for k, t in stacked.items()})
 
 
@@ -147,14 +147,14 @@ def tables(study: Study, result: Result) -> dict[str, Columns]:
         study: the config.
         result: of the unit; where the study keeps summaries alone, the unit holds all trials of its cells.
     """
-    found: dict[str, Columns] = {"errors": {}, "summary": {}, "points": result.points, "failures": result.failures}
+    table: dict[str, Columns] = {"errors": {}, "summary": {}, "points": result.points, "failures": result.failures}
     if study.keep == "errors":
-        found["errors"] = result.errors
+        table["errors"] = result.errors
     elif result.blocks:
-        found["summary"] = statistics.of_errors(Errors.joined(result.blocks))
+        table["summary"] = statistics.of_errors(Errors.joined(result.blocks))
         samples = result.blocks[0].cells[0].samples
         result.clock.read("summary", samples, sum(block.radius.size for block in result.blocks))
-    return found | {"timings": result.timings}
+    return table | {"timings": result.timings}
 
 
 class Layout:
@@ -207,30 +207,30 @@ def rows(study: Study, parts: Parts, layout: Layout, name: str) -> Iterator[pa.T
     Raises:
         RunError: if rows are missing.
     """
-    tasks = Tasks(study)
+    tasks = UnitTasks(study)
     if not parts.holds(name):
         return
     for unit in layout.units():
-        found: list[pa.Table] = []
+        result: list[pa.Table] = []
         first: tuple[str, ...] = ()
         datasets = 0
         for piece in layout.cut(unit):
             datasets += piece.rows
             for outputs, table in stored_rows(tasks, parts, piece, name):
                 first = first or outputs
-                found.append(table)
+                result.append(table)
         expected = {"errors": datasets, "summary": len(unit.group.cells)}.get(name, 0) * len(study.estimators)
-        if expected and sum(table.num_rows for table in found) != expected:
+        if expected and sum(table.num_rows for table in result) != expected:
             raise RunError(f"{parts.folder}: rows of trials {unit.first} to {unit.last - 1} are missing; run again")
-        whole = len(found) == 1 and (name == "points" or estimators_of(first) == study.estimators)
-        if whole or (found and name == "timings"):
-            yield from found
-        elif found:
-            table = pa.concat_tables(found)
+        whole = len(result) == 1 and (name == "points" or estimators_of(first) == study.estimators)
+        if whole or (result and name == "timings"):
+            yield from result
+        elif result:
+            table = pa.concat_tables(result)
             yield table.take(order(study.estimators, unit, table))
 
 
-def stored_rows(tasks: Tasks, parts: Parts, piece: Unit, name: str) -> Iterator[tuple[tuple[str, ...], pa.Table]]:
+def stored_rows(tasks: UnitTasks, parts: Parts, piece: Unit, name: str) -> Iterator[tuple[tuple[str, ...], pa.Table]]:
     """Read the stored rows of a piece, without those of outputs that the study does not have.
 
     Rows that were taken from another study's run have its columns. They get those of this one: a condition that it did

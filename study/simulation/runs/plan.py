@@ -1,11 +1,8 @@
-"""Cost of a study before it runs: counts, bytes, and seconds predicted from a short calibration.
+"""Cost of a study before it runs: counts, bytes, and seconds predicted from a short calibration on its own conditions.
 
-Compile the loops that studies and claims use, so that none waits for the compiler: once after an installation.
-
-``python -m study.simulation.runs.plan CONFIG…``. Numba keeps the compiled code beside the sources. A plan of a study
+``python -m study.simulation.runs.plan CONFIG…`` compiles the loops that studies and claims use, once after an
+installation, so that none waits for the compiler. Numba keeps the compiled code beside the sources. A plan of a study
 computes a few of its trials, and so compiles what its run needs.
-
-Calibration for `study plan`: seconds per trial on this machine, measured on a study's own conditions.
 """
 
 import logging
@@ -175,9 +172,9 @@ def measure(study: Study, cells: Sequence[Cell], jobs: int) -> Pace:
     probes = [_probes(study, cells, int(size)) for size in sizes]
     jobs = min(jobs, os.cpu_count() or 1)
     with ThreadPoolExecutor(jobs) as pool:  # outside the main thread: see `study.simulation.runs.workers`
-        found = list(pool.map(lambda _: [_timed(bare, batches) for batches in probes], range(jobs)))
+        result = list(pool.map(lambda _: [_timed(bare, batches) for batches in probes], range(jobs)))
         summary = pool.submit(_time_of_summary, study, cells).result() if study.keep == "summary" else 0.0
-    draw, level = np.median(np.array(found), axis=0).T
+    draw, level = np.median(np.array(result), axis=0).T
     if study.route == "moments":  # a fit takes as long at any size, and a run makes those of all trials at once
         level = np.full(len(level), level.min())
     return Pace(sizes.astype(float), draw, level, summary)
@@ -195,15 +192,15 @@ def _probes(study: Study, cells: Sequence[Cell], size: int) -> list[Batch]:
     for i, cell in enumerate(chosen):
         alike = [replace(c, samples=size) for c in near if c.angle == cell.angle]
         places = [group[0] for group in levels(tuple(alike))]
-        some = tuple(alike[places[k]] for k in np.linspace(0, len(places) - 1, min(_LEVELS, len(places))).astype(int))
-        batches.append(Batch(("probe", i), 0, trials, some))
+        part = tuple(alike[places[k]] for k in np.linspace(0, len(places) - 1, min(_LEVELS, len(places))).astype(int))
+        batches.append(Batch(("probe", i), 0, trials, part))
     return batches
 
 
 def _timed(study: Study, batches: list[Batch]) -> tuple[float, float]:
     """Seconds per trial, and per trial and level, averaged over batches."""
     shared = {*_PER_TRIAL, "moments"} if study.route == "moments" else set(_PER_TRIAL)
-    found = []
+    result = []
     for batch in batches:
         best = np.inf, np.inf
         for repeat in range(_REPEATS):
@@ -215,8 +212,8 @@ def _timed(study: Study, batches: list[Batch]) -> tuple[float, float]:
             if repeat and whole > _LONG_PROBE:  # the first one may have loaded compiled code
                 break
         count = len(list(levels(batch.cells)))
-        found.append((best[1] / batch.trials, best[0] / (batch.trials * count)))
-    draw, level = np.mean(found, axis=0)
+        result.append((best[1] / batch.trials, best[0] / (batch.trials * count)))
+    draw, level = np.mean(result, axis=0)
     return float(draw), float(level)
 
 
@@ -359,17 +356,17 @@ def _extrapolated(study: Study, jobs: int) -> Plan:
         raise RunError(f"{study.run_name()}: {words}; {hint}")
     few = _MOST_COUNTED // 10
     design = study.design.model_copy(update={"trials": few})
-    found, times = plan(study.model_copy(update={"design": design}), jobs), study.design.trials / few
-    counts = {name: round(getattr(found, name) * times) for name in ("cells", "units", "trials", "draws", "samples")}
-    return Plan(**counts, fits=round(found.fits * times), bytes=found.bytes * times, seconds=found.seconds * times)
+    result, times = plan(study.model_copy(update={"design": design}), jobs), study.design.trials / few
+    counts = {name: round(getattr(result, name) * times) for name in ("cells", "units", "trials", "draws", "samples")}
+    return Plan(**counts, fits=round(result.fits * times), bytes=result.bytes * times, seconds=result.seconds * times)
 
 
 def _portion(unit: Unit) -> Counter[Kind]:
     """Numbers of trials of a unit by their kind."""
-    group, found = unit.group, Counter[Kind]()
+    group, result = unit.group, Counter[Kind]()
     for samples, trials in group.sizes(unit.first, unit.last):
-        found[Kind(samples, group.levels, group.width)] += trials
-    return found
+        result[Kind(samples, group.levels, group.width)] += trials
+    return result
 
 
 def _some_cells(study: Study) -> list[Cell]:

@@ -1,14 +1,13 @@
-"""Reuse of the rows of an earlier, smaller run, of the same name or in the same folder.
+"""Reuse of the rows of an earlier, smaller run, and repair of a run's folder.
 
 More trials, cells or estimators leave the rows of a smaller study as they are, bit for bit. So if a finished run of a
-smaller study lies beside a new one, the new one's units are cut into pieces that the earlier run has and pieces that it
-has not. Rows of an estimator of another version, and of units whose worker died, are computed again. A run of the very
-same config in another folder is not used, because a study is run again to check it. An adaptive study neither takes
-rows of another run nor gives any.
+smaller study, of the same name, lies next to a new one or in its folder, the new one's units are cut into pieces that
+the earlier run has and pieces that it has not. Rows of an estimator of another version, and of units whose worker died,
+are computed again. A run of the very same config in another folder is not used, because a study is run again to check
+it. An adaptive study neither takes rows of another run nor gives any.
 
-Completeness of a run: its tables are as its manifest says, and nothing is left to compute.
-
-Repair of a run's folder: damaged files are named and set aside, so that they are made again.
+A run is finished if its tables are as its manifest says, and up to date if nothing is left to compute. Damaged files
+are named and set aside, so that they are made again.
 """
 
 import re
@@ -23,7 +22,7 @@ from study.fits.streams import Name
 from study.simulation.experiment.config import Study
 from study.simulation.experiment.designs import Group, Unit
 from study.simulation.experiment.sampling import groups, trials_of, units
-from study.simulation.runs.jobs import Layout, Task, estimators_of, order, output
+from study.simulation.runs.jobs import Layout, UnitTask, estimators_of, order, output
 from study.simulation.runs.parts import FORMAT, Packet
 from study.simulation.runs.run_folder import NAME, Run
 
@@ -149,10 +148,10 @@ class EarlierRun:
         self._errors = TableRows(run.path("errors"))
         self._failures = run.arrow("failures") if run.has("failures") else None
         self._begin: dict[Name, tuple[int, int]] = {}
-        row, each = 0, len(run.study.estimators)
+        row, estimators = 0, len(run.study.estimators)
         for unit in units(run.study):
-            self._begin.setdefault(unit.group.stream, (row, unit.group.width * each))
-            row += unit.rows * each
+            self._begin.setdefault(unit.group.stream, (row, unit.group.width * estimators))
+            row += unit.rows * estimators
 
     @classmethod
     def of(cls, run: Run) -> "EarlierRun | None":
@@ -165,7 +164,7 @@ class EarlierRun:
         except RunError:  # of a version with other columns
             return None
 
-    def take(self, task: Task) -> Packet | None:
+    def take(self, task: UnitTask) -> Packet | None:
         """Take the rows of a task that this run has, in the order that the task gives them; None if it has none.
 
         Args:
@@ -186,21 +185,21 @@ class EarlierRun:
         use &= pc.field("estimator").cast(pa.string()).isin(list(estimators_of(outputs)))
         if unit.group.cells:
             use &= pc.field("cell").cast(pa.string()).isin([cell.name for cell in unit.group.cells])
-        found = {"errors": whole.filter(use)}
-        if found["errors"].num_rows != unit.rows * len(outputs):
+        result = {"errors": whole.filter(use)}
+        if result["errors"].num_rows != unit.rows * len(outputs):
             return None
         if self._failures is not None:
-            cells = pc.unique(found["errors"]["cell"]).to_pylist()
-            found["failures"] = self._failures.filter(use & pc.field("cell").cast(pa.string()).isin(cells))
-            if "worker" in pc.unique(found["failures"]["cause"]).to_pylist():
+            cells = pc.unique(result["errors"]["cell"]).to_pylist()
+            result["failures"] = self._failures.filter(use & pc.field("cell").cast(pa.string()).isin(cells))
+            if "worker" in pc.unique(result["failures"]["cause"]).to_pylist():
                 return None
-        ordered = {name: table.take(order(estimators_of(outputs), unit, table)) for name, table in found.items()}
+        ordered = {name: table.take(order(estimators_of(outputs), unit, table)) for name, table in result.items()}
         return Packet.of([(task.key, outputs)], [ordered])
 
 
 def beside(study: Study, folder: Path) -> Run | None:
     """Find the finished run of the same name, next to a folder, that has most rows of a study."""
-    found: list[tuple[int, Run]] = []
+    result: list[tuple[int, Run]] = []
     for path in sorted(folder.parent.glob(f"{study.name}-*")):
         if path == folder or not re.fullmatch(r"[0-9a-f]{10}", path.name.removeprefix(f"{study.name}-")):
             continue
@@ -210,9 +209,9 @@ def beside(study: Study, folder: Path) -> Run | None:
             continue
         if run.study.digest() != study.digest() and _related(study, run.study):
             shared = set(run.study.estimators) & set(study.estimators)
-            found.append((sum(each.rows for each in units(run.study)) * len(shared), run))
-    found.sort(key=lambda entry: -entry[0])
-    return next((run for rows, run in found if rows and EarlierRun.of(run)), None)
+            result.append((sum(item.rows for item in units(run.study)) * len(shared), run))
+    result.sort(key=lambda entry: -entry[0])
+    return next((run for rows, run in result if rows and EarlierRun.of(run)), None)
 
 
 def _related(study: Study, earlier: Study) -> bool:

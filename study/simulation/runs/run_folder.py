@@ -17,9 +17,8 @@
 Workers compute and write nothing; the parent alone writes, and only while it holds the folder's lock. A table is read
 only if its digest is the one in the manifest, and its columns are those declared.
 
-The manifest of a run: what was computed, by what, and the digests of its tables and of the manifest itself.
-
-A manifest that does not have its own digest, or whose fields are not as declared, is damaged: nothing in it is used.
+The manifest says what was computed, by what, and the digests of the tables and of itself. One that has not its
+own digest, or whose fields are not as declared, is damaged: nothing in it is used.
 """
 
 import json
@@ -196,8 +195,8 @@ def own_estimators(folder: Path) -> list[str]:
         Their names; none if all estimators were shipped, or the manifest does not say.
     """
     try:
-        found = json.loads((folder / NAME).read_text(encoding="utf-8"))
-        return [str(entry["from"]) for entry in found["own_estimators"]]
+        result = json.loads((folder / NAME).read_text(encoding="utf-8"))
+        return [str(entry["from"]) for entry in result["own_estimators"]]
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return []
 
@@ -273,9 +272,9 @@ class Run:
                 return  # the config may be damaged; it is written again
         except RunError:
             pass
-        found = cls.open(folder).study
-        if found.digest() != study.digest():
-            words = f"holds a run of another config ({found.run_name()}, not {study.run_name()})"
+        result = cls.open(folder).study
+        if result.digest() != study.digest():
+            words = f"holds a run of another config ({result.run_name()}, not {study.run_name()})"
             raise RunError(f"{folder}: {words}; choose another folder with --out, or remove this one")
 
     @classmethod
@@ -287,11 +286,11 @@ class Run:
         """
         _refuse_other_names(folder)
         try:
-            found = (folder / "config.toml").is_file()
+            result = (folder / "config.toml").is_file()
         except OSError as error:
             words = f"cannot be read: {error.strerror or error}; make it readable, or give another folder"
             raise RunError(f"{folder}: {words}") from None
-        if not found:
+        if not result:
             raise RunError(f"{folder}: not a run folder (no config.toml in it); `study run CONFIG` makes one")
         try:
             return cls(folder, load(folder / "config.toml"))
@@ -402,10 +401,10 @@ class Run:
     def metadata(self, name: str) -> dict[str, str]:
         """Metadata of a stored table; empty if it is not there or cannot be read."""
         try:
-            found = pq.read_schema(self.path(name)).metadata
+            result = pq.read_schema(self.path(name)).metadata
         except (OSError, pa.ArrowInvalid):
             return {}
-        return {key.decode(): value.decode() for key, value in (found or {}).items()}
+        return {key.decode(): value.decode() for key, value in (result or {}).items()}
 
     def fingerprint(self, name: str) -> str | None:
         """SHA-256 of a table's file; None if it is not there."""
@@ -510,8 +509,8 @@ class Run:
         """Number of trials of each cell of an adaptive run, by name; empty while there is no precision table."""
         if not self.has("precision"):
             return {}
-        found = self.table("precision", ["cell", "trials"])
-        return dict(zip(found["cell"].astype(str), found["trials"].astype(int), strict=True))
+        result = self.table("precision", ["cell", "trials"])
+        return dict(zip(result["cell"].astype(str), result["trials"].astype(int), strict=True))
 
     def maker(self) -> dict[str, object]:
         """The software that finished the run, as `provenance.software` has it; empty if it is not known."""

@@ -144,10 +144,10 @@ def enter(number: int, parent: Parent, call: bytes) -> tuple[int, object]:
                 return number, error
             _agreed.append(parent)
     function, arguments = pickle.loads(call)
-    found = attempt(number, function, *arguments)
-    if isinstance(found[1], Exception):
-        found[1].add_note("".join(traceback.format_exception(found[1])))  # pickling leaves the traceback out
-    return found
+    result = attempt(number, function, *arguments)
+    if isinstance(result[1], Exception):
+        result[1].add_note("".join(traceback.format_exception(result[1])))  # pickling leaves the traceback out
+    return result
 
 
 def attempt(number: int, function: Callable[..., R], *arguments: object) -> tuple[int, R | Death | Exception]:
