@@ -31,7 +31,7 @@ def test_a_result_comes_back_with_its_number():
 
 def test_want_of_memory_is_a_death():
     """The task is to be tried alone, as after the death of a worker."""
-    assert attempt(1, starve) == (1, Death("cannot allocate"))
+    assert attempt(1, starve) == (1, Death(f"out of memory (cannot allocate): {workers.NEEDS_LESS}"))
 
 
 def test_an_exception_comes_back_with_its_traceback():
