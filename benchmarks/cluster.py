@@ -17,7 +17,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from importlib import import_module
@@ -34,8 +34,8 @@ import psutil
 
 from study.simulation.experiment.compute import Clock, Errors, Result
 from study.simulation.experiment.config import Study, parse
-from study.simulation.experiment.designs import Unit
-from study.simulation.experiment.sampling import spans
+from study.simulation.experiment.designs import Batch
+from study.simulation.experiment.sampling import units
 from study.simulation.runs import jobs, runner, workers
 from study.simulation.runs.parts import Packet, Parts
 from study.simulation.runs.workers import PER_SECOND, Parent, Workers
@@ -98,17 +98,17 @@ async def asleep(pace: float, number: int, _: Parent, call: bytes) -> tuple[int,
     """
     began = time.monotonic()
     study, some = pickle.loads(call)[1]
-    shape = tuple(job.span.rows for job in some)
+    shape = tuple(task.unit.rows for task in some)
     if shape not in _packets:
         _packets[shape] = jobs._packed(study, some, _random)
-    await asyncio.sleep(began + pace * sum(job.weight for job in some) - time.monotonic())
-    return number, replace(_packets[shape], keys=[(job.key, job.outputs) for job in some])
+    await asyncio.sleep(began + pace * sum(task.weight for task in some) - time.monotonic())
+    return number, replace(_packets[shape], keys=[(task.key, task.outputs) for task in some])
 
 
-def _random(study: Study, unit: Unit) -> Result:
+def _random(study: Study, batches: Sequence[Batch]) -> Result:
     """Random errors of all fits of a unit, which cannot be compressed, like real ones."""
-    rng, first, cells = np.random.default_rng(), unit.batches[0], unit.batches[0].cells
-    blocks = tuple(batch.trials for batch in unit.batches)
+    rng, first, cells = np.random.default_rng(), batches[0], batches[0].cells
+    blocks = tuple(batch.trials for batch in batches)
     shape = (len(cells), len(study.estimators), sum(blocks))
     errors = Errors(
         cells=cells,
@@ -130,25 +130,25 @@ def _random(study: Study, unit: Unit) -> Result:
 
 
 def config(weight: float) -> str:
-    """Config of a study of about so much work; see `study.simulation.runs.jobs.Job`."""
+    """Config of a study of about so much work; see `study.simulation.runs.jobs.UnitTask`."""
     return CONFIG.format(trials=max(1, round(100 * weight / _weight(parse(CONFIG.format(trials=100))))))
 
 
 def _weight(study: Study) -> float:
-    found = jobs.Jobs(study)
-    return sum(found.job(span).weight for span in spans(study))
+    found = jobs.UnitTasks(study)
+    return sum(found.task(unit).weight for unit in units(study))
 
 
 def pace() -> float:
-    """Seconds of one core to the weight of a job, measured on some units of the study."""
+    """Seconds of one core to the weight of a task, measured on some units of the study."""
     study = parse(CONFIG.format(trials=100))
-    found = jobs.Jobs(study)
-    some = [found.job(span) for span in islice(spans(study), 5)]
+    found = jobs.UnitTasks(study)
+    some = [found.task(unit) for unit in islice(units(study), 5)]
     seconds = []
-    for job in some:
+    for task in some:
         began = time.process_time()
-        jobs.execute(study, (job,))
-        seconds.append((time.process_time() - began) / job.weight)
+        jobs.execute(study, (task,))
+        seconds.append((time.process_time() - began) / task.weight)
     return min(seconds)
 
 
@@ -169,7 +169,7 @@ def parent(address: str, case: Case, speed: float, folder: Path) -> dict[str, fl
     Args:
         address: the scheduler's.
         case: the case.
-        speed: seconds to the weight of a job.
+        speed: seconds to the weight of a task.
         folder: of the run.
     """
     whole = max(_EACH * case.workers, min(_TASKS, case.workers * _SECONDS / case.task)) * case.task / speed
@@ -260,9 +260,9 @@ def _cpu(process: psutil.Process) -> float:
 def schedule() -> list[dict[str, float]]:
     """Seconds that the study of 10¹³ samples takes by the weights of its units, the heaviest first; nothing is run."""
     study, rows = parse(LARGE), []
-    found = jobs.Jobs(study)
-    some = [found.job(span) for span in spans(study)]
-    seconds = sorted((job.weight / PER_SECOND for job in some), reverse=True)
+    found = jobs.UnitTasks(study)
+    some = [found.task(unit) for unit in units(study)]
+    seconds = sorted((task.weight / PER_SECOND for task in some), reverse=True)
     fits = study.design.groups(study.seed, study.dimension)
     data_sets = sum(group.width * study.design.trials_of(group.samples) for group in fits)
     for count in (10, 100, 1000):
@@ -273,7 +273,7 @@ def schedule() -> list[dict[str, float]]:
             {
                 "workers": count,
                 "units": len(some),
-                "samples": sum((j.span.last - j.span.first) * j.span.group.samples * j.span.group.width for j in some),
+                "samples": sum((j.unit.last - j.unit.first) * j.unit.group.samples * j.unit.group.width for j in some),
                 "rows": data_sets * len(study.estimators),
                 "core_hours": sum(seconds) / 3600,
                 "longest": seconds[0],

@@ -62,8 +62,8 @@ def resume(folder: Path) -> None:
     print(f"{count:,} parts: {first[0]:.2f} s until the first new unit; {time.perf_counter() - began:.2f} s in all")
 
 
-def noted(study: Study, some: tuple[jobs.Job, ...]) -> parts.Packet:
-    """Compute jobs as `execute` does, and note the seconds."""
+def noted(study: Study, some: tuple[jobs.UnitTask, ...]) -> parts.Packet:
+    """Compute tasks as `execute` does, and note the seconds."""
     began = time.perf_counter()
     done = jobs.execute(study, some)
     with open(f"{_BUSY}-{os.getpid()}", "a", encoding="utf-8") as file:

@@ -4,7 +4,6 @@ from functools import partial
 
 from study.simulation.experiment.compute import compute
 from study.simulation.experiment.config import Study
-from study.simulation.experiment.designs import Unit
 from study.simulation.experiment.sampling import units
 
 FOUR = ["mle", "lls", "gdke", "ugdk"]
@@ -20,4 +19,4 @@ def grid(samples, trials, levels=(0.05,), estimators=FOUR, dimension=3, **entrie
 
 def whole(study):
     """The study as one unit, ready to be computed in this thread."""
-    return partial(compute, study, Unit(tuple(batch for unit in units(study) for batch in unit.batches)))
+    return partial(compute, study, [batch for unit in units(study) for batch in unit.batches])

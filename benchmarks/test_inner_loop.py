@@ -11,7 +11,6 @@ import pytest
 
 from study.simulation.experiment.compute import compute
 from study.simulation.experiment.config import Study
-from study.simulation.experiment.designs import Unit
 from study.simulation.experiment.sampling import units
 
 SIGMA, ANGLE = 0.05, 60.0
@@ -23,7 +22,7 @@ def whole_study(samples, trials):
     config = Study.model_validate(
         {"name": "bench", "seed": 1, "estimators": ["mle", "lls", "gdke", "ugdk"], "design": design}
     )
-    return config, Unit(tuple(batch for unit in units(config) for batch in unit.batches))
+    return config, [batch for unit in units(config) for batch in unit.batches]
 
 
 @pytest.mark.parametrize(("samples", "trials"), [(10, 2000), (1000, 200), (100_000, 4)])

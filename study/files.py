@@ -1,12 +1,9 @@
-"""Atomic writing: a file gets a temporary name, is synced, and is renamed, so that it is there whole or not at all.
+"""Files that are there whole or not at all, their digests, the lock of a run's folder, and rows of a table by number.
 
-Files that end: pipes and devices are refused, since to read one may take for ever.
-
-Digests of files: SHA-256 of their bytes, computed once per process as long as a file stays as it is.
-
-The lock of a run's folder: one writer at a time, named in the file. The system releases it when the writer dies.
-
-Rows of a parquet file by their numbers, read a row group at a time, so that any length fits in memory.
+A file is written under a temporary name, synced, and renamed. A digest is the SHA-256 of a file's bytes; it is
+remembered as long as the file stays as it is, since the tables of five million fits take a fifth of a second each time.
+A folder has one writer at a time, named in its lock; the system releases the lock when the writer dies.
+Pipes and devices are refused, since to read one may take for ever.
 """
 
 import contextlib
@@ -57,8 +54,8 @@ def explained(place: Path, of_run: bool = True) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        kept = "; what was finished is kept" if of_run else ""
-        raise RunError(f"{place}: cannot be written: {error.strerror or error}{kept}") from None
+        rest = "; what was finished is kept" if of_run else ""
+        raise RunError(f"{place}: cannot be written: {error.strerror or error}{rest}") from None
     except UnicodeEncodeError:
         raise RunError(f"{place}: cannot be written: its name is not UTF-8; choose another") from None
 
@@ -187,10 +184,10 @@ def of_file(path: Path) -> str | None:
         RunError: if it cannot be read.
     """
     try:
-        found = os.stat(regular(path))
-        if time.time() - max(found.st_mtime, found.st_ctime) < _SETTLED:
+        stat = os.stat(regular(path))
+        if time.time() - max(stat.st_mtime, stat.st_ctime) < _SETTLED:
             return _computed(path)
-        return _remembered(os.path.abspath(path), found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns)
+        return _remembered(os.path.abspath(path), stat.st_ino, stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns)
     except FileNotFoundError:
         return None
     except OSError as error:
@@ -262,8 +259,8 @@ def holder(folder: Path) -> str | None:
 
 def _writer(path: Path) -> str:
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-        return f"process {found['process']} on {found['host']}"
+        writer = json.loads(path.read_text(encoding="utf-8"))
+        return f"process {writer['process']} on {writer['host']}"
     except (OSError, ValueError, KeyError, TypeError):
         return "another process"
 

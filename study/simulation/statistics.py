@@ -3,10 +3,8 @@
 Medians and quantiles are the headline, because the errors of sphere fits have heavy tails: UGDK's have no mean at any
 number of samples, GDKE's no variance at n ≤ d + 2. Moments are given only where they exist (`moments_exist`).
 
-Performance measures of an estimator in one group of fits, by name, each with its Monte-Carlo error.
-
-They are those of Morris, White & Crowther (2019) as far as they exist for errors with heavy tails. A quantile, and the
-share of outliers, comes three times:
+Performance measures have names (`MEASURES`). They are those of Morris, White & Crowther as far as they exist for
+errors with heavy tails. A quantile, and the share of outliers, comes three times:
 
 - ``ratio_median`` is of all fits as computed, whatever their status; one without a number counts as infinite. It is of
   the same trials for all estimators, so they are compared by it.
@@ -14,22 +12,14 @@ share of outliers, comes three times:
   ones, so it compares nothing.
 - ``ratio_median_all`` is of all fits, with those that are not ok counted as infinite.
 
-Rows of the summary table: for each group of fits and estimator, counts of each status and performance measures.
-
-A group is a cell, or, in a random design, a decade of σ/r. Failures count: no planned fit is left out of a measure of
-all fits, and one without a number counts as infinite.
-
-Theil and Sen's slope: the median of the slopes between all pairs of points, with its interval.
-
-The numbers are those of `scipy.stats.theilslopes`. They are computed here because that library takes half a second to
-load, a third of the time in which a figure is drawn.
+The summary table has a row for each group of fits and estimator, with counts of each status and all measures. A group
+is a cell, or, in a random design, a decade of σ/r. Failures count: no planned fit is left out of a measure of all fits.
 """
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
-from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
@@ -282,7 +272,7 @@ _FAILED_LAST = "of all fits, with those that are not ok counted as infinite"
 
 
 def _quantiles() -> dict[str, Performance]:
-    found = {}
+    result = {}
     for name, quantity in (("relative", "error over radius"), ("ratio", "error over √tr CRLB")):
         for part, p, words in (
             ("median", 0.5, "median"),
@@ -296,8 +286,8 @@ def _quantiles() -> dict[str, Performance]:
                 ("_all", ", not ok as infinite", _FAILED_LAST, _quantile_all),
             ):
                 meaning = f"{title}, {of_which}"
-                found[f"{name}_{part}{suffix}"] = Performance(title + title_of, meaning, partial(function, name, p))
-    return found
+                result[f"{name}_{part}{suffix}"] = Performance(title + title_of, meaning, partial(function, name, p))
+    return result
 
 
 _GUARD = "of the estimator's own ok fits; only where the tail index exceeds 2 by two errors"
@@ -367,7 +357,7 @@ def row(group: str, estimator: str, fits: Columns) -> Row:
         A value for each column of the summary table.
     """
     status = fits["status"]
-    found: Row = {
+    result: Row = {
         "group": group,
         "estimator": estimator,
         "decade": fits["decade"][0],
@@ -377,12 +367,12 @@ def row(group: str, estimator: str, fits: Columns) -> Row:
         if condition.name in fits:
             values = fits[condition.name]
             varying = "" if condition.kind is str else np.nan
-            found[condition.name] = values[0] if np.all(values == values[0]) else varying
-    found |= {s.name.lower(): int(np.sum(status == s)) for s in Status}
+            result[condition.name] = values[0] if np.all(values == values[0]) else varying
+    result |= {s.name.lower(): int(np.sum(status == s)) for s in Status}
     measures = Fits(fits)
     for name, measure in MEASURES.items():
-        found[name], found[f"{name}_error"] = measure.of(measures)
-    return found
+        result[name], result[f"{name}_error"] = measure.of(measures)
+    return result
 
 
 def of_errors(errors: Errors) -> Columns:
@@ -417,16 +407,8 @@ def as_columns(rows: list[Row]) -> Columns:
     }
 
 
-class RobustSlope(NamedTuple):
-    """A slope, and the ends of its interval."""
-
-    value: float
-    low: float
-    high: float
-
-
-def theil_sen(x: Floats, y: Floats, level: float = 0.95) -> RobustSlope:
-    """Slope of y over x, with Sen's interval from the variance of Kendall's tau (Sen 1968, eq. 2.6).
+def theil_sen(x: Floats, y: Floats, level: float = 0.95) -> tuple[float, float, float]:
+    """Theil and Sen's slope of y over x, the median of the slopes between all pairs of points (Sen 1968).
 
     Args:
         x: first coordinates of the points (n,), n ≥ 2, all finite. Pairs with the same x count for nothing.
@@ -434,22 +416,9 @@ def theil_sen(x: Floats, y: Floats, level: float = 0.95) -> RobustSlope:
         level: probability that the interval contains the slope.
 
     Returns:
-        The slope and its interval; NaN where all x are the same.
+        The slope and the ends of its interval; NaN where all x are the same.
     """
-    right = x[:, np.newaxis] - x
-    use = right > 0.0
-    slopes = np.sort((y[:, np.newaxis] - y)[use] / right[use])
-    if not len(slopes):
-        return RobustSlope(math.nan, math.nan, math.nan)
-    n, pairs = len(y), len(slopes)
-    variance = (n * (n - 1) * (2 * n + 5) - _ties(x) - _ties(y)) / 18.0
-    away = NormalDist().inv_cdf(0.5 + 0.5 * level) * math.sqrt(max(variance, 0.0))
-    low = max(round(0.5 * (pairs - away)) - 1, 0)
-    high = min(round(0.5 * (pairs + away)), pairs - 1)
-    return RobustSlope(float(np.median(slopes)), float(slopes[low]), float(slopes[high]))
-
-
-def _ties(values: Floats) -> int:
-    """Part of the variance of Kendall's tau that is lost to values that occur more than once."""
-    _, counts = np.unique(values, return_counts=True)
-    return sum(int(k) * (int(k) - 1) * (2 * int(k) + 5) for k in counts)
+    if np.ptp(x) == 0.0:
+        return math.nan, math.nan, math.nan
+    slope, _, low, high = scipy.stats.theilslopes(y, x, level)
+    return float(slope), float(low), float(high)

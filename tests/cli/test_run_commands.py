@@ -17,8 +17,8 @@ from study.files import writing
 from study.simulation.analysis import regret
 from study.simulation.experiment.compute import compute
 from study.simulation.experiment.config import parse
-from study.simulation.experiment.sampling import find, replay, spans, units
-from study.simulation.runs.jobs import Jobs, execute
+from study.simulation.experiment.sampling import find, replay, units
+from study.simulation.runs.jobs import UnitTasks, execute
 from study.simulation.runs.parts import FORMAT, Parts
 from study.simulation.runs.run_folder import Run
 
@@ -37,7 +37,7 @@ def begun(config, tmp_path):
     made = parse(config)
     store = Run.create(tmp_path / "out", made).begin(config)
     parts = Parts(store.folder, "units")
-    parts.add(execute(made, (Jobs(made).job(next(spans(made))),)))
+    parts.add(execute(made, (UnitTasks(made).task(next(units(made))),)))
     parts.commit()
     return tmp_path
 
@@ -380,7 +380,7 @@ def made(folder_of_replay_command):
 @pytest.fixture(scope="module")
 def points(made):
     """All points of the study, as a worker computes them."""
-    parts = [pd.DataFrame(compute(made, unit).points) for unit in units(made)]
+    parts = [pd.DataFrame(compute(made, unit.batches).points) for unit in units(made)]
     return pd.concat(parts, ignore_index=True)
 
 

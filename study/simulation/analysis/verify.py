@@ -22,8 +22,8 @@ from threadpoolctl import threadpool_limits
 from study.files import RunError, TableRows
 from study.simulation.analysis.summary import Grouped, rows_of_groups
 from study.simulation.experiment.compute import compute
-from study.simulation.experiment.designs import Span
-from study.simulation.experiment.sampling import spans
+from study.simulation.experiment.designs import Unit
+from study.simulation.experiment.sampling import units
 from study.simulation.posterior.run import chain_tasks
 from study.simulation.runs import jobs, schemas
 from study.simulation.runs.jobs import tables
@@ -127,17 +127,17 @@ def recompute_units(run: Run, names: list[str], seed: str, share: float) -> dict
         found[main].faults.append(words)
         return found
     use, seen = chosen(seed, there.places, share), Counter[str]()
-    for span, begin, end in use:
-        if there.lost(span):
-            seen.update({name: there.of(name, span).num_rows for name in compared if name != main})
+    for unit, begin, end in use:
+        if there.lost(unit):
+            seen.update({name: there.of(name, unit).num_rows for name in compared if name != main})
             continue
-        computed = tables(study, span.unit(), compute(study, span.unit()))
+        computed = tables(study, compute(study, unit.batches))
         for name in compared:
             rows = schemas.table(columns[name], computed[name]) if computed[name] else _empty(columns[name])
             if name != "points":
-                rows = rows.take(pa.array(jobs.order(study.estimators, span, rows)))
+                rows = rows.take(pa.array(jobs.order(study.estimators, unit, rows)))
             rows = there.kept(rows)
-            stored = there.main.rows(begin, end) if name == main else there.of(name, span)
+            stored = there.main.rows(begin, end) if name == main else there.of(name, unit)
             seen[name] += stored.num_rows
             found[name].done += 1
             if (fault := difference(stored, rows)) is not None:
@@ -165,29 +165,29 @@ class _Stored:
         self._run, self._trials = run, run.trials()
         self.main = TableRows(run.path(run.study.keep))
         self._failures = run.arrow("failures") if "failures" in names else None
-        self.places: list[tuple[Span, int, int]] = []
+        self.places: list[tuple[Unit, int, int]] = []
         row = 0
-        for span, count in self._spans():
+        for unit, count in self._units():
             if count:
-                self.places.append((span, row, row + count))
+                self.places.append((unit, row, row + count))
             row += count
         self.expected = row
 
-    def _spans(self) -> Iterator[tuple[Span, int]]:
+    def _units(self) -> Iterator[tuple[Unit, int]]:
         """The units, cut to the trials that their cells have, and their numbers of rows."""
         study = self._run.study
         each = len(study.estimators)
-        for span in spans(study):
+        for unit in units(study):
             if study.keep == "summary":
-                yield span, len(span.group.cells) * each
+                yield unit, len(unit.group.cells) * each
             elif not self._trials:
-                yield span, span.rows * each
+                yield unit, unit.rows * each
             else:
-                counts = {c: min(self._trials[c.name], span.last) - span.first for c in span.group.cells}
+                counts = {c: min(self._trials[c.name], unit.last) - unit.first for c in unit.group.cells}
                 open_cells = [cell for cell, count in counts.items() if count > 0]
                 if open_cells:
-                    last = span.first + max(counts.values())
-                    yield Span(span.group.only(open_cells), span.first, last), each * sum(counts[c] for c in open_cells)
+                    last = unit.first + max(counts.values())
+                    yield Unit(unit.group.only(open_cells), unit.first, last), each * sum(counts[c] for c in open_cells)
 
     def kept(self, rows: pa.Table) -> pa.Table:
         """Leave out rows of trials that an adaptive run did not give to their cells."""
@@ -196,17 +196,17 @@ class _Stored:
         cells, trials = rows["cell"].cast(pa.string()).to_pylist(), rows["trial"].to_pylist()
         return rows.filter(pa.array([t < self._trials[c] for c, t in zip(cells, trials, strict=True)]))
 
-    def lost(self, span: Span) -> bool:
+    def lost(self, unit: Unit) -> bool:
         """Tell whether a unit's worker died."""
         if self._failures is None:
             return False
-        return "worker" in pc.unique(self.of("failures", span)["cause"].cast(pa.string())).to_pylist()
+        return "worker" in pc.unique(self.of("failures", unit)["cause"].cast(pa.string())).to_pylist()
 
-    def of(self, name: str, span: Span) -> pa.Table:
+    def of(self, name: str, unit: Unit) -> pa.Table:
         """Stored rows of a unit in the table of failures or of points."""
-        use = (pc.field("trial") >= span.first) & (pc.field("trial") < span.last)
-        if span.group.cells:
-            use &= pc.field("cell").cast(pa.string()).isin([cell.name for cell in span.group.cells])
+        use = (pc.field("trial") >= unit.first) & (pc.field("trial") < unit.last)
+        if unit.group.cells:
+            use &= pc.field("cell").cast(pa.string()).isin([cell.name for cell in unit.group.cells])
         if name == "failures" and self._failures is not None:
             return self._failures.filter(use)
         return pq.read_table(self._run.path(name), filters=use)

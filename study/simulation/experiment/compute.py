@@ -1,14 +1,13 @@
-"""The errors of every estimator in every cell over a block of trials, and their rows in the error table.
+"""Errors of every estimator in every cell: the only code that runs in a worker; it returns rows and writes nothing.
 
-Calls of an estimator in which an exception, or an exit, costs the trials that raise it, and no others.
-
-Compute one unit of work. This is the only code that runs in a worker; it returns rows and writes nothing.
+A unit's batches are drawn, placed on the spheres of their cells, fitted, and compared with the truth. An exception in
+an estimator, or an exit, costs the trials that raise it, and no others.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,18 +19,11 @@ from study.fits.registry import SimpleForm
 from study.fits.samples import blank
 from study.simulation.experiment.conditions import CONDITIONS, Value
 from study.simulation.experiment.config import Study
-from study.simulation.experiment.designs import Batch, Cell, Level, Unit
+from study.simulation.experiment.designs import Batch, Cell
 from study.simulation.experiment.sampling import Workspace, draw
 
 Columns = dict[str, NDArray[Any]]
 """Columns of a table by name."""
-
-
-class Truth(NamedTuple):
-    """A sphere that fits are compared with, in the unit of the fits."""
-
-    center: tuple[float, ...]
-    radius: float
 
 
 @dataclass(frozen=True)
@@ -70,7 +62,7 @@ class Errors:
         batches: Sequence[Batch],
         bound: Floats,
         fits: Sequence[list[Estimates]],
-        truths: Sequence[Truth],
+        of_spheres: bool = True,
     ) -> "Errors":
         """Compare fits with the truth.
 
@@ -80,23 +72,22 @@ class Errors:
             bound: the Cramér-Rao bound at σ = 1 of each trial's directions (T, d+1, d+1).
             fits: of all trials. Levels may have been fitted together: for each such group of levels there is a fit per
                 estimator, of each trial's levels one after the other.
-            truths: of the levels, in the order of `levels`.
+            of_spheres: true if the fits are spheres; false if they are their errors already.
         """
         cells = batches[0].cells
-        places = list(levels(cells))
         level = np.empty(len(cells), dtype=np.intp)
-        for index, some in enumerate(places):
-            level[some] = index
+        for index, places in enumerate(levels(cells)):
+            level[places] = index
         scale = np.array([cell.scale for cell in cells])[:, None, None]
-        true_center = np.array([truth.center for truth in truths])[:, None, None]
-        true_radius = np.array([truth.radius for truth in truths])[:, None, None]
+        true_center = np.where(of_spheres, [cell.level.center for cell in cells], 0.0)[:, None, None]
+        true_radius = np.where(of_spheres, [cell.level.radius for cell in cells], 0.0)[:, None, None]
 
-        def found(name: str, kind: type = float) -> NDArray[Any]:
+        def by_cell(name: str, kind: type = float) -> NDArray[Any]:
             groups = []
-            for some in fits:
+            for at_once in fits:
                 # np.stack and np.moveaxis would take three times as long, and a tenth of a unit of few samples
-                values: NDArray[Any] = np.array([getattr(fit, name) for fit in some], dtype=kind)
-                by_level = values.reshape(len(some), len(bound), -1, *values.shape[2:])
+                values: NDArray[Any] = np.array([getattr(fit, name) for fit in at_once], dtype=kind)
+                by_level = values.reshape(len(at_once), len(bound), -1, *values.shape[2:])
                 groups.append(by_level.swapaxes(1, 2).swapaxes(0, 1))
             return np.asarray(np.concatenate(groups)[level])
 
@@ -107,12 +98,12 @@ class Errors:
             first=batches[0].first,
             blocks=tuple(batch.trials for batch in batches),
             bound=bound,
-            center=(found("center") - true_center[level]) * scale[..., None],
-            radius=(found("radius") - true_radius[level]) * scale,
-            noise_variance=found("noise_variance") * scale**2,
-            status=found("status", np.int8),
-            condition=found("condition"),
-            iterations=found("iterations", np.int32),
+            center=(by_cell("center") - true_center) * scale[..., None],
+            radius=(by_cell("radius") - true_radius) * scale,
+            noise_variance=by_cell("noise_variance") * scale**2,
+            status=by_cell("status", np.int8),
+            condition=by_cell("condition"),
+            iterations=by_cell("iterations", np.int32),
         )
 
     @classmethod
@@ -152,7 +143,7 @@ class Errors:
         places, ends = np.arange(c * e * t).reshape(c, e, t), np.cumsum(self.blocks)[:-1]
         place = np.concatenate([part.ravel() for part in np.split(places, ends, axis=2)])
         cell, estimator, trial = np.unravel_index(place, (c, e, t))
-        of_cells = [each.values for each in self.cells]
+        of_cells = [cell.values for cell in self.cells]
         error = self.center.reshape(c * e * t, self.center.shape[3])[place]
         return {
             "cell": np.array([cell.name for cell in self.cells], dtype=object)[cell],
@@ -173,13 +164,13 @@ class Errors:
 
 def _column(name: str, of_cells: Sequence[Mapping[str, Value]]) -> NDArray[Any]:
     """A condition of each cell; words as objects, which tables are made of."""
-    values = [each[name] for each in of_cells]
+    values = [cell[name] for cell in of_cells]
     return np.array(values, dtype=object) if CONDITIONS[name].kind is str else np.array(values)
 
 
 def levels(cells: tuple[Cell, ...]) -> Iterator[list[int]]:
     """The places of the cells of each level, in the order in which levels first come."""
-    places: dict[Level, list[int]] = {}
+    places: dict[Cell, list[int]] = {}
     for place, cell in enumerate(cells):
         places.setdefault(cell.level, []).append(place)
     yield from places.values()
@@ -235,7 +226,7 @@ class Failures:
     def __init__(self, estimators: Sequence[str], cause: str = "exception") -> None:
         self._places = {name: place for place, name in enumerate(estimators)}
         self._cause = cause
-        self._found: list[tuple[int, int, int, int, Cell, str, str]] = []
+        self._rows: list[tuple[int, int, int, int, Cell, str, str]] = []
 
     def note(self, name: str, cells: Sequence[int], batches: Sequence[Batch], raised: dict[int, str]) -> None:
         """Note the exceptions of an estimator.
@@ -254,15 +245,15 @@ class Failures:
                 if (message := raised.get(start + trial)) is not None:
                     for cell in cells:
                         place = (batch.first, cell, self._places[name], batch.first + trial)
-                        self._found.append((*place, batch.cells[cell], name, message))
+                        self._rows.append((*place, batch.cells[cell], name, message))
             start += batch.trials
 
     def columns(self) -> Columns:
         """The rows; no columns if there are none."""
-        if not self._found:
+        if not self._rows:
             return {}
-        self._found.sort(key=lambda row: row[:4])
-        *_, trials, cells, names, messages = zip(*self._found, strict=True)
+        self._rows.sort(key=lambda row: row[:4])
+        *_, trials, cells, names, messages = zip(*self._rows, strict=True)
         return {
             "cell": np.array([cell.name for cell in cells], dtype=object),
             "trial": np.array(trials, dtype=np.int64),
@@ -336,45 +327,44 @@ class Result:
         return self.clock.columns()
 
 
-def compute(study: Study, unit: Unit) -> Result:
-    """Draw a unit's batches, place them on their cells' spheres, fit them, and compare with the truth.
+def compute(study: Study, batches: Sequence[Batch]) -> Result:
+    """Draw batches, place them on their cells' spheres, fit them, and compare with the truth.
 
     Args:
         study: the config.
-        unit: the work.
+        batches: of a unit, in order.
     """
     clock, points, failures = Clock(), StoredPoints(study), Failures(study.estimators)
     if study.route == "moments":
-        found = _from_moments(study, unit, clock, failures)
+        blocks = _from_moments(study, batches, clock, failures)
     else:
-        found = _from_points(study, unit, clock, points, failures)
-    return Result(tuple(found), clock, stack(points.columns()), failures.columns())
+        blocks = _from_points(study, batches, clock, points, failures)
+    return Result(tuple(blocks), clock, stack(points.columns()), failures.columns())
 
 
-def lost(study: Study, unit: Unit, message: str) -> Result:
+def lost(study: Study, batches: Sequence[Batch], message: str) -> Result:
     """Result of a unit whose worker died: every fit failed, and no bound is known."""
     d, blocks, failures = study.dimension, [], Failures(study.estimators, "worker")
-    for batch in unit.batches:
+    for batch in batches:
         on, bound = list(levels(batch.cells)), np.full((batch.trials, d + 1, d + 1), np.nan)
         fit = blank(batch.trials * len(on), d)
         fit.status[:] = Status.FAILED
         for name in study.estimators:
             failures.note(name, range(len(batch.cells)), [batch], dict.fromkeys(range(batch.trials), message))
-        truths = [Truth((0.0,) * d, 0.0) for _ in on]
-        blocks.append(Errors.of(study, [batch], bound, [[fit] * len(study.estimators)], truths))
+        blocks.append(Errors.of(study, [batch], bound, [[fit] * len(study.estimators)]))
     return Result(tuple(blocks), Clock(), {}, failures.columns())
 
 
 def _from_points(
-    study: Study, unit: Unit, clock: Clock, points: "StoredPoints", failures: Failures
+    study: Study, unit: Sequence[Batch], clock: Clock, points: "StoredPoints", failures: Failures
 ) -> Iterator[Errors]:
     """Form the points of each level and fit them, as the paper did: rounding is included."""
-    for batches in together(unit.batches):
+    for batches in together(unit):
         n, cells = batches[0].samples, batches[0].cells
         draws = draw(study, batches, _workspace)
         trials = len(draws.unit_noise)
         clock.read("draw", n, trials)
-        bound, truths = draws.unit_bound(), []
+        bound = draws.unit_bound()
         fits: list[list[Estimates]] = []
         clock.read("bound", n, trials)
         for places in levels(cells):
@@ -390,17 +380,16 @@ def _from_points(
                 if raised:
                     failures.note(name, places, batches, raised)
                 clock.read(name, n, trials)
-            truths.append(Truth(level.center, level.radius))
             for place in places if study.keep_points else ():
                 points.add(cells[place], batches, samples)
         if study.estimators:  # if all fits are known already, a run may need points or timings alone
-            yield Errors.of(study, batches, bound, fits, truths)
+            yield Errors.of(study, batches, bound, fits)
 
 
-def _from_moments(study: Study, unit: Unit, clock: Clock, failures: Failures) -> Iterator[Errors]:
+def _from_moments(study: Study, unit: Sequence[Batch], clock: Clock, failures: Failures) -> Iterator[Errors]:
     """Reduce the draws to their joint moments, and fit all levels of all trials from those, without rounding."""
-    parts, bounds, cells = [], [], unit.batches[0].cells
-    for batches in together(unit.batches):
+    parts, bounds, cells = [], [], unit[0].cells
+    for batches in together(unit):
         n = batches[0].samples
         draws = draw(study, batches, _workspace)
         clock.read("draw", n, len(draws.unit_noise))
@@ -408,24 +397,23 @@ def _from_moments(study: Study, unit: Unit, clock: Clock, failures: Failures) ->
         clock.read("moments", n, len(draws.unit_noise))
         bounds.append(draws.unit_bound())
         clock.read("bound", n, len(draws.unit_noise))
-    joint, truths = JointMoments.joined(parts), []
+    joint = JointMoments.joined(parts)
     fits: list[list[Estimates]] = []
-    trials, d = len(joint.count), study.dimension
+    trials = len(joint.count)
     for places in levels(cells):
         level = cells[places[0]].level
-        regression = joint.regression(np.array([level.sigma]), np.array([level.radius]))
-        samples = Samples.of_regression(regression, level.sigma)
+        regression = joint.regression(np.array([level.noise]), np.array([level.radius]))
+        samples = Samples.of_regression(regression, level.noise)
         samples.spectrum  # noqa: B018
         clock.read("points", n, trials)
-        truths.append(Truth((0.0,) * d, 0.0))  # fits from joint moments are errors already
         fits.append([])
         for name in study.estimators:
             fit, raised = attempt(name, samples)
             fits[-1].append(fit)
-            failures.note(name, places, unit.batches, raised)
+            failures.note(name, places, unit, raised)
             clock.read(name, n, trials)
     if study.estimators:
-        yield Errors.of(study, unit.batches, np.concatenate(bounds), fits, truths)
+        yield Errors.of(study, unit, np.concatenate(bounds), fits, of_spheres=False)
 
 
 def together(batches: Sequence[Batch]) -> Iterator[list[Batch]]:
@@ -452,7 +440,7 @@ class StoredPoints:
 
     def __init__(self, study: Study) -> None:
         self._below = study.keep_points
-        self._found: dict[tuple[int, int], Columns] = {}
+        self._rows: dict[tuple[int, int], Columns] = {}
 
     def add(self, cell: Cell, batches: Sequence[Batch], samples: Samples) -> None:
         """Add the points of a cell, as far as they are to be stored, from the points of its level in some batches."""
@@ -461,12 +449,12 @@ class StoredPoints:
             count = min(batch.trials, self._below - batch.first)
             if count > 0:
                 points = _point_columns(cell, batch.first, cell.scale * samples.x[start : start + count])
-                self._found[batch.first, batch.cells.index(cell)] = points
+                self._rows[batch.first, batch.cells.index(cell)] = points
             start += batch.trials
 
     def columns(self) -> list[Columns]:
         """The rows, of each batch and cell."""
-        return [self._found[place] for place in sorted(self._found)]
+        return [self._rows[place] for place in sorted(self._rows)]
 
 
 def _point_columns(cell: Cell, first: int, x: Floats) -> Columns:

@@ -232,8 +232,8 @@ class Precision(Frozen):
     def _one_target(self) -> Self:
         given = [name for name in ("target", "relative_target") if getattr(self, name) is not None]
         if len(given) != 1:
-            found = " and ".join(given) or "neither"
-            raise ValueError(f"give target or relative_target, one of the two (found {found})")
+            result = " and ".join(given) or "neither"
+            raise ValueError(f"give target or relative_target, one of the two (found {result})")
         return self
 
     def checkpoints(self, cap: int) -> list[int]:
@@ -421,8 +421,8 @@ def _faults_between_keys(raw: dict[str, Any]) -> list[Fault]:
         return faults
     given = [key for key in (NOISE.name, NOISE.alternative) if key in design]
     if len(given) != 1:
-        found = " and ".join(given) or "neither"
-        words = f"give noise or noise_over_radius, one of the two (found {found})"
+        result = " and ".join(given) or "neither"
+        words = f"give noise or noise_over_radius, one of the two (found {result})"
         either = () if given else tuple(("design", str(key)) for key in (NOISE.name, NOISE.alternative))
         faults.append(Fault(("design",), words, wants=either))
     counts = _sample_counts(design.get("samples"))
@@ -551,7 +551,7 @@ def _path(location: Sequence[str | int]) -> tuple[str | int, ...]:
 def shipped_configs() -> dict[str, Path]:
     """Files of the shipped configs by name, in the order of the alphabet."""
     package = Path(str(resources.files("study")))
-    folder = next((each for each in (package / "configs", package.parent / "configs") if each.is_dir()), None)
+    folder = next((entry for entry in (package / "configs", package.parent / "configs") if entry.is_dir()), None)
     return {} if folder is None else {path.stem: path for path in sorted(folder.glob("*.toml"), key=lambda p: p.stem)}
 
 

@@ -1,14 +1,9 @@
-"""Cells, each of them one combination of conditions, and the batches of trials that are drawn together.
+"""Designs of a study: the cells of a grid or of a random design, the batches that they share, and the units of work.
 
-Entries of a config's ``[design]``, made from the table of conditions: axes of a grid, laws of a random design.
-
-Groups of cells that share draws, and the units of work that they are cut into.
-
-The interface of a design, which a grid and a random design have in common.
-
-A grid: every combination of the listed values is a cell of so many trials.
-
-A random design: each trial draws its own conditions from declared laws, as in the paper's §4.1.
+A config's ``[design]`` is made from the table of conditions: a grid lists values, and every combination of them is a
+cell of so many trials; in a random design each trial draws its own conditions from declared laws, as in the paper's
+§4.1. Cells that differ in the placing of points alone share their draws and form a group; a unit is a range of a
+group's trials, which a worker computes at once.
 """
 
 import hashlib
@@ -16,10 +11,10 @@ import math
 import operator
 from abc import abstractmethod
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import chain, product
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Protocol, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import (
@@ -50,15 +45,6 @@ from study.toml import Frozen, each_once, shorten
 
 Further = tuple[tuple[str, Value], ...]
 """Names and values of silent conditions that are not at their defaults, in the order of the table."""
-
-
-class Level(NamedTuple):
-    """The noise σ, radius r and centre c with which draws are placed, in the unit of a cell, and further conditions."""
-
-    sigma: float
-    radius: float
-    center: tuple[float, ...]
-    further: Further = ()
 
 
 @dataclass(frozen=True)
@@ -98,12 +84,12 @@ class Cell:
         return hashlib.blake2b(repr([*numbers, *self.further]).encode(), digest_size=5).hexdigest()
 
     @cached_property
-    def level(self) -> Level:
-        """The level at which draws are placed, in units of ``scale``."""
+    def level(self) -> "Cell":
+        """The cell in units of ``scale``, in which its points are formed; cells of equal levels are fitted once."""
         if self.scale == 1.0:
-            return Level(self.noise, self.radius, self.center, self.further)
-        center = tuple(rounded(v / self.scale) for v in self.center)
-        return Level(rounded(self.noise / self.scale), rounded(self.radius / self.scale), center, self.further)
+            return self
+        noise, radius, *center = (rounded(v / self.scale) for v in (self.noise, self.radius, *self.center))
+        return replace(self, noise=noise, radius=radius, center=tuple(center), scale=1.0)
 
     @property
     def distance(self) -> float:
@@ -152,13 +138,6 @@ class Batch:
         return self.cells[0].angle
 
 
-@dataclass(frozen=True)
-class Unit:
-    """The work that is given to a worker at once: batches in order."""
-
-    batches: tuple[Batch, ...]
-
-
 def further(values: Mapping[str, Value]) -> Further:
     """Select the silent conditions that are not at their defaults."""
     return tuple((c.name, values[c.name]) for c in SILENT if values.get(c.name, c.default) != c.default)
@@ -188,7 +167,7 @@ def laws() -> dict[str, Any]:
 
 def axis(condition: Condition) -> TypeAndDefault:
     """The field of a condition in a grid: the tuple of its values."""
-    values: Any = Annotated[_TUPLES[condition.kind], BeforeValidator(lambda given: _expanded(condition, given))]
+    values: Any = Annotated[_TUPLES[condition.kind], BeforeValidator(lambda entry: _expanded(condition, entry))]
     return _field(condition, values, None if condition.default is None else (condition.default,))
 
 
@@ -222,9 +201,9 @@ def _expanded(condition: Condition, given: Any) -> tuple[Value, ...]:
         raise ValueError(f"{listed} not allowed: every value must be {condition.rule}")
     if condition.kind is float:
         values = [v + 0.0 for v in values]  # -0.0 is 0.0
-    found: tuple[Value, ...] = tuple(map(condition.kind, values))
+    result: tuple[Value, ...] = tuple(map(condition.kind, values))
     # a range of whole numbers may round to equal ones; in a list, a second one is a mistake
-    return tuple(dict.fromkeys(found)) if isinstance(given, dict) else each_once(found)
+    return tuple(dict.fromkeys(result)) if isinstance(given, dict) else each_once(result)
 
 
 def _spaced(given: dict[str, Any]) -> list[float]:
@@ -262,62 +241,107 @@ def _within(condition: Condition, given: Distribution) -> Distribution:
     return given
 
 
-class Group(Protocol):
-    """Cells that share draws; or the trials of a random design, each of which is a cell of its own."""
+BLOCK_SAMPLES = 2**15
+BLOCK_TRIALS = 1000
+_SAMPLES_PER_UNIT = 8_000_000
+_FITS_PER_UNIT = 20_000
+"""Data sets of a unit, of any number of samples: its rows lie in memory until they are written."""
 
-    @property
-    def stream(self) -> Name:
-        """Name of the draws, without the number of the block."""
 
-    @property
-    def cells(self) -> tuple[Cell, ...]:
-        """The cells; none if every trial draws its own."""
+def block_trials(samples: int) -> int:
+    """Number of trials that are drawn from one pair of streams; it depends on the number of samples alone."""
+    return max(1, min(BLOCK_TRIALS, BLOCK_SAMPLES // samples))
+
+
+@dataclass(frozen=True)
+class Group:
+    """Cells that share draws; without cells, the trials of a random design, each of which is a cell of its own.
+
+    Attributes:
+        stream: name of the draws, without the number of the block.
+        cells: the cells, all of the same number of samples and angle.
+    """
+
+    stream: Name
+    cells: tuple[Cell, ...]
 
     @property
     def samples(self) -> int:
         """Number of samples of each trial; 0 if every trial draws its own."""
+        return self.cells[0].samples if self.cells else 0
 
     @property
     def width(self) -> int:
         """Number of data sets of a trial: one for each cell."""
+        return max(1, len(self.cells))
 
-    @property
+    @cached_property
     def size(self) -> int:
         """Number of trials in a block, which are drawn from one pair of streams."""
+        return block_trials(self.samples) if self.cells else 1
 
-    @property
+    @cached_property
     def levels(self) -> int:
         """Number of levels at which the draws are placed and fitted."""
+        return len({cell.level for cell in self.cells}) if len(self.cells) > 1 else 1
 
-    @property
+    @cached_property
     def digest(self) -> bytes:
         """Digest of all that determines the draws and the cells, without the study's seed."""
+        values = [(c.samples, c.noise, c.angle, c.radius, c.center, *c.further) for c in self.cells]
+        return _digest((self.stream, self.size, values))
 
     def trials_per_unit(self, levels: int) -> int:
-        """Number of trials in a unit, if each is fitted at so many levels."""
+        """Number of trials of a unit, if each is fitted at so many levels.
+
+        They are whole blocks: enough for a worker to be busy, and so few that the unit's rows fit in memory.
+        """
+        enough = -(-_SAMPLES_PER_UNIT // (self.size * self.samples * levels))
+        return self.size * min(enough, max(1, _FITS_PER_UNIT // (self.size * self.width)))
 
     def batches(self, first: int, last: int) -> Iterator[Batch]:
         """The batches that hold the trials from first to before last."""
+        for block in range(first // self.size, -(-last // self.size)):
+            begin, start = block * self.size, max(first, block * self.size)
+            trials = min(last, begin + self.size) - start
+            yield Batch((*self.stream, block), start, trials, self.cells, skip=start - begin)
 
     def places(self, first: int, last: int) -> Iterator[tuple[Cell, int, int]]:
         """The cells of the trials from first to before last, each with its first trial and the one after its last."""
+        return ((cell, first, last) for cell in self.cells)
 
     def sizes(self, first: int, last: int) -> Iterator[tuple[int, int]]:
         """Numbers of samples of the trials from first to before last, each with the number of such trials."""
+        yield self.samples, last - first
 
     def load(self, first: int, last: int) -> tuple[int, int]:
         """Numbers of samples and of batches that are drawn for the trials from first to before last."""
+        drawn = sum(samples * trials for samples, trials in self.sizes(first, last))
+        return drawn, -(-last // self.size) - first // self.size
 
     def only(self, cells: Collection[Cell]) -> Self:
         """The same group with some of its cells."""
+        return replace(self, cells=tuple(cell for cell in self.cells if cell in cells))
 
-    def shared(self, other: Self) -> tuple[Self | None, Self | None]:
-        """Split off the cells that another group of the same stream has too: those and the rest, None if empty."""
+    def shared(self, other: "Group") -> tuple[Self | None, Self | None]:
+        """Split off the cells that another group of the same stream has too: those and the rest, None if empty.
+
+        Without cells it is the whole group: a trial draws the same cell wherever the laws are the same.
+        """
+        known = frozenset(other.cells)
+        common, rest = self.only(known), self.only(frozenset(self.cells) - known)
+        if not rest.cells:
+            return self, None
+        return (common, rest) if common.cells else (None, self)
+
+
+def _digest(content: object) -> bytes:
+    return hashlib.blake2b(repr(content).encode(), digest_size=16).digest()
 
 
 @dataclass(frozen=True)
-class Span:
-    """A unit before its batches are made: some trials of a group, so light that a million of them fit in memory.
+class Unit:
+    """Work that a worker gets at once: a range of a group's trials, so light that a million of them fit in memory.
 
     Attributes:
         group: the cells.
@@ -341,9 +365,10 @@ class Span:
         count = "1 cell" if len(cells) == 1 else f"{len(cells):,} cells"
         return f"{trials} of {count} with N = {self.group.samples:,}" if cells else trials
 
-    def unit(self) -> Unit:
-        """The unit."""
-        return Unit(tuple(self.group.batches(self.first, self.last)))
+    @property
+    def batches(self) -> tuple[Batch, ...]:
+        """The batches that hold its trials, in order."""
+        return tuple(self.group.batches(self.first, self.last))
 
 
 class Design(Frozen):
@@ -385,12 +410,12 @@ class Design(Frozen):
 
     def given(self) -> dict[str, Any]:
         """The axes, or the laws, by the condition's name; silent conditions only if they are not at their default."""
-        found = {}
+        result = {}
         for name, condition in CONDITIONS.items():
             entry = getattr(self, name, None)
             if entry is not None and not (condition.silent and entry == type(self).model_fields[name].default):
-                found[name] = entry
-        return found
+                result[name] = entry
+        return result
 
     def _unwritten(self) -> set[str]:
         """Names of the entries that have no effect."""
@@ -401,13 +426,6 @@ class Design(Frozen):
         """Leave out entries without effect, so that a config keeps its digest when new entries are invented."""
         left_out = self._unwritten()
         return {key: value for key, value in handler(self).items() if key not in left_out}
-
-
-BLOCK_SAMPLES = 2**15
-BLOCK_TRIALS = 1000
-_SAMPLES_PER_UNIT = 8_000_000
-_FITS_PER_UNIT = 20_000
-"""Data sets of a unit, of any number of samples: its rows lie in memory until they are written."""
 
 
 class Grid(Design):
@@ -452,7 +470,7 @@ class Grid(Design):
         """True if the other is a grid whose cells share draws in the same way."""
         return _sharing(self) == _sharing(other)
 
-    def groups(self, seed: int, dimension: int) -> Iterator["GridGroup"]:
+    def groups(self, seed: int, dimension: int) -> Iterator[Group]:
         """A group for each number of samples, angle and other drawn condition; or one for each cell, if independent."""
         given = self.given()
         apart = [name for name in given if CONDITIONS[name].own_draws]
@@ -463,9 +481,9 @@ class Grid(Design):
             cells = tuple(_cell(common | dict(zip(together, values, strict=True)), dimension) for values in placed)
             name: Name = ("draw", cells[0].samples, cells[0].angle, dimension, *chain(*further(common)))
             if self.draws == "shared":
-                yield GridGroup(name, cells)
+                yield Group(name, cells)
             else:
-                yield from (GridGroup((*name, cell.name), (cell,)) for cell in cells)
+                yield from (Group((*name, cell.name), (cell,)) for cell in cells)
 
     def _unwritten(self) -> set[str]:
         return super()._unwritten() | ({"most_samples"} if self.most_samples is None else set())
@@ -474,86 +492,6 @@ class Grid(Design):
 Axes: Any = create_model("Axes", __base__=Design, __module__=__name__, **axes())
 GridDesign: type[Grid] = create_model("GridDesign", __base__=(Grid, Axes), __module__=__name__)
 """A grid with all of its entries: kind and trials, then the axes, then the others. The digest needs this order."""
-
-
-@dataclass(frozen=True)
-class GridGroup:
-    """Cells of a grid that share draws.
-
-    Attributes:
-        stream: name of the draws, without the number of the block.
-        cells: the cells, all of the same number of samples and angle.
-    """
-
-    stream: Name
-    cells: tuple[Cell, ...]
-
-    @property
-    def samples(self) -> int:
-        """Number of samples of each trial."""
-        return self.cells[0].samples
-
-    @property
-    def width(self) -> int:
-        """Number of cells."""
-        return len(self.cells)
-
-    @cached_property
-    def size(self) -> int:
-        """Number of trials in a block, which are drawn from one pair of streams."""
-        return block_trials(self.samples)
-
-    @cached_property
-    def levels(self) -> int:
-        """Number of levels at which the draws are placed and fitted."""
-        return len({cell.level for cell in self.cells}) if len(self.cells) > 1 else 1
-
-    @cached_property
-    def digest(self) -> bytes:
-        """Digest of all that determines the draws and the cells, without the study's seed."""
-        values = [(c.samples, c.noise, c.angle, c.radius, c.center, *c.further) for c in self.cells]
-        return hashlib.blake2b(repr((self.stream, self.size, values)).encode(), digest_size=16).digest()
-
-    def trials_per_unit(self, levels: int) -> int:
-        """Whole blocks: enough for a worker to be busy, and so few that the unit's rows fit in memory."""
-        enough = -(-_SAMPLES_PER_UNIT // (self.size * self.samples * levels))
-        return self.size * min(enough, max(1, _FITS_PER_UNIT // (self.size * self.width)))
-
-    def batches(self, first: int, last: int) -> Iterator[Batch]:
-        """The batches that hold the trials from first to before last."""
-        for block in range(first // self.size, -(-last // self.size)):
-            begin, start = block * self.size, max(first, block * self.size)
-            trials = min(last, begin + self.size) - start
-            yield Batch((*self.stream, block), start, trials, self.cells, skip=start - begin)
-
-    def places(self, first: int, last: int) -> Iterator[tuple[Cell, int, int]]:
-        """Every cell, each with all of these trials."""
-        return ((cell, first, last) for cell in self.cells)
-
-    def sizes(self, first: int, last: int) -> Iterator[tuple[int, int]]:
-        """The one number of samples, with the number of trials from first to before last."""
-        yield self.samples, last - first
-
-    def load(self, first: int, last: int) -> tuple[int, int]:
-        """Numbers of samples and of batches that are drawn for the trials from first to before last."""
-        return (last - first) * self.samples, -(-last // self.size) - first // self.size
-
-    def only(self, cells: Collection[Cell]) -> "GridGroup":
-        """The same group with some of its cells."""
-        return GridGroup(self.stream, tuple(cell for cell in self.cells if cell in cells))
-
-    def shared(self, other: Group) -> tuple["GridGroup | None", "GridGroup | None"]:
-        """Split off the cells that another group of the same stream has too: those and the rest, None if empty."""
-        known = frozenset(other.cells)
-        some, rest = self.only(known), self.only(frozenset(self.cells) - known)
-        if some.cells and rest.cells:
-            return some, rest
-        return (self, None) if some.cells else (None, self)
-
-
-def block_trials(samples: int) -> int:
-    """Number of trials that are drawn from one pair of streams; it depends on the number of samples alone."""
-    return max(1, min(BLOCK_TRIALS, BLOCK_SAMPLES // samples))
 
 
 def diagonal_center(distance: float, dimension: int) -> tuple[float, ...]:
@@ -611,9 +549,9 @@ class Random(Design):
         """True if the other is a random design of the same laws."""
         return self.model_dump(exclude={"trials"}) == other.model_dump(exclude={"trials"})
 
-    def groups(self, seed: int, dimension: int) -> Iterator["RandomGroup"]:
+    def groups(self, seed: int, dimension: int) -> Iterator[Group]:
         """One group of all trials."""
-        yield RandomGroup(seed, dimension, self)
+        yield RandomGroup(("trial",), (), seed, dimension, self)
 
 
 Laws: Any = create_model("Laws", __base__=Design, __module__=__name__, **laws())
@@ -622,7 +560,7 @@ RandomDesign: type[Random] = create_model("RandomDesign", __base__=(Random, Laws
 
 
 @dataclass(frozen=True)
-class RandomGroup:
+class RandomGroup(Group):
     """The trials of a random design, each of which is a cell of its own.
 
     Attributes:
@@ -635,16 +573,10 @@ class RandomGroup:
     dimension: int
     design: Random
 
-    stream: ClassVar[Name] = ("trial",)
-    cells: ClassVar[tuple[Cell, ...]] = ()
-    samples = 0
-    width = size = levels = 1
-
     @cached_property
     def digest(self) -> bytes:
         """Digest of the laws, without the study's seed."""
-        content = (_BLOCK, self.design.model_dump_json(exclude={"trials"}))
-        return hashlib.blake2b(repr(content).encode(), digest_size=16).digest()
+        return _digest((_BLOCK, self.design.model_dump_json(exclude={"trials"})))
 
     def trials_per_unit(self, levels: int) -> int:
         """A few: their numbers of samples are not known before they are drawn."""
@@ -662,18 +594,6 @@ class RandomGroup:
     def sizes(self, first: int, last: int) -> Iterator[tuple[int, int]]:
         """Number of samples of each of the trials from first to before last."""
         return ((int(self._drawn(SAMPLES, i)), 1) for i in range(first, last))
-
-    def load(self, first: int, last: int) -> tuple[int, int]:
-        """Numbers of samples and of batches that are drawn for the trials from first to before last."""
-        return sum(samples for samples, _ in self.sizes(first, last)), last - first
-
-    def only(self, cells: Collection[Cell]) -> "RandomGroup":
-        """The group itself: its cells are drawn."""
-        return self
-
-    def shared(self, other: Group) -> tuple["RandomGroup", None]:
-        """The group itself and nothing besides: a trial draws the same cell wherever the laws are the same."""
-        return self, None
 
     def cell(self, trial: int) -> Cell:
         """Draw the cell of a trial. Every condition is drawn from a stream of its own."""

@@ -1,18 +1,7 @@
-"""Random numbers beside the directions and normals of a batch, each kind from streams of its own.
+"""Laws of the noise: Gaussian ones with their bounds, and the steps that lead from normal noise to another kind.
 
-The interface of a departure from normal noise: another law of the same covariance, or outliers.
-
-Gaussian laws of the noise of a sample: draws, covariance, and the Cramér-Rao bound under them.
-
-Laplace's law: tails of e^{-|x|} in each coordinate.
-
-Outliers: some samples lie far from where their noise alone would put them.
-
-Student's t law: heavy tails, the same in every direction.
-
-The uniform law: no tails at all.
-
-The laws of noise that a config may name, and the steps from normal noise to that of a cell.
+A Gaussian law has any covariance. A step replaces normal noise by noise of another law and the same covariance, or adds
+outliers. Its random numbers come from streams of their own, so that a step changes no other number.
 """
 
 import math
@@ -20,7 +9,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import scipy
@@ -31,26 +20,19 @@ from study.fits.jit import CHUNK
 from study.fits.streams import Name, stream
 
 
-class Source(NamedTuple):
-    """Trials drawn together from one named stream; `skip` of them, before the first, are left out."""
-
-    name: Name
-    skip: int
-    trials: int
-
-
 @dataclass(frozen=True)
 class FurtherNumbers:
     """Further random numbers of a batch of trials. Drawing them changes no other numbers.
 
     Attributes:
         seed: the study's.
-        sources: the draws of the batch, in the order of its trials.
+        sources: the draws of the batch, in the order of its trials: a stream's name, the number of trials to leave out
+            at its beginning, and that of the trials after those.
         trials: the trials that are wanted, of those of all sources; all, if None.
     """
 
     seed: int
-    sources: Sequence[Source]
+    sources: Sequence[tuple[Name, int, int]]
     trials: slice | None = None
 
     def draw(self, kind: Name, numbers: Callable[[np.random.Generator, int], Floats]) -> Floats:
@@ -60,7 +42,7 @@ class FurtherNumbers:
             kind: last part of the names of the streams, which distinguishes these numbers from others.
             numbers: gives numbers of so many trials (trials, …) from a generator.
         """
-        parts = [numbers(stream(self.seed, *s.name, *kind), s.skip + s.trials)[s.skip :] for s in self.sources]
+        parts = [numbers(stream(self.seed, *name, *kind), skip + count)[skip:] for name, skip, count in self.sources]
         whole = np.concatenate(parts)
         return whole if self.trials is None else whole[self.trials]
 

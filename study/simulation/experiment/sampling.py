@@ -1,8 +1,7 @@
 """Draw a batch and form its points: one draw of unit directions u and unit noise z serves every σ, r and c.
 
-Cut a study into units of work: its groups of cells that share draws, and spans of their trials.
-
-Draw one trial again from its name: the same points to the last bit, on whatever machine its run was computed.
+A study is cut into units of work here: its groups of cells that share draws, and ranges of their trials. One trial can
+be drawn again from its name: the same points to the last bit, on whatever machine its run was computed.
 """
 
 import math
@@ -18,8 +17,8 @@ from study.fits import Samples, cap
 from study.fits.jit import form
 from study.fits.streams import lanes
 from study.simulation.experiment.config import Study
-from study.simulation.experiment.designs import Batch, Cell, Group, Level, Span, Unit
-from study.simulation.experiment.noise import FurtherNumbers, NoiseLaw, Source, departures
+from study.simulation.experiment.designs import Batch, Cell, Group, Unit
+from study.simulation.experiment.noise import FurtherNumbers, NoiseLaw, departures
 from study.text import nearest
 
 Array = Callable[[str, tuple[int, ...]], Floats]
@@ -64,14 +63,14 @@ class Draws:
     law: NoiseLaw
     numbers: FurtherNumbers
 
-    def place(self, level: Level, array: Array = new) -> Samples:
+    def place(self, level: Cell, array: Array = new) -> Samples:
         """Form the points x = c + r u + σ z of a level (b, d, n), with the noise as estimators take it."""
         noise = self.unit_noise
         for departure in departures(dict(level.further)):
             noise = departure.applied(noise, self.numbers)
         points = array("points", noise.shape)
-        form(self.directions, noise, np.array(level.center), float(level.radius), float(level.sigma), points)
-        return Samples(points, self.law.given(level.sigma))
+        form(self.directions, noise, np.array(level.center), float(level.radius), float(level.noise), points)
+        return Samples(points, self.law.given(level.noise))
 
     def only(self, trial: int) -> "Draws":
         """One trial of the batch, counted from its first."""
@@ -98,7 +97,7 @@ def draw(study: Study, batches: Sequence[Batch], array: Array = new) -> Draws:
     if not used.all():
         directions, normals = directions[used], normals[used]
     law = study.noise_law
-    numbers = FurtherNumbers(study.seed, [Source(batch.stream, batch.skip, batch.trials) for batch in batches])
+    numbers = FurtherNumbers(study.seed, [(batch.stream, batch.skip, batch.trials) for batch in batches])
     return Draws(directions, law.unit_noise(normals), law, numbers)
 
 
@@ -120,36 +119,31 @@ def trials_of(study: Study, group: Group) -> int:
 
 def units(study: Study) -> Iterator[Unit]:
     """The study's units, in the order of its tables; they depend on nothing but the config."""
-    return (span.unit() for span in spans(study))
+    return (unit for group in groups(study) for unit in units_of(study, group))
 
 
-def spans(study: Study) -> Iterator[Span]:
-    """The study's units as spans, in the order of its tables."""
-    return (span for group in groups(study) for span in spans_of(study, group))
-
-
-def spans_of(study: Study, group: Group, below: int | None = None) -> Iterator[Span]:
-    """The units of a group as spans; only those with trials below a number, if one is given."""
+def units_of(study: Study, group: Group, below: int | None = None) -> Iterator[Unit]:
+    """The units of a group; only those with trials below a number, if one is given."""
     trials = trials_of(study, group)
     if study.keep == "summary":
-        yield from (Span(some, 0, trials if below is None else min(below, trials)) for some in _few(study, group))
+        yield from (Unit(part, 0, trials if below is None else min(below, trials)) for part in _few(study, group))
         return
     step = _step(study, group)
     for first in range(0, trials if below is None else min(below, trials), step):
-        yield Span(group, first, min(trials, first + step))
+        yield Unit(group, first, min(trials, first + step))
 
 
-def sizes_of(study: Study, group: Group) -> Iterator[tuple[Span, int]]:
+def sizes_of(study: Study, group: Group) -> Iterator[tuple[Unit, int]]:
     """The units of a group, of equal ones the first alone; each with the number of those that are equal in size."""
     if study.keep == "summary" or study.design.one_trial_a_cell:
-        yield from ((span, 1) for span in spans_of(study, group))
+        yield from ((unit, 1) for unit in units_of(study, group))
         return
     trials, step = trials_of(study, group), _step(study, group)
     whole, rest = divmod(trials, step)
     if whole:
-        yield Span(group, 0, step), whole
+        yield Unit(group, 0, step), whole
     if rest:
-        yield Span(group, trials - rest, trials), 1
+        yield Unit(group, trials - rest, trials), 1
 
 
 def _step(study: Study, group: Group) -> int:
@@ -221,15 +215,15 @@ def addresses(study: Study, below: int | None = None) -> Iterator[Address]:
         study: the config.
         below: only trials with a number below this one are listed, if it is given.
     """
-    for span in chain.from_iterable(spans_of(study, group, below) for group in groups(study)):
-        for batch in span.unit().batches:
+    for unit in chain.from_iterable(units_of(study, group, below) for group in groups(study)):
+        for batch in unit.batches:
             last = batch.first + batch.trials
             for cell in batch.cells:
                 for trial in range(batch.first, last if below is None else min(below, last)):
                     yield Address(batch, cell, trial)
 
 
-def locate(study: Study, cell: str) -> tuple[Cell, list[Span]]:
+def locate(study: Study, cell: str) -> tuple[Cell, list[Unit]]:
     """Find a cell of a study by its name.
 
     Args:
@@ -237,27 +231,27 @@ def locate(study: Study, cell: str) -> tuple[Cell, list[Span]]:
         cell: the cell's name, or enough of its beginning to tell it from all others.
 
     Returns:
-        The cell, and the spans of its trials: in a random design, one for each trial.
+        The cell, and the units of its trials: in a random design, one for each trial.
 
     Raises:
         ReplayError: if there is no such cell, or more than one.
     """
-    found: dict[str, tuple[Cell, list[Span]]] = {}
+    matches: dict[str, tuple[Cell, list[Unit]]] = {}
     names: list[str] = []
     for group in groups(study):
-        for each, first, last in group.places(0, trials_of(study, group)):
-            names += [each.name] * (len(names) < _MOST_COMPARED)
-            if each.name.startswith(cell):
-                found.setdefault(each.name, (each, []))[1].append(Span(group, first, last))
-    if not found:
+        for known, first, last in group.places(0, trials_of(study, group)):
+            names += [known.name] * (len(names) < _MOST_COMPARED)
+            if known.name.startswith(cell):
+                matches.setdefault(known.name, (known, []))[1].append(Unit(group, first, last))
+    if not matches:
         close = nearest(cell, names)
         hint = "the" if close is None else f"did you mean {close}? The"
         raise ReplayError(
             f"cell {cell!r}: no such cell in {study.run_name()}; {hint} error table's first column has them"
         )
-    if len(found) > 1:
-        raise ReplayError(f"cell {cell!r}: not one cell but {len(found)}: {', '.join(sorted(found)[:5])} …")
-    return next(iter(found.values()))
+    if len(matches) > 1:
+        raise ReplayError(f"cell {cell!r}: not one cell but {len(matches)}: {', '.join(sorted(matches)[:5])} …")
+    return next(iter(matches.values()))
 
 
 def parse_name(cell: str, trial: int | None) -> tuple[str, int]:
@@ -286,12 +280,11 @@ def find(study: Study, cell: str, trial: int) -> Address:
         ReplayError: if there is no such cell, more than one, or no such trial in it.
     """
     place, where = locate(study, cell)
-    for span in where:
-        if span.first <= trial < span.last:
-            batches = span.group.batches(span.first, span.last)
-            return Address(next(b for b in batches if b.first <= trial < b.first + b.trials), place, trial)
+    for unit in where:
+        if unit.first <= trial < unit.last:
+            return Address(next(b for b in unit.batches if b.first <= trial < b.first + b.trials), place, trial)
     first, last = where[0].first, where[-1].last - 1
-    whole = 1 < sum(span.last - span.first for span in where) == last - first + 1
+    whole = 1 < sum(unit.last - unit.first for unit in where) == last - first + 1
     numbers = f"{first} to {last}" if whole else ", ".join(str(i) for s in where for i in range(s.first, s.last))
     raise ReplayError(f"trial {trial}: cell {place.name} has trial {numbers}")
 

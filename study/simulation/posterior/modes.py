@@ -1,4 +1,4 @@
-"""Coordinates in which the modes of a flat cap's posterior are neighbours.
+"""Modes of a flat cap's posterior: a search for them, and coordinates in which they are neighbours.
 
 Points on a flat cap, whose noise is about its height or above, are explained about as well by a sphere on the other
 side, by one of any larger radius up to a plane, and some of them by a small one. These modes differ widely in size, and
@@ -10,8 +10,6 @@ which the sphere's tangent near the points keeps its direction. So the centre is
 with half the points' extent for ε; then both sides, near and far, are a few units apart. Given the centre, the
 geometric radius is normal about the mean distance R̄(c) with variance σ²/n, and an unknown σ is proportional to √S(c),
 S = Σ(R - R̄)². So (r - R̄)/√S and log σ - log √S take their places; r - R̄ takes that of r if σ is known.
-
-The search for modes of a posterior apart from the best sphere, and a start of walkers that reaches them.
 """
 
 import math

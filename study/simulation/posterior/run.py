@@ -1,23 +1,15 @@
-"""The posterior tables of a run: chains computed by workers, stored as they finish, and joined at the end.
-
-Simulation-based calibration of posteriors and of the estimators' own covariances, over many trials.
-
-For a correct posterior the rank of the truth is uniform (Cook, Gelman & Rubin 2006; Talts et al. 2018), and sets of
-nominal level p contain the truth in a share p of the trials. An estimator is tested in the same way: its rank is the
-distribution function of its error law at the truth, its level that of the ellipsoid through the truth.
-
-In a grid the truth is fixed, in a random design it is drawn. The priors are flat where the posterior is, so both must
-give uniform ranks up to terms of the order of σ²/v, if the likelihood is that of the data.
-
-The tables of a chain: the posterior in numbers, each estimator's fit beside it, and stored draws.
-
-The chains that a config asks for, each computed from its name alone.
+"""The posterior tables of a run: chains computed by workers, stored as they finish, joined at the end, and calibrated.
 
 A chain is named by its cell, trial, likelihood and whether the noise is known, and draws from a stream of that name. So
 its numbers depend neither on the number of workers nor on an interruption, and more trials or cells leave the other
-chains as they are.
+chains as they are. Its tables are the posterior in numbers, each estimator's fit, and stored draws.
 
-The posterior tables for a terminal: posteriors beside the MLE and the bound, and their calibration.
+Simulation-based calibration tests posteriors and the estimators' own covariances over many trials. For a correct
+posterior the rank of the truth is uniform (Cook, Gelman & Rubin 2006; Talts et al. 2018), and sets of nominal level p
+contain the truth in a share p of the trials. An estimator is tested in the same way: its rank is the distribution
+function of its error law at the truth, its level that of the ellipsoid through the truth. In a grid the truth is fixed,
+in a random design it is drawn. The priors are flat where the posterior is, so both must give uniform ranks up to terms
+of the order of σ²/v, if the likelihood is that of the data.
 """
 
 import hashlib
@@ -76,11 +68,11 @@ def by_cell(posterior: pd.DataFrame, answers: pd.DataFrame) -> pd.DataFrame:
     mle = answers[answers["estimator"] == "mle"].set_index(KEYS)[[f"away_{e}" for e in endings]]
     shift = mle.abs().max(axis=1).reindex(posterior.set_index(KEYS).index)
     ratio = posterior[[f"sd_{e}" for e in endings]].to_numpy() / posterior[[f"bound_{e}" for e in endings]].to_numpy()
-    found = posterior.assign(shift=shift.to_numpy(), least=ratio.min(axis=1), most=ratio.max(axis=1))
+    result = posterior.assign(shift=shift.to_numpy(), least=ratio.min(axis=1), most=ratio.max(axis=1))
     rows = []
-    conditions = [condition.name for condition in STORED if condition.name in found]
+    conditions = [condition.name for condition in STORED if condition.name in result]
     kept = ["cell", "likelihood", "noise_is", *conditions, "flatness"]
-    for _, part in found.groupby(["cell", "likelihood", "noise_is"], sort=False, observed=True):
+    for _, part in result.groupby(["cell", "likelihood", "noise_is"], sort=False, observed=True):
         ok = part[part["status"] == ChainStatus.OK]
         row: dict[str, object] = {name: part[name].iloc[0] for name in kept}
         row |= {"chains": len(part), "ok": len(ok), "shift": ok["shift"].max(), "tau": ok["tau"].max()}
@@ -111,11 +103,11 @@ def trials(posterior: pd.DataFrame, answers: pd.DataFrame) -> pd.DataFrame:
     return pd.concat([chains[columns + extra], fits[columns].reindex(columns=columns + extra)], ignore_index=True)
 
 
-def coverage(found: pd.DataFrame) -> pd.DataFrame:
+def coverage(result: pd.DataFrame) -> pd.DataFrame:
     """Share of trials in which a method's sets of nominal level contain the truth.
 
     Args:
-        found: rows as `trials` gives them.
+        result: rows as `trials` gives them.
 
     Returns:
         A row per likelihood, ``noise_is``, method and nominal level: ``trials``, ``failed`` (those not ok, which
@@ -123,7 +115,7 @@ def coverage(found: pd.DataFrame) -> pd.DataFrame:
         interval, and ``p`` of the exact binomial test of the nominal level.
     """
     rows = []
-    for keys, part in found.groupby(["likelihood", "noise_is", "method"], sort=False, observed=True):
+    for keys, part in result.groupby(["likelihood", "noise_is", "method"], sort=False, observed=True):
         inside, ok = part["level"].to_numpy(), part["ok"].to_numpy()
         for level in LEVELS:
             test = scipy.stats.binomtest(int(np.sum(ok & (inside < level))), len(part), level)
@@ -134,19 +126,19 @@ def coverage(found: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def uniformity(found: pd.DataFrame) -> pd.DataFrame:
+def uniformity(result: pd.DataFrame) -> pd.DataFrame:
     """Kolmogorov and Smirnov's test that ranks are uniform, parameter by parameter.
 
     Args:
-        found: rows as `trials` gives them; only ok rows are used.
+        result: rows as `trials` gives them; only ok rows are used.
 
     Returns:
         A row per likelihood, ``noise_is``, method and parameter: ``trials``, ``mean`` of the ranks (0.5 if they are
         uniform), ``distance`` from the uniform distribution, and its ``p``.
     """
     rows = []
-    parameters = [name for name in found.columns if name.startswith("rank_")]
-    for keys, part in found[found["ok"]].groupby(["likelihood", "noise_is", "method"], sort=False, observed=True):
+    parameters = [name for name in result.columns if name.startswith("rank_")]
+    for keys, part in result[result["ok"]].groupby(["likelihood", "noise_is", "method"], sort=False, observed=True):
         for name in parameters:
             ranks = part[name].dropna().to_numpy()
             if len(ranks) < 2:
@@ -195,8 +187,8 @@ def rows(study: Study, trial: Trial, chain: Chain, key: Row, walkers: int, keep:
     }
 
 
-def _table(columns: list[schemas.Column], found: list[Row]) -> pa.Table:
-    return schemas.table(columns, {column.name: [row[column.name] for row in found] for column in columns})
+def _table(columns: list[schemas.Column], result: list[Row]) -> pa.Table:
+    return schemas.table(columns, {column.name: [row[column.name] for row in result] for column in columns})
 
 
 def names(dimension: int) -> list[str]:
@@ -273,7 +265,7 @@ def _squares(vectors: Floats, covariance: Floats) -> Floats:
         return np.asarray((((vectors @ axes) ** 2) / values).sum(axis=1))
 
 
-FORMAT = 2
+FORMAT = 3
 """Version of the sampler; a chain of another version is computed again."""
 
 
@@ -337,10 +329,10 @@ def printed(run: Run) -> Iterator[str]:
         A title, a header, a line per cell and kind of chain (see `by_cell`), and then the calibration of all chains if
         they are independent of each other.
     """
-    found, beside = run.table("posterior"), run.table("answers")
+    result, beside = run.table("posterior"), run.table("answers")
     yield f"{run.study.run_name()}: posteriors; shift of the mean from the MLE in sd, largest over the parameters"
-    conditions, rows = named_in(found), []
-    for row in by_cell(found, beside).to_dict("records"):
+    conditions, rows = named_in(result), []
+    for row in by_cell(result, beside).to_dict("records"):
         values = [condition.written(condition.of(row)) for condition in conditions]
         rows.append([*values, row["likelihood"], row["noise_is"], f"{row['ok']}/{row['chains']}"])
         if row["ok"]:
@@ -350,19 +342,19 @@ def printed(run: Run) -> Iterator[str]:
     titles = [*symbols, "likelihood", "noise", "ok", "shift", "sd over bound", "τ"]
     yield from columns(rows, titles, ">" * len(symbols) + "<<>")
     if run.study.independent():
-        yield from printed_calibration(trials(found, beside))
+        yield from printed_calibration(trials(result, beside))
 
 
-def printed_calibration(found: pd.DataFrame) -> Iterator[str]:
+def printed_calibration(result: pd.DataFrame) -> Iterator[str]:
     """Coverage and uniformity of ranks, of the chains whose likelihood is nearly quadratic.
 
     Args:
-        found: rows as `study.simulation.posterior.run.trials` gives them.
+        result: rows as `study.simulation.posterior.run.trials` gives them.
 
     Yields:
         A title, a header, and a line per method; nothing if no chain is nearly quadratic.
     """
-    curved = found[found["flatness"] < FLAT]
+    curved = result[result["flatness"] < FLAT]
     if curved.empty:
         return
     yield f"calibration of {len(curved[curved['method'] == 'posterior'])} chains, those with σ²/v < {FLAT}:"
@@ -425,8 +417,8 @@ def compute(run: Run, jobs: Workers | int = 2, progress: Callable[[float], None]
         run.forget(*stored)
         _compute(parts, (study, posterior), keys, backend, progress)
         for name, columns in stored.items():
-            found = (table for key in keys for _, _, table in parts.tables(key, name))
-            run.join(name, columns, found, metadata)
+            result = (table for key in keys for _, _, table in parts.tables(key, name))
+            run.join(name, columns, result, metadata)
         made = {"chains": len(todo), "seconds": round(parts.seconds, 3), "jobs": workers.jobs}
         run.record(*stored, posterior=made)
         parts.remove()

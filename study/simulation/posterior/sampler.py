@@ -1,44 +1,29 @@
 """One ensemble posterior of a sphere by emcee, from the MLE's ellipsoid until the chain is long enough.
 
 Most moves propose independent places from Student's distribution with the mean and covariance of the other half of the
-walkers. The posteriors here are so nearly normal that the integrated autocorrelation time τ (Goodman & Weare 2010, as
-emcee computes it) is then about 3 steps; with the stretch move it is about 50. One move in ten is differential
-evolution (ter Braak 2006), which also works for posteriors that are not normal. If there may be modes apart from the
-best sphere, half of the walkers start there, places are proposed in coordinates in which the modes are neighbours
-(`ray_coordinates`), and one move in five is to the other side of the points.
+walkers. The posteriors here are so nearly normal that the integrated autocorrelation time τ is then about 3 steps; with
+the stretch move it is about 50. One move in ten is differential evolution (ter Braak 2006), which also works for
+posteriors that are not normal. If there may be modes apart from the best sphere, half of the walkers start there,
+places are proposed in coordinates in which the modes are neighbours (`modes`), and one move in five is to the other
+side of the points.
 
 A chain is long enough when what remains after its first fifth is 50 τ long, and τ is stable to 1 %. As τ does not
-notice walkers that stay at one mode each (`autocorrelation`), they must be mixed as well, by the variance between their
-means; otherwise the chain's status says so.
+notice walkers that stay at one mode each, they must be mixed as well, by the variance between their means; otherwise
+the chain's status says so.
 
-Integrated autocorrelation times of an ensemble's chain, by emcee's rule.
-
-The autocorrelation is averaged over the walkers, each about its own mean (Goodman & Weare 2010), and summed up to the
-first lag M ≥ 5 τ(M) (Sokal 1989). Walkers that stay at one mode each go unnoticed: their means are subtracted.
-
-`emcee.autocorr.integrated_time` transforms each walker there and back. Here the walkers' spectra are averaged, so that
-one transform back serves all; the times are equal to rounding, at a tenth of the cost, which was a third of a chain's.
-
-Log-likelihoods of a sphere given points, for many spheres at once, up to a constant.
-
-Geometric: the distances Rᵢ = |xᵢ - c| are normal about r with the noise's σ. Maximum likelihood (paper §4.3)
-maximises it. It says nothing about directions, and holds for any cap.
-
-Whole sphere: the density of a point x = c + r u + σ z with u uniform on the whole sphere, integrated over u. With
-k = Rr/σ² and ν = d/2 - 1 it is (2πσ²)^(-d/2) exp(-(R - r)²/2σ²) Γ(ν+1) (2/k)^ν e^-k I_ν(k), and in three dimensions
-the Bessel function is a sinh. For k ≫ 1 it is the geometric one times (R r)^(-(d-1)/2) per point, which moves the
-radius by -(d-1)σ²/2r. It counts it as evidence where no points are, and so is wrong on a cap (theory §6).
+There are two log-likelihoods, both up to a constant. Geometric: the distances Rᵢ = |xᵢ - c| are normal about r with the
+noise's σ. Maximum likelihood (paper §4.3) maximises it. It says nothing about directions, and holds for any cap. Whole
+sphere: the density of a point x = c + r u + σ z with u uniform on the whole sphere, integrated over u. With k = Rr/σ²
+and ν = d/2 - 1 it is (2πσ²)^(-d/2) exp(-(R - r)²/2σ²) Γ(ν+1) (2/k)^ν e^-k I_ν(k), and in three dimensions the Bessel
+function is a sinh. For k ≫ 1 it is the geometric one times (R r)^(-(d-1)/2) per point, which moves the radius by
+-(d-1)σ²/2r. It counts it as evidence where no points are, and so is wrong on a cap (theory §6).
 
 Spheres are given as offsets from a reference (c*, r*) near the data's own: R - r is then formed without the
 cancellation that would cost all digits where σ ≪ r.
 
-The prior of a sphere's parameters, and the log-posterior that the sampler evaluates.
-
 The prior is flat on the centre in a box and on the radius, and 1/σ on an unknown noise. The box is needed, as a flat
 prior on the whole space makes the posterior of a partial cap improper: towards a plane the likelihood tends to a
 constant.
-
-Moves of the ensemble sampler: independent proposals from a fitted distribution, and jumps across the points.
 """
 
 import math
@@ -57,12 +42,12 @@ from study.fits.streams import OldStream
 from study.simulation.experiment.config import ChainStatus
 from study.simulation.posterior.modes import RayCoordinates, other_modes_possible, spread_out
 
-_WINDOW = 5
-"""Lags that are summed, in units of τ."""
-
 
 def autocorrelation_times(chain: Floats) -> Floats:
-    """Integrated autocorrelation times of the parameters.
+    """Integrated autocorrelation times of the parameters, by emcee's rule.
+
+    The autocorrelation is averaged over the walkers, each about its own mean (Goodman & Weare 2010), and summed up to
+    the first lag M ≥ 5 τ(M) (Sokal 1989). Walkers that stay at one mode each go unnoticed: their means are subtracted.
 
     Args:
         chain: (steps, walkers, parameters).
@@ -70,18 +55,7 @@ def autocorrelation_times(chain: Floats) -> Floats:
     Returns:
         The times (parameters,) in steps; NaN for a parameter that some walker never changed.
     """
-    steps, _, parameters = chain.shape
-    length = 2 * emcee.autocorr.next_pow_two(steps)  # padded with zeros, so that the end does not meet the beginning
-    times = np.empty(parameters)
-    for index in range(parameters):
-        series = chain[:, :, index].T - chain[:, :, index].mean(axis=0)[:, None]
-        spectrum = np.fft.rfft(series, n=length)
-        power = spectrum.real**2 + spectrum.imag**2
-        power /= (series**2).sum(axis=1, keepdims=True)
-        correlation = np.fft.irfft(power.mean(axis=0))[:steps]
-        sums = 2.0 * np.cumsum(correlation) - 1.0
-        times[index] = sums[emcee.autocorr.auto_window(sums, _WINDOW)]
-    return times
+    return np.asarray(emcee.autocorr.integrated_time(chain, tol=0, quiet=True))
 
 
 class Reference(NamedTuple):

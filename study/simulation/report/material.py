@@ -14,7 +14,6 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup
 from matplotlib.figure import Figure
-from pydantic import BaseModel, ValidationError
 
 from study import style
 from study.files import RunError
@@ -27,7 +26,7 @@ from study.simulation.figures.fig_efficiency import EfficiencyFrame
 from study.simulation.figures.figure import failure
 from study.simulation.report import html, words
 from study.simulation.report.words import count
-from study.simulation.runs.run_folder import Run
+from study.simulation.runs.run_folder import Finished, Run
 
 _BEGINNINGS = {Verdict.REPRODUCED: "Yes", Verdict.PARTLY: "In part", Verdict.NOT_REPRODUCED: "No"}
 _ANSWERS = {claim.name: claim.answer for claim in CLAIMS}
@@ -263,53 +262,6 @@ def described(figure: FigureModule) -> tuple[str, str]:
     return paragraphs[0], next((part for part in paragraphs[1:] if part.startswith("Look at")), "")
 
 
-class Software(BaseModel):
-    """Versions and commit, as in `study.simulation.runs.provenance.software`."""
-
-    study: str
-    commit: str | None
-    dirty: bool
-    python: str
-    packages: dict[str, str | None]
-    code_generated_for: str
-
-
-class Machine(BaseModel):
-    """Machine, as in `study.simulation.runs.provenance.machine`."""
-
-    system: str
-    processor: str
-    cores: int | None
-    threads: dict[str, int]
-
-
-class Manifest(BaseModel):
-    """Fields of a run's manifest that the page shows."""
-
-    started: str
-    seconds_computing: float
-    seconds: float
-    jobs: int
-    software: Software
-    machine: Machine
-
-    @classmethod
-    def of(cls, run: Run) -> Self:
-        """Read a run's manifest.
-
-        Raises:
-            RunError: if it is not there, because the run did not finish, or is of another version.
-        """
-        try:
-            return cls.model_validate(run.manifest())
-        except ValidationError as error:
-            first = error.errors()[0]
-            where = ".".join(map(str, first["loc"]))
-            path = run.folder / "manifest.json"
-            fault = f"{path}: not a manifest of this version: {where}: {first['msg']}"
-            raise RunError(f"{fault}; remove it, and {run.again()} writes it again") from None
-
-
 @dataclass(frozen=True)
 class Record:
     """One run's tables and facts for the page.
@@ -330,7 +282,7 @@ class Record:
 
     run: Run
     name: str
-    manifest: Manifest
+    manifest: Finished
     config: str
     estimators: list[str]
     trials: int
@@ -357,7 +309,7 @@ class Record:
         return cls(
             run=run,
             name=tables.name,
-            manifest=Manifest.of(run),
+            manifest=run.facts(),
             config=(run.folder / "config.toml").read_text(encoding="utf-8"),
             estimators=tables.estimators,
             trials=int(one["planned"].sum()),

@@ -1,14 +1,9 @@
-"""Precision of cells, from their stored rows: a performance measure of each estimator and its Monte-Carlo error.
-
-Progress of the cells that share their draws: which of them are open, and why the others are not.
-
-Rounds of an adaptive run: from checkpoint to checkpoint, trials are added to the cells that are still open.
+"""Rounds of an adaptive run: from checkpoint to checkpoint, trials are added to the cells that are still open.
 
 In each round, every group of cells that share their draws goes on to its next checkpoint, with only those cells whose
-measure is not known well enough. These decisions are not stored. They follow from the parts, and a resumed run finds
-them again. So they depend neither on the workers nor on interruptions.
-
-A time budget: seconds after which a run starts no new work.
+performance measure is not known well enough: its Monte-Carlo error, for every estimator, is above the target. These
+decisions are not stored. They follow from the parts, and a resumed run finds them again. So they depend neither on the
+workers nor on interruptions. Once a time budget is spent, a run starts no new work.
 """
 
 import math
@@ -25,14 +20,14 @@ import pyarrow.compute as pc
 from study.arrays import Ints
 from study.simulation.experiment.compute import Columns
 from study.simulation.experiment.config import Precision, Study
-from study.simulation.experiment.designs import Cell, Group, Span
-from study.simulation.experiment.sampling import groups, spans_of, trials_of
+from study.simulation.experiment.designs import Cell, Group, Unit
+from study.simulation.experiment.sampling import groups, trials_of, units_of
 from study.simulation.runs import schemas
-from study.simulation.runs.jobs import Jobs, Layout, stored_rows
+from study.simulation.runs.jobs import Layout, UnitTasks, stored_rows
 from study.simulation.runs.parts import Parts
 from study.simulation.statistics import Measure, measured
 
-CellBatch = list[tuple[list[Span], list[Cell]]]
+CellBatch = list[tuple[list[Unit], list[Cell]]]
 """Groups of cells, each with the pieces of its trials and the cells to measure."""
 COLUMNS = ("radius", "error", "error_1", "bound", "status")
 _ROWS = 1 << 20
@@ -61,39 +56,39 @@ class CellPrecision:
 
 
 def measure_cells(
-    jobs: Jobs, parts: Parts, places: Sequence[list[Span]], precision: Precision
+    tasks: UnitTasks, parts: Parts, places: Sequence[list[Unit]], precision: Precision
 ) -> Iterator[tuple[Cell, CellPrecision]]:
     """Find the precision of cells from all of their trials.
 
     Args:
-        jobs: the study's.
+        tasks: the study's.
         parts: the stored rows, which have all of these trials.
         places: for each group of cells the pieces of its trials, in order; the last one has the cells to measure.
         precision: the config's section.
     """
-    names = precision.estimators or jobs.study.estimators
-    for batch in _batches(places, len(jobs.study.estimators)):
-        cells = [cell for _, some in batch for cell in some]
-        trials = [pieces[-1].last for pieces, some in batch for _ in some]
-        rows = _split(_read(jobs, parts, batch), [cell.name for cell in cells], names)
-        for cell, count, found in zip(cells, trials, rows, strict=True):
-            measures = {name: measured(precision.measure, each) for name, each in zip(names, found, strict=True)}
+    names = precision.estimators or tasks.study.estimators
+    for batch in _batches(places, len(tasks.study.estimators)):
+        cells = [cell for _, group in batch for cell in group]
+        trials = [pieces[-1].last for pieces, group in batch for _ in group]
+        rows = _split(_read(tasks, parts, batch), [cell.name for cell in cells], names)
+        for cell, count, result in zip(cells, trials, rows, strict=True):
+            measures = {name: measured(precision.measure, columns) for name, columns in zip(names, result, strict=True)}
             yield cell, _worst(precision, count, measures)
 
 
-def _read(jobs: Jobs, parts: Parts, batch: CellBatch) -> pa.Table:
+def _read(tasks: UnitTasks, parts: Parts, batch: CellBatch) -> pa.Table:
     """Read the rows of some cells, those of each in the order of its trials."""
-    found: list[pa.Table] = []
+    result: list[pa.Table] = []
     order = sorted((index, number) for number, (pieces, _) in enumerate(batch) for index in range(len(pieces)))
     for index, number in order:  # across groups first: what was computed together is stored together
         pieces, cells = batch[number]
         wanted = pa.array([cell.name for cell in cells])
-        for _, table in stored_rows(jobs, parts, pieces[index], "errors"):
+        for _, table in stored_rows(tasks, parts, pieces[index], "errors"):
             rows = table.select(["cell", "estimator", *COLUMNS])
             if len(cells) < len(pieces[index].group.cells):
                 rows = rows.filter(pc.is_in(rows["cell"].cast(pa.string()), wanted))
-            found.append(rows)
-    return pa.concat_tables(found)
+            result.append(rows)
+    return pa.concat_tables(result)
 
 
 def _worst(precision: Precision, trials: int, measures: dict[str, Measure]) -> CellPrecision:
@@ -106,24 +101,24 @@ def _worst(precision: Precision, trials: int, measures: dict[str, Measure]) -> C
 
     worst = max(measures, key=distance)  # the first of equals
     value, error = measures[worst]
-    reached = all(precision.reached(*each) for each in measures.values())
+    reached = all(precision.reached(*measure) for measure in measures.values())
     return CellPrecision(trials, worst, value, error, precision.goal(value), reached)
 
 
-def _batches(places: Sequence[list[Span]], estimators: int) -> Iterator[CellBatch]:
+def _batches(places: Sequence[list[Unit]], estimators: int) -> Iterator[CellBatch]:
     """Take as many groups at a time, or cells of one, as memory should hold."""
     batch: CellBatch = []
     held = 0
     for pieces in places:
-        each = pieces[-1].last * estimators
+        per_cell = pieces[-1].last * estimators
         cells = list(pieces[-1].group.cells)
         while cells:
-            room = max((_ROWS - held) // each, 0 if batch else 1)
-            if room:
-                some = cells[:room]
-                batch.append((pieces, some))
-                held += each * len(some)
-                cells = cells[room:]
+            space = max((_ROWS - held) // per_cell, 0 if batch else 1)
+            if space:
+                taken = cells[:space]
+                batch.append((pieces, taken))
+                held += per_cell * len(taken)
+                cells = cells[space:]
             if cells:
                 yield batch
                 batch, held = [], 0
@@ -141,21 +136,21 @@ def _split(table: pa.Table, cells: list[str], estimators: Sequence[str]) -> Iter
     columns = {name: table[name].to_numpy()[use] for name in COLUMNS}
     begin = 0
     for place in range(len(cells)):
-        found = []
+        result = []
         for end in ends[place * len(estimators) : (place + 1) * len(estimators)]:
-            found.append({name: values[begin:end] for name, values in columns.items()})
+            result.append({name: values[begin:end] for name, values in columns.items()})
             begin = int(end)
-        yield found
+        yield result
 
 
 def _codes(table: pa.Table, column: str, words: Sequence[str]) -> Ints:
     """Place of each row's word among others; -1 for a word that is not among them."""
     known = {word: place for place, word in enumerate(words)}
-    found = [
+    result = [
         np.array([known.get(word, -1) for word in chunk.dictionary.to_pylist()], dtype=np.int64)[chunk.indices]
         for chunk in table[column].chunks
     ]
-    return np.concatenate(found) if found else np.empty(0, dtype=np.int64)
+    return np.concatenate(result) if result else np.empty(0, dtype=np.int64)
 
 
 TARGET, CAP, BUDGET = "target", "cap", "budget"
@@ -183,7 +178,7 @@ class GroupProgress:
 
     def restart(self) -> None:
         """Forget all measures, and begin at the first checkpoint."""
-        self.stages = [Span(self.group, 0, self.checkpoints[0])]
+        self.stages = [Unit(self.group, 0, self.checkpoints[0])]
         self.found: dict[Cell, CellPrecision] = {}
         self.reasons: dict[Cell, str] = {}
 
@@ -204,7 +199,7 @@ class GroupProgress:
         """Begin the next stage, with the open cells."""
         left = {cell for cell in self.group.cells if cell not in self.reasons}
         last = self.stages[-1].last
-        self.stages.append(Span(self.group.only(left), last, self.checkpoints[len(self.stages)]))
+        self.stages.append(Unit(self.group.only(left), last, self.checkpoints[len(self.stages)]))
 
     def stop(self) -> None:
         """Leave out the last stage, and close all cells."""
@@ -223,25 +218,25 @@ class Rounds(Layout):
     def __init__(self, study: Study) -> None:
         assert study.precision is not None
         super().__init__(study)
-        self._jobs = Jobs(study)
+        self._tasks = UnitTasks(study)
         self.precision: Precision = study.precision
         self.progress = {
             group.stream: GroupProgress(group, self.precision.checkpoints(trials_of(study, group)))
             for group in groups(study)
         }
 
-    def units(self) -> Iterator[Span]:
+    def units(self) -> Iterator[Unit]:
         """The units that hold trials, in the order of the tables."""
         for progress in self.progress.values():
             if progress.stages:
-                yield from spans_of(self.study, progress.group, progress.stages[-1].last)
+                yield from units_of(self.study, progress.group, progress.stages[-1].last)
 
-    def cut(self, span: Span) -> Iterator[Span]:
+    def cut(self, unit: Unit) -> Iterator[Unit]:
         """Cut a unit into the pieces that the stages have of it."""
-        for stage in self.progress[span.group.stream].stages:
-            yield from _within(span, stage)
+        for stage in self.progress[unit.group.stream].stages:
+            yield from _within(unit, stage)
 
-    def pending(self) -> Iterator[Span]:
+    def pending(self) -> Iterator[Unit]:
         """Pieces of the stages that are not measured yet."""
         return chain.from_iterable(self._pieces(progress)[1] for progress in self.progress.values() if progress.open)
 
@@ -255,26 +250,26 @@ class Rounds(Layout):
         for stream, progress in self.progress.items():
             if progress.open:
                 before, now = self._pieces(progress)
-                if next(self._jobs.missing(now, parts.outputs), None) is None:
+                if next(self._tasks.missing(now, parts.outputs), None) is None:
                     places[stream] = before + now
-        found = dict(measure_cells(self._jobs, parts, list(places.values()), self.precision))
+        result = dict(measure_cells(self._tasks, parts, list(places.values()), self.precision))
         further = False
         for stream in places:
             progress = self.progress[stream]
             for cell in progress.stages[-1].group.cells:
-                progress.take(cell, found[cell])
+                progress.take(cell, result[cell])
             if progress.open:
                 progress.go_on()
                 further = True
         return further
 
-    def _pieces(self, progress: GroupProgress) -> tuple[list[Span], list[Span]]:
+    def _pieces(self, progress: GroupProgress) -> tuple[list[Unit], list[Unit]]:
         """Pieces of the stages that are measured, and of the last one."""
-        found: tuple[list[Span], list[Span]] = [], []
+        result: tuple[list[Unit], list[Unit]] = [], []
         for stage in progress.stages:
-            for span in spans_of(self.study, progress.group, stage.last):
-                found[stage is progress.stages[-1]].extend(_within(span, stage))
-        return found
+            for unit in units_of(self.study, progress.group, stage.last):
+                result[stage is progress.stages[-1]].extend(_within(unit, stage))
+        return result
 
     def restart(self) -> None:
         """Forget all measures, because some of the rows are lost."""
@@ -306,14 +301,14 @@ class Rounds(Layout):
         rows = []
         for progress in self.progress.values():
             for cell in progress.group.cells:
-                found = progress.found.get(cell, NOTHING)
+                result = progress.found.get(cell, NOTHING)
                 rows.append(
                     {
                         "cell": cell.name,
                         **cell.values,
-                        "trials": found.trials,
-                        "checkpoints": sum(point <= found.trials for point in progress.checkpoints),
-                        **{name: getattr(found, name) for name in ("estimator", "value", "error", "goal")},
+                        "trials": result.trials,
+                        "checkpoints": sum(point <= result.trials for point in progress.checkpoints),
+                        **{name: getattr(result, name) for name in ("estimator", "value", "error", "goal")},
                         "reason": progress.reasons[cell],
                     }
                 )
@@ -321,11 +316,11 @@ class Rounds(Layout):
         return schemas.table(columns, {c.name: [row[c.name] for row in rows] for c in columns})
 
 
-def _within(span: Span, stage: Span) -> Iterator[Span]:
+def _within(unit: Unit, stage: Unit) -> Iterator[Unit]:
     """Cut a unit to the trials that a stage has of it."""
-    first, last = max(span.first, stage.first), min(span.last, stage.last)
+    first, last = max(unit.first, stage.first), min(unit.last, stage.last)
     if first < last:
-        yield Span(stage.group, first, last)
+        yield Unit(stage.group, first, last)
 
 
 class TimeBudget:

@@ -1,8 +1,7 @@
-"""Jobs: outputs to compute of a unit of a study, and the function with which a worker computes them.
+"""Tasks of a run: outputs to compute of units, the function with which a worker computes them, and their tables.
 
-The units of a run, and the pieces of each that are computed by themselves.
-
-Assembly of tables: the stored rows of each unit, however it was cut, in the order of the tables.
+A study's units may be cut into pieces that are computed by themselves. The stored rows of each unit are joined in the
+order of the tables, however the unit was cut.
 """
 
 import hashlib
@@ -20,8 +19,8 @@ from study.fits import ESTIMATORS
 from study.simulation import statistics
 from study.simulation.experiment.compute import Columns, Errors, Result, compute, lost, stack
 from study.simulation.experiment.config import Study
-from study.simulation.experiment.designs import Span, Unit
-from study.simulation.experiment.sampling import spans
+from study.simulation.experiment.designs import Batch, Unit
+from study.simulation.experiment.sampling import units
 from study.simulation.runs import schemas
 from study.simulation.runs.parts import FORMAT, Packet, Parts, encode
 from study.simulation.statistics import MEASURES
@@ -36,30 +35,30 @@ _LONG = 1e9
 
 
 @dataclass(frozen=True)
-class Job:
+class UnitTask:
     """Outputs to compute of a unit.
 
     Attributes:
-        span: the unit.
+        unit: the unit.
         key: a digest of all that determines the unit's rows; see `study.simulation.runs.parts`.
         outputs: estimators with their versions, and perhaps points.
     """
 
-    span: Span
+    unit: Unit
     key: str
     outputs: tuple[str, ...]
 
     @property
     def weight(self) -> float:
         """Work in samples: those drawn and fitted, an overhead per batch and level, and a cost per row."""
-        samples, batches = self.span.group.load(self.span.first, self.span.last)
-        levels = self.span.group.levels
-        rows = self.span.rows * len(self.outputs)
+        samples, batches = self.unit.group.load(self.unit.first, self.unit.last)
+        levels = self.unit.group.levels
+        rows = self.unit.rows * len(self.outputs)
         return samples * (1.0 + levels) + _OVERHEAD * batches * (1 + levels) + _ROW * rows
 
 
-class Jobs:
-    """The jobs of a study.
+class UnitTasks:
+    """The tasks of a study.
 
     Args:
         study: the config.
@@ -71,31 +70,31 @@ class Jobs:
         self._stem = hashlib.sha256(f"{FORMAT} {study.stem()}{measures}".encode()).digest()
         self.estimators = tuple(output(name) for name in study.estimators)
 
-    def job(self, span: Span) -> Job:
-        """The job of a unit, with all of its outputs."""
-        content = self._stem + span.group.digest + f"{span.first}-{span.last}".encode()
-        points = (f"{POINTS}:{self.study.keep_points}",) if span.first < self.study.keep_points else ()
-        return Job(span, hashlib.blake2b(content, digest_size=12).hexdigest(), self.estimators + points)
+    def task(self, unit: Unit) -> UnitTask:
+        """The task of a unit, with all of its outputs."""
+        content = self._stem + unit.group.digest + f"{unit.first}-{unit.last}".encode()
+        points = (f"{POINTS}:{self.study.keep_points}",) if unit.first < self.study.keep_points else ()
+        return UnitTask(unit, hashlib.blake2b(content, digest_size=12).hexdigest(), self.estimators + points)
 
-    def missing(self, units: Iterable[Span], stored: Callable[[str], set[str]]) -> Iterator[Job]:
-        """The jobs of units, with the outputs that are not stored; jobs that have none are left out.
+    def missing(self, units: Iterable[Unit], stored: Callable[[str], set[str]]) -> Iterator[UnitTask]:
+        """The tasks of units, with the outputs that are not stored; tasks that have none are left out.
 
         Args:
             units: the units.
             stored: gives the outputs that are stored under a key.
         """
-        for span in units:
-            job = self.job(span)
-            there = stored(job.key)
-            if missing := tuple(o for o in job.outputs if o not in there):
-                yield Job(span, job.key, missing)
+        for unit in units:
+            task = self.task(unit)
+            there = stored(task.key)
+            if missing := tuple(o for o in task.outputs if o not in there):
+                yield UnitTask(unit, task.key, missing)
 
 
 def takes_long(study: Study) -> bool:
     """Tell whether processes compute a study sooner than threads, which start at once but share one interpreter."""
-    jobs, weight = Jobs(study), 0.0
-    for span in spans(study):
-        weight += jobs.job(span).weight
+    tasks, weight = UnitTasks(study), 0.0
+    for unit in units(study):
+        weight += tasks.task(unit).weight
         if weight > _LONG:
             return True
     return False
@@ -111,54 +110,53 @@ def estimators_of(outputs: Iterable[str]) -> tuple[str, ...]:
     return tuple(o.rpartition("@")[0] for o in outputs if "@" in o)
 
 
-def execute(study: Study, jobs: tuple[Job, ...]) -> Packet:
-    """Compute jobs of a study; workers run this."""
-    return _packed(study, jobs, compute)
+def execute(study: Study, tasks: tuple[UnitTask, ...]) -> Packet:
+    """Compute tasks of a study; workers run this."""
+    return _packed(study, tasks, compute)
 
 
-def give_up(study: Study, jobs: tuple[Job, ...], message: str) -> Packet:
-    """Rows of jobs whose worker died twice: every fit failed.
+def give_up(study: Study, tasks: tuple[UnitTask, ...], message: str) -> Packet:
+    """Rows of tasks whose worker died twice: every fit failed.
 
     Args:
         study: the config.
-        jobs: the jobs.
+        tasks: the tasks.
         message: how the worker died.
     """
-    return _packed(study, jobs, lambda part, unit: lost(part, unit, message))
+    return _packed(study, tasks, lambda part, batches: lost(part, batches, message))
 
 
-def _packed(study: Study, jobs: tuple[Job, ...], result: Callable[[Study, Unit], Result]) -> Packet:
-    found = []
-    for outputs, together in groupby(jobs, key=lambda job: job.outputs):
+def _packed(study: Study, tasks: tuple[UnitTask, ...], result: Callable[[Study, tuple[Batch, ...]], Result]) -> Packet:
+    of_tasks = []
+    for outputs, together in groupby(tasks, key=lambda task: task.outputs):
         kept = study.keep_points if any(o.startswith(POINTS) for o in outputs) else 0
         part = study.model_copy(update={"estimators": estimators_of(outputs), "keep_points": kept})
-        for job in together:
-            unit = job.span.unit()
-            found.append(tables(part, unit, result(part, unit)))
+        for task in together:
+            of_tasks.append(tables(part, result(part, task.unit.batches)))
     stacked, rows = {}, {}
     for name, columns in schemas.of_units(study.dimension, study.conditions()).items():
-        some = [each[name] for each in found if each[name]]
-        if some:
-            stacked[name] = schemas.table(columns, stack(some))
-            rows[name] = [len(next(iter(each[name].values()))) if each[name] else 0 for each in found]
-    return Packet([(job.key, job.outputs) for job in jobs], rows, {k: encode(t) for k, t in stacked.items()})
+        filled = [unit[name] for unit in of_tasks if unit[name]]
+        if filled:
+            stacked[name] = schemas.table(columns, stack(filled))
+            rows[name] = [len(next(iter(unit[name].values()))) if unit[name] else 0 for unit in of_tasks]
+    return Packet([(task.key, task.outputs) for task in tasks], rows, {k: encode(t) for k, t in stacked.items()})
 
 
-def tables(study: Study, unit: Unit, result: Result) -> dict[str, Columns]:
+def tables(study: Study, result: Result) -> dict[str, Columns]:
     """Columns of each table that a unit fills; none of those that the study does not keep.
 
     Args:
         study: the config.
-        unit: the unit; where the study keeps summaries alone, it holds all trials of its cells.
-        result: what was computed of it.
+        result: of the unit; where the study keeps summaries alone, the unit holds all trials of its cells.
     """
-    found: dict[str, Columns] = {"errors": {}, "summary": {}, "points": result.points, "failures": result.failures}
+    table: dict[str, Columns] = {"errors": {}, "summary": {}, "points": result.points, "failures": result.failures}
     if study.keep == "errors":
-        found["errors"] = result.errors
+        table["errors"] = result.errors
     elif result.blocks:
-        found["summary"] = statistics.of_errors(Errors.joined(result.blocks))
-        result.clock.read("summary", unit.batches[0].samples, sum(block.radius.size for block in result.blocks))
-    return found | {"timings": result.timings}
+        table["summary"] = statistics.of_errors(Errors.joined(result.blocks))
+        samples = result.blocks[0].cells[0].samples
+        result.clock.read("summary", samples, sum(block.radius.size for block in result.blocks))
+    return table | {"timings": result.timings}
 
 
 class Layout:
@@ -171,19 +169,19 @@ class Layout:
     def __init__(self, study: Study) -> None:
         self.study = study
 
-    def units(self) -> Iterator[Span]:
+    def units(self) -> Iterator[Unit]:
         """The units, in the order of the tables."""
-        return spans(self.study)
+        return units(self.study)
 
-    def cut(self, span: Span) -> Iterator[Span]:
+    def cut(self, unit: Unit) -> Iterator[Unit]:
         """Cut a unit into pieces."""
-        yield span
+        yield unit
 
-    def pieces(self) -> Iterator[Span]:
+    def pieces(self) -> Iterator[Unit]:
         """All pieces of all units."""
-        return (piece for span in self.units() for piece in self.cut(span))
+        return (piece for unit in self.units() for piece in self.cut(unit))
 
-    def pending(self) -> Iterator[Span]:
+    def pending(self) -> Iterator[Unit]:
         """The pieces that may have to be computed."""
         return self.pieces()
 
@@ -211,37 +209,37 @@ def rows(study: Study, parts: Parts, layout: Layout, name: str) -> Iterator[pa.T
     Raises:
         RunError: if rows are missing.
     """
-    jobs = Jobs(study)
+    tasks = UnitTasks(study)
     if not parts.holds(name):
         return
-    for span in layout.units():
-        found: list[pa.Table] = []
+    for unit in layout.units():
+        result: list[pa.Table] = []
         first: tuple[str, ...] = ()
         datasets = 0
-        for piece in layout.cut(span):
+        for piece in layout.cut(unit):
             datasets += piece.rows
-            for outputs, table in stored_rows(jobs, parts, piece, name):
+            for outputs, table in stored_rows(tasks, parts, piece, name):
                 first = first or outputs
-                found.append(table)
-        expected = {"errors": datasets, "summary": len(span.group.cells)}.get(name, 0) * len(study.estimators)
-        if expected and sum(table.num_rows for table in found) != expected:
-            raise RunError(f"{parts.folder}: rows of trials {span.first} to {span.last - 1} are missing; run again")
-        whole = len(found) == 1 and (name == "points" or estimators_of(first) == study.estimators)
-        if whole or (found and name == "timings"):
-            yield from found
-        elif found:
-            table = pa.concat_tables(found)
-            yield table.take(order(study.estimators, span, table))
+                result.append(table)
+        expected = {"errors": datasets, "summary": len(unit.group.cells)}.get(name, 0) * len(study.estimators)
+        if expected and sum(table.num_rows for table in result) != expected:
+            raise RunError(f"{parts.folder}: rows of trials {unit.first} to {unit.last - 1} are missing; run again")
+        whole = len(result) == 1 and (name == "points" or estimators_of(first) == study.estimators)
+        if whole or (result and name == "timings"):
+            yield from result
+        elif result:
+            table = pa.concat_tables(result)
+            yield table.take(order(study.estimators, unit, table))
 
 
-def stored_rows(jobs: Jobs, parts: Parts, piece: Span, name: str) -> Iterator[tuple[tuple[str, ...], pa.Table]]:
+def stored_rows(tasks: UnitTasks, parts: Parts, piece: Unit, name: str) -> Iterator[tuple[tuple[str, ...], pa.Table]]:
     """Read the stored rows of a piece, without those of outputs that the study does not have.
 
     Rows that were taken from another study's run have its columns. They get those of this one: a condition that it did
     not give is at its default, and one that this study does not give is left out.
 
     Args:
-        jobs: the study's.
+        tasks: the study's.
         parts: the stored rows.
         piece: of a unit.
         name: the table.
@@ -249,10 +247,10 @@ def stored_rows(jobs: Jobs, parts: Parts, piece: Span, name: str) -> Iterator[tu
     Yields:
         Outputs, and their rows.
     """
-    job, study = jobs.job(piece), jobs.study
+    task, study = tasks.task(piece), tasks.study
     columns = schemas.of_units(study.dimension, study.conditions())[name]
-    for outputs, fresh, table in parts.tables(job.key, name):
-        wanted = tuple(output for output in fresh if output in job.outputs)
+    for outputs, fresh, table in parts.tables(task.key, name):
+        wanted = tuple(output for output in fresh if output in task.outputs)
         if not wanted or (name == "points" and not any(o.startswith(POINTS) for o in wanted)):
             continue
         if wanted != outputs and name in ("errors", "failures", "summary"):
@@ -260,24 +258,24 @@ def stored_rows(jobs: Jobs, parts: Parts, piece: Span, name: str) -> Iterator[tu
         yield wanted, schemas.completed(table, columns)
 
 
-def order(estimators: tuple[str, ...], span: Span, table: pa.Table) -> Ints:
+def order(estimators: tuple[str, ...], unit: Unit, table: pa.Table) -> Ints:
     """The order of a unit's rows in the table.
 
     Args:
         estimators: their names, in the order of the config.
-        span: the unit.
+        unit: the unit.
         table: its rows, of errors, failures, points or summary, in any order.
     """
     if "group" in table.schema.names:  # a summary, of the cells of a grid
-        cells = _places(table, "group", [cell.name for cell in span.group.cells])
+        cells = _places(table, "group", [cell.name for cell in unit.group.cells])
         return np.lexsort([_places(table, "estimator", estimators), cells])
     trial = table["trial"].to_numpy()
     keys = [trial]
     if "estimator" in table.schema.names:
         keys.append(_places(table, "estimator", estimators))
-    if span.group.cells:
-        keys.append(_places(table, "cell", [cell.name for cell in span.group.cells]))
-    return np.lexsort([*keys, trial // span.group.size])  # the last counts most
+    if unit.group.cells:
+        keys.append(_places(table, "cell", [cell.name for cell in unit.group.cells]))
+    return np.lexsort([*keys, trial // unit.group.size])  # the last counts most
 
 
 def _places(table: pa.Table, column: str, words: Iterable[str]) -> Ints:

@@ -20,6 +20,7 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +42,7 @@ _SMALL = 1 << 16
 
 @dataclass(frozen=True)
 class Packet:
-    """Encoded tables of some keys.
+    """Tables of several keys.
 
     Attributes:
         keys: the keys, each with its outputs.
@@ -54,11 +55,11 @@ class Packet:
     tables: Mapping[str, bytes]
 
     @classmethod
-    def of(cls, keys: Sequence[tuple[str, Sequence[str]]], found: Sequence[Mapping[str, pa.Table]]) -> "Packet":
+    def of(cls, keys: Sequence[tuple[str, Sequence[str]]], of_keys: Sequence[Mapping[str, pa.Table]]) -> "Packet":
         """Encode the tables of each key; a table without rows may be left out."""
-        names = dict.fromkeys(name for tables in found for name in tables)
-        rows = {name: [tables[name].num_rows if name in tables else 0 for tables in found] for name in names}
-        whole = {name: pa.concat_tables([t[name] for t in found if name in t]) for name in names}
+        names = dict.fromkeys(name for tables in of_keys for name in tables)
+        rows = {name: [tables[name].num_rows if name in tables else 0 for tables in of_keys] for name in names}
+        whole = {name: pa.concat_tables([t[name] for t in of_keys if name in t]) for name in names}
         return cls(keys, rows, {name: encode(table) for name, table in whole.items()})
 
 
@@ -69,23 +70,17 @@ def encode(table: pa.Table) -> bytes:
     sink = pa.BufferOutputStream()
     with pa.ipc.new_stream(sink, table.schema, options=options) as writer:
         writer.write_table(table)
-    found: bytes = sink.getvalue().to_pybytes()
-    return found
+    data: bytes = sink.getvalue().to_pybytes()
+    return data
 
 
-@dataclass(frozen=True, eq=False)
-class _Stored:
-    """A packet on disk: the place and size of each table, and the first row of each key."""
-
-    path: str
-    tables: Mapping[str, tuple[int, int]]
-    starts: Mapping[str, Sequence[int]]
+Stored = dict[str, tuple[int, int, list[int]]]
+"""A packet in a file: for each table the place of its first byte, its size, and the first row of each key."""
 
 
 @lru_cache(maxsize=2)
-def _decoded(packet: _Stored, name: str) -> pa.Table:
-    begin, size = packet.tables[name]
-    with open(packet.path, "rb") as file:
+def _decoded(path: str, begin: int, size: int) -> pa.Table:
+    with open(path, "rb") as file:
         file.seek(begin)
         return pa.ipc.open_stream(file.read(size)).read_all()
 
@@ -166,13 +161,13 @@ class Parts:
         self.seconds = 0.0
         self.made_by: list[dict[str, object]] = []
         self.count = 0
-        self._where: dict[str, list[tuple[_Stored, int, tuple[str, ...]]]] = {}
+        self._where: dict[str, list[tuple[str, Stored, int, tuple[str, ...]]]] = {}
         self._kinds: dict[tuple[str, ...], tuple[str, ...]] = {}
         self._names: set[str] = set()
 
     def outputs(self, key: str) -> set[str]:
         """The stored outputs of a key."""
-        return {output for _, _, outputs in self._where.get(key, ()) for output in outputs}
+        return {output for *_, outputs in self._where.get(key, ()) for output in outputs}
 
     def tables(self, key: str, name: str) -> Iterator[tuple[tuple[str, ...], tuple[str, ...], pa.Table]]:
         """Read a table's rows of a key, in the order in which they were written.
@@ -180,13 +175,13 @@ class Parts:
         Yields:
             The outputs of a packet, those of them that no packet before had, and its rows.
         """
-        seen: set[str] = set()
-        for packet, place, outputs in self._where.get(key, ()):
-            fresh = tuple(output for output in outputs if output not in seen)
-            seen.update(fresh)
-            starts = packet.starts.get(name)
-            if fresh and starts is not None and starts[place + 1] > starts[place]:
-                whole = _decoded(packet, name)
+        before: set[str] = set()
+        for path, stored, place, outputs in self._where.get(key, ()):
+            fresh = tuple(output for output in outputs if output not in before)
+            before.update(fresh)
+            begin, size, starts = stored.get(name, (0, 0, [0] * (place + 2)))
+            if fresh and starts[place + 1] > starts[place]:
+                whole = _decoded(path, begin, size)
                 yield outputs, fresh, whole.slice(starts[place], starts[place + 1] - starts[place])
 
     def holds(self, name: str) -> bool:
@@ -261,35 +256,24 @@ class Parts:
                 self.made_by.append(software)
         begin = length
         for packet in header["packets"]:
-            tables = {}
+            stored: Stored = {}
             for name, size in packet["sizes"].items():
-                tables[name] = (begin, size)
+                stored[name] = (begin, size, [0, *accumulate(packet["rows"][name])])
                 begin += size
-            self._names.update(tables)
-            starts = {name: _sums(rows) for name, rows in packet["rows"].items()}
-            stored = _Stored(path, tables, starts)
+            self._names.update(stored)
             for place, (key, outputs) in enumerate(packet["keys"]):
-                kind = tuple(outputs)
-                entry = (stored, place, self._kinds.setdefault(kind, kind))
-                self._where.setdefault(key, []).append(entry)
+                kind = self._kinds.setdefault(tuple(outputs), tuple(outputs))  # equal tuples are one in memory
+                self._where.setdefault(key, []).append((path, stored, place, kind))
 
 
 def _header(data: bytes) -> Json:
     """The first line of a file; empty if no version of this program writes such a line."""
     try:
-        found = json.loads(data[: data.index(b"\n")])
+        header = json.loads(data[: data.index(b"\n")])
     except (ValueError, RecursionError):
         return {}
     kinds: dict[str, type | tuple[type, ...]] = {"format": int, "software": dict}
-    if isinstance(found, dict) and found.get("format") == FORMAT:
+    if isinstance(header, dict) and header.get("format") == FORMAT:
         kinds |= {"seconds": (int, float), "note": str, "packets": list}
-    fine = isinstance(found, dict) and all(isinstance(found.get(name), kind) for name, kind in kinds.items())
-    return found if fine else {}
-
-
-def _sums(rows: Sequence[int]) -> list[int]:
-    """Cumulative sums, from 0."""
-    sums = [0]
-    for count in rows:
-        sums.append(sums[-1] + count)
-    return sums
+    fine = isinstance(header, dict) and all(isinstance(header.get(name), kind) for name, kind in kinds.items())
+    return header if fine else {}

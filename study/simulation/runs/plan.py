@@ -1,7 +1,4 @@
-"""Cost of a study before it runs: counts, bytes, and seconds predicted from a short calibration.
-
-Calibration for `study plan`: seconds per trial on this machine, measured on a study's own conditions.
-"""
+"""Cost of a study before it runs: counts, bytes, and seconds predicted from a short calibration on its conditions."""
 
 import os
 from collections import Counter
@@ -18,7 +15,7 @@ from study.arrays import Floats
 from study.files import RunError
 from study.simulation.experiment.compute import TOGETHER, compute, levels
 from study.simulation.experiment.config import Study
-from study.simulation.experiment.designs import Batch, Cell, Span, Unit
+from study.simulation.experiment.designs import Batch, Cell, Unit
 from study.simulation.experiment.sampling import groups, sizes_of, trials_of
 from study.simulation.runs.jobs import tables, takes_long
 from study.text import DAY, duration, size
@@ -89,49 +86,48 @@ def measure(study: Study, cells: Sequence[Cell], jobs: int) -> Pace:
     probes = [_probes(study, cells, int(size)) for size in sizes]
     jobs = min(jobs, os.cpu_count() or 1)
     with ThreadPoolExecutor(jobs) as pool:  # outside the main thread: see `study.simulation.runs.workers`
-        found = list(pool.map(lambda _: [_timed(bare, units) for units in probes], range(jobs)))
+        result = list(pool.map(lambda _: [_timed(bare, batches) for batches in probes], range(jobs)))
         summary = pool.submit(_time_of_summary, study, cells).result() if study.keep == "summary" else 0.0
-    draw, level = np.median(np.array(found), axis=0).T
+    draw, level = np.median(np.array(result), axis=0).T
     if study.route == "moments":  # a fit takes as long at any size, and a run makes those of all trials at once
         level = np.full(len(level), level.min())
     return Pace(sizes.astype(float), draw, level, summary)
 
 
-def _probes(study: Study, cells: Sequence[Cell], size: int) -> list[Unit]:
-    """Units of so many samples, of conditions far apart, each as large as a run computes at once."""
+def _probes(study: Study, cells: Sequence[Cell], size: int) -> list[Batch]:
+    """Batches of so many samples, of conditions far apart, each as large as a run computes at once."""
     most = max(_CELLS * _LEVELS, len(cells) // _SIZES)
     near = sorted(cells, key=lambda cell: abs(np.log(cell.samples / size)))[:most]
     chosen = [near[i] for i in np.linspace(0, len(near) - 1, min(_CELLS, len(near))).astype(int)]
     if study.design.one_trial_a_cell:
-        batches = (Batch(("probe", i), 0, 1, (replace(cell, samples=size),)) for i, cell in enumerate(chosen))
-        return [Unit((batch,)) for batch in batches]
+        return [Batch(("probe", i), 0, 1, (replace(cell, samples=size),)) for i, cell in enumerate(chosen)]
     trials = min(study.design.trials_of(size), max(1, TOGETHER // size))
-    units = []
+    batches = []
     for i, cell in enumerate(chosen):
         alike = [replace(c, samples=size) for c in near if c.angle == cell.angle]
         places = [group[0] for group in levels(tuple(alike))]
-        some = tuple(alike[places[k]] for k in np.linspace(0, len(places) - 1, min(_LEVELS, len(places))).astype(int))
-        units.append(Unit((Batch(("probe", i), 0, trials, some),)))
-    return units
+        part = tuple(alike[places[k]] for k in np.linspace(0, len(places) - 1, min(_LEVELS, len(places))).astype(int))
+        batches.append(Batch(("probe", i), 0, trials, part))
+    return batches
 
 
-def _timed(study: Study, units: list[Unit]) -> tuple[float, float]:
-    """Seconds per trial, and per trial and level, averaged over units."""
+def _timed(study: Study, batches: list[Batch]) -> tuple[float, float]:
+    """Seconds per trial, and per trial and level, averaged over batches."""
     shared = {*_PER_TRIAL, "moments"} if study.route == "moments" else set(_PER_TRIAL)
-    found = []
-    for unit in units:
-        ((batch,), best) = unit.batches, (np.inf, np.inf)
+    result = []
+    for batch in batches:
+        best = np.inf, np.inf
         for repeat in range(_REPEATS):
             began = perf_counter()
-            timings = tables(study, unit, compute(study, unit))["timings"]
+            timings = tables(study, compute(study, [batch]))["timings"]
             whole = perf_counter() - began
             drawing = timings["seconds"][np.isin(timings["step"].astype(str), list(shared))].sum()
             best = min(best, (whole - drawing, drawing))
             if repeat and whole > _LONG_PROBE:  # the first one may have loaded compiled code
                 break
         count = len(list(levels(batch.cells)))
-        found.append((best[1] / batch.trials, best[0] / (batch.trials * count)))
-    draw, level = np.mean(found, axis=0)
+        result.append((best[1] / batch.trials, best[0] / (batch.trials * count)))
+    draw, level = np.mean(result, axis=0)
     return float(draw), float(level)
 
 
@@ -140,10 +136,10 @@ def _time_of_summary(study: Study, cells: Sequence[Cell]) -> float:
     smallest = min(cells, key=lambda cell: cell.samples)
     trials = study.design.trials_of(smallest.samples)
     few = min(trials, _MOST_SUMMARISED)
-    unit = Unit((Batch(("probe", 0), 0, few, (smallest,)),))
+    batch = Batch(("probe", 0), 0, few, (smallest,))
     best = np.inf
     for _ in range(_REPEATS):
-        timings = tables(study, unit, compute(study, unit))["timings"]
+        timings = tables(study, compute(study, [batch]))["timings"]
         best = min(best, timings["seconds"][timings["step"] == "summary"].sum())
     return float(best) * trials / few
 
@@ -214,8 +210,8 @@ def plan(study: Study, jobs: int) -> Plan:
         return _extrapolated(study, jobs)
     portions: Counter[frozenset[tuple[Kind, int]]] = Counter()
     for group in groups(study):
-        for span, units in sizes_of(study, group):
-            portions[frozenset(_portion(span).items())] += units
+        for unit, units in sizes_of(study, group):
+            portions[frozenset(_portion(unit).items())] += units
     work: Counter[Kind] = Counter()
     for portion, units in portions.items():
         work.update({kind: units * trials for kind, trials in portion})
@@ -274,17 +270,17 @@ def _extrapolated(study: Study, jobs: int) -> Plan:
         raise RunError(f"{study.run_name()}: {words}; {hint}")
     few = _MOST_COUNTED // 10
     design = study.design.model_copy(update={"trials": few})
-    found, times = plan(study.model_copy(update={"design": design}), jobs), study.design.trials / few
-    counts = {name: round(getattr(found, name) * times) for name in ("cells", "units", "trials", "draws", "samples")}
-    return Plan(**counts, fits=round(found.fits * times), bytes=found.bytes * times, seconds=found.seconds * times)
+    result, times = plan(study.model_copy(update={"design": design}), jobs), study.design.trials / few
+    counts = {name: round(getattr(result, name) * times) for name in ("cells", "units", "trials", "draws", "samples")}
+    return Plan(**counts, fits=round(result.fits * times), bytes=result.bytes * times, seconds=result.seconds * times)
 
 
-def _portion(span: Span) -> Counter[Kind]:
+def _portion(unit: Unit) -> Counter[Kind]:
     """Numbers of trials of a unit by their kind."""
-    group, found = span.group, Counter[Kind]()
-    for samples, trials in group.sizes(span.first, span.last):
-        found[Kind(samples, group.levels, group.width)] += trials
-    return found
+    group, result = unit.group, Counter[Kind]()
+    for samples, trials in group.sizes(unit.first, unit.last):
+        result[Kind(samples, group.levels, group.width)] += trials
+    return result
 
 
 def _some_cells(study: Study) -> list[Cell]:

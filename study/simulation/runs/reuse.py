@@ -1,14 +1,13 @@
-"""Reuse of the rows of an earlier, smaller run, of the same name or in the same folder.
+"""Reuse of the rows of an earlier, smaller run, and repair of a run's folder.
 
 More trials, cells or estimators leave the rows of a smaller study as they are, bit for bit. So if a finished run of a
-smaller study lies beside a new one, the new one's units are cut into pieces that the earlier run has and pieces that it
-has not. Rows of an estimator of another version, and of units whose worker died, are computed again. A run of the very
-same config in another folder is not used, because a study is run again to check it. An adaptive study neither takes
-rows of another run nor gives any.
+smaller study, of the same name, lies next to a new one or in its folder, the new one's units are cut into pieces that
+the earlier run has and pieces that it has not. Rows of an estimator of another version, and of units whose worker died,
+are computed again. A run of the very same config in another folder is not used, because a study is run again to check
+it. An adaptive study neither takes rows of another run nor gives any.
 
-Completeness of a run: its tables are as its manifest says, and nothing is left to compute.
-
-Repair of a run's folder: damaged files are named and set aside, so that they are made again.
+A run is finished if its tables are as its manifest says, and up to date if nothing is left to compute. Damaged files
+are named and set aside, so that they are made again.
 """
 
 import re
@@ -21,9 +20,9 @@ import pyarrow.compute as pc
 from study.files import RunError, TableRows
 from study.fits.streams import Name
 from study.simulation.experiment.config import Study
-from study.simulation.experiment.designs import Group, Span
-from study.simulation.experiment.sampling import groups, spans, trials_of
-from study.simulation.runs.jobs import Job, Layout, estimators_of, order, output
+from study.simulation.experiment.designs import Group, Unit
+from study.simulation.experiment.sampling import groups, trials_of, units
+from study.simulation.runs.jobs import Layout, UnitTask, estimators_of, order, output
 from study.simulation.runs.parts import FORMAT, Packet
 from study.simulation.runs.run_folder import NAME, Run
 
@@ -116,23 +115,23 @@ class ReuseLayout(Layout):
         self._groups = {group.stream: group for group in groups(self.earlier)} if self.earlier is not None else {}
         self._halves: tuple[Group, Group | None, Group | None] | None = None
 
-    def cut(self, span: Span) -> Iterator[Span]:
+    def cut(self, unit: Unit) -> Iterator[Unit]:
         """Cut a unit into the earlier run's trials of its cells, further trials of them, and other cells."""
-        earlier = self._groups.get(span.group.stream)
+        earlier = self._groups.get(unit.group.stream)
         if self.earlier is None or earlier is None:
-            yield span
+            yield unit
             return
-        if self._halves is None or self._halves[0] is not span.group:  # units of a group come one after the other
-            self._halves = span.group, *span.group.shared(earlier)
+        if self._halves is None or self._halves[0] is not unit.group:  # units of a group come one after the other
+            self._halves = unit.group, *unit.group.shared(earlier)
         _, shared, others = self._halves
         if others is not None:
-            yield Span(others, span.first, span.last)
+            yield Unit(others, unit.first, unit.last)
         if shared is not None:
-            middle = min(max(trials_of(self.earlier, shared), span.first), span.last)
-            if span.first < middle:
-                yield Span(shared, span.first, middle)
-            if middle < span.last:
-                yield Span(shared, middle, span.last)
+            middle = min(max(trials_of(self.earlier, shared), unit.first), unit.last)
+            if unit.first < middle:
+                yield Unit(shared, unit.first, middle)
+            if middle < unit.last:
+                yield Unit(shared, middle, unit.last)
 
 
 class EarlierRun:
@@ -149,10 +148,10 @@ class EarlierRun:
         self._errors = TableRows(run.path("errors"))
         self._failures = run.arrow("failures") if run.has("failures") else None
         self._begin: dict[Name, tuple[int, int]] = {}
-        row, each = 0, len(run.study.estimators)
-        for span in spans(run.study):
-            self._begin.setdefault(span.group.stream, (row, span.group.width * each))
-            row += span.rows * each
+        row, estimators = 0, len(run.study.estimators)
+        for unit in units(run.study):
+            self._begin.setdefault(unit.group.stream, (row, unit.group.width * estimators))
+            row += unit.rows * estimators
 
     @classmethod
     def of(cls, run: Run) -> "EarlierRun | None":
@@ -165,42 +164,42 @@ class EarlierRun:
         except RunError:  # of a version with other columns
             return None
 
-    def take(self, job: Job) -> Packet | None:
-        """Take the rows of a job that this run has, in the order that the job gives them; None if it has none.
+    def take(self, task: UnitTask) -> Packet | None:
+        """Take the rows of a task that this run has, in the order that the task gives them; None if it has none.
 
         Args:
-            job: outputs of a piece, as `ReuseLayout` cut it.
+            task: outputs of a piece, as `ReuseLayout` cut it.
         """
-        span = job.span
-        trials = trials_of(self.run.study, span.group)
-        if span.last > trials:
+        unit = task.unit
+        trials = trials_of(self.run.study, unit.group)
+        if unit.last > trials:
             return None
-        outputs = tuple(o for o in job.outputs if o in self.outputs)
-        if not outputs or span.group.stream not in self._begin:
+        outputs = tuple(o for o in task.outputs if o in self.outputs)
+        if not outputs or unit.group.stream not in self._begin:
             return None
-        begin, per_trial = self._begin[span.group.stream]
-        size = span.group.size  # whole blocks hold the cells one after the other
-        low, high = span.first // size * size, -(-span.last // size) * size
+        begin, per_trial = self._begin[unit.group.stream]
+        size = unit.group.size  # whole blocks hold the cells one after the other
+        low, high = unit.first // size * size, -(-unit.last // size) * size
         whole = self._errors.rows(begin + per_trial * low, begin + per_trial * min(high, trials))
-        use = (pc.field("trial") >= span.first) & (pc.field("trial") < span.last)
+        use = (pc.field("trial") >= unit.first) & (pc.field("trial") < unit.last)
         use &= pc.field("estimator").cast(pa.string()).isin(list(estimators_of(outputs)))
-        if span.group.cells:
-            use &= pc.field("cell").cast(pa.string()).isin([cell.name for cell in span.group.cells])
-        found = {"errors": whole.filter(use)}
-        if found["errors"].num_rows != span.rows * len(outputs):
+        if unit.group.cells:
+            use &= pc.field("cell").cast(pa.string()).isin([cell.name for cell in unit.group.cells])
+        result = {"errors": whole.filter(use)}
+        if result["errors"].num_rows != unit.rows * len(outputs):
             return None
         if self._failures is not None:
-            cells = pc.unique(found["errors"]["cell"]).to_pylist()
-            found["failures"] = self._failures.filter(use & pc.field("cell").cast(pa.string()).isin(cells))
-            if "worker" in pc.unique(found["failures"]["cause"]).to_pylist():
+            cells = pc.unique(result["errors"]["cell"]).to_pylist()
+            result["failures"] = self._failures.filter(use & pc.field("cell").cast(pa.string()).isin(cells))
+            if "worker" in pc.unique(result["failures"]["cause"]).to_pylist():
                 return None
-        ordered = {name: table.take(order(estimators_of(outputs), span, table)) for name, table in found.items()}
-        return Packet.of([(job.key, outputs)], [ordered])
+        ordered = {name: table.take(order(estimators_of(outputs), unit, table)) for name, table in result.items()}
+        return Packet.of([(task.key, outputs)], [ordered])
 
 
 def beside(study: Study, folder: Path) -> Run | None:
     """Find the finished run of the same name, next to a folder, that has most rows of a study."""
-    found: list[tuple[int, Run]] = []
+    result: list[tuple[int, Run]] = []
     for path in sorted(folder.parent.glob(f"{study.name}-*")):
         if path == folder or not re.fullmatch(r"[0-9a-f]{10}", path.name.removeprefix(f"{study.name}-")):
             continue
@@ -210,9 +209,9 @@ def beside(study: Study, folder: Path) -> Run | None:
             continue
         if run.study.digest() != study.digest() and _related(study, run.study):
             shared = set(run.study.estimators) & set(study.estimators)
-            found.append((sum(each.rows for each in spans(run.study)) * len(shared), run))
-    found.sort(key=lambda entry: -entry[0])
-    return next((run for rows, run in found if rows and EarlierRun.of(run)), None)
+            result.append((sum(item.rows for item in units(run.study)) * len(shared), run))
+    result.sort(key=lambda entry: -entry[0])
+    return next((run for rows, run in result if rows and EarlierRun.of(run)), None)
 
 
 def _related(study: Study, earlier: Study) -> bool:

@@ -16,12 +16,12 @@
 Workers compute and write nothing; the parent alone writes, and only while it holds the folder's lock. A table is read
 only if its digest is the one in the manifest, and its columns are those declared.
 
-The manifest of a run: what was computed, by what, and the digests of its tables and of the manifest itself.
-
-A manifest that does not have its own digest, or whose fields are not as declared, is damaged: nothing in it is used.
+The manifest says what was computed, by what, and the digests of the tables and of itself. One that has not its
+own digest, or whose fields are not as declared, is damaged: nothing in it is used.
 """
 
 import json
+import math
 import os
 from collections.abc import Callable, Collection, Iterable, Mapping
 from pathlib import Path
@@ -29,6 +29,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import pyarrow as pa
 import pyarrow.parquet as pq
+from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, field_validator
 
 from study import files
 from study.files import RunError, explained, join, write, write_table
@@ -46,21 +47,75 @@ Manifest = dict[str, Any]
 """A manifest as JSON has it."""
 NAME = "manifest.json"
 DIGEST = "digest"
-_ALWAYS: dict[str, type | tuple[type, ...]] = {"format": int, "run": str, "tables": dict}
-_FINISHED: dict[str, type | tuple[type, ...]] = {
-    **dict.fromkeys(("cells", "fits", "failures", "lost", "jobs"), int),
-    **dict.fromkeys(("seconds", "seconds_computing"), (int, float)),
-    **dict.fromkeys(("started", "backend"), str),
-    **dict.fromkeys(("config", "estimators", "software", "machine"), dict),
-    "also_computed_by": list,
-}
-"""Fields of a run that is finished; chains may be stored before."""
-_PERHAPS: dict[str, type | tuple[type, ...]] = {
-    "posterior": dict,
-    "precision": dict,
-    "stopped_after": (int, float),
-    "own_estimators": list,
-}
+
+
+class Maker(BaseModel):
+    """Software that computed rows, of any version."""
+
+    model_config = ConfigDict(strict=True)
+    study: str | None = None
+    commit: str | None = None
+
+
+class Software(Maker):
+    """Software of this version; see `study.simulation.runs.provenance.software`."""
+
+    study: str
+    commit: str | None
+    dirty: bool
+    python: str
+    packages: dict[str, str | None]
+    code_generated_for: str
+
+
+class Machine(BaseModel):
+    """Machine; see `study.simulation.runs.provenance.machine`."""
+
+    model_config = ConfigDict(strict=True)
+    system: str
+    processor: str
+    cores: int | None
+    threads: dict[str, int]
+
+
+class Begun(BaseModel):
+    """Fields of every manifest: chains may be stored before the run is finished."""
+
+    model_config = ConfigDict(strict=True)
+    format: int
+    run: str
+    tables: dict[str, str]
+    own_estimators: list[dict[str, Any]] | None = None
+    posterior: dict[str, Any] = {}
+    precision: dict[str, int] = {}
+    stopped_after: float = math.nan
+
+
+class Finished(Begun):
+    """Fields of the manifest of a finished run."""
+
+    config: dict[str, Any]
+    cells: int
+    fits: int
+    failures: int
+    lost: int
+    estimators: dict[str, int | str]
+    started: str
+    seconds_computing: float
+    seconds: float
+    jobs: int
+    backend: str
+    software: Software
+    also_computed_by: list[Maker]
+    machine: Machine
+
+    @field_validator("estimators")
+    @classmethod
+    def _numbered(cls, versions: dict[str, int | str], info: ValidationInfo) -> dict[str, int | str]:
+        """Refuse a version that is no number, unless estimators are a user's own: theirs is a digest of the code."""
+        if info.data.get("own_estimators") is None and not all(isinstance(v, int) for v in versions.values()):
+            raise ValueError("a shipped estimator's version is a number")
+        return versions
 
 
 class ManifestMissingError(RunError):
@@ -97,22 +152,23 @@ def read(folder: Path, keep: str, own: Collection[str] = ()) -> Manifest:
     """
     path = folder / NAME
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise ManifestMissingError(f"{path}: missing; finish the run with {rerun(folder, own)}") from None
     except OSError as error:
         raise RunError(f"{path}: cannot be read: {error.strerror or error}; make it readable, or remove it") from None
     except (ValueError, RecursionError):
-        found = None
-    fault = "not JSON, or no object" if not isinstance(found, dict) else _digest_fault(found)
-    if not fault and isinstance(found["format"], int) and found["format"] > FORMAT:
-        made = found["software"].get("study", "unknown") if isinstance(found.get("software"), dict) else "unknown"
+        content = None
+    fault = "not JSON, or no object" if not isinstance(content, dict) else _digest_fault(content)
+    if not fault and isinstance(content["format"], int) and content["format"] > FORMAT:
+        software = content.get("software")
+        made = software.get("study", "unknown") if isinstance(software, dict) else "unknown"
         words = f"made by a newer version of this program ({made})"
         raise ManifestNewerError(f"{folder}: {words}; update it, or choose another folder with --out")
-    fault = fault or _field_fault(found, keep)
+    fault = fault or _field_fault(content, keep)
     if fault:
         raise ManifestDamagedError(f"{path}: damaged: {fault}; {rerun(folder, own)} makes it again")
-    checked: Manifest = found
+    checked: Manifest = content
     return checked
 
 
@@ -138,43 +194,33 @@ def own_estimators(folder: Path) -> list[str]:
         Their names; none if all estimators were shipped, or the manifest does not say.
     """
     try:
-        found = json.loads((folder / NAME).read_text(encoding="utf-8"))
-        return [str(entry["from"]) for entry in found["own_estimators"]]
+        result = json.loads((folder / NAME).read_text(encoding="utf-8"))
+        return [str(entry["from"]) for entry in result["own_estimators"]]
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return []
 
 
-def _digest_fault(found: Mapping[str, Any]) -> str | None:
+def _digest_fault(content: Manifest) -> str | None:
     """Compare a manifest with its own digest."""
-    if DIGEST not in found:
+    if DIGEST not in content:
         return f"no field '{DIGEST}', so that nothing vouches for the tables"
-    rest = {key: value for key, value in found.items() if key != DIGEST}
-    if found[DIGEST] != files.of_json(rest):
+    rest = {key: value for key, value in content.items() if key != DIGEST}
+    if content[DIGEST] != files.of_json(rest):
         return f"its {DIGEST} is not that of its content"
-    return None if "format" in found else "no field 'format'"
+    return None if "format" in content else "no field 'format'"
 
 
-def _field_fault(found: Mapping[str, Any], keep: str) -> str | None:
-    """Find a field that is missing or of another type."""
-    needed = _ALWAYS | (_FINISHED if isinstance(found.get("tables"), dict) and keep in found["tables"] else {})
-    for name, kind in (needed | _PERHAPS).items():
-        if name not in found:
-            if name in needed:
-                return f"no field '{name}'"
-        elif not isinstance(found[name], kind) or isinstance(found[name], bool):
-            return f"{name} = {json.dumps(found[name])[:40]} is not as this program writes it"
-    words = [*found["tables"].values(), *found.get("estimators", {})]
-    versions, numbers = found.get("estimators", {}).values(), found.get("precision", {}).values()
-    made_by = [found.get("software", {}), *found.get("also_computed_by", [])]
-    entries = [*made_by, *found.get("own_estimators", [])]
-    if not all(isinstance(entry, dict) for entry in entries) or not all(
-        isinstance(made.get(name), str | None) for made in made_by for name in ("study", "commit")
-    ):
-        return "software or own_estimators are not as this program writes them"
-    shipped = "own_estimators" not in found  # the version of an own estimator is a digest of its code
-    fine = all(isinstance(word, str) for word in words) and all(isinstance(number, int) for number in numbers)
-    if not fine or not all(isinstance(version, int if shipped else int | str) for version in versions):
-        return "tables or estimators are not as this program writes them"
+def _field_fault(content: Manifest, keep: str) -> str | None:
+    """Find the first field that is missing or of another type."""
+    try:
+        tables = Begun.model_validate(content).tables
+        if keep in tables or "estimators" in content:
+            Finished.model_validate(content)
+    except ValidationError as error:
+        first = error.errors()[0]
+        name, missing = ".".join(map(str, first["loc"])), first["type"] == "missing"
+        value = json.dumps(first["input"], default=str)[:40]
+        return f"no field '{name}'" if missing else f"{name} = {value} is not as this program writes it"
     return None
 
 
@@ -225,9 +271,9 @@ class Run:
                 return  # the config may be damaged; it is written again
         except RunError:
             pass
-        found = cls.open(folder).study
-        if found.digest() != study.digest():
-            words = f"holds a run of another config ({found.run_name()}, not {study.run_name()})"
+        result = cls.open(folder).study
+        if result.digest() != study.digest():
+            words = f"holds a run of another config ({result.run_name()}, not {study.run_name()})"
             raise RunError(f"{folder}: {words}; choose another folder with --out, or remove this one")
 
     @classmethod
@@ -239,11 +285,11 @@ class Run:
         """
         _refuse_other_names(folder)
         try:
-            found = (folder / "config.toml").is_file()
+            result = (folder / "config.toml").is_file()
         except OSError as error:
             words = f"cannot be read: {error.strerror or error}; make it readable, or give another folder"
             raise RunError(f"{folder}: {words}") from None
-        if not found:
+        if not result:
             raise RunError(f"{folder}: not a run folder (no config.toml in it); `study run CONFIG` makes one")
         try:
             return cls(folder, load(folder / "config.toml"))
@@ -354,10 +400,10 @@ class Run:
     def metadata(self, name: str) -> dict[str, str]:
         """Metadata of a stored table; empty if it is not there or cannot be read."""
         try:
-            found = pq.read_schema(self.path(name)).metadata
+            result = pq.read_schema(self.path(name)).metadata
         except (OSError, pa.ArrowInvalid):
             return {}
-        return {key.decode(): value.decode() for key, value in (found or {}).items()}
+        return {key.decode(): value.decode() for key, value in (result or {}).items()}
 
     def fingerprint(self, name: str) -> str | None:
         """SHA-256 of a table's file; None if it is not there."""
@@ -436,43 +482,46 @@ class Run:
             ManifestDamagedError: if it was changed since it was written, or is of another run.
             ManifestNewerError: if a newer version of this program wrote it.
         """
-        found = read(self.folder, self.study.keep, self.own())
-        if found["run"] != self.study.run_name():
-            words = f"damaged: of {found['run']}, where config.toml is of {self.study.run_name()}"
+        content = read(self.folder, self.study.keep, self.own())
+        if content["run"] != self.study.run_name():
+            words = f"damaged: of {content['run']}, where config.toml is of {self.study.run_name()}"
             again = f"`study run CONFIG --out {self.folder}`, with the config that it was made of, mends it"
             raise ManifestDamagedError(f"{self.folder / NAME}: {words}; {again}")
-        return found
+        return content
+
+    def facts(self) -> Finished:
+        """The manifest of a finished run, field by field; a RunError as `manifest` if the run is not finished."""
+        try:
+            return Finished.model_validate(self.manifest())
+        except ValidationError:  # chains alone are stored
+            raise ManifestMissingError(f"{self.folder}: not finished; finish it with {self.again()}") from None
 
     def stopped(self) -> float | None:
         """Seconds of the budget that stopped the run before its end; None if none did."""
         try:
-            found = self.manifest().get("stopped_after")
+            seconds: float | None = self.manifest().get("stopped_after")
         except RunError:
             return None
-        return float(found) if isinstance(found, int | float) else None
+        return seconds
 
     def trials(self) -> dict[str, int]:
         """Number of trials of each cell of an adaptive run, by name; empty while there is no precision table."""
         if not self.has("precision"):
             return {}
-        found = self.table("precision", ["cell", "trials"])
-        return dict(zip(found["cell"].astype(str), found["trials"].astype(int), strict=True))
+        result = self.table("precision", ["cell", "trials"])
+        return dict(zip(result["cell"].astype(str), result["trials"].astype(int), strict=True))
 
     def maker(self) -> dict[str, object]:
         """The software that finished the run, as `provenance.software` has it; empty if it is not known."""
-        try:
-            found = self.manifest().get("software", {})
-        except RunError:
-            return {}
-        return found if isinstance(found, dict) else {}
+        return next(iter(self.makers()), {})
 
     def makers(self) -> list[dict[str, object]]:
         """The software that finished the run, and any other that computed some of its rows; none if it is not known."""
         try:
-            others = self.manifest().get("also_computed_by", [])
+            manifest = self.manifest()
         except RunError:
             return []
-        return [each for each in (self.maker(), *others) if each]
+        return [made for made in (manifest.get("software"), *manifest.get("also_computed_by", [])) if made]
 
     def refuse_newer(self) -> None:
         """Raise a RunError if a newer program finished the run, whose files this one might read wrongly."""

@@ -1,7 +1,4 @@
-"""The runner: computes what is missing of a study's run, stores it as it comes back, and joins it to tables.
-
-The last step of a run: its parts are joined to tables, and the manifest is written.
-"""
+"""The runner: computes what is missing of a study's run, stores it as it comes back, and joins it to tables."""
 
 import contextlib
 import json
@@ -22,7 +19,7 @@ from study.fits.registry import only_here, origins
 from study.simulation.experiment.config import Study
 from study.simulation.runs import jobs, provenance, run_folder, schemas
 from study.simulation.runs.adaptive import BUDGET, TARGET, Rounds, TimeBudget
-from study.simulation.runs.jobs import Job, Jobs, Layout, execute, give_up
+from study.simulation.runs.jobs import Layout, UnitTask, UnitTasks, execute, give_up
 from study.simulation.runs.parts import FORMAT, Parts
 from study.simulation.runs.reuse import EarlierRun, ReuseLayout, beside, finished, set_damaged_aside, up_to_date
 from study.simulation.runs.run_folder import Run
@@ -102,15 +99,15 @@ def budget_message(run: Run) -> str | None:
     """Message for a run that its budget stopped; None for another."""
     if (seconds := run.stopped()) is None:
         return None
-    found, all_cells = run.manifest()["precision"], run.manifest()["cells"]
-    done = f"{found.get(TARGET, 0):,} of {all_cells:,} cells reached the target"
+    result, all_cells = run.manifest()["precision"], run.manifest()["cells"]
+    done = f"{result.get(TARGET, 0):,} of {all_cells:,} cells reached the target"
     return f"{run.folder}: stopped by its budget of {seconds:g} s: {done}; {run.again()} resumes it"
 
 
 def failure_message(run: Run) -> str | None:
     """Message for a finished run whose share of failed fits is larger than its config tolerates; None for another."""
-    found, tolerated = run.manifest(), run.study.tolerate_failures
-    failures, fits = found["failures"], found["fits"]
+    result, tolerated = run.manifest(), run.study.tolerate_failures
+    failures, fits = result["failures"], result["fits"]
     if failures <= tolerated * fits:
         return None
     words = f"{failures:,} of {fits:,} fits raised an exception or killed their worker"
@@ -130,9 +127,9 @@ Warn = Callable[[str], None]
 """Callback for warnings, each a line."""
 
 
-def weight(job: Job) -> float:
-    """Weight of a job; the heaviest are computed first."""
-    return job.weight
+def weight(task: UnitTask) -> float:
+    """Weight of a task; the heaviest are computed first."""
+    return task.weight
 
 
 def run(
@@ -202,7 +199,7 @@ class _Computation:
     def __init__(self, store: Run, parts: Parts, budget: TimeBudget, progress: Progress, warn: Warn) -> None:
         self.store, self.parts, self.budget, self.progress, self.warn = store, parts, budget, progress, warn
         self.study = store.study
-        self.jobs = Jobs(self.study)
+        self.tasks = UnitTasks(self.study)
         self.layout = Layout(self.study)
         self.reported = 0
         self.left = 1.0
@@ -223,9 +220,9 @@ class _Computation:
         self.parts.note = source.run.study.canonical()
         self.parts.sources = source.run.makers()
         taken = total = 0
-        for job in self.missing():
+        for task in self.missing():
             total += 1
-            if (packet := source.take(job)) is not None:
+            if (packet := source.take(task)) is not None:
                 taken += 1
                 self.parts.add(packet)
         self.parts.commit()
@@ -263,27 +260,27 @@ class _Computation:
         self.layout.restart()
         return False
 
-    def missing(self) -> Iterator[Job]:
-        """The jobs that are still to be computed, as far as the layout knows them."""
-        return self.jobs.missing(self.layout.pending(), self.parts.outputs)
+    def missing(self) -> Iterator[UnitTask]:
+        """The tasks that are still to be computed, as far as the layout knows them."""
+        return self.tasks.missing(self.layout.pending(), self.parts.outputs)
 
     def compute(self, backend: Backend) -> None:
-        """Compute the missing jobs, as far as the budget goes, and store their rows."""
-        whole = sum(weight(job) for job in self.missing())
+        """Compute the missing tasks, as far as the budget goes, and store their rows."""
+        whole = sum(weight(task) for task in self.missing())
         share = self.left * self.layout.ahead() if whole else 0.0
         self.left -= share
-        lost: list[tuple[Job, str]] = []
+        lost: list[tuple[UnitTask, str]] = []
 
-        def ended(jobs: tuple[Job, ...], failure: str) -> None:
+        def ended(tasks: tuple[UnitTask, ...], failure: str) -> None:
             if failure:
-                lost.extend((job, failure) for job in jobs)
-            self.progress(share * sum(weight(job) for job in jobs) / whole)
+                lost.extend((task, failure) for task in tasks)
+            self.progress(share * sum(weight(task) for task in tasks) / whole)
 
         Dispatch(backend, execute, self.study, self.parts).compute(self.missing(), weight, ended, self.budget.spent)
-        for job, failure in lost:  # stored at the end, so that an interrupted run tries them again
-            self.parts.add(give_up(self.study, (job,), failure))
+        for task, failure in lost:  # stored at the end, so that an interrupted run tries them again
+            self.parts.add(give_up(self.study, (task,), failure))
         if lost:
-            job, failure = lost[0]
+            task, failure = lost[0]
             count = "1 unit is lost" if len(lost) == 1 else f"{len(lost):,} units are lost, the first of them"
-            self.warn(f"{self.store.folder}: {count}, {job.span.words}: {failure}")
+            self.warn(f"{self.store.folder}: {count}, {task.unit.words}: {failure}")
         self.parts.commit()

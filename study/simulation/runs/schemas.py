@@ -259,17 +259,17 @@ def declared(dimension: int, conditions: Sequence[Condition] = COLUMNS) -> dict[
     }
 
 
-def fault(found: pa.Schema, columns: list[Column]) -> str | None:
+def fault(result: pa.Schema, columns: list[Column]) -> str | None:
     """The first declared column that a stored table lacks, or has with another type; None if there is none.
 
     Counts of statuses and measures of all trials may be missing: a table may be older than they are.
     """
     for column in columns:
-        if found.get_field_index(column.name) < 0:
+        if result.get_field_index(column.name) < 0:
             if column.name in _NEWER:
                 continue
             return f"not a table of this version: no column {column.name!r}"
-        if (kind := found.field(column.name).type) != column.type:
+        if (kind := result.field(column.name).type) != column.type:
             return f"not a table of this version: column {column.name!r} is of type {kind}, not {column.type}"
     return None
 
@@ -318,8 +318,8 @@ def read(
         estimators: names of estimators, whose rows are read; all if None.
     """
     wanted = None if columns is None else [name for name in pq.read_schema(path).names if name in columns]
-    some = None if estimators is None else [("estimator", "in", list(estimators))]
-    frame: pd.DataFrame = pq.read_table(path, columns=wanted, filters=some).to_pandas(
+    part = None if estimators is None else [("estimator", "in", list(estimators))]
+    frame: pd.DataFrame = pq.read_table(path, columns=wanted, filters=part).to_pandas(
         split_blocks=True, self_destruct=True
     )
     return frame

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from study.files import RunError, holder
 from study.simulation.experiment.config import Study
-from study.simulation.experiment.sampling import spans
+from study.simulation.experiment.sampling import units
 from study.simulation.runs.adaptive import CAP, TARGET, Rounds
-from study.simulation.runs.jobs import Jobs, Layout
+from study.simulation.runs.jobs import Layout, UnitTasks
 from study.simulation.runs.parts import DAMAGED, Parts
 from study.simulation.runs.provenance import described, other_version
 from study.simulation.runs.reuse import ReuseLayout, damaged, finished, up_to_date
@@ -84,33 +84,33 @@ def status(folder: Path) -> RunStatus:
     )
 
 
-def printed(found: RunStatus) -> Iterator[str]:
+def printed(result: RunStatus) -> Iterator[str]:
     """The status of a run for a terminal."""
-    yield f"{found.run}: {found.state}"
-    yield from columns(_facts(found), indent=2)
+    yield f"{result.run}: {result.state}"
+    yield from columns(_facts(result), indent=2)
 
 
-def _facts(found: RunStatus) -> Iterator[tuple[str, str]]:
+def _facts(result: RunStatus) -> Iterator[tuple[str, str]]:
     """Names and values of the lines."""
-    if found.writer is not None:
-        yield "written by", f"{found.writer}, at this moment"
-    total, done, missing = found.units.values()
+    if result.writer is not None:
+        yield "written by", f"{result.writer}, at this moment"
+    total, done, missing = result.units.values()
     if not missing:
         yield "units", "all done" if total is None else f"{total:,}, all done"
     else:
-        known = f"{total:,} up to this round" if found.cells else f"{total:,}"
+        known = f"{total:,} up to this round" if result.cells else f"{total:,}"
         yield "units", f"{known}, of which {done:,} are done and {missing:,} missing"
-    if (cells := found.cells) is not None:
+    if (cells := result.cells) is not None:
         counts = [f"{cells['target']:,} reached the target", f"{cells['cap']:,} the cap", f"{cells['open']:,} are open"]
         yield "cells", f"{cells['total']:,}, of which {', '.join(counts)}"
-    parts = found.parts
+    parts = result.parts
     damage = f"{parts['damaged']:,} damaged, {parts['set_aside']:,} set aside as damaged before"
     yield "parts", f"{parts['whole']:,} whole, {damage}"
-    yield "failures", _failures_in_words(found.failures)
-    names = [f"{name} (damaged)" if name in found.damaged else name for name in found.tables]
-    names += [f"{name} (missing)" for name in found.damaged if name not in found.tables]
+    yield "failures", _failures_in_words(result.failures)
+    names = [f"{name} (damaged)" if name in result.damaged else name for name in result.tables]
+    names += [f"{name} (missing)" for name in result.damaged if name not in result.tables]
     yield "tables", ", ".join(names) or "none"
-    for made in found.made_by or [{}]:
+    for made in result.made_by or [{}]:
         yield "made by", described(made) + (", not this one" if other_version(made) else "")
 
 
@@ -148,26 +148,26 @@ def _layout(run: Run, parts: Parts) -> Layout:
 
 def _units(run: Run, parts: Parts, layout: Layout) -> dict[str, int | None]:
     if finished(run) and up_to_date(run):
-        total = None if run.study.precision else sum(1 for _ in spans(run.study))
+        total = None if run.study.precision else sum(1 for _ in units(run.study))
         return {"total": total, "done": total, "missing": 0}
     count = sum(1 for _ in layout.pieces())
-    missing = sum(1 for _ in Jobs(run.study).missing(layout.pending(), parts.outputs))
+    missing = sum(1 for _ in UnitTasks(run.study).missing(layout.pending(), parts.outputs))
     return {"total": count, "done": count - missing, "missing": missing}
 
 
 def _cells(run: Run, layout: Layout) -> dict[str, int]:
     """Numbers of cells that have enough trials, by the reason, and of those that are open."""
-    found = Counter(run.manifest()["precision"]) if finished(run) else Counter[str]()
-    if not found and isinstance(layout, Rounds):
-        found = layout.reasons()
+    result = Counter(run.manifest()["precision"]) if finished(run) else Counter[str]()
+    if not result and isinstance(layout, Rounds):
+        result = layout.reasons()
     total = run.study.cells()
-    return {"total": total, "target": found[TARGET], "cap": found[CAP], "open": total - found.total()}
+    return {"total": total, "target": result[TARGET], "cap": result[CAP], "open": total - result.total()}
 
 
 def _made_by(run: Run, parts: Parts) -> list[dict[str, object]]:
     """The software of the tables, and that of the parts, each once."""
-    found = run.makers()
-    return found + [made for made in parts.made_by if made and made not in found]
+    result = run.makers()
+    return result + [made for made in parts.made_by if made and made not in result]
 
 
 def _failures(run: Run) -> dict[str, int] | None:

@@ -1,52 +1,38 @@
-"""Worker entry point; it rejects a mismatched environment. It imports nothing heavy.
+"""Workers of a run: threads, processes of this machine or a Dask cluster, and the dispatch of work to them.
 
-Equal runs are equal to the byte only if the same code runs on the same machine instructions. So the parent sends its
-own description with every task, and a worker compares itself with it before its first one. Variables that choose the
-instructions must be set before numba and NumPy are imported, which unpickling a task does; so the task comes pickled
-by itself, as bytes.
+joblib dispatches. Three things are done here because it does not do them:
 
-An exception comes back as a value: joblib would give up all tasks for one that raises, and forget what was finished.
-
-The base of the backends: workers of one kind, and the joblib dispatcher that feeds them.
-
-A Dask cluster as workers: tasks go to its scheduler, results come back, and the cluster writes nothing.
-
-joblib dispatches, through its interface for further backends, `ParallelBackendBase`. joblib's own Dask backend
-(1.6) does not serve: where a task has killed its workers more often than the scheduler allows, its future fails, and
-that backend waits for it for ever; where the cluster has one thread, or one yet, it computes in the parent instead; and
-it gives up after ten seconds without a worker. A batch system starts its workers when it pleases.
-
-Processes of this machine as workers, by joblib's loky backend.
-
-joblib keeps the processes for the next run of the same program, and ends them after five idle minutes or with the
-program. If the program is killed, they end themselves (`worker_entry.follow`).
-
-loky notices the death of a process, unless it dies while it sends a result: then loky waits for the other half of the
-result for ever, and the other processes for the lock that the dead one holds. `Processes.check` ends that.
-
-Threads of this process as workers, by joblib's threading backend. They start at once.
-
-The compiled loops release the interpreter's lock. No task runs in the main thread, where Ctrl-C could strike inside
-compiled code that cannot take it: numba 0.68 ends the process with a segmentation fault if an exception rises while it
-unboxes a generator. (joblib computes in the calling thread where there is but one worker; `dispatch` calls it from a
-thread of its own.)
-
-The choice of workers: threads, processes of this machine, or a Dask cluster.
-
-Tasks: items of work put together until they weigh enough to be sent, the heaviest in sight first.
-
-Dispatch of work to workers, whose results are stored as they come. joblib sends the tasks and brings the results.
-
-Three things are done here because joblib does not do them:
-
-- Tasks are cut (`tasks`) and handed to joblib one by one as it asks for them. A call of joblib ends early, and another
-  begins, when a task is suspected, when results wait to be stored, or when the cluster has grown.
+- Items of work are put together until they weigh enough to be sent (`cut`), and handed to joblib one call at a time as
+  it asks for them. A round of joblib ends early, and another begins, when items are suspected, when results wait to be
+  stored, or when the cluster has grown.
 - Results are stored when they come, or a second later. joblib's results are fetched in a thread of their own, so that
   the main thread can write what waits while nothing comes, and Ctrl-C strikes no code of joblib's. Whatever ends the
   work, what was finished is stored.
 - When a process dies, joblib gives up all tasks that it was sent. They become suspects: each of their items is tried
   once more while nothing else runs, and given up if a process dies of it again. A death that joblib does not notice is
   the backend's to find; it is asked every second in which no result comes.
+
+Equal runs are equal to the byte only if the same code runs on the same machine instructions. So the parent sends its
+own description with every task, and a worker compares itself with it before its first one (`enter`). Variables that
+choose the instructions must be set before numba and NumPy are imported, which unpickling a task does; so the task comes
+pickled by itself, as bytes. An exception comes back as a value: joblib would give up all tasks for one that raises, and
+forget what was finished.
+
+Threads start at once, and the compiled loops release the interpreter's lock. No task runs in the main thread, where
+Ctrl-C could strike inside compiled code that cannot take it: numba 0.68 ends the process with a segmentation fault if
+an exception rises while it unboxes a generator. (joblib computes in the calling thread where there is but one worker;
+`Dispatch` calls it from a thread of its own.)
+
+Processes are loky's. joblib keeps them for the next run of the same program, and ends them after five idle minutes or
+with the program; if that is killed, they end themselves (`follow`). loky notices the death of a process, unless it dies
+while it sends a result: then loky waits for the other half of the result for ever, and the other processes for the lock
+that the dead one holds. `Processes.check` ends that.
+
+A Dask cluster gets tasks through its scheduler, and writes nothing. It is joined to joblib by an interface of joblib's,
+`ParallelBackendBase`. joblib's own Dask backend (1.6) does not serve: where a task has killed its workers more often
+than the scheduler allows, its future fails, and that backend waits for it for ever; where the cluster has one thread,
+or one yet, it computes in the parent instead; and it gives up after ten seconds without a worker. A batch system starts
+its workers when it pleases.
 """
 
 import contextlib
@@ -158,10 +144,10 @@ def enter(number: int, parent: Parent, call: bytes) -> tuple[int, object]:
                 return number, error
             _agreed.append(parent)
     function, arguments = pickle.loads(call)
-    found = attempt(number, function, *arguments)
-    if isinstance(found[1], Exception):
-        found[1].add_note("".join(traceback.format_exception(found[1])))  # pickling leaves the traceback out
-    return found
+    result = attempt(number, function, *arguments)
+    if isinstance(result[1], Exception):
+        result[1].add_note("".join(traceback.format_exception(result[1])))  # pickling leaves the traceback out
+    return result
 
 
 def attempt(number: int, function: Callable[..., R], *arguments: object) -> tuple[int, R | Death | Exception]:
@@ -554,30 +540,16 @@ _WINDOW = 1024
 """Items in sight, of which the heaviest goes first."""
 
 
-@dataclass(frozen=True)
-class WorkerTask(Generic[T]):
-    """Items that one worker computes.
-
-    Attributes:
-        items: the items.
-        tries: how often they have been sent, this time included.
-    """
-
-    items: tuple[T, ...]
-    tries: int = 1
-
-    def alone(self) -> list["WorkerTask[T]"]:
-        """Make a task of each item, for another try."""
-        return [WorkerTask((item,), self.tries + 1) for item in self.items]
-
-
-def cut(items: Iterable[T], weigh: Callable[[T], float], enough: float) -> Iterator[WorkerTask[T]]:
-    """Put items together to tasks.
+def cut(items: Iterable[T], weigh: Callable[[T], float], enough: float) -> Iterator[tuple[T, ...]]:
+    """Put items together that are sent to a worker at once.
 
     Args:
         items: the work; taken as needed.
         weigh: gives the weight of an item.
-        enough: weight from which a task takes no more items.
+        enough: weight from which no more items are taken.
+
+    Yields:
+        The items, the heaviest in sight first.
     """
     number = count()
     source = ((-weigh(item), next(number), item) for item in items)
@@ -593,10 +565,10 @@ def cut(items: Iterable[T], weigh: Callable[[T], float], enough: float) -> Itera
         together.append(item)
         load -= lightness
         if load >= enough:
-            yield WorkerTask(tuple(together))
+            yield tuple(together)
             together, load = [], 0.0
     if together:
-        yield WorkerTask(tuple(together))
+        yield tuple(together)
 
 
 S = TypeVar("S")
@@ -621,9 +593,9 @@ class Dispatch(Generic[S, T]):
     ) -> None:
         self._backend, self._parts = backend, parts
         self._function, self._shared = function, shared
-        self._tasks: Iterator[WorkerTask[T]] = iter(())
-        self._suspects: deque[WorkerTask[T]] = deque()
-        self._sent: dict[int, WorkerTask[T]] = {}
+        self._waiting: Iterator[tuple[T, ...]] = iter(())
+        self._suspects: deque[T] = deque()
+        self._sent: dict[int, tuple[tuple[T, ...], bool]] = {}  # the items of a call, and true if they are suspects
         self._count = 0
         self._results: SimpleQueue[tuple[int, object] | Future[None]] = SimpleQueue()
 
@@ -646,7 +618,7 @@ class Dispatch(Generic[S, T]):
             RunError: if results cannot be written, or workers would compute other bytes than this process.
             Exception: what the function raised. What was finished is stored.
         """
-        self._tasks = cut(items, weigh, self._backend.enough)
+        self._waiting = cut(items, weigh, self._backend.enough)
         with ThreadPoolExecutor(1, initializer=leave_interrupts) as fetcher:
             try:
                 while self._call(fetcher, ended, over):
@@ -681,7 +653,7 @@ class Dispatch(Generic[S, T]):
             message = self._backend.noticed or str(error)
             self._backend.restart()
             for number in list(self._sent):
-                self._suspect(self._sent.pop(number), message, ended)
+                self._suspect(number, message, ended)
         elif error is not None:
             raise error
         return self._count > before
@@ -696,43 +668,43 @@ class Dispatch(Generic[S, T]):
         while not (over() or self._backend.stopped.is_set()):
             if self._count > before and (alone or self._should_pause()):
                 return
-            task = self._suspects.popleft() if self._suspects else next(self._tasks, None)
-            if task is None:
+            again = bool(self._suspects)
+            items = (self._suspects.popleft(),) if again else next(self._waiting, ())
+            if not items:
                 return
             self._count += 1
-            self._sent[self._count] = task
-            yield self._backend.call(self._count, self._function, self._shared, task.items)
+            self._sent[self._count] = items, again
+            yield self._backend.call(self._count, self._function, self._shared, items)
 
     def _should_pause(self) -> bool:
-        """Tell whether the tasks that were sent should end before others are sent."""
-        suspicion = bool(self._suspects) and self._backend.alone  # to be tried when nothing else runs
-        return suspicion or self._crowded() or self._backend.outgrown()
+        """Tell whether the tasks that were sent should end before others are sent.
 
-    def _crowded(self) -> bool:
-        """Tell whether results come faster than they are stored, so that memory would fill up with them.
-
-        joblib itself holds up to one and a half times as many tasks as there are slots.
+        Memory would fill up with results if they came faster than they are stored; joblib itself holds up to one and a
+        half times as many tasks as there are slots.
         """
-        return len(self._sent) > 2 * max(2, self._backend.slots)
+        suspicion = bool(self._suspects) and self._backend.alone  # to be tried when nothing else runs
+        crowded = len(self._sent) > 2 * max(2, self._backend.slots)
+        return suspicion or crowded or self._backend.outgrown()
 
     def _take(self, number: int, result: object, ended: Ended[T]) -> None:
-        task = self._sent.pop(number)
         if isinstance(result, Packet):
+            items, _ = self._sent.pop(number)
             self._parts.add(result)
-            ended(task.items, "")
+            ended(items, "")
         elif isinstance(result, Death):
-            self._suspect(task, result.message, ended)
+            self._suspect(number, result.message, ended)
         elif isinstance(result, DisagreementError):
             raise RunError(f"{result}; start it as its parent was, with `study worker ADDRESS` for Dask")
         elif isinstance(result, Exception):
             raise result
 
-    def _suspect(self, task: WorkerTask[T], message: str, ended: Ended[T]) -> None:
-        """Try the items of a task alone, or give up the one item that a worker died of twice."""
-        if task.tries > 1:
-            ended(task.items, f"the worker died, twice: {_cause(message)}")
+    def _suspect(self, number: int, message: str, ended: Ended[T]) -> None:
+        """Try the items of a call one by one, or give up the one item that a worker died of twice."""
+        items, again = self._sent.pop(number)
+        if again:
+            ended(items, f"the worker died, twice: {_cause(message)}")
         else:
-            self._suspects += task.alone()
+            self._suspects += items
 
     def _store_rest(self) -> None:
         """Store the results that came and were not taken."""

@@ -13,8 +13,8 @@ import study
 from study.fits import Estimator
 from study.fits.samples import blank
 from study.simulation.experiment.compute import Result, compute, lost
-from study.simulation.experiment.designs import Span
-from study.simulation.experiment.sampling import draw, spans, units
+from study.simulation.experiment.designs import Unit
+from study.simulation.experiment.sampling import draw, units
 
 ANSWER = (3.0, -4.0, 12.0, 0.5, 0.25)
 
@@ -39,7 +39,7 @@ def fixed(monkeypatch):
 
 def rows(made):
     """The error rows of a whole study."""
-    parts = [compute(made, unit).errors for unit in units(made)]
+    parts = [compute(made, unit.batches).errors for unit in units(made)]
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
@@ -95,7 +95,7 @@ def test_bounds_are_of_the_realised_directions(make_study, d, shaped):
     unit = next(units(made))
     u = draw(made, [unit.batches[0]]).directions.swapaxes(1, 2).copy()
     u[:, :, 0] = 1.0 - u[:, :, 0]
-    found = compute(made, unit).errors
+    found = compute(made, unit.batches).errors
     for sigma in (0.1, 3.0):
         crlb = study.crlb(u, sigma**2 * (np.eye(d) if shape is None else np.array(shape)))
         here = found["noise"] == sigma
@@ -114,11 +114,11 @@ def test_rows_are_fits_of_the_stored_points(make_study, name, shaped):
     try:
         study.fit(np.eye(4, 3), name, noise)
     except ValueError:  # an estimator that takes no covariance says so in a run, too
-        result = compute(made, next(units(made)))
+        result = compute(made, next(units(made)).batches)
         assert set(result.errors["status"]) == {study.Status.FAILED}
         assert all(message.startswith("ValueError: ") for message in result.failures["message"])
         return
-    result = compute(made, next(units(made)))
+    result = compute(made, next(units(made)).batches)
     x = np.stack([result.points[f"x_{i + 1}"] for i in range(3)], axis=-1).reshape(3, 30, 3)
     fit = study.fit(x, name, noise)
     truth = np.array([result.points[f"center_{i + 1}"][0] for i in range(3)])
@@ -132,7 +132,7 @@ def test_order_and_number_of_rows(make_study):
     """Rows come cell by cell, estimator by estimator, trial by trial, with the cell's values beside them."""
     made = make_study({"estimators": ["ugdk", "lls"]}, trials=3, noise=[0.1, 0.2], radius=[1, 2])
     unit = next(units(made))
-    found = compute(made, unit).errors
+    found = compute(made, unit.batches).errors
     cells = unit.batches[0].cells
     expected = [(c.name, e, t) for c in cells for e in ("ugdk", "lls") for t in range(3)]
     assert list(zip(found["cell"], found["estimator"], found["trial"], strict=True)) == expected
@@ -148,7 +148,7 @@ def test_first_trials_points_are_kept(make_study, keep, monkeypatch):
     """The points of the first trials of each cell are stored, as many as the config says, across blocks."""
     monkeypatch.setattr("study.simulation.experiment.designs.BLOCK_TRIALS", 2)
     made = make_study({"keep_points": keep}, trials=5, noise=[0.1, 0.2])
-    result = compute(made, next(units(made)))
+    result = compute(made, next(units(made)).batches)
     kept = min(keep, 5)
     if not keep:
         assert result.points == {}
@@ -163,7 +163,7 @@ def test_timings_account_for_every_fit(make_study):
     """Every step of every estimator is timed, for as many data sets as there are."""
     made = make_study({"estimators": ["ugdk", "lls"]}, trials=7, samples=[10, 20], noise=[0.1, 0.2])
     for unit in units(made):
-        result: Result = compute(made, unit)
+        result: Result = compute(made, unit.batches)
         fits = dict(zip(result.timings["step"], result.timings["fits"], strict=True))
         assert fits == {"draw": 7, "bound": 7, "points": 14, "moments": 14, "ugdk": 14, "lls": 14}
         assert np.all(result.timings["seconds"] >= 0.0)
@@ -199,7 +199,7 @@ def test_no_estimators_leave_no_rows(make_study, route):
     """A unit without estimators gives timings and points alone, as for a run that has lost those tables."""
     made = make_study({"estimators": ["gdke"], "route": route}, noise=[0.1, 0.2])
     alone = made.model_copy(update={"estimators": ()})
-    result = compute(alone, next(units(made)))
+    result = compute(alone, next(units(made)).batches)
     assert result.errors == {}
     assert {"draw", "bound", "moments"} <= set(result.timings["step"])
 
@@ -221,7 +221,7 @@ def test_an_exception_among_levels_is_a_status_of_its_trial(make_study):
     """An exception is noted with its level and trial, also if levels are fitted side by side."""
     made = make_study({"estimators": ["gdke", "hesitant"]}, trials=40, noise=[0.1, 0.4], angle=60)
     unit = next(units(made))
-    result = compute(made, unit)
+    result = compute(made, unit.batches)
     cells, draws = unit.batches[0].cells, draw(made, unit.batches)
     expected = set()
     for cell in cells:
@@ -253,7 +253,7 @@ def sometimes(monkeypatch):
 def test_an_exception_is_a_status_of_its_trial(make_study):
     """The trials on which an estimator raises are named; other trials and other estimators are not affected."""
     made = make_study({"estimators": ["lls", "sometimes"], "keep_points": 40}, trials=40, noise=[0.1, 0.2])
-    result = compute(made, next(units(made)))
+    result = compute(made, next(units(made)).batches)
     found, failures, points = result.errors, result.failures, result.points
     mine, lls = found["estimator"] == "sometimes", found["estimator"] == "lls"
     failed = found["status"][mine] == study.Status.FAILED
@@ -277,10 +277,10 @@ def test_an_exception_is_a_status_of_its_trial(make_study):
 def test_failures_do_not_depend_on_batches(make_study, monkeypatch):
     """The same trials fail, with the same numbers beside them, whatever is computed together."""
     made = make_study({"estimators": ["sometimes"]}, trials=12, noise=0.2)
-    whole = compute(made, next(units(made))).errors
-    group = next(spans(made)).group
+    whole = compute(made, next(units(made)).batches).errors
+    group = next(units(made)).group
     for first, last in ((0, 5), (5, 6), (6, 12)):
-        part = compute(made, Span(group, first, last).unit()).errors
+        part = compute(made, Unit(group, first, last).batches).errors
         for name, column in part.items():
             np.testing.assert_array_equal(column, whole[name][first:last])
 
@@ -295,7 +295,7 @@ def test_answers_of_another_shape_are_failures(make_study, monkeypatch, wrong):
 
     monkeypatch.setitem(study.ESTIMATORS, "short", Estimator(short, "a test"))
     made = make_study({"estimators": ["short"]}, trials=3)
-    result = compute(made, next(units(made)))
+    result = compute(made, next(units(made)).batches)
     assert set(result.errors["status"]) == {study.Status.FAILED}
     assert all(f"ValueError: {wrong} has shape (0," in message for message in result.failures["message"])
 
@@ -308,14 +308,14 @@ def test_a_long_message_is_cut(make_study, monkeypatch):
 
     monkeypatch.setitem(study.ESTIMATORS, "talkative", Estimator(talkative, "a test"))
     made = make_study({"estimators": ["talkative"]}, trials=1)
-    assert [len(m) for m in compute(made, next(units(made))).failures["message"]] == [500]
+    assert [len(m) for m in compute(made, next(units(made)).batches).failures["message"]] == [500]
 
 
 def test_a_lost_unit(make_study):
     """A unit that could not be computed has all its rows, in the same order, failed and without numbers."""
     made = make_study({"estimators": ["ugdk", "lls"]}, trials=4, noise=[0.1, 0.2])
     unit = next(units(made))
-    told, real = lost(made, unit, "the worker died"), compute(made, unit)
+    told, real = lost(made, unit.batches, "the worker died"), compute(made, unit.batches)
     assert list(told.errors) == list(real.errors)
     for name in ("cell", "trial", "estimator", "samples", "noise", "angle", "radius", "center"):
         np.testing.assert_array_equal(told.errors[name], real.errors[name])
@@ -375,7 +375,7 @@ def stored_points(study):
     """Points (cell, trial, n, d) as a run stores them, and their cells."""
     batch = first_batch(study)
     cells = [cell for unit in units(study) for batch in unit.batches for cell in batch.cells]
-    columns = [compute(study, unit).points for unit in units(study)]
+    columns = [compute(study, unit.batches).points for unit in units(study)]
     d = study.dimension
     x = np.concatenate([np.stack([part[f"x_{i + 1}"] for i in range(d)], axis=-1) for part in columns])
     return x.reshape(len(cells), study.design.trials, batch.samples, d), cells

@@ -18,7 +18,6 @@ from study.simulation.experiment.noise import (
     AnisotropicGaussian,
     FurtherNumbers,
     IsotropicGaussian,
-    Source,
     departures,
     freedom,
     gaussian,
@@ -48,7 +47,7 @@ def law(request):
 
 def drawn(conditions, d=3, n=40_000, trials=2):
     """Normal noise, and what the conditions make of it (trials, d, n)."""
-    numbers = FurtherNumbers(8, [Source(("test",), 0, trials)])
+    numbers = FurtherNumbers(8, [(("test",), 0, trials)])
     normals = noise = np.random.default_rng(20260).standard_normal((trials, d, n))
     for departure in departures(conditions):
         noise = departure.applied(noise, numbers)
@@ -158,7 +157,7 @@ def test_names_of_laws():
 
 def errors_of(study):
     """Columns of the error table, by cell's σ, law and share."""
-    columns = [compute(study, unit).errors for unit in units(study)]
+    columns = [compute(study, unit.batches).errors for unit in units(study)]
     names = [name for name in ("noise", "law", "outlier_share") if name in columns[0]]
     found = {}
     for part in columns:
@@ -180,7 +179,7 @@ def test_a_trial_is_drawn_again(make_study):
     """Replayed alone, a trial of any law has the same points, to the bit, as among others; another seed has others."""
     study = make_study({"keep_points": 99}, trials=7, samples=12, **MIXED)
     for unit in units(study):
-        columns = compute(study, unit).points
+        columns = compute(study, unit.batches).points
         for address in addresses(study):
             rows = (columns["cell"] == address.cell.name) & (columns["trial"] == address.trial)
             kept = np.stack([columns[f"x_{i + 1}"][rows] for i in range(3)], axis=-1)
@@ -190,7 +189,7 @@ def test_a_trial_is_drawn_again(make_study):
 def test_draws_do_not_depend_on_what_is_drawn_with_them(make_study):
     """Further numbers of the later half of a block are the same whether or not the first half is drawn."""
     batch = next(units(make_study(trials=8, **MIXED))).batches[0]
-    whole, half = (FurtherNumbers(1, [Source(batch.stream, *cut)]) for cut in ((0, 8), (5, 3)))
+    whole, half = (FurtherNumbers(1, [(batch.stream, *cut)]) for cut in ((0, 8), (5, 3)))
     noise = np.zeros((8, 3, 12))
     for step in departures({"law": "student(3)", "outlier_share": 0.3}):
         np.testing.assert_array_equal(step.applied(noise, whole)[5:], step.applied(noise[:3], half))

@@ -44,7 +44,7 @@ def made(request, design, make_study):
     with pytest.MonkeyPatch.context() as patch:  # several batches per cell
         patch.setattr("study.simulation.experiment.designs.BLOCK_TRIALS", 2)
         made = make_study(top | ({"noise_shape": SHAPES[d]} if kind == "shaped" else {}), **design)
-        results = [compute(made, unit) for unit in units(made)]
+        results = [compute(made, unit.batches) for unit in units(made)]
         yield made, stack([r.errors for r in results]), stack([r.points for r in results if r.points])
 
 
@@ -111,7 +111,7 @@ def test_addresses_come_cell_by_cell_of_a_unit(make_study):
     """Within a batch a cell's trials stand together, and cells come in the order of the error table."""
     made = make_study(**GRID)
     order = [a.cell.name for a in addresses(made)]
-    errors = stack([compute(made, unit).errors for unit in units(made)])
+    errors = stack([compute(made, unit.batches).errors for unit in units(made)])
     assert list(dict.fromkeys(order)) == list(dict.fromkeys(errors["cell"]))
 
 

@@ -14,7 +14,6 @@ Autocorrelation times against emcee's own, and against theory.
 import itertools
 import math
 
-import emcee
 import numpy as np
 import pytest
 from scipy import fft, optimize, special, stats
@@ -547,14 +546,6 @@ def autoregressive(steps, walkers, memory, seed=1):
     for before, after in itertools.pairwise(chain):
         after[:] = memory * before + np.sqrt(1.0 - memory**2) * random.standard_normal(before.shape)
     return chain
-
-
-@pytest.mark.parametrize("steps", [2, 17, 64, 65, 500])
-@pytest.mark.parametrize("walkers", [1, 64])
-def test_as_emcee_computes_them(steps, walkers):
-    chain = 3.0 + autoregressive(steps, walkers, [0.0, 0.5, 0.9, -0.5])
-    expected = emcee.autocorr.integrated_time(chain, tol=0, quiet=True)
-    assert autocorrelation_times(chain) == pytest.approx(expected, rel=1e-11)
 
 
 def test_theory():

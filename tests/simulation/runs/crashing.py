@@ -98,7 +98,7 @@ def serve(request, log):
     real = jobs.execute
 
     def execute(made, some):
-        os.write(log, "".join(f"{job.key}\n" for job in some).encode())
+        os.write(log, "".join(f"{task.key}\n" for task in some).encode())
         return real(made, some)
 
     os.fsync, os.replace = trap.around(os.fsync), trap.around(os.replace)

@@ -65,7 +65,7 @@ def test_bytes_do_not_depend_on_the_order_of_work(start, entries, monkeypatch, s
     """Units computed in a shuffled order give the same files."""
     expected = tables(start(**entries))
     shuffled = random.Random(seed)
-    monkeypatch.setattr(runner, "weight", lambda job: shuffled.random())
+    monkeypatch.setattr(runner, "weight", lambda task: shuffled.random())
     assert tables(start(**entries)) == expected
 
 

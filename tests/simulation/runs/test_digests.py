@@ -19,7 +19,7 @@ from study.fits import Status
 from study.fits.samples import Estimator
 from study.simulation.analysis.summary import summarise
 from study.simulation.experiment.config import parse
-from study.simulation.experiment.sampling import spans
+from study.simulation.experiment.sampling import units
 from study.simulation.runs import run_folder, runner
 from study.simulation.runs.parts import DAMAGED, FORMAT
 from study.simulation.runs.reuse import set_damaged_aside
@@ -186,12 +186,13 @@ def put(name, value):
         (put("format", "x"), 'format = "x" is not'),
         (put("format", True), "format = true is not"),
         (put("tables", []), r"tables = \[\] is not"),
-        (put("tables", {"errors": 3}), "tables or estimators are not"),
-        (put("estimators", {"lls": "1"}), "tables or estimators are not"),
+        (put("tables", {"errors": 3}), "tables.errors = 3 is not"),
+        (put("estimators", {"lls": "1"}), 'estimators = {"lls": "1"} is not'),
         (put("failures", None), "failures = null is not"),
-        (put("also_computed_by", [3]), "software or own_estimators are not"),
-        (put("software", {"commit": 7}), "software or own_estimators are not"),
-        (put("own_estimators", ["my.py"]), "software or own_estimators are not"),
+        (put("also_computed_by", [3]), "also_computed_by.0 = 3 is not"),
+        (put("software", {"commit": 7}), "no field 'software.study'"),
+        (put("also_computed_by", [{"commit": 7}]), "also_computed_by.0.commit = 7 is not"),
+        (put("own_estimators", ["my.py"]), 'own_estimators.0 = "my.py" is not'),
         (put("run", "test-0123456789"), "of test-0123456789, where config.toml is of test-"),
         (lambda content: content.update(failures=7), "its digest is not that of its content"),
     ],
@@ -307,9 +308,9 @@ LIMITS = {
 def test_large_summaries_are_cut_by_cells(keep, monkeypatch, limit, most, cells):
     """Cells of many trials are units of their own, which make the same draws: the summary keeps its bytes."""
     whole = keep("whole")
-    assert [len(span.group.cells) for span in spans(whole.study)] == [4] * 4
+    assert [len(unit.group.cells) for unit in units(whole.study)] == [4] * 4
     monkeypatch.setattr(f"study.simulation.experiment.sampling.{limit}", most)
-    assert [len(span.group.cells) for span in spans(whole.study)] == cells
+    assert [len(unit.group.cells) for unit in units(whole.study)] == cells
     assert keep("apart").path("summary").read_bytes() == whole.path("summary").read_bytes()
 
 
@@ -318,9 +319,9 @@ def test_moments_cut_by_cells(keep, monkeypatch):
     top = {"route": "moments", "estimators": ["gdke", "ugdk"]}
     whole = keep("whole", top)
     monkeypatch.setattr("study.simulation.experiment.sampling._SAMPLES_IN_SUMMARY", 1)
-    assert [len(span.group.cells) for span in spans(whole.study)] == [4] * 4
+    assert [len(unit.group.cells) for unit in units(whole.study)] == [4] * 4
     monkeypatch.setattr("study.simulation.experiment.sampling._FITS_IN_MEMORY", 3 * 70 * 2)
-    assert [len(span.group.cells) for span in spans(whole.study)] == [3, 1] * 4
+    assert [len(unit.group.cells) for unit in units(whole.study)] == [3, 1] * 4
     assert keep("apart", top).path("summary").read_bytes() == whole.path("summary").read_bytes()
 
 

@@ -379,8 +379,8 @@ def test_units_are_known_from_the_rounds():
     """Before any part is stored, the first checkpoint of every group is pending."""
     rounds = Rounds(parse(CONFIG))
     pending = list(rounds.pending())
-    assert {span.group.stream for span in pending} == set(rounds.progress)
-    assert sum(span.rows for span in pending) == 12 * 100
+    assert {unit.group.stream for unit in pending} == set(rounds.progress)
+    assert sum(unit.rows for unit in pending) == 12 * 100
     assert rounds.ahead() == pytest.approx(1 / 8)
 
 

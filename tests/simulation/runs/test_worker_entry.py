@@ -31,10 +31,7 @@ def test_a_result_comes_back_with_its_number():
 
 def test_want_of_memory_is_a_death():
     """The task is to be tried alone, as after the death of a worker."""
-    number, death = attempt(1, starve)
-    assert number == 1
-    assert isinstance(death, Death)
-    assert death.message.startswith("out of memory (cannot allocate): fewer workers")
+    assert attempt(1, starve) == (1, Death(f"out of memory (cannot allocate): {workers.NEEDS_LESS}"))
 
 
 def test_an_exception_comes_back_with_its_traceback():
