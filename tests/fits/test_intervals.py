@@ -313,8 +313,8 @@ def test_intervals_of_a_fit(on_cap):
     assert one.interval("radius").shape == (2,)
     assert one.interval("center").shape == (3, 2)
     assert one.interval("radius")[0] < one.radius < one.interval("radius")[1]
-    with pytest.raises(ValueError, match="'radius' or of the 'center'"):
-        fit.interval("diameter")
+    with pytest.raises(ValueError, match="of = 'length': an interval is that of 'radius', 'diameter', 'center', 'x'"):
+        fit.interval("length")
 
 
 @pytest.mark.parametrize("estimator", ["corrected", "robust"])

@@ -97,7 +97,9 @@ def read_recording(
     path = Path(path)
     name = printable(path.stem)
     try:
-        if _is_c3d(regular(path)):
+        if path.exists():
+            regular(path)
+        if _is_c3d(path):
             from study.recordings.formats.c3d import read_c3d  # its libraries come with the extra mocap
 
             # C3D files without a unit are usually in millimetres
