@@ -591,7 +591,7 @@ def test_more_posteriors_than_trials():
 def test_a_fraction_of_a_share(measure):
     """A share may be 0, so its error cannot be a fraction of it; that of other measures can."""
     text = f'{GRID_SINGLE_MISTAKES}[precision]\nmeasure = "{measure}"\n'
-    if measure in ("far_ok", "far_all"):
+    if measure in ("far", "far_ok", "far_all"):
         line = only(text + "relative_target = 0.1\n")
         assert f"{measure} is a share, which may be 0, and no error is a fraction of 0: give target instead" in line
     else:
