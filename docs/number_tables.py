@@ -280,7 +280,7 @@ def speed(tables: Tables) -> str:
             ratios(*[(whole, f"N = {n:,}") for n in (1_000_000, 100_000, 10_000, 1000)]) + " of its time",
         ],
         [
-            "one more level of noise of 28 that are fitted side by side, N = 10⁵ / 10⁴",
+            "one more level of noise of 28, N = 10⁵ / 10⁴",
             "the same",
             ratios((more, "N = 100,000"), (more, "N = 10,000")),
         ],
