@@ -495,6 +495,8 @@ def _memory(rho: Floats, Q: Floats, total: Floats) -> Floats:
 def allowance(samples: Samples, answer: Goodness, ordered: bool = False, level: float = 0.95) -> Floats:
     """Factors on the half-widths of intervals of the centre's coordinates and the radius, where structure is seen.
 
+    `Fit` does not use it: how often intervals of the centre then cover was not measured (benchmarks/misfit.py).
+
     Structure is seen where *shape*, *unequal noise* or *memory* speaks. Then a series over the directions measures it,
     the residuals' own squares do, and a series over time if the rows are in order. The largest factor counts.
 
