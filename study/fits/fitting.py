@@ -80,7 +80,7 @@ def doubts(fit: Fit) -> Iterator[str]:
     explained = rows and not fit.without_outliers  # by the outliers, which are named above
     if not explained and samples <= _TESTED and (block := str(fit.goodness.first())):
         shape = "circle" if fit.center.shape[0] == 2 else "sphere"
-        p = float(fit.goodness.p)
+        p = float(getattr(fit.goodness, block.replace(" ", "_")))
         size = "p < 1e-9" if p < 1e-9 else f"p = {number(p, '.2g')}"
         yield f"not a {shape} with white noise ({block}, {size}): {_REASONS[block]}; every ± may be too small"
 
