@@ -5,8 +5,8 @@ the other's; a segment with fewer than three markers takes the joint above it as
 
 A joint has one place from all trials. The trials whose estimate is reliable are weighted by the inverse of their
 covariances, so a trial that did not move the joint counts for next to nothing. A hinge counts across its axis only.
-Trials that contradict each other are found as segments that do are (`side_agreement`): the best one's place stays, and
-its covariance covers the other.
+Trials that contradict each other are named as segments that do are (`check_against_sides`): the best one's place stays,
+and its covariance covers the other.
 
 A functional calibration moves one joint after the other, each in a trial of its own. The merged calibration has all of
 them. A static trial may give the shapes of the segments, and with medial markers, which are off during motion, the
