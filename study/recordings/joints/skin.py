@@ -8,8 +8,8 @@ in whose axes the centre is fitted, each marker's own.
 The slope β of a segment's skin, m/rad, is how far its markers leave their rigid template as a joint rotates. It is
 measured where three markers of its own fix its pose (`skin_slope`), and drawn to the mean of those that were measured
 in the body so far; a segment without such a pose, as a thigh with two markers, gets that mean. `sphere_skin`,
-`pair_skin` and `image_skin` turn the slope into a covariance. Skin that does not follow the angle makes the centre from frames in which the joint bends
-differ from the centre from frames in which it straightens.
+`pair_skin` and `image_skin` turn the slope into a covariance. Skin that does not follow the angle makes the centre from
+frames in which the joint bends differ from that of frames in which it straightens.
 """
 
 import itertools
