@@ -118,7 +118,7 @@ def _solve(matrix: list[list[Decimal]], right: list[Decimal]) -> list[Decimal]:
             matrix[row] = [a - factor * b for a, b in zip(matrix[row], matrix[i], strict=True)]
             right[row] -= factor * right[i]
     for i in reversed(range(n)):
-        rest = sum((matrix[i][j] * right[j] for j in range(i + 1, n)), Decimal(0))
+        rest = _dot(matrix[i][i + 1 :], right[i + 1 :])
         right[i] = (right[i] - rest) / matrix[i][i]
     return right
 
@@ -128,8 +128,12 @@ def _exact(points: Floats) -> list[list[Decimal]]:
     return [[Decimal(float(value)) for value in row] for row in points]
 
 
+def _sum(values: Iterable[Decimal]) -> Decimal:
+    return sum(values, Decimal(0))
+
+
 def _dot(a: Iterable[Decimal], b: Iterable[Decimal]) -> Decimal:
-    return sum((x * y for x, y in zip(a, b, strict=True)), Decimal(0))
+    return _sum(x * y for x, y in zip(a, b, strict=True))
 
 
 def least_squares(points: Floats, start: Floats) -> Sphere:
@@ -146,13 +150,13 @@ def least_squares(points: Floats, start: Floats) -> Sphere:
             rays = [[a - b for a, b in zip(row, center, strict=True)] for row in x]
             lengths = [_dot(ray, ray).sqrt() for ray in rays]
             units = [[value / length for value in ray] for ray, length in zip(rays, lengths, strict=True)]
-            radius = sum(lengths) / n
-            mean = [sum(unit[i] for unit in units) for i in range(d)]
+            radius = _sum(lengths) / n
+            mean = [_sum(unit[i] for unit in units) for i in range(d)]
             slope = [_dot((length - radius for length in lengths), (unit[i] for unit in units)) for i in range(d)]
             ratios = [radius / length for length in lengths]
             curve = [
                 [
-                    sum(q * unit[i] * unit[j] + (1 - q) * (i == j) for q, unit in zip(ratios, units, strict=True))
+                    _sum(q * unit[i] * unit[j] + (1 - q) * (i == j) for q, unit in zip(ratios, units, strict=True))
                     - mean[i] * mean[j] / n
                     for j in range(d)
                 ]
@@ -292,14 +296,15 @@ CERTIFIED = (*SOLVERS, ZONE)
 def _resolution(pair: ReferencePair, zone: bool) -> float:
     """Change of centre and radius, in radii, if each coordinate moves by half a unit in its last place, at random."""
     *center, radius = pair.sphere
-    rows, ratios = [], []
+    directions: list[list[float]] = []
+    ratios: list[float] = []
     with localcontext(_WORKING):
         for point in _exact(pair.points):
             ray = [a - b for a, b in zip(point, center, strict=True)]
             length = _dot(ray, ray).sqrt()
-            rows.append([float(value / length) if length else 0.0 for value in ray])
+            directions.append([float(value / length) if length else 0.0 for value in ray])
             ratios.append(float(length / radius))
-    units, lengths = np.array(rows), np.array(ratios)
+    units, lengths = np.array(directions), np.array(ratios)
     base = np.column_stack([units, np.ones(len(units))])
     with np.errstate(over="ignore"):  # of a sphere that does not belong to the points
         moved = np.minimum(np.spacing(np.abs(pair.points)) / float(radius), 1.0) * 0.5 * units
@@ -349,8 +354,8 @@ def printed(results: dict[str, list[Certificate]], limit: float) -> Iterator[str
     yield f"errors are shares of the radius; {limit:g} is asked, and instruments are often asked for .1 µm on 100 mm"
     apart = [one for each in results.values() for one in each if not one.is_told(limit)]
     if apart:
-        worst = max(one.resolution for one in apart)
-        yield f"* sets whose last digits, in double precision, decide more than {limit:g}: up to {worst:.1e}"
+        most = max(one.resolution for one in apart)
+        yield f"* sets whose last digits, in double precision, decide more than {limit:g}: up to {most:.1e}"
     for estimator, each in results.items():
         for one in each:
             if not one.passes(limit):
