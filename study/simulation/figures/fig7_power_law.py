@@ -68,6 +68,7 @@ def prepare(tables: Tables) -> PowerLawFrame:
         NotApplicable: unless the design is a grid with at least four numbers of samples.
     """
     tables.require_grid()
+    tables.require_directions_by_area()
     tables.require_all_trials("relative_median")
     summary = at_first(tables.summary, besides=("samples", "noise"))
     summary = summary.assign(level=summary["noise"] / summary["radius"])

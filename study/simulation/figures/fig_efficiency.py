@@ -69,6 +69,7 @@ def prepare(tables: Tables) -> EfficiencyFrame:
         NotApplicable: unless the design is a grid with at least four levels of isotropic noise.
     """
     tables.require_grid(isotropic=True)
+    tables.require_directions_by_area()
     tables.require_errors()
     cells = tables.summary.drop_duplicates("group")  # the conditions of each cell, where the error table repeats them
     cells = at_first(cells[cells["samples"] == cells["samples"].max()], besides=("noise", "angle"))

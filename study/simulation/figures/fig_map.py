@@ -56,6 +56,7 @@ def prepare(tables: Tables) -> MapFrame:
         NotApplicable: unless the design is a grid with at least two angles and two levels of isotropic noise.
     """
     tables.require_grid(isotropic=True)
+    tables.require_directions_by_area()
     tables.require_all_trials("ratio_median")
     result = at_first(tables.summary, besides=("samples", "noise", "angle"))
     # twelve digits: one level of a logspace may differ in its last bit from radius to radius
