@@ -83,7 +83,7 @@ class RootStart(NamedTuple):
 class Member(NamedTuple):
     """The equations of one set: the number of points N, ν and α."""
 
-    count: int
+    size: int
     pair: float
     fuller: float
 
@@ -170,7 +170,7 @@ def _bend(r: float, step: Floats, sums: SphereSums, n: int) -> float:
     for i in range(d):
         for j in range(d):
             bend += r * step[i] * sums.squares[CURVE, max(i, j), min(i, j)] * step[j] / n
-    return bend
+    return float(bend)
 
 
 @compiled
@@ -183,7 +183,7 @@ def _iterate(
         True if it converged; the number of passes, r and s. The centre is in ``room.center``.
     """
     center, sums, step, _ = room
-    d, n, last = center.size, member.count, 0.0
+    d, n, last = center.size, member.size, 0.0
     for passes in range(1, MOST_PASSES + 1):
         sum_about(points, origin, center, r, True, sums, scratch)
         hidden = s < _HIDDEN * r * r
