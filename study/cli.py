@@ -257,10 +257,11 @@ def certify(
     out: PairsOut = None,
     table: Errors = None,
 ) -> None:
-    """Compare fits with certified spheres: the package's own, solved with 60 digits, or pairs in folders.
+    """Compare fits with certified spheres.
 
-    The largest error of centre and radius is printed. The exit code is 1 if an error is above the limit on a set that
-    double precision can tell. A pair that cannot be read costs the others nothing; the exit code is then 2.
+    They are the package's own, solved with 60 digits, or pairs in folders. The largest error of centre and radius is
+    printed. The exit code is 1 if an error is above the limit on a set that double precision can tell. A pair that
+    cannot be read costs the others nothing; the exit code is then 2.
     """
     from study.files import save_frame
     from study.fits import certify
