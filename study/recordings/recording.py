@@ -350,6 +350,30 @@ def describe(recording: Recording) -> list[str]:
     return [*lines, *columns(rows, ["marker", "missing", "gaps", "longest", "extent"], "<>")]
 
 
+def recording_data(recording: Recording) -> dict[str, object]:
+    """Describe a recording for other programs.
+
+    Returns:
+        ``recording``, ``rate``, ``frames``, ``duration`` (seconds), ``missing`` (share of all samples), ``notes``;
+        ``markers``, each with ``marker``, the numbers of ``missing`` frames, of ``gaps`` and of frames in the
+        ``longest`` one, and ``extent`` (metres).
+    """
+    seen = recording.seen()
+    markers = [
+        {"marker": marker, **dict(zip(("missing", "gaps", "longest"), gaps(row), strict=True)), "extent": float(far)}
+        for marker, row, far in zip(recording.markers, seen, extents(recording), strict=True)
+    ]
+    return {
+        "recording": recording.name,
+        "rate": recording.rate,
+        "frames": recording.frames,
+        "duration": recording.duration,
+        "missing": float(1.0 - np.mean(seen)),
+        "notes": list(recording.notes),
+        "markers": markers,
+    }
+
+
 ORIGIN = ("recording", "digest")
 """The columns: the file's stem, and the first `DIGITS` hexadecimal digits of its SHA-256.
 

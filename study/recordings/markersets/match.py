@@ -71,6 +71,22 @@ class Match:
         lines += [f"clusters that it does not use: {', '.join(unused)}; a set of your own can"] * bool(unused)
         return [*lines, *self.remarks]
 
+    def data(self) -> dict[str, object]:
+        """The match for other programs.
+
+        Returns:
+            ``name``; ``labels``, the recording's label of each marker; ``lacking`` markers by segment; ``joints`` that
+            can be found; ``lost`` joints, each with the reason; ``extra`` labels.
+        """
+        return {
+            "name": self.whole.name,
+            "labels": self.labels,
+            "lacking": self.lacking,
+            "joints": [joint.name for joint in self.joints],
+            "lost": self.lost,
+            "extra": list(self.extra),
+        }
+
     def _missed(self, marker: str) -> str:
         """A missing marker, with the label of the recording that it may have."""
         label = nearest(marker, self.extra)

@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 
 from study import cli
-from study.recordings.commands.common import results_folder
+from study.recordings.commands import results_folder
 from study.recordings.commands.skeleton import synthetic
 from study.recordings.formats.write import write_recording
 from study.recordings.markersets import load_markerset, shipped
