@@ -85,6 +85,7 @@ tables: paper
 	$(BIN)/study coverage configs/coverage.toml; \
 	cp results/coverage/fig_coverage.png figures/; \
 	for name in regret robustness map; do $(DRAW) configs/$$name.toml fig_$$name; done; \
+	$(BIN)/study certify --table results/certify.csv; \
 	$(BIN)/python docs/reference_tables.py; \
 	$(BIN)/python benchmarks/stopping.py; \
 	$(BIN)/python benchmarks/false_alarms.py; \

@@ -40,6 +40,17 @@ def regret(tables: Tables) -> str:
     return _markdown(["estimator", "median error", "95 % quantile", "take it"], rows)
 
 
+def certify(tables: Tables) -> str:
+    """Largest errors of the certified fits, of sets that double precision tells and of the others."""
+    rows = []
+    for (name, told), part in tables("certify").groupby(["estimator", "told"], sort=False):
+        size = 5e4 * max(part["center"].max(), part["radius"].max())
+        told_or_not = "told" if told else "not told"
+        rows.append([f"`{name}`, {told_or_not}", str(len(part)), f"{part['center'].max():.1e}"])
+        rows[-1] += [f"{part['radius'].max():.1e}", f"{size:.0e}"]
+    return _markdown(["fit", "sets", "centre", "radius", "µm on a sphere of 100 mm"], rows)
+
+
 def coverage_short(tables: Tables) -> str:
     """Coverage of the radius: the least over all kinds of data, and the mean and the least of ok fits."""
     names = {"interval": '`fit.interval("radius")`'}

@@ -19,6 +19,7 @@ from study.simulation.experiment.conditions import (
     ANGLE,
     CENTER,
     CONDITIONS,
+    DIRECTIONS,
     NOISE,
     NOISE_OVER_RADIUS,
     RADIUS,
@@ -46,8 +47,9 @@ class AtBounds(NamedTuple):
 
 
 def has_bounds(study: Study) -> bool:
-    """True if every cell of a study has both bounds: in a grid, with isotropic Gaussian noise."""
-    departs = bound_law([condition.name for condition in study.conditions()]) != ""
+    """True if every cell of a study has both bounds: a grid of isotropic Gaussian noise, directions by area."""
+    given = [condition.name for condition in study.conditions()]
+    departs = bound_law(given) != "" or DIRECTIONS.name in given
     return study.noise_law.isotropic and not departs and not study.design.one_trial_a_cell
 
 

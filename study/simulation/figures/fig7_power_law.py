@@ -69,6 +69,7 @@ def prepare(tables: Tables) -> PowerLawFrame:
     """
     if tables.design != "grid":
         raise NotApplicable('needs many trials of each condition: kind = "grid" in the config')
+    tables.require_directions_by_area()
     tables.require_all_trials("relative_median")
     summary = at_first(tables.summary, besides=("samples", "noise"))
     summary = summary.assign(level=summary["noise"] / summary["radius"])

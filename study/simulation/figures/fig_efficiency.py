@@ -73,6 +73,7 @@ def prepare(tables: Tables) -> EfficiencyFrame:
         raise NotApplicable('needs many trials of each condition: kind = "grid" in the config')
     if not tables.noise_law.isotropic:
         raise NotApplicable("compares with an isotropic bound: needs a config without noise_shape")
+    tables.require_directions_by_area()
     tables.require_errors()
     cells = tables.summary.drop_duplicates("group")  # the conditions of each cell, where the error table repeats them
     cells = at_first(cells[cells["samples"] == cells["samples"].max()], besides=("noise", "angle"))

@@ -61,6 +61,7 @@ def prepare(tables: Tables) -> MapFrame:
         raise NotApplicable('needs many trials of each condition: kind = "grid" in the config')
     if not tables.noise_law.isotropic:
         raise NotApplicable("compares with an isotropic bound: needs a config without noise_shape")
+    tables.require_directions_by_area()
     tables.require_all_trials("ratio_median")
     result = at_first(tables.summary, besides=("samples", "noise", "angle"))
     # twelve digits: one level of a logspace may differ in its last bit from radius to radius

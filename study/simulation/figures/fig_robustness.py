@@ -29,7 +29,7 @@ from study import style
 from study.fits.cap import cap_moments
 from study.simulation.analysis.regret import median_at_bound
 from study.simulation.experiment.conditions import LAW, OUTLIER_SHARE, OUTLIER_SIZE
-from study.simulation.experiment.noise import NORMAL, excess_kurtosis, freedom
+from study.simulation.experiment.noise import NORMAL, excess_kurtosis, freedom, has_equal_covariance
 from study.simulation.figures.figure import NotApplicable, Tables, at_first
 
 _LEAST = 3
@@ -77,6 +77,7 @@ def prepare(tables: Tables) -> RobustnessFrame:
         found = set(tables.summary[name]) if name in tables.summary else set()
         if len(found) < _LEAST or least not in found:
             raise NotApplicable(f"needs at least {_LEAST} values of {name} in the grid, with {least} among them")
+    tables.require_directions_by_area()
     tables.require_all_trials("ratio_median")
     rows = at_first(tables.summary, besides=("angle", law, share))
     unit = {
@@ -93,6 +94,8 @@ def prepare(tables: Tables) -> RobustnessFrame:
             "error": rows["ratio_median_error"] / rows["angle"].map(unit),
         }
     )
+    if others := [word for word in medians["law"].unique() if not has_equal_covariance(word)]:
+        raise NotApplicable(f"compares laws of the same covariance: needs a config without {', '.join(others)}")
     order = sorted(medians["law"].unique(), key=lambda word: (excess_kurtosis(word), -(freedom(word) or 0.0)))
     tails = medians[medians["share"] == 0.0]
     return RobustnessFrame(

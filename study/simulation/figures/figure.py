@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from study.files import RunError
 from study.simulation.analysis.summary import TableReader, stored_summary
-from study.simulation.experiment.conditions import STORED, bound_law
+from study.simulation.experiment.conditions import DIRECTIONS, STORED, bound_law
 from study.simulation.experiment.noise import NoiseLaw
 from study.simulation.runs.run_folder import Run
 
@@ -150,6 +150,11 @@ class Tables:
         if self.summary[name].isna().any():
             words = "the run is of an earlier version, which kept no medians of all trials"
             raise NotApplicable(f"{words}: run its config again, in another folder (--out)")
+
+    def require_directions_by_area(self) -> None:
+        """Raise `NotApplicable` if directions have another law than the bounds that a figure draws."""
+        if DIRECTIONS.name in self.summary and set(self.summary[DIRECTIONS.name]) != {DIRECTIONS.default}:
+            raise NotApplicable(f"compares with bounds of directions by area: needs a config without {DIRECTIONS.name}")
 
     @cached_property
     def points(self) -> pd.DataFrame | None:
