@@ -274,15 +274,20 @@ def assemble(
     return Recording(name, tuple(markers), positions, float(rate), tuple(notes))
 
 
-def _unit(text: str | None) -> str:
-    """The unit, as a key of `UNITS`, from its name in a file or from a user."""
-    if text is None:
-        raise RecordingError(f"its unit is not given; give one of {', '.join(UNITS)} with --unit")
+def known_unit(text: str) -> str | None:
+    """The unit of length, as a key of `UNITS`, from its name in a file or from a user; None if it is none."""
     word = text.strip().lower()
     word = word if word in UNITS else _SPELLINGS.get(word.rstrip("s."), word.rstrip("s."))
-    if word not in UNITS:
-        raise RecordingError(f"its unit {text!r} is not known; give one of {', '.join(UNITS)} with --unit")
-    return word
+    return word if word in UNITS else None
+
+
+def _unit(text: str | None) -> str:
+    """The unit, as a key of `UNITS`; an error if it is not given or not known."""
+    known = None if text is None else known_unit(text)
+    if known is None:
+        words = "is not given" if text is None else f"{text!r} is not known"
+        raise RecordingError(f"its unit {words}; give one of {', '.join(UNITS)} with --unit")
+    return known
 
 
 def _extent(positions: Floats, seen: Bools) -> float:

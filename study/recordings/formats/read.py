@@ -4,8 +4,7 @@ from pathlib import Path
 
 from study.files import regular
 from study.recordings.formats import exports
-from study.recordings.formats.exports import read_vicon
-from study.recordings.formats.text import find_axes, read_table, read_trc, read_two_lines
+from study.recordings.formats.text import find_axes, read_columns, read_table, read_trc, read_vicon
 from study.recordings.recording import FileContents, Recording, RecordingError, assemble, printable
 
 _OPENINGS = ("PathFileType", exports.QUALISYS_KEY, exports.MOTIVE_KEY, "Trajectories")
@@ -15,7 +14,7 @@ _FIRST = 50
 
 
 def read_text(path: Path) -> FileContents:
-    """Read markers from a text file: TRC, Qualisys, Motive, Vicon Nexus, or a table.
+    """Read markers from a text file: TRC, Qualisys, Motive, Vicon Nexus, BTK, or a table.
 
     Rate and unit come from the header of the format; in other tables from lines ``# rate: 120`` and ``# unit: mm``, or
     from a column ``time`` in seconds. Empty cells are missing samples.
@@ -45,7 +44,7 @@ def read_text(path: Path) -> FileContents:
         if line.strip().strip(",;\t\"'").lower() == "trajectories":
             return read_vicon(lines, number)
     axes = find_axes(lines)
-    return read_table(lines) if axes is None else read_two_lines(lines, axes)
+    return read_table(lines) if axes is None else read_columns(lines, axes)
 
 
 def is_known_text(head: bytes) -> bool:
