@@ -6,6 +6,7 @@ what a recording holds, and `with_origin` stamps a stored table with the recordi
 """
 
 import hashlib
+import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -107,6 +108,21 @@ class Recording:
         names = self.markers if markers is None else tuple(markers)
         positions = self.positions[[self.row(marker) for marker in names]]
         return replace(self, markers=names, positions=positions if frames is None else positions[:, :, frames])
+
+
+def frames_between(recording: Recording, text: str) -> Recording:
+    """The frames of a range such as ``1-499`` alone, from 1, both ends included, with a note.
+
+    Raises:
+        RecordingError: one line, without the file's name, if it is no range of at least two frames of the recording.
+    """
+    ends = re.fullmatch(r"\s*(\d{1,9})\s*-\s*(\d{1,9})\s*", text)
+    first, last = (int(ends[1]), int(ends[2])) if ends else (0, 0)
+    if not 1 <= first < last <= recording.frames:
+        words = f"give the first and the last of its {recording.frames} frames, such as 1-{recording.frames}"
+        raise RecordingError(f"--frames {text}: {words}")
+    part = recording.select(frames=slice(first - 1, last))
+    return replace(part, notes=(*part.notes, f"frames {first}-{last} of {recording.frames}: they count from 1 here"))
 
 
 def one_after_another(recordings: Sequence[Recording], name: str) -> Recording:
@@ -325,6 +341,18 @@ def extents(recording: Recording) -> Floats:
     return diagonal
 
 
+def whole_frames(seen: Bools) -> list[tuple[int, int]]:
+    """First and last frame, from 1, of each stretch in which no marker is missing; one without any sample is left out.
+
+    Args:
+        seen: True where a marker has a sample (markers, frames).
+    """
+    whole = seen[seen.any(axis=1)].all(axis=0)
+    edges = np.diff(np.concatenate([[False], whole, [False]]).astype(np.int8))
+    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    return [(int(start) + 1, int(end)) for start, end in zip(starts, ends, strict=True)]
+
+
 def describe(recording: Recording) -> list[str]:
     """Describe a recording.
 
@@ -341,6 +369,7 @@ def describe(recording: Recording) -> list[str]:
     never = [recording.markers[row] for row in np.flatnonzero(~seen.any(axis=1))]
     if never:
         lines.append(f"without any sample: {', '.join(never)}")
+    lines += _whole_line(seen)
     still = [marker for marker, far in zip(recording.markers, moved, strict=True) if far < STILL]
     if len(still) == count - len(never):
         lines.append(f"no marker moves by more than {1000 * np.nanmax(moved):.2g} mm; joints cannot be found")
@@ -355,13 +384,29 @@ def describe(recording: Recording) -> list[str]:
     return [*lines, *columns(rows, ["marker", "missing", "gaps", "longest", "extent"], "<>")]
 
 
+def _whole_line(seen: Bools) -> list[str]:
+    """The line that says in which frames no marker is missing; none if none is in any frame."""
+    stretches, frames = whole_frames(seen), seen.shape[1]
+    if stretches == [(1, frames)]:
+        return []
+    if not stretches:
+        return ["in every frame a marker is missing"]
+    longest = sorted(stretches, key=lambda ends: ends[0] - ends[1])[:3]
+    listed = ", ".join(f"{first}-{last}" for first, last in sorted(longest))
+    count = sum(last - first + 1 for first, last in stretches)
+    more = f" and {len(stretches) - 3} shorter stretches" if len(stretches) > 3 else ""
+    option = f"; --frames {longest[0][0]}-{longest[0][1]} reads the longest" if longest[0][1] > longest[0][0] else ""
+    return [f"no marker is missing in {count:,} frames: {listed}{more}{option}"]
+
+
 def recording_data(recording: Recording) -> dict[str, object]:
     """Describe a recording for other programs.
 
     Returns:
         ``recording``, ``rate``, ``frames``, ``duration`` (seconds), ``missing`` (share of all samples), ``notes``;
         ``markers``, each with ``marker``, the numbers of ``missing`` frames, of ``gaps`` and of frames in the
-        ``longest`` one, and ``extent`` (metres).
+        ``longest`` one, and ``extent`` (metres); ``whole``, first and last frame of each stretch in which none is
+        missing.
     """
     seen = recording.seen()
     markers = [
@@ -376,6 +421,7 @@ def recording_data(recording: Recording) -> dict[str, object]:
         "missing": float(1.0 - np.mean(seen)),
         "notes": list(recording.notes),
         "markers": markers,
+        "whole": whole_frames(seen),
     }
 
 

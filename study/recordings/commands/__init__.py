@@ -19,6 +19,9 @@ Unit = Annotated[str | None, typer.Option("--unit", help=_UNIT)]
 _RATE = "frames per second, if the file lacks its rate or has a wrong one"
 Rate = Annotated[float | None, typer.Option("--rate", help=_RATE)]
 Subject = Annotated[str | None, typer.Option("--subject", help="the subject to read, if the file has several")]
+_FRAMES = "read these frames alone, from 1, both ends included; `study recording` says which are whole"
+FrameRange = Annotated[str | None, typer.Option("--frames", metavar="1-499", help=_FRAMES)]
+
 RESULTS = Path("results") / "recordings"
 """The folder with a folder for each recording's results."""
 

@@ -9,6 +9,7 @@ import typer
 from study.options import ExitCode, Json
 from study.recordings.commands import (
     File,
+    FrameRange,
     MarkerSetName,
     Out,
     Rate,
@@ -41,6 +42,7 @@ def case_study(
     unit: Unit = None,
     rate: Rate = None,
     subject: Subject = None,
+    frames: FrameRange = None,
 ) -> None:
     """Repeat the paper's precision study, section 9.1.
 
@@ -58,7 +60,7 @@ def case_study(
     from study.style import save
     from study.text import json_text
 
-    match = place_markerset(read_recording(file, unit=unit, rate=rate, subject=subject), markerset)
+    match = place_markerset(read_recording(file, unit=unit, rate=rate, subject=subject, frames=frames), markerset)
     digest = digest_of(file)
     folder = results_folder(match.source.name, out)
     if not as_json:
@@ -100,6 +102,7 @@ def joint(
     unit: Unit = None,
     rate: Rate = None,
     subject: Subject = None,
+    frames: FrameRange = None,
 ) -> None:
     """Find one joint, from the markers of its two segments.
 
@@ -111,7 +114,7 @@ def joint(
 
     if across and not hinge:
         raise typer.BadParameter("--across: only a hinge has an axis; give --hinge, too")
-    recording = read_recording(file, unit=unit, rate=rate, subject=subject)
+    recording = read_recording(file, unit=unit, rate=rate, subject=subject, frames=frames)
     answer = fit_one_joint(recording, find_clusters(recording, parent, child, across), hinge)
     if as_json:
         typer.echo(joint_json(answer))
@@ -142,6 +145,7 @@ def joints(
     unit: Unit = None,
     rate: Rate = None,
     subject: Subject = None,
+    frames: FrameRange = None,
 ) -> None:
     """Find the joints of a recording: phase 1.
 
@@ -156,7 +160,9 @@ def joints(
     if len(files) == 1 and static is None and force:
         raise typer.BadParameter("--force: there is nothing to overrule with one recording")
     every = [*files, *([] if static is None else [static])]
-    recordings = [read_recording(file, unit=unit, rate=rate, subject=subject) for file in every]
+    if len(every) > 1 and frames is not None:
+        raise typer.BadParameter(f"--frames {frames}: a range is of one recording; give one")
+    recordings = [read_recording(file, unit=unit, rate=rate, subject=subject, frames=frames) for file in every]
     if len(recordings) == 1:
         _one(recordings[0], markerset, out, as_json)
     else:

@@ -13,6 +13,7 @@ import typer
 from study.options import Json, unchanged
 from study.recordings.commands import (
     File,
+    FrameRange,
     MarkerSetName,
     Out,
     Rate,
@@ -77,12 +78,19 @@ def markersets(
         typer.echo(shipped_text(name), nl=False)
 
 
-def recording(file: File, as_json: Json = False, unit: Unit = None, rate: Rate = None, subject: Subject = None) -> None:
+def recording(
+    file: File,
+    as_json: Json = False,
+    unit: Unit = None,
+    rate: Rate = None,
+    subject: Subject = None,
+    frames: FrameRange = None,
+) -> None:
     """Describe a recording.
 
     Prints its markers, frames and rate, the gaps of each marker, and the marker set that fits best.
 
-    With --json: recording, rate, frames, duration, missing, notes, markers and markerset (null if none fits).
+    With --json: recording, rate, frames, duration, missing, notes, markers, whole and markerset (null if none fits).
     """
     from study.recordings.formats.read import read_recording
     from study.recordings.markersets import MarkerSetError
@@ -90,7 +98,7 @@ def recording(file: File, as_json: Json = False, unit: Unit = None, rate: Rate =
     from study.recordings.recording import describe, recording_data
     from study.text import json_text
 
-    source = read_recording(file, unit=unit, rate=rate, subject=subject)
+    source = read_recording(file, unit=unit, rate=rate, subject=subject, frames=frames)
     try:
         match, reason = choose(source), ""
     except MarkerSetError as error:  # a recording that no marker set fits can be described, too
@@ -178,6 +186,7 @@ def skeleton(
     unit: Unit = None,
     rate: Rate = None,
     subject: Subject = None,
+    frames: FrameRange = None,
 ) -> None:
     """Draw the skeleton in every frame: phase 2.
 
@@ -211,7 +220,9 @@ def skeleton(
     name = printable(file.stem)
     folder = results_folder(name, out)
     further = planned_files(write or "", folder, name, file)
-    match, used = with_joints(read_recording(file, unit=unit, rate=rate, subject=subject), calibration, markerset)
+    match, used = with_joints(
+        read_recording(file, unit=unit, rate=rate, subject=subject, frames=frames), calibration, markerset
+    )
     if not as_json:
         print_match(match)
         print_lines(used.lines())

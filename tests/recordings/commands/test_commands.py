@@ -482,6 +482,21 @@ def test_folders(name, folder):
     assert results_folder(name, Path("mine")) == Path("mine")
 
 
+def test_frames_are_chosen_by_every_command(call, body):
+    """A range reads a part of the recording; one that it does not have is refused, and so is one for a session."""
+    code, said, _ = call("recording", body[0], "--frames", "101-300")
+    assert code == 0
+    assert "200 frames" in said
+    assert "note: frames 101-300 of 500: they count from 1 here" in said
+    for command in ("recording", "joints", "skeleton", "case-study"):
+        code, said, complained = call(command, body[0], "--frames", "400-900")
+        assert (code, said) == (2, "")
+        assert "--frames 400-900: give the first and the last of its 500 frames" in complained
+    code, _, complained = call("joints", body[0], body[0], "--frames", "1-300")
+    assert code == 2
+    assert "a range is of one recording" in complained
+
+
 def test_a_file_is_no_folder(tmp_path):
     """A file in the folder's place is refused."""
     (tmp_path / "file").write_text("")
