@@ -39,7 +39,7 @@ calibration: $(VENV)/.run
 	    $(BIN)/study figures configs/$$name.toml fig_calibration; \
 	done
 
-QUOTED := regret regret-circles efficiency robustness robust precision map
+QUOTED := regret regret-circles published efficiency robustness robust precision map
 
 # A synthetic recording, so that nothing is downloaded: its joints, its skeleton, a figure, a page that shows it.
 BODY := results/recordings/body

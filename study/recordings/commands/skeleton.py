@@ -199,11 +199,11 @@ def skeleton(
     from study.recordings.export import planned_files, write_file
     from study.recordings.export.tree import ExportedMotion, RestPose
     from study.recordings.formats.read import read_recording
+    from study.recordings.joints.calibration import save_calibration
     from study.recordings.library import with_joints
     from study.recordings.recording import printable
     from study.recordings.session import refit_shapes
     from study.recordings.skeleton.calibrate import overruled, require_same_subject
-    from study.recordings.skeleton.calibration import save_calibration
     from study.recordings.skeleton.draw import draw_skeleton
     from study.recordings.skeleton.make_scene import skeleton_data, skeleton_lines, skeleton_scene
     from study.recordings.view.video import encoder
