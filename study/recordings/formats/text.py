@@ -256,8 +256,8 @@ def read_trc(lines: list[str]) -> FileContents:
     notes += missing_frames_note(len(numbers), frames)
     held = max((row.rstrip().count("\t") + 1 for row in rows), default=0)
     if (unnamed := math.ceil((held - 2) / 3) - len(places)) > 0 or markers != len(places):
-        words = f"its header gives {markers} markers, and {len(places)} have a label"
-        notes += (words + f": {unnamed} groups of columns without a label are left out" * (unnamed > 0),)
+        count = f"its header gives {markers} markers, and {len(places)} have a label"
+        notes += (count + f": {unnamed} groups of columns without a label are left out" * (unnamed > 0),)
     columns = [column for place in places for column in (place, place + 1, place + 2)]
     points = as_points(np.ascontiguousarray(numbers[:, columns]))
     used, words = _rate(rate, numbers[:, 1])
