@@ -230,7 +230,7 @@ def schedule() -> list[dict[str, float]]:
     """
     head, _, design = FACTORIAL.partition("[design]")
     design = re.sub(r"(?m)^(trials|most_samples) = .*\n", "", design)
-    study = parse(f'{head}[design]\ntrials = 1_000_000\nmost_samples = 5_000_000_000{design}')
+    study = parse(f"{head}[design]\ntrials = 1_000_000\nmost_samples = 5_000_000_000{design}")
     found = jobs.UnitTasks(study)
     some = [found.task(unit) for unit in units(study)]
     seconds = sorted((task.weight / PER_SECOND for task in some), reverse=True)
