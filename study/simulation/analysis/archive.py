@@ -224,7 +224,7 @@ def ademp(runs: Sequence[Run]) -> str:
     for run in runs:
         study, manifest = run.study, run.manifest()
         comments = [line.lstrip("# ") for line in config_of(run).splitlines() if line.startswith("#")]
-        trials = getattr(study.design, "trials", None)
+        trials = study.design.trials
         directions = "by its law" if DIRECTIONS.name in study.design.given() else "uniform"
         data = f"Points on a sphere in {study.dimension} dimensions, x = c + r u + σ z: u {directions} on a cap, "
         count = "" if study.design.kind == "random" else f" Conditions: {manifest['cells']:,}."
