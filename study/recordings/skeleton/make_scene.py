@@ -76,6 +76,7 @@ def make_scene(
         flags=flags,
         doubts=tuple(doubts[i] for i in known),
         errors=np.stack([errors for errors, _ in principal]),
+        bridging=upright**2 @ skeleton.bridging[known],
         orientations=np.stack(orientations),
         notes=(*notes, *remarks),
     )
@@ -149,15 +150,15 @@ def frame_errors(scene: Scene) -> Floats:
     """Standard errors of the joints along the world's axes in each frame (joints, 3, frames), metres.
 
     They are those of the joint's place in its parent, rotated with the parent; of a hinge, of the part across its axis.
-    NaN in frames in which the joint is bridged or unknown: nothing shows the error of a pose that was not seen.
+    A bridged joint also has the error of the interpolation. NaN where the joint is unknown, or its error is.
     """
     errors = np.full(scene.centers.shape, np.nan)
     squares = np.nan_to_num(scene.errors) ** 2
     for joint, (turns, flags) in enumerate(zip(scene.orientations, scene.flags, strict=True)):
-        shown = (flags == Flag.SEEN) & ~np.isnan(turns[:, 0])
+        shown = (flags != Flag.UNKNOWN) & ~np.isnan(turns[:, 0])
         if shown.any() and not np.isnan(scene.errors[joint]).all():
             axes = Rotation.from_quat(turns[shown]).as_matrix()
-            errors[joint][:, shown] = np.sqrt((axes**2 @ squares[joint]).T)
+            errors[joint][:, shown] = np.sqrt((axes**2 @ squares[joint]).T + scene.bridging[joint][:, shown])
     return errors
 
 

@@ -94,6 +94,8 @@ class Scene:
         doubts: reason to doubt each joint, or "".
         errors: standard errors of the joints along their principal directions (joints, 3), metres; NaN for a direction
             in which a joint is not known, such as the axis of a hinge.
+        bridging: variances along x, y and z of what interpolation adds to the error of bridged joints (joints, 3,
+            frames), m².
         orientations: of the principal directions, as quaternions x, y, z, w (joints, frames, 4); NaN where unknown.
         notes: remarks for the viewer.
     """
@@ -111,6 +113,7 @@ class Scene:
     flags: Bytes
     doubts: tuple[str, ...]
     errors: Floats
+    bridging: Floats
     orientations: Floats
     notes: tuple[str, ...] = ()
 
@@ -123,6 +126,7 @@ class Scene:
             "ends": (len(self.tips), 3, frames),
             "flags": (count, frames),
             "errors": (count, 3),
+            "bridging": (count, 3, frames),
             "orientations": (count, frames, 4),
         }
         for name, shape in wanted.items():
@@ -167,6 +171,7 @@ class Scene:
             centers=self.centers[:, :, frames],
             ends=self.ends[:, :, frames],
             flags=self.flags[:, frames],
+            bridging=self.bridging[:, :, frames],
             orientations=self.orientations[:, frames],
         )
 
