@@ -307,8 +307,8 @@ def hide_segments(recording, rng, markerset=CMU41):
 def test_hidden_segments():
     """Joints do not leap while a neighbour shows them, and bridged ones are where their errors say.
 
-    Of 336 joints of 24 other recordings none leapt by more than 18 mm from frame to frame where it was seen; 94.4 ± .4 %
-    of the bridged coordinates were within 1.96 stated standard errors.
+    Of 336 joints of 24 other recordings none leapt by more than 18 mm from frame to frame where it was seen; 94.4 ±
+    .4 % of the bridged coordinates were within 1.96 stated standard errors.
     """
     inside = []
     for seed, tissue in ((1, 0.0), (2, 0.01), (3, 0.0), (4, 0.01)):
