@@ -251,9 +251,10 @@ def folder(finished, call, tmp_path_factory):
 
 
 def of_recordings(said):
-    """The lines of the last claim that `study claims` printed."""
+    """The lines of the claim on recordings that `study claims` printed."""
     lines = said.splitlines()
-    return lines[next(i for i, line in enumerate(lines) if line.startswith("23 ")) : -1]
+    first, after = (next(i for i, line in enumerate(lines) if line.startswith(number)) for number in ("23 ", "24 "))
+    return lines[first:after]
 
 
 def test_claims(call_here, folder):
