@@ -142,10 +142,10 @@ def readings_section(material: Material) -> Iterable[Section]:
             [letters[choice.name, one.name], ": ", one.words, " (used)" * (one.name == choice.used)]
             for one in choice.reading
         ]
-        facts = [html.items(ways), html.note(["Used because: ", choice.why])]
-        rows.append([str(number), choice.section, [choice.issue, html.note(choice.says)], facts])
+        facts = [html.note(choice.says), html.items(ways), html.note(["Used because: ", choice.why])]
+        rows.append([str(number), choice.section, choice.issue, facts])
     caption = "Each choice with its readings; the letters are those of the table below."
-    head = ["No.", "§", "The paper says", "Readings"]
+    head = ["No.", "§", "Choice", "What the paper says, and the readings"]
     choices = html.table("Choices that the paper leaves open", caption, head, rows, look=_PROSE)
     lines: list[list[Content]] = []
     for row in material.claims.to_dict("records"):
@@ -159,7 +159,7 @@ def readings_section(material: Material) -> Iterable[Section]:
     titles = ["Claim", "used", *(letters[choice.name, one.name] for choice, one in others)]
     caption = (
         "Verdicts under each reading: reproduced (yes), partly, not reproduced (no), not evaluated (–); a dot where a "
-        "reading cannot change it. Verdicts that change are framed."
+        "reading cannot change it. A verdict that changes, or cannot be given, is framed."
     )
     matrix = html.table("Claims under each reading", caption, titles, lines)
     told = [
