@@ -11,7 +11,7 @@ from pathlib import Path
 import pandas as pd
 
 from study.simulation import coverage
-from study.simulation.claims.readings import Choice, Readings
+from study.simulation.claims.readings import OpenChoice, Readings
 from study.simulation.claims.readings import read as read_readings
 
 MANY_POINTS = 10_000
@@ -99,20 +99,22 @@ def _letters() -> dict[tuple[str, str], str]:
     }
 
 
-def _choices() -> list[Choice]:
+def _choices() -> list[OpenChoice]:
     return read_readings(Path(__file__).parents[1] / "configs" / "readings.toml")
 
 
 def choices(tables: Tables) -> str:
-    """What the paper leaves open, with the readings; the one that is used is bold."""
-    rows, letters = [], _letters()
+    """What the paper leaves open, with the readings, the one that is used bold, and the claims that each changes."""
+    rows, letters, found = [], _letters(), Readings(_choices(), tables("readings"))
     for choice in _choices():
         ways = [
             f"{letters[choice.name, one.name]} " + (f"**{one.words}**" if one.name == choice.used else one.words)
             for one in choice.reading
         ]
-        rows.append([choice.section, choice.issue, "; ".join(ways), choice.why])
-    return _markdown(["§", "choice", "readings, the one used in bold", "why"], rows)
+        moved = found.changed[found.changed["choice"] == choice.name].groupby("reading", sort=False)["number"]
+        changes = [f"{letters[choice.name, str(name)]}: {', '.join(map(str, part))}" for name, part in moved]
+        rows.append([choice.section, choice.issue, "; ".join(ways), choice.why, "; ".join(changes) or "-"])
+    return _markdown(["§", "choice", "readings, the one used in bold", "why", "claims that change"], rows)
 
 
 def readings(tables: Tables) -> str:

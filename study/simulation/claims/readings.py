@@ -64,7 +64,7 @@ class Reading(Frozen):
         return self.rules != Rules() or bool(set(self.runs) & _configs(claim, {"errors", "points"}))
 
 
-class Choice(Frozen):
+class OpenChoice(Frozen):
     """Something that the paper leaves open.
 
     Attributes:
@@ -89,7 +89,7 @@ class Choice(Frozen):
 
 
 class _Document(Frozen):
-    choice: Annotated[Listed[Choice], Field(min_length=1)]
+    choice: Annotated[Listed[OpenChoice], Field(min_length=1)]
 
 
 def _configs(claim: Claim, tables: Collection[str] = ("errors", "points", "timings")) -> set[str]:
@@ -109,7 +109,7 @@ def _toml(value: object) -> str:
     return f"[{', '.join(map(_toml, value))}]" if isinstance(value, list) else json.dumps(value)
 
 
-def read(path: Path) -> list[Choice]:
+def read(path: Path) -> list[OpenChoice]:
     """Read a config of readings.
 
     Raises:
@@ -121,7 +121,7 @@ def read(path: Path) -> list[Choice]:
     except ValidationError as error:
         models = {
             (): ["choice"],
-            ("choice",): list(Choice.model_fields),
+            ("choice",): list(OpenChoice.model_fields),
             ("choice", "reading"): list(Reading.model_fields),
         }
         known = {}
@@ -138,7 +138,7 @@ def read(path: Path) -> list[Choice]:
     return choices
 
 
-def _faults(place: int, choice: Choice, choices: Sequence[Choice]) -> Iterator[Fault]:
+def _faults(place: int, choice: OpenChoice, choices: Sequence[OpenChoice]) -> Iterator[Fault]:
     """Entries of a choice that do not go together."""
     names = [reading.name for reading in choice.reading]
     if [other.name for other in choices].count(choice.name) > 1:
@@ -179,7 +179,7 @@ COLUMNS = ("choice", "reading", "number", "claim", "verdict", "used", "value", "
 
 
 def judge(
-    choices: Sequence[Choice],
+    choices: Sequence[OpenChoice],
     runs: Sequence[Run],
     folder: Path,
     jobs: int = 2,
@@ -247,7 +247,7 @@ class Readings:
         standing: names of the claims whose verdict is the same under all readings.
     """
 
-    def __init__(self, choices: Sequence[Choice], table: pd.DataFrame) -> None:
+    def __init__(self, choices: Sequence[OpenChoice], table: pd.DataFrame) -> None:
         self.choices, self.table = choices, table
         self._choices = {choice.name: choice for choice in choices}
         self._readings = {(choice.name, one.name): one for choice in choices for one in choice.reading}

@@ -111,7 +111,7 @@ def _judged(row: Any, material: Material) -> list[Content]:
 
 
 def _otherwise(claim: str, material: Material) -> list[Markup]:
-    """How a claim fares if the paper is read otherwise; nothing if its verdict stands."""
+    """Sentence on a claim whose verdict another reading of the paper changes; nothing if it stands."""
     words = material.readings.otherwise(claim).partition("; ")[2] if material.readings else ""
     return [html.paragraph(["Read otherwise: ", words, "."])] if words else []
 

@@ -13,7 +13,7 @@ import study
 from study.files import RunError
 from study.simulation.claims import CLAIMS
 from study.simulation.claims.claim import NAMED, Evidence, Rules, Verdict, evaluate, exponent, rows_of
-from study.simulation.claims.readings import COLUMNS, Choice, Reading, Readings, judge, own_configs, read
+from study.simulation.claims.readings import COLUMNS, OpenChoice, Reading, Readings, judge, own_configs, read
 from study.simulation.experiment.config import load, parse, shipped_config
 from study.simulation.runs import runner
 from study.toml import ConfigError
@@ -156,7 +156,7 @@ def test_judge(tmp_path, monkeypatch):
     own = runner.run(parse(SMALL), SMALL, tmp_path / "own")
     used = {"name": "a", "words": "one"}
     other = {"name": "b", "words": "other", "clause": "if other", "runs": ("bias",), "design": {"law": "laplace"}}
-    choice = Choice(
+    choice = OpenChoice(
         name="law",
         issue="Law",
         section="5",
