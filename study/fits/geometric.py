@@ -373,6 +373,19 @@ def _pass(block: SampleBlock, origin: Floats, center: Floats, radius: float, sum
 
 
 @compiled
+def minimise(x: Floats, t: int, origin: Floats, search: Search, sums: Floats, room: Room, scratch: Scratch) -> int:
+    """Search the minimum of F of set t of a batch (b, d, n), from where `begin` started it; returns the status."""
+    n, status = x.shape[2], ON
+    while status == ON:
+        fill(sums, 0.0)
+        for begun in range(0, n, BLOCK):
+            block = SampleBlock(x, t, begun, min(BLOCK, n - begun))
+            _pass(block, origin, search.trial, search.state.radius, sums, scratch)
+        status = advance(search, n, sums, room)
+    return status
+
+
+@compiled
 def _fit_all(x: Floats, start: Start, fit: Estimates, zero: Sums, square: Sums) -> None:
     """Minimise F for each set of a batch (b, d, n) whose status is ok.
 
@@ -387,15 +400,10 @@ def _fit_all(x: Floats, start: Start, fit: Estimates, zero: Sums, square: Sums) 
         result[0] = result[1] = math.nan
         result[2] = 0.0
         search = Search(state[0], start.offset[t], trial, step, result)
-        status = fit.status[t] if fit.status[t] != 0 else ON
-        if status == ON:
+        status = fit.status[t]
+        if status == Status.OK:
             begin(search, start.spread[t], (n - 1.0) * start.values[t, 0])
-        while status == ON:
-            fill(sums, 0.0)
-            for begun in range(0, n, BLOCK):
-                block = SampleBlock(x, t, begun, min(BLOCK, n - begun))
-                _pass(block, start.origin[t], trial, state[0].radius, sums, scratch)
-            status = advance(search, n, sums, room)
+            status = minimise(x, t, start.origin[t], search, sums, room, scratch)
         fit.status[t] = status
         for i in range(d):
             fit.center[t, i] = start.origin[t, i] + start.offset[t, i]
