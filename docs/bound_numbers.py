@@ -33,7 +33,7 @@ import pandas as pd
 
 ROOT = Path(__file__).resolve().parents[1]
 WORDS = ["none", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve"]
-NUMBER = rf"[-\d][\d.,]*\d(?:\ %)?|\d(?:\ %)?|\.\d+(?:\ %)?|{'|'.join(WORDS)}"
+NUMBER = rf"[-\d][\d.,]*\d(?:e-?\d+|\ %)?|\d(?:\ %)?|\.\d+(?:\ %)?|{'|'.join(WORDS)}"
 PLACE = re.compile(r"\{(\w+)(?::([^}]*))?\}")
 TABLE = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 UNMEASURED = re.compile(r"^```.*?^```|^(?: {4}|\t).*?$|`[^`\n]*`|<!-- (?:made|table).*?<!-- end -->", re.M | re.S)

@@ -40,6 +40,29 @@ def regret(tables: Tables) -> str:
     return _markdown(["estimator", "median error", "95 % quantile", "take it"], rows)
 
 
+def certify(tables: Tables) -> str:
+    """Largest errors of the certified fits, of sets that double precision tells and of the others."""
+    rows = []
+    for (name, told), part in tables("certify").groupby(["estimator", "told"], sort=False):
+        size = 5e4 * max(part["center"].max(), part["radius"].max())
+        told_or_not = "told" if told else "not told"
+        rows.append([f"`{name}`, {told_or_not}", str(len(part)), f"{part['center'].max():.1e}"])
+        rows[-1] += [f"{part['radius'].max():.1e}", f"{size:.0e}"]
+    return _markdown(["fit", "sets", "centre", "radius", "µm on a sphere of 100 mm"], rows)
+
+
+def published(tables: Tables) -> str:
+    """Mean squared errors of others beside those of the same fits here."""
+    names = {"pratt": "Pratt", "taubin": "Taubin", "mle": "geometric", "hyper": "Hyper", "corrected": "-"}
+    rows = []
+    for row in tables("published").to_dict("records"):
+        far = (row["mse"] - row["published"]) / row["mse_error"]
+        theirs = [f"{row['published']:.4f}", f"{far:.1f}"] if math.isfinite(far) else ["-", "-"]
+        ours = [_with_error(row["mse"], row["mse_error"]), _with_error(row["bias"], row["bias_error"])]
+        rows.append([names[row["estimator"]], f"`{row['estimator']}`", theirs[0], ours[0], theirs[1], ours[1]])
+    return _markdown(["theirs", "here", "published", "here, 10⁴ MSE", "difference in errors", "10² bias"], rows)
+
+
 def coverage_short(tables: Tables) -> str:
     """Coverage of the radius: the least over all kinds of data, and the mean and the least of ok fits."""
     names = {"interval": '`fit.interval("radius")`'}
@@ -355,7 +378,7 @@ def _with_error(value: float, error: float) -> str:
 
 def _short(value: float, digits: int = 2) -> str:
     """A share without the zero before its point."""
-    return f"{value:.{digits}f}".removeprefix("0")
+    return f"{value:.{digits}f}".removeprefix("0").replace("-0.", "-.")
 
 
 def _markdown(head: list[str], rows: list[list[str]]) -> str:

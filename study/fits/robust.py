@@ -22,8 +22,8 @@ import numpy as np
 import scipy
 
 from study.arrays import Bools, Floats
-from study.fits.geometric import STATE, Room, Search, begin, minimise, mle
-from study.fits.jit import CHUNK, Scratch, Sums, compiled, zeros
+from study.fits.geometric import ON, STATE, Room, Search, advance, begin, mle, sphere_sums, sum_about
+from study.fits.jit import CHUNK, SampleBlock, Scratch, Sums, compiled, zeros
 from study.fits.linalg import cholesky_solve, eigenbasis
 from study.fits.samples import Estimates, Samples, blank
 from study.fits.trimmed import (
@@ -351,9 +351,9 @@ def _grow_all(
     quantiles, floor, extra, share = limits
     b, d, n = y.shape
     selection, sphere, e, origin = new_selection(n, zero, square), np.empty(d + 1), np.empty((d, n)), np.zeros(d)
-    scratch, sums = Scratch(np.empty((1, d, CHUNK)), zero, square), np.empty(2 + 2 * d + d * d)
+    scratch, sums = Scratch(np.empty((1, d, CHUNK)), zero, square), sphere_sums(d)
     room, state = Room(np.empty(d), np.empty((d, d)), np.empty((d, d))), np.empty(1, STATE)
-    search = Search(state[0], np.empty(d), np.empty(d), np.empty(d), np.empty(3))
+    search = Search(state[0], np.empty(d), np.empty(d), np.empty(d))
     distance, inside = selection.distance, selection.inside
     for t in range(b):
         for i in range(d + 1):
@@ -370,10 +370,13 @@ def _grow_all(
             for i in range(d):
                 search.best[i] = sphere[i]
             begin(search, 1.0, math.inf)
-            minimise(points, 0, origin, search, sums, room, scratch)
+            block, status = SampleBlock(points, 0, 0, m), ON
+            while status == ON:
+                sum_about(block, origin, search.trial, search.state.radius, False, sums, scratch)
+                status = advance(search, m, sums, room)
             for i in range(d):
                 sphere[i] = search.best[i]
-            sphere[d] = search.result[0]
+            sphere[d] = search.state.before
             if concentrations < _CONCENTRATIONS:
                 total = select_nearest(y[t], sphere, h, selection)
                 concentrations = concentrations + 1 if total < nearest * (1.0 - 1e-9) else _CONCENTRATIONS

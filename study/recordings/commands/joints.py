@@ -161,18 +161,18 @@ def _one(recording: "Recording", markerset: str | None, out: Path | None, as_jso
     """The joints of one recording."""
     from study.files import save_frame
     from study.recordings.commands.common import joints_data, print_lines, print_match, results_folder
+    from study.recordings.joints.calibration import save_calibration
     from study.recordings.joints.find import find_joints
     from study.recordings.joints.report import agreement_lines, agreement_table, joint_lines, joint_table
     from study.recordings.library import place_markerset
-    from study.recordings.skeleton.calibrate import calibration_from
-    from study.recordings.skeleton.calibration import save_calibration
+    from study.recordings.skeleton.calibrate import with_checks
     from study.text import json_text
 
     match = place_markerset(recording, markerset)
     folder = results_folder(recording.name, out)
     result = find_joints(match.markerset, match.recording)
     compared = agreement_table(result, match.recording)
-    calibration = calibration_from(result, match.recording)
+    calibration = with_checks(result, match.recording)
     if not as_json:
         print_match(match)
         print_lines([*joint_lines(result), *agreement_lines(compared), *calibration.warnings()])
@@ -197,9 +197,9 @@ def _several(
     """The joints of a session; ``static`` if the last of the trials gives the shapes of the segments."""
     from study.files import save_frame
     from study.recordings.commands.common import joints_data, print_lines, print_match, results_folder
+    from study.recordings.joints.calibration import save_calibration
     from study.recordings.library import fit_session
     from study.recordings.session import session_lines, session_table
-    from study.recordings.skeleton.calibration import save_calibration
     from study.text import json_text
 
     folder = results_folder("-".join(trial.name for trial in trials), out)
@@ -209,7 +209,7 @@ def _several(
         print_match(match)
         print_lines(session_lines(session))
     save_frame(table, folder / "joints.parquet")
-    paths = [folder / "joints.parquet", save_calibration(session.merged.calibration, folder / "calibration.json")]
+    paths = [folder / "joints.parquet", save_calibration(session.calibration, folder / "calibration.json")]
     if as_json:
         typer.echo(json_text(joints_data(match, table) | {"files": paths}))
     else:

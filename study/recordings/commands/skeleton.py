@@ -184,11 +184,11 @@ def skeleton(
     from study.recordings.export import planned_files, write_file
     from study.recordings.export.tree import ExportedMotion, RestPose
     from study.recordings.formats.read import read_recording
+    from study.recordings.joints.calibration import save_calibration
     from study.recordings.library import with_joints
     from study.recordings.recording import printable
     from study.recordings.session import refit_shapes
     from study.recordings.skeleton.calibrate import overruled, require_same_subject
-    from study.recordings.skeleton.calibration import save_calibration
     from study.recordings.skeleton.draw import draw_skeleton
     from study.recordings.skeleton.make_scene import skeleton_data, skeleton_lines, skeleton_scene
     from study.recordings.view.video import encoder
@@ -243,7 +243,7 @@ SyntheticRate = Annotated[float, typer.Option("--rate", help="frames per second"
 Seed = Annotated[int, typer.Option("--seed", help="seed of all random numbers")]
 Noise = Annotated[float, typer.Option("--noise", help="standard deviation of a marker's coordinate, metres")]
 SoftTissue = Annotated[float, typer.Option("--soft-tissue", help="largest soft-tissue artefact of a marker, metres")]
-_SKIN = "law of the soft-tissue artefact: mixed, random, angle, velocity, cluster"
+_SKIN = "law of the soft-tissue artefact: mixed, random, angle, velocity, cluster, slide"
 Skin = Annotated[str, typer.Option("--skin", help=_SKIN)]
 Gaps = Annotated[float, typer.Option("--gaps", help="share of each marker's samples that are missing")]
 Swaps = Annotated[float, typer.Option("--swaps", help="share of the frames in which two markers are exchanged")]
@@ -253,6 +253,8 @@ Reach = Annotated[float, typer.Option("--reach", help="share of the natural rang
 Independent = Annotated[bool, typer.Option("--independent", help="draw each frame anew instead of a smooth motion")]
 _GAIT = "move as in walking: in strides, little out of the sagittal plane"
 Gait = Annotated[bool, typer.Option("--gait", help=_GAIT)]
+_MARKERS = "marker set that the body wears: cmu41, or rizzoli, the landmarks of trunk and legs"
+Markers = Annotated[str, typer.Option("--markers", help=_MARKERS)]
 
 
 def synthetic(
@@ -270,6 +272,7 @@ def synthetic(
     reach: Reach = 1.0,
     independent: Independent = False,
     gait: Gait = False,
+    markers: Markers = "cmu41",
 ) -> None:
     """Make a recording of a synthetic body.
 
@@ -281,9 +284,8 @@ def synthetic(
     from study.recordings.synthetic.make import Recipe, synthesize, write_truth
     from study.text import json_text
 
-    recipe = Recipe(
-        frames, rate, seed, noise, soft_tissue, skin, gaps, swaps, height, reach, independent=independent, gait=gait
-    )
+    numbers = frames, rate, seed, noise, soft_tissue, skin, gaps, swaps, height, reach
+    recipe = Recipe(*numbers, independent=independent, gait=gait, markers=markers)
     if skin != "mixed" and not soft_tissue:
         raise RecordingError(f"--skin {skin}: skin moves by 0 m; give its largest motion with --soft-tissue")
     made, truth = synthesize(recipe)

@@ -498,7 +498,7 @@ def test_options_of_a_synthetic_body():
 
 def test_every_option_is_passed_on(call, tmp_path):
     """Each setting reaches the body: the recording is the one that the library makes of them."""
-    given = Recipe(30, 60.0, 2, 0.002, 0.01, "angle", 0.1, 0.05, 1.6, 0.5, gait=True)
+    given = Recipe(30, 60.0, 2, 0.002, 0.01, "angle", 0.1, 0.05, 1.6, 0.5, gait=True, markers="rizzoli")
     options = [f"--{name.replace('_', '-')}={value}" for name, value in vars(given).items() if type(value) is not bool]
     assert call("synthetic", *options, "--gait", "--out", "a.csv")[0] == 0
     write_recording(synthesize(given)[0], tmp_path / "b.csv")
