@@ -428,7 +428,7 @@ class Fit:
 
     @cached_property
     def copies(self) -> Ints:
-        """Number of points (…) that repeat an earlier one exactly, which makes the standard errors too small.
+        """Number of points (…) that repeat an earlier one but for rounding, which makes the standard errors too small.
 
         Intervals, and with them the status, count copies once.
         """

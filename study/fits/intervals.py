@@ -285,7 +285,7 @@ def _toward_zero(done: Evaluations, m: int, below: float, above: float) -> float
         following = 0.5 * (below + above)
     if abs(following) < _FLAT:
         return -_FLAT if abs(k) <= _FLAT else _FLAT
-    return following
+    return float(following)
 
 
 @compiled
@@ -449,7 +449,7 @@ def _first_variance(rows: Floats, center: Floats, radius: float) -> float:
         for i in range(center.size):
             square += (rows[i, k] - center[i]) ** 2
         total += (math.sqrt(square) - radius) ** 2
-    return total / n
+    return float(total / n)
 
 
 @compiled

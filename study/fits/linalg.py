@@ -10,18 +10,21 @@ from study.fits.jit import compiled, fill
 _MAX_SWEEPS = 40
 _LANES = 16
 """Number of matrices that are diagonalised side by side."""
+Lanes = tuple[int, ...]
+_ONE, _SEVERAL = (0,), (0,) * _LANES
+"""Tuples as long as the number of matrices, which the compiler knows so."""
 _TINY = 1e-280
 _EPS = 2.0**-52
 
 
 @compiled
-def _choose(pp: Floats, qq: Floats, pq: Floats, cosine: Floats, sine: Floats) -> bool:
+def _choose(pp: Floats, qq: Floats, pq: Floats, cosine: Floats, sine: Floats, lanes: Lanes) -> bool:
     """Choose the rotations that take the p-q entries of some matrices to zero, and apply them to those entries.
 
     Returns False if every one of the entries is too small to change the eigenvalues of its plane.
     """
     rotated = 0.0
-    for k in range(pp.size):
+    for k in range(len(lanes)):
         significant = abs(pq[k]) > 0.25 * _EPS * math.sqrt(abs(pp[k] * qq[k]))
         off = pq[k] if significant else 1.0
         theta = 0.5 * (qq[k] - pp[k]) / off
@@ -38,16 +41,16 @@ def _choose(pp: Floats, qq: Floats, pq: Floats, cosine: Floats, sine: Floats) ->
 
 
 @compiled
-def _rotate(first: Floats, second: Floats, cosine: Floats, sine: Floats) -> None:
+def _rotate(first: Floats, second: Floats, cosine: Floats, sine: Floats, lanes: Lanes) -> None:
     """Rotate pairs of entries."""
-    for k in range(first.size):
+    for k in range(len(lanes)):
         a, b = first[k], second[k]
         first[k] = cosine[k] * a - sine[k] * b
         second[k] = sine[k] * a + cosine[k] * b
 
 
 @compiled
-def _jacobi(matrix: Floats, vectors: Floats, angles: Floats) -> None:
+def _jacobi(matrix: Floats, vectors: Floats, angles: Floats, lanes: Lanes) -> None:
     """Diagonalise symmetric matrices side by side (d, d, k) in place, by cyclic Jacobi, on the upper triangle alone.
 
     Jacobi and not QR, because it keeps small eigenvalues of a positive definite matrix to high relative
@@ -64,13 +67,13 @@ def _jacobi(matrix: Floats, vectors: Floats, angles: Floats) -> None:
         rotated = False
         for p in range(d - 1):
             for q in range(p + 1, d):
-                if not _choose(matrix[p, p], matrix[q, q], matrix[p, q], cosine, sine):
+                if not _choose(matrix[p, p], matrix[q, q], matrix[p, q], cosine, sine, lanes):
                     continue
                 rotated = True
                 for k in range(d):
                     if k != p and k != q:
-                        _rotate(matrix[min(k, p), max(k, p)], matrix[min(k, q), max(k, q)], cosine, sine)
-                    _rotate(vectors[k, p], vectors[k, q], cosine, sine)
+                        _rotate(matrix[min(k, p), max(k, p)], matrix[min(k, q), max(k, q)], cosine, sine, lanes)
+                    _rotate(vectors[k, p], vectors[k, q], cosine, sine, lanes)
         if not rotated:
             break
 
@@ -79,7 +82,7 @@ def _jacobi(matrix: Floats, vectors: Floats, angles: Floats) -> None:
 def diagonalise(matrix: Floats, vectors: Floats) -> None:
     """Diagonalise a symmetric matrix (d, d): eigenvalues on its diagonal, ascending, and eigenvectors as columns."""
     d = matrix.shape[0]
-    _jacobi(matrix.reshape(d, d, 1), vectors.reshape(d, d, 1), np.empty((2, 1)))
+    _jacobi(matrix.reshape(d, d, 1), vectors.reshape(d, d, 1), np.empty((2, 1)), _ONE)
     for i in range(d - 1):
         low = i
         for j in range(i + 1, d):
@@ -105,7 +108,7 @@ def diagonalise_all(matrices: Floats, values: Floats, basis: Floats) -> None:
             for j in range(d):
                 for k in range(_LANES):
                     matrix[i, j, k] = matrices[start + k, i, j] if k < count else (1.0 if i == j else 0.0)
-        _jacobi(matrix, vectors, angles)
+        _jacobi(matrix, vectors, angles, _SEVERAL)
         for k in range(count):
             for j in range(d):  # ascending: the place of each is the number of those before it
                 place = 0

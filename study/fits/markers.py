@@ -179,7 +179,7 @@ class MarkersMoments(NamedTuple):
         """
         origin, left = self.mean.mean(axis=0), self.c - subtracted
         moved = np.einsum("pbij,pbj->pbi", left, self.mean - origin) + 0.5 * self.s
-        matrix, right = np.einsum("pb,pbij->bij", weights, left), np.einsum("pb,pbi->bi", weights, moved)
+        matrix, right = (weights[..., None, None] * left).sum(axis=0), (weights[..., None] * moved).sum(axis=0)
         return np.asarray(origin + solved(matrix, right[..., None])[..., 0])
 
     def known(self, noise: Floats, weighted: bool) -> tuple[Floats, Floats]:

@@ -195,7 +195,7 @@ def fit(
         points: coordinates (…, n, d) of n ≥ d + 1 points in d ≥ 2 dimensions, in any unit; leading axes are a batch.
             Points with a NaN, or masked, are missing samples. Of a data frame, the columns called x, y and z (or x and
             y; X_mm, Easting …), else all of two or three.
-        estimator: a name in `study.ESTIMATORS`; the default is never far from the best of them (configs/regret.toml).
+        estimator: a name in `study.ESTIMATORS`; the default is near the best of them where fits are ok.
         noise: standard deviation σ of each coordinate, in the unit of the points, or a covariance Σ (d, d); None if
             it is not known. Only ``ugdk`` cannot do without.
         copy: True to copy the points, from which a `Fit` computes residuals and standard errors when asked. False to

@@ -258,7 +258,7 @@ def extra_parameters(y: Floats, centers: Floats, radii: Floats) -> Floats:
         h += (n - share.sum(axis=1))[:, None, None] * np.eye(d)
         values, vectors = eigenbasis(h)
         trace = np.einsum("bik,bij,bjk,bk->b", vectors, k, vectors, 1.0 / values)
-        return np.where((values[:, 0] > 0.0) & (trace < np.inf), np.clip(trace - d, 0.0, d), d)
+        return np.asarray(np.where((values[:, 0] > 0.0) & (trace < np.inf), np.clip(trace - d, 0.0, d), d))
 
 
 @lru_cache(maxsize=32)
@@ -360,11 +360,14 @@ def _grow_all(
             sphere[i] = spheres[t, i]
         if not sphere[d] < math.inf:
             continue
-        h = majority(n, d)
-        nearest, concentrations = select_nearest(y[t], sphere, h, selection), 0
+        nearest, concentrations, growing = math.inf, 0, False
         squares = variance = above = below = rounding = 0.0
         following, suspected = 0, False
         while True:
+            if not growing:  # the set is that of the points nearest to the last sphere, as long as they come nearer
+                total = select_nearest(y[t], sphere, majority(n, d), selection)
+                growing = concentrations == _CONCENTRATIONS or not total < nearest * (1.0 - 1e-9)
+                nearest, concentrations = min(nearest, total), concentrations + 1
             points = selected(y[t], selection)
             m = points.shape[2]
             for i in range(d):
@@ -377,10 +380,7 @@ def _grow_all(
             for i in range(d):
                 sphere[i] = search.best[i]
             sphere[d] = search.state.before
-            if concentrations < _CONCENTRATIONS:
-                total = select_nearest(y[t], sphere, h, selection)
-                concentrations = concentrations + 1 if total < nearest * (1.0 - 1e-9) else _CONCENTRATIONS
-                nearest = min(nearest, total)
+            if not growing:
                 continue
             residuals(y[t], sphere, distance)
             before, squares = squares, 0.0
@@ -398,10 +398,10 @@ def _grow_all(
             rounding = floor[t] * (1.0 + sphere[d])
             variance = squares / max(m - d - 1 - extra[t], 1.0) + rounding * rounding
             among = variance / (sphere[d] * sphere[d])
-            above = as_rare(quantiles[m], max(among, share[t]), d)
-            below = -as_rare(-quantiles[m], among, d)
+            above = as_rare(float(quantiles[m]), max(among, share[t]), d)
+            below = -as_rare(-float(quantiles[m]), among, d)
             _delete(y[t], sphere, selection, e, (m, math.sqrt(variance) * above, math.sqrt(variance) * below))
-            cut = np.partition(distance, m)[m]
+            cut = float(np.partition(distance, m)[m])
             if cut > 1.0:  # is the next point an outlier also if it is fitted along?
                 suspected, following = True, -1
                 for k in range(n):

@@ -13,7 +13,8 @@ b = J⁻¹ē, w = 1 - b·e and S = Σ(R - ρ),
     ψ = (R - ρ) - b·e (R - λ) - g [(R - ρ)² - V],    g = (∂ρ - ∂λ b·ē)/∂V,    ∂ = ∂/∂s.
 
 β is the bias that the errors of centre and noise give S. T has the sign of S - β. It is T_F
-where σ is below a fifth of r₀, else the one of T_F and T_H that is closer to zero.
+where σ is below a fifth of r₀ (.4 r₀/(d - 1) in more than three dimensions), else the one of T_F and T_H that is closer
+to zero.
 
 A sphere is stored by its radius, the direction u = c/r₀ and its height h = (|c|² - r₀²)/2r₀ about an origin near the
 points: then R - r₀ has an error of the points' own size times 2⁻⁵², also where the radius is many times that size.
@@ -40,7 +41,8 @@ _LARGEST_STEP = 0.5
 _DROP = 1e-4
 """The noise variance falls in one step to this share of itself at most."""
 _NOISY = 0.2
-"""Noise, in radii, from which on the score is also studentised by its own sum of squares."""
+"""Noise, in radii, from which on the score is also studentised by its own sum of squares, in up to three dimensions. The
+error of the noise variance adds (d - 1)²σ²/2r² to the relative variance of S, which T_F leaves out: .08 at this noise."""
 
 
 class PointSet(NamedTuple):
@@ -356,7 +358,7 @@ def score(points: PointSet, profile: Profile, means: RadialMeans) -> tuple[float
     slope = (means.excess01_by_r - means.shortening) * along - (1.0 + means.shortening) * (total / n)
     slope *= n / math.sqrt(max(variance * weight, _TINY))
     larger = 0.0
-    if profile.sphere[2] >= (_NOISY * r) ** 2:
+    if profile.sphere[2] >= (_NOISY * min(1.0, 2.0 / (d - 1.0)) * r) ** 2:
         sum_psi, squares = _multiply(points, profile, means, g)
         squares, products, spare = max(squares - s * s / n, _TINY), profile.products, n * (n - d - 1.0)
         value = min(value, abs(rest) * math.sqrt(spare / squares) / n)

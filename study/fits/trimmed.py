@@ -91,7 +91,7 @@ def select_nearest(y: Floats, sphere: Floats, h: int, selection: Selection) -> f
     residuals(y, sphere, distance)
     for k in range(distance.size):
         distance[k] = abs(distance[k])
-    limit = np.partition(distance, h - 1)[h - 1]
+    limit = float(np.partition(distance, h - 1)[h - 1])
     total, count = 0.0, 0
     for k in range(distance.size):
         inside[k] = distance[k] <= limit
