@@ -41,8 +41,8 @@ _LARGEST_STEP = 0.5
 _DROP = 1e-4
 """The noise variance falls in one step to this share of itself at most."""
 _NOISY = 0.2
-"""Noise, in radii, from which on the score is also studentised by its own sum of squares, in up to three dimensions. The
-error of the noise variance adds (d - 1)²σ²/2r² to the relative variance of S, which T_F leaves out: .08 at this noise."""
+"""Noise, in radii, from which on the score is also studentised by its own sum of squares, in up to three dimensions.
+The error of the noise variance adds (d - 1)²σ²/2r² to the relative variance of S, which T_F leaves out: .08 there."""
 
 
 class PointSet(NamedTuple):
