@@ -14,7 +14,8 @@ from study.recordings.markersets import (
     parse_markerset,
     shipped,
 )
-from study.recordings.markersets.match import choose, clusters, match, spellings, with_better
+from study.recordings.markersets.labels import clusters, spellings
+from study.recordings.markersets.match import choose, match, with_better
 from study.recordings.recording import Recording
 
 PELVIS = Segment(name="pelvis", markers=("A", "B", "C"))

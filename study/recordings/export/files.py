@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from study.arrays import Floats
-from study.recordings.export.tree import ExportedMotion, JointNode, joint_angles, joint_tree
+from study.recordings.export.tree import ExportedMotion, JointNode, angle_lines, joint_angles, joint_tree
 from study.recordings.formats.c3d import LONG, read_header
 from study.recordings.formats.write import write_recording
 from study.recordings.recording import UNITS
@@ -157,6 +157,7 @@ def write_mot(motion: ExportedMotion, path: Path) -> None:
         f"nRows={len(table)}",
         f"nColumns={len(table.columns)}",
         "inDegrees=yes",
+        *angle_lines(motion.skeleton.calibration),
         "endheader",
     ]
     with open(path, "w", encoding="utf-8", newline="\n") as file:

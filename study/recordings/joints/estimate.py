@@ -73,6 +73,7 @@ class JointStatus(Worded):
     STILL = 8, "did not move: the markers stay in place in the segment's axes"
     NO_FRAME = 9, "neither of its segments has a pose"
     UNSEEN = 10, "its markers were not seen, or never together with a pose"
+    REGRESSION = 11, "not by motion, but by regression or as the file has it"
 
 
 SHORT_TEXTS = {
@@ -87,12 +88,13 @@ SHORT_TEXTS = {
     JointStatus.STILL: "still",
     JointStatus.NO_FRAME: "no frame",
     JointStatus.UNSEEN: "unseen",
+    JointStatus.REGRESSION: "regression",
 }
 """A status in a table, which has no room for its whole text."""
 USABLE = (JointStatus.OK, JointStatus.HINGE)
 """A joint that a skeleton can be built on without reservation."""
-DOUBTED = (JointStatus.DISAGREE, JointStatus.REVERSES, JointStatus.ONE_AXIS)
-"""A joint that is drawn, and doubted: its estimates contradict each other, or it moved about one axis only."""
+DOUBTED = (JointStatus.DISAGREE, JointStatus.REVERSES, JointStatus.ONE_AXIS, JointStatus.REGRESSION)
+"""A joint that is drawn, and doubted: its estimates disagree, it moved about one axis only, or it is no motion's."""
 
 
 def largest_error(covariance: Floats, axis: Floats | None) -> float:

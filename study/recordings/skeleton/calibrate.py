@@ -26,6 +26,7 @@ from study.recordings.joints.calibration import Calibration, JointPlace
 from study.recordings.joints.find import find_joints
 from study.recordings.markersets import MarkerSet
 from study.recordings.recording import Recording, RecordingError
+from study.recordings.skeleton.anatomy import Hips, with_anatomy
 from study.recordings.skeleton.draw import Skeleton, draw_skeleton
 from study.recordings.skeleton.scene import mirrored, side
 
@@ -175,24 +176,36 @@ def _distance(one: Floats, two: Floats) -> float:
     return float(np.linalg.norm(one - two))
 
 
-def calibrate(recording: Recording, markerset: MarkerSet) -> Calibration:
+def calibrate(
+    recording: Recording, markerset: MarkerSet, source: Recording | None = None, hips: Hips = "motion"
+) -> Calibration:
     """Run phase 1: fit joints and shapes to a recording.
 
     Args:
         recording: markers under the set's names (see `match`).
         markerset: segments and joints.
+        source: the whole recording, whose points of the body give anatomical axes (see `with_anatomy`).
+        hips: "regression" to place doubted hips by these points.
 
     Returns:
         The calibration. Every joint has a status and a reason; one that was not found has no place.
     """
-    return with_checks(find_joints(markerset, recording), recording)
+    return with_checks(find_joints(markerset, recording), recording, source, hips)
 
 
-def with_checks(calibration: Calibration, recording: Recording) -> Calibration:
-    """Add the misfits of the shapes, and warnings about the joints, from the recording that a calibration is of."""
+def with_checks(
+    calibration: Calibration, recording: Recording, source: Recording | None = None, hips: Hips = "motion"
+) -> Calibration:
+    """Add the misfits of the shapes, and warnings about the joints, from the recording that a calibration is of.
+
+    The arguments are those of `calibrate`.
+    """
     if not calibration.has_poses:
         return calibration
     drawn = draw_skeleton(calibration, recording)
+    if source is not None:
+        calibration = with_anatomy(calibration, drawn, source, hips)
+        drawn = draw_skeleton(calibration, recording) if hips == "regression" else drawn
     warnings = plausibility(calibration, drawn, recording)
     shapes = (replace(shape, misfit=float(m)) for shape, m in zip(calibration.shapes, drawn.misfits, strict=True))
     places = (replace(place, warnings=warnings.get(place.joint.name, ())) for place in calibration.joints)
