@@ -225,10 +225,10 @@ def joint_angles(motion: ExportedMotion) -> pd.DataFrame:
     """Compute the angles of all joints.
 
     Returns:
-        A row per frame (see `angle_lines` for what the angles are). Columns: time, seconds; the root's place, ``<root>_tx``, ``_ty``, ``_tz``, metres, and its
+        A row per frame. Columns: time, seconds; the root's place, ``<root>_tx``, ``_ty``, ``_tz``, metres, and its
         rotation in the world, ``_tilt`` about z, ``_list`` about x, ``_rotation`` about y, degrees; the angles of each
-        joint, ``<joint>_flexion``, …, degrees. The world's axes are the recording's with y up. NaN where a segment is
-        not known.
+        joint, ``<joint>_flexion``, …, degrees (`angle_lines` says what they are). The world's axes are the recording's
+        with y up. NaN where a segment is not known.
     """
     skeleton = motion.skeleton
     standing = rest_rotations(skeleton.calibration, motion.upright, RestPose.STANDING)
