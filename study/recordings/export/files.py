@@ -152,12 +152,11 @@ def write_mot(motion: ExportedMotion, path: Path) -> None:
     """
     table = joint_angles(motion).dropna(axis=1, how="all").ffill().bfill()
     header = [
-        motion.skeleton.name,
+        "; ".join([motion.skeleton.name, *angle_lines(motion.skeleton.calibration)]),
         "version=1",
         f"nRows={len(table)}",
         f"nColumns={len(table.columns)}",
         "inDegrees=yes",
-        *angle_lines(motion.skeleton.calibration),
         "endheader",
     ]
     with open(path, "w", encoding="utf-8", newline="\n") as file:
