@@ -14,7 +14,7 @@ from study.recordings.markersets import (
     parse_markerset,
     shipped,
 )
-from study.recordings.markersets.labels import clusters, spellings
+from study.recordings.markersets.labels import clusters, is_output, spellings
 from study.recordings.markersets.match import choose, match, with_better
 from study.recordings.recording import Recording
 
@@ -486,6 +486,18 @@ def test_a_wrong_label_is_answered_with_the_nearest():
     labels = ["RTHIGH" if m == "LTHI" else m for m in PIG_LEG]
     lines = match(load_markerset("plug-in-gait"), recording(labels)).lines()
     assert "segment left_thigh lacks LTHI" in lines, "a label of the other side is no hint"
+
+
+def test_what_programs_computed_is_not_listed_one_by_one():
+    """Sixty outputs of a model take a line of six and a number; markers of a set are no outputs."""
+    kinds = ("HipAngles", "KneeMoment", "AnklePower", "GroundReactionForce", "NormalisedGRF", "HJC", "FEO", "TIP")
+    outputs = [*sides(*(f"~{kind}" for kind in kinds)), "PELO", "TRXA", "CentreOfMass", "CentreOfMassFloor", "LHJC_reg"]
+    lines = match(CMU, recording([*CMU.markers(), *outputs, "sword"])).lines()
+    assert lines[-2] == "not in the marker set: sword"
+    assert lines[-1].startswith("of another program's model, not markers: LHipAngles, LKneeMoment, ")
+    assert lines[-1].endswith(f"and {len(outputs) - 6} more")
+    for name in shipped():
+        assert [marker for marker in load_markerset(name).markers() if is_output(marker)] == []
 
 
 def test_numbers_at_the_end_make_clusters():

@@ -257,14 +257,16 @@ def live(
     the end of the stream or at Ctrl-C; an empty datagram ends a stream over UDP. The exit code is 3 if a joint is not
     ok.
     """
+    import numpy as np
+
     from study.recordings.live import FrameError, lines_of_input, lines_of_port, read_frame
-    from study.recordings.recording import UNITS
+    from study.recordings.recording import UNITS, unit_doubt
 
     if unit not in UNITS:
         raise typer.BadParameter(f"--unit {unit}: give one of {', '.join(UNITS)}")
     joints = _joints(parent, child, markerset)
     lines = lines_of_input() if udp is None else lines_of_port(udp, lambda words: typer.echo(words, err=True))
-    before, zeros = signal.signal(signal.SIGINT, _interrupt_once), ""
+    before, zeros, unchecked = signal.signal(signal.SIGINT, _interrupt_once), "", True
     try:
         for number, line in enumerate(lines, start=1):
             if not line.strip():
@@ -274,6 +276,10 @@ def live(
             except FrameError as error:
                 typer.echo(f"line {number} is skipped: {error}", err=True)
                 continue
+            if unchecked and len(frame) > 2:
+                places, unchecked = np.stack(list(frame.values())), False
+                if doubt := unit_doubt(float(np.linalg.norm(np.ptp(places, axis=0))), unit):
+                    typer.echo(doubt, err=True)
             joints.add(frame)
             if joints.zeros and not zeros:
                 zeros = f"frame {joints.frames}: {', '.join(joints.zeros)} at exactly (0, 0, 0): taken for missing"

@@ -32,6 +32,13 @@ LANDMARKS = {
 """Points of the body by the `plain` forms of their labels."""
 
 
+_BONES = "pel|trx|hed|[lr](pel|fe|ti|fo|to|hu|ra|hn|cl)"  # of Plug-in Gait, each with the points o, a, l and p
+_QUANTITIES = "angles?|forces?|moments?|powers?|grf|centreofmass|centerofmass|com|progressangles"
+_OUTPUT = re.compile(
+    rf"^({_BONES})[oalp]$|({_QUANTITIES})(floor)?$|^[lr]?[hkaesw]jc|(joint|hip|knee|ankle)cent(re|er)$"
+)
+
+
 def plain(label: str) -> str:
     """A label as it is compared: small letters and digits alone."""
     return re.sub(r"[\W_]+", "", label).casefold()
@@ -67,6 +74,11 @@ def landmarks(labels: Sequence[str]) -> dict[str, str]:
         if form in spelt:
             result.setdefault(point, spelt[form])
     return result
+
+
+def is_output(label: str) -> bool:
+    """True for the label of what a program computed: angles, forces, centres of joints and of mass, axes of bones."""
+    return bool(_OUTPUT.search(plain(label)))
 
 
 def opposite(one: str, other: str) -> bool:

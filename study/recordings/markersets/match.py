@@ -5,10 +5,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from study.recordings.markersets import Joint, MarkerSet, MarkerSetError, Segment, load_markerset, shipped
-from study.recordings.markersets.labels import clusters, opposite, plain, spellings
+from study.recordings.markersets.labels import clusters, is_output, opposite, plain, spellings
 from study.recordings.recording import Recording
 from study.text import nearest
 
+_LISTED, _FEW = 24, 6
+"""Most labels that a line lists: of markers, and of points that other programs computed."""
 _ENOUGH = 4
 """Joints that show that a recording is of a part of a set's body."""
 
@@ -64,7 +66,10 @@ class Match:
             f"segment {segment} lacks {', '.join(map(self._missed, gone))}" for segment, gone in self.lacking.items()
         ]
         lines += [f"joint {joint} cannot be found: {why}" for joint, why in self.lost.items()]
-        lines += [f"not in the marker set: {', '.join(self.extra)}"] * bool(self.extra)
+        outputs = [label for label in self.extra if is_output(label)]
+        others = [label for label in self.extra if label not in outputs]
+        lines += [f"not in the marker set: {_some(others, _LISTED)}"] * bool(others)
+        lines += [f"of another program's model, not markers: {_some(outputs, _FEW)}"] * bool(outputs)
         unused = clusters(self.extra)
         lines += [f"clusters that it does not use: {', '.join(unused)}; a set of your own can"] * bool(unused)
         return [*lines, *self.remarks]
@@ -89,6 +94,12 @@ class Match:
         """A missing marker, with the label of the recording that it may have."""
         label = nearest(marker, [label for label in self.extra if not opposite(marker, label)])
         return marker if label is None else f"{marker} (did you mean {label}?)"
+
+
+def _some(labels: Sequence[str], most: int) -> str:
+    """Labels with commas between them, as many as there is room for, and the number of the rest."""
+    rest = len(labels) - most
+    return ", ".join(labels) if rest < 2 else f"{', '.join(labels[:most])} and {rest} more"
 
 
 def match(markerset: MarkerSet, recording: Recording) -> Match:
