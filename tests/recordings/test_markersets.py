@@ -500,6 +500,16 @@ def test_what_programs_computed_is_not_listed_one_by_one():
         assert [marker for marker in load_markerset(name).markers() if is_output(marker)] == []
 
 
+def test_a_segment_without_any_marker_is_told_once():
+    """Its joint says what it needs; only a near label is worth a second line."""
+    hips = [m for m in PIG_LEG if m[1:] in ("ASI", "PSI", "THI", "KNE")]
+    lines = match(load_markerset("plug-in-gait"), recording(hips)).lines()
+    assert not any("left_shank lacks" in line for line in lines)
+    assert sum("left_shank has none of LTIB, LANK" in line for line in lines) == 1
+    lines = match(load_markerset("plug-in-gait"), recording([*hips, "LANKL"])).lines()
+    assert "segment left_shank lacks LTIB, LANK (did you mean LANKL?)" in lines
+
+
 def test_numbers_at_the_end_make_clusters():
     assert clusters(["LTH1", "LTH3", "x", "LTH2", "C7", "T10", "T1", "L1", "L2", "L3", "thigh_1", "thigh_2"]) == [
         "LTH1-LTH3"

@@ -62,8 +62,11 @@ class Match:
         ]
         renamed = [f"{label} is {marker}" for marker, label in self.labels.items() if label != marker]
         lines += [f"labels: {', '.join(renamed)}"] * bool(renamed)
+        partly = {s.name for s in self.whole.segments if self.labels.keys() & s.markers}  # joints tell of others
         lines += [
-            f"segment {segment} lacks {', '.join(map(self._missed, gone))}" for segment, gone in self.lacking.items()
+            f"segment {segment} lacks {', '.join(map(self._missed, gone))}"
+            for segment, gone in self.lacking.items()
+            if segment in partly or any(self._missed(marker) != marker for marker in gone)
         ]
         lines += [f"joint {joint} cannot be found: {why}" for joint, why in self.lost.items()]
         outputs = [label for label in self.extra if is_output(label)]
