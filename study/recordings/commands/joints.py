@@ -274,8 +274,9 @@ def live(
             except FrameError as error:
                 typer.echo(f"line {number} is skipped: {error}", err=True)
                 continue
-            if unchecked and len(frame) > 2:
-                places, unchecked = np.stack(list(frame.values())), False
+            places = np.array([place for place in frame.values() if place.any()])
+            if unchecked and len(places) > 2:
+                unchecked = False
                 if doubt := unit_doubt(float(np.linalg.norm(np.ptp(places, axis=0))), unit):
                     typer.echo(doubt, err=True)
             joints.add(frame)
