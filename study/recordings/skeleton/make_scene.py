@@ -15,7 +15,7 @@ from study.recordings.joints.calibration import JointPlace
 from study.recordings.joints.estimate import USABLE
 from study.recordings.markersets import Joint, MarkerSet
 from study.recordings.recording import Recording, RecordingError
-from study.recordings.skeleton.calibrate import UNEVEN, check_subject, hull_distances
+from study.recordings.skeleton.calibrate import UNEVEN, hull_distances
 from study.recordings.skeleton.draw import Skeleton
 from study.recordings.skeleton.scene import Flag, Scene, bones, mirrored, side, upright_rotation
 from study.text import columns, number
@@ -258,26 +258,25 @@ def skeleton_data(scene: Scene) -> dict[str, object]:
     }
 
 
-def skeleton_scene(skeleton: Skeleton, recording: Recording) -> Scene:
+def skeleton_scene(skeleton: Skeleton, recording: Recording, notes: Sequence[str] = ()) -> Scene:
     """Make the scene of a skeleton.
 
-    Joints that are not reliable carry the reason, those far outside the markers' hull among them. A skeleton drawn with
-    another subject's calibration says so, too.
+    Joints that are not reliable carry the reason, those far outside the markers' hull among them.
 
     Args:
         skeleton: of phase 2.
         recording: that it was drawn from.
+        notes: further remarks for the viewer, such as what is overruled (see `overruled`).
 
     Raises:
         RecordingError: if none of its joints is known in any frame.
     """
-    check, calibration = check_subject(skeleton), skeleton.calibration
+    calibration = skeleton.calibration
     own = calibration.source == skeleton.name
     source = "joints found in this recording" if own else f"joints found in {calibration.source}"
     hulls = hull_distances(recording.positions, skeleton.centers)
     doubts = []
     for place, hull in zip(calibration.joints, hulls, strict=True):
         reasons = ("" if place.status in USABLE else place.reason, hull.doubt)
-        doubts.append("; ".join(filter(None, (*reasons, "" if check.same else "another subject's calibration"))))
-    notes = [*recording.notes, *([] if check.same and not check.misfits else [check.text])]
-    return make_scene(skeleton, recording, doubts, source, notes)
+        doubts.append("; ".join(filter(None, reasons)))
+    return make_scene(skeleton, recording, doubts, source, (*recording.notes, *notes))

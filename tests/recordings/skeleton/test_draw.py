@@ -210,13 +210,13 @@ def test_another_recording_of_the_same_subject_and_of_another(figure_calibration
     """A calibration fits other motion of the same body, and not a body 5 cm smaller; the message names segments."""
     same, truth = synthesize(Recipe(frames=800, seed=2))
     skeleton = draw_skeleton(figure_calibration, same)
-    assert check_subject(skeleton).same
+    assert check_subject(figure_calibration, same).same
     assert np.median(errors(skeleton, truth, "left_ankle")) < 0.005
     other, _ = synthesize(Recipe(frames=800, seed=2, height=1.70))
-    check = check_subject(draw_skeleton(figure_calibration, other))
+    check = check_subject(figure_calibration, other)
     assert not check.same
     assert "does not show the subject" in check.text
-    assert "when calibrated" in check.text
+    assert "its segments are 3% smaller" in check.text
 
 
 @pytest.mark.parametrize("frames", [1, 3])
