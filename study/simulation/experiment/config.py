@@ -63,7 +63,7 @@ from study.simulation.experiment.conditions import (
     is_number,
 )
 from study.simulation.experiment.designs import MAX_CELLS, Cell, Design, GridDesign, RandomDesign
-from study.simulation.experiment.noise import MOST_SPACED, SPACED, NoiseLaw, gaussian
+from study.simulation.experiment.noise import MOST_SPACED, SPACED, GaussianNoise, gaussian
 from study.text import did_you_mean
 from study.toml import ConfigError, Distinct, Fault, Frozen, Listed, distinct, report, toml_tables, toml_text
 
@@ -331,7 +331,7 @@ class Study(Frozen):
     """The rule by which a cell has enough trials; without it, each has as many as the design says."""
 
     @property
-    def noise_law(self) -> NoiseLaw:
+    def noise_law(self) -> GaussianNoise:
         """The law of the noise of a sample."""
         return gaussian(self.noise_shape, self.dimension)
 

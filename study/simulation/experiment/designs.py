@@ -100,6 +100,11 @@ class Cell:
         return self.noise if variance == 1.0 else self.noise * math.sqrt(variance)
 
     @property
+    def directions(self) -> str:
+        """Law of the directions."""
+        return str(dict(self.further).get(DIRECTIONS.name, DIRECTIONS.default))
+
+    @property
     def distance(self) -> float:
         """Distance |c| of the centre from the origin."""
         return math.hypot(*self.center)
@@ -115,40 +120,6 @@ class Cell:
             "center": self.distance,
         }
         return known | {c.name: c.default for c in SILENT if c.default is not None} | dict(self.further)
-
-
-@dataclass(frozen=True)
-class Batch:
-    """Trials drawn together from one pair of streams, and the cells in which they are placed.
-
-    Attributes:
-        stream: name of the draw.
-        first: number of the first trial.
-        trials: number of trials.
-        cells: the cells.
-        skip: number of trials before the first, which are drawn from the same streams and left out.
-    """
-
-    stream: Name
-    first: int
-    trials: int
-    cells: tuple[Cell, ...]
-    skip: int = 0
-
-    @property
-    def samples(self) -> int:
-        """Number of samples of each trial."""
-        return self.cells[0].samples
-
-    @property
-    def angle(self) -> float:
-        """Confinement half-angle in degrees."""
-        return self.cells[0].angle
-
-    @property
-    def directions(self) -> str:
-        """Law of the directions."""
-        return str(dict(self.cells[0].further).get(DIRECTIONS.name, DIRECTIONS.default))
 
 
 def further(values: Mapping[str, Value]) -> Further:
@@ -271,14 +242,16 @@ def block_trials(samples: int) -> int:
 
 @dataclass(frozen=True)
 class Group:
-    """Cells that share draws; without cells, the trials of a random design, each of which is a cell of its own.
+    """Cells that share draws.
 
     Attributes:
         stream: name of the draws, without the number of the block.
-        cells: the cells, all of the same number of samples and angle.
+        size: number of trials in a block, which are drawn from one pair of streams.
+        cells: the cells, all of the same number of samples, angle and law of directions.
     """
 
     stream: Name
+    size: int
     cells: tuple[Cell, ...]
 
     @property
@@ -292,14 +265,12 @@ class Group:
         return max(1, len(self.cells))
 
     @cached_property
-    def size(self) -> int:
-        """Number of trials in a block, which are drawn from one pair of streams."""
-        return block_trials(self.samples) if self.cells else 1
-
-    @cached_property
-    def levels(self) -> int:
-        """Number of levels at which the draws are placed and fitted."""
-        return len({cell.level for cell in self.cells}) if len(self.cells) > 1 else 1
+    def levels(self) -> tuple[tuple[int, ...], ...]:
+        """Places of the cells of each level, at which the draws are placed and fitted once."""
+        places: dict[Cell, list[int]] = {}
+        for place, cell in enumerate(self.cells):
+            places.setdefault(cell.level, []).append(place)
+        return tuple(map(tuple, places.values())) or ((0,),)
 
     @cached_property
     def digest(self) -> bytes:
@@ -315,13 +286,6 @@ class Group:
         enough = -(-_SAMPLES_PER_UNIT // (self.size * self.samples * levels))
         return self.size * min(enough, max(1, _FITS_PER_UNIT // (self.size * self.width)))
 
-    def batches(self, first: int, last: int) -> Iterator[Batch]:
-        """The batches that hold the trials from first to before last."""
-        for block in range(first // self.size, -(-last // self.size)):
-            begin, start = block * self.size, max(first, block * self.size)
-            trials = min(last, begin + self.size) - start
-            yield Batch((*self.stream, block), start, trials, self.cells, skip=start - begin)
-
     def places(self, first: int, last: int) -> Iterator[tuple[Cell, int, int]]:
         """The cells of the trials from first to before last, each with its first trial and the one after its last."""
         return ((cell, first, last) for cell in self.cells)
@@ -330,11 +294,6 @@ class Group:
         """Numbers of samples of the trials from first to before last, each with the number of such trials."""
         yield self.samples, last - first
 
-    def load(self, first: int, last: int) -> tuple[int, int]:
-        """Numbers of samples and of batches that are drawn for the trials from first to before last."""
-        drawn = sum(samples * trials for samples, trials in self.sizes(first, last))
-        return drawn, -(-last // self.size) - first // self.size
-
     def only(self, cells: Collection[Cell]) -> Self:
         """The same group with some of its cells."""
         return replace(self, cells=tuple(cell for cell in self.cells if cell in cells))
@@ -342,7 +301,7 @@ class Group:
     def shared(self, other: "Group") -> tuple[Self | None, Self | None]:
         """Split off the cells that another group of the same stream has too: those and the rest, None if empty.
 
-        Without cells it is the whole group: a trial draws the same cell wherever the laws are the same.
+        A random design is shared whole: a trial draws the same cell wherever the laws are the same.
         """
         known = frozenset(other.cells)
         common, rest = self.only(known), self.only(frozenset(self.cells) - known)
@@ -356,8 +315,8 @@ def _digest(content: object) -> bytes:
 
 
 @dataclass(frozen=True)
-class Unit:
-    """Work that a worker gets at once: a range of a group's trials, so light that a million of them fit in memory.
+class Batch:
+    """Trials of cells that share draws: the work of a unit, or a part of it that is drawn at once.
 
     Attributes:
         group: the cells.
@@ -370,21 +329,51 @@ class Unit:
     last: int
 
     @property
+    def cells(self) -> tuple[Cell, ...]:
+        """The cells; none in a random design, where each trial has its own (see `parts`)."""
+        return self.group.cells
+
+    @property
+    def trials(self) -> int:
+        """Number of trials."""
+        return self.last - self.first
+
+    @property
     def rows(self) -> int:
         """Number of data sets: trials times cells."""
-        return (self.last - self.first) * self.group.width
+        return self.trials * self.group.width
 
     @property
     def words(self) -> str:
-        """The unit for a message: ``trials 0 to 99 of 4 cells with N = 20``."""
-        cells, trials = self.group.cells, f"trials {self.first:,} to {self.last - 1:,}"
-        count = "1 cell" if len(cells) == 1 else f"{len(cells):,} cells"
-        return f"{trials} of {count} with N = {self.group.samples:,}" if cells else trials
+        """The trials for a message: ``trials 0 to 99 of 4 cells with N = 20``."""
+        trials, count = f"trials {self.first:,} to {self.last - 1:,}", len(self.cells)
+        cells = "1 cell" if count == 1 else f"{count:,} cells"
+        return f"{trials} of {cells} with N = {self.group.samples:,}" if count else trials
 
-    @property
-    def batches(self) -> tuple[Batch, ...]:
-        """The batches that hold its trials, in order."""
-        return tuple(self.group.batches(self.first, self.last))
+    def blocks(self) -> list[tuple[Name, int, int]]:
+        """The streams of its trials: name, number of trials that are drawn and left out, and number of those used."""
+        size, result = self.group.size, []
+        for block in range(self.first // size, -(-self.last // size)):
+            start = max(self.first, block * size)
+            trials = min(self.last, (block + 1) * size) - start
+            result.append(((*self.group.stream, block), start - block * size, trials))
+        return result
+
+    def parts(self, samples: int) -> Iterator["Batch"]:
+        """Cut into whole blocks of at most so many samples, or one block; in a random design, into single trials."""
+        if isinstance(self.group, RandomGroup):
+            for i in range(self.first, self.last):
+                yield Batch(Group(self.group.stream, 1, (self.group.cell(i),)), i, i + 1)
+            return
+        size, first = self.group.size, self.first
+        end = min(self.last, (first // size + 1) * size)
+        while first < self.last:
+            further = min(self.last, end + size)
+            if end < self.last and (further - first) * self.group.samples <= samples:
+                end = further
+            else:
+                yield Batch(self.group, first, end)
+                first, end = end, further
 
 
 class Design(Frozen):
@@ -496,10 +485,11 @@ class Grid(Design):
             placed = product(*(given[name] for name in together))
             cells = tuple(_cell(common | dict(zip(together, values, strict=True)), dimension) for values in placed)
             name: Name = ("draw", cells[0].samples, cells[0].angle, dimension, *chain(*further(common)))
+            size = block_trials(cells[0].samples)
             if self.draws == "shared":
-                yield Group(name, cells)
+                yield Group(name, size, cells)
             else:
-                yield from (Group((*name, cell.name), (cell,)) for cell in cells)
+                yield from (Group((*name, cell.name), size, (cell,)) for cell in cells)
 
     def _unwritten(self) -> set[str]:
         return super()._unwritten() | ({"most_samples"} if self.most_samples is None else set())
@@ -569,7 +559,7 @@ class Random(Design):
 
     def groups(self, seed: int, dimension: int) -> Iterator[Group]:
         """One group of all trials."""
-        yield RandomGroup(("trial",), (), seed, dimension, self)
+        yield RandomGroup(("trial",), 1, (), seed, dimension, self)
 
 
 Laws: Any = create_model("Laws", __base__=Design, __module__=__name__, **laws())
@@ -599,11 +589,6 @@ class RandomGroup(Group):
     def trials_per_unit(self, levels: int) -> int:
         """A few: their numbers of samples are not known before they are drawn."""
         return _TRIALS_PER_UNIT
-
-    def batches(self, first: int, last: int) -> Iterator[Batch]:
-        """A batch for each of the trials from first to before last."""
-        for i in range(first, last):
-            yield Batch((*self.stream, i), i, 1, (self.cell(i),))
 
     def places(self, first: int, last: int) -> Iterator[tuple[Cell, int, int]]:
         """The cell of each trial, with that trial alone."""

@@ -8,7 +8,7 @@ Laws of the directions stand at the end: uniform by area on the cap unless a con
 
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol
@@ -19,50 +19,26 @@ import scipy
 from study.arrays import Floats
 from study.fits.bounds import bound_from_scatter, normal_weights, weighted_scatter
 from study.fits.jit import CHUNK
-from study.fits.streams import Name, stream
+from study.fits.streams import Name
 
+Further = Callable[[Name, Callable[[np.random.Generator, int], Floats]], Floats]
+"""Draws further random numbers of the trials of a batch (b, …), always the same ones, which changes no others.
 
-@dataclass(frozen=True)
-class FurtherNumbers:
-    """Further random numbers of a batch of trials. Drawing them changes no other numbers.
-
-    Attributes:
-        seed: the study's.
-        sources: the draws of the batch, in the order of its trials: a stream's name, the number of trials to leave out
-            at its beginning, and that of the trials after those.
-        trials: the trials that are wanted, of those of all sources; all, if None.
-    """
-
-    seed: int
-    sources: Sequence[tuple[Name, int, int]]
-    trials: slice | None = None
-
-    def draw(self, kind: Name, numbers: Callable[[np.random.Generator, int], Floats]) -> Floats:
-        """Draw numbers of one kind for each trial (b, …): always the same ones.
-
-        Args:
-            kind: last part of the names of the streams, which distinguishes these numbers from others.
-            numbers: gives numbers of so many trials (trials, …) from a generator.
-        """
-        parts = [numbers(stream(self.seed, *name, *kind), skip + count)[skip:] for name, skip, count in self.sources]
-        whole = np.concatenate(parts)
-        return whole if self.trials is None else whole[self.trials]
-
-    def only(self, trials: slice) -> "FurtherNumbers":
-        """The numbers of some trials alone."""
-        return FurtherNumbers(self.seed, self.sources, trials)
+Its arguments are the last part of the names of the streams, which distinguishes these numbers from others, and a
+function that gives numbers of so many trials (trials, …) from a generator; see `Draws.further`.
+"""
 
 
 class Departure(Protocol):
     """A step that turns noise at σ = 1 into noise of another law."""
 
-    def applied(self, noise: Floats, directions: Floats, numbers: FurtherNumbers) -> Floats:
+    def applied(self, noise: Floats, directions: Floats, further: Further) -> Floats:
         """The noise of the other law (b, d, n), in fresh memory.
 
         Args:
             noise: at σ = 1 (b, d, n); standard normal numbers, if no other step came before.
             directions: unit vectors of the samples (b, d, n), with the height 1 - u₁ in place of u₁.
-            numbers: further random numbers of the same trials.
+            further: draws further random numbers of the same trials.
         """
 
 
@@ -74,25 +50,39 @@ class OtherLaw(Departure, Protocol):
         """The excess kurtosis of a coordinate."""
 
 
-class NoiseLaw(Protocol):
-    """A law of the noise of a sample, of any size σ."""
+@dataclass(frozen=True)
+class GaussianNoise:
+    """Normal noise of a sample, of any size σ.
+
+    Attributes:
+        dimension: number of coordinates d.
+        shape: covariance of a sample in units of σ², as rows of numbers (d, d); None for the identity.
+    """
+
+    dimension: int
+    shape: tuple[tuple[float, ...], ...] | None = None
 
     @property
     def isotropic(self) -> bool:
         """True if the covariance is σ² I; estimators then take σ."""
+        return self.shape is None
 
     @property
     def words(self) -> str:
         """The law in words, for a reader."""
+        return "the same noise in all directions" if self.isotropic else "noise not the same in all directions"
 
     def unit_noise(self, normals: Floats) -> Floats:
-        """Noise at σ = 1 (b, d, n), from standard normal numbers of the same shape."""
+        """Noise at σ = 1 (b, d, n): standard normal numbers of the same shape, times Cholesky's root of the shape."""
+        return normals if self.isotropic else np.asarray(np.linalg.cholesky(self._matrix) @ normals)
 
     def covariance(self, sigma: float) -> Floats:
         """Covariance of a sample (d, d)."""
+        return sigma**2 * self._matrix
 
     def given(self, sigma: float) -> float | Floats:
         """The noise as an argument of estimators: σ, or the covariance (d, d) if it is not isotropic."""
+        return sigma if self.isotropic else self.covariance(sigma)
 
     def unit_bound(self, directions: Floats) -> Floats:
         """The Cramér-Rao bound of (c, r) at σ = 1 for these directions (b, d+1, d+1).
@@ -100,82 +90,26 @@ class NoiseLaw(Protocol):
         Args:
             directions: unit vectors (b, d, n), with the height 1 - u₁ in place of u₁.
         """
-
-
-@dataclass(frozen=True)
-class IsotropicGaussian:
-    """Independent normal noise of the same size in every coordinate.
-
-    Attributes:
-        dimension: number of coordinates d.
-    """
-
-    dimension: int
-    isotropic = True
-    words = "the same noise in all directions"
-
-    def unit_noise(self, normals: Floats) -> Floats:
-        """The normal numbers themselves."""
-        return normals
-
-    def covariance(self, sigma: float) -> Floats:
-        """σ² I."""
-        return sigma**2 * np.eye(self.dimension)
-
-    def given(self, sigma: float) -> float:
-        """The standard deviation σ."""
-        return sigma
-
-    def unit_bound(self, directions: Floats) -> Floats:
-        """The bound with equal weights of all samples."""
-        return _bound(directions, np.ones((1, CHUNK)))  # a row of n would be read from memory
-
-
-@dataclass(frozen=True)
-class AnisotropicGaussian:
-    """Normal noise of any covariance.
-
-    Attributes:
-        shape: covariance of a sample in units of σ², as rows of numbers (d, d).
-    """
-
-    shape: tuple[tuple[float, ...], ...]
-    isotropic = False
-    words = "noise not the same in all directions"
-
-    def unit_noise(self, normals: Floats) -> Floats:
-        """The normal numbers times Cholesky's root of the shape."""
-        return np.asarray(np.linalg.cholesky(self._matrix) @ normals)
-
-    def covariance(self, sigma: float) -> Floats:
-        """σ² times the shape."""
-        return sigma**2 * self._matrix
-
-    def given(self, sigma: float) -> Floats:
-        """The covariance."""
-        return self.covariance(sigma)
-
-    def unit_bound(self, directions: Floats) -> Floats:
-        """The bound with the weight of each sample by the noise along its direction."""
+        if self.isotropic:
+            return _bound(directions, np.ones((1, CHUNK)))  # a row of n would be read from memory
         u = directions.swapaxes(1, 2).copy()
         u[:, :, 0] = 1.0 - u[:, :, 0]
         return _bound(directions, normal_weights(u, self._matrix))
 
     @cached_property
     def _matrix(self) -> Floats:
-        return np.array(self.shape)
+        return np.eye(self.dimension) if self.shape is None else np.array(self.shape)
 
 
-def gaussian(shape: tuple[tuple[float, ...], ...] | None, dimension: int) -> NoiseLaw:
+def gaussian(shape: tuple[tuple[float, ...], ...] | None, dimension: int) -> GaussianNoise:
     """The Gaussian law of a covariance.
 
     Args:
         shape: covariance of a sample in units of σ² (d, d); the identity if None.
         dimension: d.
     """
-    if shape is None or np.array_equal(shape, np.eye(dimension)):
-        return IsotropicGaussian(dimension)
-    return AnisotropicGaussian(shape)
+    equal = shape is None or np.array_equal(shape, np.eye(dimension))
+    return GaussianNoise(dimension, None if equal else shape)
 
 
 def _bound(directions: Floats, weights: Floats) -> Floats:
@@ -200,7 +134,7 @@ class LaplaceNoise:
 
     excess_kurtosis = 3.0
 
-    def applied(self, noise: Floats, directions: Floats, numbers: FurtherNumbers) -> Floats:
+    def applied(self, noise: Floats, directions: Floats, further: Further) -> Floats:
         """The quantile of each normal number z in this law: -sign(z) (ln 2 + ln Φ(-|z|))/√2, exact in the tails."""
         return np.asarray(-np.sign(noise) * (math.log(2.0) + scipy.special.log_ndtr(-np.abs(noise))) * math.sqrt(0.5))
 
@@ -220,11 +154,11 @@ class Outliers:
     share: float
     size: float
 
-    def applied(self, noise: Floats, directions: Floats, numbers: FurtherNumbers) -> Floats:
+    def applied(self, noise: Floats, directions: Floats, further: Further) -> Floats:
         """The noise, with the displacement added where a uniform number of the sample is below the share."""
         _, d, n = noise.shape
-        number = numbers.draw(("outliers", "choice"), lambda g, trials: g.random((trials, n)))
-        away = numbers.draw(("outliers", "direction"), lambda g, trials: g.standard_normal((trials, d, n)))
+        number = further(("outliers", "choice"), lambda g, trials: g.random((trials, n)))
+        away = further(("outliers", "direction"), lambda g, trials: g.standard_normal((trials, d, n)))
         length = np.where(number < self.share, self.size, 0.0) / np.sqrt(np.einsum("bdn,bdn->bn", away, away))
         return np.asarray(noise + length[:, None] * away)
 
@@ -248,10 +182,10 @@ class StudentNoise:
         """6/(ν - 4), or infinity."""
         return 6.0 / (self.freedom - 4.0) if self.freedom > 4.0 else math.inf
 
-    def applied(self, noise: Floats, directions: Floats, numbers: FurtherNumbers) -> Floats:
+    def applied(self, noise: Floats, directions: Floats, further: Further) -> Floats:
         """Normal noise z as z √((ν - 2)/χ²), with a χ² number of ν degrees of freedom for each sample."""
         n = noise.shape[2]
-        square = numbers.draw(("student", self.freedom), lambda g, trials: g.chisquare(self.freedom, (trials, n)))
+        square = further(("student", self.freedom), lambda g, trials: g.chisquare(self.freedom, (trials, n)))
         square /= self.freedom - 2.0
         return noise / np.sqrt(square)[:, None]
 
@@ -265,7 +199,7 @@ class UniformNoise:
 
     excess_kurtosis = -1.2
 
-    def applied(self, noise: Floats, directions: Floats, numbers: FurtherNumbers) -> Floats:
+    def applied(self, noise: Floats, directions: Floats, further: Further) -> Floats:
         """The quantile of each normal number z in this law: √3 (2Φ(z) - 1) = √3 erf(z/√2)."""
         return np.asarray(math.sqrt(3.0) * scipy.special.erf(math.sqrt(0.5) * noise))
 
@@ -278,7 +212,7 @@ class RadialNoise:
     isotropic noise of the same σ holds for it too: only the component along the radius counts there (theory 3.1).
     """
 
-    def applied(self, noise: Floats, directions: Floats, numbers: FurtherNumbers) -> Floats:
+    def applied(self, noise: Floats, directions: Floats, further: Further) -> Floats:
         """The component of isotropic noise along the direction, (u·z) u."""
         u = directions.copy()
         np.subtract(1.0, u[:, 0], out=u[:, 0])
@@ -352,7 +286,7 @@ MOST_SPACED = 3
 _GOLDEN_ANGLE = math.pi * (3.0 - math.sqrt(5.0))
 
 
-def place_directions(law: str, half_angle: float, directions: Floats, numbers: FurtherNumbers) -> None:
+def place_directions(law: str, half_angle: float, directions: Floats, further: Further) -> None:
     """Replace directions, which are uniform by area on a cap, by those of another law.
 
     With ``polar`` the angle to the first axis is uniform, so that samples crowd about it. With ``spaced`` the
@@ -364,15 +298,15 @@ def place_directions(law: str, half_angle: float, directions: Floats, numbers: F
         law: one of `DIRECTIONS`.
         half_angle: φ in radians.
         directions: receives unit vectors (b, d, n), with the height 1 - u₁ in place of u₁.
-        numbers: further random numbers of the same trials.
+        further: draws further random numbers of the same trials.
     """
     if law == AREA:
         return
     _, d, n = directions.shape
     across = directions[:, 1:]
     if law == POLAR:
-        angle = half_angle * numbers.draw(("directions", "polar"), lambda g, trials: g.random((trials, n)))
-        normals = numbers.draw(("directions", "across"), lambda g, trials: g.standard_normal((trials, d - 1, n)))
+        angle = half_angle * further(("directions", "polar"), lambda g, trials: g.random((trials, n)))
+        normals = further(("directions", "across"), lambda g, trials: g.standard_normal((trials, d - 1, n)))
         across[...] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     elif d == 2:
         gaps = n if half_angle == math.pi else n - 1  # a whole circle ends where it begins

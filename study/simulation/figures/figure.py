@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from study.files import RunError
 from study.simulation.analysis.summary import TableReader, stored_summary
 from study.simulation.experiment.conditions import DIRECTIONS, STORED, bound_law
-from study.simulation.experiment.noise import NoiseLaw
+from study.simulation.experiment.noise import GaussianNoise
 from study.simulation.runs.run_folder import Run
 
 PACKAGE = Path(__file__).parents[2]
@@ -77,7 +77,7 @@ class Tables:
     name: str
     dimension: int
     design: str
-    noise_law: NoiseLaw
+    noise_law: GaussianNoise
     reader: TableReader
     stored: frozenset[str]
     used: tuple[str, ...] | None = None

@@ -37,7 +37,7 @@ from study.fits.streams import old_stream
 from study.simulation.experiment.conditions import STORED, named_in
 from study.simulation.experiment.config import ChainStatus, Posterior, Study
 from study.simulation.experiment.designs import Cell
-from study.simulation.experiment.sampling import Address, Trial, addresses, replay
+from study.simulation.experiment.sampling import Trial, all_trials
 from study.simulation.posterior.sampler import Chain, Prior, sample
 from study.simulation.runs import schemas
 from study.simulation.runs.parts import Packet, Parts
@@ -274,38 +274,38 @@ class ChainTask:
     """One chain to run.
 
     Attributes:
-        address: the trial.
+        trial: the data set.
         likelihood: name of the likelihood.
         noise_is: "known" or "unknown".
     """
 
-    address: Address
+    trial: Trial
     likelihood: str
     noise_is: str
 
     @property
     def key(self) -> dict[str, str | int]:
         """The columns that identify the chain in every table."""
-        where = self.address
+        where = self.trial
         names = {"likelihood": self.likelihood, "noise_is": self.noise_is}
         return {"cell": where.cell.name, "trial": where.trial, **names}
 
     def part(self, study: Study, posterior: Posterior) -> str:
         """Name of the chain's part: a digest of all that determines it."""
         settings = (posterior.box, posterior.walkers, posterior.max_steps, self._keeps_draws(posterior))
-        content = repr((FORMAT, study.seed, study.dimension, study.estimators, settings, self.key, self.address.cell))
+        content = repr((FORMAT, study.seed, study.dimension, study.estimators, settings, self.key, self.trial.cell))
         return hashlib.sha256(content.encode()).hexdigest()[:20]
 
     def compute(self, study: Study, posterior: Posterior) -> dict[str, pa.Table]:
         """Run the chain; returns its rows of the posterior tables."""
-        trial = replay(study, self.address)
+        trial = self.trial
         prior = prior_of(trial.cell, posterior, self.noise_is == "known")
         random = old_stream(study.seed, "posterior", *self.key.values())
         chain = sample(trial.samples, prior, self.likelihood, random, posterior.walkers, posterior.max_steps)
         return rows(study, trial, chain, self.key, posterior.walkers, self._keeps_draws(posterior))
 
     def _keeps_draws(self, posterior: Posterior) -> bool:
-        return self.address.trial < posterior.keep_draws
+        return self.trial.trial < posterior.keep_draws
 
 
 def prior_of(cell: Cell, posterior: Posterior, known: bool) -> Prior:
@@ -316,7 +316,7 @@ def prior_of(cell: Cell, posterior: Posterior, known: bool) -> Prior:
 
 def chain_tasks(study: Study, posterior: Posterior) -> list[ChainTask]:
     """Every chain that a config asks for, in the order of the tables."""
-    places = [a for a in addresses(study, posterior.trials) if posterior.chooses(a.cell)]
+    places = [trial for trial in all_trials(study, posterior.trials) if posterior.chooses(trial.cell)]
     return [
         ChainTask(place, name, noise) for place in places for name in posterior.likelihood for noise in posterior.noise
     ]
@@ -450,7 +450,7 @@ def _compute(
             progress(len(items) / len(missing))
 
     dispatch = Dispatch(backend, _chains, shared, parts)
-    dispatch.compute(missing, lambda item: _HEAVY * item[1].address.cell.samples, ended)
+    dispatch.compute(missing, lambda item: _HEAVY * item[1].trial.cell.samples, ended)
     if lost:
         raise RunError(f"{parts.folder.parent}: {len(lost)} chains could not be run: {lost[0]}; the others are stored")
 

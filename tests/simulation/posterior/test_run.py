@@ -13,7 +13,7 @@ import study
 from study.files import RunError
 from study.fits import Status
 from study.simulation.experiment.config import ChainStatus, Study, parse
-from study.simulation.experiment.sampling import find, replay
+from study.simulation.experiment.sampling import find
 from study.simulation.posterior import run as chain_task
 from study.simulation.posterior.run import chain_tasks, compute, printed, prior_of
 from study.simulation.posterior.sampler import sample
@@ -88,7 +88,7 @@ def chains(small):
         part = kept[key]
         columns = [*(part[f"error_{i + 1}"] for i in range(d)), part["radius_error"]]
         columns += [part["noise"] - row["noise"]] * (key[3] == "unknown")
-        found.append((key, row, np.column_stack(columns), replay(small.study, find(small.study, key[0], key[1]))))
+        found.append((key, row, np.column_stack(columns), find(small.study, key[0], key[1])))
     assert len(found) == 4 * 2 * 2
     return found
 
@@ -189,7 +189,7 @@ def test_bounds_are_of_the_directions(tmp_path):
     """With σ = 10⁻⁹ r the points themselves have the directions: [σ⁻² Σ w wᵀ]⁻¹, w = (u, 1)."""
     run = computed(tmp_path, config(3, {"noise": '"known"'}, noise=1e-9, samples=9))
     for key, row in rows(run, "posterior").iterrows():
-        trial = replay(run.study, find(run.study, key[0], key[1]))
+        trial = find(run.study, key[0], key[1])
         w = np.concatenate([trial.samples.x[0], np.ones((1, 9))])
         covariance = np.linalg.inv(w @ w.T) * 1e-18
         sd = np.sqrt(np.diag(covariance))
@@ -295,7 +295,7 @@ def test_answers_without_spare_samples(tmp_path):
     """Of d + 2 samples one is to spare: Student's law with one degree of freedom, which is Cauchy's."""
     run = computed(tmp_path, config(2, {"trials": 1, "noise": '"unknown"'}, samples=4, angle=180, trials=1))
     ((key, found),) = [(k, r) for k, r in rows(run, "answers").iterrows() if k[4] == "mle"]
-    points = replay(run.study, find(run.study, key[0], 0)).samples.x[0].T
+    points = find(run.study, key[0], 0).samples.x[0].T
     fit = study.fit(points, "mle")
     assert found["rank_radius"] == pytest.approx(
         stats.cauchy.cdf((1.0 - fit.radius) / fit.standard_errors[2]), rel=1e-6
@@ -325,7 +325,7 @@ def test_kept_draws_are_of_the_whole_chain(tmp_path):
         frame, row = run.table("draws"), run.table("posterior").iloc[0]
         assert 1000 <= len(frame) <= 2000
         task = chain_tasks(run.study, run.study.posterior)[0]
-        trial = replay(run.study, task.address)
+        trial = task.trial
         random = chain_task.old_stream(1, "posterior", *task.key.values())
         chain = sample(trial.samples, prior_of(trial.cell, run.study.posterior, True), "geometric", random, 16, steps)
         place = {value: index for index, value in enumerate(chain.draws[..., 0].ravel() - trial.cell.center[0])}
@@ -343,7 +343,7 @@ def test_prior():
     text = config(3, {"box": 3.0}, radius=2.0, center=6.0)
     made = parse(text)
     for task in chain_tasks(made, made.posterior):
-        prior = prior_of(task.address.cell, made.posterior, task.noise_is == "known")
+        prior = prior_of(task.trial.cell, made.posterior, task.noise_is == "known")
         np.testing.assert_allclose(prior.center, [6.0 / math.sqrt(3.0)] * 3)
         assert (prior.width, prior.noise, prior.known) == (6.0, 0.1, task.noise_is == "known")
         corner = np.linalg.norm([6.0] * 3)  # from the true centre to a corner of the box
@@ -356,7 +356,7 @@ def test_where_chooses_cells():
 
     def cells(where):
         made = parse(config(2, {"trials": 1} | ({"where": where} if where else {}), **axes))
-        return [task.address.cell for task in chain_tasks(made, made.posterior)][::2]
+        return [task.trial.cell for task in chain_tasks(made, made.posterior)][::2]
 
     everything = cells("")
     assert len(everything) == 32
@@ -623,7 +623,7 @@ def test_a_random_design(tmp_path):
     run = computed(tmp_path, text)
     found = rows(run, "posterior")
     assert set(found["samples"]) == {8}
-    told = [a.trial for a in chain_task.addresses(run.study) if a.cell.samples == 8]
+    told = [a.trial for a in chain_task.all_trials(run.study) if a.cell.samples == 8]
     assert sorted(found.index.get_level_values("trial")) == sorted(2 * told)
     assert 0 < len(told) < 9
 
@@ -679,7 +679,7 @@ def test_the_whole_sphere_moves_the_radius(tmp_path, d):
     names = [f"mean_{e}" for e in endings(d, False)]
     radius = []
     for key in shift.index:
-        trial = replay(run.study, find(run.study, key[0], key[1]))
+        trial = find(run.study, key[0], key[1])
         x = trial.samples.x[0]
         push = np.append((x / np.sum(x**2, axis=0)).sum(axis=1), -100.0)  # of -log(R r), summed, over (c, r)
         told = 0.5 * (d - 1) * 0.1**2 * trial.unit_bound @ push

@@ -146,10 +146,10 @@ def test_out_of_memory_is_a_death(start, monkeypatch, computed):
     """A unit that needs more memory than there is is tried alone, and then recorded as lost."""
     real = module.compute
 
-    def greedy(made, batches):
-        if batches[0].samples == 40:
+    def greedy(made, unit):
+        if unit.group.samples == 40:
             raise MemoryError("cannot allocate")
-        return real(made, batches)
+        return real(made, unit)
 
     monkeypatch.setattr(module, "compute", greedy)
     run = start(LLS)
