@@ -9,7 +9,6 @@ group's trials, which a worker computes at once.
 import hashlib
 import math
 import operator
-from abc import abstractmethod
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
@@ -376,7 +375,7 @@ class Batch:
                 first, end = end, further
 
 
-class Design(Frozen):
+class _Design(Frozen):
     """Conditions of a study, and the number of trials."""
 
     kind: str
@@ -384,34 +383,6 @@ class Design(Frozen):
     """Number of data sets: in each cell of a grid, or in all cells of a random design together."""
     one_trial_a_cell: ClassVar[bool]
     """Every trial is a cell of its own, so that measures of performance combine many cells."""
-
-    @abstractmethod
-    def cells(self) -> int:
-        """Number of cells."""
-
-    @abstractmethod
-    def trials_of(self, samples: int) -> int:
-        """Number of trials of the cells with so many samples."""
-
-    @abstractmethod
-    def least_samples(self) -> int:
-        """The smallest number of samples that a cell can have."""
-
-    @abstractmethod
-    def values(self, condition: Condition) -> tuple[Value, ...] | None:
-        """The values that a condition takes; None where a law leaves them open."""
-
-    @abstractmethod
-    def independent(self) -> bool:
-        """True if no two cells share their directions and noise."""
-
-    @abstractmethod
-    def same_draws(self, other: "Design") -> bool:
-        """True if a trial of a cell that both designs have is the same data set, where all else is equal."""
-
-    @abstractmethod
-    def groups(self, seed: int, dimension: int) -> Iterator[Group]:
-        """The groups of cells that share draws, in the order of the tables."""
 
     def given(self) -> dict[str, Any]:
         """The axes, or the laws, by the condition's name; silent conditions only if they are not at their default."""
@@ -433,7 +404,7 @@ class Design(Frozen):
         return {key: value for key, value in handler(self).items() if key not in left_out}
 
 
-class Grid(Design):
+class Grid(_Design):
     """A grid, of which `GridDesign` adds the axes."""
 
     kind: Literal["grid"]
@@ -471,7 +442,7 @@ class Grid(Design):
         """True if every cell has draws of its own."""
         return self.draws == "independent" or self.cells() == 1
 
-    def same_draws(self, other: Design) -> bool:
+    def same_draws(self, other: "Grid | Random") -> bool:
         """True if the other is a grid whose cells share draws in the same way."""
         return _sharing(self) == _sharing(other)
 
@@ -495,7 +466,7 @@ class Grid(Design):
         return super()._unwritten() | ({"most_samples"} if self.most_samples is None else set())
 
 
-Axes: Any = create_model("Axes", __base__=Design, __module__=__name__, **axes())
+Axes: Any = create_model("Axes", __base__=_Design, __module__=__name__, **axes())
 GridDesign: type[Grid] = create_model("GridDesign", __base__=(Grid, Axes), __module__=__name__)
 """A grid with all of its entries: kind and trials, then the axes, then the others. The digest needs this order."""
 
@@ -511,7 +482,7 @@ def _cell(values: Mapping[str, Value], dimension: int) -> Cell:
     return Cell.of(values, diagonal_center(float(values[CENTER.name]), dimension), scale)
 
 
-def _sharing(design: Design) -> dict[str, object]:
+def _sharing(design: "Grid | Random") -> dict[str, object]:
     return design.model_dump(include={"kind", "draws"})
 
 
@@ -520,7 +491,7 @@ _BLOCK = 1024
 _TRIALS_PER_UNIT = 25
 
 
-class Random(Design):
+class Random(_Design):
     """A random design, of which `RandomDesign` adds the laws."""
 
     kind: Literal["random"]
@@ -553,7 +524,7 @@ class Random(Design):
         """True: every trial has draws of its own."""
         return True
 
-    def same_draws(self, other: Design) -> bool:
+    def same_draws(self, other: "Grid | Random") -> bool:
         """True if the other is a random design of the same laws."""
         return self.model_dump(exclude={"trials"}) == other.model_dump(exclude={"trials"})
 
@@ -562,7 +533,7 @@ class Random(Design):
         yield RandomGroup(("trial",), 1, (), seed, dimension, self)
 
 
-Laws: Any = create_model("Laws", __base__=Design, __module__=__name__, **laws())
+Laws: Any = create_model("Laws", __base__=_Design, __module__=__name__, **laws())
 RandomDesign: type[Random] = create_model("RandomDesign", __base__=(Random, Laws), __module__=__name__)
 """A random design with all of its entries: kind and trials, then the laws."""
 

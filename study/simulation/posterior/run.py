@@ -42,7 +42,7 @@ from study.simulation.posterior.sampler import Chain, Prior, sample
 from study.simulation.runs import schemas
 from study.simulation.runs.parts import Packet, Parts
 from study.simulation.runs.run_folder import Run
-from study.simulation.runs.workers import Backend, Dispatch, Workers
+from study.simulation.runs.workers import Dispatch, Threads, Workers
 from study.text import columns, number
 
 KEYS = ["cell", "trial", "likelihood", "noise_is"]
@@ -437,7 +437,7 @@ def _keep_finished(run: Run, parts: Parts, wanted: dict[str, ChainTask], names: 
 
 
 def _compute(
-    parts: Parts, shared: Shared, keys: dict[str, ChainTask], backend: Backend, progress: Callable[[float], None] | None
+    parts: Parts, shared: Shared, keys: dict[str, ChainTask], backend: Threads, progress: Callable[[float], None] | None
 ) -> None:
     """Run the missing chains and store each as it finishes."""
     missing = [item for item in keys.items() if not parts.outputs(item[0])]

@@ -24,7 +24,7 @@ from study.simulation.runs.jobs import Layout, Task, execute, give_up
 from study.simulation.runs.parts import FORMAT, Parts
 from study.simulation.runs.reuse import EarlierRun, ReuseLayout, beside, finished, set_damaged_aside, up_to_date
 from study.simulation.runs.run_folder import Run
-from study.simulation.runs.workers import Backend, Dispatch, Workers
+from study.simulation.runs.workers import Dispatch, Threads, Workers
 
 
 def finish(
@@ -255,7 +255,7 @@ class _Computation:
         self.layout.restart()
         return False
 
-    def compute(self, backend: Backend) -> None:
+    def compute(self, backend: Threads) -> None:
         """Compute the missing tasks, as far as the budget goes, and store their rows."""
         whole = sum(task.weight for task in self.layout.missing(self.parts))
         share = self.left * self.layout.ahead() if whole else 0.0

@@ -74,7 +74,7 @@ def small_units(monkeypatch):
 @pytest.fixture
 def small_parts(monkeypatch):
     """A part for every unit, so that a small study has many."""
-    monkeypatch.setattr("study.simulation.runs.workers.Backend.enough", 0.0)
+    monkeypatch.setattr("study.simulation.runs.workers.Threads.enough", 0.0)
     monkeypatch.setattr("study.simulation.runs.parts._SECONDS", 0.0)
     monkeypatch.setattr("study.simulation.runs.parts._SHARE", 0.0)
 
