@@ -58,7 +58,7 @@ from study.simulation.experiment.conditions import (
     is_number,
 )
 from study.simulation.experiment.designs import MAX_CELLS, Cell, Grid, GridDesign, Random, RandomDesign
-from study.simulation.experiment.noise import MOST_SPACED, SPACED, GaussianNoise, gaussian
+from study.simulation.experiment.noise import MOST_SPACED, PATH, SPACED, GaussianNoise, gaussian
 from study.text import did_you_mean
 from study.toml import ConfigError, Distinct, Fault, Frozen, Listed, distinct, report, toml_tables, toml_text
 
@@ -375,8 +375,8 @@ def _departure_faults(study: Study) -> Iterator[Fault]:
     if OUTLIER_SIZE.name in named and OUTLIER_SHARE.name not in named:
         words = f"has no effect without {OUTLIER_SHARE.name}, the probability of an outlier"
         yield Fault(("design", OUTLIER_SIZE.name), words)
-    if study.dimension > MOST_SPACED and SPACED in (study.design.values(DIRECTIONS) or ()):
-        words = f"{SPACED} directions are for circles and spheres, not for dimension {study.dimension}"
+    if study.dimension > MOST_SPACED and {SPACED, PATH} & set(study.design.values(DIRECTIONS) or ()):
+        words = f"{SPACED} and {PATH} are directions of circles and spheres, not of dimension {study.dimension}"
         yield Fault(("design", DIRECTIONS.name), words)
 
 

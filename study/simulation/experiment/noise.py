@@ -214,34 +214,129 @@ class RadialNoise:
 
     def applied(self, noise: Floats, directions: Floats, further: Further) -> Floats:
         """The component of isotropic noise along the direction, (u·z) u."""
-        u = directions.copy()
-        np.subtract(1.0, u[:, 0], out=u[:, 0])
+        u = upright(directions)
         return np.asarray(np.einsum("bdn,bdn->bn", u, noise)[:, None] * u)
+
+
+@dataclass(frozen=True)
+class RimNoise:
+    """Noise that grows to the rim of the cap: σ at its pole, and in proportion to the height up to k σ at its rim.
+
+    Attributes:
+        growth: k.
+        half_angle: of the cap in radians.
+    """
+
+    growth: float
+    half_angle: float
+
+    def applied(self, noise: Floats, directions: Floats, further: Further) -> Floats:
+        """The noise times 1 + (k - 1) (1 - cos θ)/(1 - cos φ), θ the angle of a sample to the axis."""
+        share = directions[:, :1] / (2.0 * math.sin(0.5 * self.half_angle) ** 2)
+        return np.asarray(noise * (1.0 + (self.growth - 1.0) * share))
+
+
+@dataclass(frozen=True)
+class MemoryNoise:
+    """Noise that remembers: a stationary autoregressive process of order 1 along the samples, of covariance I.
+
+    Attributes:
+        memory: ρ, the correlation of neighbours.
+    """
+
+    memory: float
+
+    def applied(self, noise: Floats, directions: Floats, further: Further) -> Floats:
+        """Noise yᵢ = ρ yᵢ₋₁ + √(1 - ρ²) zᵢ that begins with y₁ = z₁."""
+        steps = noise * math.sqrt(1.0 - self.memory**2)
+        steps[:, :, 0] = noise[:, :, 0]
+        return np.asarray(scipy.signal.lfilter([1.0], [1.0, -self.memory], steps, axis=2))
+
+
+@dataclass(frozen=True)
+class FormError:
+    """An error of form: distances from the centre differ by a smooth random function of the direction.
+
+    The function is a Gaussian process of covariance s² exp(-|u - v|²/2l²), formed of so many cosines of random
+    frequencies and phases that it is normal to three digits (Rahimi & Recht 2008). Each trial has its own.
+
+    Attributes:
+        length: l over the half-angle of the cap.
+        size: s in units of σ.
+        half_angle: of the cap in radians.
+    """
+
+    length: float
+    size: float
+    half_angle: float
+
+    def applied(self, noise: Floats, directions: Floats, further: Further) -> Floats:
+        """The noise, displaced along the direction by the function."""
+        u, (b, d, _) = upright(directions), noise.shape
+        kind = ("form", self.length)
+        waves = further((*kind, "waves"), lambda g, trials: g.standard_normal((trials, _COSINES, d)))
+        phases = further((*kind, "phases"), lambda g, trials: g.uniform(0.0, 2.0 * math.pi, (trials, _COSINES)))
+        result = np.empty_like(noise)
+        for trial in range(b):
+            angle = waves[trial] @ u[trial] / (self.length * self.half_angle) + phases[trial, :, None]
+            form = self.size * math.sqrt(2.0 / _COSINES) * np.cos(angle).sum(axis=0)
+            result[trial] = noise[trial] + form * u[trial]
+        return result
+
+
+_COSINES = 300
+
+
+def upright(directions: Floats) -> Floats:
+    """Unit vectors (b, d, n) of directions that have the height 1 - u₁ in place of u₁."""
+    u = directions.copy()
+    np.subtract(1.0, u[:, 0], out=u[:, 0])
+    return u
 
 
 NORMAL = "normal"
 RADIAL = "radial"
 LAWS: dict[str, OtherLaw] = {"laplace": LaplaceNoise(), "uniform": UniformNoise()}
 """The laws of covariance σ² I without parameters, besides the normal one."""
-STRUCTURED: dict[str, Departure] = {RADIAL: RadialNoise()}
-"""The laws in which the noise of a sample depends on its direction."""
+STRUCTURED: dict[str, Callable[[list[float], float], Departure | None]] = {
+    RADIAL: lambda numbers, angle: None if numbers else RadialNoise(),
+    "rim": lambda numbers, angle: RimNoise(*numbers, angle) if len(numbers) == 1 else None,
+    "memory": lambda numbers, angle: MemoryNoise(*numbers) if len(numbers) == 1 and numbers[0] < 1.0 else None,
+    "form": lambda numbers, angle: FormError(*numbers, angle) if len(numbers) == 2 else None,
+}
+"""The laws in which a sample's noise depends on its direction or on its neighbours, by the word before their numbers.
 
-RULE = f"{NORMAL}, {', '.join([*LAWS, *STRUCTURED])} or student(ν) with ν above 2, such as student(5)"
+Each is made from its numbers, all of them above 0, and the half-angle of the cap in radians; None if they do not fit.
+"""
+
+RULE = (
+    f"{NORMAL}, {', '.join(LAWS)}, student(ν) with ν above 2, such as student(5), {RADIAL}, rim(k), memory(ρ) with ρ "
+    "below 1, or form(length, size)"
+)
 SIZE = 10.0
 """Length of an outlier's displacement in units of σ, where a config gives none."""
 
 
-def freedom(word: str) -> float | None:
-    """The degrees of freedom ν of ``student(ν)``; None for another word, or if ν is not above 2.
+def numbers_of(word: str) -> tuple[str, list[float]] | None:
+    """The name of a law and its numbers; None if the word is not written as a law is, or a number is not above 0.
 
     A number has one way of writing, so that a law has one name: ``student(5)``, not ``student(5.0)``.
     """
-    number = re.fullmatch(r"student\(([0-9.e+]+)\)", word)
+    match = re.fullmatch(r"([a-z]+)(?:\(([0-9.e+-]+(?:, [0-9.e+-]+)*)\))?", word)
+    if match is None:
+        return None
     try:
-        value = float(number[1]) if number else math.nan
+        numbers = [float(number) for number in match[2].split(", ")] if match[2] else []
     except ValueError:
         return None
-    return value if 2.0 < value < math.inf and number and f"{value:g}" == number[1] else None
+    written = match[1] + (f"({', '.join(f'{number:g}' for number in numbers)})" if numbers else "")
+    return (match[1], numbers) if written == word and all(0.0 < v < math.inf for v in numbers) else None
+
+
+def freedom(word: str) -> float | None:
+    """The degrees of freedom ν of ``student(ν)``; None for another word, or if ν is not above 2."""
+    name, numbers = numbers_of(word) or ("", [])
+    return numbers[0] if name == "student" and len(numbers) == 1 and numbers[0] > 2.0 else None
 
 
 def excess_kurtosis(word: str) -> float:
@@ -259,30 +354,37 @@ def has_equal_covariance(word: str) -> bool:
 
 def is_law(word: str) -> bool:
     """True if a word names a law."""
-    return word in STRUCTURED or has_equal_covariance(word)
+    return has_equal_covariance(word) or _structured(word, math.pi) is not None
+
+
+def _structured(word: str, half_angle: float) -> Departure | None:
+    name, numbers = numbers_of(word) or ("", [])
+    return STRUCTURED[name](numbers, half_angle) if name in STRUCTURED else None
 
 
 def departures(conditions: Mapping[str, Any]) -> list[Departure]:
     """The steps that lead from normal noise to that of a cell: another law, then outliers; none for normal noise.
 
     Args:
-        conditions: values of the conditions ``law``, ``outlier_share`` and ``outlier_size``, as far as they are not at
-            their defaults; others do not matter.
+        conditions: values of the conditions ``angle``, ``law``, ``outlier_share`` and ``outlier_size``, as far as they
+            are not at their defaults; others do not matter.
     """
     law, share = conditions.get("law", NORMAL), conditions.get("outlier_share", 0.0)
     steps: list[Departure] = []
     if law != NORMAL:
-        nu = freedom(law)
-        steps.append((LAWS | STRUCTURED)[law] if nu is None else StudentNoise(nu))
+        structured, nu = _structured(law, math.radians(conditions.get("angle", 180.0))), freedom(law)
+        steps.append(structured or (LAWS[law] if nu is None else StudentNoise(nu)))
     if share > 0.0:
         steps.append(Outliers(share, conditions.get("outlier_size", SIZE)))
     return steps
 
 
-AREA, POLAR, SPACED = DIRECTIONS = ("area", "polar", "spaced")
-DIRECTIONS_RULE = "area, polar or, in two and three dimensions, spaced"
+AREA, POLAR, SPACED, PATH = DIRECTIONS = ("area", "polar", "spaced", "path")
+DIRECTIONS_RULE = "area, polar or, in two and three dimensions, spaced or path"
 MOST_SPACED = 3
-"""Largest dimension in which there are spaced directions."""
+"""Largest dimension in which there are spaced directions, and paths."""
+_SWINGS, _TURN = 3, 0.31
+"""A path swings so many times through the pole, and turns so many radians for each of its own."""
 _GOLDEN_ANGLE = math.pi * (3.0 - math.sqrt(5.0))
 
 
@@ -292,7 +394,8 @@ def place_directions(law: str, half_angle: float, directions: Floats, further: F
     With ``polar`` the angle to the first axis is uniform, so that samples crowd about it. With ``spaced`` the
     directions are equally spaced and the same in every trial: in a plane they divide the arc, both ends included, or
     the whole circle; in space they lie on a spiral of equal areas, each turned from the one before by the golden angle
-    (González 2010).
+    (González 2010). With ``path`` they follow each other as those of a marker do: they swing through the axis, from rim
+    to rim, in a plane that turns slowly.
 
     Args:
         law: one of `DIRECTIONS`.
@@ -308,6 +411,10 @@ def place_directions(law: str, half_angle: float, directions: Floats, further: F
         angle = half_angle * further(("directions", "polar"), lambda g, trials: g.random((trials, n)))
         normals = further(("directions", "across"), lambda g, trials: g.standard_normal((trials, d - 1, n)))
         across[...] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    elif law == PATH:
+        time = 2.0 * math.pi * _SWINGS * (np.arange(n) + 0.5) / n
+        angle = half_angle * np.sin(time)
+        across[...] = [np.cos(_TURN * time), np.sin(_TURN * time)] if d == 3 else 1.0
     elif d == 2:
         gaps = n if half_angle == math.pi else n - 1  # a whole circle ends where it begins
         angle = half_angle * (2.0 * np.arange(n) / gaps - 1.0)

@@ -80,7 +80,7 @@ class Draws:
     def place(self, level: Cell, array: Array = new) -> Samples:
         """Form the points x = c + r u + σ z of a level (b, d, n), with the noise as estimators take it."""
         noise = self.unit_noise
-        for departure in departures(dict(level.further)):
+        for departure in departures({"angle": level.angle} | dict(level.further)):
             noise = departure.applied(noise, self.directions, self.further)
         points = array("points", noise.shape)
         form(self.directions, noise, np.array(level.center), float(level.radius), float(level.noise), points)

@@ -6,7 +6,7 @@ Every Gaussian law: its draws have its covariance, estimators get it in the righ
 import numpy as np
 import pytest
 from scipy import stats
-from scipy.spatial.distance import pdist
+from scipy.spatial.distance import pdist, squareform
 
 import study
 from study.fits import cap, fit
@@ -154,7 +154,20 @@ def test_names_of_laws():
     """A law has one name; what is none, or has no covariance, is refused."""
     assert freedom("student(2.5)") == 2.5
     assert all(map(is_law, ["normal", *MARGINALS]))
+    assert all(map(is_law, ["radial", "rim(3)", "rim(0.5)", "memory(0.9)", "form(0.4, 1)", "form(1e-05, 20)"]))
     for word in ("student", "student()", "student(2)", "student(5.0)", "student(05)", "student(e)", "cauchy", "Normal"):
+        assert not is_law(word)
+    for word in (
+        "radial(1)",
+        "rim",
+        "rim(0)",
+        "rim(-1)",
+        "rim(1, 2)",
+        "memory(1)",
+        "memory(.5)",
+        "form(1)",
+        "form(1,2)",
+    ):
         assert not is_law(word)
 
 
@@ -248,7 +261,7 @@ def test_anisotropic_noise(make_study, noise):
         (
             {"dimension": 4},
             {"directions": "spaced"},
-            "design.directions: spaced directions are for circles",
+            "design.directions: spaced and path are directions of circles",
         ),
         (
             {"route": "moments", "estimators": ["gdke"]},
@@ -310,6 +323,80 @@ def test_radial_noise_is_along_the_radius():
     assert stats.kstest(along.ravel(), "norm").pvalue > 1e-6
     products = np.einsum("bin,bjn->ijbn", noise, noise).reshape(3, 3, -1)
     assert np.all(np.abs(products.mean(axis=2) - np.eye(3) / 3) < 5 * products.std(axis=2) / np.sqrt(products.shape[2]))
+
+
+def structured(law, u, angle, seed=1):
+    """Noise of a law for directions u (b, d, n) on a cap, and the normal numbers behind it."""
+    normals = np.random.default_rng(seed).standard_normal(u.shape)
+    heights = u.copy()
+    heights[:, 0] = 1.0 - u[:, 0]
+    (step,) = departures({"law": law, "angle": np.degrees(angle)})
+    return step.applied(normals, heights, numbers_of(4, 0, len(u))), normals
+
+
+def test_noise_grows_to_the_rim():
+    """Over 1 + 3 (1 - cos θ)/(1 - cos φ) the noise is standard normal (p > 1e-6); within 1 % of the rim it is ~ 4 σ.
+
+    At the pole and at the rim the mean square is 1 and 16, within 5 standard errors and the growth over the zone.
+    """
+    u = placed("area", angle=2.0)
+    noise, _ = structured("rim(4)", u, 2.0)
+    share = (1 - u[:, 0]) / (1 - np.cos(2.0))
+    assert stats.kstest((noise / (1 + 3 * share)[:, None]).ravel(), "norm").pvalue > 1e-6
+    for zone, least, most in ((share < 0.01, 1.0, 1.0609), (share > 0.99, 15.76, 16.0)):
+        square = noise.swapaxes(0, 1)[:, zone] ** 2
+        error = 5 * square.std() / np.sqrt(square.size)
+        assert least - error < square.mean() < most + error
+
+
+def test_noise_that_remembers():
+    """Correlations of lag 0 to 4 along the samples are .8^lag, from the first sample on, within 5 standard errors.
+
+    The recursion yᵢ = ρ yᵢ₋₁ + √(1 - ρ²) zᵢ, written as a loop, gives the same numbers.
+    """
+    u = placed("spaced", 3, 1.0, 12)[:1].repeat(20_000, axis=0)
+    noise, normals = structured("memory(0.8)", u, 1.0)
+    for lag in range(5):
+        for start in (0, 7):
+            products = noise[:, :, start] * noise[:, :, start + lag]
+            error = products.std() / np.sqrt(products.size)
+            assert abs(products.mean() - 0.8**lag) < 5 * error
+    expected = normals.copy()
+    for i in range(1, 12):
+        expected[:, :, i] = 0.8 * expected[:, :, i - 1] + 0.6 * normals[:, :, i]
+    np.testing.assert_allclose(noise, expected, atol=1e-12)
+
+
+def test_form_is_a_smooth_function_of_the_direction():
+    """Over trials, displacements are along u, normal (p > 1e-6), of covariance s² exp(-|u - v|²/2l²) within 5 errors.
+
+    The kernel is computed from all pairs of 8 directions; l is .4 half-angles of the cap, s is 1.5 σ.
+    """
+    angle = 1.2
+    u = placed("spaced", 3, angle, 8)[:1].repeat(6000, axis=0)
+    noise, normals = structured("form(0.4, 1.5)", u, angle)
+    form = noise - normals
+    along = np.einsum("bdn,bdn->bn", form, u)
+    np.testing.assert_allclose(form, along[:, None] * u, atol=1e-12)
+    products = along[:, :, None] * along[:, None]
+    distance = squareform(pdist(u[0].T))
+    expected = 1.5**2 * np.exp(-(distance**2) / (2 * (0.4 * angle) ** 2))
+    assert np.all(np.abs(products.mean(axis=0) - expected) < 5 * products.std(axis=0) / np.sqrt(len(products)))
+    assert all(stats.kstest(along[:, k] / 1.5, "norm").pvalue > 1e-6 for k in range(8))
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_a_path_swings_from_rim_to_rim(d):
+    """It stays within the cap, comes near the pole and the rim, and no step is longer than the swings ask for."""
+    angle, n = 0.6, 400
+    u = placed("path", d, angle, n)[0]
+    away = np.arccos(u[0])
+    assert away.max() <= angle * (1 + 1e-12)
+    assert away.max() > 0.999 * angle
+    assert away.min() < 0.05 * angle
+    steps = np.linalg.norm(np.diff(u, axis=1), axis=0)
+    assert steps.max() < 2 * np.pi * 3 / n * angle * 1.05
+    assert {tuple(np.sign(w)) for w in u[1:].T[:: n // 12]} >= ({(1.0,), (-1.0,)} if d == 2 else {(1.0, 1.0)})
 
 
 def test_the_bound_holds_for_radial_noise(make_study):
