@@ -13,7 +13,7 @@ from typing import Annotated
 import typer
 
 from study import __version__, instruction_set
-from study.options import EXIT_CODES, ExitCode
+from study.options import ExitCode, GroupedHelp, shown, unchanged
 from study.recordings.commands.joints import case_study, joint, joints, live
 from study.recordings.commands.skeleton import fetch, markersets, recording, skeleton, synthetic
 from study.simulation.commands import (
@@ -40,17 +40,9 @@ from study.simulation.commands import (
     worker,
     worst,
 )
-from study.text import GroupedHelp, shown, unchanged
-
-
-class StudyCommands(GroupedHelp):
-    """The command line of this package."""
-
-    exit_codes = EXIT_CODES
-
 
 app = typer.Typer(
-    cls=StudyCommands,
+    cls=GroupedHelp,
     help="Monte-Carlo study of closed-form sphere fits (Knight & Semwal 2009).",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -257,10 +249,11 @@ def certify(
     out: PairsOut = None,
     table: Errors = None,
 ) -> None:
-    """Compare fits with certified spheres: the package's own, solved with 60 digits, or pairs in folders.
+    """Compare fits with certified spheres.
 
-    The largest error of centre and radius is printed. The exit code is 1 if an error is above the limit on a set that
-    double precision can tell. A pair that cannot be read costs the others nothing; the exit code is then 2.
+    They are the package's own, solved with 60 digits, or pairs in folders. The largest error of centre and radius is
+    printed. The exit code is 1 if an error is above the limit on a set that double precision can tell. A pair that
+    cannot be read costs the others nothing; the exit code is then 2.
     """
     from study.files import save_frame
     from study.fits import certify

@@ -18,6 +18,7 @@ sys.modules["bound_numbers"] = bound_numbers
 spec.loader.exec_module(bound_numbers)
 
 QUOTED = {
+    "published": ("published", "published > 0", ["mse", "mse_error", "bias", "published"], True),
     "certify": ("certify", "", ["center"], False),
     "cluster": ("cluster", "", ["parent_mib", "finish_mib"], True),
     "cluster_study": ("cluster_study", "", ["seconds"], True),
