@@ -300,9 +300,9 @@ LAWS: dict[str, OtherLaw] = {"laplace": LaplaceNoise(), "uniform": UniformNoise(
 """The laws of covariance σ² I without parameters, besides the normal one."""
 STRUCTURED: dict[str, Callable[[list[float], float], Departure | None]] = {
     RADIAL: lambda numbers, angle: None if numbers else RadialNoise(),
-    "rim": lambda numbers, angle: RimNoise(*numbers, angle) if len(numbers) == 1 else None,
-    "memory": lambda numbers, angle: MemoryNoise(*numbers) if len(numbers) == 1 and numbers[0] < 1.0 else None,
-    "form": lambda numbers, angle: FormError(*numbers, angle) if len(numbers) == 2 else None,
+    "rim": lambda numbers, angle: RimNoise(numbers[0], angle) if len(numbers) == 1 else None,
+    "memory": lambda numbers, angle: MemoryNoise(numbers[0]) if len(numbers) == 1 and numbers[0] < 1.0 else None,
+    "form": lambda numbers, angle: FormError(numbers[0], numbers[1], angle) if len(numbers) == 2 else None,
 }
 """The laws in which a sample's noise depends on its direction or on its neighbours, by the word before their numbers.
 

@@ -34,7 +34,7 @@ _LONG = 1e9
 
 
 @dataclass(frozen=True)
-class Task:
+class UnitTask:
     """Outputs to compute of a batch of trials.
 
     Attributes:
@@ -76,12 +76,12 @@ def estimators_of(outputs: Iterable[str]) -> tuple[str, ...]:
     return tuple(o.rpartition("@")[0] for o in outputs if "@" in o)
 
 
-def execute(study: Study, tasks: tuple[Task, ...]) -> Packet:
+def execute(study: Study, tasks: tuple[UnitTask, ...]) -> Packet:
     """Compute tasks of a study; workers run this."""
     return _packed(study, tasks, compute)
 
 
-def give_up(study: Study, task: Task, message: str) -> Packet:
+def give_up(study: Study, task: UnitTask, message: str) -> Packet:
     """Rows of a task whose worker died twice: every fit failed.
 
     Args:
@@ -92,7 +92,7 @@ def give_up(study: Study, task: Task, message: str) -> Packet:
     return _packed(study, (task,), lambda part, batch: lost(part, batch, message))
 
 
-def _packed(study: Study, tasks: tuple[Task, ...], result: Callable[[Study, Batch], Result]) -> Packet:
+def _packed(study: Study, tasks: tuple[UnitTask, ...], result: Callable[[Study, Batch], Result]) -> Packet:
     of_tasks = []
     for task in tasks:
         points = study.keep_points if any(o.startswith(POINTS) for o in task.outputs) else 0
@@ -137,13 +137,13 @@ class Layout:
         self._stem = hashlib.sha256(f"{FORMAT} {study.stem()}{measures}".encode()).digest()
         self._estimators = tuple(output(name) for name in study.estimators)
 
-    def task(self, batch: Batch) -> Task:
+    def task(self, batch: Batch) -> UnitTask:
         """The task of a batch, with all of its outputs."""
         content = self._stem + batch.group.digest + f"{batch.first}-{batch.last}".encode()
         points = (f"{POINTS}:{self.study.keep_points}",) if batch.first < self.study.keep_points else ()
-        return Task(batch, hashlib.blake2b(content, digest_size=12).hexdigest(), self._estimators + points)
+        return UnitTask(batch, hashlib.blake2b(content, digest_size=12).hexdigest(), self._estimators + points)
 
-    def missing(self, parts: Parts, batches: Iterable[Batch] | None = None) -> Iterator[Task]:
+    def missing(self, parts: Parts, batches: Iterable[Batch] | None = None) -> Iterator[UnitTask]:
         """Tasks with the outputs that parts do not have; tasks that have none are left out.
 
         Args:

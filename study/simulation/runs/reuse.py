@@ -22,7 +22,7 @@ from study.fits.streams import Name
 from study.simulation.experiment.config import Study
 from study.simulation.experiment.designs import Batch, Group
 from study.simulation.experiment.sampling import groups, trials_of, units
-from study.simulation.runs.jobs import Layout, Task, estimators_of, order, output
+from study.simulation.runs.jobs import Layout, UnitTask, estimators_of, order, output
 from study.simulation.runs.parts import FORMAT, Packet
 from study.simulation.runs.run_folder import NAME, Run
 
@@ -164,7 +164,7 @@ class EarlierRun:
         except RunError:  # of a version with other columns
             return None
 
-    def take(self, task: Task) -> Packet | None:
+    def take(self, task: UnitTask) -> Packet | None:
         """Take the rows of a task that this run has, in the order that the task gives them; None if it has none.
 
         Args:

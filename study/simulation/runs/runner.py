@@ -20,7 +20,7 @@ from study.fits.registry import only_here, origins
 from study.simulation.experiment.config import Study
 from study.simulation.runs import provenance, run_folder, schemas
 from study.simulation.runs.adaptive import BUDGET, TARGET, Rounds, TimeBudget
-from study.simulation.runs.jobs import Layout, Task, execute, give_up
+from study.simulation.runs.jobs import Layout, UnitTask, execute, give_up
 from study.simulation.runs.parts import FORMAT, Parts
 from study.simulation.runs.reuse import EarlierRun, ReuseLayout, beside, finished, set_damaged_aside, up_to_date
 from study.simulation.runs.run_folder import Run
@@ -260,9 +260,9 @@ class _Computation:
         whole = sum(task.weight for task in self.layout.missing(self.parts))
         share = self.left * self.layout.ahead() if whole else 0.0
         self.left -= share
-        lost: list[tuple[Task, str]] = []
+        lost: list[tuple[UnitTask, str]] = []
 
-        def ended(tasks: tuple[Task, ...], failure: str) -> None:
+        def ended(tasks: tuple[UnitTask, ...], failure: str) -> None:
             if failure:
                 lost.extend((task, failure) for task in tasks)
             self.progress(share * sum(task.weight for task in tasks) / whole)

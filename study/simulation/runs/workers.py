@@ -206,8 +206,8 @@ class Threads:
         """Look after the workers; called now and then while results are awaited."""
 
     def stop(self) -> None:
-        """Begin no task any more, and end those that run, if they can be ended; threads are waited for."""
-        self.executor.shutdown(cancel_futures=True)
+        """Begin no task any more, and end those that run, if they can be ended; threads end in `close`."""
+        self.executor.shutdown(wait=False, cancel_futures=True)
 
     def close(self) -> None:
         """End the workers, which have nothing more to do."""
@@ -498,6 +498,7 @@ class Dispatch(Generic[S, T]):
                         self._parts.commit()
         except BaseException as error:
             self._backend.stop()
+            self._backend.close()
             if not isinstance(error, RunError):  # then the disk is full, or the results cannot be fetched
                 self._store_rest()
             raise
