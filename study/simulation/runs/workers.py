@@ -233,7 +233,7 @@ class Processes(Threads):
             self.executor = get_reusable_executor(self.jobs, timeout=_IDLE, initializer=follow, initargs=(os.getpid(),))
 
     def submit(self, function: Callable[..., object], *arguments: object) -> "Future[object]":
-        with _interrupts_later():
+        with interrupts_later():
             return self.executor.submit(enter, self._parent, seal(function, *arguments))
 
     def check(self) -> None:
@@ -276,7 +276,7 @@ def _quiet(name: str) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _interrupts_later() -> Iterator[None]:
+def interrupts_later() -> Iterator[None]:
     """Hold Ctrl-C back in this thread, and in the threads and processes that it starts meanwhile.
 
     A terminal sends it to all processes. One that just starts, and cannot yet ignore it, would print a traceback; but

@@ -277,6 +277,72 @@ def test_answers_beside_the_posterior(small, chains):
 
 @pytest.mark.usefixtures("short")
 @pytest.mark.filterwarnings("error")
+def test_rank_of_the_likelihood(chains, small):
+    """It is the share of draws at which -N log σ - Σ(|x - c| - r)²/2σ², written out, is below that at the truth."""
+    assert small.table("draws").groupby(KEYS, observed=True).size().max() <= 2000
+    for key, row, draws, trial in chains:
+        d, x = small.study.dimension, trial.samples.x[0]
+        truth = np.array([*trial.cell.center, trial.cell.radius, trial.cell.noise])
+        values = []
+        for offset in [*draws, np.zeros(draws.shape[1])]:
+            sphere = truth + np.pad(offset, (0, len(truth) - len(offset)))
+            residuals = np.linalg.norm(x - sphere[:d, None], axis=0) - sphere[d]
+            values.append(-x.shape[1] * np.log(sphere[d + 1]) - (residuals**2).sum() / (2 * sphere[d + 1] ** 2))
+        expected = np.mean(np.array(values[:-1]) < values[-1])
+        assert abs(row["rank_likelihood"] - expected) <= 1 / len(draws), key
+
+
+def test_two_ensembles_agree(small):
+    """R̂ of the first trial of each cell is within 1 and 1.02, with some 50 τ of 16 walkers each; others have none."""
+    found = small.table("posterior")
+    first = found["trial"] == 0
+    assert found["rhat"][~first].isna().all()
+    assert found["rhat"][first].between(1.0, 1.02).all()
+
+
+def test_shrink_factor():
+    """Means one standard deviation apart: variance ½ of the means over 1 is √1.5; equal ensembles 1; none NaN."""
+    draws = np.random.default_rng(3).standard_normal((500, 8, 2))
+    draws = (draws - draws.mean(axis=(0, 1))) / draws.std(axis=(0, 1))
+    one, other = (chain_task.Chain(ChainStatus.OK, draws + shift) for shift in ([0.0, 0.0], [0.0, 1.0]))
+    assert chain_task.shrink_factor([one, other]) == pytest.approx(np.sqrt(1.5), rel=1e-12)
+    assert chain_task.shrink_factor([one, one]) == pytest.approx(1.0, rel=1e-12)
+    assert np.isnan(chain_task.shrink_factor([one, chain_task.Chain(ChainStatus.NO_START, draws[:0])]))
+
+
+def test_likelihood_ranks_see_what_ranks_of_parameters_do_not():
+    """Draws of the prior, whatever the data: ranks of the centre are uniform (p > 1e-3), the likelihood's are not.
+
+    The truth is drawn from the same law as the draws, and circles of 30 points with noise .05 follow it (Modrák et al.
+    2023). Draws of the posterior, normal with the bound about the fit, have uniform ranks of both. False alarms: 3e-3.
+    """
+    rng = np.random.default_rng(20)
+    ranks = {"prior": [], "posterior": []}
+    for _ in range(150):
+        truth = np.array([0.0, 0.0, 1.0]) + 0.05 * rng.standard_normal(3)
+        angle = rng.uniform(0, 2 * np.pi, 30)
+        u = np.array([np.cos(angle), np.sin(angle)])
+        x = truth[:2, None] + truth[2] * u + 0.05 * rng.standard_normal(u.shape)
+        precision = np.linalg.inv(study.crlb(u.T, 0.05)) + np.eye(3) / 0.05**2
+        fit = study.fit(x.T, "mle", noise=0.05)
+        mean = np.append(fit.center, fit.radius) - [0.0, 0.0, 1.0]
+        mean = np.linalg.solve(precision, np.linalg.inv(study.crlb(u.T, 0.05)) @ mean) + [0.0, 0.0, 1.0]
+        for name, middle, covariance in (
+            ("prior", np.array([0.0, 0.0, 1.0]), 0.05**2 * np.eye(3)),
+            ("posterior", mean, np.linalg.inv(precision)),
+        ):
+            draws = rng.multivariate_normal(middle, covariance, 400) - truth
+            noise = np.full(401, 0.05)
+            rank = chain_task.likelihood_rank("geometric", x, truth, draws, noise)
+            ranks[name].append((np.mean(draws[:, 0] < 0), rank))
+    uniform = {
+        name: [stats.kstest(column, "uniform").pvalue for column in np.transpose(rows)] for name, rows in ranks.items()
+    }
+    assert uniform["prior"][0] > 1e-3
+    assert uniform["prior"][1] < 1e-10
+    assert min(uniform["posterior"]) > 1e-3
+
+
 def test_trials_without_a_sphere(tmp_path):
     """Of d + 1 samples, and of noise far beyond the radius: rows with a status, NaN where there is no number."""
     text = config(2, {"box": 1e-3, "noise": '"known"'}, samples=3, noise=[1e-3, 50.0], trials=2)
@@ -712,5 +778,6 @@ def test_what_is_printed(sharp):
     assert words[0] == "100"
     assert words[3:6] == ["geometric", "known", "1/1"]
     shift = beside[[f"away_{e}" for e in names]].abs().max(axis=None)
-    assert words[6:] == [f"{shift:.2f}", f"{ratio.min():.2f}", "…", f"{ratio.max():.2f}", f"{found['tau'].max():.0f}"]
+    numbers = [f"{shift:.2f}", f"{ratio.min():.2f}", "…", f"{ratio.max():.2f}", f"{found['tau'].max():.0f}"]
+    assert words[6:] == [*numbers, f"{found['rhat'].max():.3f}"]
     assert "calibration of 1 chains" in lines[3]
