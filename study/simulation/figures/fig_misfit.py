@@ -6,9 +6,10 @@ is three times as large, the ± is a third of what it should be. Medians are of 
 fit without a number counts as infinite. Bars are 95 % intervals, as if the laws had draws of their own; they have the
 same normal numbers behind them, so differences are more precise than the bars.
 
-Look at: tails do no harm (Laplace). Noise along the radius alone neither, as the error across it does not count. Noise
-that remembers is harmless where neighbouring rows lie anywhere on the cap, and not on a path. An error of form costs
-most where its length is about that of the cap: it looks like another sphere.
+Look at: tails do no harm (Laplace), nor does noise along the radius alone, as the error across it does not count. Noise
+that remembers costs most on a path, and on large caps in any order: there the error is that of a mean. An error of form
+of the size of σ costs most where its length is some .4 of the cap: it looks like another sphere. GDKE loses less on a
+small cap, because its bias is there in any case.
 """
 
 from dataclasses import dataclass
@@ -16,12 +17,11 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from study import style
 from study.simulation.experiment.conditions import DIRECTIONS, LAW
 from study.simulation.experiment.noise import NORMAL, has_equal_covariance
-from study.simulation.figures.figure import NotApplicable, Tables, at_first
+from study.simulation.figures.figure import NotApplicable, Tables, at_first, handle, look
 
 _MOST = 4
 """Angles and laws of directions that are shown, the first ones."""
@@ -54,8 +54,7 @@ def prepare(tables: Tables) -> MisfitFrame:
         NotApplicable: unless the design is a grid of several laws of the noise, the normal one and one with structure
             among them.
     """
-    if tables.design != "grid":
-        raise NotApplicable('needs many trials of each condition: kind = "grid" in the config')
+    tables.require_grid()
     laws = set(tables.summary[LAW.name]) if LAW.name in tables.summary else set()
     if NORMAL not in laws or all(map(has_equal_covariance, laws)):
         raise NotApplicable(f"needs {LAW.name} with {NORMAL} and one of structure, such as memory(0.9), in the grid")
@@ -94,7 +93,9 @@ def draw(frame: MisfitFrame) -> Figure:
     height = 1.25 + 1.9 * len(directions)
     figure = Figure(figsize=(style.PAGE, height))
     axes = figure.subplots(len(directions), len(angles), sharex=True, sharey=True, squeeze=False)
-    figure.subplots_adjust(left=0.08, right=0.99, bottom=0.85 / height, top=1.0 - 0.5 / height, wspace=0.06, hspace=0.2)
+    figure.subplots_adjust(
+        left=0.105, right=0.99, bottom=0.85 / height, top=1.0 - 0.5 / height, wspace=0.06, hspace=0.2
+    )
     for row, law in zip(axes, directions, strict=True):
         for ax, angle in zip(row, angles, strict=True):
             part = frame.medians[(frame.medians["directions"] == law) & (frame.medians["angle"] == angle)]
@@ -107,12 +108,9 @@ def draw(frame: MisfitFrame) -> Figure:
                     places + _DODGE * (number - 0.5 * (len(names) - 1)),
                     np.where(np.isfinite(mine["ratio"]), mine["ratio"], np.nan),
                     yerr=1.96 * np.where(np.isfinite(mine["error"]), mine["error"], np.nan),
-                    color=style.color(name),
-                    marker=style.marker(name),
-                    markersize=3.2,
-                    markeredgewidth=0.0,
                     linestyle="",
                     elinewidth=1.0,
+                    **look(name, 3.2),
                 )
             ax.set_title(f"$φ$ = {angle:g}°, directions: {law}", loc="left")
             ax.set_xticks(range(len(laws)), laws, rotation=50, ha="right", rotation_mode="anchor")
@@ -121,11 +119,7 @@ def draw(frame: MisfitFrame) -> Figure:
     ticks = [t for t in (0.5, 1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0) if t <= max(3.0, 1.2 * _largest(frame.medians))]
     axes[0, 0].set_yticks(ticks, [f"{tick:g}" for tick in ticks])
     axes[0, 0].minorticks_off()
-    handles = [
-        Line2D([], [], color=style.color(name), marker=style.marker(name), markersize=3.5, linestyle="", label=label)
-        for name, label in ((name, style.label(name)) for name in names)
-    ]
-    figure.legend(handles=handles, loc="upper center", ncols=8, columnspacing=1.2)
+    figure.legend(handles=list(map(handle, names)), loc="upper center", ncols=8, columnspacing=1.2)
     style.stamp(figure, f"$N$ = {frame.samples:,}, $σ/r$ = {frame.noise:g} · {frame.stamp}")
     return figure
 
