@@ -20,7 +20,7 @@ paper: $(VENV)/.compiled results/cost.parquet
 	echo "The paper's 1000 trials, and ten studies that its claims need:"; \
 	$(BIN)/study run $(CONFIGS); \
 	echo "Figures, verdicts, and one page about everything:"; \
-	$(BIN)/study report $(CONFIGS) --cost results/cost.parquet --bench results/bench.csv \
+	$(BIN)/study report $(CONFIGS) --cost results/cost.parquet --bench results/bench.csv --readings results/readings.csv \
 	    --figures results/figures --claims --out results/report.html; \
 	cp $(PICTURES:%=results/figures/%.png) $(PICTURES:%=results/figures/%.svg) figures/; \
 	echo "The reference run in this repository, and this one:"; \
@@ -85,6 +85,7 @@ tables: paper
 	@set -e; \
 	$(BIN)/study run $(QUOTED:%=configs/%.toml); \
 	$(BIN)/study run benchmarks/em_vmf.toml --plugin benchmarks/em_vmf.py; \
+	$(BIN)/study readings --cost results/cost.parquet --out results/readings.csv; \
 	for name in regret regret-circles; do $(BIN)/study regret $$name --csv results/$$name.csv; done; \
 	$(BIN)/study coverage configs/coverage.toml; \
 	cp results/coverage/fig_coverage.png figures/; \

@@ -30,6 +30,7 @@ from study.simulation.commands import (
     diff,
     estimators,
     plan,
+    readings,
     regret,
     report,
     run_folder,
@@ -311,7 +312,7 @@ def replay(folder: Folder, cell: Cell, trial: Trial = None, out: PointsOut = Non
 
 _GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
     "Studies": (configs, plan, run, status, posterior, coverage, worker),
-    "Results": (summary, claims, figures, report, worst, replay, regret, diff, verify, archive),
+    "Results": (summary, claims, readings, figures, report, worst, replay, regret, diff, verify, archive),
     "Points and estimators": (fit, estimators, check, certify, cost),
     "Recordings": (recording, joint, joints, skeleton, live, case_study, synthetic, fetch, markersets),
 }

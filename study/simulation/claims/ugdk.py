@@ -80,6 +80,7 @@ def _judge_bias(numbers: list[Number]) -> Verdict:
 def _measure_error(evidence: Evidence) -> list[Number]:
     grid = rows_of(evidence.errors("power-law", "error"), "ugdk")
     paper = rows_of(evidence.errors("paper", "error", "bound"), "ugdk")
+    average, word = evidence.average, evidence.rules.average
     relative = np.asarray(relative_noise(paper), dtype=float)
     small, large = relative < 0.01, relative >= 1.0
     samples = paper["samples"].to_numpy(dtype=float)
@@ -88,19 +89,25 @@ def _measure_error(evidence: Evidence) -> list[Number]:
     ok = int(np.sum(paper["status"].to_numpy()[large] == Status.OK))
     return [
         exponent(
-            "exponent of N in the median error, all fits, σ = .02 r", at, np.asarray(error_over(grid, "radius")), at
+            f"exponent of N in the {word} error, {evidence.fits}, σ = .02 r",
+            at,
+            np.asarray(error_over(grid, "radius")),
+            at,
+            average,
         ),
         exponent(
-            "exponent of σ in the median of error over bound, all fits, σ < .01 r",
+            f"exponent of σ in the {word} of error over bound, {evidence.fits}, σ < .01 r",
             relative[small],
             np.asarray(error_over(paper, "bound"))[small],
             decade(relative[small]),
+            average,
         ),
         exponent(
-            "exponent of N in the median of error over σ, all fits, σ ≥ r",
+            f"exponent of N in the {word} of error over σ, {evidence.fits}, σ ≥ r",
             samples[large],
             as_computed[large],
             decade(samples[large]),
+            average,
         ),
         Number.of("share of fits that are ok, σ ≥ r", share(ok, int(large.sum())), int(large.sum())),
     ]
