@@ -31,7 +31,7 @@ from study.simulation.analysis.regret import JointMarkers, joint_markers
 from study.simulation.experiment.conditions import STORED
 from study.simulation.runs import schemas
 from study.simulation.runs.run_folder import Run
-from study.simulation.statistics import FAR, UNKNOWN, Measure, mean, power_law, quantile
+from study.simulation.statistics import FAR, UNKNOWN, Measure, mean, power_law, quantile, share
 from study.toml import Frozen
 
 Average = Callable[[Floats, int], Measure]
@@ -264,6 +264,12 @@ class Number(NamedTuple):
     def of(cls, words: str, measure: Measure, trials: int) -> "Number":
         """A measure with its name."""
         return cls(words, measure.value, measure.error, trials)
+
+    @classmethod
+    def share(cls, words: str, values: "Bools | Floats | pd.Series[bool]", least: int = 1) -> "Number":
+        """Share of the data sets that are true, in part if values are between 0 and 1; unknown below so many."""
+        total = int(np.size(values))
+        return cls.of(words, share(float(np.sum(values)), total) if total >= least else UNKNOWN, total)
 
     @classmethod
     def unknown(cls, words: str) -> "Number":

@@ -24,7 +24,7 @@ from study.simulation.claims.claim import (
     rows_of,
 )
 from study.simulation.claims.recordings import hinge_spreads
-from study.simulation.statistics import UNKNOWN, Measure, share
+from study.simulation.statistics import Measure
 
 # efficient where the noise is below the radius ---------------------------------------------------------------------
 
@@ -75,9 +75,8 @@ def _measure_troubles(evidence: Evidence) -> list[Number]:
     for name in _PAPERS:
         rows = rows_of(errors, name)
         useless = (error_over(rows, "radius") > _USELESS)[relative_noise(rows) >= 1.0]
-        measure = share(int(useless.sum()), len(useless)) if len(useless) >= LEAST else UNKNOWN
         words = f"share of trials, σ ≥ r, in which {name.upper()}'s error exceeds half the radius"
-        numbers.append(Number.of(words, measure, len(useless)))
+        numbers.append(Number.share(words, useless, LEAST))
     return numbers
 
 

@@ -23,7 +23,6 @@ from study.simulation.claims.claim import (
     median,
     relative_noise,
 )
-from study.simulation.statistics import UNKNOWN, share
 
 _ABOUT_RADIUS = (0.3, 3.0)
 """Errors over r that count as equal to the radius."""
@@ -41,12 +40,6 @@ _CLEAR = 3
 """Least number of outliers that is no accident."""
 _FEW = 5
 """Least number of outliers behind a median; there are fewer of them than of other fits."""
-
-
-def _count(words: str, flags: "pd.Series[bool]") -> Number:
-    """Share of data sets whose flag is true; unknown if there are too few."""
-    total = len(flags)
-    return Number.of(words, share(int(flags.sum()), total) if total >= LEAST else UNKNOWN, total)
 
 
 def _clear(number: Number) -> bool:
@@ -76,7 +69,7 @@ def _measure_mle(evidence: Evidence) -> list[Number]:
         return [Number.unknown(words)]
     outliers, relative, noise = _mle_outliers(errors, far)
     low, high = _NOISE_ABOUT_RADIUS
-    result = _count(words, outliers[(noise >= low) & (noise <= high)])
+    result = Number.share(words, outliers[(noise >= low) & (noise <= high)], LEAST)
     if math.isnan(result.value) or result.value == 0.0:
         return [result]
     residual = by_estimator(errors, errors["noise_variance"])[list(starts)][outliers].fillna(math.inf)
@@ -88,23 +81,26 @@ def _measure_mle(evidence: Evidence) -> list[Number]:
     other = (quiet["mle_mirror"] - quiet["mle"]).abs() > _TWO_MINIMA * quiet["mle"]
     return [
         result,
-        Number.of(
+        Number.share(
             "share of these outliers whose error the best minimum from three starts reduces to a third or less",
-            share(int(cured.sum()), len(cured)) if len(cured) >= _FEW else UNKNOWN,
-            len(cured),
+            cured,
+            _FEW,
         ),
         Number.of("GDKE's error over MLE's in these outliers, median", median(of_gdke / of_mle, _FEW), len(cured)),
         Number.of("σ/r of these outliers, median", median(noise[outliers], _FEW), len(cured)),
-        _count("share of trials, σ < .01 r, in which a start beyond the points ends at another minimum", other),
+        Number.share(
+            "share of trials, σ < .01 r, in which a start beyond the points ends at another minimum", other, LEAST
+        ),
         _runaways(relative, by_estimator(errors, errors["status"])),
     ]
 
 
 def _runaways(relative: pd.DataFrame, status: pd.DataFrame) -> Number:
     """Share of MLE fits that are ok and yet so far off that their sphere is a plane."""
-    return _count(
+    return Number.share(
         "share of all trials in which MLE's error exceeds 10⁴ r and its status is ok",
         (relative["mle"] > 1e4) & (status["mle"] == Status.OK),
+        LEAST,
     )
 
 
@@ -139,16 +135,19 @@ def _measure_small(evidence: Evidence) -> list[Number]:
     noise = by_estimator(errors, relative_noise(errors))["gdke"]
     small, middle = (noise > _ROUNDING) & (noise < _SMALL), (noise >= 10.0 * _SMALL) & (noise < _LARGE)
     numbers = [
-        _count(f"share of outliers of LLS, 1e-12 r < σ < 1e-6 r, {words}", _numerical(errors, name, far)[small])
+        Number.share(
+            f"share of outliers of LLS, 1e-12 r < σ < 1e-6 r, {words}", _numerical(errors, name, far)[small], LEAST
+        )
         for name, words in _VERSIONS.items()
     ]
     above = pd.concat([_numerical(errors, name, far)[middle] for name in ("lls_nr_raw", "lls_nr")])
-    numbers.append(_count("share of outliers of LLS, 1e-5 r ≤ σ < 1e10 r, both cuts", above))
+    numbers.append(Number.share("share of outliers of LLS, 1e-5 r ≤ σ < 1e10 r, both cuts", above, LEAST))
     below = by_estimator(paper, relative_noise(paper))["gdke"] < _SMALL
     numbers.append(
-        _count(
+        Number.share(
             "share of outliers of LLS, paper's design, σ < 1e-6 r, no singular values cut",
             _numerical(paper, "lls", far)[below],
+            LEAST,
         )
     )
     return numbers
@@ -172,10 +171,9 @@ def _measure_place(evidence: Evidence) -> list[Number]:
     numbers = []
     for name in ("lls_nr", "lls_nr_raw"):
         result = relative[name][_numerical(errors, name, far) & (noise > _ROUNDING) & (noise < _SMALL)].to_numpy()
-        near = share(int(np.sum(np.abs(result - 1.0) <= _ON_SPHERE)), len(result)) if len(result) >= _FEW else UNKNOWN
-        words = _VERSIONS[name]
+        near, words = np.abs(result - 1.0) <= _ON_SPHERE, _VERSIONS[name]
         numbers.append(Number.of(f"median error over r of LLS's outliers, {words}", median(result, _FEW), len(result)))
-        numbers.append(Number.of(f"share of these outliers within r/10 of the sphere, {words}", near, len(result)))
+        numbers.append(Number.share(f"share of these outliers within r/10 of the sphere, {words}", near, _FEW))
     return numbers
 
 
@@ -199,18 +197,22 @@ def _measure_large(evidence: Evidence) -> list[Number]:
     beyond = by_estimator(paper, relative_noise(paper))["gdke"] > _LARGE
     edge = float(np.min(first)) if len(first) else math.inf
     return [
-        _count(
-            "share of outliers or failures of LLS, σ > 1e10 r, double precision", _numerical(errors, "lls", far)[large]
+        Number.share(
+            "share of outliers or failures of LLS, σ > 1e10 r, double precision",
+            _numerical(errors, "lls", far)[large],
+            LEAST,
         ),
-        _count("share of outliers or failures of LLS, σ > 1e10 r, single precision", single[large]),
-        _count(
+        Number.share("share of outliers or failures of LLS, σ > 1e10 r, single precision", single[large], LEAST),
+        Number.share(
             "share of outliers or failures of LLS, r ≤ σ ≤ 1e9 r, single precision",
             single[(noise >= 1.0) & (noise <= 1e9)],
+            LEAST,
         ),
         Number("smallest σ/r at which sums in single precision overflow", edge, 0.0, len(noise)),
-        _count(
+        Number.share(
             "share of outliers or failures of LLS, paper's design, σ > 1e10 r, double precision",
             _numerical(paper, "lls", far)[beyond],
+            LEAST,
         ),
     ]
 

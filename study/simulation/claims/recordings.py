@@ -27,7 +27,7 @@ from study.simulation.claims.claim import (
     within,
 )
 from study.simulation.runs import schemas
-from study.simulation.statistics import UNKNOWN, Measure, mean, share
+from study.simulation.statistics import Measure, mean, share
 
 
 def _measure_power(evidence: Evidence) -> list[Number]:
@@ -113,11 +113,9 @@ def hinge_spreads(spreads: pd.DataFrame) -> list[Number]:
     """Shares of spreads of a centimetre or more, above 200 samples with every axis fitted: of hinges, and of others."""
     numbers, many = [], spreads[spreads["samples"] > _MANY]
     for words, part in (("hinges", many[many["hinge"]]), ("other joints", many[~many["hinge"]])):
-        far = 1.0 - _below(part, "with_axes")
-        joints = _per_joint(far)
+        joints = _per_joint(1.0 - _below(part, "with_axes"))
         words = f"share of spreads of 1 cm or more, above {_MANY} samples, every axis fitted: {len(joints)} {words}"
-        measure = share(float(joints.sum()), len(joints)) if len(joints) >= _FEWEST_HINGES else UNKNOWN
-        numbers.append(Number.of(words, measure, len(joints)))
+        numbers.append(Number.share(words, joints, _FEWEST_HINGES))
     return numbers
 
 

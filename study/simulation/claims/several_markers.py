@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from study.arrays import Bools, Floats
+from study.arrays import Floats
 from study.simulation.analysis.regret import JointMarkers, fit_joints
 from study.simulation.claims.claim import Claim, Evidence, Number, Verdict, only_known, ratio
-from study.simulation.statistics import Measure, quantile, share
+from study.simulation.statistics import Measure, quantile
 
 
 def _alone(joint: JointMarkers) -> Floats:
@@ -46,14 +46,12 @@ def _measure_averaging(evidence: Evidence) -> list[Number]:
         if side is not None:
             side[0].append(_together(joint, weighted=True) / unit)
             side[1].append(best[-1])
-    nearer = int(sum(np.sum(b < w) for b, w in zip(both, worst, strict=True)))
+    nearer = np.concatenate([b < w for b, w in zip(both, worst, strict=True)] or [np.empty(0, dtype=bool)])
     without = ratio(_median(both), _median(outer))
     words = "median error of all fits: eq. 22 with all markers over"
     return [
         Number.of(f"{words} the best marker alone", ratio(_median(both), _median(best)), trials),
-        Number.of(
-            "share of trials in which eq. 22 errs less than the worst marker alone", share(nearer, trials), trials
-        ),
+        Number.share("share of trials in which eq. 22 errs less than the worst marker alone", nearer),
         *only_known(
             [
                 Number.of(f"{words} eq. 22 without the innermost marker", without, trials),
@@ -95,30 +93,21 @@ def _measure_definite(evidence: Evidence) -> list[Number]:
         names.append(f"σ = {sigma:g}")
     if not summed:
         return [Number.unknown("share of trials in which the sum of matrices is positive definite")]
-    shares = [_share(each) for each in summed]
-    least = int(np.argmin([s.value for s in shares]))
+    least = int(np.argmin([np.mean(definite) for definite in summed]))
     every, each_one = np.concatenate(summed), np.concatenate(single, axis=1)
     sound = each_one.all(axis=0)
-    outermost = _share(single[least][-1])
-    trials = len(summed[least])
     words = "share of positive definite matrices:"
     failed = f"{words} the sum, in trials where some marker's is not"
-    theorem = _share(every[sound]) if sound.any() else Measure(1.0, 0.0)  # it holds where nothing contradicts it
+    theorem = Number.share(f"{words} the sum, in trials where every marker's is", every[sound])
     return [
-        Number.of(f"{words} the sum, in trials where every marker's is", theorem, int(sound.sum())),
-        Number.of(
-            "share of trials in which every marker's matrix is positive definite", _share(np.asarray(sound)), len(every)
-        ),
-        Number.of(f"{words} the sum, at the noise where it is smallest, {names[least]}", shares[least], trials),
-        Number.of(f"{words} the sum, over all noises", _share(every), len(every)),
-        Number.of(f"{words} a single marker's, over all noises", _share(each_one), len(every)),
-        Number.of(f"{words} the outermost marker's, {names[least]}", outermost, trials),
-        *only_known([Number.of(failed, _share(every[~sound]), int((~sound).sum()))]),
+        theorem if sound.any() else Number(theorem.words, 1.0, 0.0, 0),  # it holds where nothing contradicts it
+        Number.share("share of trials in which every marker's matrix is positive definite", np.asarray(sound)),
+        Number.share(f"{words} the sum, at the noise where it is smallest, {names[least]}", summed[least]),
+        Number.share(f"{words} the sum, over all noises", every),
+        Number.share(f"{words} a single marker's, over all noises", each_one),
+        Number.share(f"{words} the outermost marker's, {names[least]}", single[least][-1]),
+        *only_known([Number.share(failed, every[~sound])]),
     ]
-
-
-def _share(values: Bools) -> Measure:
-    return share(int(np.sum(values)), values.size)
 
 
 def _judge_definite(numbers: list[Number]) -> Verdict:

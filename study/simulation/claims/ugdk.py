@@ -60,12 +60,11 @@ def _measure_bias(evidence: Evidence) -> list[Number]:
     last = rows_of(both, "ugdk")
     last = last[last["samples"] == last["samples"].max()]
     bias = mean((last["error_1"] * last["samples"] / last["radius"]).to_numpy())
-    failed = int(np.sum(ugdk["status"] != Status.OK))
     return [
         _bias_exponent(both, "ugdk"),
         _bias_exponent(both, "gdke"),
         Number.of(f"UGDK's bias times N/r at the largest N, {_BOTH}", bias, len(last)),
-        Number.of("share of UGDK's fits that are not ok", share(failed, len(ugdk)), len(ugdk)),
+        Number.share("share of UGDK's fits that are not ok", ugdk["status"] != Status.OK),
     ]
 
 
@@ -86,7 +85,6 @@ def _measure_error(evidence: Evidence) -> list[Number]:
     samples = paper["samples"].to_numpy(dtype=float)
     as_computed = (paper["error"] / paper["noise"]).fillna(math.inf).to_numpy()
     at = grid["samples"].to_numpy(dtype=float)
-    ok = int(np.sum(paper["status"].to_numpy()[large] == Status.OK))
     return [
         exponent(
             f"exponent of N in the {word} error, {evidence.fits}, σ = .02 r",
@@ -109,7 +107,7 @@ def _measure_error(evidence: Evidence) -> list[Number]:
             decade(samples[large]),
             average,
         ),
-        Number.of("share of fits that are ok, σ ≥ r", share(ok, int(large.sum())), int(large.sum())),
+        Number.share("share of fits that are ok, σ ≥ r", paper["status"].to_numpy()[large] == Status.OK),
     ]
 
 
@@ -126,12 +124,8 @@ def _measure_condition(evidence: Evidence) -> list[Number]:
     errors = center_errors(cell)
     held = int(np.sum(inside(errors, np.array([robust_sd(e) for e in errors.T]), _LEVEL)))
     return [
-        Number.of(
-            f"share of trials with ρ below {PAPER_CONDITION}",
-            share(int(np.sum(condition < PAPER_CONDITION)), trials),
-            trials,
-        ),
-        Number.of("share of trials with ρ < 1", share(int(np.sum(condition < 1.0)), trials), trials),
+        Number.share(f"share of trials with ρ below {PAPER_CONDITION}", condition < PAPER_CONDITION),
+        Number.share("share of trials with ρ < 1", condition < 1.0),
         Number.of("share of trials whose 95 % ellipse contains the true centre", share(held, trials), trials),
         Number.of("median of ρ", quantile(condition, 0.5), trials),
     ]
