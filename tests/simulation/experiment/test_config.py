@@ -234,8 +234,8 @@ def test_cells_of_many_samples_have_fewer_trials():
     for limit, expected in ((5000, {10: 500, 100: 50, 1000: 5}), (500, {10: 50, 100: 5, 1000: 1})):
         found = dict.fromkeys(expected, 0)
         for unit in units(parse(GRID.format("", f"most_samples = {limit}"))):
-            for batch in unit.batches:
-                found[batch.samples] += batch.trials
+            for batch in unit.parts(0):
+                found[batch.group.samples] += batch.trials
         assert found == expected
 
 
