@@ -198,6 +198,7 @@ def skeleton(
     from study.recordings.export import planned_files, write_file
     from study.recordings.export.tree import ExportedMotion, RestPose, angle_lines
     from study.recordings.library import (
+        draw,
         overruled,
         printable,
         read_recording,
@@ -233,7 +234,7 @@ def skeleton(
     if calibration is not None and not force:
         require_same_subject(used, match.recording, refit)
     used = refit_shapes(used, match.recording) if refit else used
-    drawn = draw_skeleton(used, match.recording)
+    drawn = draw.draw_skeleton(used, match.recording)
     scene = skeleton_scene(drawn, match.recording, remarks)
     if not as_json:
         print_lines([*skeleton_lines(scene), *angle_lines(used)])
