@@ -159,10 +159,14 @@ def frame_errors(scene: Scene) -> Floats:
     errors = np.full(scene.centers.shape, np.nan)
     squares = np.nan_to_num(scene.errors) ** 2
     for joint, (turns, flags) in enumerate(zip(scene.orientations, scene.flags, strict=True)):
-        shown = (flags != Flag.UNKNOWN) & ~np.isnan(turns[:, 0])
-        if shown.any() and not np.isnan(scene.errors[joint]).all():
-            axes = Rotation.from_quat(turns[shown]).as_matrix()
-            errors[joint][:, shown] = np.sqrt((axes**2 @ squares[joint]).T + scene.bridging[joint][:, shown])
+        if np.isnan(scene.errors[joint]).all():
+            continue
+        known, turned = flags != Flag.UNKNOWN, ~np.isnan(turns[:, 0])
+        variance = np.full((3, len(flags)), squares[joint].max())  # of a joint that its child alone shows, the largest
+        if (known & turned).any():
+            axes = Rotation.from_quat(turns[known & turned]).as_matrix()
+            variance[:, known & turned] = (axes**2 @ squares[joint]).T
+        errors[joint][:, known] = np.sqrt(variance + scene.bridging[joint])[:, known]
     return errors
 
 
