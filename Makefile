@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALL := $(BIN)/python -m pip install --disable-pip-version-check -c constraints.txt
 
-.PHONY: paper calibration skeleton test smoke lint numbers tables bench soak docs clean
+.PHONY: paper article calibration skeleton test smoke lint numbers tables bench soak docs clean
 .DELETE_ON_ERROR:
 
 # The paper's study, the studies that its claims need, figures (in figures/), verdicts, and one page about everything.
@@ -30,6 +30,10 @@ paper: $(VENV)/.compiled results/cost.parquet
 results/cost.parquet: $(VENV)/.run
 	$(BIN)/study cost --out $@
 
+# The replication report from the stored tables, results/article.pdf, with metadata.yaml and codecheck.yml.
+article: $(VENV)/.article
+	$(BIN)/python docs/make_article.py
+
 # Posteriors of many trials: how often they, and the estimators' own error ellipsoids, cover the truth. Takes minutes.
 calibration: $(VENV)/.run
 	@set -e; \
@@ -39,7 +43,7 @@ calibration: $(VENV)/.run
 	    $(BIN)/study figures configs/$$name.toml fig_calibration; \
 	done
 
-QUOTED := regret regret-circles efficiency robustness robust precision map
+QUOTED := regret regret-circles published efficiency robustness robust precision map
 
 # A synthetic recording, so that nothing is downloaded: its joints, its skeleton, a figure, a page that shows it.
 BODY := results/recordings/body
@@ -85,6 +89,7 @@ tables: paper
 	$(BIN)/study coverage configs/coverage.toml; \
 	cp results/coverage/fig_coverage.png figures/; \
 	for name in regret robustness map; do $(DRAW) configs/$$name.toml fig_$$name; done; \
+	$(BIN)/study certify --table results/certify.csv; \
 	$(BIN)/python docs/reference_tables.py; \
 	$(BIN)/python benchmarks/stopping.py; \
 	$(BIN)/python benchmarks/false_alarms.py; \
@@ -141,6 +146,10 @@ $(VENV)/.bench: $(VENV)/.dev
 
 $(VENV)/.docs: $(VENV)/.mocap
 	$(INSTALL) -e '.[docs]'
+	touch $@
+
+$(VENV)/.article: $(VENV)/.installed
+	$(INSTALL) -e '.[article]'
 	touch $@
 
 $(VENV)/.dev: $(VENV)/.installed

@@ -33,7 +33,7 @@ import pandas as pd
 
 ROOT = Path(__file__).resolve().parents[1]
 WORDS = ["none", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve"]
-NUMBER = rf"[-\d][\d.,]*\d(?:\ %)?|\d(?:\ %)?|\.\d+(?:\ %)?|{'|'.join(WORDS)}"
+NUMBER = rf"[-\d][\d.,]*\d(?:e-?\d+|\ %)?|\d(?:\ %)?|\.\d+(?:\ %)?|{'|'.join(WORDS)}"
 PLACE = re.compile(r"\{(\w+)(?::([^}]*))?\}")
 TABLE = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 UNMEASURED = re.compile(r"^```.*?^```|^(?: {4}|\t).*?$|`[^`\n]*`|<!-- (?:made|table).*?<!-- end -->", re.M | re.S)
@@ -172,7 +172,7 @@ class Bound:
 
     def _unbound(self, path: str, text: str, bound: list[tuple[int, int]]) -> Iterator[tuple[int, str]]:
         """Numbers of prose that look measured and stand in no phrase."""
-        if not path.endswith(".md"):
+        if not path.endswith((".md", ".typ")):
             return
         spans = [*bound, *(match.span() for match in UNMEASURED.finditer(text))]
         for phrase in [*self.given.get("everywhere", []), *self.given.get(path, [])]:

@@ -4,7 +4,9 @@ Each function takes the stored tables by their names in `docs/numbers.toml`, and
 """
 
 import math
+import tomllib
 from collections.abc import Callable
+from pathlib import Path
 
 import pandas as pd
 
@@ -12,17 +14,12 @@ from study.simulation import coverage
 
 MANY_POINTS = 10_000
 """From here on false alarms were measured in a few cells only."""
+RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 Tables = Callable[[str], pd.DataFrame]
 
-TAKE = {
-    "corrected": "by default: no bias for many samples, wherever on the sphere they lie",
-    "fuller": "for a closed form: `als` without its heavy tail",
-    "als": "for streams (`study.Incremental`)",
-    "mle": "at low noise; with much noise and many samples it errs up to {worst:.0f} times the best",
-    "taubin": "-",
-    "gdke": "where noise hides the sphere: it stays near the points",
-}
-"""When to take an estimator; ``worst`` is its greatest median error over that of the best estimator of the cell."""
+with open(Path(__file__).with_name("numbers.toml"), "rb") as _file:
+    TITLES = tomllib.load(_file)["titles"]
+"""For each table the words of its rows."""
 PLAIN = ["mle", "corrected", "als", "taubin", "gdke"]
 """Least-squares estimators; `lls` is `gdke`."""
 
@@ -30,14 +27,65 @@ PLAIN = ["mle", "corrected", "als", "taubin", "gdke"]
 def regret(tables: Tables) -> str:
     """Regret of the estimators over all cells in space, the least median first."""
     table = tables("regret")
-    whole = table[(table["samples"] == 0) & table["estimator"].isin(list(TAKE))]
+    whole = table[(table["samples"] == 0) & table["estimator"].isin(list(TITLES["regret"]))]
     rows = []
     for row in whole.sort_values("median", kind="stable").to_dict("records"):
         name = row["estimator"]
         numbers = [f"{row[key]:.3f} ± {_short(row[f'{key}_error'], 3)}" for key in ("median", "q95")]
-        rows.append([f"`{name}`", *numbers, TAKE[name].format(worst=row["median_worst"])])
+        rows.append([f"`{name}`", *numbers, TITLES["regret"][name].format(worst=row["median_worst"])])
     rows.append(["`robust`", "-", "-", "with outliers: least trimmed squares, then `mle` of the rest"])
     return _markdown(["estimator", "median error", "95 % quantile", "take it"], rows)
+
+
+def certify(tables: Tables) -> str:
+    """Largest errors of the certified fits, of sets that double precision tells and of the others."""
+    rows = []
+    for (name, told), part in tables("certify").groupby(["estimator", "told"], sort=False):
+        size = 5e4 * max(part["center"].max(), part["radius"].max())
+        told_or_not = "told" if told else "not told"
+        rows.append([f"`{name}`, {told_or_not}", str(len(part)), f"{part['center'].max():.1e}"])
+        rows[-1] += [f"{part['radius'].max():.1e}", f"{size:.0e}"]
+    return _markdown(["fit", "sets", "centre", "radius", "µm on a sphere of 100 mm"], rows)
+
+
+def claim_commands(tables: Tables) -> str:
+    """For each claim the command that judges it, the seconds of its studies, and the number to expect."""
+    seconds, rows = tables("studies").set_index("study")["seconds"], []
+    for row in tables("verdicts").to_dict("records"):
+        needed = dict.fromkeys(part.split("/")[0] for part in row["reads"].split(", "))
+        studies = [name for name in needed if name in seconds]
+        words = ["study run " + " ".join(studies)] if studies else []
+        words += ["study cost --out cost.parquet"] if "cost" in needed else []
+        configs = [*studies, *(["paper"] if "cost" in needed and not studies else [])]
+        words.append(" ".join(["study claims", *(f"results/{name}-*" for name in configs)]))
+        words[-1] += " --cost cost.parquet" if "cost" in needed else ""
+        took = f"{sum(seconds[name] for name in studies):.0f}"
+        expected = f"{row['value']:.4g}" + (f" ± {row['error']:.2g}" if row["error"] > 0 else "")
+        if not configs:
+            words, took, expected = ["study claims RUN --recording DIR"], "-", "needs a recording"
+        commands = "; ".join(f"`{each}`" for each in words)
+        rows.append([str(row["number"]), row["section"], row["quantity"], commands, took, expected, row["verdict"]])
+    return _markdown(["", "§", "quantity", "commands", "seconds", "expected", "verdict"], rows)
+
+
+def criteria(tables: Tables) -> str:
+    """The criterion of each verdict."""
+    table = tables("verdicts").to_dict("records")
+    return _markdown(
+        ["", "statement", "criterion"], [[str(r["number"]), r["statement"], r["criterion"]] for r in table]
+    )
+
+
+def published(tables: Tables) -> str:
+    """Mean squared errors of others beside those of the same fits here."""
+    names = TITLES["published"]
+    rows = []
+    for row in tables("published").to_dict("records"):
+        far = (row["mse"] - row["published"]) / row["mse_error"]
+        theirs = [f"{row['published']:.4f}", f"{far:.1f}"] if math.isfinite(far) else ["-", "-"]
+        ours = [_with_error(row["mse"], row["mse_error"]), _with_error(row["bias"], row["bias_error"])]
+        rows.append([names[row["estimator"]], f"`{row['estimator']}`", theirs[0], ours[0], theirs[1], ours[1]])
+    return _markdown(["theirs", "here", "published", "here, 10⁴ MSE", "difference in errors", "10² bias"], rows)
 
 
 def coverage_short(tables: Tables) -> str:
@@ -69,16 +117,8 @@ def coverage_cells(tables: Tables) -> str:
 def decades(tables: Tables) -> str:
     """Median error over the bound in some decades of noise, in the paper's own design."""
     table, rows = tables("paper"), []
-    for decade, title in {
-        -13: "10⁻¹³",
-        -9: "10⁻⁹",
-        -5: "10⁻⁵",
-        -3: "10⁻³",
-        -2: "10⁻²",
-        -1: "10⁻¹",
-        0: "1",
-        2: "100",
-    }.items():
+    for decade in (-13, -9, -5, -3, -2, -1, 0, 2):
+        title = {0: "1", 2: "100"}.get(decade, f"10{str(decade).translate(RAISED)}")
         part = table[table["decade"] == decade].set_index("estimator")
         cells = []
         for name in ("mle", "lls", "gdke", "ugdk"):
@@ -165,35 +205,16 @@ def _percent(share: float, error: float) -> str:
 
 def laws(tables: Tables) -> str:
     """Error under laws of other tails."""
-    titles = {
-        "uniform": "uniform (−1.2)",
-        "normal": "normal (0)",
-        "student(10)": "t₁₀ (1)",
-        "laplace": "Laplace (3)",
-        "student(5)": "t₅ (6)",
-        "student(3)": "t₃ (∞)",
-    }
     table = tables("robustness")
-    made = _by_angle(table, "law", list(titles), PLAIN, [])
-    return made.replace(made.split("\n")[0], "| law (excess kurtosis) | " + " | ".join(titles.values()) + " |")
+    made = _by_angle(table, "law", list(TITLES["laws"]), PLAIN, [])
+    return made.replace(made.split("\n")[0], "| law (excess kurtosis) | " + " | ".join(TITLES["laws"].values()) + " |")
 
 
 def stopping(tables: Tables) -> str:
     """Coverage of the numbers of adaptive runs, on two laws with known medians."""
     table = tables("stopping").pivot(index="quantity", columns="law", values="value")
-    titles = {
-        "real standard error over target, all studies": ("spread",),
-        "the same, at each of 8 targets (± .03)": ("spread_least", "spread_greatest"),
-        "truth within 2 targets": ("two_targets",),
-        "truth within 2 stored errors": ("two_errors",),
-        "truth within 2 stored errors, with 250 / 1000 / 4000 trials fixed beforehand": (
-            "fixed_250",
-            "fixed_1000",
-            "fixed_4000",
-        ),
-    }
     rows = []
-    for title, names in titles.items():
+    for title, names in TITLES["stopping"].items():
         cells = []
         for law in ("normal", "cauchy"):
             numbers = [table.loc[name, law] for name in names]
@@ -205,15 +226,6 @@ def stopping(tables: Tables) -> str:
     return _markdown(["", "normal", "Cauchy"], rows)
 
 
-SKIN = {
-    "none": "noise alone",
-    "random": "random in time",
-    "angle": "linear in the angle, each marker its own",
-    "velocity": "linear in the velocity",
-    "cluster": "linear in the angle, common to a segment",
-}
-
-
 def skin(tables: Tables) -> str:
     """Errors of joints where skin moves the markers of synthetic bodies."""
     rows = []
@@ -221,7 +233,7 @@ def skin(tables: Tables) -> str:
         shares = [_short(row[key]) for key in ("covered", "covered_hinges", "undoubted")]
         off = f"{row['median_off_mm']:.1f} / {row['median_error_mm']:.1f}"
         far, without = _short(row["undoubted_far"], 3), _short(row["without_estimate"])
-        rows.append([SKIN[row["skin"]], row["motion"], *shares, far, without, off])
+        rows.append([TITLES["skin"][row["skin"]], row["motion"], *shares, far, without, off])
     head = ["skin", "motion", "covered", "knees, elbows", "undoubted", "undoubted, > 2 cm off"]
     head += ["no estimate", "off / stated"]
     return _markdown(head, rows)
@@ -259,64 +271,12 @@ def cluster_study(tables: Tables) -> str:
 
 def speed(tables: Tables) -> str:
     """Ratios of the stored benchmarks."""
-    table = tables("bench").set_index(["group", "what"])["ratio"]
-
-    def ratios(*places: tuple[str, str]) -> str:
-        return " / ".join(f"{table[place]:.0f}" if table[place] >= 10 else f"{table[place]:.2g}" for place in places)
-
-    whole, more = "whole loop, one thread, per sample", "one more level of noise, per sample"
-    first = "as one would first write it in NumPy"
-    moments, closed, one = (
-        "GDKE of a million samples, per sample",
-        "closed form, 3-D, N = 100, per fit",
-        "one fit, 3-D, N = 100",
-    )
-    likely = "maximum likelihood, 3-D, N = 100, per fit"
-    peers = ("scikit-guess", "compas", "trimesh", "scikit-spatial")
-    rows = [
-        [
-            "draw, bound, four estimators and errors, N = 10⁶ / 10⁵ / 10⁴ / 1000",
-            "NumPy's `standard_normal` filling the same 3 N numbers",
-            ratios(*[(whole, f"N = {n:,}") for n in (1_000_000, 100_000, 10_000, 1000)]) + " of its time",
-        ],
-        [
-            "one more level of noise of 28, N = 10⁵ / 10⁴",
-            "the same",
-            ratios((more, "N = 100,000"), (more, "N = 10,000")),
-        ],
-        [
-            "the loop one would first write in NumPy, N = 10 / 1000 / 10⁵",
-            "this one",
-            ratios(*[(f"inner loop, N = {n}, per trial", first) for n in (10, 1000, 100_000)]) + " times its time",
-        ],
-        [
-            "GDKE of 10⁶ points, (d, n) / (n, d)",
-            "reading the array",
-            ratios((moments, "array (d, n)"), (moments, "array (n, d)")) + " times",
-        ],
-        [
-            "scikit-guess / compas / trimesh / scikit-spatial, fits of 100 points in a loop",
-            "`study.fit`, 10⁴ at once",
-            ratios(*[(closed, f"{name}, in a loop") for name in peers]) + " times",
-        ],
-        ["the same, one fit", "`study.fit`", ratios(*[(one, name) for name in peers]) + " times"],
-        [
-            "scipy's Levenberg-Marquardt / odr",
-            '`study.fit(points, "mle")`',
-            ratios((likely, "scipy least_squares, Levenberg-Marquardt, in a loop"), (likely, "scipy.odr, in a loop"))
-            + " times",
-        ],
-        [
-            "circle-fit, Taubin",
-            '`study.fit(points, "taubin")`, circles',
-            ratios(("Taubin, 2-D, N = 100, per fit", "circle-fit taubinSVD, in a loop")) + " times",
-        ],
-        [
-            "biobuddy's SCoRE",
-            "the symmetric fit of a joint",
-            ratios(("SCoRE of one joint, 5202 frames", "biobuddy")) + " times",
-        ],
-    ]
+    table, rows = tables("bench").set_index(["group", "what"])["ratio"], []
+    for what, beside, group, names, words in TITLES["speed"]:
+        naive = "as one would first write it in NumPy"
+        ratios = [table[group.format(name), naive if "{}" in group else name] for name in names]
+        shown = [f"{ratio:.0f}" if ratio >= 10 else f"{ratio:.2g}" for ratio in ratios]
+        rows.append([what, beside, " / ".join(shown) + words])
     return _markdown(["what", "beside", "ratio"], rows)
 
 
@@ -355,7 +315,7 @@ def _with_error(value: float, error: float) -> str:
 
 def _short(value: float, digits: int = 2) -> str:
     """A share without the zero before its point."""
-    return f"{value:.{digits}f}".removeprefix("0")
+    return f"{value:.{digits}f}".removeprefix("0").replace("-0.", "-.")
 
 
 def _markdown(head: list[str], rows: list[list[str]]) -> str:

@@ -54,7 +54,20 @@ def precision(run: Run) -> pd.DataFrame:
     return run.table("precision")
 
 
+def published(run: Run) -> pd.DataFrame:
+    """Mean squared errors of the radius times 10⁴, as Al-Sharadqah & Chernov 2009 give them, beside the known ones."""
+    known = {"pratt": 1.5164, "taubin": 1.3451, "mle": 1.2952, "hyper": 1.2892}
+    rows = []
+    for name, errors in run.table("errors").groupby("estimator", observed=True)["radius_error"]:
+        squares = 1e4 * errors**2
+        row = {"estimator": name, "trials": len(errors), "mse": squares.mean(), "mse_error": squares.sem()}
+        row |= {"bias": 1e2 * errors.mean(), "bias_error": 1e2 * errors.sem(), "published": known.get(name)}
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
 TABLES = {
+    "published": (published, "configs/published.toml"),
     "efficiency": (efficiency, "configs/efficiency.toml"),
     "robustness": (robustness, "configs/robustness.toml"),
     "robust": (robustness, "configs/robust.toml"),
@@ -62,6 +75,20 @@ TABLES = {
     "precision": (precision, "configs/precision.toml"),
 }
 """Name of each table, the function that makes it, and the config of its run."""
+
+
+PAPERS = ["paper", "ellipse", "mgdk", "power-law", "efficiency", "outliers", "starts", "bias", "anisotropic", "markers"]
+"""Studies of `make paper` that judge the paper's claims."""
+
+
+def studies() -> pd.DataFrame:
+    """Seconds that the studies of the paper's claims took, on the machine of their runs."""
+    rows = []
+    for name in PAPERS:
+        manifest = Run.open(run_folder(str(RESULTS.parent / "configs" / f"{name}.toml"))).manifest()
+        row = {"study": name, "fits": manifest["fits"], "seconds": manifest["seconds"]}
+        rows.append(row | {"cores": manifest["machine"]["cores"], "processor": manifest["machine"]["processor"]})
+    return pd.DataFrame(rows)
 
 
 def paper() -> None:
@@ -75,12 +102,15 @@ def paper() -> None:
 
 def main() -> None:
     """Write the tables that are named, or all."""
-    for name in sys.argv[1:] or ["paper", *TABLES]:
+    for name in sys.argv[1:] or ["paper", "studies", *TABLES]:
+        path = RESULTS / f"{name}.csv"
         if name == "paper":
             paper()
             continue
+        if name == "studies":
+            studies().to_csv(path, index=False, lineterminator="\n")
+            continue
         make, config = TABLES[name]
-        path = RESULTS / f"{name}.csv"
         if name == "em-vmf":
             load(RESULTS.parent / "benchmarks" / "em_vmf.py")
         make(Run.open(run_folder(str(RESULTS.parent / config)))).to_csv(path, index=False, lineterminator="\n")

@@ -13,7 +13,7 @@ from typing import Annotated
 import typer
 
 from study import __version__, instruction_set
-from study.options import EXIT_CODES, ExitCode
+from study.options import ExitCode, GroupedHelp, shown, unchanged
 from study.recordings.commands.joints import case_study, joint, joints, live
 from study.recordings.commands.skeleton import fetch, markersets, recording, skeleton, synthetic
 from study.simulation.commands import (
@@ -40,17 +40,9 @@ from study.simulation.commands import (
     worker,
     worst,
 )
-from study.text import GroupedHelp, shown, unchanged
-
-
-class StudyCommands(GroupedHelp):
-    """The command line of this package."""
-
-    exit_codes = EXIT_CODES
-
 
 app = typer.Typer(
-    cls=StudyCommands,
+    cls=GroupedHelp,
     help="Monte-Carlo study of closed-form sphere fits (Knight & Semwal 2009).",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -96,6 +88,13 @@ Cell = Annotated[str, typer.Argument(metavar="CELL", help="name of the cell, or 
 Trial = Annotated[int | None, typer.Argument(metavar="[TRIAL]", min=0, help="number of the trial, from 0")]
 PointsOut = Annotated[Path | None, typer.Option("--out", help="file for the points, .csv or .parquet")]
 Plot = Annotated[Path | None, typer.Option("--plot", help="file for a picture of the points and the fits")]
+_PAIRS = "folders of pairs NAME.ds (a point a line) and NAME.fit (centre and diameter) [default: the package's own]"
+Pairs = Annotated[list[Path] | None, typer.Argument(metavar="FOLDER", help=_PAIRS)]
+_CERTIFIED = "name of an estimator, or minimum_zone [default: mle; without folders also gdke and minimum_zone]"
+Certified = Annotated[str | None, typer.Option("--estimator", "-e", help=_CERTIFIED)]
+Limit = Annotated[float, typer.Option("--limit", help="largest error that passes, as a share of the radius")]
+PairsOut = Annotated[Path | None, typer.Option("--out", help="folder for the package's own pairs, as files")]
+Errors = Annotated[Path | None, typer.Option("--table", help="file for the errors of every set, .csv or .parquet")]
 
 
 def run(
@@ -246,6 +245,43 @@ def fit(
         raise typer.Exit(ExitCode.TOO_MANY_FAILURES)
 
 
+def certify(
+    folders: Pairs = None,
+    estimator: Certified = None,
+    limit: Limit = 1e-9,
+    out: PairsOut = None,
+    table: Errors = None,
+) -> None:
+    """Compare fits with certified spheres.
+
+    They are the package's own, solved with 60 digits, or pairs in folders. The largest error of centre and radius is
+    printed. The exit code is 1 if an error is above the limit on a set that double precision can tell. A pair that
+    cannot be read costs the others nothing; the exit code is then 2.
+    """
+    from study.files import save_frame
+    from study.fits import certify
+
+    if not 0.0 < limit < 1.0:
+        raise typer.BadParameter(f"--limit {limit:g}: give a share of the radius between 0 and 1, such as 1e-9")
+    names = certify.chosen(estimator, own=not folders)
+    complaints: list[str] = []
+    results: dict[str, list[certify.Certificate]] = {}
+    for name in names:
+        pairs = list(certify.read_pairs(folders, complaints)) if folders else list(certify.reference_pairs(name))
+        if pairs:
+            results[name] = [certify.certificate(pair, name) for pair in pairs]
+        if out is not None:
+            certify.write_pairs(pairs, out / name)
+    for line in certify.printed(results, limit):
+        typer.echo(line)
+    if table is not None:
+        save_frame(certify.frame(results, limit), table)
+    if complaints:
+        raise typer.Exit(_complain("\n".join(complaints), ExitCode.USAGE))
+    if not all(one.passes(limit) for each in results.values() for one in each):
+        raise typer.Exit(ExitCode.FAILURE)
+
+
 def replay(folder: Folder, cell: Cell, trial: Trial = None, out: PointsOut = None, plot: Plot = None) -> None:
     """Draw one trial of a run again.
 
@@ -279,10 +315,18 @@ def replay(folder: Folder, cell: Cell, trial: Trial = None, out: PointsOut = Non
 _GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
     "Studies": (configs, plan, run, status, posterior, coverage, worker),
     "Results": (summary, claims, figures, report, worst, replay, regret, diff, verify, archive),
-    "Points and estimators": (fit, estimators, check, cost),
+    "Points and estimators": (fit, estimators, check, certify, cost),
     "Recordings": (recording, joint, joints, skeleton, live, case_study, synthetic, fetch, markersets),
 }
-_NEEDS_NO_ESTIMATOR: set[Callable[..., None]] = {configs, check, cost, coverage, worker, *_GROUPS["Recordings"]}
+_NEEDS_NO_ESTIMATOR: set[Callable[..., None]] = {
+    configs,
+    check,
+    certify,
+    cost,
+    coverage,
+    worker,
+    *_GROUPS["Recordings"],
+}
 _RESUMED = {"run", "posterior"}
 """Commands that go on where an interruption stopped them."""
 for _title, _commands in _GROUPS.items():

@@ -4,54 +4,37 @@ Noise lengthens the distances R = |x - c| on average, more so along some directi
 fit allows for. Here the equations for the centre have mean zero for *each* direction: Σ [(1-ν) r (R - λ₀₁) + ν R (R -
 λ₁₂)] e = 0, with two equations for the mean and the variance of R (theory 9.2). They are solved by Newton's method from
 `fuller`, in 3-5 passes over the data. Where they have no root near it, it is the answer, and the status says so.
-`corrected_step.py` has the steps, this file the sums that they need.
 
 Every ν is consistent, and for ν = 0 the errors are least where the noise is small beside the points' extent, for ν = 1
 where it is not. `corrected` takes ν by what the points show, which changes the error in second order only.
 
-Source: theory §9.
-
-Newton's method for the d + 2 corrected equations in (c, r, s), s = σ², step by step: from sums to the next trial.
-
-With ρ = R - r, e = (x - c)/R and the means of a noisy radius (`study.fits.radial`): D = E R - r, V = Var R,
-x₀₁ = λ₀₁ - r and x₁₂ = λ₁₂ - r, the equations (theory 9.2) over N are
+With ρ = R - r, s = σ² and the means of a noisy radius (`study.fits.radial`): D = E R - r, V = Var R, x₀₁ = λ₀₁ - r and
+x₁₂ = λ₁₂ - r, the equations (theory 9.2) over N are
 
     h_c = c₁ mean ρe + ν mean ρ²e - c₀ ē,    c₁ = r - ν x₁₂,    c₀ = (1 - ν) r x₀₁ + ν r x₁₂ - α s/N,
     h_r = mean ρ - D,    h_s = mean ρ² - 2D mean ρ + D² - V,
 
 and their derivatives are exact. Nothing in them cancels as σ → 0, where they become those of the geometric fit.
 
-Standard errors of corrected fits: the covariance J⁻¹ Ω J⁻ᵀ/N of the root of estimating equations.
+Standard errors are those of the root of estimating equations, J⁻¹ Ω J⁻ᵀ/N. J is the mean derivative of the equations
+and Ω the covariance of their terms. Given its direction u, a sample's terms have means E[f e | u] = A u and
+E[f e eᵀ | u] = a uuᵀ + b (I - uuᵀ), with numbers A, a and b that are integrals over the noise. Hence J and Ω depend on
+the law of directions through m = E u and M = E uuᵀ alone, which follow from the mean and the covariance of the points:
+there is no further pass over them (theory §9.4).
 
-J is the mean derivative of the equations (theory 9.2) and Ω the covariance of their terms. Given its direction u, a
-sample's terms have means E[f e | u] = A u and E[f e eᵀ | u] = a uuᵀ + b (I - uuᵀ), with numbers A, a and b that are
-integrals over the noise. Hence J and Ω depend on the law of directions through m = E u and M = E uuᵀ alone, which
-follow from the mean and the covariance of the points: there is no further pass over them (theory §9.4).
+Source: theory §9.
 """
 
 import math
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss
 
 from study.arrays import Floats
 from study.fits.closed_forms import fuller_constant, root, shrunk
-from study.fits.jit import (
-    BLOCK,
-    CHUNK,
-    SampleBlock,
-    Scratch,
-    Sums,
-    at,
-    compiled,
-    dot,
-    fill,
-    fresh,
-    put,
-    window,
-    zeros,
-)
+from study.fits.geometric import CURVE, MEAN, PULL, SECOND, STRETCH, SphereSums, sphere_sums, sum_about
+from study.fits.jit import CHUNK, SampleBlock, Scratch, Sums, compiled, dot, zeros
 from study.fits.radial import RadialMeans, angle_means, radial_means
 from study.fits.samples import Estimates, Samples, Status
 
@@ -69,70 +52,73 @@ _HIDDEN = 1e-10
 nothing but itself depends on it."""
 _LEAST_DIVISOR = 2.0**-104
 """Least noise variance, as a share of r², that is divided by."""
-ON = -1
-"""In place of a status: the iteration goes on."""
+_NEAR = 0.5
+"""Largest distance of a root from the start, as a share of its radius: beyond, it belongs to other points."""
+_ROUNDING = 1e-16
+"""Noise variance to begin with where fourth moments show none, as a share of the mean square of the points."""
+_FAR = 1e5
+"""Distance from the origin, in units of the points' spread, beyond which they are moved to it: centres are rounded."""
 
 
-class RootState(Protocol):
-    """State of an iteration between two passes, a record of `STATE`.
+class RootStart(NamedTuple):
+    """Starting values of a batch, and the constants of its equations.
 
     Attributes:
-        pair: ν, the share of the pair (R, R²) of powers beside (1, R).
-        fuller: α, Fuller's constant.
-        radius: trial radius r.
-        variance: trial noise variance s.
-        last: length of the last step, if it was Newton's in full, else 0.
-        passes: number of passes over the samples.
+        origin: point near each set (b, d).
+        offset: centre relative to the origin (b, d).
+        radius: r (b,).
+        variance: s = σ² (b,), 0 where the start is the answer, because as few points leave no choice.
+        pair: ν, the share of the pair (R, R²) of powers beside (1, R) (b,).
+        fuller: α, Fuller's constant (b,).
     """
 
+    origin: Floats
+    offset: Floats
+    radius: Floats
+    variance: Floats
+    pair: Floats
+    fuller: Floats
+
+
+class Member(NamedTuple):
+    """The equations of one set: the number of points N, ν and α."""
+
+    size: int
     pair: float
     fuller: float
-    radius: float
-    variance: float
-    last: float
-    passes: int
 
 
-STATE = np.dtype(list(RootState.__annotations__.items()))
+class RootRoom(NamedTuple):
+    """Working memory: the centre (d,), sums of a pass, equations (d + 2,), which become the step, and derivatives."""
 
-
-class RootTrial(NamedTuple):
-    """The iteration of one set: a record of `STATE`, and the centre (d,) relative to an origin near the points."""
-
-    state: RootState
     center: Floats
-
-
-class Equations(NamedTuple):
-    """Working memory: the equations (d + 2,), which become the step, and their derivatives (d + 2, d + 2)."""
-
+    sums: SphereSums
     values: Floats
     slopes: Floats
 
 
 @compiled
-def _form(trial: RootTrial, n: int, sums: Floats, means: RadialMeans, equations: Equations) -> None:
-    """Write the equations, in units of r², r and r√s, and their derivatives by (c, r, s), in units of r, r and s."""
-    state, center = trial
-    values, slopes = equations
-    d, r, s, pair = center.size, state.radius, state.variance, state.pair
-    pull, mean, second = sums[2 : 2 + d], sums[2 + d : 2 + 2 * d], sums[2 + 2 * d : 2 + 3 * d]
-    curve, stretch = sums[2 + 3 * d : 2 + 3 * d + d * d], sums[2 + 3 * d + d * d :]
-    m, rest, weight, sigma = d + 2, 1.0 - pair, 1.0 / n, math.sqrt(s)
-    bend = state.fuller / n
-    slope, offset = r - pair * means.excess12, rest * r * means.excess01 + pair * r * means.excess12 - bend * s
+def _form(member: Member, r: float, s: float, room: RootRoom) -> None:
+    """Write -h, in units of r², r and r√s, and its derivatives by (c, r, s), in units of r, r and s (theory 9.2)."""
+    n, pair, fuller = member
+    center, sums, values, slopes = room
+    d = center.size
+    means = radial_means(r, s, d)
+    rest, weight, sigma, bend = 1.0 - pair, 1.0 / n, math.sqrt(s), fuller / n
+    by_power, by_mean = r - pair * means.excess12, rest * r * means.excess01 + pair * r * means.excess12 - bend * s
     even, inverse = rest * r * (r + means.excess01) - bend * s, 0.0
     for i in range(d):
-        inverse += curve[i * d + i]
-    excess = sums[0] * weight - means.lengthening
-    straight = rest * r - pair * (r + means.excess12) + pair * (r + sums[0] * weight) - even * inverse * weight
+        inverse += sums.squares[CURVE, i, i]
+    longer = sums.numbers[0] * weight
+    excess = longer - means.lengthening
+    straight = rest * r - pair * (r + means.excess12) + pair * (r + longer) - even * inverse * weight
     direction = 1.0 + means.shortening
     for i in range(d):
-        along, radial = mean[i] * weight, pull[i] * weight
+        along, radial = sums.vectors[MEAN, i] * weight, sums.vectors[PULL, i] * weight
         distance = r * along + radial
-        values[i] = (slope * radial + pair * second[i] * weight - offset * along) / (r * r)
+        values[i] = -(by_power * radial + pair * sums.vectors[SECOND, i] * weight - by_mean * along) / (r * r)
         for j in range(i + 1):
-            entry = (pair * stretch[i * d + j] + even * curve[i * d + j]) * weight
+            entry = (pair * sums.squares[STRETCH, i, j] + even * sums.squares[CURVE, i, j]) * weight
             slopes[i, j] = slopes[j, i] = -entry / r
         slopes[i, i] -= straight / r
         by_r = rest * (radial - (means.excess01 + r * (1.0 + means.excess01_by_r)) * along)
@@ -141,14 +127,12 @@ def _form(trial: RootTrial, n: int, sums: Floats, means: RadialMeans, equations:
         slopes[i, d + 1] = by_s * s / (r * r)
         slopes[d, i] = -along
         slopes[d + 1, i] = -2.0 * (radial - means.lengthening * along) / sigma
-    values[d] = excess / r
+    values[d] = -excess / r
     slopes[d, d], slopes[d, d + 1] = -direction, -means.mean_by_s * s / r
-    square = (sums[1] - sums[0] * sums[0] * weight) * weight + excess * excess
-    values[d + 1] = (square - means.variance) / (r * sigma)
+    square = (sums.numbers[1] - sums.numbers[0] * longer) * weight + excess * excess
+    values[d + 1] = -(square - means.variance) / (r * sigma)
     slopes[d + 1, d] = -(2.0 * direction * excess + means.variance_by_r) / sigma
     slopes[d + 1, d + 1] = -(2.0 * means.mean_by_s * excess + means.variance_by_s) * sigma / r
-    for i in range(m):
-        values[i] = -values[i]
 
 
 @compiled
@@ -179,82 +163,58 @@ def _solve(matrix: Floats, right: Floats) -> bool:
 
 
 @compiled
-def advance(trial: RootTrial, n: int, sums: Floats, equations: Equations) -> int:
-    """Move the trial to the next one by the sums of a pass about it.
+def _bend(r: float, step: Floats, sums: SphereSums, n: int) -> float:
+    """Change of mean ρ² by a short step of centre and radius, of second order."""
+    d, along = sums.vectors.shape[1], r * step[sums.vectors.shape[1]]
+    bend = along * along + 2.0 * along * dot(step[:d], sums.vectors[MEAN]) / n
+    for i in range(d):
+        for j in range(d):
+            bend += r * step[i] * sums.squares[CURVE, max(i, j), min(i, j)] * step[j] / n
+    return float(bend)
+
+
+@compiled
+def _iterate(
+    points: SampleBlock, origin: Floats, r: float, s: float, member: Member, room: RootRoom, scratch: Scratch
+) -> tuple[bool, int, float, float]:
+    """Solve the equations of one set by Newton's method from the centre in ``room``, r and s.
 
     Returns:
-        `ON`, or a `Status` if the iteration has ended.
+        True if it converged; the number of passes, r and s. The centre is in ``room.center``.
     """
-    state, center = trial
-    step, d = equations.values, center.size
-    r = state.radius
-    hidden = state.variance < _HIDDEN * r * r
-    if hidden:
-        state.variance = max((sums[1] - sums[0] * sums[0] / n) / n, _LEAST_DIVISOR * r * r)
-    s = state.variance
-    state.passes += 1
-    _form(trial, n, sums, radial_means(r, s, d), equations)
-    if not _solve(equations.slopes, step):
-        return Status.NOT_CONVERGED
-    moved = step[d] * step[d]
-    for i in range(d):
-        moved += step[i] * step[i]
-    length, change = math.sqrt(moved), step[d + 1]
-    if not length + abs(change) < math.inf:
-        return Status.NOT_FINITE
-    share = 1.0
-    if length > _RADII:
-        share = _RADII / length
-    if share * abs(change) > _VARIANCES and not hidden:
-        share = _VARIANCES / abs(change)
-    for i in range(d):
-        step[i] *= share * r
-        center[i] += step[i]
-    state.radius, state.variance = r + share * r * step[d], max(s + share * s * change, 0.0)
-    if share < 1.0:
-        state.last = 0.0
-        return ON if state.passes < MOST_PASSES else Status.NOT_CONVERGED
-    size = max(length, abs(change) * s / (r * r))
-    following = size * (size / state.last) ** 2 if state.last > 0.0 else math.inf
-    done = size <= _SHORT * min(1.0, state.last) and following <= _SURE
-    done = done and size * moved * r * r <= _THIRD * s
-    if done or size <= _TOLERANCE:
-        mean, curve, along = sums[2 + d : 2 + 2 * d], sums[2 + 3 * d : 2 + 3 * d + d * d], r * step[d]
-        bend = along * along + 2.0 * along * dot(step[:d], mean) / n  # of mean ρ², of second order in the step
+    center, sums, step, _ = room
+    d, n, last = center.size, member.size, 0.0
+    for passes in range(1, MOST_PASSES + 1):
+        sum_about(points, origin, center, r, True, sums, scratch)
+        hidden = s < _HIDDEN * r * r
+        if hidden:
+            s = max((sums.numbers[1] - sums.numbers[0] * sums.numbers[0] / n) / n, _LEAST_DIVISOR * r * r)
+        _form(member, r, s, room)
+        if not _solve(room.slopes, step):
+            return False, passes, r, s
+        moved, change = dot(step[: d + 1], step[: d + 1]), step[d + 1]
+        length = math.sqrt(moved)
+        if not length + abs(change) < math.inf:
+            return False, passes, r, s
+        share = min(1.0, _RADII / length) if length > 0.0 else 1.0
+        if share * abs(change) > _VARIANCES and not hidden:
+            share = _VARIANCES / abs(change)
         for i in range(d):
-            for j in range(d):
-                bend += r * step[i] * curve[max(i, j) * d + min(i, j)] * step[j] / n
-        state.variance += max(bend, 0.0)
-        return Status.OK
-    state.last = size
-    return ON if state.passes < MOST_PASSES else Status.NOT_CONVERGED
-
-
-_NEAR = 0.5
-"""Largest distance of a root from the start, as a share of its radius: beyond, it belongs to other points."""
-
-_ROUNDING = 1e-16
-"""Noise variance to begin with where fourth moments show none, as a share of the mean square of the points."""
-
-
-class RootStart(NamedTuple):
-    """Starting values of a batch.
-
-    Attributes:
-        origin: point near each set (b, d).
-        offset: centre relative to the origin (b, d).
-        radius: r (b,).
-        variance: s = σ² (b,), 0 where the start is the answer, because as few points leave no choice.
-        pair: ν (b,).
-        fuller: α (b,).
-    """
-
-    origin: Floats
-    offset: Floats
-    radius: Floats
-    variance: Floats
-    pair: Floats
-    fuller: Floats
+            step[i] *= share * r
+            center[i] += step[i]
+        before, variance = r, s
+        r, s = r + share * r * step[d], max(s + share * s * change, 0.0)
+        if share < 1.0:
+            last = 0.0
+            continue
+        size = max(length, abs(change) * variance / (before * before))
+        following = size * (size / last) ** 2 if last > 0.0 else math.inf
+        done = size <= _SHORT * min(1.0, last) and following <= _SURE
+        done = done and size * moved * before * before <= _THIRD * variance
+        if done or size <= _TOLERANCE:
+            return True, passes, r, s + max(_bend(before, step, sums, n), 0.0)
+        last = size
+    return False, MOST_PASSES, r, s
 
 
 def corrected(samples: Samples) -> Estimates:
@@ -302,114 +262,50 @@ def share_of_pair(eta: Floats, least: Floats) -> Floats:
 
 def _fit(samples: Samples, eta: Floats, pair: float | Floats) -> Estimates:
     """The root of the equations near the fit of `fuller`, given the root η (b,) of `als`, and ν."""
-    alpha, regression = fuller_constant(samples), samples.regression
+    regression = samples.regression
+    d, n, origin = samples.shape[1], regression.n, regression.origin
+    with np.errstate(all="ignore"):
+        far = np.abs(origin).max(axis=1) > _FAR * np.sqrt(regression.square)
+    if far.any():  # a kernel may add the origin to a trial centre before it subtracts both
+        origin = np.where(far[:, None], origin, 0.0)
+        fit = _fit(Samples(samples.x - origin[..., None]), eta, pair)
+        return fit._replace(center=fit.center + origin)
+    alpha = fuller_constant(samples)
     fit = shrunk(samples, eta, alpha)
     fit.condition.fill(np.nan)
-    d, n = fit.center.shape[1], regression.n
     variance = np.where(n > d + 1.0, np.maximum(eta, _ROUNDING * regression.square) * (n - 1.0) / n, 0.0)
-    start = RootStart(
-        origin=regression.origin,
-        offset=fit.center - regression.origin,
-        radius=fit.radius.copy(),
-        variance=variance,
-        pair=pair + np.zeros_like(eta),
-        fuller=alpha,
-    )
+    start = RootStart(origin, fit.center - origin, fit.radius.copy(), variance, pair + np.zeros_like(eta), alpha)
     _fit_all(samples.rows, start, fit, zeros(d), zeros(d, d))
     return fit
 
 
 @compiled
-def _pass(block: SampleBlock, origin: Floats, center: Floats, radius: float, sums: Floats, scratch: Scratch) -> None:
-    """Add a block of samples to the sums for a trial centre, which is relative to ``origin``.
-
-    They are, with ρ = R - r, Σρ, Σρ², Σρe, Σe, Σρ²e and, in their lower triangles, Σeeᵀ/R and ΣReeᵀ.
-    """
-    x, t, start, m = block
-    rows, zero, square = scratch
-    d = len(zero)
-    near, away, y, e = fresh(zero), fresh(zero), fresh(zero), fresh(zero)
-    pull, mean, second, curve, stretch = fresh(zero), fresh(zero), fresh(zero), fresh(square), fresh(square)
-    for i in range(d):
-        near, away = put(near, i, origin[i]), put(away, i, center[i])
-    excess = squares = 0.0
-    for part in range(start, start + m, CHUNK):
-        count = min(CHUNK, start + m - part)
-        view = window(x, t, part, count, rows, zero)
-        for k in range(count):
-            distance = 1e-300  # a sample may lie at the centre
-            for i in range(d):
-                y = put(y, i, (at(view, i, k) - near[i]) - away[i])
-                distance += y[i] * y[i]
-            distance = math.sqrt(distance)
-            over = 1.0 / distance
-            residual = distance - radius
-            residual_square = residual * residual
-            excess += residual
-            squares += residual_square
-            for i in range(d):
-                e = put(e, i, y[i] * over)
-                mean = put(mean, i, mean[i] + e[i])
-                pull = put(pull, i, pull[i] + e[i] * residual)
-                second = put(second, i, second[i] + e[i] * residual_square)
-                weighted = e[i] * over
-                for j in range(i + 1):
-                    curve = put(curve, i * d + j, curve[i * d + j] + weighted * e[j])
-                    stretch = put(stretch, i * d + j, stretch[i * d + j] + e[i] * y[j])
-    sums[0] += excess
-    sums[1] += squares
-    for i in range(d):
-        sums[2 + i] += pull[i]
-        sums[2 + d + i] += mean[i]
-        sums[2 + 2 * d + i] += second[i]
-    for i in range(d * d):
-        sums[2 + 3 * d + i] += curve[i]
-        sums[2 + 3 * d + d * d + i] += stretch[i]
-
-
-@compiled
-def _conclude(start: RootStart, t: int, trial: RootTrial, status: int, n: int, fit: Estimates) -> None:
-    """Write the root that the iteration of set t ended at, if it is near the start, and else leave the start."""
-    state, center = trial
-    d, away, reach = center.size, 0.0, _NEAR * start.radius[t]
-    fit.iterations[t] = state.passes
-    for i in range(d):
-        away += (center[i] - start.offset[t, i]) ** 2
-    if status == Status.OK and away <= reach * reach:
-        for i in range(d):
-            fit.center[t, i] = start.origin[t, i] + center[i]
-        fit.radius[t] = state.radius
-        fit.noise_variance[t] = state.variance * n / (n - d - 1)
-    elif fit.status[t] == Status.OK:
-        fit.status[t] = Status.NOT_CONVERGED
-
-
-@compiled
 def _fit_all(x: Floats, start: RootStart, fit: Estimates, zero: Sums, square: Sums) -> None:
-    """Solve the equations for each set of a batch (b, d, n).
+    """Solve the equations for each set of a batch (b, d, n), and write the roots that are near the starts.
 
     ``fit`` holds the starts. ``zero`` and ``square`` are d and d² sums at zero.
     """
     b, d, n = x.shape
     scratch = Scratch(np.empty((1, d, CHUNK)), zero, square)
-    equations = Equations(np.empty(d + 2), np.empty((d + 2, d + 2)))
-    states, center, sums = np.empty(1, STATE), np.empty(d), np.empty(2 + 3 * d + 2 * d * d)
-    state = states[0]
+    room = RootRoom(np.empty(d), sphere_sums(d), np.empty(d + 2), np.empty((d + 2, d + 2)))
+    center = room.center
     for t in range(b):
         if not (start.variance[t] > 0.0 and start.radius[t] > 0.0):
             continue
-        state.pair, state.radius, state.variance = start.pair[t], start.radius[t], start.variance[t]
-        state.fuller, state.last, state.passes = start.fuller[t], 0.0, 0
         for i in range(d):
             center[i] = start.offset[t, i]
-        trial, status = RootTrial(state, center), ON
-        while status == ON:
-            fill(sums, 0.0)
-            for begun in range(0, n, BLOCK):
-                block = SampleBlock(x, t, begun, min(BLOCK, n - begun))
-                _pass(block, start.origin[t], center, state.radius, sums, scratch)
-            status = advance(trial, n, sums, equations)
-        _conclude(start, t, trial, status, n, fit)
+        points, member = SampleBlock(x, t, 0, n), Member(n, start.pair[t], start.fuller[t])
+        r, s = start.radius[t], start.variance[t]
+        found, fit.iterations[t], r, s = _iterate(points, start.origin[t], r, s, member, room, scratch)
+        away = 0.0
+        for i in range(d):
+            away += (center[i] - start.offset[t, i]) ** 2
+        if found and away <= (_NEAR * start.radius[t]) ** 2:
+            for i in range(d):
+                fit.center[t, i] = start.origin[t, i] + center[i]
+            fit.radius[t], fit.noise_variance[t] = r, s * n / (n - d - 1)
+        elif fit.status[t] == Status.OK:
+            fit.status[t] = Status.NOT_CONVERGED
 
 
 _NODES = 64

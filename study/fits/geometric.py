@@ -1,23 +1,19 @@
-"""Newton's method for the minimum of F(c) = Σ(Rᵢ - R̄)², Rᵢ = |xᵢ - c|, step by step: from sums to the next centre.
+"""Maximum likelihood: geometric least squares, minimising F(c) = Σ(Rᵢ - R̄)² over the centre, Rᵢ = |xᵢ - c|.
 
-With e = (x - c)/R and r = R̄,
+Newton's method with the exact Hessian, from GDKE's or Taubin's answer: 1-8 passes over the data where Gauss-Newton
+takes 7-78. Never from UGDK's, which can lie anywhere. With e = (x - c)/R and r = R̄,
 
     ½∇F = -Σ(R - r)e,    ½∇²F = Σ[(1 - r/R) I + (r/R) eeᵀ] - n ē ēᵀ,
 
 and where that is not positive definite its eigenvalues are replaced by their absolute values. A step is at most the
-current radius long and is halved until F falls. On a small cap the infimum can lie at infinity, where the sphere is
-a plane: the centre is stopped at a bound. The status then is `AT_BOUND`, as it is where a far sphere is no better than
-the best plane.
-
-Maximum likelihood: geometric least squares, minimising F(c) = Σ(Rᵢ - R̄)² over the centre, Rᵢ = |xᵢ - c|.
-
-Newton's method with the exact Hessian, from GDKE's or Taubin's answer: 1-8 passes over the data where Gauss-Newton
-takes 7-78. Never from UGDK's, which can lie anywhere.
+current radius long and is halved until F falls. The sums over the points of a sphere stand here for every fit that
+iterates about one.
 
 F falls off on both sides of the points: besides the minimum on the side of the sphere there may be one on the other
-side, or only a slope to infinity, where the sphere is a plane (a status says so). `mle_centroid` and `mle_mirror`
-start elsewhere, to show whether there are other minima, and better ones; on data use `mle`. Its answers are bad exactly
-where one of these has a much better one, or none has.
+side, or only a slope to infinity, where the sphere is a plane: the centre is stopped at a bound. The status then is
+`AT_BOUND`, as it is where a far sphere is no better than the best plane. `mle_centroid` and `mle_mirror` start
+elsewhere, to show whether there are other minima, and better ones; on data use `mle`. Its answers are bad exactly where
+one of these has a much better one, or none has.
 
 Source: paper §4.3 and Shakarji 1998, which minimise the same function by Levenberg-Marquardt.
 """
@@ -46,6 +42,115 @@ from study.fits.jit import (
 )
 from study.fits.linalg import cholesky_solve, diagonalise
 from study.fits.samples import Estimates, Samples, Status, blank
+
+MEAN, PULL, SECOND = 0, 1, 2
+"""Rows of `SphereSums.vectors`: Σe, Σρe and Σρ²e."""
+CURVE, STRETCH = 0, 1
+"""Matrices of `SphereSums.squares`: Σeeᵀ/R, whose trace is Σ1/R, and ΣR eeᵀ."""
+
+
+class SphereSums(NamedTuple):
+    """Sums over the points of a set about a trial sphere: with R = |x - c|, ρ = R - r and e = (x - c)/R.
+
+    Few arrays, since each costs a kernel as much as ten points.
+
+    Attributes:
+        numbers: Σρ and Σρ² (2,).
+        vectors: the rows `MEAN`, `PULL` and, where a pass is wide, `SECOND` (3, d).
+        squares: the matrices `CURVE` and, where a pass is wide, `STRETCH`, in their lower triangles (2, d, d).
+    """
+
+    numbers: Floats
+    vectors: Floats
+    squares: Floats
+
+
+@compiled
+def sphere_sums(d: int) -> SphereSums:
+    """Places for the sums in d dimensions."""
+    return SphereSums(np.empty(2), np.empty((3, d)), np.empty((2, d, d)))
+
+
+@compiled
+def clear(sums: SphereSums) -> None:
+    """Set the sums to zero."""
+    numbers, vectors, squares = sums
+    d = vectors.shape[1]
+    numbers[0] = numbers[1] = 0.0
+    for k in range(3):
+        for i in range(d):
+            vectors[k, i] = 0.0
+    for k in range(2):
+        for i in range(d):
+            for j in range(i + 1):
+                squares[k, i, j] = 0.0
+
+
+@compiled
+def _add(
+    block: SampleBlock, origin: Floats, center: Floats, radius: float, wide: bool, sums: SphereSums, scratch: Scratch
+) -> None:
+    """Add a block of samples to the sums."""
+    x, t, start, m = block
+    rows, zero, square = scratch
+    d = len(zero)
+    near, away, y, e = fresh(zero), fresh(zero), fresh(zero), fresh(zero)
+    pull, mean, second, curve, stretch = fresh(zero), fresh(zero), fresh(zero), fresh(square), fresh(square)
+    for i in range(d):
+        near, away = put(near, i, origin[i]), put(away, i, center[i])
+    excess = square_sum = 0.0
+    for part in range(start, start + m, CHUNK):
+        count = min(CHUNK, start + m - part)
+        view = window(x, t, part, count, rows, zero)
+        for k in range(count):
+            distance = 1e-300  # a sample may lie at the centre
+            for i in range(d):
+                y = put(y, i, (at(view, i, k) - near[i]) - away[i])
+                distance += y[i] * y[i]
+            distance = math.sqrt(distance)
+            over = 1.0 / distance
+            residual = distance - radius
+            residual_square = residual * residual
+            excess += residual
+            square_sum += residual_square
+            for i in range(d):
+                e = put(e, i, y[i] * over)
+                mean = put(mean, i, mean[i] + e[i])
+                pull = put(pull, i, pull[i] + e[i] * residual)
+                if wide:
+                    second = put(second, i, second[i] + e[i] * residual_square)
+                weighted = e[i] * over
+                for j in range(i + 1):
+                    curve = put(curve, i * d + j, curve[i * d + j] + weighted * e[j])
+                    if wide:
+                        stretch = put(stretch, i * d + j, stretch[i * d + j] + e[i] * y[j])
+    numbers, vectors, squares = sums
+    numbers[0] += excess
+    numbers[1] += square_sum
+    for i in range(d):
+        vectors[MEAN, i] += mean[i]
+        vectors[PULL, i] += pull[i]
+        if wide:
+            vectors[SECOND, i] += second[i]
+        for j in range(i + 1):
+            squares[CURVE, i, j] += curve[i * d + j]
+            if wide:
+                squares[STRETCH, i, j] += stretch[i * d + j]
+
+
+@compiled
+def sum_about(
+    points: SampleBlock, origin: Floats, center: Floats, radius: float, wide: bool, sums: SphereSums, scratch: Scratch
+) -> None:
+    """Form the sums of a set's points about a trial sphere, whose centre is relative to ``origin``.
+
+    ``wide`` adds two sums, and must be a constant.
+    """
+    x, t, first, n = points
+    clear(sums)
+    for start in range(first, first + n, BLOCK):
+        _add(SampleBlock(x, t, start, min(BLOCK, first + n - start)), origin, center, radius, wide, sums, scratch)
+
 
 _MAX_ITERATIONS = 100
 _MAX_HALVINGS = 40
@@ -76,12 +181,12 @@ class State(Protocol):
         bound: largest distance from the origin.
         plane: F of the best plane.
         radius: radius about which F is formed.
-        best: F of the best centre so far.
-        before: radius of the best centre so far.
+        best: F of the best centre so far, infinite before there is one.
+        before: R̄ of the best centre so far.
         wanted: length of the last step that was not halved, before it was cut to the radius.
         square: squared distance of the trial centre from the origin.
         last: length of the last step, if it was Newton's in full, else 0.
-        steps: number of steps.
+        steps: number of steps that were taken.
         halvings: how often the present step was halved.
         again: 1 if F is formed a second time, about a better radius.
     """
@@ -112,14 +217,12 @@ class Search(NamedTuple):
         best: best centre so far (d,).
         trial: centre whose F the next pass forms (d,).
         step: the step between them (d,).
-        result: radius and F of the best centre, and number of steps (3,).
     """
 
     state: State
     best: Floats
     trial: Floats
     step: Floats
-    result: Floats
 
 
 class Room(NamedTuple):
@@ -138,32 +241,32 @@ def _copy(source: Floats, target: Floats) -> None:
 
 
 @compiled
-def _trace(square: Floats, d: int) -> float:
+def _trace(curve: Floats) -> float:
     result = 0.0
-    for i in range(d):
-        result += square[i * d + i]
+    for i in range(curve.shape[1]):
+        result += curve[CURVE, i, i]
     return result
 
 
 @compiled
-def half_hessian(n: int, radius: float, mean: Floats, curve: Floats, matrix: Floats) -> None:
+def half_hessian(n: int, radius: float, sums: SphereSums, matrix: Floats) -> None:
     """½∇²F from the sums of a pass."""
-    d, inverse = len(mean), _trace(curve, len(mean))
-    for i in range(d):
+    vectors, squares, inverse = sums.vectors, sums.squares, _trace(sums.squares)
+    for i in range(vectors.shape[1]):
         for j in range(i + 1):
-            matrix[i, j] = matrix[j, i] = radius * curve[i * d + j] - mean[i] * mean[j] / n
+            matrix[i, j] = matrix[j, i] = radius * squares[CURVE, i, j] - vectors[MEAN, i] * vectors[MEAN, j] / n
         matrix[i, i] += n - radius * inverse
 
 
 @compiled
-def _downhill(n: int, radius: float, mean: Floats, curve: Floats, room: Room, step: Floats) -> bool:
+def _downhill(n: int, radius: float, sums: SphereSums, room: Room, step: Floats) -> bool:
     """Write the step from ``room.descent``: Newton's, or with absolute eigenvalues, and then False is returned."""
     descent, matrix, vectors = room
-    half_hessian(n, radius, mean, curve, matrix)
+    half_hessian(n, radius, sums, matrix)
     _copy(descent, step)
     if cholesky_solve(matrix, step):
         return True
-    half_hessian(n, radius, mean, curve, matrix)
+    half_hessian(n, radius, sums, matrix)
     diagonalise(matrix, vectors)
     fill(step, 0.0)
     for j in range(len(step)):
@@ -196,17 +299,16 @@ def _ended(state: State, n: int, value: float) -> int:
 
 
 @compiled
-def advance(search: Search, n: int, sums: Floats, room: Room) -> int:
+def advance(search: Search, n: int, sums: SphereSums, room: Room) -> int:
     """Compare the trial centre with the best by the sums of a pass, and choose the next one.
 
     Returns:
         `ON`, or a `Status` if the search has ended.
     """
-    state, best, trial, step, result = search
-    descent = room.descent
-    d, excess = best.size, sums[0]
-    pull, mean, curve = sums[2 : 2 + d], sums[2 + d : 2 + 2 * d], sums[2 + 2 * d :]
-    value = sums[1] - excess * excess / n
+    state, best, trial, step = search
+    descent, d = room.descent, best.size
+    excess, squares = sums.numbers
+    value = squares - excess * excess / n
     if state.again == 0 and excess * excess > _CANCELLED * n * value:
         state.radius += excess / n
         state.again = 1
@@ -215,19 +317,19 @@ def advance(search: Search, n: int, sums: Floats, room: Room) -> int:
     newton, rise = True, excess / n
     around = state.radius + rise  # R̄, the radius that belongs to this centre
     if value <= state.best:
+        state.steps += 1 if state.best < math.inf else 0
         state.best, state.before, state.halvings = value, around, 0
         _copy(trial, best)
-        result[0], result[1], result[2] = around, value, float(state.steps)
         if state.steps >= _MAX_ITERATIONS:
             return Status.AT_BOUND if state.square > (_FAR * state.bound) ** 2 else Status.NOT_CONVERGED
-        state.steps += 1
-        for i in range(d):
-            descent[i] = pull[i] - rise * mean[i]  # Σ(R - R̄)e, from Σ(R - r)e: not by R̄ - r, which has lost digits
-        newton = _downhill(n, around, mean, curve, room, step)
+        for i in range(d):  # Σ(R - R̄)e, from Σ(R - r)e: not by R̄ - r, which has lost digits
+            descent[i] = sums.vectors[PULL, i] - rise * sums.vectors[MEAN, i]
+        newton = _downhill(n, around, sums, room, step)
     elif state.halvings == 0 and value <= state.best + 2.0 * _EPS * state.radius * math.sqrt(n * state.best):
         _copy(trial, best)  # F is the same to rounding, and this centre is a Newton step further
-        result[0], result[1], result[2] = around, value, float(state.steps)
-        return _ended(state, n, value)
+        status = _ended(state, n, value)
+        state.best, state.before, state.steps = value, around, state.steps + 1
+        return status
     else:
         state.halvings += 1
         if state.halvings > _MAX_HALVINGS:
@@ -252,16 +354,17 @@ def advance(search: Search, n: int, sums: Floats, room: Room) -> int:
     done = done and n * length**3 <= _THIRD * state.best * before
     state.last = length if full else 0.0
     if done or length <= _TOLERANCE * before:
+        status = _ended(state, n, state.best)
+        state.steps += 1
         if state.halvings == 0:  # what the step changes in R̄ and F, to second order in a step this short
             _copy(trial, best)
-            bend = _trace(curve, d) * length * length
+            bend = _trace(sums.squares) * length * length
             for i in range(d):
-                result[1] -= step[i] * descent[i]
+                state.best -= step[i] * descent[i]
                 for j in range(d):
-                    bend -= step[i] * curve[max(i, j) * d + min(i, j)] * step[j]
-            result[0] += (0.5 * bend - dot(step, mean)) / n
-        result[2] = float(state.steps)
-        return _ended(state, n, state.best)
+                    bend -= step[i] * sums.squares[CURVE, max(i, j), min(i, j)] * step[j]
+            state.before += (0.5 * bend - dot(step, sums.vectors[MEAN])) / n
+        return status
     return Status.AT_BOUND if state.square > state.bound * state.bound else ON
 
 
@@ -331,48 +434,6 @@ def _minimum_from(samples: Samples, share: float) -> Estimates:
 
 
 @compiled
-def _pass(block: SampleBlock, origin: Floats, center: Floats, radius: float, sums: Floats, scratch: Scratch) -> None:
-    """Add a block of samples to the sums for a trial centre, which is relative to ``origin``.
-
-    They are Σ(R-r), Σ(R-r)², Σ(R-r)e, Σe and, in its lower triangle, Σeeᵀ/R, whose trace is Σ1/R.
-    """
-    x, t, start, m = block
-    rows, zero, square = scratch
-    d = len(zero)
-    near, away, e, pull, mean, curve = fresh(zero), fresh(zero), fresh(zero), fresh(zero), fresh(zero), fresh(square)
-    for i in range(d):
-        near, away = put(near, i, origin[i]), put(away, i, center[i])
-    excess = squares = 0.0
-    for part in range(start, start + m, CHUNK):
-        count = min(CHUNK, start + m - part)
-        view = window(x, t, part, count, rows, zero)
-        for k in range(count):
-            distance = 1e-300  # a sample may lie at the centre
-            for i in range(d):
-                e = put(e, i, (at(view, i, k) - near[i]) - away[i])
-                distance += e[i] * e[i]
-            distance = math.sqrt(distance)
-            over = 1.0 / distance
-            residual = distance - radius
-            excess += residual
-            squares += residual * residual
-            for i in range(d):
-                e = put(e, i, e[i] * over)
-                mean = put(mean, i, mean[i] + e[i])
-                pull = put(pull, i, pull[i] + e[i] * residual)
-                weighted = e[i] * over
-                for j in range(i + 1):
-                    curve = put(curve, i * d + j, curve[i * d + j] + weighted * e[j])
-    sums[0] += excess
-    sums[1] += squares
-    for i in range(d):
-        sums[2 + i] += pull[i]
-        sums[2 + d + i] += mean[i]
-    for i in range(d * d):
-        sums[2 + 2 * d + i] += curve[i]
-
-
-@compiled
 def _fit_all(x: Floats, start: Start, fit: Estimates, zero: Sums, square: Sums) -> None:
     """Minimise F for each set of a batch (b, d, n) whose status is ok.
 
@@ -381,24 +442,20 @@ def _fit_all(x: Floats, start: Start, fit: Estimates, zero: Sums, square: Sums) 
     b, d, n = x.shape
     scratch = Scratch(np.empty((1, d, CHUNK)), zero, square)
     room = Room(np.empty(d), np.empty((d, d)), np.empty((d, d)))
-    state, sums = np.empty(1, STATE), np.empty(2 + 2 * d + d * d)
-    trial, step, result = np.empty(d), np.empty(d), np.empty(3)
+    states, sums, trial, step = np.empty(1, STATE), sphere_sums(d), np.empty(d), np.empty(d)
+    state = states[0]
     for t in range(b):
-        result[0] = result[1] = math.nan
-        result[2] = 0.0
-        search = Search(state[0], start.offset[t], trial, step, result)
-        status = fit.status[t] if fit.status[t] != 0 else ON
-        if status == ON:
-            begin(search, start.spread[t], (n - 1.0) * start.values[t, 0])
+        if fit.status[t] != Status.OK:
+            continue
+        search, status = Search(state, start.offset[t], trial, step), ON
+        points, origin = SampleBlock(x, t, 0, n), start.origin[t]
+        begin(search, start.spread[t], (n - 1.0) * start.values[t, 0])
         while status == ON:
-            fill(sums, 0.0)
-            for begun in range(0, n, BLOCK):
-                block = SampleBlock(x, t, begun, min(BLOCK, n - begun))
-                _pass(block, start.origin[t], trial, state[0].radius, sums, scratch)
+            sum_about(points, origin, trial, state.radius, False, sums, scratch)
             status = advance(search, n, sums, room)
-        fit.status[t] = status
+        fit.status[t], fit.iterations[t] = status, state.steps
         for i in range(d):
             fit.center[t, i] = start.origin[t, i] + start.offset[t, i]
-        fit.radius[t], fit.iterations[t] = result[0], int(result[2])
-        value = max(result[1], 0.0) if result[1] == result[1] else math.nan  # rounding can take F below 0
-        fit.noise_variance[t] = value / (n - d - 1) if n > d + 1 else math.nan
+        if state.best < math.inf:
+            fit.radius[t] = state.before
+            fit.noise_variance[t] = max(state.best, 0.0) / (n - d - 1) if n > d + 1 else math.nan  # F may round below 0

@@ -30,7 +30,7 @@ import numpy as np
 import scipy
 
 from study.arrays import Bools, Floats
-from study.fits.geometric import ON, STATE, Search, advance, begin, half_hessian, mle
+from study.fits.geometric import ON, STATE, Search, advance, begin, half_hessian, mle, sphere_sums
 from study.fits.geometric import Room as NewtonRoom
 from study.fits.jit import compiled, dot, fill
 from study.fits.linalg import cholesky_solve
@@ -71,7 +71,7 @@ def extra_parameters(y: Floats, centers: Floats, radii: Floats, extra: Floats) -
     Source: Moody 1992; theory 11.3.
     """
     b, d, n = y.shape
-    work, sums, matrix = search_room(d, n), np.empty(2 + 2 * d + d * d), np.empty((d, d))
+    work, sums, matrix = search_room(d, n), sphere_sums(d), np.empty((d, d))
     sphere, column, solved, factor = np.empty(d + 1), np.empty(d), np.empty(d), work.matrices[0]
     fill(work.weight, 1.0)
     for t in range(b):
@@ -81,7 +81,7 @@ def extra_parameters(y: Floats, centers: Floats, radii: Floats, extra: Floats) -
         weighted_pass(y[t], work.weight, centers[t], radii[t], work.rows, sums)
         fine, trace = scatter_directions(y[t], sphere, work), 0.0
         for j in range(d):
-            half_hessian(n, radii[t], sums[2 + d : 2 + 2 * d], sums[2 + 2 * d :], matrix)
+            half_hessian(n, radii[t], sums, matrix)
             for i in range(d):
                 column[i] = solved[i] = factor[i, j] if i >= j else 0.0
             fine = fine and cholesky_solve(matrix, solved)
@@ -176,10 +176,10 @@ def grow(y: Floats, spheres: Floats, h: int, limits: Limits, outside: Bools, cos
     """
     b, d, n = y.shape
     quantiles, floor, extra, share = limits
-    work, sums = search_room(d, n), np.empty(2 + 2 * d + d * d)
+    work, sums = search_room(d, n), sphere_sums(d)
     sphere, newton = np.empty(d + 1), NewtonRoom(np.empty(d), np.empty((d, d)), np.empty((d, d)))
     state = np.empty(1, STATE)
-    search = Search(state[0], np.empty(d), np.empty(d), np.empty(d), np.empty(3))
+    search = Search(state[0], np.empty(d), np.empty(d), np.empty(d))
     for t in range(b):
         cost[t] = math.inf
         for k in range(n):
@@ -202,7 +202,7 @@ def grow(y: Floats, spheres: Floats, h: int, limits: Limits, outside: Bools, cos
                 status = advance(search, m, sums, newton)
             for i in range(d):
                 sphere[i] = search.best[i]
-            sphere[d] = search.result[0]
+            sphere[d] = search.state.before
             if turns < _CONCENTRATIONS:
                 total, turns = nearest(y[t], sphere, h, work), turns + 1
                 turns = turns if total < best * (1.0 - 1e-9) else _CONCENTRATIONS

@@ -23,6 +23,7 @@ import numpy as np
 
 from study.arrays import Bools, Floats, Ints, Words
 from study.fits.closed_forms import smallest_root
+from study.fits.geometric import CURVE, MEAN, PULL, SphereSums, clear
 from study.fits.jit import CHUNK, compiled, dot, fill
 from study.fits.linalg import cholesky_solve, diagonalise
 
@@ -324,10 +325,10 @@ def spread_out(n: int) -> Ints:
 
 
 @compiled
-def weighted_pass(y: Floats, weight: Floats, center: Floats, radius: float, rows: Floats, sums: Floats) -> None:
+def weighted_pass(y: Floats, weight: Floats, center: Floats, radius: float, rows: Floats, sums: SphereSums) -> None:
     """Form the sums of `study.fits.geometric`, over the points of weight 1."""
     d, n = y.shape
-    fill(sums, 0.0)
+    clear(sums)
     for start in range(0, n, CHUNK):
         size = min(CHUNK, n - start)
         over, part, w = rows[d, :size], rows[d + 1, :size], weight[start : start + size]
@@ -344,20 +345,20 @@ def weighted_pass(y: Floats, weight: Floats, center: Floats, radius: float, rows
             part[k] = w[k] * (distance - radius)
             excess += part[k]
             squares += part[k] * part[k]
-        sums[0] += excess
-        sums[1] += squares
+        sums.numbers[0] += excess
+        sums.numbers[1] += squares
         for i in range(d):
             e = rows[i, :size]
             for k in range(size):
                 e[k] *= over[k]
-            sums[2 + i] += dot(e, part)
-            sums[2 + d + i] += dot(e, w)
+            sums.vectors[PULL, i] += dot(e, part)
+            sums.vectors[MEAN, i] += dot(e, w)
         for i in range(d):
             e = rows[i, :size]
             for k in range(size):
                 part[k] = w[k] * over[k] * e[k]
             for j in range(i + 1):
-                sums[2 + 2 * d + i * d + j] += dot(part, rows[j, :size])
+                sums.squares[CURVE, i, j] += dot(part, rows[j, :size])
 
 
 @compiled

@@ -23,8 +23,8 @@ import pandas as pd
 
 from study.arrays import Bools, Floats, Ints
 from study.fits.streams import stream
+from study.recordings.joints.calibration import Calibration, JointPlace
 from study.recordings.joints.estimate import USABLE, Estimate
-from study.recordings.joints.find import FoundJoint, FoundJoints
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.rigid import cap_angle
 
@@ -293,9 +293,15 @@ class CaseStudy:
     laws: pd.DataFrame
     skipped: dict[str, str]
 
+    def data(self) -> dict[str, object]:
+        """``recording``, ``frames``, ``subsets``, ``laws``, ``joints`` and ``skipped``, tables as lists of rows."""
+        names = ("recording", "frames", "subsets", "laws", "joints", "skipped")
+        values = {name: getattr(self, name) for name in names}
+        return {k: v.to_dict("records") if isinstance(v, pd.DataFrame) else v for k, v in values.items()}
+
 
 def case_study(
-    joints: FoundJoints, recording: Recording, subsets: int = 400, seed: int = 1, numbers: Sequence[int] = _NUMBERS
+    joints: Calibration, recording: Recording, subsets: int = 400, seed: int = 1, numbers: Sequence[int] = _NUMBERS
 ) -> CaseStudy:
     """Fit each joint to many parts of a recording.
 
@@ -316,16 +322,16 @@ def case_study(
     if subsets < SETS or subsets % SETS:
         raise RecordingError(f"subsets = {subsets}; give a multiple of {SETS}: they come from four data sets")
     rows, about, skipped = [], [], {}
-    for found in joints.joints:
-        name = found.joint.name
-        sphere = _sphere(found)
+    for place in joints.joints:
+        name = place.joint.name
+        sphere = _sphere(place)
         if sphere is None:
-            skipped[name] = f"no sphere in its parent's axes ({found.reason})"
+            skipped[name] = f"no sphere in its parent's axes ({place.reason})"
             continue
         y = np.stack([sphere.poses.to_local(recording.of(marker)) for marker in sphere.markers])
         samples = JointSamples(y, sphere.used, sphere)
         joint_rows, centers = _scatter_of(samples, name, sizes, subsets, seed)
-        rows += [row | {"doubted": found.status not in USABLE} for row in joint_rows]
+        rows += [row | {"doubted": place.status not in USABLE} for row in joint_rows]
         about.append({"joint": name} | samples.causes(centers["random", False, sizes[len(sizes) // 2]]))
     if not rows:
         raise RecordingError(f"{recording.name}: none of its joints has a sphere in its parent's axes")
@@ -335,10 +341,9 @@ def case_study(
     return CaseStudy(recording.name, recording.frames, subsets, scatter, table, laws, skipped)
 
 
-def _sphere(found: FoundJoint) -> Estimate | None:
+def _sphere(place: JointPlace) -> Estimate | None:
     """The estimate from the child's markers in the parent's axes."""
-    estimates = [] if found.estimate is None else [found.estimate, *found.others]
-    return next((e for e in estimates if e.side == "parent" and e.sphere is not None), None)
+    return next((e for e in place.estimates if e.side == "parent" and e.sphere is not None), None)
 
 
 def _scatter_of(

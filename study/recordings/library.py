@@ -5,13 +5,13 @@ from pathlib import Path
 
 from study.recordings import session
 from study.recordings.formats.read import read_recording
+from study.recordings.joints.calibration import Calibration, load_calibration
 from study.recordings.markersets import MarkerSetError, load_markerset
 from study.recordings.markersets.match import Match, choose, match, with_better
 from study.recordings.one_joint import OneJoint, find_clusters, fit_one_joint
 from study.recordings.recording import Recording, RecordingError, one_after_another
 from study.recordings.skeleton import draw
 from study.recordings.skeleton.calibrate import calibrate, require_same_subject
-from study.recordings.skeleton.calibration import Calibration, load_calibration
 
 Source = str | Path | Recording
 """A recording, or its file."""
@@ -57,7 +57,7 @@ def find_joints(
         raise RecordingError("no recording is given; give one, or several of one session")
     if len(every) == 1:
         return with_joints(every[0], None, markerset)[1]
-    return fit_session(every, static=static is not None, markerset=markerset)[1].merged.calibration
+    return fit_session(every, static=static is not None, markerset=markerset)[1].calibration
 
 
 def find_joint(

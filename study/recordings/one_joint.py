@@ -15,10 +15,11 @@ from typing import NamedTuple
 import numpy as np
 
 from study.arrays import Floats
-from study.recordings.joints.estimate import CENTIMETRE, Estimate, JointStatus
-from study.recordings.joints.find import FoundJoint, FoundJoints, find_joints
+from study.recordings.joints.calibration import Calibration, JointPlace
+from study.recordings.joints.estimate import CENTIMETRE, SHORT_TEXTS, Estimate, JointStatus
+from study.recordings.joints.find import find_joints
 from study.recordings.joints.poses import SegmentPoses
-from study.recordings.joints.report import SHORT_TEXTS, accuracy_columns
+from study.recordings.joints.report import accuracy_columns
 from study.recordings.markersets import Joint, MarkerSet, Segment
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.rigid import relative_rotation, rotation_range
@@ -34,7 +35,7 @@ _ALONG = 0.1
 
 
 def misplaced_across(
-    found: FoundJoint, poses: Mapping[str, SegmentPoses], own: Sequence[str], recording: Recording
+    found: JointPlace, poses: Mapping[str, SegmentPoses], own: Sequence[str], recording: Recording
 ) -> tuple[str, ...]:
     """Find reasons why the two points across a hinge's axis are not at the joint.
 
@@ -273,7 +274,7 @@ class OneJoint:
 
     recording: str
     clusters: Clusters
-    found: FoundJoint
+    found: JointPlace
     in_recording: Floats
     frame: int
     places: Floats
@@ -345,12 +346,12 @@ def _reference(rotation: Floats) -> int:
     return int(trace.argmax()) + 1 if trace.size else 0
 
 
-def _wanted(found: FoundJoint) -> JointStatus:
+def _wanted(found: JointPlace) -> JointStatus:
     """The status of a reliable joint of the kind that the user gave: a ball that moved as a hinge has no centre."""
     return JointStatus.HINGE if found.joint.kind == "hinge" else JointStatus.OK
 
 
-def _doubts(found: FoundJoint, joints: FoundJoints, recording: Recording, world: Floats) -> list[str]:
+def _doubts(found: JointPlace, joints: Calibration, recording: Recording, world: Floats) -> list[str]:
     """Reasons not to rely on a joint: its status, a pose that is missing, a place outside the body."""
     doubts = []
     if found.status != _wanted(found):

@@ -24,14 +24,13 @@ import numpy as np
 import pandas as pd
 
 from study.arrays import Floats
-from study.recordings.joints.estimate import USABLE, JointStatus, SideDifference
-from study.recordings.joints.find import FoundJoints, find_joints
-from study.recordings.joints.report import SHORT_TEXTS, joint_table
+from study.recordings.joints.calibration import Calibration, JointPlace, SegmentShape
+from study.recordings.joints.estimate import SHORT_TEXTS, USABLE, JointStatus, SideDifference
+from study.recordings.joints.report import joint_table
 from study.recordings.markersets import MarkerSet
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.rigid import fit_rigid_motion
-from study.recordings.skeleton.calibrate import calibration_from, overruled, require_same_subject
-from study.recordings.skeleton.calibration import Calibration, JointPlace, SegmentShape
+from study.recordings.skeleton.calibrate import calibrate, overruled, require_same_subject
 from study.recordings.skeleton.draw import draw_skeleton
 from study.text import columns, number
 
@@ -212,19 +211,23 @@ def _mean(points: Sequence[Floats], information: Sequence[Floats]) -> Floats:
 
 
 @dataclass(frozen=True, eq=False)
-class Merged:
-    """The calibration of a session.
+class Session:
+    """The calibration of one subject from several trials.
 
     Attributes:
         calibration: merged from all trials; the misfits of its shapes are those of the trials.
         parts: each joint's places in the trials, in the axes that these have in common.
+        trials: the calibration of each trial alone.
+        overruled: misfits between trials that were accepted by force, a line each.
     """
 
     calibration: Calibration
     parts: Mapping[str, Sequence[JointPlace]]
+    trials: tuple[Calibration, ...]
+    overruled: tuple[str, ...] = ()
 
 
-def merge_calibrations(markerset: MarkerSet, calibrations: Sequence[Calibration], static: int | None = None) -> Merged:
+def merge_calibrations(markerset: MarkerSet, calibrations: Sequence[Calibration], static: int | None = None) -> Session:
     """Merge calibrations of one subject in one session.
 
     Args:
@@ -244,7 +247,7 @@ def merge_calibrations(markerset: MarkerSet, calibrations: Sequence[Calibration]
         ]
         for joint in markerset.joints
     }
-    return Merged(
+    return Session(
         Calibration(
             source=", ".join(calibration.source for calibration in calibrations),
             frames=sum(calibration.frames for calibration in calibrations),
@@ -253,6 +256,7 @@ def merge_calibrations(markerset: MarkerSet, calibrations: Sequence[Calibration]
             joints=tuple(map(pool_places, parts.values())),
         ),
         parts,
+        tuple(calibrations),
     )
 
 
@@ -289,28 +293,25 @@ def _merged_shape(
     return SegmentShape(name, markers, merged, scatter, own, first.reason)
 
 
-def hinges_placed(merged: Merged, static: Calibration, joints: FoundJoints, recording: Recording) -> Merged:
+def hinges_placed(session: Session, static: Calibration, recording: Recording) -> Session:
     """Move hinges along their axes to the middle of the two points across them, as far as a static trial shows these.
 
     Args:
-        merged: calibration of the session.
-        static: calibration of the static trial alone.
-        joints: its joints, with the poses of its segments.
+        session: of all trials.
+        static: calibration of the static trial alone, with the poses of its segments.
         recording: the static trial.
     """
     places = tuple(
-        _along_axis(place, _middle(place, merged.calibration, static, joints, recording))
-        for place in merged.calibration.joints
+        _along_axis(place, _middle(place, session.calibration, static, recording))
+        for place in session.calibration.joints
     )
-    return replace(merged, calibration=replace(merged.calibration, joints=places))
+    return replace(session, calibration=replace(session.calibration, joints=places))
 
 
-def _middle(
-    place: JointPlace, merged: Calibration, static: Calibration, joints: FoundJoints, recording: Recording
-) -> Floats:
+def _middle(place: JointPlace, merged: Calibration, static: Calibration, recording: Recording) -> Floats:
     """Middle of the two points in the parent's axes (3,), metres; NaN if the trial does not show it."""
     parent, across = place.joint.parent, place.joint.across
-    poses = joints.poses.get(parent)
+    poses = static.poses.get(parent)
     if poses is None or len(across) != 2 or not set(across) <= set(recording.markers):
         return np.full(3, np.nan)
     middle = poses.mean_place(0.5 * (recording.of(across[0]) + recording.of(across[1])))
@@ -328,21 +329,6 @@ def _along_axis(place: JointPlace, middle: Floats) -> JointPlace:
     if np.isnan(in_child).any():  # a child without a pose
         in_child = place.mean_rotation.T @ axis
     return replace(place, in_parent=place.in_parent + step * axis, in_child=place.in_child + step * in_child)
-
-
-@dataclass(frozen=True, eq=False)
-class Session:
-    """The calibration of one subject from several trials.
-
-    Attributes:
-        found: joints of each trial, found in it alone.
-        merged: the calibration from all of them.
-        overruled: misfits between trials that were accepted by force, a line each.
-    """
-
-    found: tuple[FoundJoints, ...]
-    merged: Merged
-    overruled: tuple[str, ...]
 
 
 def calibrate_session(
@@ -365,12 +351,11 @@ def calibrate_session(
     names = [trial.name for trial in every]
     if twice := [name for name in dict.fromkeys(names) if names.count(name) > 1]:
         raise RecordingError(f"{', '.join(twice)}: given twice; name each trial once, and give each a name of its own")
-    found = tuple(find_joints(markerset, trial) for trial in every)
-    calibrations = [calibration_from(joints, trial) for joints, trial in zip(found, every, strict=True)]
+    calibrations = [calibrate(trial, markerset) for trial in every]
     forced: list[str] = []
     for index in range(1, len(every)):
         before = _with_misfits(merge_calibrations(markerset, calibrations[:index]), every[:index])
-        if not any(shape.has_own_pose for shape in before.calibration.shapes):
+        if not before.calibration.has_poses:
             continue
         drawn = draw_skeleton(before.calibration, every[index])
         if force:
@@ -378,22 +363,21 @@ def calibrate_session(
         else:
             require_same_subject(drawn)
     fixed = None if static is None else len(trials)
-    merged = merge_calibrations(markerset, calibrations, fixed)
+    session = merge_calibrations(markerset, calibrations, fixed)
     if fixed is not None:
-        merged = hinges_placed(merged, calibrations[fixed], found[fixed], every[fixed])
-    merged = _with_misfits(merged, every)
-    return Session(found, merged, tuple(forced))
+        session = hinges_placed(session, calibrations[fixed], every[fixed])
+    return replace(_with_misfits(session, every), overruled=tuple(forced))
 
 
-def _with_misfits(merged: Merged, trials: Sequence[Recording]) -> Merged:
+def _with_misfits(session: Session, trials: Sequence[Recording]) -> Session:
     """Add the misfits of the shapes, root mean square over the trials."""
-    calibration = merged.calibration
-    if not any(shape.has_own_pose for shape in calibration.shapes):
-        return merged
+    calibration = session.calibration
+    if not calibration.has_poses:
+        return session
     misfits = np.array([draw_skeleton(calibration, trial).misfits for trial in trials])
     total = _mean_square(misfits, np.array([trial.frames for trial in trials], dtype=np.float64))
     shapes = (replace(shape, misfit=float(m)) for shape, m in zip(calibration.shapes, total, strict=True))
-    return replace(merged, calibration=replace(calibration, shapes=tuple(shapes)))
+    return replace(session, calibration=replace(calibration, shapes=tuple(shapes)))
 
 
 def _mean_square(misfits: Floats, frames: Floats) -> Floats:
@@ -413,7 +397,7 @@ def refit_shapes(calibration: Calibration, recording: Recording) -> Calibration:
         calibration: of the same subject with the same markers (see `subject_check`).
         recording: markers under the calibration's names.
     """
-    here = calibration_from(find_joints(calibration.markerset, recording), recording)
+    here = calibrate(recording, calibration.markerset)
     merged = merge_calibrations(calibration.markerset, [calibration, here], static=1).calibration
     shapes = (
         new if old.has_own_pose and here.shape(old.segment).has_own_pose else old
@@ -426,16 +410,14 @@ def session_lines(session: Session) -> Iterator[str]:
     """Lay out the merged joints, a line each in millimetres, with the trials that each comes from."""
     yield from session.overruled
     titles = ["joint", "status", *(f"{axis} / mm" for axis in "xyz"), "error", "apart", "from"]
-    merged = session.merged
-    yield from columns(
-        (_row(place, merged.parts[place.joint.name]) for place in merged.calibration.joints), titles, "<<>>>>><"
-    )
+    joints = session.calibration.joints
+    yield from columns((_row(place, session.parts[place.joint.name]) for place in joints), titles, "<<>>>>><")
     yield "x, y, z: centre in its parent; error: largest standard error; apart: farthest reliable trial; all in mm"
-    for place in merged.calibration.joints:
+    for place in joints:
         if place.status not in USABLE:
             yield f"{place.joint.name}: {place.reason}"
             continue
-        parts = sorted(merged.parts[place.joint.name], key=lambda part: part.rank)
+        parts = sorted(session.parts[place.joint.name], key=lambda part: part.rank)
         if left := [part for part in parts if not set(part.trials) <= set(place.trials)]:
             yield f"{place.joint.name}: not from {', '.join(map(_left_out, left))}"
 
@@ -448,10 +430,10 @@ def session_table(session: Session) -> pd.DataFrame:
         place rests on this row.
     """
     tables = []
-    for found in session.found:
-        table = joint_table(found)
-        table.insert(0, "recording", found.recording)
-        table["merged"] = [found.recording in place.trials for place in session.merged.calibration.joints]
+    for trial in session.trials:
+        table = joint_table(trial)
+        table.insert(0, "recording", trial.source)
+        table["merged"] = [trial.source in place.trials for place in session.calibration.joints]
         tables.append(table)
     return pd.concat(tables, ignore_index=True)
 

@@ -569,3 +569,29 @@ def test_prints_do_not_mix_with_json(call_here, folder):
     assert code == 0
     assert json.loads(said)
     assert "a fit" in complained
+
+
+def test_certify(call_here, tmp_path):
+    """Pairs are written and read back; a mutated one is code 1, one that cannot be read code 2, a wrong name a line."""
+    code, said, complained = call_here(tmp_path, "certify", "-e", "gdke", "--out", "pairs", "--table", "errors.csv")
+    assert (code, complained) == (0, "")
+    assert "gdke *" in said
+    assert len((tmp_path / "errors.csv").read_text().splitlines()) == 91
+    assert call_here(tmp_path, "certify", "pairs/gdke", "-e", "gdke")[:2] == (0, said)
+    name = "sphere-cap180-offset0-form0.05"
+    fit = tmp_path / "pairs" / "gdke" / f"{name}.fit"
+    *center, diameter = fit.read_text().split()
+    fit.write_text("\n".join([*center, f"{float(diameter) * 1.000001!r}"]))
+    code, said, complained = call_here(tmp_path, "certify", "pairs/gdke", "--estimator", "gdke")
+    assert (code, complained) == (1, "")
+    assert said.splitlines()[-1].startswith(f"{name}: gdke differs by 1.00e-06 of the radius")
+    fit.unlink()
+    code, said, complained = call_here(tmp_path, "certify", "pairs/gdke", "-e", "gdke")
+    assert code == 2
+    assert complained.splitlines() == [
+        f"{fit.relative_to(tmp_path)}: no such file; a pair is NAME.ds and NAME.fit in one folder"
+    ]
+    code, said, complained = call_here(tmp_path, "certify", "-e", "corrected")
+    assert (code, said) == (2, "")
+    assert "known are mle, gdke, minimum_zone" in complained
+    assert call_here(tmp_path, "certify", "--limit", "0")[0] == 2

@@ -108,6 +108,21 @@ def test_geometric_fit_as_noise_vanishes(rng, on_cap, name, noise, samples):
     np.testing.assert_allclose(one.noise_variance, two.noise_variance, rtol=1e-4, atol=1e-29)
 
 
+@pytest.mark.parametrize("name", [*MEMBERS, "corrected"])
+@pytest.mark.parametrize("far", [1e6, 1e7, 1e8])
+def test_far_from_the_origin(rng, on_cap, name, far):
+    """Points far from the origin have the fit of the same rounded points beside it: all converge.
+
+    Differences of such points are exact, so the radii agree to rounding, and the centres to that of coordinates.
+    """
+    points = on_cap(rng, 60, 60.0, noise=1e-6, center=np.array([1.0, 0.5, -0.3]) * far, sets=50)[0]
+    points[0] -= far * np.array([1.0, 0.5, -0.3])  # one set near the origin in the same batch
+    fit, moved = study.fit(points, name), study.fit(points - points[:, :1], name)
+    assert np.all(fit.own_status == Status.OK)
+    np.testing.assert_allclose(fit.radius, moved.radius, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(fit.center, moved.center + points[:, 0], rtol=0, atol=far * 2**-52 + 1e-11)
+
+
 def lopsided(rng, sets, n, noise):
     """Points of which 70 % lie on a cap of 20°, and 30 % on a cap of 35° about an axis 60° away (sets, n, 3)."""
     height, turn = 1 - np.cos(np.radians([20.0, 35.0])), np.radians(60.0)

@@ -8,12 +8,15 @@ import numpy as np
 import pytest
 
 from study.recordings.formats.read import read_recording
+from study.recordings.joints.calibration import Calibration, JointPlace, SegmentShape
+from study.recordings.joints.estimate import JointStatus
 from study.recordings.joints.find import find_joints
 from study.recordings.markersets import load_markerset
 from study.recordings.markersets.match import choose
 from study.recordings.recording import Recording
-from study.recordings.skeleton.calibrate import calibrate, calibration_from
-from study.recordings.skeleton.make_scene import SceneJoint, make_scene
+from study.recordings.skeleton.calibrate import calibrate, with_checks
+from study.recordings.skeleton.draw import Skeleton
+from study.recordings.skeleton.make_scene import make_scene
 from study.recordings.synthetic.make import Recipe, synthesize
 
 
@@ -46,7 +49,7 @@ def kata_joints(kata):
 @pytest.fixture(scope="session")
 def kata_calibration(kata, kata_joints):
     """The calibration that they make."""
-    return calibration_from(kata_joints, kata.recording)
+    return with_checks(kata_joints, kata.recording)
 
 
 @pytest.fixture(scope="session")
@@ -74,7 +77,7 @@ def figure():
 @pytest.fixture(scope="session")
 def figure_calibration(figure):
     """The calibration that they make."""
-    return calibration_from(figure[2], figure[0])
+    return with_checks(figure[2], figure[0])
 
 
 @pytest.fixture(scope="session")
@@ -115,27 +118,44 @@ def write_c3d():
     return write
 
 
+def true_skeleton(recording, truth, joints=None, **changes):
+    """A skeleton of a synthetic body's true joints (all, if none are named); ``changes`` are fields of each joint."""
+    markerset, places = load_markerset("cmu41"), []
+    declared = {joint.name: joint for joint in markerset.joints}
+    names = truth.joints if joints is None else joints
+    for name in names:
+        number = truth.joints.index(name)
+        parts = {"covariance": np.eye(3) * 1e-6, "in_parent": truth.in_parent[number]} | changes
+        places.append(JointPlace(declared[name], JointStatus.OK, "", axis_in_parent=truth.axes[number], **parts))
+    segments = [segment.name for segment in markerset.segments]
+    shapes = tuple(SegmentShape(name, (), np.zeros((0, 3)), np.zeros(0), False, "") for name in segments)
+    rows, frames = [truth.segments.index(name) for name in segments], recording.frames
+    return Skeleton(
+        name=recording.name,
+        rate=recording.rate,
+        calibration=Calibration("truth", frames, markerset, shapes, tuple(places)),
+        rotations=truth.rotations[rows].transpose(0, 2, 3, 1),
+        origins=truth.origins[rows],
+        segment_flags=np.zeros((len(rows), frames), dtype=np.uint8),
+        misfits=np.full(len(rows), np.nan),
+        left_out=np.zeros(len(rows)),
+        centers=truth.centers[[truth.joints.index(name) for name in names]].copy(),
+        flags=np.zeros((len(names), frames), dtype=np.uint8),
+    )
+
+
+@pytest.fixture(scope="session")
+def of_truth():
+    """The function `true_skeleton`."""
+    return true_skeleton
+
+
 @pytest.fixture(scope="session")
 def scene():
     """A scene of a synthetic body with its true joints: some bridged, one doubtful, one never known."""
     recording, truth = synthesize(Recipe(frames=90, rate=90.0, gaps=0.05))
-    joints = []
-    for number, name in enumerate(truth.joints):
-        parent = truth.segments.index(truth.parents[number])
-        axis = truth.axes[number]
-        flags = np.zeros(recording.frames, dtype=np.uint8)
-        flags[40:50] = number == 3
-        joints.append(
-            SceneJoint(
-                name=name,
-                parent=truth.parents[number],
-                child=truth.children[number],
-                center=truth.centers[number] if name != "right_wrist" else np.full((3, recording.frames), np.nan),
-                rotation=truth.rotations[parent].transpose(1, 2, 0),
-                covariance=np.diag([9e-6, 4e-6, 1e-6]),
-                axis=None if np.isnan(axis).any() else axis,
-                flags=flags,
-                doubt="moved too little" if name == "neck" else "",
-            )
-        )
-    return make_scene(recording, load_markerset("cmu41"), joints, "true joints")
+    skeleton = true_skeleton(recording, truth, covariance=np.diag([9e-6, 4e-6, 1e-6]))
+    skeleton.flags[3, 40:50] = 1
+    skeleton.center("right_wrist")[:] = np.nan
+    doubts = ["moved too little" if name == "neck" else "" for name in truth.joints]
+    return make_scene(skeleton, recording, doubts, "true joints")

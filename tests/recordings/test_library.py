@@ -9,9 +9,9 @@ from typer.testing import CliRunner
 import study
 from study import cli
 from study.recordings.formats.write import write_recording
+from study.recordings.joints.calibration import save_calibration
 from study.recordings.markersets import MarkerSetError
 from study.recordings.recording import RecordingError
-from study.recordings.skeleton.calibration import save_calibration
 from study.recordings.synthetic.make import Recipe, synthesize
 
 

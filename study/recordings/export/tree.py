@@ -28,9 +28,9 @@ import pandas as pd
 from scipy.spatial.transform import Rotation
 
 from study.arrays import Floats, Ints
+from study.recordings.joints.calibration import Calibration, JointPlace, SegmentShape
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.rigid import relative_rotation, to_world, zxy_angles
-from study.recordings.skeleton.calibration import Calibration, JointPlace, SegmentShape
 from study.recordings.skeleton.draw import Skeleton, pivot_joint
 from study.recordings.skeleton.scene import Scene, side, upright_rotation
 

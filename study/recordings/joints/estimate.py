@@ -75,6 +75,20 @@ class JointStatus(Worded):
     UNSEEN = 10, "its markers were not seen, or never together with a pose"
 
 
+SHORT_TEXTS = {
+    JointStatus.OK: "ok",
+    JointStatus.HINGE: "hinge",
+    JointStatus.DISAGREE: "sides disagree",
+    JointStatus.REVERSES: "ways disagree",
+    JointStatus.ONE_AXIS: "one axis",
+    JointStatus.UNSURE: "unsure",
+    JointStatus.INSIGNIFICANT: "insignificant",
+    JointStatus.NOT_POSITIVE_DEFINITE: "hidden by noise",
+    JointStatus.STILL: "still",
+    JointStatus.NO_FRAME: "no frame",
+    JointStatus.UNSEEN: "unseen",
+}
+"""A status in a table, which has no room for its whole text."""
 USABLE = (JointStatus.OK, JointStatus.HINGE)
 """A joint that a skeleton can be built on without reservation."""
 DOUBTED = (JointStatus.DISAGREE, JointStatus.REVERSES, JointStatus.ONE_AXIS)
@@ -102,8 +116,6 @@ class Estimate:
         covariance: of the centre (3, 3), m², errors of the joints that the poses rest on included.
         axis: direction along which the centre is not known (3,), or None.
         noise: the noise that was taken off.
-        frames: number of frames used.
-        effective_frames: effective number of independent frames.
         used: samples used (M, frames).
         sphere: the fit of one side, or None.
         pair: the fit of both sides, or None.
@@ -120,14 +132,24 @@ class Estimate:
     covariance: Floats
     axis: Floats | None
     noise: NoiseModel
-    frames: int
-    effective_frames: float
     used: Bools
     sphere: CenterFit | None
     pair: SymmetricFit | None
     status: JointStatus = JointStatus.OK
     skin: Floats = field(default_factory=lambda: np.zeros((3, 3)))
     floor: float = float("nan")
+
+    @property
+    def frames(self) -> int:
+        """Number of frames used."""
+        fit = self.sphere or self.pair
+        return fit.frames if fit is not None else 0
+
+    @property
+    def effective_frames(self) -> float:
+        """Effective number of independent frames."""
+        fit = self.sphere or self.pair
+        return fit.effective_frames if fit is not None else 0.0
 
     @property
     def standard_error(self) -> float:
@@ -188,8 +210,6 @@ def estimate_from_spheres(
         covariance=fit.covariance + fit.shape + _doubt_of_noise(noise, fit, kept, poses),
         axis=fit.least if hinge and fit.axis is None else fit.axis,
         noise=noise,
-        frames=fit.frames,
-        effective_frames=fit.effective_frames,
         used=np.stack([marker.used for marker in kept]),
         sphere=fit,
         pair=None,
@@ -206,8 +226,6 @@ def estimate_from_poses(parent: SegmentPoses, child: SegmentPoses, pair: Symmetr
         covariance=pair.covariance,
         axis=pair.axes[0] if hinge or pair.hinge else None,
         noise="pose",
-        frames=pair.frames,
-        effective_frames=pair.effective_frames,
         used=child.good & parent.known,
         sphere=None,
         pair=pair,

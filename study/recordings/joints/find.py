@@ -9,12 +9,14 @@ The estimate with the best status and the smallest standard error is chosen; the
 Source: paper §2, §7; theory §1.2.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from study.arrays import Bools, Floats, Ints
+from study.recordings.joints.calibration import Calibration, JointPlace, SegmentShape
 from study.recordings.joints.center import center_only
 from study.recordings.joints.estimate import (
     COMPARABLE,
@@ -23,12 +25,10 @@ from study.recordings.joints.estimate import (
     Estimate,
     JointStatus,
     Side,
-    WayDifference,
     check_against_sides,
     check_both_ways,
     estimate_from_poses,
     estimate_from_spheres,
-    largest_error,
     local_marker,
 )
 from study.recordings.joints.poses import (
@@ -43,99 +43,235 @@ from study.recordings.joints.skin import SkinErrors
 from study.recordings.joints.symmetric import symmetric_fit
 from study.recordings.markersets import Joint, MarkerSet
 from study.recordings.recording import Recording
-from study.recordings.rigid import mean_rotated_covariance, relative_rotation
+from study.recordings.rigid import mean_rotated_covariance, nearest_rotation, relative_rotation
+
+_FRAMES = 300
+"""Frames on which errors are propagated from joint to joint."""
+_ROUNDING = 1e-9
+"""Metres."""
+_BUILT_ON = (*USABLE, *DOUBTED, JointStatus.UNSURE, JointStatus.INSIGNIFICANT)
+"""A joint that may be the third point of a segment's pose; its errors are propagated."""
 
 
-@dataclass(frozen=True)
-class FoundJoint:
-    """A joint, or the reason why there is none.
+def find_joints(markerset: MarkerSet, recording: Recording) -> Calibration:
+    """Find all joints of a recording.
+
+    Args:
+        markerset: segments and joints; its markers are looked up under their names.
+        recording: the same markers; those that it lacks count as always missing (see `match`).
+
+    Returns:
+        The calibration, without misfits of shapes and warnings (see `calibrate`), with the poses of the segments.
+    """
+    with threadpool_limits(1, user_api="blas"):  # threads take longer to start than such small products
+        body = _Body(markerset, recording)
+        answers = {place.joint.name: place for place in _from_the_root(body)}
+        places = (replace(answers[joint.name], joint=joint) for joint in markerset.joints)
+        poses = {name: poses for name, poses in body.poses.items() if isinstance(poses, SegmentPoses)}
+        joints = tuple(in_both_segments(place, poses) for place in places)
+        shapes = tuple(_shape(segment.name, body, joints) for segment in markerset.segments)
+    return Calibration(recording.name, recording.frames, markerset, shapes, joints, poses)
+
+
+class _Body:
+    """Poses of a body's segments, as far as they are known.
 
     Attributes:
-        joint: as the marker set has it.
-        status: its reliability.
-        reason: the same in words.
-        estimate: the chosen one.
-        others: the estimates from other sides.
-        in_parent: place in the parent's axes (3,), metres; NaN where that segment has no pose.
-        in_child: place in the child's axes (3,), metres; NaN where that segment has no pose.
-        covariance: of the place (3, 3), m², in the parent's axes, mean over the frames; in the child's, where the
-            parent has no pose.
-        axis_in_parent: axis of a hinge (3,) in the parent's axes; NaN if none.
-        axis_in_child: axis of a hinge (3,) in the child's axes; NaN if none.
+        markerset: without the markers that the recording lacks.
+        recording: with the markers.
+        poses: of each segment, or the reason why it has none.
+        own: segments whose own markers fix their poses.
+        skin: of these.
+        rests_on: for a segment whose poses are fitted to a joint, too, the estimate of that joint.
     """
 
-    joint: Joint
-    status: JointStatus
-    reason: str
-    estimate: Estimate | None = None
-    others: tuple[Estimate, ...] = ()
-    in_parent: Floats = field(default_factory=lambda: np.full(3, np.nan))
-    in_child: Floats = field(default_factory=lambda: np.full(3, np.nan))
-    covariance: Floats = field(default_factory=lambda: np.full((3, 3), np.nan))
-    axis_in_parent: Floats = field(default_factory=lambda: np.full(3, np.nan))
-    axis_in_child: Floats = field(default_factory=lambda: np.full(3, np.nan))
+    def __init__(self, markerset: MarkerSet, recording: Recording) -> None:
+        self.markerset, self.recording = _without_missing(markerset, recording), recording
+        self.reference = reference_frame(recording)
+        self.poses = poses_from_markers(self.markerset, recording, self.reference)
+        own = {name: poses for name, poses in self.poses.items() if isinstance(poses, SegmentPoses)}
+        self.own, self.skin = set(own), SkinErrors(recording, own)
+        self.rests_on: dict[str, Estimate] = {}
 
-    @property
-    def standard_error(self) -> float:
-        """Largest standard error in the axes of the covariance, across the axis of a hinge, metres; NaN if unknown."""
-        return largest_error(self.covariance, None if np.isnan(self.axis_in_parent).any() else self.axis_in_parent)
+    def accepted(self, marker: str) -> Bools:
+        """Samples of a marker (frames,) that are no outliers in its own segment."""
+        for poses in self.poses.values():
+            if isinstance(poses, SegmentPoses) and marker in poses.points:
+                return np.asarray(~poses.outliers[poses.points.index(marker)])
+        return np.ones(self.recording.frames, dtype=np.bool_)
 
+    def complete(self, joint: Joint, estimate: Estimate) -> None:
+        """Fit the poses of a joint's segments that have too few markers, with the joint as one more point."""
+        for name in (joint.child, joint.parent):
+            if isinstance(self.poses[name], str):
+                markers = marker_points(self.markerset.segment(name), self.recording)
+                self.poses[name] = fit_poses(name, [_as_point(joint.name, estimate), *markers], self.reference)
+                self.rests_on[name] = estimate
 
-@dataclass(frozen=True)
-class FoundJoints:
-    """Joints of a recording, and the poses of its segments.
-
-    Attributes:
-        recording: name of the recording.
-        markerset: whose joints they are.
-        poses: of each segment that has any.
-        without_pose: reason, for each of the others.
-        joints: all of the marker set's, in its order.
-    """
-
-    recording: str
-    markerset: MarkerSet
-    poses: Mapping[str, SegmentPoses]
-    without_pose: Mapping[str, str]
-    joints: tuple[FoundJoint, ...]
-
-    def __getitem__(self, name: str) -> FoundJoint:
-        """The joint of a name (KeyError if there is none)."""
-        return {found.joint.name: found for found in self.joints}[name]
+    def why_no_own_pose(self, segment: str) -> str:
+        """Reason, in words, why a segment has no pose of its own."""
+        poses = self.poses[segment]
+        return f"{segment} has one only by the joint {poses.points[0]}" if isinstance(poses, SegmentPoses) else poses
 
 
-def in_both_segments(found: FoundJoint, poses: Mapping[str, SegmentPoses]) -> FoundJoint:
-    """Add a joint's place, and the axis of a hinge, in both segments' axes."""
-    estimate, parent, child = found.estimate, found.joint.parent, found.joint.child
+def _from_the_root(body: _Body) -> list[JointPlace]:
+    """Fit the joints, parents first, until no more can be fitted; their places in both segments are still open."""
+    order = [segment.name for segment in body.markerset.segments]
+    waiting = sorted(body.markerset.joints, key=lambda joint: order.index(joint.child))
+    answers = []
+    while waiting:
+        ready = [joint for joint in waiting if isinstance(body.poses[joint.parent], SegmentPoses)]
+        ready = ready or [joint for joint in waiting if joint.child in body.own]
+        if not ready:
+            break
+        joint = ready[0]
+        waiting.remove(joint)
+        answers.append(_fit(joint, body))
+        estimate = answers[-1].estimate
+        if estimate is not None and estimate.status in _BUILT_ON:
+            body.complete(joint, estimate)
+    for joint in waiting:
+        why = "; ".join(body.why_no_own_pose(name) for name in (joint.parent, joint.child))
+        answers.append(JointPlace(joint, JointStatus.NO_FRAME, f"{JointStatus.NO_FRAME.text} ({why})"))
+    return answers
+
+
+def _fit(joint: Joint, body: _Body) -> JointPlace:
+    """Fit a joint from each side that has poses without it, and choose among the estimates."""
+    parent = body.poses[joint.parent]
+    child = body.poses[joint.child] if joint.child in body.own else ""
+    estimates: list[Estimate | None] = []
+    if isinstance(parent, SegmentPoses):
+        estimates.append(_from_spheres(joint, "parent", parent, body))
+    if isinstance(child, SegmentPoses):
+        estimates.append(_from_spheres(joint, "child", child, body))
+    if isinstance(parent, SegmentPoses) and isinstance(child, SegmentPoses):
+        estimates.append(_from_both(joint, parent, child, body))
+    ranked = sorted((e for e in estimates if e is not None), key=lambda e: (e.status, e.standard_error))
+    if not ranked:
+        samples = sum(int((~np.isnan(body.recording.of(name)[0])).sum()) for name in body.markerset.markers_for(joint))
+        status = JointStatus.STILL if samples > 3 else JointStatus.UNSEEN
+        return JointPlace(joint, status, status.text)
+    chosen, sides = check_against_sides(ranked[0], ranked[1:])
+    # of the estimates in the first one's axes, the one in which bending and straightening differ most
+    ways = [
+        body.skin.ways(e, joint, child if e.side == "both" and isinstance(child, SegmentPoses) else None)
+        for e in ranked
+        if e.poses is ranked[0].poses and e.status in COMPARABLE
+    ]
+    most = max(ways, key=lambda two: sum(way.distance for way in two if way.contradicts), default=[])
+    chosen, reverses = check_both_ways(chosen, most)
+    chosen = chosen.placed_along_axis(_midway(joint, body.recording))
+    chosen = chosen.as_ball() if joint.kind == "ball" else chosen
+    own = sides or ("" if chosen.status in (*USABLE, JointStatus.REVERSES) else chosen.status.text)
+    reason = "; ".join(filter(None, (own, reverses))) or chosen.status.text
+    return JointPlace(joint, chosen.status, reason, floor=chosen.floor, estimates=(chosen, *ranked[1:]))
+
+
+def _from_spheres(joint: Joint, side: Side, poses: SegmentPoses, body: _Body) -> Estimate | None:
+    """Fit a joint to markers in the axes of one of its segments."""
+    names = body.markerset.markers_for(joint) if side == "parent" else body.markerset.segment(joint.parent).markers
+    markers = [local_marker(poses, body.recording.of(name), body.accepted(name)) for name in names]
+    estimate = estimate_from_spheres(side, poses, names, markers, joint.kind == "hinge") if markers else None
     if estimate is None:
-        return found
+        return None
+    return body.skin.add(_with_propagated_errors(estimate, None, body), joint, None).with_status()
+
+
+def _from_both(joint: Joint, parent: SegmentPoses, child: SegmentPoses, body: _Body) -> Estimate | None:
+    """Fit a joint as the point in which both of its segments agree."""
+    pair = symmetric_fit(parent, child)
+    if pair is None:
+        return None
+    estimate = estimate_from_poses(parent, child, pair, joint.kind == "hinge")
+    return body.skin.add(_with_propagated_errors(estimate, child, body), joint, child).with_status()
+
+
+def _with_propagated_errors(estimate: Estimate, child: SegmentPoses | None, body: _Body) -> Estimate:
+    """Add to an estimate's covariance the errors of the joint that its segment's poses are fitted to.
+
+    That joint is moved by its standard errors, one principal direction after the other, and the fit is repeated with
+    the poses that follow, on frames spread over the recording.
+    """
+    segment = estimate.poses.segment
+    if segment not in body.rests_on:
+        return estimate
+    base = body.rests_on[segment]
+    part = np.linspace(0, body.recording.frames - 1, min(body.recording.frames, _FRAMES)).astype(int)
+    fixed, base = estimate.poses.in_frames(part), replace(base, poses=base.poses.in_frames(part))
+    markers = marker_points(body.markerset.segment(segment), body.recording)
+    own = [PosePoint(marker.name, marker.x[:, part]) for marker in markers]
+    values, vectors = np.linalg.eigh(base.covariance)
+    sizes = np.maximum(np.sqrt(np.maximum(values, 0.0)), _ROUNDING)
+    places = []
+    for step in (np.zeros(3), *(vectors * sizes).T):
+        moved = fit_poses(segment, [_as_point(fixed.points[0], base, step), *own])
+        place = np.full(3, np.nan)
+        if isinstance(moved, SegmentPoses):
+            center = _repeated(estimate, moved, child, part, body)
+            place = place if center is None else fixed.mean_place(moved.to_world(center))
+        places.append(place)
+    shifts = np.array(places[1:]) - places[0]
+    shifts[np.isnan(shifts)] = 1.0  # a metre: a joint whose fit fails when its base moves is not known
+    follows = shifts.T @ (vectors / sizes).T  # shift of the joint per shift of its base
+    covariance = estimate.covariance + follows @ base.covariance @ follows.T
+    return replace(estimate, covariance=covariance, skin=estimate.skin + follows @ base.skin @ follows.T)
+
+
+def _repeated(
+    estimate: Estimate, poses: SegmentPoses, child: SegmentPoses | None, part: Ints, body: _Body
+) -> Floats | None:
+    """The centre (3,) of an estimate with other poses of its segment, in these frames; None if the fit fails."""
+    if child is not None:
+        pair = symmetric_fit(poses, child.in_frames(part))
+        return None if pair is None else pair.in_parent
+    names, recording = estimate.markers, body.recording
+    markers = [local_marker(poses, recording.of(name)[:, part], body.accepted(name)[part]) for name in names]
+    noise = poses.noise if estimate.noise == "pose" else poses.noise.removed
+    hinge = estimate.sphere is not None and estimate.sphere.axis is not None
+    return center_only(markers, noise, hinge, 0.0 if estimate.noise == "none" else None)
+
+
+def in_both_segments(place: JointPlace, poses: Mapping[str, SegmentPoses]) -> JointPlace:
+    """Add a joint's place, the axis of a hinge, and the mean rotation in both segments' axes."""
+    estimate, parent, child = place.estimate, poses.get(place.joint.parent), poses.get(place.joint.child)
+    rotation, axes = np.eye(3), np.full((2, 3), np.nan)
+    if parent is not None and child is not None:
+        both = parent.known & child.known
+        if both.any():
+            total = np.einsum("jit,jkt->ik", parent.rotation[:, :, both], child.rotation[:, :, both])
+            rotation = nearest_rotation(total)
+    if estimate is None:
+        return replace(place, mean_rotation=rotation)
     x = estimate.poses.to_world(estimate.center)
-    places = {segment: np.full(3, np.nan) for segment in (parent, child)}
-    for segment in places.keys() & poses.keys():
-        places[segment] = poses[segment].mean_place(x)
-    places[estimate.poses.segment] = estimate.center
+    own = 1 if estimate.side == "child" else 0
+    places = [np.full(3, np.nan) if one is None else one.mean_place(x) for one in (parent, child)]
+    places[own] = estimate.center
+    if child is None:  # its axes are the parent's
+        places[1] = places[0]
     covariance = estimate.covariance
-    if estimate.side == "child" and parent in poses:
-        covariance = _covariance_in_parent(poses[parent], estimate.poses, covariance)
-    axes = np.full((2, 3), np.nan)
+    if own == 1 and parent is not None:
+        both = parent.known & estimate.poses.known
+        if both.any():
+            relative = relative_rotation(parent.rotation[:, :, both], estimate.poses.rotation[:, :, both])
+            covariance = mean_rotated_covariance(relative, covariance)
     if estimate.axis is not None:
-        own = 1 if estimate.side == "child" else 0
         axes[own] = estimate.axis
-        if parent in poses and child in poses:
-            two = poses[parent], poses[child]
+        if parent is not None and child is not None:
             # rotations show an axis better than the planes of a few arcs; but errors are across the estimate's own axis
-            pair = None if found.status == JointStatus.DISAGREE else symmetric_fit(*two)
+            pair = None if place.status == JointStatus.DISAGREE else symmetric_fit(parent, child)
             if pair is None:
-                axes[1 - own] = _axis_in_other(two[own], two[1 - own], axes[own])
+                axes[1 - own] = _axis_in_other((parent, child)[own], (parent, child)[1 - own], axes[own])
             else:
                 axes = pair.axes
     return replace(
-        found,
-        in_parent=places[parent],
-        in_child=places[child],
+        place,
+        in_parent=places[0],
+        in_child=places[1],
         covariance=covariance,
         axis_in_parent=axes[0],
         axis_in_child=axes[1],
+        mean_rotation=rotation,
     )
 
 
@@ -147,190 +283,34 @@ def _axis_in_other(one: SegmentPoses, other: SegmentPoses, axis: Floats) -> Floa
     return mean / length if length > 0.0 else np.full(3, np.nan)
 
 
-def _covariance_in_parent(parent: SegmentPoses, child: SegmentPoses, covariance: Floats) -> Floats:
-    """Mean covariance in the parent's axes (3, 3) of one in the child's."""
-    both = parent.known & child.known
-    if not both.any():
-        return covariance
-    return mean_rotated_covariance(
-        relative_rotation(parent.rotation[:, :, both], child.rotation[:, :, both]), covariance
-    )
+def _shape(name: str, body: _Body, joints: Sequence[JointPlace]) -> SegmentShape:
+    """Shape of a segment in its own axes; of one without poses, in its parent's.
 
-
-_FRAMES = 300
-"""Frames on which errors are propagated from joint to joint."""
-_ROUNDING = 1e-9
-"""Metres."""
-_BUILT_ON = (*USABLE, *DOUBTED, JointStatus.UNSURE, JointStatus.INSIGNIFICANT)
-"""A joint that may be the third point of a segment's pose; its errors are propagated."""
-
-
-def find_joints(markerset: MarkerSet, recording: Recording) -> FoundJoints:
-    """Find all joints of a recording.
-
-    Args:
-        markerset: segments and joints; its markers are looked up under their names.
-        recording: the same markers; those that it lacks count as always missing (see `match`).
+    Each marker of the latter is at its median radius and direction from the joint that the segment rotates about.
     """
-    return _Search(markerset, recording).run()
-
-
-class _Search:
-    """Poses and joints found so far."""
-
-    def __init__(self, markerset: MarkerSet, recording: Recording) -> None:
-        self.whole, self.markerset, self.recording = markerset, _without_missing(markerset, recording), recording
-        self.reference = reference_frame(recording)
-        self.poses = poses_from_markers(self.markerset, recording, self.reference)
-        own = {name: poses for name, poses in self.poses.items() if isinstance(poses, SegmentPoses)}
-        self.skin = SkinErrors(recording, own)
-        self.own = set(own)
-        self.found: dict[str, FoundJoint] = {}
-        self.rests_on: dict[str, Estimate] = {}
-        """For a segment whose poses are fitted to a joint: the estimate of that joint."""
-
-    def run(self) -> FoundJoints:
-        """Fit the joints, parents first, until no more can be fitted."""
-        order = [segment.name for segment in self.markerset.segments]
-        waiting = sorted(self.markerset.joints, key=lambda joint: order.index(joint.child))
-        while waiting:
-            ready = [joint for joint in waiting if isinstance(self.poses[joint.parent], SegmentPoses)]
-            ready = ready or [joint for joint in waiting if joint.child in self.own]
-            if not ready:
-                break
-            joint = ready[0]
-            waiting.remove(joint)
-            self.found[joint.name] = self.fit(joint)
-            self.complete_segments(joint)
-        for joint in waiting:
-            why = "; ".join(self.why_no_own_pose(name) for name in (joint.parent, joint.child))
-            self.found[joint.name] = FoundJoint(joint, JointStatus.NO_FRAME, f"{JointStatus.NO_FRAME.text} ({why})")
-        poses = {name: each for name, each in self.poses.items() if isinstance(each, SegmentPoses)}
-        without = {name: each for name, each in self.poses.items() if isinstance(each, str)}
-        found = (replace(self.found[joint.name], joint=joint) for joint in self.whole.joints)
-        joints = tuple(in_both_segments(each, poses) for each in found)
-        return FoundJoints(self.recording.name, self.whole, poses, without, joints)
-
-    def fit(self, joint: Joint) -> FoundJoint:
-        """Fit a joint from each side that has poses without it, and choose among the estimates."""
-        parent, child = self.poses[joint.parent], self.poses[joint.child] if joint.child in self.own else ""
-        found = []
-        if isinstance(parent, SegmentPoses):
-            found.append(self.fit_spheres(joint, "parent", parent, self.markerset.markers_for(joint)))
-        if isinstance(child, SegmentPoses):
-            found.append(self.fit_spheres(joint, "child", child, self.markerset.segment(joint.parent).markers))
-        if isinstance(parent, SegmentPoses) and isinstance(child, SegmentPoses):
-            found.append(self.fit_pair(joint, parent, child))
-        estimates = sorted((e for e in found if e is not None), key=lambda e: (e.status, e.standard_error))
-        if not estimates:
-            status = self.reason_without_estimate(joint)
-            return FoundJoint(joint, status, status.text)
-        chosen, sides = check_against_sides(estimates[0], estimates[1:])
-        chosen, ways = check_both_ways(chosen, self.turning_ways(joint, estimates))
-        chosen = chosen.placed_along_axis(_midway(joint, self.recording))
-        chosen = chosen.as_ball() if joint.kind == "ball" else chosen
-        own = sides or ("" if chosen.status in (*USABLE, JointStatus.REVERSES) else chosen.status.text)
-        reason = "; ".join(filter(None, (own, ways))) or chosen.status.text
-        return FoundJoint(joint, chosen.status, reason, chosen, tuple(estimates[1:]))
-
-    def turning_ways(self, joint: Joint, estimates: Sequence[Estimate]) -> list[WayDifference]:
-        """Differences between bending and straightening, by the estimate in the first one's axes that shows most."""
-        child, found = self.poses[joint.child], []
-        for each in estimates:
-            if each.poses is estimates[0].poses and each.status in COMPARABLE:
-                two = child if each.side == "both" and isinstance(child, SegmentPoses) else None
-                found.append(self.skin.ways(each, joint, two))
-        return max(found, key=lambda ways: sum(way.distance for way in ways if way.contradicts), default=[])
-
-    def reason_without_estimate(self, joint: Joint) -> JointStatus:
-        """Status of a joint that has poses but no estimate."""
-        samples = sum(int((~np.isnan(self.recording.of(name)[0])).sum()) for name in self.markerset.markers_for(joint))
-        return JointStatus.STILL if samples > 3 else JointStatus.UNSEEN
-
-    def why_no_own_pose(self, segment: str) -> str:
-        """Reason, in words, why a segment has no pose of its own."""
-        poses = self.poses[segment]
-        return f"{segment} has one only by the joint {poses.points[0]}" if isinstance(poses, SegmentPoses) else poses
-
-    def fit_spheres(self, joint: Joint, side: Side, poses: SegmentPoses, names: Sequence[str]) -> Estimate | None:
-        """Fit a joint to markers in the axes of one of its segments."""
-        markers = [local_marker(poses, self.recording.of(name), self.accepted(name)) for name in names]
-        found = estimate_from_spheres(side, poses, names, markers, joint.kind == "hinge") if markers else None
-        if found is None or found.sphere is None:
-            return None
-        hinge, size = found.sphere.axis is not None, 0.0 if found.noise == "none" else None
-
-        def refit(moved: SegmentPoses, part: Ints) -> Floats | None:
-            some = [local_marker(moved, self.recording.of(name)[:, part], self.accepted(name)[part]) for name in names]
-            noise = moved.noise if found.noise == "pose" else moved.noise.removed
-            return center_only(some, noise, hinge, size)
-
-        return self.skin.add(self.with_propagated_errors(found, refit), joint, None).with_status()
-
-    def fit_pair(self, joint: Joint, parent: SegmentPoses, child: SegmentPoses) -> Estimate | None:
-        """Fit a joint as the point in which both of its segments agree."""
-        pair = symmetric_fit(parent, child)
-        if pair is None:
-            return None
-
-        def refit(moved: SegmentPoses, part: Ints) -> Floats | None:
-            other = symmetric_fit(moved, child.in_frames(part))
-            return None if other is None else other.in_parent
-
-        found = estimate_from_poses(parent, child, pair, joint.kind == "hinge")
-        return self.skin.add(self.with_propagated_errors(found, refit), joint, child).with_status()
-
-    def with_propagated_errors(
-        self, estimate: Estimate, refit: Callable[[SegmentPoses, Ints], Floats | None]
-    ) -> Estimate:
-        """Add to an estimate's covariance the errors of the joint that its segment's poses are fitted to.
-
-        That joint is moved by its standard errors, one principal direction after the other, and ``refit`` repeats the
-        fit with the poses that follow, on frames spread over the recording.
-        """
-        segment = estimate.poses.segment
-        if segment not in self.rests_on:
-            return estimate
-        base = self.rests_on[segment]
-        part = np.linspace(0, self.recording.frames - 1, min(self.recording.frames, _FRAMES)).astype(int)
-        fixed, base = estimate.poses.in_frames(part), replace(base, poses=base.poses.in_frames(part))
-        markers = marker_points(self.markerset.segment(segment), self.recording)
-        own = [PosePoint(each.name, each.x[:, part]) for each in markers]
-
-        def place(step: Floats) -> Floats:
-            moved = fit_poses(segment, [_as_point(fixed.points[0], base, step), *own])
-            center = refit(moved, part) if isinstance(moved, SegmentPoses) else None
-            if center is None or not isinstance(moved, SegmentPoses):
-                return np.full(3, np.nan)
-            return fixed.mean_place(moved.to_world(center))
-
-        values, vectors = np.linalg.eigh(base.covariance)
-        start = place(np.zeros(3))
-        sizes = np.maximum(np.sqrt(np.maximum(values, 0.0)), _ROUNDING)
-        shifts = np.array([place(step) - start for step in (vectors * sizes).T])
-        shifts[np.isnan(shifts)] = 1.0  # a metre: a joint whose fit fails when its base moves is not known
-        follows = shifts.T @ (vectors / sizes).T  # shift of the joint per shift of its base
-        covariance = estimate.covariance + follows @ base.covariance @ follows.T
-        return replace(estimate, covariance=covariance, skin=estimate.skin + follows @ base.skin @ follows.T)
-
-    def accepted(self, marker: str) -> Bools:
-        """Samples of a marker (frames,) that are no outliers in its own segment."""
-        for poses in self.poses.values():
-            if isinstance(poses, SegmentPoses) and marker in poses.points:
-                return np.asarray(~poses.outliers[poses.points.index(marker)])
-        return np.ones(self.recording.frames, dtype=np.bool_)
-
-    def complete_segments(self, joint: Joint) -> None:
-        """Fit the poses of segments with too few markers, with the joint as one more point."""
-        found = self.found[joint.name]
-        if found.estimate is None or found.status not in _BUILT_ON:
-            return
-        point = _as_point(joint.name, found.estimate)
-        for name in (joint.child, joint.parent):
-            if isinstance(self.poses[name], str):
-                points = [point, *marker_points(self.markerset.segment(name), self.recording)]
-                self.poses[name] = fit_poses(name, points, self.reference)
-                self.rests_on[name] = found.estimate
+    poses, recording = body.poses[name], body.recording
+    own = body.markerset.segment(name).markers
+    if isinstance(poses, SegmentPoses):
+        rows = [k for k, point in enumerate(poses.points) if point in own]
+        markers = tuple(poses.points[k] for k in rows)
+        return SegmentShape(
+            name, markers, poses.template[rows], poses.scatter[rows], rows == [*range(len(poses.points))], ""
+        )
+    above = next((place for place in joints if place.joint.child == name), None)
+    parent = None if above is None else body.poses[above.joint.parent]
+    names, places, scatter = [], [], []
+    if above is not None and isinstance(parent, SegmentPoses) and not np.isnan(above.in_parent).any():
+        for marker in own:
+            away = parent.to_local(recording.of(marker)) - above.in_parent[:, None]
+            away = away[:, ~np.isnan(away[0])]
+            direction = np.median(away, axis=1) if away.shape[1] > 1 else np.zeros(3)
+            if np.linalg.norm(direction) > 0.0:
+                distance = np.linalg.norm(away, axis=0)
+                radius = float(np.median(distance))
+                names.append(marker)
+                places.append(above.in_parent + radius * direction / np.linalg.norm(direction))
+                scatter.append(1.4826 * float(np.median(np.abs(distance - radius))))
+    return SegmentShape(name, tuple(names), np.array(places).reshape(-1, 3), np.array(scatter), False, poses)
 
 
 def _midway(joint: Joint, recording: Recording) -> Floats:

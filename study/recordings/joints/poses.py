@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from study.arrays import Bools, Floats, Ints
-from study.recordings.joints.moments import marker_moments
 from study.recordings.markersets import MarkerSet, Segment
 from study.recordings.pose_noise import PoseNoise, rigid_residual_operator
 from study.recordings.recording import Recording
@@ -84,7 +83,9 @@ class SegmentPoses:
         """
         y = self.to_local(x)
         used = self.known & ~np.isnan(y[0])
-        return marker_moments(y, used, self.noise, 0.0, 1.0).mean if used.any() else np.full(3, np.nan)
+        if not used.any():
+            return np.full(3, np.nan)
+        return np.asarray(self.noise.corrected(y.compress(used, axis=1), used, 1.0).mean(axis=1))
 
     def in_frames(self, frames: Ints) -> "SegmentPoses":
         """The same segment in some of the frames."""

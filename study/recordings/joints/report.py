@@ -13,29 +13,14 @@ import pandas as pd
 
 from study.arrays import Floats
 from study.fits import fit, mgdk
-from study.recordings.joints.estimate import USABLE, JointStatus, mean_difference, side_differences
-from study.recordings.joints.find import FoundJoint, FoundJoints
+from study.recordings.joints.calibration import Calibration, JointPlace
+from study.recordings.joints.estimate import SHORT_TEXTS, USABLE, mean_difference, side_differences
 from study.recordings.recording import Recording
 from study.recordings.rigid import cap_angle, relative_rotation, rotation_range
 from study.text import columns, number
 
-SHORT_TEXTS = {
-    JointStatus.OK: "ok",
-    JointStatus.HINGE: "hinge",
-    JointStatus.DISAGREE: "sides disagree",
-    JointStatus.REVERSES: "ways disagree",
-    JointStatus.ONE_AXIS: "one axis",
-    JointStatus.UNSURE: "unsure",
-    JointStatus.INSIGNIFICANT: "insignificant",
-    JointStatus.NOT_POSITIVE_DEFINITE: "hidden by noise",
-    JointStatus.STILL: "still",
-    JointStatus.NO_FRAME: "no frame",
-    JointStatus.UNSEEN: "unseen",
-}
-"""A status in the table, which has no room for its whole text."""
 
-
-def joint_table(joints: FoundJoints) -> pd.DataFrame:
+def joint_table(joints: Calibration) -> pd.DataFrame:
     """Tabulate joints, a row per joint of the marker set.
 
     Returns:
@@ -50,38 +35,39 @@ def joint_table(joints: FoundJoints) -> pd.DataFrame:
         be compared (see `side_differences`). NaN where there is none.
     """
     rows: list[dict[str, object]] = []
-    for found in joints.joints:
-        estimate = found.estimate
+    for place in joints.joints:
+        estimate = place.estimate
         row: dict[str, object] = {
-            "joint": found.joint.name,
-            "kind": found.joint.kind,
-            "parent": found.joint.parent,
-            "child": found.joint.child,
-            "status": SHORT_TEXTS[found.status],
-            "reason": found.reason,
+            "joint": place.joint.name,
+            "kind": place.joint.kind,
+            "parent": place.joint.parent,
+            "child": place.joint.child,
+            "status": SHORT_TEXTS[place.status],
+            "reason": place.reason,
             "side": estimate.side if estimate else "",
             "markers": ", ".join(estimate.markers) if estimate else "",
         }
-        vectors = {"center_parent": found.in_parent, "center_child": found.in_child}
-        vectors |= {"axis_parent": found.axis_in_parent, "axis_child": found.axis_in_child}
+        in_child = place.in_child if joints.shape(place.joint.child).has_pose else np.full(3, np.nan)
+        vectors = {"center_parent": place.in_parent, "center_child": in_child}
+        vectors |= {"axis_parent": place.axis_in_parent, "axis_child": place.axis_in_child}
         for name, vector in vectors.items():
             row |= {f"{name}_{axis}": float(x) for axis, x in zip("xyz", vector, strict=True)}
         pairs = [(i, j) for i in range(3) for j in range(i, 3)]
-        row |= {f"cov_{'xyz'[i]}{'xyz'[j]}": float(found.covariance[i, j]) for i, j in pairs}
-        rows.append(row | accuracy_columns(found))
+        row |= {f"cov_{'xyz'[i]}{'xyz'[j]}": float(place.covariance[i, j]) for i, j in pairs}
+        rows.append(row | accuracy_columns(place))
     return pd.DataFrame(rows)
 
 
-def accuracy_columns(found: FoundJoint) -> dict[str, float]:
+def accuracy_columns(place: JointPlace) -> dict[str, float]:
     """Accuracy of a joint and the data behind it, under the column names of `joint_table`; NaN where there is none."""
     names = ("error", "floor", "radius_mean", "sigma", "rho", "moved_least", "moved_most", "frames", "worth", "apart")
     values = dict.fromkeys(names, float("nan"))
-    estimate = found.estimate
+    estimate = place.estimate
     if estimate is None:
         return values
-    values |= {"error": found.standard_error, "floor": estimate.floor, "frames": float(estimate.frames)}
+    values |= {"error": place.standard_error, "floor": estimate.floor, "frames": float(estimate.frames)}
     values["worth"] = float(estimate.effective_frames)
-    apart = (each.distance for each in side_differences(estimate, found.others))
+    apart = (side.distance for side in side_differences(estimate, place.estimates[1:]))
     values["apart"] = max(apart, default=float("nan"))
     angles = np.zeros(0)
     if estimate.sphere is not None:
@@ -111,7 +97,7 @@ def agreement_lines(table: pd.DataFrame) -> Iterator[str]:
     yield from columns([[name, *map(_millimetres, row)] for name, row in distances], titles, "<>")
 
 
-def joint_lines(joints: FoundJoints) -> Iterator[str]:
+def joint_lines(joints: Calibration) -> Iterator[str]:
     """Lay out the joints, a line each in millimetres and degrees, then the reasons to doubt some of them."""
     titles = ["joint", "status", "from", *(f"{axis} / mm" for axis in "xyz"), "error", "floor", "noise", "range"]
     titles += ["ρ", "frames", "n_eff", "apart"]
@@ -120,25 +106,25 @@ def joint_lines(joints: FoundJoints) -> Iterator[str]:
     yield "floor: error from skin that moves all markers of a segment alike, by 5 mm/rad, which no marker shows, mm"
     yield "apart: distance to the farthest other side with an error, mm; n_eff: effective number of independent frames"
     yield "range: of motion, least and greatest root mean square angle; ρ: share of the smallest extent that is noise"
-    for found in joints.joints:
-        if found.joint.across and not np.isnan(found.axis_in_parent).any():
-            yield f"{found.joint.name}: along its axis midway between {' and '.join(found.joint.across)}"
-        if found.status not in USABLE:
-            yield f"{found.joint.name}: {found.reason}"
-        if found.estimate is not None and np.isnan(found.in_parent).any():
-            two = f"{found.joint.parent} and {found.joint.child}"
-            yield f"{found.joint.name}: no place in its parent: no frame has poses of both {two}"
+    for place in joints.joints:
+        if place.joint.across and not np.isnan(place.axis_in_parent).any():
+            yield f"{place.joint.name}: along its axis midway between {' and '.join(place.joint.across)}"
+        if place.status not in USABLE:
+            yield f"{place.joint.name}: {place.reason}"
+        if place.estimate is not None and np.isnan(place.in_parent).any():
+            two = f"{place.joint.parent} and {place.joint.child}"
+            yield f"{place.joint.name}: no place in its parent: no frame has poses of both {two}"
     yield from (f"no pose of its own: {reason}" for reason in joints.without_pose.values())
 
 
-def _joint_row(found: FoundJoint) -> list[str]:
+def _joint_row(place: JointPlace) -> list[str]:
     """A joint's texts, in the order of the titles."""
-    n = accuracy_columns(found)
+    n = accuracy_columns(place)
     moved = "-" if np.isnan(n["moved_least"]) else f"{n['moved_least']:.0f}°-{n['moved_most']:.0f}°"
-    side = found.estimate.side if found.estimate else "-"
+    side = place.estimate.side if place.estimate else "-"
     return [
-        *(found.joint.name, SHORT_TEXTS[found.status], side),
-        *(_millimetres(float(x)) for x in found.in_parent),
+        *(place.joint.name, SHORT_TEXTS[place.status], side),
+        *(_millimetres(float(x)) for x in place.in_parent),
         f"> {1000 * _FAR:.0f}" if n["error"] > _FAR else _millimetres(n["error"]),
         *(_millimetres(n[key]) for key in ("floor", "sigma")),
         *(moved, number(n["rho"], ".3f")),
@@ -156,7 +142,7 @@ _FEWEST_SAMPLES = 5
 """Fewest samples of a marker that other estimators fit."""
 
 
-def agreement_table(joints: FoundJoints, recording: Recording) -> pd.DataFrame:
+def agreement_table(joints: Calibration, recording: Recording) -> pd.DataFrame:
     """Tabulate the agreement of methods, a row per joint in the marker set's order.
 
     Args:
@@ -170,24 +156,24 @@ def agreement_table(joints: FoundJoints, recording: Recording) -> pd.DataFrame:
         both segments; ``from_mgdk, from_gdke, from_ugdk, from_mle, from_two_sided`` (metres): distances of their
         centres from the chosen one. NaN where there is none.
     """
-    return pd.DataFrame([_row(found, joints, recording) for found in joints.joints])
+    return pd.DataFrame([_row(place, joints, recording) for place in joints.joints])
 
 
-def _row(found: FoundJoint, joints: FoundJoints, recording: Recording) -> dict[str, object]:
-    row: dict[str, object] = {"joint": found.joint.name, "radii": [], "cap": np.nan, "turn": np.nan, "gap": np.nan}
-    parent, child = joints.poses.get(found.joint.parent), joints.poses.get(found.joint.child)
+def _row(place: JointPlace, joints: Calibration, recording: Recording) -> dict[str, object]:
+    row: dict[str, object] = {"joint": place.joint.name, "radii": [], "cap": np.nan, "turn": np.nan, "gap": np.nan}
+    parent, child = joints.poses.get(place.joint.parent), joints.poses.get(place.joint.child)
     if parent is not None and child is not None:
         row["turn"] = float(np.degrees(rotation_range(relative_rotation(parent.rotation, child.rotation))))
-        apart = ((parent.to_world(found.in_parent) - child.to_world(found.in_child)) ** 2).sum(axis=0)
+        apart = ((parent.to_world(place.in_parent) - child.to_world(place.in_child)) ** 2).sum(axis=0)
         if not np.isnan(apart).all():
             row["gap"] = float(np.sqrt(np.nanmean(apart)))
     row |= {f"from_{name}": np.nan for name in METHODS}
-    if found.estimate is None:
+    if place.estimate is None:
         return row
-    every = (found.estimate, *found.others)
+    every = place.estimates
     pair = next((each for each in every if each.side == "both"), None)
     if pair is not None:
-        row["from_two_sided"] = _distance(mean_difference(found.estimate, pair.poses.to_world(pair.center)))
+        row["from_two_sided"] = _distance(mean_difference(place.estimate, pair.poses.to_world(pair.center)))
     one = next((each for each in every if each.sphere is not None), None)
     if one is not None and one.sphere is not None:
         row["radii"] = one.sphere.radii.tolist()
@@ -196,7 +182,7 @@ def _row(found: FoundJoint, joints: FoundJoints, recording: Recording) -> dict[s
         row["cap"] = float(np.degrees(max(caps, default=np.nan)))
         points = [y[:, used].T for y, used in zip(local, one.used, strict=True) if used.sum() >= _FEWEST_SAMPLES]
         for name, center in _centers(points).items():
-            row[f"from_{name}"] = _distance(mean_difference(found.estimate, one.poses.to_world(center)))
+            row[f"from_{name}"] = _distance(mean_difference(place.estimate, one.poses.to_world(center)))
     return row
 
 

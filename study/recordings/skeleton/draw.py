@@ -14,11 +14,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from study.arrays import Bools, Bytes, Floats, Ints
+from study.recordings.joints.calibration import Calibration, JointPlace, SegmentShape
 from study.recordings.joints.estimate import DOUBTED, USABLE, JointStatus
 from study.recordings.markersets import Segment
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.rigid import relative_rotation, to_world
-from study.recordings.skeleton.calibration import Calibration, JointPlace, SegmentShape
 from study.recordings.skeleton.poses import ExpectedPoses, PivotPath, SegmentPath, complete_poses, fit_full_poses
 from study.recordings.skeleton.scene import Flag
 
@@ -77,14 +77,12 @@ class Skeleton:
         name: of the recording.
         rate: its frames per second.
         calibration: that the skeleton was drawn with.
-        segments: their names.
         rotations: R of each segment (segments, 3, 3, frames), NaN where unknown.
         origins: o of each segment (segments, 3, frames), x = R a + o for a point a in its axes; NaN where unknown.
         segment_flags: `Flag` of each segment in each frame (segments, frames).
         misfits: root mean square distance of each segment's markers from their places (segments,); NaN if no frame
             shows it fully.
         left_out: share of each segment's samples that are rejected, as far from their places (segments,).
-        joints: their names, in the marker set's order.
         centers: of each joint (joints, 3, frames), NaN where unknown.
         flags: `Flag` of each joint in each frame (joints, frames).
     """
@@ -92,15 +90,23 @@ class Skeleton:
     name: str
     rate: float
     calibration: Calibration
-    segments: tuple[str, ...]
     rotations: Floats
     origins: Floats
     segment_flags: Bytes
     misfits: Floats
     left_out: Floats
-    joints: tuple[str, ...]
     centers: Floats
     flags: Bytes
+
+    @property
+    def segments(self) -> tuple[str, ...]:
+        """Names of the segments."""
+        return tuple(segment.name for segment in self.calibration.markerset.segments)
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints, in the marker set's order."""
+        return tuple(place.joint.name for place in self.calibration.joints)
 
     @property
     def frames(self) -> int:
@@ -130,7 +136,7 @@ def draw_skeleton(calibration: Calibration, recording: Recording, bridge: float 
     """
     if not bridge >= 0.0:
         raise RecordingError(f"bridge = {bridge:g} seconds; it must be 0 or more")
-    if not any(shape.has_own_pose for shape in calibration.shapes):
+    if not calibration.has_poses:
         raise RecordingError(
             f"{calibration.source}: no segment of this calibration has a pose; there is no skeleton to draw"
         )
@@ -142,13 +148,11 @@ def draw_skeleton(calibration: Calibration, recording: Recording, bridge: float 
         name=recording.name,
         rate=recording.rate,
         calibration=calibration,
-        segments=tuple(builder.numbers),
         rotations=builder.rotations,
         origins=builder.origins,
         segment_flags=builder.flags,
         misfits=builder.misfits,
         left_out=builder.left_out,
-        joints=tuple(place.joint.name for place in calibration.joints),
         centers=centers,
         flags=flags,
     )

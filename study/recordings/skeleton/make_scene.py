@@ -5,15 +5,15 @@ programs.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 from scipy.spatial.transform import Rotation
 
-from study.arrays import Bytes, Floats
+from study.arrays import Floats
+from study.recordings.joints.calibration import JointPlace
 from study.recordings.joints.estimate import USABLE
-from study.recordings.markersets import MarkerSet
+from study.recordings.markersets import Joint, MarkerSet
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.skeleton.calibrate import UNEVEN, check_subject, hull_distances
 from study.recordings.skeleton.draw import Skeleton
@@ -24,103 +24,79 @@ _TIP = 0.7
 """A limb ends in the middle of its markers that are at least this share of the farthest one's distance away."""
 
 
-@dataclass(frozen=True, eq=False)
-class SceneJoint:
-    """A joint as a scene shows it.
-
-    Attributes:
-        name: of the joint.
-        parent: name of the segment in which it is fixed.
-        child: name of the segment that rotates about it.
-        center: (3, frames), metres; NaN where unknown.
-        rotation: of the parent (3, 3, frames), NaN where unknown.
-        covariance: of the centre in the parent's axes (3, 3), m²; NaN if it is not known.
-        axis: direction in the parent's axes (3,) along which the centre is not known; None if there is none.
-        flags: `Flag` in each frame (frames,); frames without a centre become unknown by themselves.
-        doubt: reason to doubt it, or "".
-    """
-
-    name: str
-    parent: str
-    child: str
-    center: Floats
-    rotation: Floats
-    covariance: Floats
-    axis: Floats | None = None
-    flags: Bytes | None = None
-    doubt: str = ""
-
-
 def make_scene(
-    recording: Recording, markerset: MarkerSet, joints: Sequence[SceneJoint], source: str, notes: Sequence[str] = ()
+    skeleton: Skeleton, recording: Recording, doubts: Sequence[str], source: str, notes: Sequence[str] = ()
 ) -> Scene:
     """Make a scene.
 
     Args:
-        recording: markers over time.
-        markerset: whose segments the joints are between; its markers are looked up in the recording.
-        joints: those that were found; a joint that is known in no frame is left out, with a note.
+        skeleton: joints over time; one that is known in no frame is left out, with a note.
+        recording: markers over time; those of the skeleton's marker set are looked up in it.
+        doubts: reason to doubt each joint, or "".
         source: origin of the joints, in words.
         notes: remarks for the viewer.
 
     Raises:
         RecordingError: if no joint is known in any frame.
     """
-    known = [joint for joint in joints if not np.isnan(joint.center).all()]
-    notes = [*notes, *(f"{j.name} is not shown: {j.doubt or 'known in no frame'}" for j in joints if j not in known)]
+    joints, markerset = skeleton.calibration.joints, skeleton.calibration.markerset
+    known = [i for i, center in enumerate(skeleton.centers) if not np.isnan(center).all()]
+    lost = [(joints[i].joint.name, doubts[i]) for i in range(len(joints)) if i not in known]
+    notes = [*notes, *(f"{name} is not shown: {doubt or 'known in no frame'}" for name, doubt in lost)]
     if not known:
         raise RecordingError(f"{recording.name}: none of its joints is known in any frame; there is nothing to show")
-    ends = _ends(recording, markerset, known)
-    centers = np.stack([joint.center for joint in known])
+    centers, shown = skeleton.centers[known], [joints[i] for i in known]
+    ends = _ends(recording, markerset, [place.joint for place in shown], centers)
     points = np.concatenate([centers, *(end[None] for end in ends.values())])
     fixed = [
-        [i for i, joint in enumerate(known) if segment.name in (joint.parent, joint.child)]
+        [i for i, place in enumerate(shown) if segment.name in (place.joint.parent, place.joint.child)]
         + [len(known) + i for i, name in enumerate(ends) if name == segment.name]
         for segment in markerset.segments
     ]
-    flags = np.stack([np.zeros(recording.frames) if j.flags is None else j.flags for j in known]).astype(np.uint8)
-    flags[np.isnan(centers[:, 0])] = Flag.UNKNOWN
-    sides = [*(side(joint.name) for joint in known), *map(side, ends)]
-    principal = [_principal_directions(joint) for joint in known]
+    flags = np.where(np.isnan(centers[:, 0]), np.uint8(Flag.UNKNOWN), skeleton.flags[known])
+    names = tuple(place.joint.name for place in shown)
+    principal = [_principal_directions(place) for place in shown]
     upright = upright_rotation(recording)
     remarks = ["the recording's y is shown as up"] if upright[2, 1] else []
-    directions = zip(known, principal, strict=True)
-    orientations = [_orientations(upright, joint.rotation, axes) for joint, (_, axes) in directions]
+    orientations = [
+        _orientations(upright, skeleton.rotation(place.joint.parent), axes)
+        for place, (_, axes) in zip(shown, principal, strict=True)
+    ]
     return Scene(
         name=recording.name,
         source=source,
         rate=recording.rate,
         markers=recording.markers,
         places=upright @ recording.positions,
-        joints=tuple(joint.name for joint in known),
+        joints=names,
         centers=upright @ centers,
         tips=tuple(ends),
         ends=upright @ points[len(known) :],
-        bones=bones(fixed, points, sides),
+        bones=bones(fixed, points, [*map(side, (*names, *ends))]),
         flags=flags,
-        doubts=tuple(joint.doubt for joint in known),
+        doubts=tuple(doubts[i] for i in known),
         errors=np.stack([errors for errors, _ in principal]),
         orientations=np.stack(orientations),
         notes=(*notes, *remarks),
     )
 
 
-def _ends(recording: Recording, markerset: MarkerSet, joints: Sequence[SceneJoint]) -> dict[str, Floats]:
+def _ends(recording: Recording, markerset: MarkerSet, joints: Sequence[Joint], centers: Floats) -> dict[str, Floats]:
     """Ends of limbs (3, frames), by segment: of segments that rotate about a joint and carry none."""
     inner = {joint.parent for joint in joints}
-    found = {}
-    for joint in joints:
+    ends = {}
+    for joint, center in zip(joints, centers, strict=True):
         names = [marker for marker in markerset.segment(joint.child).markers if marker in recording.markers]
         if joint.child in inner or not names:
             continue
         places = np.stack([recording.of(name) for name in names])
-        away = np.linalg.norm(places - joint.center, axis=1)
+        away = np.linalg.norm(places - center, axis=1)
         far = np.array([np.nanmedian(row) if not np.isnan(row).all() else 0.0 for row in away])
-        found[joint.child] = np.asarray(places[far >= _TIP * far.max()].mean(axis=0))
-    return found
+        ends[joint.child] = np.asarray(places[far >= _TIP * far.max()].mean(axis=0))
+    return ends
 
 
-def _principal_directions(joint: SceneJoint) -> tuple[Floats, Floats]:
+def _principal_directions(joint: JointPlace) -> tuple[Floats, Floats]:
     """Standard errors (3,) along principal directions, and these as columns (3, 3), right-handed; the axis last."""
     if np.isnan(joint.covariance).any():
         return np.full(3, np.nan), np.eye(3)
@@ -140,9 +116,9 @@ def _orientations(upright: Floats, rotation: Floats, axes: Floats) -> Floats:
     known = ~np.isnan(rotation[0, 0])
     if known.any():
         matrices = np.einsum("ij,jkt,kl->til", upright, rotation[:, :, known], axes)
-        found = Rotation.from_matrix(matrices).as_quat()
-        flips = np.cumprod(np.concatenate([[1.0], np.sign((found[1:] * found[:-1]).sum(axis=1) + 1e-300)]))
-        result[known] = found * flips[:, None]
+        turns = Rotation.from_matrix(matrices).as_quat()
+        flips = np.cumprod(np.concatenate([[1.0], np.sign((turns[1:] * turns[:-1]).sum(axis=1) + 1e-300)]))
+        result[known] = turns * flips[:, None]
     return result
 
 
@@ -293,24 +269,10 @@ def skeleton_scene(skeleton: Skeleton, recording: Recording) -> Scene:
     check, calibration = check_subject(skeleton), skeleton.calibration
     own = calibration.source == skeleton.name
     source = "joints found in this recording" if own else f"joints found in {calibration.source}"
-    joints = []
-    hull = hull_distances(recording.positions, skeleton.centers)
-    for place, center, flags, distance in zip(calibration.joints, skeleton.centers, skeleton.flags, hull, strict=True):
-        reasons = [] if place.status in USABLE else [place.reason]
-        reasons += [distance.doubt] if distance.doubt else []
-        reasons += [] if check.same else ["another subject's calibration"]
-        joints.append(
-            SceneJoint(
-                name=place.joint.name,
-                parent=place.joint.parent,
-                child=place.joint.child,
-                center=center,
-                rotation=skeleton.rotation(place.joint.parent),
-                covariance=place.covariance,
-                axis=None if np.isnan(place.axis_in_parent).any() else place.axis_in_parent,
-                flags=flags,
-                doubt="; ".join(reasons),
-            )
-        )
+    hulls = hull_distances(recording.positions, skeleton.centers)
+    doubts = []
+    for place, hull in zip(calibration.joints, hulls, strict=True):
+        reasons = ("" if place.status in USABLE else place.reason, hull.doubt)
+        doubts.append("; ".join(filter(None, (*reasons, "" if check.same else "another subject's calibration"))))
     notes = [*recording.notes, *([] if check.same and not check.misfits else [check.text])]
-    return make_scene(recording, calibration.markerset, joints, source, notes)
+    return make_scene(skeleton, recording, doubts, source, notes)

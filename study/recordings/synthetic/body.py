@@ -1,12 +1,14 @@
-"""An articulated body: fifteen rigid segments, the joints between them, and the 41 markers of CMU's set on them.
+"""An articulated body: fifteen rigid segments, the joints between them, and the markers of a set on them.
 
-Axes: x forward, y to the left, z up. At rest the body stands with hanging arms, and the axes of all segments are the
-world's. The origin of a segment is the joint to its parent; that of the pelvis is the middle between the hips. Lengths
-are in units of the body's height; those of limbs follow Winter, Biomechanics and Motor Control of Human Movement, fig.
-4.1. The right side mirrors the left one, except for the markers that are placed unevenly so that the sides differ.
+Its measures and axes are described in ``body.toml``. Sides differ in a few markers that are placed unevenly.
 """
 
+import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -14,21 +16,25 @@ from study.arrays import Floats
 
 Triple = tuple[float, float, float]
 Interval = tuple[float, float]
+MARKER_SETS = ("cmu41", "rizzoli")
+"""Marker sets that the body can wear: 41 markers all over, or the landmarks of trunk and legs."""
+_UNEVEN = {"RUPA": -0.110, "RFRM": -0.085, "RTHI": -0.110, "RSHN": -0.150}
+"""z of the right side's markers that differ from the left's, in heights."""
 
 
 @dataclass(frozen=True)
 class BodyPart:
-    """A segment, its markers, and the joint to its parent."""
+    """A segment, its markers, and the joint to its parent; lengths in heights of the body."""
 
     name: str
     parent: str | None
     joint: str | None
     at: Triple
-    """The joint in the parent's axes, in heights."""
+    """The joint in the parent's axes."""
     ranges: tuple[Interval, Interval, Interval]
     """Range of motion: least and greatest angle about y, x and z, degrees, in this order, about the rotated axes."""
     markers: dict[str, Triple]
-    """Each marker in the segment's axes, in heights."""
+    """Each marker in the segment's axes."""
     axis: Triple | None = None
     """Axis of a hinge in the parent's axes; the angle about y is the angle about it, and the other two do not count."""
 
@@ -38,108 +44,21 @@ class BodyPart:
         return "ball" if self.axis is None else "hinge"
 
 
-_STILL = (0.0, 0.0)
+@cache
+def body(markerset: str = "cmu41") -> tuple[BodyPart, ...]:
+    """All segments with the markers of one of `MARKER_SETS`, parents before children."""
+    tables = tomllib.loads(Path(__file__).with_name("body.toml").read_text(encoding="utf-8"))
+    parts = [_part(name, table, markerset) for name, table in tables.items()]
+    return (*parts, *(_mirrored(part) for part in parts if part.name.startswith("left_")))
 
-_TRUNK = (
-    BodyPart(
-        "pelvis",
-        None,
-        None,
-        (0, 0, 0),
-        ((-10, 20), (-12, 12), (-180, 180)),
-        {
-            "LFWT": (0.055, 0.070, 0.055),
-            "RFWT": (0.055, -0.070, 0.055),
-            "LBWT": (-0.065, 0.030, 0.065),
-            "RBWT": (-0.065, -0.030, 0.065),
-        },
-    ),
-    BodyPart(
-        "thorax",
-        "pelvis",
-        "waist",
-        (-0.015, 0, 0.070),
-        ((-20, 45), (-25, 25), (-40, 40)),
-        {
-            "C7": (-0.050, 0, 0.235),
-            "T10": (-0.065, 0, 0.080),
-            "CLAV": (0.035, 0, 0.190),
-            "STRN": (0.065, 0, 0.090),
-            "RBAC": (-0.075, -0.055, 0.150),
-            "LSHO": (-0.005, 0.110, 0.225),
-            "RSHO": (-0.005, -0.110, 0.225),
-        },
-    ),
-    BodyPart(
-        "head",
-        "thorax",
-        "neck",
-        (-0.015, 0, 0.230),
-        ((-40, 40), (-30, 30), (-60, 60)),
-        {
-            "LFHD": (0.055, 0.040, 0.105),
-            "RFHD": (0.055, -0.040, 0.105),
-            "LBHD": (-0.050, 0.028, 0.105),
-            "RBHD": (-0.050, -0.028, 0.105),
-        },
-    ),
-)
 
-_LEFT = (
-    BodyPart(
-        "left_upper_arm",
-        "thorax",
-        "left_shoulder",
-        (-0.005, 0.110, 0.195),
-        ((-130, 40), (-5, 85), (-50, 50)),
-        {"LUPA": (0.005, 0.030, -0.070), "LELB": (0, 0.028, -0.180)},
-    ),
-    BodyPart(
-        "left_forearm",
-        "left_upper_arm",
-        "left_elbow",
-        (0, 0, -0.186),
-        ((-130, -5), _STILL, _STILL),
-        {"LFRM": (0.010, 0.022, -0.055), "LWRA": (0.035, 0.010, -0.140), "LWRB": (-0.035, 0.010, -0.140)},
-        (0.06, 1, 0.12),
-    ),
-    BodyPart(
-        "left_hand",
-        "left_forearm",
-        "left_wrist",
-        (0, 0, -0.146),
-        ((-25, 25), (-60, 60), _STILL),
-        {"LFIN": (0.005, 0.020, -0.055)},
-    ),
-    BodyPart(
-        "left_thigh",
-        "pelvis",
-        "left_hip",
-        (0, 0.050, 0),
-        ((-90, 20), (-15, 40), (-35, 35)),
-        {"LTHI": (0.010, 0.055, -0.150), "LKNE": (0, 0.035, -0.240)},
-    ),
-    BodyPart(
-        "left_shank",
-        "left_thigh",
-        "left_knee",
-        (0, 0, -0.245),
-        ((3, 120), _STILL, _STILL),
-        {"LSHN": (0.020, 0.030, -0.110), "LANK": (0, 0.025, -0.240)},
-        (-0.05, 1, 0.08),
-    ),
-    BodyPart(
-        "left_foot",
-        "left_shank",
-        "left_ankle",
-        (0, 0, -0.246),
-        ((-25, 40), (-20, 20), (-15, 15)),
-        {"LHEE": (-0.045, 0, -0.015), "LTOE": (0.085, 0, -0.025), "LMT5": (0.065, 0.030, -0.028)},
-    ),
-)
-
-_UNEVEN = {"RUPA": -0.110, "RFRM": -0.085, "RTHI": -0.110, "RSHN": -0.150}
-"""z of the right side's markers that differ from the left's, in heights."""
+def _part(name: str, table: Mapping[str, Any], markerset: str) -> BodyPart:
+    """The segment of a table of ``body.toml``."""
+    markers = {label: tuple(place) for label, place in table.get(markerset, {}).items()}
+    axis = tuple(table["axis"]) if "axis" in table else None
+    about_y, about_x, about_z = map(tuple, table["ranges"])
+    at = tuple(table.get("at", (0, 0, 0)))
+    return BodyPart(name, table.get("parent"), table.get("joint"), at, (about_y, about_x, about_z), markers, axis)
 
 
 def _mirrored(part: BodyPart) -> BodyPart:
@@ -163,8 +82,8 @@ def _mirrored(part: BodyPart) -> BodyPart:
     return BodyPart(str(name(part.name)), parent, joint, flip(part.at), (about_y, about_x, about_z), markers, axis)
 
 
-PARTS: tuple[BodyPart, ...] = (*_TRUNK, *_LEFT, *map(_mirrored, _LEFT))
-"""All segments, parents before children."""
+PARTS = body()
+"""All segments with the 41 markers of CMU's set, parents before children."""
 MARKERS: tuple[str, ...] = tuple(label for part in PARTS for label in part.markers)
 JOINTS: tuple[str, ...] = tuple(part.joint for part in PARTS if part.joint)
 
@@ -176,13 +95,14 @@ def unit(axis: Triple) -> Floats:
     return vector / length
 
 
-def nearest_pairs() -> list[tuple[str, str]]:
+def nearest_pairs(parts: tuple[BodyPart, ...] = PARTS) -> list[tuple[str, str]]:
     """Each marker with the one nearest to it on the standing body, each pair once; these get swapped."""
     origins: dict[str | None, Floats] = {None: np.zeros(3)}
-    for part in PARTS:
+    for part in parts:
         origins[part.name] = origins[part.parent] + np.array(part.at)
-    places = np.array([origins[part.name] + np.array(at) for part in PARTS for at in part.markers.values()])
+    labels = [label for part in parts for label in part.markers]
+    places = np.array([origins[part.name] + np.array(at) for part in parts for at in part.markers.values()])
     distance = np.linalg.norm(places[:, None] - places[None], axis=2)
     np.fill_diagonal(distance, np.inf)
     pairs = {tuple(sorted((i, int(j)))) for i, j in enumerate(distance.argmin(axis=1))}
-    return [(MARKERS[i], MARKERS[j]) for i, j in sorted(pairs)]
+    return [(labels[i], labels[j]) for i, j in sorted(pairs)]

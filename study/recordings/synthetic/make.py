@@ -21,7 +21,7 @@ from study.arrays import Bools, Floats, Ints
 from study.fits.streams import stream
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.rigid import nearest_rotation
-from study.recordings.synthetic.body import JOINTS, MARKERS, PARTS, BodyPart, nearest_pairs, unit
+from study.recordings.synthetic.body import JOINTS, MARKER_SETS, PARTS, BodyPart, body, nearest_pairs, unit
 
 _LIMITS = {
     "frames": (2, 10**7),
@@ -35,7 +35,7 @@ _LIMITS = {
     "reach": (0, 1),
 }
 """Least and greatest value of each number of a recipe."""
-SKIN = ("mixed", "random", "angle", "velocity", "cluster")
+SKIN = ("mixed", "random", "angle", "velocity", "cluster", "slide")
 """Laws by which the skin moves the markers; see `skin_motion`."""
 
 
@@ -44,7 +44,8 @@ class Recipe:
     """The settings of a synthetic recording: the options of `study synthetic`, whose help says more.
 
     Raises:
-        RecordingError: if a number is outside of its limits, ``skin`` is no law, or both ``independent`` and ``gait``.
+        RecordingError: if a number is outside of its limits, ``skin`` is no law, ``markers`` no set, or both
+            ``independent`` and ``gait``.
     """
 
     frames: int = 3000
@@ -59,13 +60,15 @@ class Recipe:
     reach: float = 1.0
     independent: bool = False
     gait: bool = False
+    markers: str = "cmu41"
 
     def __post_init__(self) -> None:
         for name, (low, high) in _LIMITS.items():
             if not low <= (value := getattr(self, name)) <= high:
                 raise RecordingError(f"{name} = {value:g} of a synthetic body must be from {low:g} to {high:g}")
-        if self.skin not in SKIN:
-            raise RecordingError(f"skin = {self.skin} of a synthetic body must be one of {', '.join(SKIN)}")
+        for name, known in (("skin", SKIN), ("markers", MARKER_SETS)):
+            if (word := getattr(self, name)) not in known:
+                raise RecordingError(f"{name} = {word} of a synthetic body must be one of {', '.join(known)}")
         if self.independent and self.gait:
             raise RecordingError("independent and gait of a synthetic body exclude each other; choose one")
 
@@ -334,11 +337,12 @@ def skin_motion(recipe: Recipe, motion: Motion, segment_of: Ints) -> Floats:
 
     The laws are ``mixed`` (see `soft_tissue`); ``random``: smooth in time, independent of the motion; ``angle``: linear
     in the rotation vector of the segment's joint, each marker in its own way; ``velocity``: the same with its rate of
-    change; ``cluster``: linear in the rotation vector, equal for all markers of a segment. The pelvis has no joint to a
-    parent; its skin follows the waist.
+    change; ``cluster``: linear in the rotation vector, equal for all markers of a segment; ``slide``: only markers over
+    a joint move, such as those on trochanter and epicondyles (see `_sliding`). The pelvis has no joint to a parent; its
+    skin follows the waist.
 
     Args:
-        recipe: its ``skin``, ``soft_tissue``, ``rate`` and ``seed``.
+        recipe: its ``skin``, ``soft_tissue``, ``rate``, ``seed`` and ``markers``.
         motion: of the body.
         segment_of: number of each marker's segment (markers,).
 
@@ -350,6 +354,8 @@ def skin_motion(recipe: Recipe, motion: Motion, segment_of: Ints) -> Floats:
         return soft_tissue(motion.phases[joint_of], recipe.rate, recipe.soft_tissue, recipe.seed)
     if recipe.skin == "random":
         return recipe.soft_tissue * _random(len(segment_of), motion.phases.shape[1], recipe.rate, recipe.seed)
+    if recipe.skin == "slide":
+        return recipe.soft_tissue * _sliding(body(recipe.markers), _rotation_vectors(motion), recipe.seed)
     clusters = segment_of if recipe.skin == "cluster" else np.arange(len(segment_of))
     tensors = _tensors(clusters, recipe.seed)
     drive = np.array([_DRIVES[recipe.skin](angles, recipe.rate) for angles in _rotation_vectors(motion)])
@@ -384,6 +390,33 @@ def _rotation_vectors(motion: Motion) -> Floats:
     return vectors
 
 
+_OVER = 0.045
+"""A marker is over a joint if it is as near to it on the standing body, in heights of the body."""
+
+
+def _sliding(parts: Sequence[BodyPart], vectors: Floats, seed: int) -> Floats:
+    """Displacements of markers over joints (markers, 3, frames), linear in the rotation vectors (segments, 3, frames).
+
+    A marker over the joint of its own segment slides with that joint; one over the next joint, half with that one, half
+    with its own segment's. Each reaches 1; all other markers stay.
+    """
+    shares = []
+    for number, part in enumerate(parts):
+        ends = [i for i, other in enumerate(parts) if other.parent == part.name]
+        for place in part.markers.values():
+            share = np.zeros(len(parts))
+            near = [i for i in ends if np.linalg.norm(np.subtract(place, parts[i].at)) <= _OVER]
+            if part.joint and (near or np.linalg.norm(place) <= _OVER):
+                share[number] = 1.0
+            if near:
+                share[near[0]] = 1.0
+            shares.append(share / max(share.sum(), 1.0))
+    weights = np.array(shares)
+    tensors = _tensors(np.arange(weights.size), seed).reshape(*weights.shape, 3, 3)
+    slid = np.einsum("ms,msik,skt->mit", weights, tensors, vectors)
+    return np.asarray(slid / np.maximum(np.linalg.norm(slid, axis=1).max(axis=1), 1e-300)[:, None, None])
+
+
 def _to_unit(vectors: Floats) -> Floats:
     """Vectors (3, frames), all divided by the largest component of any."""
     return vectors / max(float(np.abs(vectors).max()), 1e-300)
@@ -412,20 +445,22 @@ def synthesize(recipe: Recipe | None = None) -> tuple[Recording, BodyTruth]:
     r = recipe or Recipe()
     style: Style = "independent" if r.independent else "gait" if r.gait else "smooth"
     motion = draw_motion(r.frames, r.rate, r.seed, height=r.height, reach=r.reach, style=style)
-    segment_of = np.array([i for i, part in enumerate(PARTS) for _ in part.markers])
-    offsets = r.height * np.array([place for part in PARTS for place in part.markers.values()])
+    parts = body(r.markers)
+    markers = tuple(label for part in parts for label in part.markers)
+    segment_of = np.array([i for i, part in enumerate(parts) for _ in part.markers])
+    offsets = r.height * np.array([place for part in parts for place in part.markers.values()])
     local = offsets[:, :, None] + skin_motion(r, motion, segment_of)
-    positions = np.empty((len(MARKERS), 3, r.frames))
+    positions = np.empty((len(markers), 3, r.frames))
     for row, segment in enumerate(segment_of):
         positions[row] = np.einsum("tij,jt->it", motion.rotations[segment], local[row]) + motion.origins[segment]
     positions += marker_noise(positions.shape, r.noise, r.seed)
-    swaps = swapped_labels(nearest_pairs(), r.frames, r.rate, r.swaps, r.seed)
+    swaps = swapped_labels(nearest_pairs(parts), r.frames, r.rate, r.swaps, r.seed)
     for swap in swaps:
-        pair = [MARKERS.index(marker) for marker in swap.markers]
+        pair = [markers.index(marker) for marker in swap.markers]
         positions[pair, :, swap.first : swap.end] = positions[pair[::-1], :, swap.first : swap.end]
-    missing = gaps(len(MARKERS), r.frames, r.rate, r.gaps, r.seed)
+    missing = gaps(len(markers), r.frames, r.rate, r.gaps, r.seed)
     positions[np.broadcast_to(missing[:, None], positions.shape)] = np.nan
-    recording = Recording(f"synthetic-{r.seed}", MARKERS, positions, r.rate)
+    recording = Recording(f"synthetic-{r.seed}", markers, positions, r.rate)
     children = [i for i, part in enumerate(PARTS) if part.joint]
     in_parent = r.height * np.array([PARTS[i].at for i in children])
     axes = [PARTS[i].axis for i in children]
@@ -433,7 +468,7 @@ def synthesize(recipe: Recipe | None = None) -> tuple[Recording, BodyTruth]:
         segments=tuple(part.name for part in PARTS),
         rotations=motion.rotations,
         origins=motion.origins,
-        markers=MARKERS,
+        markers=markers,
         offsets=offsets,
         joints=JOINTS,
         parents=tuple(str(PARTS[i].parent) for i in children),

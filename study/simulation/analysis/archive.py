@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime, timedelta
 from importlib import resources
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from study.files import RunError, explained, replacing
 from study.fits.registry import ESTIMATORS
@@ -18,7 +18,7 @@ from study.simulation.analysis.verify import verify
 from study.simulation.experiment.conditions import CONDITIONS, LAW, OUTLIER_SHARE
 from study.simulation.experiment.config import Study
 from study.simulation.runs import schemas
-from study.simulation.runs.run_folder import Manifest, Run
+from study.simulation.runs.run_folder import Run
 from study.simulation.runs.runner import budget_message
 from study.simulation.statistics import MEASURES
 
@@ -37,27 +37,27 @@ _WORDS = {
 }
 
 
-class ArchivedRun(NamedTuple):
-    """A run that is archived.
-
-    Attributes:
-        name: of the run.
-        study: its config.
-        manifest: its manifest.
-        config: the config's text.
-        tables: names of its tables.
-        files: their files, with those of the config and the manifest.
-    """
-
-    name: str
-    study: Study
-    manifest: Manifest
-    config: str
-    tables: list[str]
-    files: list[Path]
+def name_of(run: Run) -> str:
+    """Name of a run within the archive."""
+    return run.study.run_name()
 
 
-def metadata(runs: Sequence[ArchivedRun], texts: Mapping[str, int]) -> Entity:
+def tables_of(run: Run) -> list[str]:
+    """Names of a run's tables."""
+    return sorted(run.manifest()["tables"])
+
+
+def files_of(run: Run) -> list[Path]:
+    """A run's files that are archived: config, manifest, tables."""
+    return [run.folder / "config.toml", run.folder / "manifest.json", *map(run.path, tables_of(run))]
+
+
+def config_of(run: Run) -> str:
+    """Text of a run's config."""
+    return (run.folder / "config.toml").read_text(encoding="utf-8")
+
+
+def metadata(runs: Sequence[Run], texts: Mapping[str, int]) -> Entity:
     """The content of ro-crate-metadata.json.
 
     Args:
@@ -75,14 +75,14 @@ def metadata(runs: Sequence[ArchivedRun], texts: Mapping[str, int]) -> Entity:
         software[tool["@id"]] = tool
         files += _run_files(run)
         actions.append(_action(run, tool["@id"]))
-    names = ", ".join(run.name for run in runs)
+    names = ", ".join(map(name_of, runs))
     root = {
         "@id": "./",
         "@type": "Dataset",
         "conformsTo": {"@id": PROFILE},
         "name": f"Monte-Carlo study of sphere fits: {names}",
         "description": "Runs of sphere-fit-study: tables, their schemas, configs, provenance, and how to rerun them.",
-        "datePublished": max(str(run.manifest["started"]) for run in runs)[:10],
+        "datePublished": max(str(run.manifest()["started"]) for run in runs)[:10],
         "license": {"@id": LICENCE},
         "hasPart": [{"@id": each["@id"]} for each in files],
         "mentions": [{"@id": each["@id"]} for each in actions],
@@ -105,44 +105,43 @@ def _text(name: str, size: int) -> Entity:
     return {"@id": name, "@type": "File", "name": words, "encodingFormat": kind, "contentSize": str(size)}
 
 
-def _run_files(run: ArchivedRun) -> list[Entity]:
+def _run_files(run: Run) -> list[Entity]:
     """An entity for each file of a run; tables have their digests."""
-    result = []
-    for path in run.files:
+    digests, result = run.manifest()["tables"], []
+    for path in files_of(run):
         entity = {
-            "@id": f"runs/{run.name}/{path.name}",
+            "@id": f"runs/{name_of(run)}/{path.name}",
             "@type": "File",
-            "name": f"{path.stem} of {run.name}",
+            "name": f"{path.stem} of {name_of(run)}",
             "encodingFormat": PARQUET if path.suffix == ".parquet" else _KINDS[path.suffix],
             "contentSize": str(path.stat().st_size),
         }
-        if path.stem in run.tables:
-            entity["sha256"] = run.manifest["tables"][path.stem]
-        result.append(entity)
+        result.append(entity | ({"sha256": digests[path.stem]} if path.stem in digests else {}))
     return result
 
 
-def _action(run: ArchivedRun, software: str) -> Entity:
+def _action(run: Run, software: str) -> Entity:
     """The computation of a run."""
-    start = datetime.fromisoformat(str(run.manifest["started"]))
-    end = start + timedelta(seconds=float(run.manifest["seconds"]))
+    name, manifest = name_of(run), run.manifest()
+    start = datetime.fromisoformat(str(manifest["started"]))
+    end = start + timedelta(seconds=float(manifest["seconds"]))
     return {
-        "@id": f"#run-{run.name}",
+        "@id": f"#run-{name}",
         "@type": "CreateAction",
-        "name": f"study run {run.name}",
-        "description": f"{run.manifest['fits']} fits in {run.manifest['cells']} cells",
+        "name": f"study run {name}",
+        "description": f"{manifest['fits']} fits in {manifest['cells']} cells",
         "startTime": start.isoformat(timespec="seconds"),
         "endTime": end.isoformat(timespec="seconds"),
         "actionStatus": "http://schema.org/CompletedActionStatus",
         "instrument": {"@id": software},
-        "object": {"@id": f"configs/{run.name}.toml"},
-        "result": [{"@id": f"runs/{run.name}/{name}.parquet"} for name in run.tables],
+        "object": {"@id": f"configs/{name}.toml"},
+        "result": [{"@id": f"runs/{name}/{table}.parquet"} for table in tables_of(run)],
     }
 
 
-def _software(run: ArchivedRun) -> Entity:
+def _software(run: Run) -> Entity:
     """The program that computed a run, in its version."""
-    made_by = run.manifest["software"]
+    made_by = run.manifest()["software"]
     version = str(made_by["study"])
     commit = str(made_by.get("commit") or "")
     packages = {"python": made_by["python"], **made_by["packages"]}
@@ -153,7 +152,14 @@ def _software(run: ArchivedRun) -> Entity:
         "description": f"Commit {commit or 'unknown'}; with " + ", ".join(f"{k} {v}" for k, v in packages.items()),
         "softwareVersion": version,
         "license": {"@id": LICENCE},
+        **_identified(made_by),
     }
+
+
+def _identified(software: Mapping[str, Any]) -> Entity:
+    """Software Heritage identifiers of the commit and its tree, if the run knows them and no change was uncommitted."""
+    found = [software[key] for key in ("revision", "directory") if software.get(key) and not software["dirty"]]
+    return {"identifier": found} if found else {}
 
 
 _PERFORMANCE = (
@@ -166,17 +172,18 @@ _PERFORMANCE = (
 )
 
 
-def readme(runs: Sequence[ArchivedRun]) -> str:
+def readme(runs: Sequence[Run]) -> str:
     """Instructions to read the tables, and to compute them again."""
-    first = runs[0]
-    packages = first.manifest["software"]["packages"]
-    pinned = "\n".join(f"    {name}=={version}" for name, version in packages.items())
+    first, software = name_of(runs[0]), runs[0].manifest()["software"]
+    pinned = "\n".join(f"    {name}=={version}" for name, version in software["packages"].items())
     rows = "\n".join(
-        f"| `runs/{run.name}` | `configs/{run.name}.toml` | {run.manifest['fits']:,} | {', '.join(run.tables)} |"
+        f"| `runs/{(name := name_of(run))}` | `configs/{name}.toml` | {run.manifest()['fits']:,} | "
+        f"{', '.join(tables_of(run))} |"
         for run in runs
     )
-    python = first.manifest["software"]["python"]
-    version, commit = first.manifest["software"]["study"], first.manifest["software"].get("commit") or "unknown"
+    python, version, commit = software["python"], software["study"], software.get("commit") or "unknown"
+    identifiers = ", ".join(_identified(software).get("identifier", []))
+    commit += f"; Software Heritage {identifiers}" if identifiers else ""
     return f"""# Runs of sphere-fit-study
 
 | run | config | fits | tables |
@@ -195,9 +202,9 @@ Install sphere-fit-study {version} (commit {commit}) with Python {python} and th
 
 Then, in this folder,
 
-    study verify runs/{first.name}                                          # digests, and a share computed again
-    study run configs/{first.name}.toml --out again/{first.name}
-    study diff runs/{first.name} again/{first.name}
+    study verify runs/{first}                                          # digests, and a share computed again
+    study run configs/{first}.toml --out again/{first}
+    study diff runs/{first} again/{first}
 
 compute the run again. The tables `errors` and `summary` have the same digests, on any number of workers. (A
 table names the commit that made it: another commit gives another digest, and `study diff` says if the numbers are equal
@@ -206,7 +213,7 @@ to the bit.) `timings` has the seconds of another time. A run with estimators of
 """
 
 
-def ademp(runs: Sequence[ArchivedRun]) -> str:
+def ademp(runs: Sequence[Run]) -> str:
     """The studies by aims, data-generating mechanisms, estimands, methods and performance measures."""
     parts = [
         "# The studies by ADEMP",
@@ -214,17 +221,17 @@ def ademp(runs: Sequence[ArchivedRun]) -> str:
         "(Statistics in Medicine 38 (2019) 2074-2102) ask of simulation studies.",
     ]
     for run in runs:
-        study = run.study
-        comments = [line.lstrip("# ") for line in run.config.splitlines() if line.startswith("#")]
+        study, manifest = run.study, run.manifest()
+        comments = [line.lstrip("# ") for line in config_of(run).splitlines() if line.startswith("#")]
         trials = getattr(study.design, "trials", None)
         data = f"Points on a sphere in {study.dimension} dimensions, x = c + r u + σ z: u uniform on a cap, "
         parts += [
-            f"## {run.name}",
+            f"## {name_of(run)}",
             "**Aims.** " + (comments[0] if comments else "As the config says."),
             f"**Data.** {data}{_noise(study)}. {_conditions(run)} Trials: {trials:,}. Seed: {study.seed}.",
             "**Estimands.** The centre c; radius and noise beside it.",
             "**Methods.** " + "; ".join(f"`{name}` ({_reference(name)})" for name in study.estimators) + ".",
-            f"**Performance.** {_PERFORMANCE} {run.manifest['failures']:,} of {run.manifest['fits']:,} fits raised.",
+            f"**Performance.** {_PERFORMANCE} {manifest['failures']:,} of {manifest['fits']:,} fits raised.",
         ]
     return "\n\n".join(parts) + "\n"
 
@@ -245,9 +252,9 @@ def _noise(study: Study) -> str:
     return words + outliers
 
 
-def _conditions(run: ArchivedRun) -> str:
+def _conditions(run: Run) -> str:
     """The conditions of a design as its manifest has them."""
-    design = run.manifest["config"]["design"]
+    design = run.manifest()["config"]["design"]
     given = {name: value for name, value in design.items() if name in CONDITIONS and value is not None}
     words = "; ".join(f"{CONDITIONS[name].symbol}: {_values(value)}" for name, value in given.items())
     return f"{'Every combination' if design['kind'] == 'grid' else 'Each trial draws its own conditions'}: {words}."
@@ -263,9 +270,9 @@ def _values(value: object) -> str:
     )
 
 
-def codemeta(runs: Sequence[ArchivedRun]) -> dict[str, object]:
+def codemeta(runs: Sequence[Run]) -> dict[str, object]:
     """CodeMeta 3.0 of the software that computed the runs."""
-    software = runs[0].manifest["software"]
+    software = runs[0].manifest()["software"]
     return {
         "@context": "https://w3id.org/codemeta/3.0",
         "@type": "SoftwareSourceCode",
@@ -276,6 +283,7 @@ def codemeta(runs: Sequence[ArchivedRun]) -> dict[str, object]:
         "programmingLanguage": {"@type": "ComputerLanguage", "name": "Python", "version": software["python"]},
         "softwareRequirements": [f"{name}=={version}" for name, version in software["packages"].items()],
         "author": [{"@type": "Organization", "name": "The sphere-fit-study authors"}],
+        **_identified(software),
     }
 
 
@@ -299,45 +307,41 @@ def archive(runs: Sequence[Run], out: Path) -> Path:
     """
     if out.suffix != ".zip":
         raise RunError(f"{out}: give a name that ends in .zip")
-    names = [run.study.run_name() for run in runs]
+    names = list(map(name_of, runs))
     for name in names:
         if names.count(name) > 1:
             raise RunError(f"{name}: given twice; an archive has a run once")
-    result = [_archived(run) for run in runs]
+    for run in runs:
+        _check(run)
     texts = {
-        "README.md": readme(result),
-        "ADEMP.md": ademp(result),
+        "README.md": readme(runs),
+        "ADEMP.md": ademp(runs),
         "CITATION.cff": citation(),
-        "codemeta.json": _json(codemeta(result)),
-        **{f"configs/{run.name}.toml": run.config for run in result},
-        **{f"schemas/{run.name}.json": _json(_schemas(run)) for run in result},
+        "codemeta.json": _json(codemeta(runs)),
+        **{f"configs/{name_of(run)}.toml": config_of(run) for run in runs},
+        **{f"schemas/{name_of(run)}.json": _json(_schemas(run)) for run in runs},
     }
     sizes = {name: len(text.encode()) for name, text in texts.items()}
-    texts = {"ro-crate-metadata.json": _json(metadata(result, sizes)), **texts}
+    texts = {"ro-crate-metadata.json": _json(metadata(runs, sizes)), **texts}
     with explained(out, of_run=False):
         out.parent.mkdir(parents=True, exist_ok=True)
         with replacing(out) as temporary, zipfile.ZipFile(temporary, "w") as file:
             for name, text in texts.items():
                 file.writestr(_entry(name), text, zipfile.ZIP_DEFLATED)
-            for run in result:
-                for path in run.files:
-                    _copy(file, path, f"runs/{run.name}/{path.name}")
+            for run in runs:
+                for path in files_of(run):
+                    _copy(file, path, f"runs/{name_of(run)}/{path.name}")
     return out
 
 
-def _archived(run: Run) -> ArchivedRun:
-    """Check that a run's tables are as they were written, and return it for the archive."""
+def _check(run: Run) -> None:
+    """Raise a RunError unless a run is whole and its tables are as they were written."""
     if (stopped := budget_message(run)) is not None:  # the config alone would compute other tables
         raise RunError(stopped)
-    checked = verify(run, share=0.0)
-    if checked.faults:
-        raise RunError(checked.faults[0])
-    stored = sorted(run.manifest()["tables"])
-    for name in stored:
+    if faults := verify(run, share=0.0).faults:
+        raise RunError(faults[0])
+    for name in tables_of(run):
         run.check(name)
-    files = [run.folder / "config.toml", run.folder / "manifest.json", *(run.path(name) for name in stored)]
-    text = (run.folder / "config.toml").read_text(encoding="utf-8")
-    return ArchivedRun(run.study.run_name(), run.study, run.manifest(), text, stored, files)
 
 
 def _copy(file: zipfile.ZipFile, path: Path, name: str) -> None:
@@ -356,7 +360,7 @@ def _entry(name: str) -> zipfile.ZipInfo:
     return entry
 
 
-def _schemas(run: ArchivedRun) -> dict[str, list[dict[str, str]]]:
+def _schemas(run: Run) -> dict[str, list[dict[str, str]]]:
     """Columns of each table: name, type, unit and meaning."""
     declared = schemas.declared(run.study.dimension, run.study.conditions())
     return {
@@ -364,7 +368,7 @@ def _schemas(run: ArchivedRun) -> dict[str, list[dict[str, str]]]:
             {"name": column.name, "type": str(column.type), "unit": column.unit, "meaning": column.meaning}
             for column in declared.get(name, [])
         ]
-        for name in run.tables
+        for name in tables_of(run)
     }
 
 

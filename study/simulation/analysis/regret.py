@@ -99,6 +99,7 @@ def bound_shares(moments: CapMoments, dimension: int) -> tuple[float, float]:
     return 1.0 / moments.along / total, 1.0 / moments.across / total
 
 
+@lru_cache(maxsize=4096)
 def median_at_bound(moments: CapMoments, dimension: int) -> float:
     """Median error over √tr CRLB of an estimator whose errors are Gaussian at the bound, for isotropic noise.
 
@@ -249,31 +250,15 @@ _GROUPS = 10
 """Groups of trials, one of which is left out at a time."""
 
 
-class CellErrors(NamedTuple):
-    """Errors of all estimators in a cell.
-
-    Attributes:
-        cell: name of the cell.
-        samples: number of samples N.
-        errors: distances of the fitted from the true centre (estimators, trials), infinite where there is none.
-        groups: number of each trial's group (trials,).
-    """
-
-    cell: str
-    samples: int
-    errors: Floats
-    groups: Ints
-
-
-def cells_of(errors: pd.DataFrame, estimators: list[str]) -> Iterator[CellErrors]:
-    """The cells of an error table that has a row per trial and estimator."""
-    for name, part in errors.groupby("cell", observed=True, sort=False):
-        trials, column = np.unique(part["trial"].to_numpy(), return_inverse=True)
-        row = pd.Index(estimators).get_indexer(pd.Index(part["estimator"].astype(str)))
-        values = np.full((len(estimators), len(trials)), np.inf)
-        found, known = part["error"].to_numpy(dtype=float), row >= 0
-        values[row[known], column[known]] = np.nan_to_num(found[known], nan=np.inf, posinf=np.inf)
-        yield CellErrors(str(name), int(part["samples"].iloc[0]), values, trials % _GROUPS)
+def _by_trial(part: pd.DataFrame, estimators: list[str]) -> tuple[Floats, Ints]:
+    """A cell's errors (estimators, trials), infinite where there is none, and each trial's group (trials,)."""
+    trials, column = np.unique(part["trial"].to_numpy(), return_inverse=True)
+    row = pd.Index(estimators).get_indexer(pd.Index(part["estimator"].astype(str)))
+    distances, use = np.full((len(estimators), len(trials)), np.inf), row >= 0
+    distances[row[use], column[use]] = np.nan_to_num(
+        part["error"].to_numpy(dtype=float)[use], nan=np.inf, posinf=np.inf
+    )
+    return distances, trials % _GROUPS
 
 
 def by_cell(errors: pd.DataFrame, estimators: list[str]) -> pd.DataFrame:
@@ -288,22 +273,21 @@ def by_cell(errors: pd.DataFrame, estimators: list[str]) -> pd.DataFrame:
         error over the least among the estimators (``median``, ``q95``), also without each group of trials
         (``median_0`` …). Cells in which no estimator has an answer at the quantile are not a number.
     """
-    rows = []
-    for cell in cells_of(errors, estimators):
-        kept = [np.ones(len(cell.groups), dtype=bool), *(cell.groups != g for g in range(_GROUPS))]
-        if min(map(np.sum, kept)) == 0:
-            raise RunError(f"cell {cell.cell}: {len(cell.groups)} trials; regret needs at least 2")
-        found: dict[str, Floats] = {}
-        for place, chosen in enumerate(kept):
-            levels = np.quantile(cell.errors[:, chosen], list(QUANTILES.values()), axis=1, method="lower")
+    rows: list[pd.DataFrame] = []
+    for cell, part in errors.groupby("cell", observed=True, sort=False):
+        distances, groups = _by_trial(part, estimators)
+        chosen = [groups >= 0, *(groups != group for group in range(_GROUPS))]
+        if min(map(np.sum, chosen)) == 0:
+            raise RunError(f"cell {cell}: {len(groups)} trials; regret needs at least 2")
+        numbers: dict[str, Floats] = {}
+        for ending, use in zip(["", *(f"_{group}" for group in range(_GROUPS))], chosen, strict=True):
+            levels = np.quantile(distances[:, use], list(QUANTILES.values()), axis=1, method="lower")
             with np.errstate(invalid="ignore"):
                 ratios = levels / levels.min(axis=1, keepdims=True)
-            for name, values in zip(QUANTILES, ratios, strict=True):
-                found[name if place == 0 else f"{name}_{place - 1}"] = values
-        for index, estimator in enumerate(estimators):
-            numbers = {name: float(values[index]) for name, values in found.items()}
-            rows.append({"cell": cell.cell, "samples": cell.samples, "estimator": estimator, **numbers})
-    return pd.DataFrame(rows)
+            numbers |= {f"{name}{ending}": values for name, values in zip(QUANTILES, ratios, strict=True)}
+        row = {"cell": str(cell), "samples": int(part["samples"].iloc[0]), "estimator": estimators}
+        rows.append(pd.DataFrame({**row, **numbers}))
+    return pd.concat(rows, ignore_index=True)
 
 
 def regret(cells: pd.DataFrame) -> pd.DataFrame:
@@ -325,21 +309,14 @@ def regret(cells: pd.DataFrame) -> pd.DataFrame:
             row: dict[str, float | str] = {"samples": int(samples), "estimator": str(estimator), "cells": len(part)}
             for name in QUANTILES:
                 used = part[part[name].notna()]
-                means = np.array([_geometric(used[column]) for column in [name, *_left_out(name)]])
+                named = [name, *(f"{name}_{group}" for group in range(_GROUPS))]
+                means = np.exp(np.log(used[named]).mean().to_numpy())
                 error = math.inf
                 if np.isfinite(means).all():
                     error = math.sqrt(np.sum((means[1:] - means[1:].mean()) ** 2) * (_GROUPS - 1.0) / _GROUPS)
                 row |= {name: means[0], f"{name}_error": error, f"{name}_worst": used[name].max()}
             rows.append(row)
     return pd.DataFrame(rows)
-
-
-def _left_out(name: str) -> list[str]:
-    return [f"{name}_{group}" for group in range(_GROUPS)]
-
-
-def _geometric(ratios: "pd.Series[float]") -> float:
-    return float(np.exp(np.log(ratios).mean()))
 
 
 def of_run(run: Run) -> pd.DataFrame:

@@ -6,7 +6,7 @@ is read by group and estimator, a part at a time, so that any length fits in mem
 """
 
 from collections.abc import Collection, Iterator
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import pandas as pd
@@ -329,24 +329,20 @@ def of_run(run: Run, count: int, estimator: str | None = None) -> pd.DataFrame:
     return worst(pd.concat([worst(part, count, estimator) for part in _parts(run)], ignore_index=True), count)
 
 
-class WorstOfRun(NamedTuple):
-    """The worst trials of a run, and the worst of each group and estimator; see `worst` and `worst_of_groups`."""
+def worst_of_run(run: Run, count: int = 5) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Find the worst trials, and the worst of each group and estimator, in one pass through a run's error table.
 
-    trials: pd.DataFrame
-    of_groups: pd.DataFrame
-
-
-def worst_of_run(run: Run, count: int = 5) -> WorstOfRun:
-    """Find the worst trials in one pass through a run's error table.
+    Returns:
+        The tables of `worst` and `worst_of_groups`.
 
     Raises:
         RunError: if the run did not finish.
     """
     by_decade = run.study.design.one_trial_a_cell
-    found = [WorstOfRun(worst(part, count), worst_of_groups(part, by_decade)) for part in _parts(run)]
-    groups = pd.concat([part.of_groups for part in found], ignore_index=True)
+    parts = [(worst(part, count), worst_of_groups(part, by_decade)) for part in _parts(run)]
+    trials, groups = (pd.concat(tables, ignore_index=True) for tables in zip(*parts, strict=True))
     first = groups.groupby(["group", "estimator"], sort=False)["ratio"].idxmax()
-    return WorstOfRun(worst(pd.concat([part.trials for part in found], ignore_index=True), count), groups.loc[first])
+    return worst(trials, count), groups.loc[first]
 
 
 def _parts(run: Run) -> Iterator[pd.DataFrame]:

@@ -19,6 +19,7 @@ from study.simulation.experiment.conditions import (
     ANGLE,
     CENTER,
     CONDITIONS,
+    DIRECTIONS,
     NOISE,
     NOISE_OVER_RADIUS,
     RADIUS,
@@ -46,14 +47,15 @@ class AtBounds(NamedTuple):
 
 
 def has_bounds(study: Study) -> bool:
-    """True if every cell of a study has both bounds: in a grid, with isotropic Gaussian noise."""
-    departs = bound_law([condition.name for condition in study.conditions()]) != ""
+    """True if every cell of a study has both bounds: a grid of isotropic Gaussian noise, directions by area."""
+    given = [condition.name for condition in study.conditions()]
+    departs = bound_law(given) != "" or DIRECTIONS.name in given
     return study.noise_law.isotropic and not departs and not study.design.one_trial_a_cell
 
 
 def medians_at_bounds(study: Study, row: RowValues) -> AtBounds:
     """Medians of efficient estimators in the cell of a row of the summary."""
-    angle, noise = float(ANGLE.of(row)), float(NOISE_OVER_RADIUS.of(row))
+    angle, noise = float(ANGLE.of(row)), float(f"{NOISE_OVER_RADIUS.of(row):.12g}")  # cells alike but for scale: once
     at_bound = median_at_bound(cap_moments(math.radians(angle), study.dimension), study.dimension)
     return AtBounds(at_bound, median_attainable(angle, noise, study.dimension))
 
@@ -267,10 +269,10 @@ def printed(run: Run, choice: RowChoice | None = None, every: bool = False, only
     yield _legend(chosen, named)
     if bounded:
         yield "CRLB and attainable: the median of Gaussian errors at the Cramér-Rao bound and at the attainable bound."
-    rows, at_bounds = [], _AtBounds(run.study)
+    rows = []
     for _, part in chosen.groupby("group", sort=False):
         fits = part.to_dict("records")
-        bounds = [f"{value:.3g}" for value in at_bounds(fits[0])] if bounded else []
+        bounds = [f"{value:.3g}" for value in medians_at_bounds(run.study, fits[0])] if bounded else []
         rows.append(
             [
                 _conditions(fits[0], named),
@@ -289,7 +291,7 @@ def as_data(run: Run, choice: RowChoice) -> dict[str, Any]:
         ValueError: if no cell has the values of the choice.
     """
     frame = choice.rows(_summary(run))
-    bounded, at_bounds = has_bounds(run.study), _AtBounds(run.study)
+    bounded = has_bounds(run.study)
     rows: list[dict[str, Any]] = []
     for _, part in frame.groupby("group", sort=False):
         fits = part.to_dict("records")
@@ -297,7 +299,7 @@ def as_data(run: Run, choice: RowChoice) -> dict[str, Any]:
         if not run.study.design.one_trial_a_cell:
             more["noise_over_radius"] = NOISE_OVER_RADIUS.of(fits[0])
         if bounded:
-            at = at_bounds(fits[0])
+            at = medians_at_bounds(run.study, fits[0])
             more |= {"median_cramer_rao": at.cramer_rao, "median_attainable": at.attainable}
         rows += [{str(name): value for name, value in fit.items()} | more for fit in fits]
     conditions = [condition.name for condition in run.study.conditions()]
@@ -311,20 +313,6 @@ def as_csv(run: Run, choice: RowChoice) -> str:
         ValueError: if no cell has the values of the choice.
     """
     return inert_frame(choice.rows(_summary(run))).to_csv(index=False, lineterminator="\n")
-
-
-class _AtBounds:
-    """Medians at the bounds, computed once for cells that differ by scaling alone."""
-
-    def __init__(self, study: Study) -> None:
-        self.study = study
-        self.known: dict[tuple[float, str], AtBounds] = {}
-
-    def __call__(self, row: RowValues) -> AtBounds:
-        key = float(ANGLE.of(row)), f"{NOISE_OVER_RADIUS.of(row):.12g}"
-        if key not in self.known:
-            self.known[key] = medians_at_bounds(self.study, row)
-        return self.known[key]
 
 
 def _bound(frame: pd.DataFrame) -> str:

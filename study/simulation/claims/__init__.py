@@ -15,7 +15,6 @@ from study.simulation.claims import (
     costs,
     error_by_noise,
     outliers,
-    power_law,
     recordings,
     several_markers,
     ugdk,
@@ -33,7 +32,6 @@ CLAIMS: tuple[Claim, ...] = (
     *ugdk.CLAIMS,
     *several_markers.CLAIMS,
     *costs.CLAIMS,
-    *power_law.CLAIMS,
     *recordings.CLAIMS,
 )
 

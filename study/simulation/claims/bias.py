@@ -8,10 +8,13 @@ import scipy
 
 from study.arrays import Floats
 from study.fits.cap import cap_moments
-from study.simulation.claims.claim import Claim, Evidence, Number, Verdict
-from study.simulation.claims.measures import (
+from study.simulation.claims.claim import (
     LEAST,
     WHOLE,
+    Claim,
+    Evidence,
+    Number,
+    Verdict,
     by_estimator,
     center_errors,
     exponent,
@@ -144,5 +147,11 @@ CLAIMS: tuple[Claim, ...] = (
         figure="fig3_gdke_ellipse",
         remark="Each ellipse is centred on an estimate and has the size of the scatter over all trials. Without the "
         "bias 95 % of the ellipses would contain the truth.",
+        heads={
+            Verdict.REPRODUCED: "GDKE is biased, and more points do not help.",
+            Verdict.PARTLY: "GDKE's bias.",
+            Verdict.NOT_REPRODUCED: "GDKE's bias.",
+        },
+        story="The bias is {0:times} its scatter, and {1:share} of its 95 % ellipses hold the truth.",
     ),
 )

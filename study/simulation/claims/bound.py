@@ -14,11 +14,14 @@ import scipy
 
 from study.fits.cap import CapMoments, cap_moments
 from study.simulation.analysis.regret import bound_shares, kappa, ugdk_variance
-from study.simulation.claims.claim import Claim, Evidence, Number, Verdict
-from study.simulation.claims.measures import (
+from study.simulation.claims.claim import (
     LEAST,
     WHOLE,
     CellMeasure,
+    Claim,
+    Evidence,
+    Number,
+    Verdict,
     cells,
     error_over,
     furthest_from_one,

@@ -8,8 +8,7 @@ import math
 import numpy as np
 import pandas as pd
 
-from study.simulation.claims.claim import Claim, Evidence, Number, Verdict, only_known
-from study.simulation.claims.measures import rows_of, within
+from study.simulation.claims.claim import Claim, Evidence, Number, Verdict, only_known, rows_of, within
 from study.simulation.statistics import quantile, share
 
 _TOLERANCE = 0.25

@@ -13,10 +13,13 @@ from study.arrays import Floats
 from study.fits.cap import cap_moments
 from study.simulation.analysis.regret import gdke_leaves
 from study.simulation.analysis.summary import decade
-from study.simulation.claims.claim import Claim, Evidence, Number, Verdict
-from study.simulation.claims.measures import (
+from study.simulation.claims.claim import (
     WHOLE,
     CellMeasure,
+    Claim,
+    Evidence,
+    Number,
+    Verdict,
     by_estimator,
     cells,
     error_over,
@@ -198,6 +201,14 @@ CLAIMS: tuple[Claim, ...] = (
         figure="fig2_error",
         remark="Up to σ ≈ .01 r the methods agree, apart from GDKE's bias. Above σ ≈ .3 r the matrix C - Σ̂ is mostly "
         "not positive definite; then UGDK's error is of order σ, while the others' is σ/√N.",
+        heads={
+            Verdict.REPRODUCED: "The paper's main claim holds.",
+            Verdict.PARTLY: "The paper's main claim holds in part.",
+            Verdict.NOT_REPRODUCED: "The paper's main claim does not hold.",
+        },
+        story="It says that UGDK comes closest to the Cramér-Rao bound. UGDK is clearly the closest in {0:share} of "
+        "the decades of noise; another method is clearly closer in {1:share}. With noise above the radius it errs "
+        "{2:times} as far as the best of the others.",
     ),
     Claim(
         name="gdke-on-par",

@@ -11,8 +11,18 @@ import numpy as np
 import pandas as pd
 
 from study.fits import Status
-from study.simulation.claims.claim import Claim, Evidence, Number, Verdict
-from study.simulation.claims.measures import LEAST, by_estimator, error_over, has_estimators, median, relative_noise
+from study.simulation.claims.claim import (
+    LEAST,
+    Claim,
+    Evidence,
+    Number,
+    Verdict,
+    by_estimator,
+    error_over,
+    has_estimators,
+    median,
+    relative_noise,
+)
 from study.simulation.statistics import FAR, UNKNOWN, share
 
 _ABOUT_RADIUS = (0.3, 3.0)
@@ -225,6 +235,12 @@ CLAIMS: tuple[Claim, ...] = (
         remark="Such outliers need many samples: only then is an error of one radius ten times the bound. All three "
         "starts end at the same centre, and GDKE's centre is as far off: the noise pulls the only minimum towards the "
         "points. Multiple solutions exist at small noise: from a start beyond the points the sphere tends to a plane.",
+        heads={
+            Verdict.REPRODUCED: "MLE's outliers come from other minima.",
+            Verdict.PARTLY: "Most of MLE's outliers do not come from other minima.",
+        },
+        story="With noise around the radius {0:share} of its fits are off by about the radius; the best of three "
+        "starts mends {1:share} of them.",
     ),
     Claim(
         name="lls-outliers-small",
@@ -244,6 +260,11 @@ CLAIMS: tuple[Claim, ...] = (
         "on tiny caps up to just this noise; above it, the bound itself reaches the radius. One in 36 of the paper's "
         "angles is so small. Single precision makes outliers too, the more the smaller the noise is, and it fails at "
         "both of the paper's limits.",
+        heads={
+            Verdict.REPRODUCED: "LLS's outliers.",
+            Verdict.PARTLY: "LLS's outliers come from a cut of small singular values.",
+        },
+        story="On tiny caps with tiny noise {1:share} of its fits are outliers with the cut, {0:share} without.",
     ),
     Claim(
         name="lls-outliers-place",

@@ -6,8 +6,7 @@ import numpy as np
 
 from study.arrays import Bools, Floats
 from study.simulation.analysis.regret import JointMarkers, fit_joints
-from study.simulation.claims.claim import Claim, Evidence, Number, Verdict, only_known
-from study.simulation.claims.measures import ratio
+from study.simulation.claims.claim import Claim, Evidence, Number, Verdict, only_known, ratio
 from study.simulation.statistics import Measure, quantile, share
 
 

@@ -8,8 +8,20 @@ import pandas as pd
 from study.fits import Status
 from study.simulation.analysis.regret import fit_joints
 from study.simulation.analysis.summary import decade
-from study.simulation.claims.claim import Claim, Evidence, Number, Verdict, only_known
-from study.simulation.claims.measures import center_errors, error_over, exponent, ratio, relative_noise, rows_of, within
+from study.simulation.claims.claim import (
+    Claim,
+    Evidence,
+    Number,
+    Verdict,
+    center_errors,
+    error_over,
+    exponent,
+    only_known,
+    ratio,
+    relative_noise,
+    rows_of,
+    within,
+)
 from study.simulation.statistics import UNKNOWN, inside, mean, moments_exist, power_law, quantile, robust_sd, share
 
 PAPER_CONDITION = 0.557238

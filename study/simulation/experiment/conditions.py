@@ -50,7 +50,7 @@ class Condition:
         silent: the default leaves no trace.
         own_draws: cells with different values have different draws; otherwise the same draws are placed differently.
         axis: a grid may list its values.
-        law: a random design may draw it.
+        law: a random design may draw it; a word is the same for all of its trials.
         by_moments: the route through joint moments takes account of it; otherwise that route refuses it.
         stored: it has a column in the tables.
         derived: finds it from the other conditions of a row, if it has no column.
@@ -178,13 +178,12 @@ LAW = Condition(
     name="law",
     symbol="law",
     meaning="law of the noise",
-    in_full="law of the noise, of covariance σ² I whatever the law",
+    in_full="law of the noise, of covariance σ² I; radial: along the radius alone, of variance σ²",
     allowed=noise.is_law,
     rule=noise.RULE,
     kind=str,
     default=noise.NORMAL,
     silent=True,
-    law=False,
 )
 OUTLIER_SHARE = Condition(
     name="outlier_share",
@@ -209,8 +208,32 @@ OUTLIER_SIZE = Condition(
 )
 DEPARTURES = (LAW, OUTLIER_SHARE, OUTLIER_SIZE)
 """The conditions that make the noise other than normal."""
+STATED_VARIANCE = Condition(
+    name="stated_variance",
+    symbol="σ̂²/σ²",
+    meaning="noise variance that the estimators are given, in units of σ²",
+    allowed=lambda v: v > 0,
+    rule="above 0, in units of σ²",
+    default=1.0,
+    silent=True,
+    digits=4,
+)
+DIRECTIONS = Condition(
+    name="directions",
+    symbol="directions",
+    meaning="law of the directions",
+    in_full="law of the directions: uniform by area, or by the polar angle, or equally spaced",
+    allowed=lambda v: v in noise.DIRECTIONS,
+    rule=noise.DIRECTIONS_RULE,
+    kind=str,
+    default=noise.AREA,
+    silent=True,
+    own_draws=True,
+    by_moments=True,
+)
 
-CONDITIONS = {c.name: c for c in (SAMPLES, NOISE, NOISE_OVER_RADIUS, ANGLE, RADIUS, CENTER, *DEPARTURES)}
+_PLACING = (SAMPLES, NOISE, NOISE_OVER_RADIUS, ANGLE, RADIUS, CENTER)
+CONDITIONS = {c.name: c for c in (*_PLACING, *DEPARTURES, STATED_VARIANCE, DIRECTIONS)}
 """Every condition by its name, in the order of keys, columns and labels. A new one is appended."""
 
 STORED = tuple(c for c in CONDITIONS.values() if c.stored)

@@ -47,6 +47,7 @@ from study.simulation.experiment.conditions import (
     ANGLE,
     CONDITIONS,
     DEPARTURES,
+    DIRECTIONS,
     LAW,
     LAWS,
     NOISE,
@@ -54,6 +55,7 @@ from study.simulation.experiment.conditions import (
     OUTLIER_SIZE,
     RADIUS,
     SAMPLES,
+    STATED_VARIANCE,
     STORED,
     Condition,
     Distribution,
@@ -61,7 +63,7 @@ from study.simulation.experiment.conditions import (
     is_number,
 )
 from study.simulation.experiment.designs import MAX_CELLS, Cell, Design, GridDesign, RandomDesign
-from study.simulation.experiment.noise import NoiseLaw, gaussian
+from study.simulation.experiment.noise import MOST_SPACED, SPACED, NoiseLaw, gaussian
 from study.text import did_you_mean
 from study.toml import ConfigError, Distinct, Fault, Frozen, Listed, distinct, report, toml_tables, toml_text
 
@@ -80,6 +82,10 @@ def departure_faults(given: Collection[str], has: Mapping[str, bool]) -> list[Fa
         faults.append(Fault(("posterior",), words))
     if LAW.name in named and has["noise_shape"]:
         faults.append(Fault(("noise_shape",), f"is the covariance of normal noise: take {LAW.name} out of the design"))
+    others = " and ".join(condition.name for condition in (STATED_VARIANCE, DIRECTIONS) if condition.name in given)
+    if others and has["posterior"]:
+        words = f"its likelihoods are of the true σ, and of directions by area: take {others} out of the design"
+        faults.append(Fault(("posterior",), words))
     if OUTLIER_SIZE.name in named and OUTLIER_SHARE.name not in named:
         words = f"has no effect without {OUTLIER_SHARE.name}, the probability of an outlier"
         faults.append(Fault(("design", OUTLIER_SIZE.name), words))
@@ -392,6 +398,9 @@ def parse(text: str, source: str = "config") -> Study:
         refusing = {"posterior": study.posterior is not None, "noise_shape": study.noise_shape is not None}
         faults += departure_faults(study.design.given(), refusing)
         faults += _moment_faults(study.design) if study.route == "moments" else []
+        if study.dimension > MOST_SPACED and SPACED in (study.design.values(DIRECTIONS) or ()):
+            words = f"{SPACED} directions are for circles and spheres, not for dimension {study.dimension}"
+            faults.append(Fault(("design", DIRECTIONS.name), words))
         faults += _level_faults(study.design)
         if study.posterior is not None:
             faults += posterior_faults(study.posterior, study.design, study.dimension, study.noise_shape is not None)

@@ -30,10 +30,12 @@ from study.fits.streams import Name, stream
 from study.simulation.experiment.conditions import (
     CENTER,
     CONDITIONS,
+    DIRECTIONS,
     NOISE,
     RADIUS,
     SAMPLES,
     SILENT,
+    STATED_VARIANCE,
     Condition,
     Constant,
     Distribution,
@@ -92,6 +94,12 @@ class Cell:
         return replace(self, noise=noise, radius=radius, center=tuple(center), scale=1.0)
 
     @property
+    def stated_noise(self) -> float:
+        """The standard deviation σ that the estimators are given."""
+        variance = float(dict(self.further).get(STATED_VARIANCE.name, 1.0))
+        return self.noise if variance == 1.0 else self.noise * math.sqrt(variance)
+
+    @property
     def distance(self) -> float:
         """Distance |c| of the centre from the origin."""
         return math.hypot(*self.center)
@@ -137,6 +145,11 @@ class Batch:
         """Confinement half-angle in degrees."""
         return self.cells[0].angle
 
+    @property
+    def directions(self) -> str:
+        """Law of the directions."""
+        return str(dict(self.cells[0].further).get(DIRECTIONS.name, DIRECTIONS.default))
+
 
 def further(values: Mapping[str, Value]) -> Further:
     """Select the silent conditions that are not at their defaults."""
@@ -172,7 +185,10 @@ def axis(condition: Condition) -> TypeAndDefault:
 
 
 def law(condition: Condition) -> TypeAndDefault:
-    """The field of a condition in a random design: the law that it is drawn from."""
+    """The field of a condition in a random design: the law that it is drawn from, or a word."""
+    if condition.kind is str:
+        word: Any = Annotated[str, AfterValidator(lambda given: _expanded(condition, given)[0])]
+        return _field(condition, word, condition.default)
     laws: Any = Annotated[Law, AfterValidator(lambda given: _within(condition, given))]
     default = None if condition.default is None else Constant(law="constant", value=float(condition.default))
     return _field(condition, laws, default)
@@ -536,7 +552,9 @@ class Random(Design):
 
     def values(self, condition: Condition) -> tuple[Value, ...] | None:
         """The values that a condition takes; None where a law leaves them open."""
-        law: Distribution | None = self.given().get(condition.name)
+        law: Distribution | str | None = self.given().get(condition.name)
+        if isinstance(law, str):
+            return (law,)
         if law is not None:
             return None if law.continuous else law.possible()
         return None if condition.default is None else (condition.default,)
@@ -602,9 +620,11 @@ class RandomGroup(Group):
         center = float(values[CENTER.name]) * heading / np.linalg.norm(heading)
         return Cell.of(values, tuple(rounded(v) for v in center))
 
-    def _drawn(self, condition: Condition, trial: int) -> float:
-        """Draw the value of a condition for a trial; rounded, if it is a whole number."""
-        law: Distribution = getattr(self.design, condition.name)
+    def _drawn(self, condition: Condition, trial: int) -> Value:
+        """Draw the value of a condition for a trial; rounded, if it is a whole number. A word is not drawn."""
+        law: Distribution | str = getattr(self.design, condition.name)
+        if isinstance(law, str):
+            return law
         block, index = divmod(trial, _BLOCK)
         number = law.at(_uniforms(self.seed, condition.name, block)[index])
         number = rounded(number) if law.continuous else number

@@ -1,7 +1,9 @@
 """Laws of the noise: Gaussian ones with their bounds, and the steps that lead from normal noise to another kind.
 
-A Gaussian law has any covariance. A step replaces normal noise by noise of another law and the same covariance, or adds
-outliers. Its random numbers come from streams of their own, so that a step changes no other number.
+A Gaussian law has any covariance. A step replaces normal noise by noise of another law, or adds outliers. Its random
+numbers come from streams of their own, so that a step changes no other number.
+
+Laws of the directions stand at the end: uniform by area on the cap unless a config says otherwise.
 """
 
 import math
@@ -54,11 +56,12 @@ class FurtherNumbers:
 class Departure(Protocol):
     """A step that turns noise at σ = 1 into noise of another law."""
 
-    def applied(self, noise: Floats, numbers: FurtherNumbers) -> Floats:
+    def applied(self, noise: Floats, directions: Floats, numbers: FurtherNumbers) -> Floats:
         """The noise of the other law (b, d, n), in fresh memory.
 
         Args:
             noise: at σ = 1 (b, d, n); standard normal numbers, if no other step came before.
+            directions: unit vectors of the samples (b, d, n), with the height 1 - u₁ in place of u₁.
             numbers: further random numbers of the same trials.
         """
 
@@ -197,7 +200,7 @@ class LaplaceNoise:
 
     excess_kurtosis = 3.0
 
-    def applied(self, noise: Floats, numbers: FurtherNumbers) -> Floats:
+    def applied(self, noise: Floats, directions: Floats, numbers: FurtherNumbers) -> Floats:
         """The quantile of each normal number z in this law: -sign(z) (ln 2 + ln Φ(-|z|))/√2, exact in the tails."""
         return np.asarray(-np.sign(noise) * (math.log(2.0) + scipy.special.log_ndtr(-np.abs(noise))) * math.sqrt(0.5))
 
@@ -217,7 +220,7 @@ class Outliers:
     share: float
     size: float
 
-    def applied(self, noise: Floats, numbers: FurtherNumbers) -> Floats:
+    def applied(self, noise: Floats, directions: Floats, numbers: FurtherNumbers) -> Floats:
         """The noise, with the displacement added where a uniform number of the sample is below the share."""
         _, d, n = noise.shape
         number = numbers.draw(("outliers", "choice"), lambda g, trials: g.random((trials, n)))
@@ -245,7 +248,7 @@ class StudentNoise:
         """6/(ν - 4), or infinity."""
         return 6.0 / (self.freedom - 4.0) if self.freedom > 4.0 else math.inf
 
-    def applied(self, noise: Floats, numbers: FurtherNumbers) -> Floats:
+    def applied(self, noise: Floats, directions: Floats, numbers: FurtherNumbers) -> Floats:
         """Normal noise z as z √((ν - 2)/χ²), with a χ² number of ν degrees of freedom for each sample."""
         n = noise.shape[2]
         square = numbers.draw(("student", self.freedom), lambda g, trials: g.chisquare(self.freedom, (trials, n)))
@@ -262,16 +265,34 @@ class UniformNoise:
 
     excess_kurtosis = -1.2
 
-    def applied(self, noise: Floats, numbers: FurtherNumbers) -> Floats:
+    def applied(self, noise: Floats, directions: Floats, numbers: FurtherNumbers) -> Floats:
         """The quantile of each normal number z in this law: √3 (2Φ(z) - 1) = √3 erf(z/√2)."""
         return np.asarray(math.sqrt(3.0) * scipy.special.erf(math.sqrt(0.5) * noise))
 
 
-NORMAL = "normal"
-LAWS: dict[str, OtherLaw] = {"laplace": LaplaceNoise(), "uniform": UniformNoise()}
-"""The laws without parameters, besides the normal one. All have the covariance σ² I."""
+@dataclass(frozen=True)
+class RadialNoise:
+    """Noise along the radius alone: a sample is at c + (r + σ ε) u, ε a standard normal number.
 
-RULE = f"{NORMAL}, {', '.join(LAWS)} or student(ν) with ν above 2, such as student(5)"
+    Its covariance is σ² u uᵀ, over a whole sphere σ² I/d on average, so it is not of covariance σ² I. The bound of
+    isotropic noise of the same σ holds for it too: only the component along the radius counts there (theory 3.1).
+    """
+
+    def applied(self, noise: Floats, directions: Floats, numbers: FurtherNumbers) -> Floats:
+        """The component of isotropic noise along the direction, (u·z) u."""
+        u = directions.copy()
+        np.subtract(1.0, u[:, 0], out=u[:, 0])
+        return np.asarray(np.einsum("bdn,bdn->bn", u, noise)[:, None] * u)
+
+
+NORMAL = "normal"
+RADIAL = "radial"
+LAWS: dict[str, OtherLaw] = {"laplace": LaplaceNoise(), "uniform": UniformNoise()}
+"""The laws of covariance σ² I without parameters, besides the normal one."""
+STRUCTURED: dict[str, Departure] = {RADIAL: RadialNoise()}
+"""The laws in which the noise of a sample depends on its direction."""
+
+RULE = f"{NORMAL}, {', '.join([*LAWS, *STRUCTURED])} or student(ν) with ν above 2, such as student(5)"
 SIZE = 10.0
 """Length of an outlier's displacement in units of σ, where a config gives none."""
 
@@ -290,16 +311,21 @@ def freedom(word: str) -> float | None:
 
 
 def excess_kurtosis(word: str) -> float:
-    """The excess kurtosis of a coordinate under a law: 0 if normal, larger with heavier tails."""
+    """The excess kurtosis of a coordinate under a law of covariance σ² I: 0 if normal, larger with heavier tails."""
     nu = freedom(word)
     if nu is not None:
         return StudentNoise(nu).excess_kurtosis
     return 0.0 if word == NORMAL else LAWS[word].excess_kurtosis
 
 
+def has_equal_covariance(word: str) -> bool:
+    """True if a word names a law of covariance σ² I."""
+    return word == NORMAL or word in LAWS or freedom(word) is not None
+
+
 def is_law(word: str) -> bool:
     """True if a word names a law."""
-    return word == NORMAL or word in LAWS or freedom(word) is not None
+    return word in STRUCTURED or has_equal_covariance(word)
 
 
 def departures(conditions: Mapping[str, Any]) -> list[Departure]:
@@ -313,7 +339,47 @@ def departures(conditions: Mapping[str, Any]) -> list[Departure]:
     steps: list[Departure] = []
     if law != NORMAL:
         nu = freedom(law)
-        steps.append(LAWS[law] if nu is None else StudentNoise(nu))
+        steps.append((LAWS | STRUCTURED)[law] if nu is None else StudentNoise(nu))
     if share > 0.0:
         steps.append(Outliers(share, conditions.get("outlier_size", SIZE)))
     return steps
+
+
+AREA, POLAR, SPACED = DIRECTIONS = ("area", "polar", "spaced")
+DIRECTIONS_RULE = "area, polar or, in two and three dimensions, spaced"
+MOST_SPACED = 3
+"""Largest dimension in which there are spaced directions."""
+_GOLDEN_ANGLE = math.pi * (3.0 - math.sqrt(5.0))
+
+
+def place_directions(law: str, half_angle: float, directions: Floats, numbers: FurtherNumbers) -> None:
+    """Replace directions, which are uniform by area on a cap, by those of another law.
+
+    With ``polar`` the angle to the first axis is uniform, so that samples crowd about it. With ``spaced`` the
+    directions are equally spaced and the same in every trial: in a plane they divide the arc, both ends included, or
+    the whole circle; in space they lie on a spiral of equal areas, each turned from the one before by the golden angle
+    (González 2010).
+
+    Args:
+        law: one of `DIRECTIONS`.
+        half_angle: φ in radians.
+        directions: receives unit vectors (b, d, n), with the height 1 - u₁ in place of u₁.
+        numbers: further random numbers of the same trials.
+    """
+    if law == AREA:
+        return
+    _, d, n = directions.shape
+    across = directions[:, 1:]
+    if law == POLAR:
+        angle = half_angle * numbers.draw(("directions", "polar"), lambda g, trials: g.random((trials, n)))
+        normals = numbers.draw(("directions", "across"), lambda g, trials: g.standard_normal((trials, d - 1, n)))
+        across[...] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    elif d == 2:
+        gaps = n if half_angle == math.pi else n - 1  # a whole circle ends where it begins
+        angle = half_angle * (2.0 * np.arange(n) / gaps - 1.0)
+        across[...] = 1.0
+    else:
+        angle = 2.0 * np.arcsin(math.sin(0.5 * half_angle) * np.sqrt((np.arange(n) + 0.5) / n))
+        across[...] = [np.cos(_GOLDEN_ANGLE * np.arange(n)), np.sin(_GOLDEN_ANGLE * np.arange(n))]
+    across *= np.sin(angle)[..., None, :]
+    directions[:, 0] = 2.0 * np.sin(0.5 * angle) ** 2

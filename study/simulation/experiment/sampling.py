@@ -18,7 +18,7 @@ from study.fits.jit import form
 from study.fits.streams import lanes
 from study.simulation.experiment.config import Study
 from study.simulation.experiment.designs import Batch, Cell, Group, Unit
-from study.simulation.experiment.noise import FurtherNumbers, NoiseLaw, departures
+from study.simulation.experiment.noise import FurtherNumbers, NoiseLaw, departures, place_directions
 from study.text import nearest
 
 Array = Callable[[str, tuple[int, ...]], Floats]
@@ -67,10 +67,10 @@ class Draws:
         """Form the points x = c + r u + σ z of a level (b, d, n), with the noise as estimators take it."""
         noise = self.unit_noise
         for departure in departures(dict(level.further)):
-            noise = departure.applied(noise, self.numbers)
+            noise = departure.applied(noise, self.directions, self.numbers)
         points = array("points", noise.shape)
         form(self.directions, noise, np.array(level.center), float(level.radius), float(level.noise), points)
-        return Samples(points, self.law.given(level.noise))
+        return Samples(points, self.law.given(level.stated_noise))
 
     def only(self, trial: int) -> "Draws":
         """One trial of the batch, counted from its first."""
@@ -98,6 +98,7 @@ def draw(study: Study, batches: Sequence[Batch], array: Array = new) -> Draws:
         directions, normals = directions[used], normals[used]
     law = study.noise_law
     numbers = FurtherNumbers(study.seed, [(batch.stream, batch.skip, batch.trials) for batch in batches])
+    place_directions(batches[0].directions, angle, directions, numbers)
     return Draws(directions, law.unit_noise(normals), law, numbers)
 
 
@@ -294,5 +295,5 @@ def replay(study: Study, address: Address) -> Trial:
     batch, cell = address.batch, address.cell
     draws = draw(study, [batch]).only(address.trial - batch.first)
     level = draws.place(cell.level)
-    samples = Samples(cell.scale * level.x, draws.law.given(cell.noise))
+    samples = Samples(cell.scale * level.x, draws.law.given(cell.stated_noise))
     return Trial(cell, address.trial, samples, level, draws.unit_bound()[0])

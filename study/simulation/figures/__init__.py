@@ -11,24 +11,15 @@ from typing import Any
 
 from study import style
 from study.files import RunError, explained
+from study.simulation.figures import arc
 from study.simulation.figures.figure import FAILED, FigureModule, NotApplicable, Tables, failure, gathered
 from study.simulation.runs.run_folder import Run
 
 FIGURES: dict[str, FigureModule] = {
-    name: import_module(f"{__name__}.{name}")
+    name: arc.ELLIPSES.get(name) or import_module(f"{__name__}.{name}")
     for name in (
-        "fig2_error",
-        "fig3_gdke_ellipse",
-        "fig4_ugdk_ellipse",
-        "fig5_methods",
-        "fig6_mgdk",
-        "fig7_power_law",
-        "fig_efficiency",
-        "fig_regret",
-        "fig_map",
-        "fig_robustness",
-        "fig_posterior",
-        "fig_calibration",
+        *("fig2_error", "fig3_gdke_ellipse", "fig4_ugdk_ellipse", "fig5_methods", "fig6_mgdk", "fig7_power_law"),
+        *("fig_efficiency", "fig_regret", "fig_map", "fig_robustness", "fig_posterior", "fig_calibration"),
     )
 }
 

@@ -29,7 +29,7 @@ from study import style
 from study.arrays import Floats
 from study.fits import Status
 from study.simulation.analysis.summary import decade
-from study.simulation.figures.figure import NotApplicable, Tables
+from study.simulation.figures.figure import NotApplicable, Tables, log_axes
 from study.simulation.statistics import FAR, theil_sen
 
 _MOST_COLUMNS = 4
@@ -228,8 +228,7 @@ def _draw_ratios(ax: Axes, frame: ErrorFrame, name: str) -> None:
 
 def _scales(ax: Axes, frame: ErrorFrame, limits: tuple[int, int], narrow: bool) -> None:
     """Set logarithmic axes with ticks at the same powers of ten in all panels."""
-    ax.set_xscale("log")
-    ax.set_yscale("log")
+    log_axes(ax)
     ax.set_xlim(*(10.0**power for power in frame.noise_limits))
     ax.set_ylim(*(10.0**power for power in limits))
     ax.set_xticks(_ticks(frame.noise_limits, narrow), minor=False)

@@ -27,7 +27,7 @@ from study import style
 from study.arrays import Bools, Floats
 from study.fits.cap import cap_moments
 from study.simulation.analysis.regret import gdke_bias, median_at_bound
-from study.simulation.figures.figure import NotApplicable, Tables, at_first
+from study.simulation.figures.figure import NotApplicable, Tables, at_first, log_axes, look
 from study.simulation.statistics import power_law
 
 _LEAST_SAMPLES = 4
@@ -67,8 +67,8 @@ def prepare(tables: Tables) -> PowerLawFrame:
     Raises:
         NotApplicable: unless the design is a grid with at least four numbers of samples.
     """
-    if tables.design != "grid":
-        raise NotApplicable('needs many trials of each condition: kind = "grid" in the config')
+    tables.require_grid()
+    tables.require_directions_by_area()
     tables.require_all_trials("relative_median")
     summary = at_first(tables.summary, besides=("samples", "noise"))
     summary = summary.assign(level=summary["noise"] / summary["radius"])
@@ -181,8 +181,7 @@ def _key(frame: PowerLawFrame, biased: bool) -> list[Line2D]:
 
 def _draw_panel(ax: Axes, frame: PowerLawFrame, level: float, short: bool) -> bool:
     """Draw the curves at one noise; True if GDKE's bias is drawn too."""
-    ax.set_xscale("log")
-    ax.set_yscale("log")
+    log_axes(ax)
     curves = frame.curves[(frame.curves["level"] == level) & np.isfinite(frame.curves["median"])]
     laws = frame.laws[frame.laws["level"] == level]
     bound = frame.bounds[frame.bounds["level"] == level]
@@ -215,10 +214,7 @@ def _draw_curve(ax: Axes, name: str, curve: pd.DataFrame, size: float) -> None:
         curve["samples"],
         curve["median"],
         yerr=curve["error"].where(np.isfinite(curve["error"])),
-        color=style.color(name),
-        marker=style.marker(name),
-        markersize=2.5 + 4.0 * size,
-        markeredgewidth=0.0,
+        **look(name, 2.5 + 4.0 * size),
         linewidth=0.6 + 1.5 * size,
         elinewidth=0.9,
         zorder=3,

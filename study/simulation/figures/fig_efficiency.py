@@ -26,13 +26,12 @@ from study import style
 from study.fits.cap import CapMoments, cap_moments
 from study.simulation.analysis.regret import (
     gdke_leaves,
-    median_at_bound,
     median_attainable,
     noise_at_kappa,
     ugdk_leaves,
 )
-from study.simulation.claims.measures import error_over
-from study.simulation.figures.figure import NotApplicable, Tables, at_first
+from study.simulation.claims.claim import error_over
+from study.simulation.figures.figure import NotApplicable, Tables, at_first, handle, log_axes, look
 from study.simulation.statistics import quantile
 
 _LEAST_LEVELS = 4
@@ -69,10 +68,8 @@ def prepare(tables: Tables) -> EfficiencyFrame:
     Raises:
         NotApplicable: unless the design is a grid with at least four levels of isotropic noise.
     """
-    if tables.design != "grid":
-        raise NotApplicable('needs many trials of each condition: kind = "grid" in the config')
-    if not tables.noise_law.isotropic:
-        raise NotApplicable("compares with an isotropic bound: needs a config without noise_shape")
+    tables.require_grid(isotropic=True)
+    tables.require_directions_by_area()
     tables.require_errors()
     cells = tables.summary.drop_duplicates("group")  # the conditions of each cell, where the error table repeats them
     cells = at_first(cells[cells["samples"] == cells["samples"].max()], besides=("noise", "angle"))
@@ -87,24 +84,17 @@ def prepare(tables: Tables) -> EfficiencyFrame:
     ratios = error_over(errors, "bound")
     rows = []
     for (cell, estimator), part in ratios.groupby([errors["cell"], errors["estimator"]], observed=True, sort=False):
-        if cell not in place:
-            continue
-        angle, noise = place[cell]
-        unit = median_at_bound(caps[angle], tables.dimension)
-        median = quantile(np.asarray(part, dtype=float), 0.5)
-        rows.append((angle, str(estimator), noise, median.value / unit, median.error / unit, len(part)))
-    columns = ["angle", "estimator", "level", "ratio", "error", "trials"]
-    curves = pd.DataFrame(rows, columns=columns)
+        if cell in place:
+            median = quantile(np.asarray(part, dtype=float), 0.5)
+            rows.append((*place[cell], str(estimator), median.value, median.error, len(part)))
+    curves = pd.DataFrame(rows, columns=["angle", "level", "estimator", "ratio", "error", "trials"])
+    curves[["ratio", "error"]] = curves[["ratio", "error"]].div(tables.efficient(curves["angle"]), axis=0)
     levels = curves[["angle", "level"]].drop_duplicates()
-    units = {angle: median_at_bound(moments, tables.dimension) for angle, moments in caps.items()}
-    reached = [
-        median_attainable(angle, noise, tables.dimension) / units[angle]
-        for angle, noise in zip(levels["angle"], levels["level"], strict=True)
-    ]
+    reached = [median_attainable(row.angle, row.level, tables.dimension) for row in levels.itertuples()]
     least = curves["trials"].min()
     return EfficiencyFrame(
         curves=curves,
-        attainable=levels.assign(ratio=reached),
+        attainable=levels.assign(ratio=reached / tables.efficient(levels["angle"])),
         marks=pd.DataFrame([{"angle": angle, **_marks(moments, samples)} for angle, moments in caps.items()]),
         samples=samples,
         stamp=" · ".join([tables.name, *_others(tables.estimators, shown), f"at least {least:,} {_behind(curves)}"]),
@@ -154,10 +144,7 @@ def draw(frame: EfficiencyFrame) -> Figure:
     for ax in axes[:, 0]:
         ax.set_ylabel("median error,\nCramér-Rao = 1")
     names = list(dict.fromkeys(frame.curves["estimator"]))
-    handles = [
-        Line2D([], [], color=style.color(n), marker=style.marker(n), markersize=3.5, label=style.label(n))
-        for n in names
-    ]
+    handles = [handle(name) for name in names]
     handles.append(Line2D([], [], color="black", linewidth=1.0, linestyle=(0, (4, 2)), label="attainable bound"))
     handles.append(Line2D([], [], color="black", linewidth=0.8, label="Cramér-Rao bound"))
     marked = (
@@ -177,8 +164,7 @@ def draw(frame: EfficiencyFrame) -> Figure:
 def _panel(ax: Axes, frame: EfficiencyFrame, angle: float) -> None:
     """Draw the panel of one angle."""
     mine = frame.curves[frame.curves["angle"] == angle]
-    ax.set_xscale("log")
-    ax.set_yscale("log")
+    log_axes(ax)
     ratios = frame.curves["ratio"][np.isfinite(frame.curves["ratio"])]
     ax.set_ylim(min(_LOW, 0.9 * ratios.min()) / 1.8, max(_HIGH, 1.3 * ratios.max()))  # with room for the marks
     ax.axhline(1.0, color="black", linewidth=0.8)
@@ -191,10 +177,7 @@ def _panel(ax: Axes, frame: EfficiencyFrame, angle: float) -> None:
         ax.plot(
             shown["level"],
             shown["ratio"],
-            color=style.color(str(name)),
-            marker=style.marker(str(name)),
-            markersize=2.2 + 2.4 * size,
-            markeredgewidth=0.0,
+            **look(str(name), 2.2 + 2.4 * size),
             linewidth=0.7 + 0.9 * size,
             zorder=3,
         )

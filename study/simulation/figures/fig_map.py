@@ -22,8 +22,6 @@ from matplotlib.colors import LinearSegmentedColormap, LogNorm
 from matplotlib.figure import Figure
 
 from study import style
-from study.fits.cap import cap_moments
-from study.simulation.analysis.regret import median_at_bound
 from study.simulation.figures.figure import NotApplicable, Tables, at_first
 
 _LEAST = 2
@@ -57,10 +55,8 @@ def prepare(tables: Tables) -> MapFrame:
     Raises:
         NotApplicable: unless the design is a grid with at least two angles and two levels of isotropic noise.
     """
-    if tables.design != "grid":
-        raise NotApplicable('needs many trials of each condition: kind = "grid" in the config')
-    if not tables.noise_law.isotropic:
-        raise NotApplicable("compares with an isotropic bound: needs a config without noise_shape")
+    tables.require_grid(isotropic=True)
+    tables.require_directions_by_area()
     tables.require_all_trials("ratio_median")
     result = at_first(tables.summary, besides=("samples", "noise", "angle"))
     # twelve digits: one level of a logspace may differ in its last bit from radius to radius
@@ -71,17 +67,13 @@ def prepare(tables: Tables) -> MapFrame:
     for name, values in (("levels of noise", level), ("angles", result["angle"])):
         if len(np.unique(values)) < _LEAST:
             raise NotApplicable(f"needs at least {_LEAST} {name} in the grid")
-    unit = {
-        angle: median_at_bound(cap_moments(math.radians(angle), tables.dimension), tables.dimension)
-        for angle in result["angle"].unique()
-    }
     ratios = pd.DataFrame(
         {
             "estimator": result["estimator"].astype(str),
             "samples": result["samples"].astype(int),
             "angle": result["angle"],
             "level": level,
-            "ratio": result["ratio_median"] / result["angle"].map(unit),
+            "ratio": result["ratio_median"] / tables.efficient(result["angle"]),
         }
     ).reset_index(drop=True)
     relative = (result["ratio_median_error"] / result["ratio_median"]).to_numpy()

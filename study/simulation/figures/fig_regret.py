@@ -47,8 +47,7 @@ def prepare(tables: Tables) -> RegretFrame:
     Raises:
         NotApplicable: unless the design is a grid of at least six cells, with two estimators or more.
     """
-    if tables.design != "grid":
-        raise NotApplicable('needs many trials of each condition: kind = "grid" in the config')
+    tables.require_grid()
     errors, names = tables.errors, tables.estimators
     if errors["cell"].nunique() < _FEWEST_CELLS or len(names) < 2:
         raise NotApplicable(f"needs two estimators or more, and at least {_FEWEST_CELLS} cells in the grid")

@@ -26,11 +26,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from study import style
-from study.fits.cap import cap_moments
-from study.simulation.analysis.regret import median_at_bound
 from study.simulation.experiment.conditions import LAW, OUTLIER_SHARE, OUTLIER_SIZE
-from study.simulation.experiment.noise import NORMAL, excess_kurtosis, freedom
-from study.simulation.figures.figure import NotApplicable, Tables, at_first
+from study.simulation.experiment.noise import NORMAL, excess_kurtosis, freedom, has_equal_covariance
+from study.simulation.figures.figure import NotApplicable, Tables, at_first, handle, look
 
 _LEAST = 3
 _MOST_ROWS = 4
@@ -68,31 +66,28 @@ def prepare(tables: Tables) -> RobustnessFrame:
         NotApplicable: unless the design is a grid of several shares of outliers, with none among them, and of several
             laws of the noise, with the normal one among them.
     """
-    if tables.design != "grid":
-        raise NotApplicable('needs many trials of each condition: kind = "grid" in the config')
-    if not tables.noise_law.isotropic:
-        raise NotApplicable("compares with an isotropic bound: needs a config without noise_shape")
+    tables.require_grid(isotropic=True)
     law, share, size = LAW.name, OUTLIER_SHARE.name, OUTLIER_SIZE.name
     for name, least in ((law, NORMAL), (share, 0.0)):
         found = set(tables.summary[name]) if name in tables.summary else set()
         if len(found) < _LEAST or least not in found:
             raise NotApplicable(f"needs at least {_LEAST} values of {name} in the grid, with {least} among them")
+    tables.require_directions_by_area()
     tables.require_all_trials("ratio_median")
     rows = at_first(tables.summary, besides=("angle", law, share))
-    unit = {
-        angle: median_at_bound(cap_moments(math.radians(angle), tables.dimension), tables.dimension)
-        for angle in rows["angle"].unique()
-    }
+    unit = tables.efficient(rows["angle"])
     medians = pd.DataFrame(
         {
             "angle": rows["angle"],
             "estimator": rows["estimator"].astype(str),
             "law": rows[law].astype(str),
             "share": rows[share],
-            "ratio": rows["ratio_median"] / rows["angle"].map(unit),
-            "error": rows["ratio_median_error"] / rows["angle"].map(unit),
+            "ratio": rows["ratio_median"] / unit,
+            "error": rows["ratio_median_error"] / unit,
         }
     )
+    if others := [word for word in medians["law"].unique() if not has_equal_covariance(word)]:
+        raise NotApplicable(f"compares laws of the same covariance: needs a config without {', '.join(others)}")
     order = sorted(medians["law"].unique(), key=lambda word: (excess_kurtosis(word), -(freedom(word) or 0.0)))
     tails = medians[medians["share"] == 0.0]
     return RobustnessFrame(
@@ -140,13 +135,11 @@ def draw(frame: RobustnessFrame) -> Figure:
     _near_one(axes[0, 1], frame.tails["ratio"])
     axes[-1, 0].set_xlabel(f"share of outliers, each displaced by {frame.size:g} $σ$")
     axes[-1, 1].set_xlabel("law of the noise, and its excess kurtosis")
-    handles = [
-        Line2D([], [], color=style.color(n), marker=style.marker(n), markersize=3.5, label=style.label(n))
-        for n in names
-    ]
     dashed = Line2D([], [], color="black", linewidth=0.8, linestyle="--", label="outliers taken for noise")
     rows = -(-(len(names) + 1) // 8)  # eight in a row fill the page
-    figure.legend(handles=[*handles, dashed], loc="upper center", ncols=-(-(len(names) + 1) // rows), columnspacing=1.2)
+    figure.legend(
+        handles=[*map(handle, names), dashed], loc="upper center", ncols=-(-(len(names) + 1) // rows), columnspacing=1.2
+    )
     style.stamp(figure, frame.stamp)
     return figure
 
@@ -162,10 +155,7 @@ def _panel(ax: Axes, rows: pd.DataFrame, column: str, places: list[object], name
             x,
             np.where(np.isfinite(mine["ratio"]), mine["ratio"], np.nan),
             yerr=1.96 * np.where(np.isfinite(mine["error"]), mine["error"], np.nan),
-            color=style.color(name),
-            marker=style.marker(name),
-            markersize=3.6,
-            markeredgewidth=0.0,
+            **look(name, 3.6),
             linewidth=0.5,
             elinewidth=1.0,
             zorder=3,

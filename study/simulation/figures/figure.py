@@ -1,8 +1,9 @@
-"""A figure: a module of ``prepare(tables) -> frame`` and ``draw(frame) -> Figure``, and the tables that it reads.
+"""A figure: an object with ``prepare(tables) -> frame`` and ``draw(frame) -> Figure``, and what figures share.
 
 All computing is in ``prepare``; ``draw`` reads no files. `NotApplicable` says why a run cannot feed a figure.
 """
 
+import math
 import traceback
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
@@ -11,11 +12,16 @@ from pathlib import Path
 from typing import Any, Protocol, Self
 
 import pandas as pd
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
+from study import style
 from study.files import RunError
+from study.fits.cap import cap_moments
+from study.simulation.analysis.regret import median_at_bound
 from study.simulation.analysis.summary import TableReader, stored_summary
-from study.simulation.experiment.conditions import STORED, bound_law
+from study.simulation.experiment.conditions import DIRECTIONS, STORED, bound_law
 from study.simulation.experiment.noise import NoiseLaw
 from study.simulation.runs.run_folder import Run
 
@@ -135,6 +141,21 @@ class Tables:
         self.require_errors()
         return self.reader.table("errors", columns, estimators)
 
+    def require_grid(self, isotropic: bool = False) -> None:
+        """Raise `NotApplicable` unless the design is a grid, and the noise isotropic where a figure's bound is."""
+        if self.design != "grid":
+            raise NotApplicable('needs many trials of each condition: kind = "grid" in the config')
+        if isotropic and not self.noise_law.isotropic:
+            raise NotApplicable("compares with an isotropic bound: needs a config without noise_shape")
+
+    def efficient(self, angles: "pd.Series[float]") -> "pd.Series[float]":
+        """For each half-angle in degrees the median over √tr CRLB of Gaussian errors at the bound: figures' unit."""
+        unit = {
+            angle: median_at_bound(cap_moments(math.radians(angle), self.dimension), self.dimension)
+            for angle in angles.unique()
+        }
+        return angles.map(unit)
+
     def require_errors(self) -> None:
         """Raise `NotApplicable` if the study kept its summary alone."""
         if "errors" not in self.stored:
@@ -150,6 +171,11 @@ class Tables:
         if self.summary[name].isna().any():
             words = "the run is of an earlier version, which kept no medians of all trials"
             raise NotApplicable(f"{words}: run its config again, in another folder (--out)")
+
+    def require_directions_by_area(self) -> None:
+        """Raise `NotApplicable` if directions have another law than the bounds that a figure draws."""
+        if DIRECTIONS.name in self.summary and set(self.summary[DIRECTIONS.name]) != {DIRECTIONS.default}:
+            raise NotApplicable(f"compares with bounds of directions by area: needs a config without {DIRECTIONS.name}")
 
     @cached_property
     def points(self) -> pd.DataFrame | None:
@@ -194,8 +220,32 @@ def at_first(table: pd.DataFrame, besides: Collection[str]) -> pd.DataFrame:
     return table
 
 
+def look(estimator: str, size: float) -> dict[str, Any]:
+    """Colour and mark of an estimator's curve, for marks of a size in points."""
+    colour, marker = style.color(estimator), style.marker(estimator)
+    return {"color": colour, "marker": marker, "markersize": size, "markeredgewidth": 0.0}
+
+
+def handle(estimator: str) -> Line2D:
+    """Legend entry of an estimator."""
+    return Line2D(
+        [],
+        [],
+        color=style.color(estimator),
+        marker=style.marker(estimator),
+        markersize=3.5,
+        label=style.label(estimator),
+    )
+
+
+def log_axes(ax: Axes) -> None:
+    """Make both axes logarithmic."""
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+
+
 class FigureModule(Protocol):
-    """Protocol of a figure's module."""
+    """Protocol of a figure: a module, or an object with a docstring of its own."""
 
     def prepare(self, tables: Tables) -> Any:
         """Compute the frame; raise `NotApplicable` if the run lacks what it needs."""

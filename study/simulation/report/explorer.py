@@ -9,20 +9,18 @@ import base64
 import gzip
 import hashlib
 import json
+import math
 import shlex
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
 from study import style
-from study.arrays import Floats, Ints
 from study.fits import Status
-from study.simulation.experiment.conditions import LABELS, Condition
+from study.simulation.experiment.conditions import LABELS
 from study.simulation.report import html, words
 from study.simulation.report.html import Section
 from study.simulation.report.material import Material, Record
@@ -38,56 +36,51 @@ def packed(record: Record) -> str:
         JSON of columns, compressed by gzip, as base64. Numbers have five digits, Monte-Carlo errors three; a number
         that is not known is null. The same run gives the same text.
     """
-    text = "{" + ",".join(f"{json.dumps(key)}:{value}" for key, value in _entries(record)) + "}"
+    text = json.dumps(_columns(record), separators=(",", ":")).replace("Infinity", "1e999")  # too large to hold: ∞
     return base64.b64encode(gzip.compress(text.encode(), 9, mtime=0)).decode()
 
 
-def _entries(record: Record) -> Iterable[tuple[str, str]]:
+def _columns(record: Record) -> dict[str, object]:
     frame = record.summary
-    groups, codes = _coded(frame["group"].astype(str))
+    codes, groups = pd.factorize(frame["group"].astype(str))
     by_decade = bool(frame["decade"].notna().any())
     varying, fixed = _conditions(frame, by_decade)
-    named = pd.Index(record.estimators)
-    yield "run", json.dumps(record.name)
-    yield "by", json.dumps("decade" if by_decade else "cell")
-    yield "replay", json.dumps(f"study replay {shlex.quote(str(record.run.folder))}")
-    yield "groups", json.dumps(groups)
-    yield "group", _whole(codes)
-    looks = [{"name": n, "label": style.label(n), "color": style.color(n)} for n in record.estimators]
-    yield "estimators", json.dumps(looks)
-    yield "estimator", _whole(named.get_indexer(pd.Index(frame["estimator"].astype(str))))
-    yield "conditions", "[" + ",".join(varying) + "]"
-    yield "fixed", json.dumps(fixed)
-    yield "trials", _whole(frame["planned"])
-    yield "ok", _whole(frame["ok"])
-    yield "failed", "[" + ",".join(_failed(frame)) + "]"
-    yield "measures", "[" + ",".join(_measures(frame)) + "]"
+    names = pd.MultiIndex.from_frame(frame[["group", "estimator"]].astype(str))
+    data: dict[str, object] = {
+        "run": record.name,
+        "by": "decade" if by_decade else "cell",
+        "replay": f"study replay {shlex.quote(str(record.run.folder))}",
+        "groups": list(groups),
+        "group": codes.tolist(),
+        "estimators": [{"name": n, "label": style.label(n), "color": style.color(n)} for n in record.estimators],
+        "estimator": pd.Index(record.estimators).get_indexer(names.get_level_values(1)).tolist(),
+        "conditions": varying,
+        "fixed": fixed,
+        "trials": frame["planned"].tolist(),
+        "ok": frame["ok"].tolist(),
+        "failed": _failed(frame),
+        "measures": list(_measures(frame)),
+    }
     if record.worst_of_groups is not None:
-        worst = record.worst_of_groups.set_index(["group", "estimator"])
-        rows = worst.reindex(pd.MultiIndex.from_frame(frame[["group", "estimator"]].astype(str)))
-        names = [
-            f"{c}/{int(t)}" if isinstance(c, str) else None for c, t in zip(rows["cell"], rows["trial"], strict=True)
+        rows = record.worst_of_groups.set_index(["group", "estimator"]).reindex(names)
+        trials = [
+            f"{c}/{t:.0f}" if isinstance(c, str) else None for c, t in zip(rows["cell"], rows["trial"], strict=True)
         ]
-        yield "worst", json.dumps(names)
-        yield "ratio", _numbers(rows["ratio"], _ERROR_DIGITS)
+        data |= {"worst": trials, "ratio": _rounded(rows["ratio"], _ERROR_DIGITS)}
+    return data
 
 
-def _coded(values: Sequence[Any] | pd.Series) -> tuple[list[Any], Ints]:
-    """Values without repetition in the order in which they appear, and each row's place among them."""
-    codes, result = pd.factorize(pd.Series(values))
-    return list(result), codes
-
-
-def _conditions(frame: pd.DataFrame, by_decade: bool) -> tuple[list[str], str]:
+def _conditions(frame: pd.DataFrame, by_decade: bool) -> tuple[list[dict[str, object]], str]:
     """The conditions that vary, each with its values and a code per row, and the others in words."""
     if by_decade:
-        lower = pd.Series(10.0 ** frame["decade"].to_numpy(dtype=float))
-        return [_condition("decade", "σ/r from", lower, "")], ""
+        return [_condition("decade", "σ/r from", 10.0 ** frame["decade"].astype(float), "")], ""
     varying, fixed = [], []
     for condition in LABELS:
         if condition.stored and condition.name not in frame:
             continue
-        values = _given(condition, frame)
+        values = pd.Series(condition.of(frame))
+        # numbers that differ by rounding alone are one
+        values = values.astype(str) if condition.kind is str else values.map(lambda value: float(f"{value:.6g}"))
         if values.nunique(dropna=False) > 1:
             varying.append(_condition(condition.name, condition.symbol, values, condition.mark))
         else:
@@ -95,63 +88,46 @@ def _conditions(frame: pd.DataFrame, by_decade: bool) -> tuple[list[str], str]:
     return varying, ", ".join(fixed)
 
 
-def _given(condition: Condition, frame: pd.DataFrame) -> pd.Series:
-    """A condition's value in each row; numbers that differ by rounding alone are one."""
-    values = pd.Series(condition.of(frame))
-    if condition.kind is str:
-        return values.astype(str)
-    return values.map({value: float(f"{value:.6g}") for value in values.unique()})
+def _condition(name: str, symbol: str, values: pd.Series, mark: str) -> dict[str, object]:
+    codes, possible = pd.factorize(values, sort=True)
+    entry = {"name": name, "symbol": symbol, "number": not isinstance(possible[0], str), "mark": mark}
+    return entry | {"values": possible.tolist(), "codes": codes.tolist()}
 
 
-def _condition(name: str, symbol: str, values: pd.Series, mark: str) -> str:
-    known = sorted(values.unique())
-    codes = pd.Index(known).get_indexer(pd.Index(values))
-    number = not isinstance(known[0], str)
-    entry = {"name": name, "symbol": symbol, "number": number, "mark": mark, "values": known}
-    return json.dumps(entry)[:-1] + f', "codes": {_whole(codes)}}}'
-
-
-def _failed(frame: pd.DataFrame) -> Iterable[str]:
+def _failed(frame: pd.DataFrame) -> list[dict[str, object]]:
     """Fits that are not ok, by status, without those that occur nowhere."""
-    for status in Status:
-        name = status.name.lower()
-        if name != "ok" and name in frame and frame[name].any():
-            yield json.dumps({"words": name.replace("_", " ")})[:-1] + f', "counts": {_whole(frame[name])}}}'
+    names = [status.name.lower() for status in Status if status != Status.OK]
+    return [
+        {"words": name.replace("_", " "), "counts": frame[name].tolist()}
+        for name in names
+        if name in frame and frame[name].any()
+    ]
 
 
-def _measures(frame: pd.DataFrame) -> Iterable[str]:
+def _measures(frame: pd.DataFrame) -> Iterable[dict[str, object]]:
     """Every measure with its Monte-Carlo errors, error over bound first, and the share of fits that are not ok."""
-    names = sorted(MEASURES, key=lambda name: not name.startswith("ratio"))
-    for name in names:
+    for name in sorted(MEASURES, key=lambda name: not name.startswith("ratio")):
         if name in frame and frame[name].notna().any():
             title, meaning, _ = MEASURES[name]
             yield _measure(name, title, meaning, frame[name], frame[f"{name}_error"])
-    result = [share(int(p - k), int(p)) for p, k in zip(frame["planned"], frame["ok"], strict=True)]
-    meaning = "share of the fits that are not ok"
-    yield _measure("not_ok", "share not ok", meaning, [m.value for m in result], [m.error for m in result])
+    shares = [share(int(p - k), int(p)) for p, k in zip(frame["planned"], frame["ok"], strict=True)]
+    yield _measure("not_ok", "share not ok", "share of the fits that are not ok", *zip(*shares, strict=True))
 
 
-def _measure(name: str, title: str, meaning: str, values: Iterable[float], errors: Iterable[float]) -> str:
-    both = f'"values": {_numbers(values, _DIGITS)}, "errors": {_numbers(errors, _ERROR_DIGITS)}'
-    return json.dumps({"name": name, "title": _sentence(title), "meaning": _sentence(meaning)})[:-1] + f", {both}}}"
+def _measure(
+    name: str, title: str, meaning: str, values: Iterable[float], errors: Iterable[float]
+) -> dict[str, object]:
+    entry = {"name": name, "title": _sentence(title), "meaning": _sentence(meaning)}
+    return entry | {"values": _rounded(values, _DIGITS), "errors": _rounded(errors, _ERROR_DIGITS)}
 
 
 def _sentence(text: str) -> str:
     return text[0].upper() + text[1:]
 
 
-def _numbers(values: Iterable[float], digits: int) -> str:
-    """Numbers of some digits in JSON, where infinity is a number too large to hold."""
-    array: Floats = np.asarray(values, dtype=float)
-    texts = (f"{value:.{digits}g}" for value in array.tolist())
-    return "[" + ",".join(_SPECIAL.get(text, text) for text in texts) + "]"
-
-
-_SPECIAL = {"nan": "null", "inf": "1e999", "-inf": "-1e999"}
-
-
-def _whole(values: Iterable[int]) -> str:
-    return "[" + ",".join(map(str, np.asarray(values, dtype=int).tolist())) + "]"
+def _rounded(values: Iterable[float], digits: int) -> list[float | None]:
+    """Numbers of some digits; None for one that is not known."""
+    return [None if math.isnan(value) else float(f"{value:.{digits}g}") for value in values]
 
 
 _FOLDER = Path(__file__).parent / "assets"

@@ -6,7 +6,7 @@ Every number in a sentence is one of the tables'; none is written here.
 import inspect
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -23,13 +23,23 @@ from study.simulation.claims import CLAIMS
 from study.simulation.claims.claim import Verdict
 from study.simulation.figures import Drawing, FigureModule, Gallery, Tables
 from study.simulation.figures.fig_efficiency import EfficiencyFrame
-from study.simulation.figures.figure import failure
+from study.simulation.figures.figure import failure, log_axes, look
 from study.simulation.report import html, words
 from study.simulation.report.words import count
 from study.simulation.runs.run_folder import Finished, Run
 
 _BEGINNINGS = {Verdict.REPRODUCED: "Yes", Verdict.PARTLY: "In part", Verdict.NOT_REPRODUCED: "No"}
-_ANSWERS = {claim.name: claim.answer for claim in CLAIMS}
+_CLAIMS = {claim.name: claim for claim in CLAIMS}
+
+
+def _filled(sentence: str, finding: str) -> str:
+    """A claim's sentence with the numbers of its finding, as the claims table has them.
+
+    Raises:
+        IndexError, ValueError: if it has other numbers than the sentence.
+    """
+    values = words.values(finding)
+    return sentence.format(*values, last=values[-1])
 
 
 def answer(name: str, verdict: str, finding: str) -> str:
@@ -45,8 +55,7 @@ def answer(name: str, verdict: str, finding: str) -> str:
     """
     begin = _BEGINNINGS.get(Verdict(verdict), verdict) if verdict in set(Verdict) else verdict.capitalize()
     try:
-        values = words.values(finding)
-        rest = _ANSWERS[name].format(*values, last=values[-1])
+        rest = _filled(_CLAIMS[name].answer, finding)
     except (KeyError, IndexError, ValueError):  # a claim of another version, or one whose numbers are fewer
         rest = words.readable(finding.partition("\n")[0])
     return f"{begin}: {rest}"
@@ -55,8 +64,6 @@ def answer(name: str, verdict: str, finding: str) -> str:
 _CAP = 45.0
 """Half-angle of the cap that the findings and the picture at the top are about, in degrees."""
 _NOISE = 0.3
-_READ = {"ugdk-closest", "gdke-bias-stays", "gdke-bias-order", "lls-outliers-small", "mle-outliers"}
-_HOLDS = {Verdict.REPRODUCED: "holds", Verdict.PARTLY: "holds in part", Verdict.NOT_REPRODUCED: "does not hold"}
 
 
 @dataclass(frozen=True)
@@ -74,35 +81,6 @@ class Headline:
     claim: int = 0
 
 
-@dataclass(frozen=True)
-class _Judged:
-    """A claim with a verdict."""
-
-    number: int
-    verdict: Verdict
-    values: list[words.Quantity]
-
-
-_CAUSES: tuple[tuple[str, str, str, str, Callable[..., bool]], ...] = (
-    (
-        "lls-outliers-small",
-        "LLS's outliers",
-        "come from a cut of small singular values",
-        "On tiny caps with tiny noise {1:share} of its fits are outliers with the cut, {0:share} without.",
-        lambda without, cut, *_: cut > 0.0 == without,
-    ),
-    (
-        "mle-outliers",
-        "MLE's outliers",
-        "do not come from other minima",
-        "With noise around the radius {0:share} of its fits are off by about the radius; the best of three starts "
-        "mends {1:share} of them.",
-        lambda outliers, mended, *_: outliers > 0.0 == mended,
-    ),
-)
-"""Claim on a method's outliers, the method, their cause, the sentence of the numbers, and when they show the cause."""
-
-
 def findings(claims: pd.DataFrame, efficiency: EfficiencyFrame | None) -> list[Headline]:
     """The findings that the tables allow; the paper's main claim and the estimator to use instead come first.
 
@@ -110,24 +88,13 @@ def findings(claims: pd.DataFrame, efficiency: EfficiencyFrame | None) -> list[H
         claims: the claims table; columns as `study.simulation.runs.schemas.CLAIMS`.
         efficiency: medians over the bound, if a run has them; see `study.simulation.figures.fig_efficiency`.
     """
-    judged = {
-        row["name"]: _Judged(int(row["number"]), Verdict(row["verdict"]), words.values(row["finding"]))
-        for row in claims.to_dict("records")
-        if row["name"] in _READ and row["verdict"] in set(_HOLDS)
-    }
-    return [*_main(judged), *_instead(efficiency), *_reached(efficiency), *_others(judged)]
-
-
-def _main(judged: Mapping[str, _Judged]) -> Iterator[Headline]:
-    if claim := judged.get("ugdk-closest"):
-        closest, other, far, *_ = claim.values
-        yield Headline(
-            f"The paper's main claim {_HOLDS[claim.verdict]}.",
-            f"It says that UGDK comes closest to the Cramér-Rao bound. UGDK is clearly the closest in {closest:share} "
-            f"of the decades of noise; another method is clearly closer in {other:share}. With noise above the radius "
-            f"it errs {far:times} as far as the best of the others.",
-            claim.number,
-        )
+    rows = {row["name"]: row for row in claims.to_dict("records")}
+    told = [
+        Headline(head, _filled(claim.story, row["finding"]), int(row["number"]))
+        for name, claim in _CLAIMS.items()
+        if (row := rows.get(name)) and (head := claim.heads.get(row["verdict"]))
+    ]
+    return [*told[:1], *_instead(efficiency), *_reached(efficiency), *told[1:]]
 
 
 def regret(curves: pd.DataFrame) -> "pd.Series[float]":
@@ -186,22 +153,6 @@ def _reached(efficiency: EfficiencyFrame | None) -> Iterator[Headline]:
     )
 
 
-def _others(judged: Mapping[str, _Judged]) -> Iterator[Headline]:
-    if (stays := judged.get("gdke-bias-stays")) and (order := judged.get("gdke-bias-order")):
-        scatters, covered, *_ = stays.values
-        powers = dict.fromkeys(f"{value:power}" for value in sorted(order.values[:3]))
-        yield Headline(
-            "GDKE is biased, and more points do not help." if stays.verdict == Verdict.REPRODUCED else "GDKE's bias.",
-            f"The bias is {scatters:times} its scatter, and {covered:share} of its 95 % ellipses hold the truth. It "
-            f"grows as σ to the power {' to '.join(powers)}.",
-            stays.number,
-        )
-    for name, outliers, cause, numbers, shown in _CAUSES:
-        if claim := judged.get(name):
-            head = f"{outliers} {cause}." if shown(*claim.values) else f"{outliers}."
-            yield Headline(head, numbers.format(*claim.values), claim.number)
-
-
 _LEAD = "fig_efficiency"
 """Figure that the top of the page has a part of."""
 _SHOWN = ("gdke", "lls", "ugdk", "mle", "als", "corrected")
@@ -227,14 +178,12 @@ def draw_lead(frame: EfficiencyFrame) -> Figure:
     angle = nearest_cap(frame)
     figure = Figure(figsize=(4.7, 3.7), layout="constrained")
     ax = figure.subplots()
-    ax.set_xscale("log")
-    ax.set_yscale("log")
+    log_axes(ax)
     mine = frame.curves[frame.curves["angle"] == angle]
     names = [name for name in _SHOWN if name in set(mine["estimator"])] or list(dict.fromkeys(mine["estimator"]))[:6]
     for name in names:
         curve = mine[mine["estimator"] == name].sort_values("level")
-        (line,) = ax.plot(curve["level"], curve["ratio"], linewidth=1.3, label=style.label(name))
-        line.set(color=style.color(name), marker=style.marker(name), markersize=4, markeredgewidth=0.0)
+        ax.plot(curve["level"], curve["ratio"], linewidth=1.3, label=style.label(name), **look(name, 4))
     reached = frame.attainable[frame.attainable["angle"] == angle].sort_values("level")
     (line,) = ax.plot(reached["level"], reached["ratio"], color="black", zorder=4, label="attainable bound")
     line.set(linewidth=1.3, linestyle=(0, (4, 2)))
@@ -249,9 +198,9 @@ def draw_lead(frame: EfficiencyFrame) -> Figure:
 
 def picture(name: str, drawing: Drawing) -> Markup:
     """A figure with its title, its advice and the name of the run as caption."""
-    title, look = described(drawing.figure)
+    title, advice = described(drawing.figure)
     of_run = html.paragraph([html.code(name), f", run {drawing.name}"])
-    caption = [html.paragraph(html.coded(title)), *([html.paragraph(html.coded(look))] if look else []), of_run]
+    caption = [*(html.paragraph(html.coded(text)) for text in (title, advice) if text), of_run]
     return html.picture(name, drawing.pictures["png"], f"{title} Run {drawing.name}.".replace("`", ""), caption)
 
 
@@ -305,7 +254,7 @@ class Record:
         samples = int((one["planned"] * one["samples"]).sum())
         if tables.design == "random" and "errors" in tables.stored:  # a row of the summary has many numbers of samples
             samples = int(tables.some_errors(["samples"], tables.estimators[:1])["samples"].sum())
-        main, result = run.study.keep, worst_of_run(run) if "errors" in tables.stored else None
+        main, (worst, of_groups) = run.study.keep, worst_of_run(run) if "errors" in tables.stored else (None, None)
         return cls(
             run=run,
             name=tables.name,
@@ -316,8 +265,8 @@ class Record:
             samples=samples,
             summary=tables.summary,
             timings=run.table("timings"),
-            worst=None if result is None else result.trials,
-            worst_of_groups=None if result is None else result.of_groups,
+            worst=worst,
+            worst_of_groups=of_groups,
             main=main,
             fingerprint=run.fingerprint(main) or "",
         )

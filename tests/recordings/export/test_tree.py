@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from study.recordings.export import write_file
 from study.recordings.export.tree import RestPose, joint_angles, joint_tree, rest_rotations
 from study.recordings.markersets import MarkerSet, load_markerset
-from study.recordings.skeleton.calibrate import calibrate, calibration_from
+from study.recordings.skeleton.calibrate import calibrate, with_checks
 
 SIDES = {"left": 1.0, "right": -1.0}
 
@@ -23,7 +23,7 @@ LEFT, FORWARD, UP = np.array([1.0, 0, 0]), np.array([0, -1.0, 0]), np.array([0, 
 def known(exact, exported):
     """A body without noise, and the truth about it."""
     recording, truth, joints = exact
-    return exported(recording, calibration_from(joints, recording)), truth
+    return exported(recording, with_checks(joints, recording)), truth
 
 
 @pytest.fixture(scope="module")
@@ -239,10 +239,10 @@ def test_standing_pose(figure_calibration):
 
 def test_twist_is_that_of_the_mean_pose(exact):
     """On a body whose joints are known exactly, knees of the T-pose bend backward: their axes point to the left."""
-    from study.recordings.skeleton.calibrate import calibration_from
+    from study.recordings.skeleton.calibrate import with_checks
 
     recording, _, joints = exact
-    calibration = calibration_from(joints, recording)
+    calibration = with_checks(joints, recording)
     rest = rest_rotations(calibration, np.eye(3), RestPose.T_POSE)
     for place in calibration.joints:
         if place.joint.name in ("left_knee", "right_knee"):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from study.recordings.joints.calibration import JointPlace
 from study.recordings.joints.estimate import (
     CENTIMETRE,
     USABLE,
@@ -15,12 +16,12 @@ from study.recordings.joints.estimate import (
     side_differences,
     way_difference,
 )
-from study.recordings.joints.find import FoundJoint, find_joints, in_both_segments
-from study.recordings.joints.report import METHODS, agreement_table, joint_lines
+from study.recordings.joints.find import find_joints, in_both_segments
+from study.recordings.joints.report import METHODS, agreement_table, joint_lines, joint_table
 from study.recordings.markersets import load_markerset
 from study.recordings.recording import Recording
 from study.recordings.rigid import rotation_range
-from study.recordings.skeleton.calibrate import calibration_from
+from study.recordings.skeleton.calibrate import with_checks
 from study.recordings.skeleton.draw import draw_skeleton
 from study.recordings.skeleton.make_scene import skeleton_lines, skeleton_scene
 from study.recordings.synthetic.make import Recipe, synthesize
@@ -139,7 +140,9 @@ def test_places_and_axes_in_both_segments(figure):
     other = np.einsum("ijt,j->it", found.poses["left_shank"].rotation, knee.axis_in_child)
     assert np.median((turned * other).sum(axis=0)) > np.cos(np.radians(3))
     assert np.isnan(found["left_hip"].axis_in_parent).all()
-    assert np.isnan(found["left_wrist"].in_child).all()  # a hand with one marker has no pose of its own
+    # a hand with one marker has no pose of its own: its axes are the forearm's, and the table has no place in it
+    np.testing.assert_array_equal(found["left_wrist"].in_child, found["left_wrist"].in_parent)
+    assert np.isnan(joint_table(found).set_index("joint").loc["left_wrist", "center_child_x"])
 
 
 def test_missing_marker(figure):
@@ -171,7 +174,7 @@ def test_a_ball_that_moved_about_one_axis_is_doubted():
     assert found["neck"].estimate.axis is not None
     assert not [each.joint.name for each in found.joints if each.status in USABLE and each.joint.kind == "ball"]
     assert found["right_elbow"].status == JointStatus.HINGE
-    scene = skeleton_scene(draw_skeleton(calibration_from(found, recording), recording), recording)
+    scene = skeleton_scene(draw_skeleton(with_checks(found, recording), recording), recording)
     words = "a ball joint that moved about one axis: its place along it is not known"
     lines = [*joint_lines(found), *skeleton_lines(scene)]
     assert any(line.startswith(f"neck: {words}") for line in lines)
@@ -266,8 +269,12 @@ def estimate(figure):
     return replace(found, side="both", center=np.zeros(3), covariance=MILLIMETRE, axis=None, status=JointStatus.OK)
 
 
-def other(estimate, center, **changes):
-    """Another estimate in the same axes."""
+def other(estimate, center, frames=None, **changes):
+    """Another estimate in the same axes, from so many frames."""
+    if frames is not None:
+        changes["pair" if estimate.sphere is None else "sphere"] = replace(
+            estimate.sphere or estimate.pair, frames=frames
+        )
     return replace(estimate, side="parent", center=np.array(center, dtype=float), **changes)
 
 
@@ -319,7 +326,7 @@ def test_unusable_estimate_stays(estimate):
 def test_estimates_in_different_axes(exact):
     """Without noise both sides of a neck agree; 30 mm in the head's axes are nearly 30 mm in the chest's."""
     neck = exact[2]["neck"]
-    every = {each.side: each for each in (neck.estimate, *neck.others)}
+    every = {each.side: each for each in (neck.estimate, *neck.estimates[1:])}
     parent, child = every["parent"], every["child"]
     assert side_differences(parent, [child])[0].distance < 1e-5
     off = replace(child, center=child.center + 0.03 * X)
@@ -380,7 +387,7 @@ def checked(recipes):
         recording, truth = synthesize(recipe)
         for found in find_joints(CMU41, recording).joints:
             usable = found.status in (*USABLE, JointStatus.DISAGREE)
-            if usable and side_differences(found.estimate, found.others):
+            if usable and side_differences(found.estimate, found.estimates[1:]):
                 rows.append((found.status == JointStatus.DISAGREE, off(found, truth)))
     flagged, error = zip(*rows, strict=True)
     return np.array(flagged), np.array(error)
@@ -418,8 +425,8 @@ def test_soft_tissue_artefact():
 def test_axis_of_contradictory_sides(kata_joints):
     """A hinge whose sides contradict each other has its own estimate's axis, so that its whole error is reported."""
     elbow = kata_joints["right_elbow"]
-    forearm = next(each for each in (elbow.estimate, *elbow.others) if each.side == "child")
-    doubted = FoundJoint(elbow.joint, JointStatus.DISAGREE, "", forearm)
+    forearm = next(each for each in elbow.estimates if each.side == "child")
+    doubted = JointPlace(elbow.joint, JointStatus.DISAGREE, "", estimates=(forearm,))
     doubted, agreed = (
         in_both_segments(replace(doubted, status=status), kata_joints.poses)
         for status in (JointStatus.DISAGREE, JointStatus.HINGE)
@@ -432,7 +439,7 @@ def test_axis_of_contradictory_sides(kata_joints):
 def test_a_real_ankle(kata_joints):
     """An ankle's two estimates are more than a centimetre apart, and its error covers that."""
     ankle = kata_joints["right_ankle"]
-    other = next(each for each in ankle.others if each.side == "child")
+    other = next(each for each in ankle.estimates[1:] if each.side == "child")
     apart = ankle.estimate.poses.to_world(ankle.estimate.center) - other.poses.to_world(other.center)
     assert np.sqrt(np.nanmean((apart**2).sum(axis=0))) > 0.01
     assert ankle.estimate.standard_error > 0.01

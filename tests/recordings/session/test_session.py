@@ -10,6 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from study.recordings.formats.read import read_recording
+from study.recordings.joints.calibration import JointPlace
 from study.recordings.joints.estimate import USABLE, JointStatus
 from study.recordings.markersets import Joint, MarkerSet, Segment, load_markerset
 from study.recordings.markersets.match import match
@@ -22,7 +23,6 @@ from study.recordings.session import (
     session_table,
 )
 from study.recordings.skeleton.calibrate import check_subject
-from study.recordings.skeleton.calibration import JointPlace
 from study.recordings.skeleton.draw import draw_skeleton
 
 
@@ -43,8 +43,8 @@ def session(markerset, trials):
 
 
 def test_each_joint_comes_from_the_trials_that_moved_it(session):
-    assert session.merged.calibration["left_hip"].trials in [("left", "both"), ("both", "left")]
-    assert session.merged.calibration["right_hip"].trials in [("right", "both"), ("both", "right")]
+    assert session.calibration["left_hip"].trials in [("left", "both"), ("both", "left")]
+    assert session.calibration["right_hip"].trials in [("right", "both"), ("both", "right")]
     table = session_table(session).set_index(["recording", "joint"])["merged"]
     assert not table["static", "left_hip"]
     assert table["both", "left_hip"]
@@ -55,19 +55,19 @@ def test_each_joint_comes_from_the_trials_that_moved_it(session):
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_the_merged_centre_is_the_true_one(session, in_pelvis, side):
     """Within its covariance, by the 99.99 % quantile of χ² of three, to 2 mm, and better than each trial's."""
-    calibration = session.merged.calibration
+    calibration = session.calibration
     place = calibration[f"{side}_hip"]
     apart = place.in_parent - in_pelvis(calibration, side)
     assert place.status in USABLE
     assert apart @ np.linalg.solve(place.covariance + (0.0002**2) * np.eye(3), apart) < 21.1
     assert np.linalg.norm(apart) < 0.002
-    parts = session.merged.parts[f"{side}_hip"]
+    parts = session.parts[f"{side}_hip"]
     assert place.standard_error < min(part.standard_error for part in parts if part.usable)
 
 
 def test_shapes_are_the_static_trials(session, trials, markerset):
     """The distances between markers are those of the static trial to .1 mm, less than its noise over 60 frames."""
-    shape, static = session.merged.calibration.shape("pelvis"), match(markerset, trials[1]).recording
+    shape, static = session.calibration.shape("pelvis"), match(markerset, trials[1]).recording
     for i, one in enumerate(shape.markers):
         for j, two in enumerate(shape.markers[:i]):
             true = np.linalg.norm(static.of(one) - static.of(two), axis=0).mean()
@@ -76,14 +76,14 @@ def test_shapes_are_the_static_trials(session, trials, markerset):
 
 def test_places_in_both_segments_are_one_point(session, trials):
     """Drawn from either segment, a hip is the same point, without bias to a millimetre."""
-    drawn = draw_skeleton(session.merged.calibration, trials[0][2])
-    place = session.merged.calibration["left_hip"]
+    drawn = draw_skeleton(session.calibration, trials[0][2])
+    place = session.calibration["left_hip"]
     ends = [
         np.einsum("ijt,j->it", drawn.rotation(name), at) + drawn.origins[drawn.segments.index(name)]
         for name, at in (("pelvis", place.in_parent), ("left_thigh", place.in_child))
     ]
     assert np.nanmax(np.abs(ends[0] - ends[1])) < 1e-9  # the thigh rotates about the hip
-    thigh = draw_skeleton(session.merged.calibration, trials[0][2].select(("LTH1", "LTH2", "LTH3")))
+    thigh = draw_skeleton(session.calibration, trials[0][2].select(("LTH1", "LTH2", "LTH3")))
     free = np.einsum("ijt,j->it", thigh.rotation("left_thigh"), place.in_child)
     free = free + thigh.origins[thigh.segments.index("left_thigh")]
     assert np.abs(np.nanmean(free - ends[0], axis=1)).max() < 0.001
@@ -97,7 +97,7 @@ def test_a_trial_without_a_segment(trial, markerset, in_pelvis):
             trial("left", left=0.4, seed=1, lacking=("RTH1", "RTH2", "RTH3")),
             trial("right", right=0.4, seed=2, lacking=("LTH1", "LTH2", "LTH3")),
         ],
-    ).merged.calibration
+    ).calibration
     for side in ("left", "right"):
         assert found[f"{side}_hip"].trials == (side,)
         assert np.linalg.norm(found[f"{side}_hip"].in_parent - in_pelvis(found, side)) < 0.003
@@ -132,7 +132,7 @@ def test_a_hinge_is_placed_by_the_static_trial(count):
         ),
         joints=(Joint(name="knee", parent="thigh", child="shank", kind="hinge", across=("LAT", "MED")),),
     )
-    found = calibrate_session(markers, [trial("bend", 1.2, ("MED",))], trial("static", 0.0, ())).merged.calibration
+    found = calibrate_session(markers, [trial("bend", 1.2, ("MED",))], trial("static", 0.0, ())).calibration
     shape, place = found.shape("thigh"), found["knee"]
     turn, _ = Rotation.align_vectors(shape.places - shape.places.mean(axis=0), thigh - thigh.mean(axis=0))
     true = turn.apply(knee + np.array([0.0, 0.01, 0.0]) - thigh.mean(axis=0)) + shape.places.mean(axis=0)
@@ -166,7 +166,7 @@ def test_one_name_twice(trial, markerset):
 def test_segments_that_a_recording_lacks_do_not_count(trial, markerset, session):
     """A recording of one thigh and no more shows another body by that alone."""
     other = trial("other", left=0.4, size=1.5, seed=9, lacking=("LASI", "RASI", "LPSI", "RPSI", "RTH1", "RTH2", "RTH3"))
-    assert not check_subject(draw_skeleton(session.merged.calibration, other)).same
+    assert not check_subject(draw_skeleton(session.calibration, other)).same
 
 
 def test_shapes_refitted_to_a_recording(session, trial):
@@ -175,7 +175,7 @@ def test_shapes_refitted_to_a_recording(session, trial):
     moved = np.array(later.positions)
     moved[later.row("LTH1")] += 0.02 * np.array([0.0, 0.6, 0.8])[:, None]
     moved = type(later)(later.name, later.markers, moved, later.rate)
-    calibration = session.merged.calibration
+    calibration = session.calibration
     found = refit_shapes(calibration, later)
     np.testing.assert_allclose(found.shape("pelvis").places, calibration.shape("pelvis").places, atol=3e-4)
     np.testing.assert_array_equal(found["left_hip"].in_parent, calibration["left_hip"].in_parent)
@@ -191,7 +191,7 @@ def test_two_recordings_of_one_session(shared_file):
         match(whole, read_recording(shared_file(name))).recording
         for name in ("functional_hips.c3d", "gait_same_session.c3d")
     ]
-    alone, merged = (calibrate_session(whole, part).merged.calibration for part in (trials[:1], trials))
+    alone, merged = (calibrate_session(whole, part).calibration for part in (trials[:1], trials))
     for hip in ("left_hip", "right_hip"):
         apart = np.linalg.norm(merged[hip].in_parent - alone[hip].in_parent)
         assert apart < 0.005 or merged[hip].status == JointStatus.DISAGREE

@@ -7,20 +7,20 @@ import numpy as np
 import pytest
 
 from study.recordings.formats.read import read_recording
+from study.recordings.joints.calibration import load_calibration, save_calibration
 from study.recordings.joints.report import joint_table
 from study.recordings.markersets import load_markerset
 from study.recordings.markersets.match import choose, match
 from study.recordings.recording import RecordingError
 from study.recordings.skeleton.calibrate import (
     calibrate,
-    calibration_from,
     check_subject,
     hull_distances,
     overruled,
     plausibility,
     require_same_subject,
+    with_checks,
 )
-from study.recordings.skeleton.calibration import load_calibration, save_calibration
 from study.recordings.skeleton.draw import draw_skeleton
 from study.recordings.skeleton.make_scene import skeleton_scene
 from study.recordings.synthetic.make import Recipe, synthesize
@@ -118,7 +118,7 @@ def test_a_joint_outside_the_hull(figure_calibration, figure):
 def test_both_phases_say_the_same(figure, tmp_path):
     """Error, floor and warnings are the same in the table of phase 1 and in a calibration that is read again."""
     recording, _, found = figure
-    calibration = load_calibration(save_calibration(calibration_from(found, recording), tmp_path / "calibration.json"))
+    calibration = load_calibration(save_calibration(with_checks(found, recording), tmp_path / "calibration.json"))
     table = joint_table(found).set_index("joint")
     for place in calibration.joints:
         assert place.standard_error == table.loc[place.joint.name, "error"]

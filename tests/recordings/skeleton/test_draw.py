@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from study.recordings.joints.estimate import USABLE
 from study.recordings.markersets import load_markerset
 from study.recordings.recording import Recording, RecordingError
-from study.recordings.skeleton.calibrate import calibrate, calibration_from, check_subject, hull_distances
+from study.recordings.skeleton.calibrate import calibrate, check_subject, hull_distances, with_checks
 from study.recordings.skeleton.draw import draw_skeleton
 from study.recordings.skeleton.make_scene import skeleton_scene
 from study.recordings.skeleton.poses import ExpectedPoses, PivotPath, SegmentPath, complete_poses
@@ -25,7 +25,7 @@ HINGES = ("left_elbow", "right_elbow", "left_knee", "right_knee")
 def still(exact):
     """A figure without noise, its truth, and its calibration."""
     recording, truth, found = exact
-    return recording, truth, calibration_from(found, recording)
+    return recording, truth, with_checks(found, recording)
 
 
 def errors(skeleton, truth, joint):

@@ -70,10 +70,10 @@ def test_part_by_part(circles, random, monkeypatch):
         errors, by_decade = run.table("errors"), run.study.design.one_trial_a_cell
         parts = np.array_split(np.arange(len(errors)), 7)
         monkeypatch.setattr(summary, "_parts", lambda _, e=errors, p=parts: (e.iloc[rows] for rows in p))
-        found = summary.worst_of_run(run, 6)
+        trials, of_groups = summary.worst_of_run(run, 6)
         told = worst(errors, 6)
-        pd.testing.assert_frame_equal(found.trials[told.columns], told, check_dtype=False)
+        pd.testing.assert_frame_equal(trials[told.columns], told, check_dtype=False)
         pd.testing.assert_frame_equal(summary.of_run(run, 6)[told.columns], told, check_dtype=False)
         keys = ["group", "estimator"]
         whole = summary.worst_of_groups(errors, by_decade).sort_values(keys, ignore_index=True)
-        pd.testing.assert_frame_equal(found.of_groups.sort_values(keys, ignore_index=True), whole)
+        pd.testing.assert_frame_equal(of_groups.sort_values(keys, ignore_index=True), whole)

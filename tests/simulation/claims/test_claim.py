@@ -15,7 +15,7 @@ import study
 from study.files import RunError, writing
 from study.simulation import claims, commands
 from study.simulation.claims import CLAIMS, judge_all, save
-from study.simulation.claims.claim import Claim, Evidence, Number, Verdict, evaluate, frame, only_known
+from study.simulation.claims.claim import Claim, Evidence, Number, Verdict, evaluate, frame, only_known, rows_of
 from study.simulation.experiment.config import load, parse
 from study.simulation.runs import runner, schemas
 from study.simulation.runs.run_folder import Run
@@ -230,6 +230,13 @@ def test_nothing_at_hand(claim):
     }
     configs = [read.partition("/")[0] for read in claim.reads]
     assert finding.reason in [needs.get(name, f"needs a run of configs/{name}.toml") for name in configs]
+
+
+def test_an_estimator_whose_rows_are_not_read_is_an_error(small):
+    """A claim on an estimator that claims do not name fails with the remedy, instead of finding too few trials."""
+    other = claim(lambda evidence: [Number("rows", len(rows_of(evidence.errors("small", "error"), "pratt")), 0.0, 3)])
+    with pytest.raises(LookupError, match=r"pratt: its rows are not read; a claim on it adds it to NAMED in claim\.py"):
+        evaluate([other], Evidence.of([small]))
 
 
 def test_names_are_unique():

@@ -11,8 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from study.simulation.claims.claim import Number
-from study.simulation.claims.measures import error_over, exponent, ratio, within
+from study.simulation.claims.claim import Number, error_over, exponent, ratio, within
 from study.simulation.statistics import Measure
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from study.fits import Status
 from study.simulation.claims.claim import Verdict
-from study.simulation.claims.power_law import CLAIMS
+from study.simulation.claims.recordings import CLAIMS
 
 SAMPLES = [30, 100, 300, 1000, 3000]
 

@@ -8,8 +8,11 @@ import inspect
 import numpy as np
 import pytest
 from scipy import stats
+from scipy.spatial.distance import pdist
 
 import study
+from study.fits import cap, fit
+from study.fits.streams import lanes
 from study.simulation.experiment import noise
 from study.simulation.experiment.compute import compute
 from study.simulation.experiment.conditions import DEPARTURES
@@ -22,6 +25,7 @@ from study.simulation.experiment.noise import (
     freedom,
     gaussian,
     is_law,
+    place_directions,
 )
 from study.simulation.experiment.sampling import addresses, draw, replay, units
 from study.simulation.runs import schemas
@@ -50,7 +54,7 @@ def drawn(conditions, d=3, n=40_000, trials=2):
     numbers = FurtherNumbers(8, [(("test",), 0, trials)])
     normals = noise = np.random.default_rng(20260).standard_normal((trials, d, n))
     for departure in departures(conditions):
-        noise = departure.applied(noise, numbers)
+        noise = departure.applied(noise, np.zeros_like(noise), numbers)
     return normals, noise
 
 
@@ -103,8 +107,8 @@ def test_transforms_are_quantiles():
     for law in LAWS:
         (step,) = departures({"law": law})
         expected = MARGINALS[law].isf(stats.norm.sf(z))
-        np.testing.assert_allclose(step.applied(z, numbers), expected, rtol=1e-12, atol=1e-15)
-        np.testing.assert_array_equal(step.applied(-z, numbers), -step.applied(z, numbers))
+        np.testing.assert_allclose(step.applied(z, z, numbers), expected, rtol=1e-12, atol=1e-15)
+        np.testing.assert_array_equal(step.applied(-z, z, numbers), -step.applied(z, z, numbers))
 
 
 def test_outliers():
@@ -156,9 +160,9 @@ def test_names_of_laws():
 
 
 def errors_of(study):
-    """Columns of the error table, by cell's σ, law and share."""
+    """Columns of the error table, by cell's σ, laws and share."""
     columns = [compute(study, unit.batches).errors for unit in units(study)]
-    names = [name for name in ("noise", "law", "outlier_share") if name in columns[0]]
+    names = [name for name in ("noise", "law", "directions", "outlier_share") if name in columns[0]]
     found = {}
     for part in columns:
         for row in zip(*(part[name] for name in (*names, "trial", "error")), strict=True):
@@ -192,7 +196,7 @@ def test_draws_do_not_depend_on_what_is_drawn_with_them(make_study):
     whole, half = (FurtherNumbers(1, [(batch.stream, *cut)]) for cut in ((0, 8), (5, 3)))
     noise = np.zeros((8, 3, 12))
     for step in departures({"law": "student(3)", "outlier_share": 0.3}):
-        np.testing.assert_array_equal(step.applied(noise, whole)[5:], step.applied(noise[:3], half))
+        np.testing.assert_array_equal(step.applied(noise, noise, whole)[5:], step.applied(noise[:3], noise[:3], half))
 
 
 def test_the_bound_is_gaussian(make_study):
@@ -235,7 +239,24 @@ def test_anisotropic_noise(make_study, noise):
             {"law": "laplace"},
             'route: the route "moments" takes no account of law',
         ),
-        ({}, {"kind": "random", "law": "laplace"}, "design.law = 'laplace': unknown key: not one of this kind"),
+        ({}, {"kind": "random", "law": "cauchy"}, "design.law = 'cauchy': 'cauchy' not allowed: every value must be"),
+        ({}, {"kind": "random", "law": ["normal"]}, r"design.law = .*should be a valid string"),
+        (
+            {"noise_shape": [[1, 0, 0], [0, 2, 0], [0, 0, 1]]},
+            {"law": "radial"},
+            "noise_shape: is the covariance of normal",
+        ),
+        ({}, {"directions": "even"}, "design.directions = 'even': 'even' not allowed: every value must be area, polar"),
+        (
+            {"dimension": 4},
+            {"directions": "spaced"},
+            "design.directions: spaced directions are for circles",
+        ),
+        (
+            {"route": "moments", "estimators": ["gdke"]},
+            {"stated_variance": 0.5},
+            'route: the route "moments" takes no account of stated_variance: take it out',
+        ),
     ],
 )
 def test_faults(make_study, top, design, words):
@@ -251,6 +272,8 @@ def test_no_posterior(make_text):
 
     with pytest.raises(ConfigError, match=r"1 fault\n.*posterior: its likelihoods are of normal noise without outli"):
         parse(make_text(samples=20, outlier_share=0.1) + "[posterior]\ntrials = 1\n")
+    with pytest.raises(ConfigError, match=r"1 fault\n.*posterior: its likelihoods are of the true σ"):
+        parse(make_text(samples=20, stated_variance=0.5) + "[posterior]\ntrials = 1\n")
 
 
 def test_random_designs_draw_outliers(make_study):
@@ -262,6 +285,136 @@ def test_random_designs_draw_outliers(make_study):
     )
     assert {c.name for c in DEPARTURES} & set(dict(with_share[0].further)) == {"outlier_share"}
     assert [c.center for c in with_share] == [c.center for c in without]
+
+
+def placed(conditions, d=3, angle=2.0, n=30_000):
+    """Directions of a law (2, d, n), with 1 - u₁ turned into u₁, after directions by area."""
+    directions = np.empty((2, d, n))
+    cap.draw(lanes(3, "test"), angle, directions, np.empty_like(directions))
+    place_directions(conditions, angle, directions, FurtherNumbers(8, [(("test",), 0, 2)]))
+    directions[:, 0] = 1.0 - directions[:, 0]
+    return directions
+
+
+def test_radial_noise_is_along_the_radius():
+    """It is the component of isotropic noise along the direction: a standard normal number times u (p > 1e-6).
+
+    Its covariance over the whole sphere is I/3, within 5 standard errors of each of six moments.
+    """
+    u = placed("area", angle=np.pi)
+    normals = np.random.default_rng(5).standard_normal(u.shape)
+    heights = u.copy()
+    heights[:, 0] = 1.0 - u[:, 0]
+    noise = departures({"law": "radial"})[0].applied(normals, heights, FurtherNumbers(1, []))
+    along = (noise * u).sum(axis=1)
+    np.testing.assert_allclose(noise, along[:, None] * u, atol=1e-14)
+    np.testing.assert_allclose(along, (normals * u).sum(axis=1), atol=1e-14)
+    assert stats.kstest(along.ravel(), "norm").pvalue > 1e-6
+    products = np.einsum("bin,bjn->ijbn", noise, noise).reshape(3, 3, -1)
+    assert np.all(np.abs(products.mean(axis=2) - np.eye(3) / 3) < 5 * products.std(axis=2) / np.sqrt(products.shape[2]))
+
+
+def test_the_bound_holds_for_radial_noise(make_study):
+    """Variances of MLE's centre and radius over the bound are 1 within 5 standard errors: σ = .003, 3000 trials."""
+    study = make_study({"estimators": ["mle"]}, trials=3000, samples=60, angle=90, noise=0.003, law="radial")
+    columns = [compute(study, unit.batches).errors for unit in units(study)]
+    for error, bound in (("error", "bound"), ("radius_error", "radius_bound")):
+        ratio = np.concatenate([(part[error] / part[bound]) ** 2 for part in columns])
+        assert abs(ratio.mean() - 1.0) < 5 * ratio.std() / np.sqrt(ratio.size)
+
+
+@pytest.mark.parametrize("d", [2, 3, 5])
+def test_polar_directions(d):
+    """The angle to the axis is uniform, the rest uniform about it: first coordinate across by its law (p > 1e-6)."""
+    u = placed("polar", d)
+    np.testing.assert_allclose((u**2).sum(axis=1), 1.0, rtol=1e-13)
+    assert stats.kstest(np.arccos(u[:, 0]).ravel() / 2.0, "uniform").pvalue > 1e-6
+    across = (u[:, 1] / np.linalg.norm(u[:, 1:], axis=1)).ravel()
+    if d == 2:
+        assert stats.binomtest(int((across > 0).sum()), across.size).pvalue > 1e-6
+    else:  # (1 + w)/2 of a point of the sphere in d - 1 dimensions has a beta law
+        assert stats.kstest((1 + across) / 2, stats.beta((d - 2) / 2, (d - 2) / 2).cdf).pvalue > 1e-6
+
+
+def test_spaced_directions_of_an_arc():
+    """They divide the arc with both ends, and the whole circle without doubling its end; all trials have the same."""
+    u = placed("spaced", 2, np.pi / 2, 100)
+    expected = np.linspace(-np.pi / 2, np.pi / 2, 100)
+    np.testing.assert_allclose(u[0], [np.cos(expected), np.sin(expected)], atol=1e-15)
+    np.testing.assert_array_equal(u[0], u[1])
+    angle = np.sort(np.arctan2(*placed("spaced", 2, np.pi, 12)[0][::-1]) % (2 * np.pi))
+    np.testing.assert_allclose(np.diff(angle), 2 * np.pi / 12, atol=1e-14)
+
+
+@pytest.mark.parametrize("angle", [0.3, 2.0, np.pi])
+def test_spaced_directions_of_a_cap(angle):
+    """Every zone has its share, moments are the cap's to 1/n, and no two are nearer than half of what is usual.
+
+    The usual distance is that of a square lattice of the cap's area.
+    """
+    n = 500
+    u = placed("spaced", 3, angle, n)[0].T
+    heights = (1 - u[:, 0]) / (1 - np.cos(angle))
+    np.testing.assert_allclose(np.sort(heights), (np.arange(n) + 0.5) / n, atol=1e-12)
+    moments = cap.cap_moments(angle, 3)
+    assert abs(u[:, 0].mean() - moments.mean) < 1 / n
+    np.testing.assert_allclose(np.cov(u.T, ddof=0), np.diag([moments.along, *[moments.across] * 2]), atol=2 / n)
+    lattice = np.sqrt(2 * np.pi * (1 - np.cos(angle)) / n)
+    assert pdist(u).min() > 0.5 * lattice
+
+
+def test_directions_have_their_own_draws_and_bound(make_study):
+    """Cells by area are those of a study without other laws, to the bit; the bound is of the realised directions."""
+    plain = errors_of(make_study({"estimators": ["gdke"]}, trials=4, samples=20))
+    study = make_study({"estimators": ["gdke"]}, trials=4, samples=20, directions=["polar", "area", "spaced"])
+    columns = [compute(study, unit.batches).errors for unit in units(study)]
+    law = np.concatenate([part["directions"] for part in columns])
+    error = np.concatenate([part["error"] for part in columns])
+    np.testing.assert_array_equal(error[law == "area"], list(plain.values()))
+    for address in addresses(study):
+        trial = replay(study, address)
+        u = trial.samples.points[0] - np.array(trial.cell.center)
+        assert address.batch.directions == dict(address.cell.further).get("directions", "area")
+        assert np.linalg.norm(u, axis=1).mean() == pytest.approx(trial.cell.radius, rel=0.1)
+    bounds = [np.concatenate([part["bound"] for part in columns])[law == word] for word in ("area", "spaced")]
+    assert np.ptp(bounds[0]) > 0.0
+    np.testing.assert_array_equal(bounds[1], bounds[1][0])
+
+
+def test_moments_know_the_directions(make_study):
+    """The route through joint moments has the errors of the route through points, to rounding, for each law."""
+    design = {"trials": 6, "samples": 30, "directions": ["polar", "spaced"], "noise": 0.1}
+    points, moments = (
+        errors_of(make_study({"estimators": ["gdke"], "route": r}, **design)) for r in ("points", "moments")
+    )
+    np.testing.assert_allclose(list(points.values()), list(moments.values()), rtol=1e-9)
+
+
+def test_estimators_get_the_stated_variance(make_study):
+    """UGDK subtracts what it is told: σ²/3 is the fit at σ/√3; the points and the bound do not change."""
+    study = make_study({"estimators": ["ugdk"]}, trials=5, samples=30, noise=0.3, stated_variance=[1, 1 / 3])
+    for address in addresses(study):
+        trial = replay(study, address)
+        share = dict(address.cell.further).get("stated_variance", 1.0)
+        assert trial.samples.noise == pytest.approx(0.3 * np.sqrt(share), rel=1e-15)
+    columns = compute(study, next(units(study)).batches).errors
+    first = columns["stated_variance"] == 1.0
+    np.testing.assert_array_equal(columns["bound"][first], columns["bound"][~first])
+    trial = replay(study, next(addresses(study)))
+    told = fit(trial.samples.points[0], "ugdk", noise=0.3 / np.sqrt(3))
+    np.testing.assert_allclose(np.linalg.norm(told.center - trial.cell.center), columns["error"][~first][0], rtol=1e-12)
+
+
+def test_random_designs_take_words(make_study):
+    """A word is the same for all trials of a random design; the other conditions are those drawn without it."""
+    words = {"law": "radial", "directions": "polar", "stated_variance": 0.25}
+    structured, plain = (
+        [unit.batches[0].cells[0] for unit in units(make_study(kind="random", trials=9, samples=50, **more))]
+        for more in (words, {})
+    )
+    assert all(dict(cell.further) == words for cell in structured)
+    assert [(c.center, c.noise) for c in structured] == [(c.center, c.noise) for c in plain]
+    assert make_study(kind="random", law="normal", directions="area").digest() == make_study(kind="random").digest()
 
 
 SHAPE = ((1.63, 0.41, 0.38), (0.41, 0.78, 0.48), (0.38, 0.48, 0.59))

@@ -239,15 +239,13 @@ def test_drawing_reads_no_files(frames, name, monkeypatch):
 
 
 @pytest.mark.parametrize("name", FIGURES)
-def test_every_module_offers_prepare_and_draw_alone(name):
-    """Two public functions, and a docstring that says what to look at."""
-    module = FIGURES[name]
-    functions = [
-        n for n, v in vars(module).items() if getattr(v, "__module__", None) == module.__name__ and callable(v)
-    ]
-    public = {n for n in functions if n[0].islower() and not n.startswith("_")}
-    assert public == {"prepare", "draw"}
-    assert "Look at" in module.__doc__
+def test_every_figure_offers_prepare_and_draw_alone(name):
+    """Two public functions, whether it is a module or an object, and a docstring that says what to look at."""
+    figure = FIGURES[name]
+    place = getattr(figure, "__module__", None) or figure.__name__
+    own = [n for n in dir(figure) if getattr(getattr(figure, n), "__module__", None) == place]
+    assert {n for n in own if n[0].islower() and callable(getattr(figure, n))} == {"prepare", "draw"}
+    assert "Look at" in figure.__doc__
 
 
 @pytest.mark.parametrize("name", FIGURES)

@@ -1,4 +1,4 @@
-"""The data set of figures 3 to 5, and the drawing that figures 3 and 4 share.
+"""Figures 3 and 4, and their data set, which is that of figure 5 too: one noisy arc, with error ellipses.
 
 The paper shows one arc of 100 points with noise 0.05 and says of it that the spectral radius ρ(Σ̂C⁻¹), UGDK's Leontief
 condition, is 0.557238. Of the trials whose points are stored, the one with the nearest ρ is taken, for all the figures.
@@ -123,8 +123,7 @@ def choose(tables: Tables, estimators: list[str]) -> DataSet:
     """
     if tables.dimension != 2:
         raise NotApplicable(f"shows circles: needs dimension = 2 in the config, not {tables.dimension}")
-    if tables.design != "grid":
-        raise NotApplicable('needs many trials of one condition: kind = "grid" in the config')
+    tables.require_grid()
     missing = [name for name in ["ugdk", *estimators] if name not in tables.estimators]
     if missing:
         raise NotApplicable(f"needs the estimator {' and '.join(dict.fromkeys(missing))}")
@@ -220,21 +219,6 @@ class EllipseFrame:
         return self.spread.distance(fit.x, fit.y)
 
 
-def prepare(tables: Tables, estimator: str) -> EllipseFrame:
-    """Choose the data set, and a window that holds both figures' ellipses, so that they can be compared.
-
-    Raises:
-        NotApplicable: see `study.simulation.figures.ellipse.choose`.
-    """
-    data = choose(tables, [estimator])
-    shown = [name for name in ("gdke", "ugdk") if name in data.spreads]
-    half = reach(LEVELS[-1]) * np.array([data.spreads[name].sd for name in shown])
-    centers = np.array([[data.fits[name].x, data.fits[name].y] for name in shown])
-    corners = np.vstack([centers - half, centers + half, [[0.0, 0.0]]])
-    (left, bottom), (right, top) = corners.min(axis=0), corners.max(axis=0)
-    return EllipseFrame(data, estimator, window([left, right], [bottom, top], pad=0.1, spare=0.3))
-
-
 def window(x: Sequence[float], y: Sequence[float], pad: float, spare: float, below: float = 0.5) -> Window:
     """Left, right, bottom and top of a window of fixed shape, with room for the words below it.
 
@@ -252,15 +236,69 @@ def window(x: Sequence[float], y: Sequence[float], pad: float, spare: float, bel
     return left, left + wide, bottom, bottom + tall
 
 
-@style.journal()
-def draw(frame: EllipseFrame) -> Figure:
-    """Draw the two panels."""
+class EllipseFigure:
+    """Figure of one estimator's circle and ellipses; a subclass has its words."""
+
+    estimator: str
+
+    def prepare(self, tables: Tables) -> EllipseFrame:
+        """Choose the data set, and a window that holds both figures' ellipses, so that they can be compared.
+
+        Raises:
+            NotApplicable: see `choose`.
+        """
+        data = choose(tables, [self.estimator])
+        shown = [name for name in ("gdke", "ugdk") if name in data.spreads]
+        half = reach(LEVELS[-1]) * np.array([data.spreads[name].sd for name in shown])
+        centers = np.array([[data.fits[name].x, data.fits[name].y] for name in shown])
+        corners = np.vstack([centers - half, centers + half, [[0.0, 0.0]]])
+        (left, bottom), (right, top) = corners.min(axis=0), corners.max(axis=0)
+        return EllipseFrame(data, self.estimator, window([left, right], [bottom, top], pad=0.1, spare=0.3))
+
+    @style.journal()
+    def draw(self, frame: EllipseFrame) -> Figure:
+        """Draw the two panels."""
+        figure, whole, zoom = panels()
+        _draw_whole(whole, frame)
+        _draw_zoom(zoom, frame)
+        style.stamp(figure, f"{frame.data.stamp}; spread over {frame.spread.known:,} trials")
+        return figure
+
+
+class GdkeEllipse(EllipseFigure):
+    """Figure 3: GDKE's fit to a noisy arc, with its error ellipse: the true centre is not in it.
+
+    The paper's figure 3 shows 100 points with noise 0.05 on an arc, the circle that GDKE fits to them, and an ellipse
+    of the estimate's error far from the true centre, which is GDKE's bias: it shrinks the circle towards the points.
+
+    Look at: the distance from the cross (the truth) to the ellipses, and how many of all trials' ellipses hold the
+    truth.
+    """
+
+    estimator = "gdke"
+
+
+class UgdkEllipse(EllipseFigure):
+    """Figure 4: UGDK's fit to the same noisy arc as figure 3, with its error ellipse: the true centre is in it.
+
+    The paper's figure 4 shows the data of figure 3 with the circle of UGDK, which subtracts the known noise from the
+    sample covariance; the true centre lies inside the ellipse.
+
+    Look at: the bias is gone, and the ellipse has grown: four times as long as GDKE's, twice the bound. The dots show
+    that the errors are not Gaussian: they trail off away from the points.
+    """
+
+    estimator = "ugdk"
+
+
+ELLIPSES = {"fig3_gdke_ellipse": GdkeEllipse(), "fig4_ugdk_ellipse": UgdkEllipse()}
+
+
+def panels() -> tuple[Figure, Axes, Axes]:
+    """A page-wide figure with a panel for the circles, and one for their centres enlarged."""
     figure = Figure(figsize=(style.PAGE, 2.95), layout="constrained")
     whole, zoom = figure.subplots(1, 2, width_ratios=[1.0, 1.45])
-    _draw_whole(whole, frame)
-    _draw_zoom(zoom, frame)
-    style.stamp(figure, f"{frame.data.stamp}; spread over {frame.spread.known:,} trials")
-    return figure
+    return figure, whole, zoom
 
 
 def draw_data(ax: Axes, data: DataSet) -> None:
