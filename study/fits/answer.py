@@ -63,10 +63,10 @@ class FittedPoints:
         """True for the points (b, n) that repeat an earlier one."""
         return repeated(self.samples.x)
 
-    @property
+    @cached_property
     def present(self) -> Bools:
         """False for missing points (b, n)."""
-        return self._from_center[2]
+        return np.logical_not(np.isnan(self.samples.x).any(axis=1))
 
     @property
     def distance(self) -> Floats:
@@ -94,12 +94,15 @@ class FittedPoints:
     @cached_property
     def spare(self) -> Ints:
         """Degrees of freedom of the noise (b,): different points that the fit stands on, less d + 1; at least 1."""
+        b, d, n = self._samples.shape
+        if not self._without_outliers and not self.repeated.any() and np.isfinite(self._samples.moments.fourth).all():
+            return np.full(b, max(n - d - 1, 1))
         count = (self.used & ~self.repeated).sum(axis=1)
         return np.asarray(np.maximum(count - self._center.shape[1] - 1, 1))
 
     @cached_property
     def structure(self) -> Structure:
-        """What the residuals show, of the points that the fit stands on."""
+        """Structure in the residuals of the points that the fit stands on."""
         different = self.different
         return structure(different, self._ordered, self._known if different is self._samples else None)
 
@@ -124,7 +127,7 @@ class FittedPoints:
 
     def intervals(self, level: float) -> Intervals:
         """Intervals of a level, with allowance for structure; open along the axis where the points lie on a circle."""
-        different, seen = self.different, self.structure
+        seen, different = self.structure, self.different
         ends = widened(different, level, intervals(different, level), seen.stretch(level, self.spare))
         if not seen.hinge.any():
             return ends
@@ -136,13 +139,13 @@ class FittedPoints:
         return Intervals(radius, center, ends.noise_share)
 
     @cached_property
-    def _from_center(self) -> tuple[Floats, Floats, Bools]:
-        """Distances, directions, and False for missing points."""
+    def _from_center(self) -> tuple[Floats, Floats]:
+        """Distances and directions."""
         x = self.samples.x
         with np.errstate(all="ignore"):
             away = x - self._center[:, :, None]
             distance = np.sqrt(np.einsum("bdn,bdn->bn", away, away))
-            return distance, away / distance[:, None], np.logical_not(np.isnan(x).any(axis=1))
+            return distance, away / distance[:, None]
 
 
 def signed_distances(points: ArrayLike, center: Floats, radius: Floats) -> Floats:
