@@ -111,13 +111,14 @@ class FittedPoints:
         seen, result = self.structure, status.copy()
         result[seen.hinge & ~np.isin(status, _NO_SPHERE)] = Status.HINGE
         result[(result == Status.OK) & seen.doubted] = Status.MISFIT
-        alone = seen.extreme & np.logical_not(self._without_outliers)
-        both = np.flatnonzero(alone & (result == Status.MISFIT))
-        result[alone & (result == Status.OK)] = Status.OUTLIERS
-        if len(both):
-            part = self.different.take(both)
-            rest = Samples(np.where(outliers(part)[:, None], np.nan, part.x))
-            result[both[~structure(rest, self._ordered).doubted]] = Status.OUTLIERS
+        fine = np.isin(result, (Status.OK, Status.MISFIT))
+        searched = np.flatnonzero(seen.extreme & fine & np.logical_not(self._without_outliers))
+        if len(searched):
+            part = self.different.take(searched)
+            named = outliers(part)
+            rest = structure(Samples(np.where(named[:, None], np.nan, part.x)), self._ordered)
+            explained = named.any(axis=1) & ~((result[searched] == Status.MISFIT) & rest.doubted)
+            result[searched[explained]] = Status.OUTLIERS
         return result
 
     @cached_property
@@ -163,7 +164,7 @@ def signed_distances(points: ArrayLike, center: Floats, radius: Floats) -> Float
         raise ValueError(f"{lead}: leading axes must match; for the same points, pass (m, {d})") from None
 
 
-def _ruled_status(estimates: Estimates, ends: Intervals) -> Ints:
+def ruled_status(estimates: Estimates, ends: Intervals) -> Ints:
     """Status of each fit (b,) by the intervals of its points at 95 %.
 
     A rule that admits only fits far from the noise selects those whose curvature came out too large, and intervals of
@@ -369,7 +370,7 @@ class Fit:
     def _settled(self) -> Ints:
         """The status by the rule, of a fit that holds its points."""
         points = self._points
-        return points.doubts(_ruled_status(self._estimates, self._intervals(0.95))).reshape(self.shape)
+        return points.doubts(ruled_status(self._estimates, self._intervals(0.95))).reshape(self.shape)
 
     def _intervals(self, level: float) -> Intervals:
         """Intervals of the flat batch, computed once for each level."""
