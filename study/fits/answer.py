@@ -18,10 +18,9 @@ from study.fits.display import as_dict, as_html, as_text, frame, named_axis
 from study.fits.form import MinimumZone, minimum_zone
 from study.fits.goodness import Goodness, goodness
 from study.fits.intervals import Intervals, intervals
-from study.fits.robust import outliers
+from study.fits.robust import outliers, repeated
 from study.fits.samples import Estimates, Samples, Status, explain, plug_in_bound, semi_axes, unless_missing
 from study.fits.structure import Structure, structure, widened
-from study.fits.trimmed import repeated
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -502,7 +501,7 @@ class Fit:
 
     @cached_property
     def copies(self) -> Ints:
-        """Number of points (…) that repeat an earlier one exactly, which makes the standard errors too small.
+        """Number of points (…) that repeat an earlier one but for rounding, which makes the standard errors too small.
 
         Intervals, and with them the status, count copies once.
         """
