@@ -24,7 +24,7 @@ from study.fits.streams import lanes
 from study.simulation.coverage import read_design
 
 ROOT = Path(__file__).parents[1]
-SEED, SETS, POWER_SETS = 17, 4000, 200
+SEED, SETS, POWER_SETS = 17, 4000, 100
 TOGETHER, MOST = 200_000, 600_000
 """Points that are drawn at a time, and points of a cell."""
 SIZES, NOISES = (50, 200, 1000), (0.01, 0.05)
@@ -351,10 +351,10 @@ def series_ratio(fit):
 
 PARTS = {
     "level": ("misfit-level", level, SETS),
-    "audit": ("misfit-audit", audit, 2000),
+    "audit": ("misfit-audit", audit, 1000),
     "power": ("misfit", power, POWER_SETS),
 }
-PARTS |= {"errors": ("misfit-errors", errors, 100), "hinges": ("misfit-hinges", hinges, 100)}
+PARTS |= {"errors": ("misfit-errors", errors, 100), "hinges": ("misfit-hinges", hinges, 60)}
 
 
 def store(name, rows):
