@@ -20,7 +20,7 @@ paper: $(VENV)/.compiled results/cost.parquet
 	echo "The paper's 1000 trials, and ten studies that its claims need:"; \
 	$(BIN)/study run $(CONFIGS); \
 	echo "Figures, verdicts, and one page about everything:"; \
-	$(BIN)/study report $(CONFIGS) --cost results/cost.parquet --bench results/bench.csv \
+	$(BIN)/study report $(CONFIGS) --cost results/cost.parquet --bench results/bench.csv --readings results/readings.csv \
 	    --figures results/figures --claims --out results/report.html; \
 	cp $(PICTURES:%=results/figures/%.png) $(PICTURES:%=results/figures/%.svg) figures/; \
 	echo "The reference run in this repository, and this one:"; \
@@ -43,7 +43,7 @@ calibration: $(VENV)/.run
 	    $(BIN)/study figures configs/$$name.toml fig_calibration; \
 	done
 
-QUOTED := regret regret-circles published efficiency robustness robust precision map
+QUOTED := regret regret-circles published efficiency robustness robust precision map misfit
 
 # A synthetic recording, so that nothing is downloaded: its joints, its skeleton, a figure, a page that shows it.
 BODY := results/recordings/body
@@ -85,10 +85,11 @@ tables: paper
 	@set -e; \
 	$(BIN)/study run $(QUOTED:%=configs/%.toml); \
 	$(BIN)/study run benchmarks/em_vmf.toml --plugin benchmarks/em_vmf.py; \
+	$(BIN)/study readings --cost results/cost.parquet --out results/readings.csv; \
 	for name in regret regret-circles; do $(BIN)/study regret $$name --csv results/$$name.csv; done; \
 	$(BIN)/study coverage configs/coverage.toml; \
 	cp results/coverage/fig_coverage.png figures/; \
-	for name in regret robustness map; do $(DRAW) configs/$$name.toml fig_$$name; done; \
+	for name in regret robustness map misfit; do $(DRAW) configs/$$name.toml fig_$$name; done; \
 	$(BIN)/study certify --table results/certify.csv; \
 	$(BIN)/python docs/reference_tables.py; \
 	$(BIN)/python benchmarks/stopping.py; \

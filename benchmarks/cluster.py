@@ -17,8 +17,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable
 from functools import partial
 from importlib import import_module
 from itertools import islice
@@ -33,7 +32,7 @@ import numpy as np
 import pandas as pd
 import psutil
 
-from study.simulation.experiment.compute import Clock, Errors, Result
+from study.simulation.experiment.compute import Errors, Result
 from study.simulation.experiment.config import Study, parse
 from study.simulation.experiment.designs import Batch
 from study.simulation.experiment.sampling import groups, units
@@ -68,31 +67,28 @@ CASES = [(workers, task) for task in (0.5, 10.0) for workers in (10, 100, 1000)]
 """Number of workers, of one thread each, and least length of a task in seconds."""
 
 
-async def asleep(pace: float, number: int, _: Parent, call: bytes) -> tuple[int, Packet]:
+async def asleep(pace: float, _: Parent, call: bytes) -> Packet:
     """Sleep for as long as jobs take, and return as many rows; in place of `study.simulation.runs.workers.enter`.
 
     A coroutine, so that a thousand of them need no thousand threads.
     """
     began = time.monotonic()
     study, some = pickle.loads(call)[1]
-    shape = tuple(task.unit.rows for task in some)
+    shape = tuple(task.batch.rows for task in some)
     if shape not in _packets:
         _packets[shape] = jobs._packed(study, some, _random)
     await asyncio.sleep(began + pace * sum(task.weight for task in some) - time.monotonic())
-    return number, replace(_packets[shape], keys=[(task.key, task.outputs) for task in some])
+    return _packets[shape]._replace(keys=[(task.key, task.outputs) for task in some])
 
 
-def _random(study: Study, batches: Sequence[Batch]) -> Result:
+def _random(study: Study, batch: Batch) -> Result:
     """Random errors of all fits of a unit, which cannot be compressed, like real ones."""
-    rng, first, cells = np.random.default_rng(), batches[0], batches[0].cells
-    blocks = tuple(batch.trials for batch in batches)
-    shape = (len(cells), len(study.estimators), sum(blocks))
+    rng, result = np.random.default_rng(), Result(study)
+    shape = (len(batch.cells), len(study.estimators), batch.trials)
     errors = Errors(
-        cells=cells,
+        batch=batch,
         estimators=study.estimators,
         conditions=tuple(condition.name for condition in study.conditions()),
-        first=first.first,
-        blocks=blocks,
         bound=rng.random((shape[2], study.dimension + 1, study.dimension + 1)),
         center=rng.standard_normal((*shape, study.dimension)),
         radius=rng.standard_normal(shape),
@@ -101,9 +97,9 @@ def _random(study: Study, batches: Sequence[Batch]) -> Result:
         condition=rng.random(shape),
         iterations=rng.integers(1, 9, shape, dtype=np.int32),
     )
-    clock = Clock()
-    clock.read("draw", first.samples, shape[2])
-    return Result((errors,), clock, {}, {})
+    result.blocks.append(errors)
+    result.clock("draw", batch.group.samples, batch.trials)
+    return result
 
 
 def config(weight: float) -> str:
@@ -112,14 +108,14 @@ def config(weight: float) -> str:
 
 
 def _weight(study: Study) -> float:
-    found = jobs.UnitTasks(study)
+    found = jobs.Layout(study)
     return sum(found.task(unit).weight for unit in units(study))
 
 
 def pace() -> float:
     """Seconds of one core to the weight of a task, measured on some units of the study."""
     study = parse(CONFIG.format(trials=100))
-    found = jobs.UnitTasks(study)
+    found = jobs.Layout(study)
     some = [found.task(unit) for unit in islice(units(study), 5)]
     seconds = []
     for task in some:
@@ -231,11 +227,11 @@ def schedule() -> list[dict[str, float]]:
     head, _, design = FACTORIAL.partition("[design]")
     design = re.sub(r"(?m)^(trials|most_samples) = .*\n", "", design)
     study = parse(f"{head}[design]\ntrials = 1_000_000\nmost_samples = 5_000_000_000{design}")
-    found = jobs.UnitTasks(study)
+    found = jobs.Layout(study)
     some = [found.task(unit) for unit in units(study)]
     seconds = sorted((task.weight / PER_SECOND for task in some), reverse=True)
     fits = sum(group.width * study.design.trials_of(group.samples) for group in groups(study)) * len(study.estimators)
-    samples = sum((j.unit.last - j.unit.first) * j.unit.group.samples * j.unit.group.width for j in some)
+    samples = sum(task.batch.rows * task.batch.group.samples for task in some)
     rows = []
     for count in (10, 100, 1000):
         busy = [0.0] * count

@@ -27,7 +27,7 @@ from study.files import RunError, holder
 from study.simulation.experiment import designs
 from study.simulation.experiment.config import parse
 from study.simulation.runs import parts, runner
-from study.simulation.runs.workers import Backend
+from study.simulation.runs.workers import Threads
 
 GRID = """name = "soak"
 seed = 5
@@ -54,7 +54,7 @@ PATIENCE = 120.0
 def make_parts_small():
     """Let every unit be small, and every result be stored at once."""
     designs.BLOCK_TRIALS, designs._SAMPLES_PER_UNIT = 50, 20_000
-    Backend.enough = parts._SECONDS = parts._SHARE = 0.0
+    Threads.enough = parts._SECONDS = parts._SHARE = 0.0
 
 
 def start(folder, kind, backend):

@@ -22,7 +22,8 @@ def whole_study(samples, trials):
     config = Study.model_validate(
         {"name": "bench", "seed": 1, "estimators": ["mle", "lls", "gdke", "ugdk"], "design": design}
     )
-    return config, [batch for unit in units(config) for batch in unit.batches]
+    (unit,) = units(config)
+    return config, unit
 
 
 @pytest.mark.parametrize(("samples", "trials"), [(10, 2000), (1000, 200), (100_000, 4)])

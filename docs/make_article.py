@@ -22,7 +22,7 @@ from study.text import with_error
 
 ROOT = Path(__file__).resolve().parents[1]
 TEXT = "article/article.typ"
-DOCUMENTS = ["published", "decades", "regret"]
+DOCUMENTS = ["published", "decades", "regret", "choices", "readings", "readings_changed"]
 """Tables that the documents have, too."""
 with open(ROOT / "article" / "deposit.toml", "rb") as _file:
     DEPOSIT = tomllib.load(_file)
@@ -31,7 +31,8 @@ with open(ROOT / "article" / "deposit.toml", "rb") as _file:
 
 def cells(markdown: str) -> list[list[str]]:
     """Cells of a table of Markdown, its title row first."""
-    rows = [[cell.strip() for cell in line.strip().strip("|").split("|")] for line in markdown.strip().splitlines()]
+    lines = [line.strip().strip("|") for line in markdown.splitlines() if line.startswith("|")]
+    rows = [[cell.strip() for cell in line.split(" | ")] for line in lines]
     return rows[:1] + rows[2:]
 
 
@@ -45,20 +46,12 @@ def claims(table: pd.DataFrame) -> list[list[str]]:
     return rows
 
 
-def choices() -> list[list[str]]:
-    """Choices of the replication, as article/choices.toml has them."""
-    with open(ROOT / "article" / "choices.toml", "rb") as file:
-        entries = tomllib.load(file)["choice"]
-    keys = ["issue", "readings", "used", "why"]
-    return [["issue", "readings", "chosen", "why"], *[[entry[key] for key in keys] for entry in entries]]
-
-
 def tables(bound: bound_numbers.Bound) -> dict[str, object]:
     """Everything that the text takes from stored tables, by name."""
     found: dict[str, object] = {name: cells(getattr(number_tables, name)(bound.table)) for name in DOCUMENTS}
     made = json.loads((ROOT / "results" / "paper" / "manifest.json").read_text(encoding="utf-8"))["software"]
     source = f"Main study: sphere-fit-study {made['study']}, commit {made['commit'][:10]}, Python {made['python']}."
-    return found | {"claims": claims(bound.table("verdicts")), "choices": choices(), "source": source}
+    return found | {"claims": claims(bound.table("verdicts")), "source": source}
 
 
 def yaml(entries: dict[str, object]) -> str:

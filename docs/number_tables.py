@@ -11,6 +11,8 @@ from pathlib import Path
 import pandas as pd
 
 from study.simulation import coverage
+from study.simulation.claims.readings import OpenChoice, Readings
+from study.simulation.claims.readings import read as read_readings
 
 MANY_POINTS = 10_000
 """From here on false alarms were measured in a few cells only."""
@@ -85,6 +87,63 @@ def published(tables: Tables) -> str:
         ours = [_with_error(row["mse"], row["mse_error"]), _with_error(row["bias"], row["bias_error"])]
         rows.append([names[row["estimator"]], f"`{row['estimator']}`", theirs[0], ours[0], theirs[1], ours[1]])
     return _markdown(["theirs", "here", "published", "here, 10⁴ MSE", "difference in errors", "10² bias"], rows)
+
+
+def _letters() -> dict[tuple[str, str], str]:
+    """Number and letter of each reading, by the names of its choice and its own."""
+    return {
+        (choice.name, one.name): f"{number}{letter}"
+        for number, choice in enumerate(_choices(), start=1)
+        for letter, one in zip("abcdefgh", choice.reading, strict=False)
+    }
+
+
+def _choices() -> list[OpenChoice]:
+    return read_readings(Path(__file__).parents[1] / "configs" / "readings.toml")
+
+
+def choices(tables: Tables) -> str:
+    """What the paper leaves open, with the readings, the one that is used bold, and the claims that each changes."""
+    rows, letters, found = [], _letters(), Readings(_choices(), tables("readings"))
+    for choice in _choices():
+        ways = [
+            f"{letters[choice.name, one.name]} " + (f"**{one.words}**" if one.name == choice.used else one.words)
+            for one in choice.reading
+        ]
+        moved = found.changed[found.changed["choice"] == choice.name].groupby("reading", sort=False)["number"]
+        changes = [f"{letters[choice.name, str(name)]}: {', '.join(map(str, part))}" for name, part in moved]
+        rows.append([choice.section, choice.issue, "; ".join(ways), choice.why, "; ".join(changes) or "-"])
+    return _markdown(["§", "choice", "readings, the one used in bold", "why", "claims that change"], rows)
+
+
+def readings(tables: Tables) -> str:
+    """Verdicts on the claims under each reading; those that differ from the used one are bold."""
+    short = {"reproduced": "yes", "partly": "part", "not reproduced": "no", "not evaluated": "–"}
+    table, letters = tables("readings"), _letters()
+    others = [(choice.name, one.name) for choice in _choices() for one in choice.reading if one.name != choice.used]
+    judged = {(row.claim, row.choice, row.reading): row.verdict for row in table.itertuples()}
+    rows = []
+    for row in tables("verdicts").to_dict("records"):
+        cells = []
+        for key in others:
+            verdict = judged.get((row["name"], *key))
+            words = short[verdict] if verdict else "·"
+            cells.append(f"**{words}**" if verdict and verdict != row["verdict"] else words)
+        rows.append([f"{row['number']} {row['name']}", short[row["verdict"]], *cells])
+    return _markdown(["claim", "used", *(letters[key] for key in others)], rows)
+
+
+def readings_changed(tables: Tables) -> str:
+    """Verdicts that another reading changes, with the first numbers behind them, and the claims that stand."""
+    found = Readings(_choices(), tables("readings"))
+    numbers = tables("verdicts").set_index("name")["number"]
+    stand = ", ".join(f"{numbers[name]} {name}" for name in sorted(found.standing, key=numbers.get))
+    rows = []
+    for row in found.changed.itertuples():
+        numbers = "; ".join(str(row.finding).split("; ")[:2])
+        rows.append([f"{row.number} {row.claim}", f"{row.used} → {row.verdict}", found.reading(row).clause, numbers])
+    table = _markdown(["claim", "verdict", "reading", "numbers"], rows)
+    return f"{table}\n\nUnder every reading stand {len(found.standing)} verdicts: {stand}."
 
 
 def coverage_short(tables: Tables) -> str:

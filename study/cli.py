@@ -30,6 +30,7 @@ from study.simulation.commands import (
     diff,
     estimators,
     plan,
+    readings,
     regret,
     report,
     run_folder,
@@ -289,12 +290,12 @@ def replay(folder: Folder, cell: Cell, trial: Trial = None, out: PointsOut = Non
     """
     from study.files import save_frame
     from study.simulation.analysis.regret import fits, points, trial_printed
-    from study.simulation.experiment.sampling import find, parse_name, replay
+    from study.simulation.experiment.sampling import find, parse_name
     from study.simulation.runs.provenance import other_version
     from study.simulation.runs.run_folder import Run
 
     run = Run.open(folder)
-    drawn = replay(run.study, find(run.study, *parse_name(cell, trial)))
+    drawn = find(run.study, *parse_name(cell, trial))
     if drawn.trial >= (count := run.trials().get(drawn.cell.name, drawn.trial + 1)):
         _complain(f"{folder}: cell {drawn.cell.name} has {count:,} trials; trial {drawn.trial} is not in its tables")
     if (warning := other_version(run.maker())) is not None:
@@ -314,7 +315,7 @@ def replay(folder: Folder, cell: Cell, trial: Trial = None, out: PointsOut = Non
 
 _GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
     "Studies": (configs, plan, run, status, posterior, coverage, worker),
-    "Results": (summary, claims, figures, report, worst, replay, regret, diff, verify, archive),
+    "Results": (summary, claims, readings, figures, report, worst, replay, regret, diff, verify, archive),
     "Points and estimators": (fit, estimators, check, certify, cost),
     "Recordings": (recording, joint, joints, skeleton, live, case_study, synthetic, fetch, markersets),
 }

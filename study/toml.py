@@ -146,11 +146,17 @@ def _unknown(key: str, known: list[str]) -> str:
 
 def _line(text: str, path: Path) -> int:
     """Line of a key in a TOML document, from 1; of its table, or 1, if the key is not there."""
-    section: tuple[str, ...] = ()
+    section: Path = ()
+    counts: dict[tuple[str, ...], int] = {}  # of the entries so far of each array of tables
     best, best_depth = 1, 0
     for number, line in enumerate(text.splitlines(), start=1):
         if header := re.match(r"\s*\[+([^\[\]]+)\]+\s*(#.*)?$", line):
-            section = tuple(part.strip().strip("\"'") for part in header[1].split("."))
+            names = tuple(part.strip().strip("\"'") for part in header[1].split("."))
+            if line.lstrip().startswith("[["):
+                counts = {key: count for key, count in counts.items() if key == names or key[: len(names)] != names}
+                counts[names] = counts.get(names, 0) + 1
+            heads = [names[: depth + 1] for depth in range(len(names))]
+            section = tuple(part for head in heads for part in (head[-1], counts.get(head, 0) - 1) if part != -1)
             here = section
         elif key := re.match(r"\s*([\w.\"'-]+)\s*=", line):
             here = (*section, *(part.strip("\"'") for part in key[1].split(".")))

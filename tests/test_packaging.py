@@ -18,7 +18,7 @@ from study.recordings.markersets import load_markerset, shipped
 import study
 print(study.__file__)
 print(*(path for path in shipped_configs().values()), sep="\\n")
-studies = [load(path) for name, path in shipped_configs().items() if name != "coverage"]  # has its own reader
+studies = [load(path) for name, path in shipped_configs().items() if name not in ("coverage", "readings")]
 print(len(studies), len([load_markerset(name) for name in shipped()]))
 """
 

@@ -1,6 +1,7 @@
 """Recordings in Python, as the commands treat them: from a file to joints, and to a skeleton in every frame."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from study.recordings import session
@@ -11,6 +12,7 @@ from study.recordings.markersets.match import Match, choose, match, with_better
 from study.recordings.one_joint import OneJoint, find_clusters, fit_one_joint
 from study.recordings.recording import Recording, RecordingError, one_after_another
 from study.recordings.skeleton import draw
+from study.recordings.skeleton.anatomy import Hips, points_of_the_body, with_anatomy
 from study.recordings.skeleton.calibrate import calibrate, require_same_subject
 
 Source = str | Path | Recording
@@ -18,7 +20,11 @@ Source = str | Path | Recording
 
 
 def find_joints(
-    recording: Source | Sequence[Source], markerset: str | None = None, *, static: Source | None = None
+    recording: Source | Sequence[Source],
+    markerset: str | None = None,
+    *,
+    static: Source | None = None,
+    hips: Hips = "motion",
 ) -> Calibration:
     """Find the joints of a recording, or of several trials of one session: phase 1, as `study joints` does.
 
@@ -26,7 +32,9 @@ def find_joints(
         recording: a `Recording` or its file; or several, of the same subject with the same markers: each joint then
             comes from the trials that moved it.
         markerset: name or file of a marker set; the shipped one that fits best if None.
-        static: a trial that gives the shapes of the segments.
+        static: a trial that gives the shapes of the segments, and their anatomical axes.
+        hips: "regression" for hips that motion leaves in doubt by the pelvis' width and depth (Harrington 2007), or
+            from the file's own LHJC and RHJC; their status is ``REGRESSION``.
 
     Returns:
         The joints by their names, ``joints["left_hip"]``, and all in ``joints.joints``. Each has a ``status`` and the
@@ -56,8 +64,8 @@ def find_joints(
     if not every:
         raise RecordingError("no recording is given; give one, or several of one session")
     if len(every) == 1:
-        return with_joints(every[0], None, markerset)[1]
-    return fit_session(every, static=static is not None, markerset=markerset)[1].calibration
+        return with_joints(every[0], None, markerset, hips)[1]
+    return fit_session(every, static=static is not None, markerset=markerset, hips=hips)[1].calibration
 
 
 def find_joint(
@@ -162,7 +170,10 @@ def place_markerset(recording: Recording, markerset: str | None = None) -> Match
 
 
 def with_joints(
-    recording: Recording, joints: Calibration | str | Path | None, markerset: str | None = None
+    recording: Recording,
+    joints: Calibration | str | Path | None,
+    markerset: str | None = None,
+    hips: Hips = "motion",
 ) -> tuple[Match, Calibration]:
     """Place the marker set of given joints on a recording, or find joints in the recording itself.
 
@@ -172,7 +183,7 @@ def with_joints(
     """
     if joints is None:
         placed = place_markerset(recording, markerset)
-        return placed, calibrate(placed.recording, placed.markerset)
+        return placed, calibrate(placed.recording, placed.markerset, recording, hips)
     if markerset is not None:
         raise RecordingError(f"markerset = {markerset!r}: joints have their own marker set; leave it out")
     if not isinstance(joints, Calibration):
@@ -181,7 +192,12 @@ def with_joints(
 
 
 def fit_session(
-    trials: Sequence[Recording], *, static: bool = False, markerset: str | None = None, force: bool = False
+    trials: Sequence[Recording],
+    *,
+    static: bool = False,
+    markerset: str | None = None,
+    force: bool = False,
+    hips: Hips = "motion",
 ) -> tuple[Match, session.Session]:
     """Find the joints of several trials of one session.
 
@@ -190,11 +206,20 @@ def fit_session(
         static: True if the last of them gives the shapes of the segments.
         markerset: as in `place_markerset`, for all trials together.
         force: True to merge trials that seem to show different subjects.
+        hips: as in `find_joints`. Points of the body come from the last trial that shows the pelvis' spines.
     """
     together = place_markerset(one_after_another(trials, ", ".join(trial.name for trial in trials)), markerset)
     named = [match(together.whole, trial).recording for trial in trials]
-    still = named.pop() if static else None
-    return together, session.calibrate_session(together.markerset, named, still, force=force)
+    still = named[-1] if static else None
+    parts = named[: len(named) - static]
+    merged = session.calibrate_session(together.markerset, parts, still, force=force)
+    if merged.calibration.has_poses:
+        for trial, source in reversed(list(zip(named, trials, strict=True))):
+            drawn = draw.draw_skeleton(merged.calibration, trial)
+            if {"left asis", "right asis"} <= points_of_the_body(drawn, source).keys():
+                anatomy = with_anatomy(merged.calibration, drawn, source, hips)
+                return together, replace(merged, calibration=anatomy)
+    return together, merged
 
 
 def _read(recording: Source) -> Recording:

@@ -138,7 +138,11 @@ def one_after_another(recordings: Sequence[Recording], name: str) -> Recording:
         part = np.full((len(markers), 3, recording.frames), np.nan)
         part[[markers.index(marker) for marker in recording.markers]] = recording.positions
         parts.append(part)
-    notes = tuple(f"{recording.name}: {note}" for recording in recordings for note in recording.notes)
+    noted: dict[str, list[str]] = {}
+    for recording in recordings:
+        for note in dict.fromkeys(recording.notes):
+            noted.setdefault(note, []).append(recording.name)
+    notes = tuple(f"{', '.join(names)}: {note}" for note, names in noted.items())
     return Recording(name, markers, np.concatenate(parts, axis=2), recordings[0].rate, notes)
 
 
@@ -221,6 +225,8 @@ _SPELLINGS = {"meter": "m", "metre": "m", "centimeter": "cm", "centimetre": "cm"
 _SPELLINGS |= {"millimetre": "mm", "inch": "in", "inche": "in", "feet": "ft", "foot": "ft", "µm": "um", "μm": "um"}
 _BODY = 0.05, 20.0
 """Least and greatest plausible extent of the markers, metres: one hand, and two dancers."""
+_PERSON = 0.3, 3.0
+"""Least and greatest extent of the markers of a person, or of a leg, metres."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -285,9 +291,25 @@ def assemble(
     positions *= UNITS[used]
     positions[np.broadcast_to(missing[:, None], positions.shape)] = np.nan
     extent = _extent(positions, ~missing)
-    if not _BODY[0] <= extent <= _BODY[1]:
-        notes.append(f"its markers are {extent:.3g} m apart: is its unit {used} right? Give another with --unit")
+    notes += filter(None, [unit_doubt(extent, used)])
     return Recording(name, tuple(markers), positions, float(rate), tuple(notes))
+
+
+def unit_doubt(extent: float, unit: str) -> str:
+    """The sentence on markers that are as far apart as no body's, and the unit in which they would be; "" for a body's.
+
+    Args:
+        extent: of the markers in this unit, metres.
+        unit: a key of `UNITS`.
+    """
+    if _BODY[0] <= extent <= _BODY[1]:
+        return ""
+    in_unit = {name: extent * UNITS[name] / UNITS[unit] for name in ("mm", "m", "cm", "in", "ft")}
+    likely = next((name for name, far in in_unit.items() if _PERSON[0] <= far <= _PERSON[1]), None)
+    remedy = (
+        "give another with --unit" if likely is None else f"with --unit {likely} they are {in_unit[likely]:.2g} m apart"
+    )
+    return f"its markers are {extent:.3g} m apart, so its unit is hardly {unit}: {remedy}"
 
 
 def known_unit(text: str) -> str | None:

@@ -345,6 +345,38 @@ def coverage(config: CoverageConfig, jobs: Threads = 2, out: CoverageOut = None)
         typer.echo(line)
 
 
+ReadingsConfig = Annotated[Path, typer.Argument(metavar="CONFIG", help="config of readings, or readings if shipped")]
+ReadingsOut = Annotated[Path, typer.Option("--out", help="file of the table; the runs go beside it, in readings/")]
+CostTable = Annotated[Path | None, typer.Option("--cost", help="table that `study cost` stores")]
+
+
+def readings(
+    config: ReadingsConfig = Path("readings"),
+    out: ReadingsOut = RUNS / "readings.csv",
+    cost: CostTable = None,
+    jobs: Jobs = 2,
+) -> None:
+    """Judge the claims under other readings of the paper.
+
+    What the paper leaves open is read otherwise, one choice at a time: the studies that it changes are run, and the
+    claims that it may change are judged again. The table is stored; verdicts that change are printed.
+    """
+    from study.files import save_frame
+    from study.simulation.claims.readings import Readings, judge, own_configs, read
+    from study.simulation.experiment.config import config_file, shipped_config
+    from study.simulation.experiment.config import read as read_config
+    from study.simulation.runs.runner import run
+
+    choices, own = read(config_file(config)), []
+    for name in own_configs():
+        study, text = read_config(shipped_config(name))
+        own.append(run(study, text, RUNS / study.run_name(), jobs))
+    table = judge(choices, own, out.parent / "readings", jobs, cost, lambda line: typer.echo(line, err=True))
+    save_frame(table, out)
+    for line in Readings(choices, table).printed():
+        typer.echo(line)
+
+
 Folders = Annotated[
     list[Path],
     typer.Argument(metavar="RUN", parser=run_folder, help="folders of runs, or their configs, each of another config"),
@@ -357,6 +389,7 @@ Bench = Annotated[Path | None, typer.Option("--bench", help="table that `make be
 FiguresToo = Annotated[
     Path | None, typer.Option("--figures", metavar="DIR", help="write the figures there too, as PNG and SVG")
 ]
+ReadingsToo = Annotated[Path | None, typer.Option("--readings", help="table that `study readings` stores")]
 ClaimsToo = Annotated[bool, typer.Option("--claims", help="print and store the verdicts too, as `study claims` does")]
 NoJobs = Annotated[int | None, typer.Option("--jobs", "-j", min=1, hidden=True, help="has no effect any more")]
 
@@ -394,6 +427,7 @@ def report(
     bench: Bench = None,
     figures: FiguresToo = None,
     claims: ClaimsToo = False,
+    readings: ReadingsToo = None,
     jobs: NoJobs = None,
 ) -> None:
     """Write one HTML page about runs.
@@ -403,6 +437,7 @@ def report(
     """
     from study.simulation.claims import judge_all, printed
     from study.simulation.claims import save as save_claims
+    from study.simulation.claims.readings import Readings
     from study.simulation.claims.recordings import read_case_studies
     from study.simulation.figures import Gallery, make_folder
     from study.simulation.report.page import read_bench, render, save
@@ -412,6 +447,7 @@ def report(
         typer.echo("--jobs: has no effect any more; one process draws each figure once", err=True)
     runs = [Run.open(folder) for folder in folders]
     measured = read_bench(bench) if bench else None
+    otherwise = Readings.load(readings) if readings else None
     spreads = read_case_studies(recording) if recording else None
     if figures is not None:
         make_folder(figures)
@@ -419,7 +455,7 @@ def report(
         runs[0].manifest()  # without a sound one, no verdict could be stored
     verdicts = judge_all(runs, cost, spreads)
     gallery = Gallery() if figures is not None else Gallery(kinds=["png"])
-    path = save(render(runs, verdicts, measured, gallery), out or runs[0].folder / "report.html")
+    path = save(render(runs, verdicts, measured, gallery, otherwise), out or runs[0].folder / "report.html")
     for picture in gallery.save(figures) if figures is not None else []:
         typer.echo(str(picture))
     for line in printed(verdicts) if claims else []:

@@ -6,6 +6,7 @@ From a recording to the verdict on it: a synthetic body, its case study, and the
 """
 
 import importlib.metadata
+import pathlib
 import re
 import shutil
 import subprocess
@@ -251,9 +252,10 @@ def folder(finished, call, tmp_path_factory):
 
 
 def of_recordings(said):
-    """The lines of the last claim that `study claims` printed."""
+    """The lines of the claim on recordings that `study claims` printed."""
     lines = said.splitlines()
-    return lines[next(i for i, line in enumerate(lines) if line.startswith("23 ")) : -1]
+    first, after = (next(i for i, line in enumerate(lines) if line.startswith(number)) for number in ("23 ", "24 "))
+    return lines[first:after]
 
 
 def test_claims(call_here, folder):
@@ -317,3 +319,16 @@ def test_refusals(call_here, folder, verb):
         assert (code, said) == (2, "")
         assert complained.startswith(words)
         assert complained.count("\n") == 1
+
+
+def test_readings_that_are_none(call_here, tmp_path):
+    """A config that is not there, and a table that is none, are one line each."""
+    code, said, complained = call_here(tmp_path, "readings", "raedings")
+    assert (code, said) == (2, "")
+    assert "did you mean 'readings'" in complained
+    (tmp_path / "none.csv").write_text("a,b\n1,2\n", encoding="utf-8")
+    run = pathlib.Path(study.__file__).parents[1] / "results" / "paper"
+    code, said, complained = call_here(tmp_path, "report", run, "--readings", "none.csv")
+    assert said == ""
+    assert code != 0
+    assert complained.startswith("none.csv: no table of readings: needs the columns choice, reading, ")

@@ -10,7 +10,6 @@ import shutil
 import signal
 import subprocess
 import sys
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import psutil
@@ -18,7 +17,7 @@ import pytest
 
 from study import cli
 from study.simulation.runs.parts import Parts
-from study.simulation.runs.workers import leave_interrupts
+from study.simulation.runs.workers import interrupts_later
 
 
 @pytest.fixture
@@ -205,11 +204,11 @@ def test_a_command_that_starts_anew_does_not_say_that_it_resumes(monkeypatch, ca
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no masks of signals")
 def test_processes_that_just_start():
-    """A process that a dispatcher's thread starts has the signal blocked from the first; the main thread has not."""
+    """A process that starts while a task is sent has the signal blocked from the first; afterwards nothing has."""
     code = "import signal; print(signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, []))"
-    with ThreadPoolExecutor(1, initializer=leave_interrupts) as thread:
-        started = thread.submit(subprocess.run, [sys.executable, "-c", code], capture_output=True, text=True)
-        assert started.result().stdout == "True\n"
+    with interrupts_later():
+        started = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert started.stdout == "True\n"
     assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, [])
 
 
@@ -235,12 +234,10 @@ def test_workers_end_with_a_killed_parent(hold, wait_for, tmp_path):
 
 IDLE = """
 import time
-from study.simulation.runs.workers import Workers
-with Workers(backend="loky", jobs=2).open() as backend:
-    backend._options["idle_worker_timeout"] = 1e6  # in place of loky's five minutes
-    backend.restart()
-    for _ in backend.parallel([backend.call(1, time.sleep, 1000)]):
-        pass
+from study.simulation.runs import workers
+workers._IDLE = 1e6  # in place of five minutes
+with workers.Workers(backend="loky", jobs=2).open() as backend:
+    backend.submit(time.sleep, 1000).result()
 """
 
 

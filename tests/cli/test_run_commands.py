@@ -17,8 +17,8 @@ from study.files import writing
 from study.simulation.analysis import regret
 from study.simulation.experiment.compute import compute
 from study.simulation.experiment.config import parse
-from study.simulation.experiment.sampling import find, replay, units
-from study.simulation.runs.jobs import UnitTasks, execute
+from study.simulation.experiment.sampling import find, units
+from study.simulation.runs.jobs import Layout, execute
 from study.simulation.runs.parts import FORMAT, Parts
 from study.simulation.runs.run_folder import Run
 
@@ -37,7 +37,7 @@ def begun(config, tmp_path):
     made = parse(config)
     store = Run.create(tmp_path / "out", made).begin(config)
     parts = Parts(store.folder, "units")
-    parts.add(execute(made, (UnitTasks(made).task(next(units(made))),)))
+    parts.add(execute(made, (Layout(made).task(next(units(made))),)))
     parts.commit()
     return tmp_path
 
@@ -380,7 +380,7 @@ def made(folder_of_replay_command):
 @pytest.fixture(scope="module")
 def points(made):
     """All points of the study, as a worker computes them."""
-    parts = [pd.DataFrame(compute(made, unit.batches).points) for unit in units(made)]
+    parts = [pd.DataFrame(compute(made, unit).points) for unit in units(made)]
     return pd.concat(parts, ignore_index=True)
 
 
@@ -402,9 +402,7 @@ def test_replay(call, call_here, finished):
     for word, way in ((cell, call), (cell[:6], call_here)):
         code, said, complained = way(folder, "replay", "out", word, trial)
         assert (code, complained) == (0, "")
-        assert said.splitlines() == list(
-            regret.trial_printed(run.study, replay(run.study, find(run.study, cell, trial)))
-        )
+        assert said.splitlines() == list(regret.trial_printed(run.study, find(run.study, cell, trial)))
     assert f"{row['error']:.3g}" in said
     assert row["estimator"] in said
     assert sorted(path.name for path in folder.iterdir()) == ["out", "tiny.toml"]
@@ -427,7 +425,7 @@ def test_points_to_a_file(call_here, folder_of_replay_command, points, tmp_path,
 
 def test_the_file_can_be_fitted(call_here, folder_of_replay_command, made, tmp_path):
     """`study fit` reads it, and finds what the replay said."""
-    cell = next(unit.batches[0].cells[0].name for unit in units(made) if unit.batches[0].samples == 20)
+    cell = next(unit.cells[0].name for unit in units(made) if unit.group.samples == 20)
     code, said, _ = call_here(folder_of_replay_command, "replay", "out", cell, "0", "--out", tmp_path / "p.csv")
     assert code == 0
     code, fitted, _ = call_here(folder_of_replay_command, "fit", tmp_path / "p.csv", "--estimator", "lls")

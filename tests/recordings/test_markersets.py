@@ -14,7 +14,8 @@ from study.recordings.markersets import (
     parse_markerset,
     shipped,
 )
-from study.recordings.markersets.match import choose, clusters, match, spellings, with_better
+from study.recordings.markersets.labels import clusters, is_output, spellings
+from study.recordings.markersets.match import choose, match, with_better
 from study.recordings.recording import Recording
 
 PELVIS = Segment(name="pelvis", markers=("A", "B", "C"))
@@ -485,6 +486,28 @@ def test_a_wrong_label_is_answered_with_the_nearest():
     labels = ["RTHIGH" if m == "LTHI" else m for m in PIG_LEG]
     lines = match(load_markerset("plug-in-gait"), recording(labels)).lines()
     assert "segment left_thigh lacks LTHI" in lines, "a label of the other side is no hint"
+
+
+def test_what_programs_computed_is_not_listed_one_by_one():
+    """Sixty outputs of a model take a line of six and a number; markers of a set are no outputs."""
+    kinds = ("HipAngles", "KneeMoment", "AnklePower", "GroundReactionForce", "NormalisedGRF", "HJC", "FEO", "TIP")
+    outputs = [*sides(*(f"~{kind}" for kind in kinds)), "PELO", "TRXA", "CentreOfMass", "CentreOfMassFloor", "LHJC_reg"]
+    lines = match(CMU, recording([*CMU.markers(), *outputs, "sword"])).lines()
+    assert lines[-2] == "not in the marker set: sword"
+    assert lines[-1].startswith("of another program's model, not markers: LHipAngles, LKneeMoment, ")
+    assert lines[-1].endswith(f"and {len(outputs) - 6} more")
+    for name in shipped():
+        assert [marker for marker in load_markerset(name).markers() if is_output(marker)] == []
+
+
+def test_a_segment_without_any_marker_is_told_once():
+    """Its joint says what it needs; only a near label is worth a second line."""
+    hips = [m for m in PIG_LEG if m[1:] in ("ASI", "PSI", "THI", "KNE")]
+    lines = match(load_markerset("plug-in-gait"), recording(hips)).lines()
+    assert not any("left_shank lacks" in line for line in lines)
+    assert sum("left_shank has none of LTIB, LANK" in line for line in lines) == 1
+    lines = match(load_markerset("plug-in-gait"), recording([*hips, "LANKL"])).lines()
+    assert "segment left_shank lacks LTIB, LANK (did you mean LANKL?)" in lines
 
 
 def test_numbers_at_the_end_make_clusters():

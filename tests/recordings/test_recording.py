@@ -15,6 +15,7 @@ from study.recordings.recording import (
     gaps,
     name_points,
     recording_data,
+    unit_doubt,
     whole_frames,
 )
 
@@ -60,8 +61,11 @@ def test_an_unsaid_unit_is_noted_or_asked_for():
 
 def test_a_unit_that_cannot_be_right_is_doubted():
     """A body of a kilometre or a millimetre is doubted."""
-    assert "is its unit m right" in assemble(contents(unit="m"), "walk").notes[0]
-    assert "is its unit um right" in assemble(contents(unit="um"), "walk").notes[0]
+    for unit, likely in (("m", "mm"), ("um", "mm")):
+        (note,) = assemble(contents(unit=unit), "walk").notes
+        assert f"so its unit is hardly {unit}: with --unit {likely} they are " in note
+        assert not assemble(contents(unit=likely), "walk").notes
+    assert "hardly m: give another with --unit" in unit_doubt(1e9, "m")
     assert assemble(contents(), "walk").notes == ()
 
 

@@ -293,7 +293,7 @@ def test_rows_from_memory_are_rows_from_a_table():
     study = Study.model_validate(
         {"name": "test", "seed": 1, "estimators": ["ugdk", "mle"], "keep": "summary", "design": GRID}
     )
-    made = [Errors.joined(compute(study, unit.batches).blocks) for unit in units(study)]
+    made = [Errors.joined(compute(study, unit).blocks) for unit in units(study)]
     assert len(made) == 2
     for errors in made:
         expected = summary(pd.DataFrame(errors.columns()), by_decade=False)

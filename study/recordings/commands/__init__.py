@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -21,6 +21,11 @@ Rate = Annotated[float | None, typer.Option("--rate", help=_RATE)]
 Subject = Annotated[str | None, typer.Option("--subject", help="the subject to read, if the file has several")]
 _FRAMES = "read these frames alone, from 1, both ends included; `study recording` says which are whole"
 FrameRange = Annotated[str | None, typer.Option("--frames", metavar="1-499", help=_FRAMES)]
+
+_HIPS = (
+    "hips that motion leaves in doubt: as they are, or by regression from the pelvis' spines, or the file's LHJC, RHJC"
+)
+HipCentres = Annotated[Literal["motion", "regression"], typer.Option("--hips", help=_HIPS)]
 
 RESULTS = Path("results") / "recordings"
 """The folder with a folder for each recording's results."""

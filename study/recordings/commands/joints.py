@@ -10,6 +10,7 @@ from study.options import ExitCode, Json
 from study.recordings.commands import (
     File,
     FrameRange,
+    HipCentres,
     MarkerSetName,
     Out,
     Rate,
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
     from study.recordings.live import LiveJoints
     from study.recordings.markersets.match import Match
     from study.recordings.recording import Recording
+    from study.recordings.session import Session
+    from study.recordings.skeleton.anatomy import Hips
 
 
 Subsets = Annotated[int, typer.Option("--subsets", help="subsets of each size and joint, a multiple of four")]
@@ -139,6 +142,7 @@ def joints(
     files: Files,
     static: Static = None,
     force: Force = False,
+    hips: HipCentres = "motion",
     markerset: MarkerSetName = None,
     out: Out = None,
     as_json: Json = False,
@@ -156,6 +160,7 @@ def joints(
     without_pose.
     """
     from study.recordings.formats.read import read_recording
+    from study.recordings.library import fit_session
 
     if len(files) == 1 and static is None and force:
         raise typer.BadParameter("--force: there is nothing to overrule with one recording")
@@ -164,27 +169,30 @@ def joints(
         raise typer.BadParameter(f"--frames {frames}: a range is of one recording; give one")
     recordings = [read_recording(file, unit=unit, rate=rate, subject=subject, frames=frames) for file in every]
     if len(recordings) == 1:
-        _one(recordings[0], markerset, out, as_json)
+        _one(recordings[0], hips, markerset, out, as_json)
     else:
-        _several(recordings, static is not None, markerset, out, force, as_json)
+        match, session = fit_session(recordings, static=static is not None, markerset=markerset, force=force, hips=hips)
+        _print_session(match, session, results_folder("-".join(one.name for one in recordings), out), as_json)
 
 
-def _one(recording: "Recording", markerset: str | None, out: Path | None, as_json: bool) -> None:
+def _one(recording: "Recording", hips: "Hips", markerset: str | None, out: Path | None, as_json: bool) -> None:
     """The joints of one recording."""
     from study.files import save_frame
     from study.recordings.joints.calibration import save_calibration
     from study.recordings.joints.report import agreement_lines, agreement_table, joint_lines, joint_table
     from study.recordings.library import place_markerset
+    from study.recordings.skeleton.anatomy import regression_hint
     from study.recordings.skeleton.calibrate import calibrate
     from study.text import json_text
 
     match = place_markerset(recording, markerset)
     folder = results_folder(recording.name, out)
-    calibration = calibrate(match.recording, match.markerset)
+    calibration = calibrate(match.recording, match.markerset, recording, hips)
     compared = agreement_table(calibration, match.recording)
     if not as_json:
         print_match(match)
         print_lines([*joint_lines(calibration), *agreement_lines(compared), *calibration.warnings()])
+        print_lines(regression_hint(calibration, recording))
     table = joint_table(calibration).merge(compared, on="joint")
     table["warnings"] = ["; ".join(place.warnings) for place in calibration.joints]
     save_frame(table, folder / "joints.parquet")
@@ -201,27 +209,18 @@ def _joints_data(match: "Match", table: "pd.DataFrame") -> dict[str, object]:
     return head | {"joints": table.to_dict("records")}
 
 
-def _several(
-    trials: "list[Recording]",
-    static: bool,
-    markerset: str | None,
-    out: Path | None,
-    force: bool,
-    as_json: bool,
-) -> None:
-    """The joints of a session; ``static`` if the last of the trials gives the shapes of the segments."""
+def _print_session(match: "Match", session: "Session", folder: Path, as_json: bool) -> None:
+    """Print and store the joints of a session."""
     from study.files import save_frame
     from study.recordings.joints.calibration import save_calibration
-    from study.recordings.library import fit_session
     from study.recordings.session import session_lines, session_table
+    from study.recordings.skeleton.anatomy import regression_hint
     from study.text import json_text
 
-    folder = results_folder("-".join(trial.name for trial in trials), out)
-    match, session = fit_session(trials, static=static, markerset=markerset, force=force)
     table = session_table(session)
     if not as_json:
         print_match(match)
-        print_lines(session_lines(session))
+        print_lines([*session_lines(session), *regression_hint(session.calibration, match.source)])
     save_frame(table, folder / "joints.parquet")
     paths = [folder / "joints.parquet", save_calibration(session.calibration, folder / "calibration.json")]
     if as_json:
@@ -256,14 +255,16 @@ def live(
     the end of the stream or at Ctrl-C; an empty datagram ends a stream over UDP. The exit code is 3 if a joint is not
     ok.
     """
+    import numpy as np
+
     from study.recordings.live import FrameError, lines_of_input, lines_of_port, read_frame
-    from study.recordings.recording import UNITS
+    from study.recordings.recording import UNITS, unit_doubt
 
     if unit not in UNITS:
         raise typer.BadParameter(f"--unit {unit}: give one of {', '.join(UNITS)}")
     joints = _joints(parent, child, markerset)
     lines = lines_of_input() if udp is None else lines_of_port(udp, lambda words: typer.echo(words, err=True))
-    before, zeros = signal.signal(signal.SIGINT, _interrupt_once), ""
+    before, zeros, unchecked = signal.signal(signal.SIGINT, _interrupt_once), "", True
     try:
         for number, line in enumerate(lines, start=1):
             if not line.strip():
@@ -273,6 +274,11 @@ def live(
             except FrameError as error:
                 typer.echo(f"line {number} is skipped: {error}", err=True)
                 continue
+            places = np.array([place for place in frame.values() if place.any()])
+            if unchecked and len(places) > 2:
+                unchecked = False
+                if doubt := unit_doubt(float(np.linalg.norm(np.ptp(places, axis=0))), unit):
+                    typer.echo(doubt, err=True)
             joints.add(frame)
             if joints.zeros and not zeros:
                 zeros = f"frame {joints.frames}: {', '.join(joints.zeros)} at exactly (0, 0, 0): taken for missing"

@@ -14,6 +14,7 @@ from study.options import Json, unchanged
 from study.recordings.commands import (
     File,
     FrameRange,
+    HipCentres,
     MarkerSetName,
     Out,
     Rate,
@@ -177,6 +178,7 @@ def skeleton(
     calibration: CalibrationFile = None,
     force: Force = False,
     refit: Refit = False,
+    hips: HipCentres = "motion",
     markerset: MarkerSetName = None,
     out: Out = None,
     write: Write = None,
@@ -194,15 +196,16 @@ def skeleton(
 
     With --json: recording, rate, frames, source of the joints; joints, each with its doubt, error, shares of the frames
     in which it is seen, bridged, unknown and outside of the markers' hull, and the distance; bones, each with length,
-    spread, error and uneven; notes, overruled and files.
+    spread, error and uneven; notes, angles (what they are), overruled and files.
     """
     from study.recordings.export import planned_files, write_file
-    from study.recordings.export.tree import ExportedMotion, RestPose
+    from study.recordings.export.tree import ExportedMotion, RestPose, angle_lines
     from study.recordings.formats.read import read_recording
     from study.recordings.joints.calibration import save_calibration
     from study.recordings.library import with_joints
     from study.recordings.recording import printable
     from study.recordings.session import refit_shapes
+    from study.recordings.skeleton.anatomy import regression_hint
     from study.recordings.skeleton.calibrate import overruled, require_same_subject
     from study.recordings.skeleton.draw import draw_skeleton
     from study.recordings.skeleton.make_scene import skeleton_data, skeleton_lines, skeleton_scene
@@ -213,6 +216,8 @@ def skeleton(
         raise typer.BadParameter("--force: there is nothing to overrule without --calibration")
     if calibration is None and refit:
         raise typer.BadParameter("--refit: there are no shapes to refit without --calibration")
+    if calibration is not None and hips != "motion":
+        raise typer.BadParameter("--hips regression: a calibration has its hips; give the option to `study joints`")
     if calibration is not None and markerset is not None:
         raise typer.BadParameter(f"--markerset {markerset}: a calibration has its own marker set; leave it out")
     if video:
@@ -220,12 +225,11 @@ def skeleton(
     name = printable(file.stem)
     folder = results_folder(name, out)
     further = planned_files(write or "", folder, name, file)
-    match, used = with_joints(
-        read_recording(file, unit=unit, rate=rate, subject=subject, frames=frames), calibration, markerset
-    )
+    source = read_recording(file, unit=unit, rate=rate, subject=subject, frames=frames)
+    match, used = with_joints(source, calibration, markerset, hips)
     if not as_json:
         print_match(match)
-        print_lines(used.lines())
+        print_lines([*used.lines(), *(regression_hint(used, source) if calibration is None else [])])
     drawn = draw_skeleton(used, match.recording)
     remarks = overruled(drawn) if force else []
     drawn = drawn if force else require_same_subject(drawn)
@@ -234,7 +238,7 @@ def skeleton(
         drawn = draw_skeleton(used, match.recording)
     scene = skeleton_scene(drawn, match.recording)
     if not as_json:
-        print_lines([*remarks, *skeleton_lines(scene)])
+        print_lines([*remarks, *skeleton_lines(scene), *angle_lines(used)])
     motion = ExportedMotion(drawn, match.source, scene, file, RestPose(rest))
 
     def written() -> Iterator[Path]:
@@ -250,7 +254,9 @@ def skeleton(
         paths.append(path)
         print_lines([] if as_json else [path])
     if as_json:
-        typer.echo(json_text(skeleton_data(scene) | {"overruled": remarks, "files": paths}))
+        typer.echo(
+            json_text(skeleton_data(scene) | {"angles": angle_lines(used), "overruled": remarks, "files": paths})
+        )
 
 
 _OUT = ".c3d, .trc or .csv [default: results/recordings/synthetic-<seed>/synthetic-<seed>.c3d]"

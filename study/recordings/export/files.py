@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from study.arrays import Floats
-from study.recordings.export.tree import ExportedMotion, JointNode, joint_angles, joint_tree
+from study.recordings.export.tree import ExportedMotion, JointNode, angle_lines, joint_angles, joint_tree
 from study.recordings.formats.c3d import LONG, read_header
 from study.recordings.formats.write import write_recording
 from study.recordings.recording import UNITS
@@ -152,7 +152,7 @@ def write_mot(motion: ExportedMotion, path: Path) -> None:
     """
     table = joint_angles(motion).dropna(axis=1, how="all").ffill().bfill()
     header = [
-        motion.skeleton.name,
+        "; ".join([motion.skeleton.name, *angle_lines(motion.skeleton.calibration)]),
         "version=1",
         f"nRows={len(table)}",
         f"nColumns={len(table.columns)}",

@@ -6,8 +6,13 @@ shortest way until its bone, from its joint to the next one, points where its na
 trunk up. A segment whose name has none of the words keeps its mean pose. A trunk with joints on both sides is also
 rotated until these are level. Axes: x to the left, y backward, z up, as Blender and others have them.
 
-Joint angles: the rotation of each child segment relative to its parent, in anatomical axes; zero in the standing pose.
-The axes are OpenSim's: x forward, y up, z to the right. A ball joint has three angles, about z, x and y in this order:
+Joint angles: the rotation of each child segment relative to its parent. Where points of the body give both segments
+anatomical axes (`skeleton.anatomy`), hips, knees and ankles have the three angles of Grood and Suntay between these:
+about the parent's z, the floating axis, and the child's y, which are the Cardan angles z, x, y. A knee bends
+positively, an ankle lifts the foot. The rotation of a root with such axes is theirs.
+
+The other joints' angles are zero in the standing pose, about axes that lie as in anatomy there. They are OpenSim's: x
+forward, y up, z to the right. A ball joint has three angles, about z, x and y in this order:
 flexion, adduction and rotation of a limb (flexion forward; adduction and rotation to the inside on both sides),
 extension, bending and rotation of the trunk and the head (backward, to the right, to the left). A hinge has the angle
 about its own axis; the sign of the axis is such that the median angle is positive, as knees and elbows bend one way.
@@ -29,8 +34,10 @@ from scipy.spatial.transform import Rotation
 
 from study.arrays import Floats, Ints
 from study.recordings.joints.calibration import Calibration, JointPlace, SegmentShape
+from study.recordings.joints.estimate import JointStatus
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.rigid import relative_rotation, to_world, zxy_angles
+from study.recordings.skeleton.anatomy import legs
 from study.recordings.skeleton.draw import Skeleton, pivot_joint
 from study.recordings.skeleton.scene import Scene, side, upright_rotation
 
@@ -190,9 +197,16 @@ class ExportedMotion:
         return rest_rotations(self.skeleton.calibration, self.upright, self.rest)
 
     def joint_labels(self) -> tuple[str, ...]:
-        """Labels of the joints as points beside the markers: their names, ``_joint`` added where a marker has one."""
+        """Labels of the joints as points beside the markers: their names.
+
+        ``_regression`` is added where a joint is not by motion, ``_joint`` where a marker has the name.
+        """
         taken = {marker.lower() for marker in self.recording.markers}
-        return tuple(name + "_joint" * (name.lower() in taken) for name in self.skeleton.joints)
+        names = [
+            place.joint.name + "_regression" * (place.status == JointStatus.REGRESSION)
+            for place in self.skeleton.calibration.joints
+        ]
+        return tuple(name + "_joint" * (name.lower() in taken) for name in names)
 
     def with_joints(self) -> Recording:
         """The recording with the joint centres as points behind its markers, in its own axes; NaN where unknown."""
@@ -213,29 +227,63 @@ def joint_angles(motion: ExportedMotion) -> pd.DataFrame:
     Returns:
         A row per frame. Columns: time, seconds; the root's place, ``<root>_tx``, ``_ty``, ``_tz``, metres, and its
         rotation in the world, ``_tilt`` about z, ``_list`` about x, ``_rotation`` about y, degrees; the angles of each
-        joint, ``<joint>_flexion``, …, degrees. The world's axes are the recording's with y up. NaN where a segment is
-        not known.
+        joint, ``<joint>_flexion``, …, degrees (`angle_lines` says what they are). The world's axes are the recording's
+        with y up. NaN where a segment is not known.
     """
     skeleton = motion.skeleton
     standing = rest_rotations(skeleton.calibration, motion.upright, RestPose.STANDING)
-    turns = {name: _anatomical(motion, name, standing[name]) for name in skeleton.segments}
+    turns = {name: _rotation(motion, name, standing[name].T @ ANATOMICAL.T) for name in skeleton.segments}
+    axes = {shape.segment: shape.anatomy for shape in skeleton.calibration.shapes if has_axes(shape)}
+    clinical = {name: _rotation(motion, name, columns) for name, columns in axes.items()}
     root = skeleton.segments[0]
     columns: dict[str, Floats] = {"time": np.arange(skeleton.frames) / skeleton.rate}
     world = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]) @ motion.upright
-    angles = _zxy(np.einsum("ij,jkt->ikt", world @ motion.upright.T, turns[root]))
+    angles = _zxy(np.einsum("ij,jkt->ikt", world @ motion.upright.T, (turns | clinical)[root]))
     for name, values in zip(("tilt", "list", "rotation"), angles, strict=True):
         columns[f"{root}_{name}"] = values
     for axis, values in zip("xyz", world @ skeleton.origins[0], strict=True):
         columns[f"{root}_t{axis}"] = values
+    between, bends = clinical_joints(skeleton.calibration), knees(skeleton.calibration)
     for place in skeleton.calibration.joints:
+        if place.joint.name in between:
+            turn = relative_rotation(clinical[place.joint.parent], clinical[place.joint.child])
+            columns |= _ball(place.joint.name, turn, -1.0 if place.joint.name in bends else 1.0)
+            continue
         turn = relative_rotation(turns[place.joint.parent], turns[place.joint.child])
         columns |= _hinge(place, turn, standing) if _has_axis(place) else _ball(place.joint.name, turn)
     return pd.DataFrame(columns)
 
 
-def _anatomical(motion: ExportedMotion, name: str, standing: Floats) -> Floats:
-    """Rotation (3, 3, frames) of a segment's anatomical axes to the upright world."""
-    axes = standing.T @ ANATOMICAL.T  # of the anatomical axes, in the segment's
+def has_axes(shape: SegmentShape) -> bool:
+    """True if points of the body give a segment anatomical axes."""
+    return not np.isnan(shape.anatomy).any()
+
+
+def clinical_joints(calibration: Calibration) -> list[str]:
+    """Names of the joints whose angles are those of Grood and Suntay: both segments, of a leg, have anatomical axes."""
+    segments = set(legs(calibration.markerset).values())
+    segments = {name for name in segments if has_axes(calibration.shape(name))}
+    return [place.joint.name for place in calibration.joints if {place.joint.parent, place.joint.child} <= segments]
+
+
+def knees(calibration: Calibration) -> list[str]:
+    """Names of the joints between thigh and shank."""
+    segments = legs(calibration.markerset)
+    shanks = {segments.get(f"{one} shank") for one in ("left", "right")}
+    return [place.joint.name for place in calibration.joints if place.joint.child in shanks]
+
+
+def angle_lines(calibration: Calibration) -> list[str]:
+    """The lines that say what the angles of the joints are."""
+    clinical = clinical_joints(calibration)
+    others = [place.joint.name for place in calibration.joints if place.joint.name not in clinical]
+    lines = [f"angles of {', '.join(clinical)}: Grood and Suntay, between anatomical axes"] * bool(clinical)
+    words = "zero in a standing pose, for want of points of the body that show anatomical axes"
+    return [*lines, *[f"angles of {', '.join(others)}: {words}"] * bool(others)]
+
+
+def _rotation(motion: ExportedMotion, name: str, axes: Floats) -> Floats:
+    """Rotation (3, 3, frames) of axes (3, 3), columns x, y, z, in a segment's axes, to the upright world."""
     return np.asarray(np.einsum("ij,jkt,kl->ilt", motion.upright, motion.skeleton.rotation(name), axes))
 
 
@@ -243,9 +291,9 @@ def _has_axis(place: JointPlace) -> bool:
     return place.joint.kind == "hinge" and not np.isnan(place.axis_in_parent).any()
 
 
-def _ball(name: str, turn: Floats) -> dict[str, Floats]:
-    """The three angles of a joint, degrees."""
-    names, signs = (_LIMB if side(name) else _TRUNK), np.array([1.0, 1.0, 1.0])
+def _ball(name: str, turn: Floats, bends: float = 1.0) -> dict[str, Floats]:
+    """The three angles of a joint, degrees; ``bends`` is the sign of the first."""
+    names, signs = (_LIMB if side(name) else _TRUNK), np.array([bends, 1.0, 1.0])
     if side(name) == "left":  # mirrored
         signs[1:] = -1.0
     return {f"{name}_{one}": sign * angle for one, sign, angle in zip(names, signs, _zxy(turn), strict=True)}

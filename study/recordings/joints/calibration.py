@@ -79,6 +79,7 @@ class SegmentShape:
         reason: why it has no pose, or "". Its axes are then its parent's, in the mean pose.
         misfit: root mean square distance of its markers from their places in phase 2 of the recording that it was
             fitted to, metres; NaN if that showed it fully in no frame, or if it was not drawn.
+        anatomy: anatomical axes (3, 3), columns x, y, z, in the segment's axes; NaN if their points are not known.
     """
 
     segment: str
@@ -88,12 +89,13 @@ class SegmentShape:
     has_own_pose: Annotated[bool, _named("own")]
     reason: Annotated[str, _named("why")]
     misfit: Number = float("nan")
+    anatomy: Array = field(default_factory=lambda: np.full((3, 3), np.nan))
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
         count = len(self.markers)
         object.__setattr__(self, "places", self.places.reshape(-1, 3) if not count else self.places)
-        if self.places.shape != (count, 3) or self.scatter.shape != (count,):
+        if (self.places.shape, self.scatter.shape, self.anatomy.shape) != ((count, 3), (count,), (3, 3)):
             raise ValueError(f"{self.segment}: {count} markers, places {self.places.shape}")
         return self
 

@@ -74,6 +74,7 @@ class JointStatus(Worded):
     STILL = 9, "did not move: the markers stay in place in the segment's axes"
     NO_FRAME = 10, "neither of its segments has a pose"
     UNSEEN = 11, "its markers were not seen, or never together with a pose"
+    REGRESSION = 12, "not by motion, but by regression or as the file has it"
 
 
 SHORT_TEXTS = {
@@ -89,12 +90,19 @@ SHORT_TEXTS = {
     JointStatus.STILL: "still",
     JointStatus.NO_FRAME: "no frame",
     JointStatus.UNSEEN: "unseen",
+    JointStatus.REGRESSION: "regression",
 }
 """A status in a table, which has no room for its whole text."""
 USABLE = (JointStatus.OK, JointStatus.HINGE)
 """A joint that a skeleton can be built on without reservation."""
-DOUBTED = (JointStatus.DISAGREE, JointStatus.REVERSES, JointStatus.IMPLAUSIBLE, JointStatus.ONE_AXIS)
-"""A joint that is drawn, and doubted: its estimates, or a body, contradict it, or it moved about one axis only."""
+DOUBTED = (
+    JointStatus.DISAGREE,
+    JointStatus.REVERSES,
+    JointStatus.IMPLAUSIBLE,
+    JointStatus.ONE_AXIS,
+    JointStatus.REGRESSION,
+)
+"""A joint that is drawn, and doubted: its estimates, or a body, contradict it, it moved about one axis only, or not."""
 
 
 def largest_error(covariance: Floats, axis: Floats | None) -> float:

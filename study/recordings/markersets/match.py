@@ -1,23 +1,18 @@
-"""Match a marker set to a recording: the label of each marker, what is missing, and the joints that can be found.
+"""Match a marker set to a recording: the label of each marker, what is missing, and the joints that can be found."""
 
-Labels are compared without case, dots, underscores and spaces, and without a prefix that most of them have.
-"""
-
-import re
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 from study.recordings.markersets import Joint, MarkerSet, MarkerSetError, Segment, load_markerset, shipped
+from study.recordings.markersets.labels import clusters, is_output, opposite, plain, spellings
 from study.recordings.recording import Recording
 from study.text import nearest
 
+_LISTED, _FEW = 24, 6
+"""Most labels that a line lists: of markers, and of points that other programs computed."""
 _ENOUGH = 4
 """Joints that show that a recording is of a part of a set's body."""
-_SIDES = {"l": "left", "left": "left", "r": "right", "right": "right"}
-_NUMBERED = re.compile(r"(.*[^\W\d_]{2}[\W_]?)(\d+)$")
-"""A label of two letters or more and a number."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,11 +62,17 @@ class Match:
         ]
         renamed = [f"{label} is {marker}" for marker, label in self.labels.items() if label != marker]
         lines += [f"labels: {', '.join(renamed)}"] * bool(renamed)
+        partly = {s.name for s in self.whole.segments if self.labels.keys() & s.markers}  # joints tell of others
         lines += [
-            f"segment {segment} lacks {', '.join(map(self._missed, gone))}" for segment, gone in self.lacking.items()
+            f"segment {segment} lacks {', '.join(map(self._missed, gone))}"
+            for segment, gone in self.lacking.items()
+            if segment in partly or any(self._missed(marker) != marker for marker in gone)
         ]
         lines += [f"joint {joint} cannot be found: {why}" for joint, why in self.lost.items()]
-        lines += [f"not in the marker set: {', '.join(self.extra)}"] * bool(self.extra)
+        outputs = [label for label in self.extra if is_output(label)]
+        others = [label for label in self.extra if label not in outputs]
+        lines += [f"not in the marker set: {_some(others, _LISTED)}"] * bool(others)
+        lines += [f"of another program's model, not markers: {_some(outputs, _FEW)}"] * bool(outputs)
         unused = clusters(self.extra)
         lines += [f"clusters that it does not use: {', '.join(unused)}; a set of your own can"] * bool(unused)
         return [*lines, *self.remarks]
@@ -94,8 +95,14 @@ class Match:
 
     def _missed(self, marker: str) -> str:
         """A missing marker, with the label of the recording that it may have."""
-        label = nearest(marker, [label for label in self.extra if not _opposite(marker, label)])
+        label = nearest(marker, [label for label in self.extra if not opposite(marker, label)])
         return marker if label is None else f"{marker} (did you mean {label}?)"
+
+
+def _some(labels: Sequence[str], most: int) -> str:
+    """Labels with commas between them, as many as there is room for, and the number of the rest."""
+    rest = len(labels) - most
+    return ", ".join(labels) if rest < 2 else f"{', '.join(labels[:most])} and {rest} more"
 
 
 def match(markerset: MarkerSet, recording: Recording) -> Match:
@@ -159,43 +166,6 @@ def with_better(placed: Match) -> Match:
         return placed
     best = max(better, key=_quality)
     return replace(placed, remarks=(f"marker set {best.whole.name} fits better: {_share(best)} can be found with it",))
-
-
-def clusters(labels: Sequence[str]) -> list[str]:
-    """Groups of three or more labels that differ by a number at the end alone, such as LTH1-LTH3."""
-    groups: dict[str, list[tuple[int, str]]] = {}
-    for label in labels:
-        if (numbered := _NUMBERED.match(label)) is not None:
-            groups.setdefault(numbered[1], []).append((int(numbered[2]), label))
-    return [f"{min(group)[1]}-{max(group)[1]}" for group in groups.values() if len(group) > 2]
-
-
-def plain(label: str) -> str:
-    """A label as it is compared: small letters and digits alone."""
-    return re.sub(r"[\W_]+", "", label).casefold()
-
-
-def spellings(labels: Sequence[str]) -> dict[str, str]:
-    """The labels by their `plain` forms, with and without the prefix that more than half of them have.
-
-    Of two labels with one form the first counts, and a whole label goes before one without its prefix. A side is no
-    prefix.
-    """
-    heads = [(re.match(r"[^\W_]+[\W_]+", label) or [""])[0] for label in labels]
-    head, count = Counter(heads).most_common(1)[0] if heads else ("", 0)
-    result: dict[str, str] = {}
-    for label in labels:
-        result.setdefault(plain(label), label)
-    if head and 2 * count > len(labels) and plain(head) not in _SIDES:
-        for label in labels:
-            result.setdefault(plain(label.removeprefix(head)), label)
-    return result
-
-
-def _opposite(one: str, other: str) -> bool:
-    """True if two labels begin with the letters of different sides."""
-    first, second = (_SIDES.get(plain(label)[:1]) for label in (one, other))
-    return None not in (first, second) and first != second
 
 
 def _fits(placed: Match) -> bool:

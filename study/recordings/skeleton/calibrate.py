@@ -27,6 +27,7 @@ from study.recordings.joints.estimate import USABLE, JointStatus
 from study.recordings.joints.find import find_joints
 from study.recordings.markersets import MarkerSet
 from study.recordings.recording import Recording, RecordingError
+from study.recordings.skeleton.anatomy import Hips, with_anatomy
 from study.recordings.skeleton.draw import Skeleton, draw_skeleton
 from study.recordings.skeleton.scene import mirrored, side
 
@@ -200,27 +201,49 @@ def _distance(one: Floats, two: Floats) -> float:
     return float(np.linalg.norm(one - two))
 
 
-def calibrate(recording: Recording, markerset: MarkerSet) -> Calibration:
+def calibrate(
+    recording: Recording, markerset: MarkerSet, source: Recording | None = None, hips: Hips = "motion"
+) -> Calibration:
     """Run phase 1: fit joints and shapes to a recording.
 
     Args:
         recording: markers under the set's names (see `match`).
         markerset: segments and joints.
+        source: the whole recording, whose points of the body give anatomical axes (see `with_anatomy`).
+        hips: "regression" to place doubted hips by these points.
 
     Returns:
         The calibration. Every joint has a status and a reason; one that was not found has no place.
     """
-    return with_checks(find_joints(markerset, recording), recording)
+    return with_checks(find_joints(markerset, recording), recording, source, hips)
 
 
-def with_checks(calibration: Calibration, recording: Recording) -> Calibration:
-    """Add the misfits of the shapes, doubts and warnings, from the recording that a calibration is of."""
+def with_checks(
+    calibration: Calibration, recording: Recording, source: Recording | None = None, hips: Hips = "motion"
+) -> Calibration:
+    """Add the misfits of the shapes, doubts, warnings and anatomical axes, from the recording that a calibration is of.
+
+    The arguments are those of `calibrate`.
+    """
     if not calibration.has_poses:
         return calibration
+    checked, drawn = _checked(calibration, recording)
+    if source is None:
+        return checked
+    placed = with_anatomy(checked, drawn, source, hips)
+    if not any(place.status == JointStatus.REGRESSION for place in placed.joints):
+        return placed
+    pairs = zip(placed.joints, calibration.joints, strict=True)
+    joints = tuple(new if new.status == JointStatus.REGRESSION else old for new, old in pairs)
+    return _checked(replace(placed, joints=joints), recording)[0]
+
+
+def _checked(calibration: Calibration, recording: Recording) -> tuple[Calibration, Skeleton]:
+    """The calibration with misfits, doubts and warnings, and the skeleton that is drawn with it."""
     drawn = draw_skeleton(calibration, recording)
     shapes = (replace(shape, misfit=float(m)) for shape, m in zip(calibration.shapes, drawn.misfits, strict=True))
     distances = hull_distances(recording.positions, drawn.centers)
-    return with_doubts(replace(calibration, shapes=tuple(shapes)), distances)
+    return with_doubts(replace(calibration, shapes=tuple(shapes)), distances), drawn
 
 
 _WORSE = 2.0

@@ -62,6 +62,9 @@ def make_scene(
         _orientations(upright, skeleton.rotation(place.joint.parent), axes)
         for place, (_, axes) in zip(shown, principal, strict=True)
     ]
+    children = [place.joint.child for place in shown]
+    axes = [skeleton.calibration.shape(name).anatomy for name in children]
+    anatomy = [_orientations(upright, skeleton.rotation(name), x) for name, x in zip(children, axes, strict=True)]
     return Scene(
         name=recording.name,
         source=source,
@@ -78,6 +81,7 @@ def make_scene(
         errors=np.stack([errors for errors, _ in principal]),
         orientations=np.stack(orientations),
         notes=(*notes, *remarks),
+        anatomy=np.stack(anatomy),
     )
 
 
@@ -114,7 +118,7 @@ def _orientations(upright: Floats, rotation: Floats, axes: Floats) -> Floats:
     frames = rotation.shape[2]
     result = np.full((frames, 4), np.nan)
     known = ~np.isnan(rotation[0, 0])
-    if known.any():
+    if known.any() and not np.isnan(axes).any():
         matrices = np.einsum("ij,jkt,kl->til", upright, rotation[:, :, known], axes)
         turns = Rotation.from_matrix(matrices).as_quat()
         flips = np.cumprod(np.concatenate([[1.0], np.sign((turns[1:] * turns[:-1]).sum(axis=1) + 1e-300)]))

@@ -8,7 +8,7 @@ but a body's parts are above one another: the rotation that makes z point up fol
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -96,6 +96,8 @@ class Scene:
             in which a joint is not known, such as the axis of a hinge.
         orientations: of the principal directions, as quaternions x, y, z, w (joints, frames, 4); NaN where unknown.
         notes: remarks for the viewer.
+        anatomy: orientations of the anatomical axes of the segments that rotate about the joints (joints, frames, 4);
+            NaN where there are none.
     """
 
     name: str
@@ -113,10 +115,13 @@ class Scene:
     errors: Floats
     orientations: Floats
     notes: tuple[str, ...] = ()
+    anatomy: Floats = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
         frames = self.centers.shape[-1]
         count = len(self.joints)
+        if not self.anatomy.size:
+            object.__setattr__(self, "anatomy", np.full((count, frames, 4), np.nan))
         wanted = {
             "places": (len(self.markers), 3, frames),
             "centers": (count, 3, frames),
@@ -124,6 +129,7 @@ class Scene:
             "flags": (count, frames),
             "errors": (count, 3),
             "orientations": (count, frames, 4),
+            "anatomy": (count, frames, 4),
         }
         for name, shape in wanted.items():
             if getattr(self, name).shape != shape:
@@ -168,6 +174,7 @@ class Scene:
             ends=self.ends[:, :, frames],
             flags=self.flags[:, frames],
             orientations=self.orientations[:, frames],
+            anatomy=self.anatomy[:, frames],
         )
 
     def sides(self) -> tuple[str, ...]:

@@ -40,7 +40,8 @@ def motion_document(scene: Scene, rate: float = _RATE) -> dict[str, object]:
         Names, numbers and lists. The arrays are in base64, 16-bit integers with the low byte first: ``markers``
         (frames, markers, 3) and ``points`` (frames, joints and tips, 3) in steps from ``origin``, -32768 if unknown;
         ``turns`` (frames, joints, 4), quaternions x, y, z, w times 32767 that rotate an ellipsoid's axes to the
-        world's; and ``flags`` (frames, joints) in bytes, as `Flag`.
+        world's; ``axes``, the same for the anatomical axes of the segments that move about the joints, if any has
+        some; and ``flags`` (frames, joints) in bytes, as `Flag`.
     """
     shown = scene.at_most(rate)
     places = np.concatenate([shown.places, shown.points])
@@ -49,9 +50,12 @@ def motion_document(scene: Scene, rate: float = _RATE) -> dict[str, object]:
     step = max(float((high - low).max()) / (2 * _LARGEST), 1e-6)
     counts = _rounded((places - origin[:, None]) / step).transpose(2, 0, 1)
     half = np.where(np.isnan(shown.errors), np.nan, half_axes(shown))
+    axes = {}
+    if not np.isnan(shown.anatomy).all():
+        axes = {"axes": _base64(_rounded(_LARGEST * shown.anatomy).transpose(1, 0, 2))}
     joints = [
-        {"name": name, "doubt": doubt, "errors": _numbers(errors), "half_axes": _numbers(axes)}
-        for name, doubt, errors, axes in zip(shown.joints, shown.doubts, shown.errors, half, strict=True)
+        {"name": name, "doubt": doubt, "errors": _numbers(errors), "half_axes": _numbers(lengths)}
+        for name, doubt, errors, lengths in zip(shown.joints, shown.doubts, shown.errors, half, strict=True)
     ]
     return {
         "format": FORMAT,
@@ -78,6 +82,7 @@ def motion_document(scene: Scene, rate: float = _RATE) -> dict[str, object]:
             "points": _base64(counts[:, len(shown.markers) :]),
             "turns": _base64(_rounded(_LARGEST * shown.orientations).transpose(1, 0, 2)),
             "flags": base64.b64encode(np.ascontiguousarray(shown.flags.T).tobytes()).decode(),
+            **axes,
         },
     }
 

@@ -33,7 +33,7 @@ from study.fits.moments import Moments
 from study.fits.registry import as_fit
 from study.fits.samples import blank, explain
 from study.simulation.experiment.compute import attempt
-from study.simulation.experiment.conditions import CONDITIONS, RADIUS, STORED, bound_law, named_in
+from study.simulation.experiment.conditions import CONDITIONS, RADIUS, STATED_VARIANCE, STORED, bound_law, named_in
 from study.simulation.experiment.config import Study
 from study.simulation.experiment.sampling import Trial
 from study.simulation.runs.run_folder import Run
@@ -168,7 +168,7 @@ class JointMarkers(NamedTuple):
     """Markers about one centre, in many trials.
 
     Attributes:
-        sigma: standard deviation of a coordinate, the same for all markers.
+        sigma: standard deviation of a coordinate that the fits are given, the same for all markers.
         radii: radius of each marker's sphere (M,), ascending.
         markers: points of each marker (trials, n, d), measured from the true centre.
     """
@@ -206,7 +206,8 @@ def joint_markers(errors: pd.DataFrame, points: pd.DataFrame) -> Iterator[JointM
             sets = [point_sets(by_name, cell) for cell in mine["cell"]]
             count = min(map(len, sets))
             markers = [each[:count] for each in sets]
-            yield JointMarkers(float(mine["noise"].iloc[0]), mine["radius"].to_numpy(), markers)
+            stated = math.sqrt(mine[STATED_VARIANCE.name].iloc[0]) if STATED_VARIANCE.name in mine else 1.0
+            yield JointMarkers(float(mine["noise"].iloc[0]) * stated, mine["radius"].to_numpy(), markers)
 
 
 class JointFits(NamedTuple):

@@ -22,7 +22,7 @@ from threadpoolctl import threadpool_limits
 from study.files import RunError, TableRows
 from study.simulation.analysis.summary import Grouped, rows_of_groups
 from study.simulation.experiment.compute import compute
-from study.simulation.experiment.designs import Unit
+from study.simulation.experiment.designs import Batch
 from study.simulation.experiment.sampling import units
 from study.simulation.posterior.run import chain_tasks
 from study.simulation.runs import jobs, schemas
@@ -131,7 +131,7 @@ def recompute_units(run: Run, names: list[str], seed: str, share: float) -> dict
         if there.lost(unit):
             seen.update({name: there.of(name, unit).num_rows for name in compared if name != main})
             continue
-        computed = tables(study, compute(study, unit.batches))
+        computed = tables(study, compute(study, unit))
         for name in compared:
             rows = schemas.table(columns[name], computed[name]) if computed[name] else _empty(columns[name])
             if name != "points":
@@ -165,7 +165,7 @@ class _Stored:
         self._run, self._trials = run, run.trials()
         self.main = TableRows(run.path(run.study.keep))
         self._failures = run.arrow("failures") if "failures" in names else None
-        self.places: list[tuple[Unit, int, int]] = []
+        self.places: list[tuple[Batch, int, int]] = []
         row = 0
         for unit, count in self._units():
             if count:
@@ -173,21 +173,24 @@ class _Stored:
             row += count
         self.expected = row
 
-    def _units(self) -> Iterator[tuple[Unit, int]]:
+    def _units(self) -> Iterator[tuple[Batch, int]]:
         """The units, cut to the trials that their cells have, and their numbers of rows."""
         study = self._run.study
         each = len(study.estimators)
         for unit in units(study):
             if study.keep == "summary":
-                yield unit, len(unit.group.cells) * each
+                yield unit, len(unit.cells) * each
             elif not self._trials:
                 yield unit, unit.rows * each
             else:
-                counts = {c: min(self._trials[c.name], unit.last) - unit.first for c in unit.group.cells}
+                counts = {c: min(self._trials[c.name], unit.last) - unit.first for c in unit.cells}
                 open_cells = [cell for cell, count in counts.items() if count > 0]
                 if open_cells:
                     last = unit.first + max(counts.values())
-                    yield Unit(unit.group.only(open_cells), unit.first, last), each * sum(counts[c] for c in open_cells)
+                    yield (
+                        Batch(unit.group.only(open_cells), unit.first, last),
+                        each * sum(counts[c] for c in open_cells),
+                    )
 
     def kept(self, rows: pa.Table) -> pa.Table:
         """Leave out rows of trials that an adaptive run did not give to their cells."""
@@ -196,17 +199,17 @@ class _Stored:
         cells, trials = rows["cell"].cast(pa.string()).to_pylist(), rows["trial"].to_pylist()
         return rows.filter(pa.array([t < self._trials[c] for c, t in zip(cells, trials, strict=True)]))
 
-    def lost(self, unit: Unit) -> bool:
+    def lost(self, unit: Batch) -> bool:
         """Tell whether a unit's worker died."""
         if self._failures is None:
             return False
         return "worker" in pc.unique(self.of("failures", unit)["cause"].cast(pa.string())).to_pylist()
 
-    def of(self, name: str, unit: Unit) -> pa.Table:
+    def of(self, name: str, unit: Batch) -> pa.Table:
         """Stored rows of a unit in the table of failures or of points."""
         use = (pc.field("trial") >= unit.first) & (pc.field("trial") < unit.last)
-        if unit.group.cells:
-            use &= pc.field("cell").cast(pa.string()).isin([cell.name for cell in unit.group.cells])
+        if unit.cells:
+            use &= pc.field("cell").cast(pa.string()).isin([cell.name for cell in unit.cells])
         if name == "failures" and self._failures is not None:
             return self._failures.filter(use)
         return pq.read_table(self._run.path(name), filters=use)

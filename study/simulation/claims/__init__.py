@@ -1,4 +1,4 @@
-"""The claims of the paper, in its order, each judged by stored tables.
+"""The claims of the paper, in its order but for those of its abstract, each judged by stored tables.
 
 To add a claim, write a `Claim` in the file of its subject: the tables it reads, its measure, and its rule.
 """
@@ -14,6 +14,7 @@ from study.simulation.claims import (
     bound,
     costs,
     error_by_noise,
+    further,
     outliers,
     recordings,
     several_markers,
@@ -33,6 +34,7 @@ CLAIMS: tuple[Claim, ...] = (
     *several_markers.CLAIMS,
     *costs.CLAIMS,
     *recordings.CLAIMS,
+    *further.CLAIMS,
 )
 
 __all__ = ["CLAIMS", "Claim", "Evidence", "Verdict", "as_data", "judge_all", "printed", "save"]
@@ -83,7 +85,12 @@ def as_data(runs: Iterable[Run], claims: pd.DataFrame) -> dict[str, object]:
 def printed(claims: pd.DataFrame) -> Iterator[str]:
     """The claims for a terminal: a line per claim, one per number below it, and the count of each verdict."""
     heads = [
-        [str(row.number), f"§{row.section}", str(row.verdict).upper(), str(row.statement)]
+        [
+            str(row.number),
+            f"{'§' * str(row.section)[0].isdigit()}{row.section}",
+            str(row.verdict).upper(),
+            str(row.statement),
+        ]
         for row in claims.itertuples()
     ]
     for head, finding in zip(columns(heads, align="><"), claims["finding"], strict=True):

@@ -16,20 +16,26 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 from pandas.api import types
+from pydantic import Field
 
 from study.arrays import Bools, Floats, Ints
 from study.files import RunError
+from study.fits import Status
 from study.simulation.analysis.regret import JointMarkers, joint_markers
 from study.simulation.experiment.conditions import STORED
 from study.simulation.runs import schemas
 from study.simulation.runs.run_folder import Run
-from study.simulation.statistics import UNKNOWN, Measure, power_law, quantile
+from study.simulation.statistics import FAR, UNKNOWN, Measure, mean, power_law, quantile, share
+from study.toml import Frozen
+
+Average = Callable[[Floats, int], Measure]
+"""Average of values, of which there must be at least so many, with its Monte-Carlo error."""
 
 NAMED = frozenset(
     (
@@ -53,9 +59,30 @@ _ALWAYS = ("cell", "trial", *(condition.name for condition in STORED), "estimato
 _COSTS = ("flops_per_sample", "paper_flops", "scalar_seconds", "vector_seconds")
 """Columns of a cost table that hold numbers."""
 
+LEAST = 20
+"""Least number of data sets behind a median that is shown."""
+WHOLE = 180.0
+"""Half-angle of a cap that is the whole sphere."""
+
 
 class TableMissing(Exception):  # noqa: N818  no error: most sets of runs lack some claim's tables
     """A table that a claim reads is missing; the message names it and the command that makes it."""
+
+
+class Rules(Frozen):
+    """Rules of judging that the paper leaves open.
+
+    Attributes:
+        average: the average of errors: their median, or their mean.
+        far: an outlier's error over √tr CRLB is greater.
+        cost: a fit's cost: operations counted here, the paper's formulas, or seconds in scalar code.
+        fits: the fits that count: all, or those of trials in which every estimator that claims name is ok.
+    """
+
+    average: Literal["median", "mean"] = "median"
+    far: Annotated[float, Field(gt=1.0)] = FAR
+    cost: Literal["operations", "formulas", "seconds"] = "operations"
+    fits: Literal["all", "ok"] = "all"
 
 
 @dataclass(frozen=True)
@@ -67,18 +94,26 @@ class Evidence:
         cost: the table of `study cost`, or None.
         recordings: spreads of joints from case studies, or None; columns as in
             `study.simulation.claims.recordings`.
+        rules: the rules of judging.
     """
 
     runs: Mapping[str, Run]
     cost: pd.DataFrame | None = None
     recordings: pd.DataFrame | None = None
+    rules: Rules = field(default_factory=Rules)
     _read: dict[tuple[str, str], pd.DataFrame] = field(default_factory=dict, init=False, repr=False, compare=False)
     _order: dict[str, Ints] = field(default_factory=dict, init=False, repr=False, compare=False)
     _joints: dict[str, list[JointMarkers]] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @classmethod
-    def of(cls, runs: Iterable[Run], cost: Path | None = None, recordings: pd.DataFrame | None = None) -> "Evidence":
-        """Collect runs of different configs, the file of a cost table, and spreads of joints.
+    def of(
+        cls,
+        runs: Iterable[Run],
+        cost: Path | None = None,
+        recordings: pd.DataFrame | None = None,
+        rules: Rules | None = None,
+    ) -> "Evidence":
+        """Collect runs of different configs, the file of a cost table, spreads of joints, and rules of judging.
 
         Raises:
             RunError: if two runs are of one config's name, or a file cannot be read.
@@ -89,7 +124,7 @@ class Evidence:
             if name in named:
                 raise RunError(f"{named[name].folder} and {run.folder}: both are runs named {name!r}; give one of them")
             named[name] = run
-        return cls(named, None if cost is None else _read_cost(cost), recordings)
+        return cls(named, None if cost is None else _read_cost(cost), recordings, rules or Rules())
 
     def table(self, config: str, name: str) -> pd.DataFrame:
         """A table of the run of a config, read once.
@@ -117,12 +152,29 @@ class Evidence:
         if missing:
             table = self._stored(config, "errors", missing, NAMED)
             if config not in self._order:
-                keys = table[["estimator", "cell"]].reset_index(drop=True)
-                self._order[config] = keys.sort_values(["estimator", "cell"], kind="stable").index.to_numpy()
+                self._order[config] = self._ordered(table.reset_index(drop=True))
             table = table.take(self._order[config]).reset_index(drop=True)
             known = table if known.empty else known.assign(**{name: table[name] for name in missing})
             self._read[config, "errors"] = known
         return known
+
+    def _ordered(self, table: pd.DataFrame) -> Ints:
+        """The rows that count: estimator by estimator, and cell by cell."""
+        if self.rules.fits == "ok":
+            ok = table["status"] == Status.OK
+            table = table[ok.groupby([table["cell"], table["trial"]], observed=True).transform("all")]
+        return table[["estimator", "cell"]].sort_values(["estimator", "cell"], kind="stable").index.to_numpy()
+
+    @property
+    def fits(self) -> str:
+        """The fits that count, in words."""
+        return "all fits" if self.rules.fits == "all" else "fits of trials in which all are ok"
+
+    def average(self, values: "Floats | pd.Series[float]", least: int = LEAST) -> Measure:
+        """Average of errors, at least so many: by the rules their median, or their mean; with its Monte-Carlo error."""
+        if self.rules.average == "mean" and len(values) >= least:
+            return mean(np.asarray(values, dtype=float))
+        return median(values, least)
 
     def _stored(self, config: str, name: str, *selection: Collection[str]) -> pd.DataFrame:
         if config not in self.runs:
@@ -214,6 +266,12 @@ class Number(NamedTuple):
         return cls(words, measure.value, measure.error, trials)
 
     @classmethod
+    def share(cls, words: str, values: "Bools | Floats | pd.Series[bool]", least: int = 1) -> "Number":
+        """Share of the data sets that are true, in part if values are between 0 and 1; unknown below so many."""
+        total = int(np.size(values))
+        return cls.of(words, share(float(np.sum(values)), total) if total >= least else UNKNOWN, total)
+
+    @classmethod
     def unknown(cls, words: str) -> "Number":
         """A number that the tables do not allow."""
         return cls.of(words, UNKNOWN, 0)
@@ -247,7 +305,8 @@ class Claim:
         judge: function from these numbers, in that order, to a verdict. It sees nothing else.
         figure: name of the figure that shows it, or "".
         remark: background for a reader: the source of the paper's number, the explanation of ours.
-        heads: for a claim at the top of the page, its finding in a few words, by verdict.
+        heads: for a claim at the top of the page, its finding in a few words, by verdict; "{otherwise}" stands for how
+            it fares under other readings of the paper.
         story: the numbers behind that finding, formatted as those of ``answer``.
     """
 
@@ -354,12 +413,6 @@ def on_par(most: Number, least_noise: Number) -> Verdict:
     return Verdict.PARTLY if is_one(least_noise) else Verdict.NOT_REPRODUCED
 
 
-LEAST = 20
-"""Least number of data sets behind a median that is shown."""
-WHOLE = 180.0
-"""Half-angle of a cap that is the whole sphere."""
-
-
 def rows_of(errors: pd.DataFrame, estimator: str) -> pd.DataFrame:
     """The rows of one estimator; nothing is copied where they stand together.
 
@@ -429,24 +482,25 @@ def median(values: "Floats | pd.Series[float]", least: int = LEAST) -> Measure:
     return quantile(np.asarray(values, dtype=float), 0.5) if len(values) >= least else UNKNOWN
 
 
-def exponent(words: str, x: Floats, values: Floats, groups: Floats) -> Number:
-    """Exponent of x in the power law of the groups' medians.
+def exponent(words: str, x: Floats, values: Floats, groups: Floats, average: Average | None = None) -> Number:
+    """Exponent of x in the power law of the groups' medians, or other averages.
 
-    It is NaN with fewer than three groups, and infinite if a median is infinite.
+    It is NaN with fewer than three groups, and infinite if an average is infinite.
 
     Args:
         words: name of the exponent.
         x: condition of each value.
         values: the values; some may be infinite.
         groups: group of each value; a group's x is its median.
+        average: of a group's values; their median, if None.
     """
     labels = np.unique(groups)
-    medians = [quantile(values[groups == label], 0.5) for label in labels]
+    averages = [(average or median)(values[groups == label], 1) for label in labels]
     at = np.array([np.median(x[groups == label]) for label in labels])
     trials = min((int(np.sum(groups == label)) for label in labels), default=0)
-    if any(m.value == math.inf for m in medians):
+    if any(m.value == math.inf for m in averages):
         return Number(words, math.inf, math.nan, trials)
-    results = power_law(at, np.array([m.value for m in medians]), np.array([m.error for m in medians]))
+    results = power_law(at, np.array([m.value for m in averages]), np.array([m.error for m in averages]))
     return Number(words, results.exponent, results.error, trials)
 
 

@@ -23,7 +23,6 @@ from study.simulation.claims.claim import (
     median,
     relative_noise,
 )
-from study.simulation.statistics import FAR, UNKNOWN, share
 
 _ABOUT_RADIUS = (0.3, 3.0)
 """Errors over r that count as equal to the radius."""
@@ -43,12 +42,6 @@ _FEW = 5
 """Least number of outliers behind a median; there are fewer of them than of other fits."""
 
 
-def _count(words: str, flags: "pd.Series[bool]") -> Number:
-    """Share of data sets whose flag is true; unknown if there are too few."""
-    total = len(flags)
-    return Number.of(words, share(int(flags.sum()), total) if total >= LEAST else UNKNOWN, total)
-
-
 def _clear(number: Number) -> bool:
     """True if a share stands for three data sets or more."""
     return round(number.value * number.trials) >= _CLEAR
@@ -57,25 +50,26 @@ def _clear(number: Number) -> bool:
 # MLE -----------------------------------------------------------------------------------------------------------------
 
 
-def _mle_outliers(errors: pd.DataFrame) -> tuple["pd.Series[bool]", pd.DataFrame, "pd.Series[float]"]:
+def _mle_outliers(errors: pd.DataFrame, far: float) -> tuple["pd.Series[bool]", pd.DataFrame, "pd.Series[float]"]:
     """MLE's outliers whose error is about the radius, errors over r by estimator, and σ/r; a row per data set."""
     relative = by_estimator(errors, error_over(errors, "radius"))
     ratio = by_estimator(errors, error_over(errors, "bound"))
     noise = by_estimator(errors, relative_noise(errors))["mle"]
     low, high = _ABOUT_RADIUS
-    outliers = (ratio["mle"] > FAR) & (relative["mle"] >= low) & (relative["mle"] <= high)
+    outliers = (ratio["mle"] > far) & (relative["mle"] >= low) & (relative["mle"] <= high)
     return outliers, relative, noise
 
 
 def _measure_mle(evidence: Evidence) -> list[Number]:
     errors = evidence.errors("starts", "error", "bound", "noise_variance")
-    words = "share of trials, .1 r ≤ σ ≤ 10 r, in which MLE's error is .3 r to 3 r and above 10 bounds"
+    far = evidence.rules.far
+    words = f"share of trials, .1 r ≤ σ ≤ 10 r, in which MLE's error is .3 r to 3 r and above {far:g} bounds"
     starts = ("mle", "mle_centroid", "mle_mirror")
     if not has_estimators(errors, *starts, "gdke"):
         return [Number.unknown(words)]
-    outliers, relative, noise = _mle_outliers(errors)
+    outliers, relative, noise = _mle_outliers(errors, far)
     low, high = _NOISE_ABOUT_RADIUS
-    result = _count(words, outliers[(noise >= low) & (noise <= high)])
+    result = Number.share(words, outliers[(noise >= low) & (noise <= high)], LEAST)
     if math.isnan(result.value) or result.value == 0.0:
         return [result]
     residual = by_estimator(errors, errors["noise_variance"])[list(starts)][outliers].fillna(math.inf)
@@ -87,23 +81,26 @@ def _measure_mle(evidence: Evidence) -> list[Number]:
     other = (quiet["mle_mirror"] - quiet["mle"]).abs() > _TWO_MINIMA * quiet["mle"]
     return [
         result,
-        Number.of(
+        Number.share(
             "share of these outliers whose error the best minimum from three starts reduces to a third or less",
-            share(int(cured.sum()), len(cured)) if len(cured) >= _FEW else UNKNOWN,
-            len(cured),
+            cured,
+            _FEW,
         ),
         Number.of("GDKE's error over MLE's in these outliers, median", median(of_gdke / of_mle, _FEW), len(cured)),
         Number.of("σ/r of these outliers, median", median(noise[outliers], _FEW), len(cured)),
-        _count("share of trials, σ < .01 r, in which a start beyond the points ends at another minimum", other),
+        Number.share(
+            "share of trials, σ < .01 r, in which a start beyond the points ends at another minimum", other, LEAST
+        ),
         _runaways(relative, by_estimator(errors, errors["status"])),
     ]
 
 
 def _runaways(relative: pd.DataFrame, status: pd.DataFrame) -> Number:
     """Share of MLE fits that are ok and yet so far off that their sphere is a plane."""
-    return _count(
+    return Number.share(
         "share of all trials in which MLE's error exceeds 10⁴ r and its status is ok",
         (relative["mle"] > 1e4) & (status["mle"] == Status.OK),
+        LEAST,
     )
 
 
@@ -124,43 +121,48 @@ _VERSIONS = {
 }
 
 
-def _numerical(errors: pd.DataFrame, estimator: str) -> "pd.Series[bool]":
+def _numerical(errors: pd.DataFrame, estimator: str, far: float) -> "pd.Series[bool]":
     """True for data sets with an outlier of this estimator and none of GDKE."""
     ratio = by_estimator(errors, error_over(errors, "bound"))
-    return (ratio[estimator] > FAR) & (ratio["gdke"] <= FAR)
+    return (ratio[estimator] > far) & (ratio["gdke"] <= far)
 
 
 def _measure_small(evidence: Evidence) -> list[Number]:
+    far = evidence.rules.far
     errors, paper = (evidence.errors(config, "error", "bound") for config in ("outliers", "paper"))
     if not (has_estimators(errors, *_VERSIONS, "gdke") and has_estimators(paper, "lls", "gdke")):
         return [Number.unknown("outliers of LLS")]
     noise = by_estimator(errors, relative_noise(errors))["gdke"]
     small, middle = (noise > _ROUNDING) & (noise < _SMALL), (noise >= 10.0 * _SMALL) & (noise < _LARGE)
     numbers = [
-        _count(f"share of outliers of LLS, 1e-12 r < σ < 1e-6 r, {words}", _numerical(errors, name)[small])
+        Number.share(
+            f"share of outliers of LLS, 1e-12 r < σ < 1e-6 r, {words}", _numerical(errors, name, far)[small], LEAST
+        )
         for name, words in _VERSIONS.items()
     ]
-    above = pd.concat([_numerical(errors, name)[middle] for name in ("lls_nr_raw", "lls_nr")])
-    numbers.append(_count("share of outliers of LLS, 1e-5 r ≤ σ < 1e10 r, both cuts", above))
+    above = pd.concat([_numerical(errors, name, far)[middle] for name in ("lls_nr_raw", "lls_nr")])
+    numbers.append(Number.share("share of outliers of LLS, 1e-5 r ≤ σ < 1e10 r, both cuts", above, LEAST))
     below = by_estimator(paper, relative_noise(paper))["gdke"] < _SMALL
     numbers.append(
-        _count(
+        Number.share(
             "share of outliers of LLS, paper's design, σ < 1e-6 r, no singular values cut",
-            _numerical(paper, "lls")[below],
+            _numerical(paper, "lls", far)[below],
+            LEAST,
         )
     )
     return numbers
 
 
 def _judge_small(numbers: list[Number]) -> Verdict:
-    uncut, raw, centred, _, above = numbers[:5]
-    if _clear(uncut):
-        return Verdict.REPRODUCED
+    uncut, raw, centred, single, above = numbers[:5]
     cut = max(raw, centred, key=lambda n: n.value)
-    return Verdict.PARTLY if _clear(cut) and above.value < 0.1 * cut.value else Verdict.NOT_REPRODUCED
+    if _clear(cut) and above.value < 0.1 * cut.value:
+        return Verdict.REPRODUCED
+    return Verdict.PARTLY if any(map(_clear, (uncut, cut, single))) else Verdict.NOT_REPRODUCED
 
 
 def _measure_place(evidence: Evidence) -> list[Number]:
+    far = evidence.rules.far
     errors = evidence.errors("outliers", "error", "bound")
     if not has_estimators(errors, "lls_nr", "lls_nr_raw", "gdke"):
         return [Number.unknown("error of LLS outliers over the radius")]
@@ -168,11 +170,10 @@ def _measure_place(evidence: Evidence) -> list[Number]:
     noise = by_estimator(errors, relative_noise(errors))["gdke"]
     numbers = []
     for name in ("lls_nr", "lls_nr_raw"):
-        result = relative[name][_numerical(errors, name) & (noise > _ROUNDING) & (noise < _SMALL)].to_numpy()
-        near = share(int(np.sum(np.abs(result - 1.0) <= _ON_SPHERE)), len(result)) if len(result) >= _FEW else UNKNOWN
-        words = _VERSIONS[name]
+        result = relative[name][_numerical(errors, name, far) & (noise > _ROUNDING) & (noise < _SMALL)].to_numpy()
+        near, words = np.abs(result - 1.0) <= _ON_SPHERE, _VERSIONS[name]
         numbers.append(Number.of(f"median error over r of LLS's outliers, {words}", median(result, _FEW), len(result)))
-        numbers.append(Number.of(f"share of these outliers within r/10 of the sphere, {words}", near, len(result)))
+        numbers.append(Number.share(f"share of these outliers within r/10 of the sphere, {words}", near, _FEW))
     return numbers
 
 
@@ -184,27 +185,34 @@ def _judge_place(numbers: list[Number]) -> Verdict:
 
 
 def _measure_large(evidence: Evidence) -> list[Number]:
+    far = evidence.rules.far
     errors, paper = (evidence.errors(config, "error", "bound") for config in ("outliers", "paper"))
     if not (has_estimators(errors, "lls", "lls_single", "gdke") and has_estimators(paper, "lls", "gdke")):
         return [Number.unknown("outliers of LLS")]
     noise = by_estimator(errors, relative_noise(errors))["gdke"]
     large = noise > _LARGE
-    single = _numerical(errors, "lls_single")
+    single = _numerical(errors, "lls_single", far)
     overflown = by_estimator(errors, errors["status"])["lls_single"] == Status.NOT_FINITE
     first = noise[overflown & (noise > 1.0)].to_numpy()
     beyond = by_estimator(paper, relative_noise(paper))["gdke"] > _LARGE
     edge = float(np.min(first)) if len(first) else math.inf
     return [
-        _count("share of outliers or failures of LLS, σ > 1e10 r, double precision", _numerical(errors, "lls")[large]),
-        _count("share of outliers or failures of LLS, σ > 1e10 r, single precision", single[large]),
-        _count(
+        Number.share(
+            "share of outliers or failures of LLS, σ > 1e10 r, double precision",
+            _numerical(errors, "lls", far)[large],
+            LEAST,
+        ),
+        Number.share("share of outliers or failures of LLS, σ > 1e10 r, single precision", single[large], LEAST),
+        Number.share(
             "share of outliers or failures of LLS, r ≤ σ ≤ 1e9 r, single precision",
             single[(noise >= 1.0) & (noise <= 1e9)],
+            LEAST,
         ),
         Number("smallest σ/r at which sums in single precision overflow", edge, 0.0, len(noise)),
-        _count(
+        Number.share(
             "share of outliers or failures of LLS, paper's design, σ > 1e10 r, double precision",
-            _numerical(paper, "lls")[beyond],
+            _numerical(paper, "lls", far)[beyond],
+            LEAST,
         ),
     ]
 
@@ -248,21 +256,23 @@ CLAIMS: tuple[Claim, ...] = (
         statement="LLS has outliers where the noise is below about 1e-6 of the radius, because of the finite "
         "representation of numbers.",
         quantity="outliers of LLS that GDKE does not have on the same points, caps of up to 5°",
-        criterion="Reproduced if LLS without a cut of singular values has such outliers for σ < 1e-6 r (three or "
-        "more); partly if only LLS with a cut has them, and less than a tenth as often for σ ≥ 1e-5 r; not reproduced "
+        criterion="Reproduced if LLS with small singular values cut, as in the book that the paper takes its programs "
+        "from, has such outliers for σ < 1e-6 r (three or more), and less than a tenth as often for σ ≥ 1e-5 r; partly "
+        "if it has them elsewhere too, or only LLS without a cut or in single precision has them; not reproduced "
         "otherwise. Failures count.",
-        answer="of LLS's fits there, {0:share} are outliers, and {1:share} if small singular values are cut.",
+        answer="of LLS's fits there, {1:share} are outliers if small singular values are cut, as in Numerical Recipes, "
+        "and {0:share} if not.",
         reads=("outliers/errors", "paper/errors"),
         measure=_measure_small,
         judge=_judge_small,
         figure="fig2_error",
-        remark="A cut of small singular values, as in the book that the paper takes its programs from, makes outliers "
-        "on tiny caps up to just this noise; above it, the bound itself reaches the radius. One in 36 of the paper's "
+        remark="The paper takes its programs from Numerical Recipes. The cut makes outliers on tiny caps up to just "
+        "this noise; above it, the bound itself reaches the radius. One in 36 of the paper's "
         "angles is so small. Single precision makes outliers too, the more the smaller the noise is, and it fails at "
         "both of the paper's limits.",
         heads={
-            Verdict.REPRODUCED: "LLS's outliers.",
-            Verdict.PARTLY: "LLS's outliers come from a cut of small singular values.",
+            Verdict.REPRODUCED: "LLS's outliers come from a cut of small singular values.",
+            Verdict.PARTLY: "LLS's outliers.",
         },
         story="On tiny caps with tiny noise {1:share} of its fits are outliers with the cut, {0:share} without.",
     ),

@@ -32,14 +32,17 @@ from study.simulation.statistics import Measure, mean, share
 
 def _measure_power(evidence: Evidence) -> list[Number]:
     errors = evidence.errors("power-law", "error")
-    return [_exponent(errors, "ugdk"), *only_known(_exponent(errors, name) for name in ("mle", "gdke"))]
+    return [
+        _exponent(evidence, errors, "ugdk"),
+        *only_known(_exponent(evidence, errors, name) for name in ("mle", "gdke")),
+    ]
 
 
-def _exponent(errors: pd.DataFrame, estimator: str) -> Number:
+def _exponent(evidence: Evidence, errors: pd.DataFrame, estimator: str) -> Number:
     part = rows_of(errors, estimator)
     at = part["samples"].to_numpy(dtype=float)
-    words = f"exponent of N in {estimator.upper()}'s median error, all fits"
-    return exponent(words, at, np.asarray(error_over(part, "radius")), at)
+    words = f"exponent of N in {estimator.upper()}'s {evidence.rules.average} error, {evidence.fits}"
+    return exponent(words, at, np.asarray(error_over(part, "radius")), at, evidence.average)
 
 
 def _judge_power(numbers: list[Number]) -> Verdict:
@@ -52,6 +55,8 @@ def _judge_power(numbers: list[Number]) -> Verdict:
 _MANY = 200
 """Samples above which the claim promises a centimetre."""
 _CENTIMETRE = 0.01
+_FEWEST_HINGES = 3
+"""Least number of hinges: a body has few."""
 _FEWEST = 5
 """Least number of joints: all of four are on one side by chance with probability 2⁻⁴ > .05."""
 
@@ -102,6 +107,16 @@ def _share(words: str, below: "pd.Series[float]") -> Number:
 def _over_joints(words: str, measure: Measure, joints: int) -> Number:
     enough = joints >= _FEWEST
     return Number.of(words, measure, joints) if enough else Number.unknown(f"{words} (needs {_FEWEST} joints)")
+
+
+def hinge_spreads(spreads: pd.DataFrame) -> list[Number]:
+    """Shares of spreads of a centimetre or more, above 200 samples with every axis fitted: of hinges, and of others."""
+    numbers, many = [], spreads[spreads["samples"] > _MANY]
+    for words, part in (("hinges", many[many["hinge"]]), ("other joints", many[~many["hinge"]])):
+        joints = _per_joint(1.0 - _below(part, "with_axes"))
+        words = f"share of spreads of 1 cm or more, above {_MANY} samples, every axis fitted: {len(joints)} {words}"
+        numbers.append(Number.share(words, joints, _FEWEST_HINGES))
+    return numbers
 
 
 def _judge_recordings(numbers: list[Number]) -> Verdict:
@@ -174,8 +189,9 @@ def read_case_studies(folders: Sequence[Path]) -> pd.DataFrame:
         A row per case study, joint and N: ``recording``, the digest of the recording's file; ``joint``; ``samples``, N;
         and in metres ``spread``, the median distance from the whole recording's centre, without the axis of a hinge if
         the case study dropped it, where a failed fit counts as farther than any other; ``with_axes``, the same with
-        every axis kept, as in the paper; ``error``, the spread and the standard error of the whole recording's centre
-        together; ``doubted``, whether the joint is in doubt, as all are in a table that does not say.
+        every axis kept, as in the paper; ``hinge``, whether one was dropped; ``error``, the spread and the standard
+        error of the whole recording's centre together; ``doubted``, whether the joint is in doubt, as all are in a
+        table that does not say.
 
     Raises:
         InputError: if a folder has no case study, one that cannot be read or does not name its recording, or the
@@ -217,4 +233,5 @@ def _read(folder: Path) -> pd.DataFrame:
     columns = {"spread": across["median"], "with_axes": kept["median"], "error": across["error"]}
     # a table of before doubts were stored rests on errors without skin
     columns["doubted"] = across["doubted"].astype(bool) if "doubted" in across else pd.Series(True, across.index)
-    return pd.DataFrame(columns).reset_index().assign(recording=scatter["digest"].iloc[0])
+    table = pd.DataFrame(columns).reset_index()
+    return table.assign(recording=scatter["digest"].iloc[0], hinge=table["joint"].isin(hinges))

@@ -60,12 +60,11 @@ def _measure_bias(evidence: Evidence) -> list[Number]:
     last = rows_of(both, "ugdk")
     last = last[last["samples"] == last["samples"].max()]
     bias = mean((last["error_1"] * last["samples"] / last["radius"]).to_numpy())
-    failed = int(np.sum(ugdk["status"] != Status.OK))
     return [
         _bias_exponent(both, "ugdk"),
         _bias_exponent(both, "gdke"),
         Number.of(f"UGDK's bias times N/r at the largest N, {_BOTH}", bias, len(last)),
-        Number.of("share of UGDK's fits that are not ok", share(failed, len(ugdk)), len(ugdk)),
+        Number.share("share of UGDK's fits that are not ok", ugdk["status"] != Status.OK),
     ]
 
 
@@ -80,29 +79,35 @@ def _judge_bias(numbers: list[Number]) -> Verdict:
 def _measure_error(evidence: Evidence) -> list[Number]:
     grid = rows_of(evidence.errors("power-law", "error"), "ugdk")
     paper = rows_of(evidence.errors("paper", "error", "bound"), "ugdk")
+    average, word = evidence.average, evidence.rules.average
     relative = np.asarray(relative_noise(paper), dtype=float)
     small, large = relative < 0.01, relative >= 1.0
     samples = paper["samples"].to_numpy(dtype=float)
     as_computed = (paper["error"] / paper["noise"]).fillna(math.inf).to_numpy()
     at = grid["samples"].to_numpy(dtype=float)
-    ok = int(np.sum(paper["status"].to_numpy()[large] == Status.OK))
     return [
         exponent(
-            "exponent of N in the median error, all fits, σ = .02 r", at, np.asarray(error_over(grid, "radius")), at
+            f"exponent of N in the {word} error, {evidence.fits}, σ = .02 r",
+            at,
+            np.asarray(error_over(grid, "radius")),
+            at,
+            average,
         ),
         exponent(
-            "exponent of σ in the median of error over bound, all fits, σ < .01 r",
+            f"exponent of σ in the {word} of error over bound, {evidence.fits}, σ < .01 r",
             relative[small],
             np.asarray(error_over(paper, "bound"))[small],
             decade(relative[small]),
+            average,
         ),
         exponent(
-            "exponent of N in the median of error over σ, all fits, σ ≥ r",
+            f"exponent of N in the {word} of error over σ, {evidence.fits}, σ ≥ r",
             samples[large],
             as_computed[large],
             decade(samples[large]),
+            average,
         ),
-        Number.of("share of fits that are ok, σ ≥ r", share(ok, int(large.sum())), int(large.sum())),
+        Number.share("share of fits that are ok, σ ≥ r", paper["status"].to_numpy()[large] == Status.OK),
     ]
 
 
@@ -119,12 +124,8 @@ def _measure_condition(evidence: Evidence) -> list[Number]:
     errors = center_errors(cell)
     held = int(np.sum(inside(errors, np.array([robust_sd(e) for e in errors.T]), _LEVEL)))
     return [
-        Number.of(
-            f"share of trials with ρ below {PAPER_CONDITION}",
-            share(int(np.sum(condition < PAPER_CONDITION)), trials),
-            trials,
-        ),
-        Number.of("share of trials with ρ < 1", share(int(np.sum(condition < 1.0)), trials), trials),
+        Number.share(f"share of trials with ρ below {PAPER_CONDITION}", condition < PAPER_CONDITION),
+        Number.share("share of trials with ρ < 1", condition < 1.0),
         Number.of("share of trials whose 95 % ellipse contains the true centre", share(held, trials), trials),
         Number.of("median of ρ", quantile(condition, 0.5), trials),
     ]

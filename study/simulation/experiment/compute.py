@@ -4,7 +4,7 @@ A unit's batches are drawn, placed on the spheres of their cells, fitted, and co
 an estimator, or an exit, costs the trials that raise it, and no others.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Any
@@ -31,22 +31,18 @@ class Errors:
     """Errors of E estimators on T trials of each of C cells, which share their draws.
 
     Attributes:
-        cells: the conditions.
+        batch: the trials and their cells.
         estimators: the names.
         conditions: names of the conditions that are columns of the table.
-        first: number of the first trial.
-        blocks: numbers of trials, with the sum T: rows of the table are ordered block by block.
         bound: the Cramér-Rao bound at σ = 1 of each trial's directions (T, d+1, d+1).
         center: estimated minus true centre (C, E, T, d), in the unit of the cells.
         radius: estimated minus true radius (C, E, T).
         noise_variance: as the fit has it (C, E, T); so are ``status``, ``condition`` and ``iterations``.
     """
 
-    cells: tuple[Cell, ...]
+    batch: Batch
     estimators: tuple[str, ...]
     conditions: tuple[str, ...]
-    first: int
-    blocks: tuple[int, ...]
     bound: Floats
     center: Floats
     radius: Floats
@@ -57,27 +53,22 @@ class Errors:
 
     @classmethod
     def of(
-        cls,
-        study: Study,
-        batches: Sequence[Batch],
-        bound: Floats,
-        fits: Sequence[list[Estimates]],
-        of_spheres: bool = True,
+        cls, study: Study, batch: Batch, bound: Floats, fits: Sequence[list[Estimates]], of_spheres: bool = True
     ) -> "Errors":
         """Compare fits with the truth.
 
         Args:
             study: the config, of which the estimators and the stored conditions count.
-            batches: consecutive trials of the same cells.
+            batch: the trials and their cells.
             bound: the Cramér-Rao bound at σ = 1 of each trial's directions (T, d+1, d+1).
-            fits: of all trials. Levels may have been fitted together: for each such group of levels there is a fit per
-                estimator, of each trial's levels one after the other.
+            fits: of all trials: for each level, or several levels that were fitted together, a fit per estimator, of
+                each trial's levels one after the other.
             of_spheres: true if the fits are spheres; false if they are their errors already.
         """
-        cells = batches[0].cells
+        cells = batch.cells
         level = np.empty(len(cells), dtype=np.intp)
-        for index, places in enumerate(levels(cells)):
-            level[places] = index
+        for index, places in enumerate(batch.group.levels):
+            level[list(places)] = index
         scale = np.array([cell.scale for cell in cells])[:, None, None]
         true_center = np.where(of_spheres, [cell.level.center for cell in cells], 0.0)[:, None, None]
         true_radius = np.where(of_spheres, [cell.level.radius for cell in cells], 0.0)[:, None, None]
@@ -92,11 +83,9 @@ class Errors:
             return np.asarray(np.concatenate(groups)[level])
 
         return cls(
-            cells=cells,
+            batch=batch,
             estimators=study.estimators,
             conditions=tuple(condition.name for condition in study.conditions()),
-            first=batches[0].first,
-            blocks=tuple(batch.trials for batch in batches),
             bound=bound,
             center=(by_cell("center") - true_center) * scale[..., None],
             radius=(by_cell("radius") - true_radius) * scale,
@@ -107,15 +96,20 @@ class Errors:
         )
 
     @classmethod
-    def joined(cls, blocks: Sequence["Errors"]) -> "Errors":
-        """Join blocks of consecutive trials of the same cells."""
-        if len(blocks) == 1:
-            return blocks[0]
+    def joined(cls, parts: Sequence["Errors"]) -> "Errors":
+        """Join consecutive trials of the same cells."""
+        if len(parts) == 1:
+            return parts[0]
         of_fits: dict[str, Any] = {
-            name: np.concatenate([getattr(b, name) for b in blocks], axis=2) for name in Estimates._fields
+            name: np.concatenate([getattr(part, name) for part in parts], axis=2) for name in Estimates._fields
         }
-        sizes = tuple(size for b in blocks for size in b.blocks)
-        return replace(blocks[0], blocks=sizes, bound=np.concatenate([b.bound for b in blocks]), **of_fits)
+        batch = replace(parts[0].batch, last=parts[-1].batch.last)
+        return replace(parts[0], batch=batch, bound=np.concatenate([part.bound for part in parts]), **of_fits)
+
+    @property
+    def cells(self) -> tuple[Cell, ...]:
+        """The cells."""
+        return self.batch.cells
 
     @property
     def sigma(self) -> Floats:
@@ -140,14 +134,14 @@ class Errors:
     def columns(self) -> Columns:
         """Rows of the error table: block by block, cell by cell, estimator by estimator, trial by trial."""
         c, e, t = self.radius.shape
-        places, ends = np.arange(c * e * t).reshape(c, e, t), np.cumsum(self.blocks)[:-1]
+        places, ends = np.arange(c * e * t).reshape(c, e, t), np.cumsum([n for *_, n in self.batch.blocks()])[:-1]
         place = np.concatenate([part.ravel() for part in np.split(places, ends, axis=2)])
         cell, estimator, trial = np.unravel_index(place, (c, e, t))
         of_cells = [cell.values for cell in self.cells]
         error = self.center.reshape(c * e * t, self.center.shape[3])[place]
         return {
             "cell": np.array([cell.name for cell in self.cells], dtype=object)[cell],
-            "trial": self.first + trial,
+            "trial": self.batch.first + trial,
             **{name: _column(name, of_cells)[cell] for name in self.conditions},
             "estimator": np.array(self.estimators, dtype=object)[estimator],
             **{f"error_{i + 1}": error[:, i] for i in range(error.shape[1])},
@@ -166,14 +160,6 @@ def _column(name: str, of_cells: Sequence[Mapping[str, Value]]) -> NDArray[Any]:
     """A condition of each cell; words as objects, which tables are made of."""
     values = [cell[name] for cell in of_cells]
     return np.array(values, dtype=object) if CONDITIONS[name].kind is str else np.array(values)
-
-
-def levels(cells: tuple[Cell, ...]) -> Iterator[list[int]]:
-    """The places of the cells of each level, in the order in which levels first come."""
-    places: dict[Cell, list[int]] = {}
-    for place, cell in enumerate(cells):
-        places.setdefault(cell.level, []).append(place)
-    yield from places.values()
 
 
 _LONGEST_MESSAGE = 500
@@ -215,45 +201,93 @@ def _called(name: str, samples: Samples) -> Estimates:
     return fit
 
 
-class Failures:
-    """Fits that failed, as rows in the order of the error table's.
+TOGETHER = 2**17
+"""Samples drawn at once: several blocks, so that calls cost little, and few enough for a cache."""
+
+_workspace = Workspace()
+
+
+class Result:
+    """Result of a unit: errors, seconds of each step, points that the study keeps, and fits that failed.
 
     Args:
-        estimators: names, in the order of the study.
-        cause: the cause of all of them, exception or worker.
+        study: the config.
+        cause: cause of all failures: exception, or worker.
+
+    Attributes:
+        blocks: errors of consecutive trials of the same cells.
     """
 
-    def __init__(self, estimators: Sequence[str], cause: str = "exception") -> None:
-        self._places = {name: place for place, name in enumerate(estimators)}
-        self._cause = cause
-        self._rows: list[tuple[int, int, int, int, Cell, str, str]] = []
+    def __init__(self, study: Study, cause: str = "exception") -> None:
+        self.blocks: list[Errors] = []
+        self._study, self._cause = study, cause
+        self._seconds: dict[tuple[str, int], list[float]] = {}
+        self._points: dict[tuple[int, int], Columns] = {}
+        self._failures: list[tuple[int, int, int, int, Cell, str, str]] = []
+        self._last = perf_counter()
 
-    def note(self, name: str, cells: Sequence[int], batches: Sequence[Batch], raised: dict[int, str]) -> None:
+    def clock(self, step: str, samples: int, fits: int) -> None:
+        """Close a step that served so many data sets of so many samples."""
+        entry = self._seconds.setdefault((step, samples), [0, 0.0])
+        now = perf_counter()
+        entry[0] += fits
+        entry[1] += now - self._last
+        self._last = perf_counter()
+
+    def fail(self, name: str, cells: Sequence[int], batch: Batch, raised: Mapping[int, str]) -> None:
         """Note the exceptions of an estimator.
 
         Args:
             name: the estimator's.
-            cells: places, in their batches, of the cells that were fitted.
-            batches: the batches that were fitted, their trials one after the other.
+            cells: places, in the batch, of the cells that were fitted.
+            batch: the trials that were fitted.
             raised: messages by the number of the trial, from 0.
         """
-        if not raised:
-            return
-        start = 0
-        for batch in batches:
-            for trial in range(batch.trials):
-                if (message := raised.get(start + trial)) is not None:
-                    for cell in cells:
-                        place = (batch.first, cell, self._places[name], batch.first + trial)
-                        self._rows.append((*place, batch.cells[cell], name, message))
-            start += batch.trials
+        estimator, size = self._study.estimators.index(name), batch.group.size
+        for place, message in raised.items():
+            trial = batch.first + place
+            for cell in cells:
+                order = (trial // size, cell, estimator, trial)
+                self._failures.append((*order, batch.cells[cell], name, message))
 
-    def columns(self) -> Columns:
-        """The rows; no columns if there are none."""
-        if not self._rows:
+    def add_points(self, place: int, batch: Batch, samples: Samples) -> None:
+        """Add the points of a cell of a batch, as far as the study keeps them, from those of its level."""
+        cell, start = batch.cells[place], 0
+        for *_, trials in batch.blocks():
+            first = batch.first + start
+            if (count := min(trials, self._study.keep_points - first)) > 0:
+                points = _point_columns(cell, first, cell.scale * samples.x[start : start + count])
+                self._points[first, place] = points
+            start += trials
+
+    @property
+    def errors(self) -> Columns:
+        """Columns of the error table; none without estimators."""
+        return stack(block.columns() for block in self.blocks)
+
+    @property
+    def timings(self) -> Columns:
+        """Columns of the timing table: the seconds of equal steps and sizes added up."""
+        if not self._seconds:
             return {}
-        self._rows.sort(key=lambda row: row[:4])
-        *_, trials, cells, names, messages = zip(*self._rows, strict=True)
+        return {
+            "step": np.array([step for step, _ in self._seconds], dtype=object),
+            "samples": np.array([samples for _, samples in self._seconds], dtype=np.int64),
+            "fits": np.array([int(fits) for fits, _ in self._seconds.values()], dtype=np.int64),
+            "seconds": np.array([seconds for _, seconds in self._seconds.values()]),
+        }
+
+    @property
+    def points(self) -> Columns:
+        """Columns of the points that the study keeps, block by block and cell by cell; none if it keeps none."""
+        return stack(self._points[place] for place in sorted(self._points))
+
+    @property
+    def failures(self) -> Columns:
+        """Columns of the fits that failed, in the order of the error table; none if none did."""
+        if not self._failures:
+            return {}
+        *_, trials, cells, names, messages = zip(*sorted(self._failures, key=lambda row: row[:4]), strict=True)
         return {
             "cell": np.array([cell.name for cell in cells], dtype=object),
             "trial": np.array(trials, dtype=np.int64),
@@ -264,197 +298,85 @@ class Failures:
         }
 
 
-TOGETHER = 2**17
-"""Samples drawn at once: several batches, so that calls cost little, and few enough for a cache."""
-
-_workspace = Workspace()
-
-
-class Clock:
-    """Seconds spent in each step since the last reading, as rows of the timing table."""
-
-    def __init__(self) -> None:
-        self.rows: list[tuple[str, int, int, float]] = []
-        self._last = perf_counter()
-
-    def read(self, step: str, samples: int, fits: int) -> None:
-        """Close a step that served so many data sets of so many samples."""
-        now = perf_counter()
-        self.rows.append((step, samples, fits, now - self._last))
-        self._last = perf_counter()
-
-    def columns(self) -> Columns:
-        """The rows, with the seconds of equal steps and sizes added up; no columns if there are none."""
-        if not self.rows:
-            return {}
-        totals: dict[tuple[str, int], list[float]] = {}
-        for step, samples, fits, seconds in self.rows:
-            entry = totals.setdefault((step, samples), [0, 0.0])
-            entry[0] += fits
-            entry[1] += seconds
-        return {
-            "step": np.array([step for step, _ in totals], dtype=object),
-            "samples": np.array([samples for _, samples in totals], dtype=np.int64),
-            "fits": np.array([int(fits) for fits, _ in totals.values()], dtype=np.int64),
-            "seconds": np.array([seconds for _, seconds in totals.values()]),
-        }
+def compute(study: Study, unit: Batch) -> Result:
+    """Draw the trials of a unit, place them on their cells' spheres, fit them, and compare with the truth."""
+    result = Result(study)
+    (_from_moments if study.route == "moments" else _from_points)(study, unit, result)
+    return result
 
 
-@dataclass(frozen=True)
-class Result:
-    """Result of a unit.
-
-    Attributes:
-        blocks: errors of consecutive trials of the same cells.
-        clock: seconds of each step.
-        points: columns of the points that the study keeps, none if it keeps none.
-        failures: columns of the fits that failed, none if none did.
-    """
-
-    blocks: tuple[Errors, ...]
-    clock: Clock
-    points: Columns
-    failures: Columns
-
-    @property
-    def errors(self) -> Columns:
-        """Columns of the error table; none without estimators."""
-        return stack(block.columns() for block in self.blocks)
-
-    @property
-    def timings(self) -> Columns:
-        """Columns of the timing table."""
-        return self.clock.columns()
-
-
-def compute(study: Study, batches: Sequence[Batch]) -> Result:
-    """Draw batches, place them on their cells' spheres, fit them, and compare with the truth.
-
-    Args:
-        study: the config.
-        batches: of a unit, in order.
-    """
-    clock, points, failures = Clock(), StoredPoints(study), Failures(study.estimators)
-    if study.route == "moments":
-        blocks = _from_moments(study, batches, clock, failures)
-    else:
-        blocks = _from_points(study, batches, clock, points, failures)
-    return Result(tuple(blocks), clock, stack(points.columns()), failures.columns())
-
-
-def lost(study: Study, batches: Sequence[Batch], message: str) -> Result:
+def lost(study: Study, unit: Batch, message: str) -> Result:
     """Result of a unit whose worker died: every fit failed, and no bound is known."""
-    d, blocks, failures = study.dimension, [], Failures(study.estimators, "worker")
-    for batch in batches:
-        on, bound = list(levels(batch.cells)), np.full((batch.trials, d + 1, d + 1), np.nan)
-        fit = blank(batch.trials * len(on), d)
+    d, result = study.dimension, Result(study, "worker")
+    for batch in unit.parts(0):
+        bound = np.full((batch.trials, d + 1, d + 1), np.nan)
+        fit = blank(batch.trials * len(batch.group.levels), d)
         fit.status[:] = Status.FAILED
         for name in study.estimators:
-            failures.note(name, range(len(batch.cells)), [batch], dict.fromkeys(range(batch.trials), message))
-        blocks.append(Errors.of(study, [batch], bound, [[fit] * len(study.estimators)]))
-    return Result(tuple(blocks), Clock(), {}, failures.columns())
+            result.fail(name, range(len(batch.cells)), batch, dict.fromkeys(range(batch.trials), message))
+        result.blocks.append(Errors.of(study, batch, bound, [[fit] * len(study.estimators)]))
+    return result
 
 
-def _from_points(
-    study: Study, unit: Sequence[Batch], clock: Clock, points: "StoredPoints", failures: Failures
-) -> Iterator[Errors]:
+def _from_points(study: Study, unit: Batch, result: Result) -> None:
     """Form the points of each level and fit them, as the paper did: rounding is included."""
-    for batches in together(unit):
-        n, cells = batches[0].samples, batches[0].cells
-        draws = draw(study, batches, _workspace)
-        trials = len(draws.unit_noise)
-        clock.read("draw", n, trials)
+    for batch in unit.parts(TOGETHER):
+        n, trials = batch.group.samples, batch.trials
+        draws = draw(study, batch, _workspace)
+        result.clock("draw", n, trials)
         bound = draws.unit_bound()
         fits: list[list[Estimates]] = []
-        clock.read("bound", n, trials)
-        for places in levels(cells):
-            level = cells[places[0]].level
-            samples = draws.place(level, _workspace)
-            clock.read("points", n, trials)
+        result.clock("bound", n, trials)
+        for places in batch.group.levels:
+            samples = draws.place(batch.cells[places[0]].level, _workspace)
+            result.clock("points", n, trials)
             samples.spectrum  # noqa: B018  computed now, so that no estimator's time includes what all use
-            clock.read("moments", n, trials)
-            fits.append([])
-            for name in study.estimators:
-                fit, raised = attempt(name, samples)
-                fits[-1].append(fit)
-                if raised:
-                    failures.note(name, places, batches, raised)
-                clock.read(name, n, trials)
+            result.clock("moments", n, trials)
+            fits.append(_fits(study, samples, places, batch, result))
             for place in places if study.keep_points else ():
-                points.add(cells[place], batches, samples)
+                result.add_points(place, batch, samples)
         if study.estimators:  # if all fits are known already, a run may need points or timings alone
-            yield Errors.of(study, batches, bound, fits)
+            result.blocks.append(Errors.of(study, batch, bound, fits))
 
 
-def _from_moments(study: Study, unit: Sequence[Batch], clock: Clock, failures: Failures) -> Iterator[Errors]:
+def _from_moments(study: Study, unit: Batch, result: Result) -> None:
     """Reduce the draws to their joint moments, and fit all levels of all trials from those, without rounding."""
-    parts, bounds, cells = [], [], unit[0].cells
-    for batches in together(unit):
-        n = batches[0].samples
-        draws = draw(study, batches, _workspace)
-        clock.read("draw", n, len(draws.unit_noise))
-        parts.append(JointMoments.of(draws.directions, draws.unit_noise))
-        clock.read("moments", n, len(draws.unit_noise))
+    moments, bounds, n = [], [], unit.group.samples
+    for batch in unit.parts(TOGETHER):
+        draws = draw(study, batch, _workspace)
+        result.clock("draw", n, batch.trials)
+        moments.append(JointMoments.of(draws.directions, draws.unit_noise))
+        result.clock("moments", n, batch.trials)
         bounds.append(draws.unit_bound())
-        clock.read("bound", n, len(draws.unit_noise))
-    joint = JointMoments.joined(parts)
+        result.clock("bound", n, batch.trials)
+    joint = JointMoments.joined(moments)
     fits: list[list[Estimates]] = []
-    trials = len(joint.count)
-    for places in levels(cells):
-        level = cells[places[0]].level
+    for places in unit.group.levels:
+        level = unit.cells[places[0]].level
         regression = joint.regression(np.array([level.noise]), np.array([level.radius]))
         samples = Samples.of_regression(regression, level.noise)
         samples.spectrum  # noqa: B018
-        clock.read("points", n, trials)
-        fits.append([])
-        for name in study.estimators:
-            fit, raised = attempt(name, samples)
-            fits[-1].append(fit)
-            failures.note(name, places, unit, raised)
-            clock.read(name, n, trials)
+        result.clock("points", n, unit.trials)
+        fits.append(_fits(study, samples, places, unit, result))
     if study.estimators:
-        yield Errors.of(study, unit, np.concatenate(bounds), fits, of_spheres=False)
+        result.blocks.append(Errors.of(study, unit, np.concatenate(bounds), fits, of_spheres=False))
 
 
-def together(batches: Sequence[Batch]) -> Iterator[list[Batch]]:
-    """Group batches of the same cells that are computed at once, in order."""
-    group: list[Batch] = []
-    for batch in batches:
-        full = sum(b.trials for b in group) * batch.samples + batch.trials * batch.samples > TOGETHER
-        if group and (full or batch.cells != group[0].cells):
-            yield group
-            group = []
-        group.append(batch)
-    if group:
-        yield group
+def _fits(study: Study, samples: Samples, places: Sequence[int], batch: Batch, result: Result) -> list[Estimates]:
+    """Fits of every estimator to the samples of a level, which is that of the cells at some places of a batch."""
+    fits = []
+    for name in study.estimators:
+        fit, raised = attempt(name, samples)
+        fits.append(fit)
+        result.fail(name, places, batch, raised)
+        result.clock(name, batch.group.samples, batch.trials)
+    return fits
 
 
 def stack(parts: Iterable[Columns]) -> Columns:
     """Concatenate columns."""
     parts = list(parts)
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]} if parts else {}
-
-
-class StoredPoints:
-    """Points of the trials whose points the study stores, batch by batch and cell by cell."""
-
-    def __init__(self, study: Study) -> None:
-        self._below = study.keep_points
-        self._rows: dict[tuple[int, int], Columns] = {}
-
-    def add(self, cell: Cell, batches: Sequence[Batch], samples: Samples) -> None:
-        """Add the points of a cell, as far as they are to be stored, from the points of its level in some batches."""
-        start = 0
-        for batch in batches:
-            count = min(batch.trials, self._below - batch.first)
-            if count > 0:
-                points = _point_columns(cell, batch.first, cell.scale * samples.x[start : start + count])
-                self._rows[batch.first, batch.cells.index(cell)] = points
-            start += batch.trials
-
-    def columns(self) -> list[Columns]:
-        """The rows, of each batch and cell."""
-        return [self._rows[place] for place in sorted(self._rows)]
 
 
 def _point_columns(cell: Cell, first: int, x: Floats) -> Columns:

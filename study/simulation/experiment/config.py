@@ -1,29 +1,24 @@
-"""Read a study's config: TOML in, a frozen `Study` out, or one message with every fault.
+"""A study's config: TOML in, a frozen `Study` out, or one message with every fault.
 
-Faults of a config whose noise is not normal: entries that are for normal noise alone, or without effect.
+Its sections besides the design are ``[posterior]``, which chooses trials for ensemble posteriors, and ``[precision]``,
+by which cells get trials until the Monte-Carlo error of a measure is small enough.
 
-The section ``[posterior]`` of a config: cells and trials, likelihood, and length of the chains.
+With a [precision] the error is computed at checkpoints: after a first number of trials, after twice as many, and so on
+up to `design.trials`, the cap. A cell stops at the first checkpoint at which the error is small enough for every
+estimator that the target is for. So the decision depends on the cell's own rows, and on no other cell's. A rule that
+stops at a small *estimated* error prefers errors that were estimated too small. With few checkpoints, each of twice the
+trials, that costs little: the true standard error is within the target, and the interval of 2 targets on either side
+covers the truth in 97 % of cells. The interval of 2 stored errors covers it in 93 %, against 93 to 95 % after a number
+of trials that is fixed beforehand (`benchmarks/stopping.py`).
 
-The section ``[precision]`` of a config: cells get trials until the Monte-Carlo error of a measure is small enough.
-
-The error is computed at checkpoints: after a first number of trials, after twice as many, and so on up to
-`design.trials`, the cap. A cell stops at the first checkpoint at which the error is small enough for every estimator
-that the target is for. So the decision depends on the cell's own rows, and on no other cell's.
-
-A rule that stops at a small *estimated* error prefers errors that were estimated too small. With few checkpoints, each
-of twice the trials, that costs little: the true standard error is within the target, and the interval of 2 targets on
-either side covers the truth in 97 % of cells. The interval of 2 stored errors covers it in 93 %, against 93 to 95 %
-after a number of trials that is fixed beforehand (`tests/statistics/test_precision_coverage.py`).
-
-The configs that come with the package, found by name from any folder.
-
-In an installed package they are its data; in a checkout they stand in the folder ``configs`` beside it.
+The configs that come with the package are found by name from any folder: in an installed package they are its data, in
+a checkout they stand in the folder ``configs`` beside it.
 """
 
 import hashlib
 import math
 import os.path
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from importlib import resources
 from itertools import product
 from pathlib import Path
@@ -62,35 +57,10 @@ from study.simulation.experiment.conditions import (
     Value,
     is_number,
 )
-from study.simulation.experiment.designs import MAX_CELLS, Cell, Design, GridDesign, RandomDesign
-from study.simulation.experiment.noise import MOST_SPACED, SPACED, NoiseLaw, gaussian
+from study.simulation.experiment.designs import MAX_CELLS, Cell, Grid, GridDesign, Random, RandomDesign
+from study.simulation.experiment.noise import MOST_SPACED, PATH, SPACED, GaussianNoise, gaussian
 from study.text import did_you_mean
 from study.toml import ConfigError, Distinct, Fault, Frozen, Listed, distinct, report, toml_tables, toml_text
-
-
-def departure_faults(given: Collection[str], has: Mapping[str, bool]) -> list[Fault]:
-    """Find entries that do not go with another law of the noise, or with outliers.
-
-    Args:
-        given: names of the conditions that a design gives, without those at their defaults.
-        has: for ``posterior`` and ``noise_shape``, true if the config has one.
-    """
-    named = [condition.name for condition in DEPARTURES if condition.name in given]
-    faults = []
-    if named and has["posterior"]:
-        words = f"its likelihoods are of normal noise without outliers: take {' and '.join(named)} out of the design"
-        faults.append(Fault(("posterior",), words))
-    if LAW.name in named and has["noise_shape"]:
-        faults.append(Fault(("noise_shape",), f"is the covariance of normal noise: take {LAW.name} out of the design"))
-    others = " and ".join(condition.name for condition in (STATED_VARIANCE, DIRECTIONS) if condition.name in given)
-    if others and has["posterior"]:
-        words = f"its likelihoods are of the true σ, and of directions by area: take {others} out of the design"
-        faults.append(Fault(("posterior",), words))
-    if OUTLIER_SIZE.name in named and OUTLIER_SHARE.name not in named:
-        words = f"has no effect without {OUTLIER_SHARE.name}, the probability of an outlier"
-        faults.append(Fault(("design", OUTLIER_SIZE.name), words))
-    return faults
-
 
 Noise = Literal["known", "unknown"]
 Likelihood = Literal["geometric", "whole_sphere"]
@@ -153,44 +123,6 @@ class Posterior(Frozen):
         """True if the config chooses a cell; values agree to nine digits."""
         values = cell.values
         return all(any(same(CONDITIONS[name].of(values), v) for v in chosen) for name, chosen in self.where)
-
-
-def posterior_faults(posterior: Posterior, design: Design, dimension: int, shaped: bool) -> list[Fault]:
-    """Find entries of a ``[posterior]`` that a study cannot satisfy.
-
-    Args:
-        posterior: the config's section.
-        design: the study's.
-        dimension: the study's.
-        shaped: the study's noise has a shape.
-    """
-    where = dict(posterior.where)
-    possible = {name: design.values(condition) for name, condition in CONDITIONS.items()}
-    faults = []
-    for name, chosen in where.items():
-        values = possible[name]
-        for value in chosen:
-            if values is not None and not any(same(value, v) for v in values):
-                words = value if isinstance(value, str) else f"{value:.12g}"
-                faults.append(Fault(("posterior", "where"), f"no cell has {name} = {words}"))
-    if "trials" in posterior.model_fields_set and posterior.trials > design.trials:
-        words = f"more trials than a cell has: design.trials = {design.trials:,}"
-        faults.append(Fault(("posterior", "trials"), words, posterior.trials))
-    angles = where.get(ANGLE.name) or possible[ANGLE.name] or (math.nan,)
-    if "whole_sphere" in posterior.likelihood and any(v != 180.0 for v in angles):
-        words = "whole_sphere is wrong on caps: choose cells of the whole sphere with where = { angle = 180 }"
-        faults.append(Fault(("posterior", "likelihood"), words))
-    least = min(map(float, where.get(SAMPLES.name, ())), default=design.least_samples())
-    if "unknown" in posterior.noise and least < dimension + 2:
-        words = f"an unknown noise needs at least {dimension + 2} samples, not {least:g}; choose with where"
-        faults.append(Fault(("posterior", "noise"), words))
-    least_walkers = 2 * (dimension + 3)
-    if posterior.walkers < least_walkers:
-        words = f"at least {least_walkers} are needed in dimension {dimension}"
-        faults.append(Fault(("posterior", "walkers"), words, posterior.walkers))
-    if shaped:
-        faults.append(Fault(("posterior",), "its likelihoods are of isotropic noise: take noise_shape out"))
-    return faults
 
 
 def same(a: Value, b: Value) -> bool:
@@ -258,38 +190,10 @@ class Precision(Frozen):
         return math.isfinite(error) and error <= self.goal(value)
 
 
-def precision_faults(precision: Precision, estimators: Sequence[str], design: Design, keep: str) -> list[Fault]:
-    """Find entries of a ``[precision]`` that a study cannot satisfy.
-
-    Args:
-        precision: the config's section.
-        estimators: the study's.
-        design: the study's, whose number of trials is the most that a cell has.
-        keep: the study's: errors or summary.
-    """
-    faults = []
-    if precision.relative_target is not None and precision.measure in _SHARES:
-        words = f"{precision.measure} is a share, which may be 0, and no error is a fraction of 0: give target instead"
-        faults.append(Fault(("precision", "relative_target"), words, precision.relative_target))
-    if design.one_trial_a_cell:
-        words = 'a random design has one trial in a cell: design.kind = "grid", or leave [precision] out'
-        faults.append(Fault(("precision",), words))
-    if keep == "summary":
-        faults.append(Fault(("precision",), 'needs the errors, which keep = "summary" does not store'))
-    if not design.one_trial_a_cell and design.trials < precision.first:
-        words = f"design.trials = {design.trials} is the cap, and below the first checkpoint: raise it, or lower first"
-        faults.append(Fault(("precision", "first"), words, precision.first))
-    unknown = [name for name in precision.estimators or () if name not in estimators]
-    if unknown:
-        words = f"{', '.join(map(repr, unknown))} not among the study's; {did_you_mean(unknown, estimators)}"
-        faults.append(Fault(("precision", "estimators"), words))
-    return faults
-
-
 _EITHER: Any = Annotated[Union[RandomDesign, GridDesign], Field(discriminator="kind")]  # noqa: UP007  two variables
 MAX_SAMPLES = 1_000_000_000
 """Limit of a trial's samples, whose directions, noise and points lie in memory together."""
-_DESIGNS: TypeAdapter[Design] = TypeAdapter(_EITHER)
+_DESIGNS: TypeAdapter[Grid | Random] = TypeAdapter(_EITHER)
 
 
 def _known_estimators(names: tuple[str, ...]) -> tuple[str, ...]:
@@ -325,13 +229,13 @@ class Study(Frozen):
     for closed forms only, which gives the statistical error without rounding, and all noise levels at once."""
     keep: Literal["errors", "summary"] = "errors"
     """The table that is stored: the error of every fit, or only their summary."""
-    design: Annotated[SerializeAsAny[Design], PlainValidator(_DESIGNS.validate_python)]
+    design: Annotated[SerializeAsAny[Grid | Random], PlainValidator(_DESIGNS.validate_python)]
     posterior: Posterior | None = None
     precision: Precision | None = None
     """The rule by which a cell has enough trials; without it, each has as many as the design says."""
 
     @property
-    def noise_law(self) -> NoiseLaw:
+    def noise_law(self) -> GaussianNoise:
         """The law of the noise of a sample."""
         return gaussian(self.noise_shape, self.dimension)
 
@@ -386,7 +290,7 @@ def parse(text: str, source: str = "config") -> Study:
         ConfigError: with every fault, its place, its value and the values allowed.
     """
     raw = toml_tables(text, source)
-    faults = _faults_between_keys(raw)
+    faults = list(_faults_between_keys(raw))
     study = None
     try:
         study = Study.model_validate(raw)
@@ -395,17 +299,8 @@ def parse(text: str, source: str = "config") -> Study:
     if study is not None and study.cells() > MAX_CELLS:
         faults.append(Fault(("design",), f"{study.cells():,} cells; at most {MAX_CELLS:,} are allowed"))
     elif study is not None:
-        refusing = {"posterior": study.posterior is not None, "noise_shape": study.noise_shape is not None}
-        faults += departure_faults(study.design.given(), refusing)
-        faults += _moment_faults(study.design) if study.route == "moments" else []
-        if study.dimension > MOST_SPACED and SPACED in (study.design.values(DIRECTIONS) or ()):
-            words = f"{SPACED} directions are for circles and spheres, not for dimension {study.dimension}"
-            faults.append(Fault(("design", DIRECTIONS.name), words))
-        faults += _level_faults(study.design)
-        if study.posterior is not None:
-            faults += posterior_faults(study.posterior, study.design, study.dimension, study.noise_shape is not None)
-        if study.precision is not None:
-            faults += precision_faults(study.precision, study.estimators, study.design, study.keep)
+        for check in (_departure_faults, _moment_faults, _level_faults, _posterior_faults, _precision_faults):
+            faults += check(study)
     if faults or study is None:
         raise ConfigError.listing(source, text, faults)
     return study
@@ -422,37 +317,85 @@ def read(path: Path) -> tuple[Study, str]:
     return parse(text, str(path)), text
 
 
-def _faults_between_keys(raw: dict[str, Any]) -> list[Fault]:
+def _faults_between_keys(raw: dict[str, Any]) -> Iterator[Fault]:
     """Find entries that do not go together. Those of the wrong type are left to the schema."""
-    faults: list[Fault] = []
     design, d = raw.get("design"), raw.get("dimension", 3)
     if not isinstance(d, int) or not isinstance(design, dict):
-        return faults
+        return
     given = [key for key in (NOISE.name, NOISE.alternative) if key in design]
     if len(given) != 1:
-        result = " and ".join(given) or "neither"
-        words = f"give noise or noise_over_radius, one of the two (found {result})"
+        words = f"give noise or noise_over_radius, one of the two (found {' and '.join(given) or 'neither'})"
         either = () if given else tuple(("design", str(key)) for key in (NOISE.name, NOISE.alternative))
-        faults.append(Fault(("design",), words, wants=either))
+        yield Fault(("design",), words, wants=either)
     counts = _sample_counts(design.get("samples"))
     if counts and min(counts) < d + 1:
         words = f"{min(counts):g} samples are too few: a sphere in dimension {d} needs at least {d + 1}"
-        faults.append(Fault(("design", "samples"), words, design["samples"]))
+        yield Fault(("design", "samples"), words, design["samples"])
     if counts and max(counts) > MAX_SAMPLES:
         words = f"{max(counts):g} samples are too many for memory: at most {MAX_SAMPLES:,} are allowed"
-        faults.append(Fault(("design", "samples"), words, design["samples"]))
+        yield Fault(("design", "samples"), words, design["samples"])
     shape = raw.get("noise_shape")
-    if shape is not None:
-        faults += _shape_faults(shape, d)
-    return faults + _route_faults(raw, design)
+    if shape is not None and not _is_covariance(shape, d):
+        words = f"must be a symmetric, positive definite {d} × {d} matrix (list of rows)"
+        yield Fault(("noise_shape",), words, shape)
+    grid = design.get("kind") == "grid"
+    if raw.get("route") == "moments":
+        names = raw.get("estimators")
+        known = [name for name in names if name in ESTIMATORS] if isinstance(names, list) else []
+        if others := [name for name in known if not ESTIMATORS[name].moments_suffice]:
+            closed = ", ".join(name for name, entry in ESTIMATORS.items() if entry.moments_suffice)
+            words = f"{', '.join(others)} need the points; the moments suffice for {closed}"
+            yield Fault(("estimators",), words)
+        if shape is not None:
+            yield Fault(("noise_shape",), 'the route "moments" is for isotropic noise')
+        if raw.get("keep_points"):
+            yield Fault(("keep_points",), 'the route "moments" forms no points')
+        if not grid:
+            yield Fault(("route",), 'a random design draws every trial for one level: route = "points"')
+    if raw.get("keep") == "summary":
+        if not grid:
+            yield Fault(("keep",), 'a random design has one trial in a cell: keep = "errors"')
+        if raw.get("keep_points"):
+            yield Fault(("keep_points",), 'belongs to the errors, which keep = "summary" does not store')
 
 
-def _level_faults(design: Design) -> list[Fault]:
+def _departure_faults(study: Study) -> Iterator[Fault]:
+    """Find entries that do not go with another law of the noise or of the directions, with outliers, or another σ̂."""
+    given = study.design.given()
+    named = [condition.name for condition in DEPARTURES if condition.name in given]
+    others = " and ".join(condition.name for condition in (STATED_VARIANCE, DIRECTIONS) if condition.name in given)
+    if named and study.posterior is not None:
+        words = f"its likelihoods are of normal noise without outliers: take {' and '.join(named)} out of the design"
+        yield Fault(("posterior",), words)
+    if others and study.posterior is not None:
+        words = f"its likelihoods are of the true σ, and of directions by area: take {others} out of the design"
+        yield Fault(("posterior",), words)
+    if LAW.name in named and study.noise_shape is not None:
+        yield Fault(("noise_shape",), f"is the covariance of normal noise: take {LAW.name} out of the design")
+    if OUTLIER_SIZE.name in named and OUTLIER_SHARE.name not in named:
+        words = f"has no effect without {OUTLIER_SHARE.name}, the probability of an outlier"
+        yield Fault(("design", OUTLIER_SIZE.name), words)
+    if study.dimension > MOST_SPACED and {SPACED, PATH} & set(study.design.values(DIRECTIONS) or ()):
+        words = f"{SPACED} and {PATH} are directions of circles and spheres, not of dimension {study.dimension}"
+        yield Fault(("design", DIRECTIONS.name), words)
+
+
+def _moment_faults(study: Study) -> Iterator[Fault]:
+    """Find conditions that fits from joint moments would take no account of, unless they are at their defaults."""
+    design = study.design
+    given = [CONDITIONS[name] for name in design.given()]
+    unknown = [c.name for c in given if not c.by_moments and design.values(c) != (c.default,)]
+    if study.route == "moments" and unknown:
+        words = f'the route "moments" takes no account of {" and ".join(unknown)}'
+        yield Fault(("route",), f'{words}: take {"it" if len(unknown) == 1 else "them"} out, or route = "points"')
+
+
+def _level_faults(study: Study) -> Iterator[Fault]:
     """Find noise that float64 cannot hold both as σ and as σ over the radius."""
-    given = design.given()
+    given = study.design.given()
     name = NOISE.name if NOISE.name in given else NOISE.alternative
     if name not in given:  # which is another fault
-        return []
+        return
     noises, radii = (
         entry.possible() if isinstance(entry, Distribution) else entry for entry in (given[name], given[RADIUS.name])
     )
@@ -462,45 +405,60 @@ def _level_faults(design: Design) -> list[Fault]:
             if not 0.0 < other < math.inf:
                 kind = "σ/r" if name == NOISE.name else "σ"
                 words = f"with radius = {radius:g} {kind} is {other:g} in float64: give another noise or radius"
-                return [Fault(("design", str(name)), words, noise)]
-    return []
+                yield Fault(("design", str(name)), words, noise)
+                return
 
 
-def _route_faults(raw: dict[str, Any], design: dict[str, Any]) -> list[Fault]:
-    """Find entries that do not go with the route through joint moments, or with storing summaries alone."""
-    faults: list[Fault] = []
-    grid = design.get("kind") == "grid"
-    if raw.get("route") == "moments":
-        names = raw.get("estimators")
-        known = [name for name in names if name in ESTIMATORS] if isinstance(names, list) else []
-        others = [name for name in known if not ESTIMATORS[name].moments_suffice]
-        if others:
-            closed = ", ".join(name for name, entry in ESTIMATORS.items() if entry.moments_suffice)
-            faults.append(
-                Fault(("estimators",), f"{', '.join(others)} need the points; the moments suffice for {closed}")
-            )
-        if raw.get("noise_shape") is not None:
-            faults.append(Fault(("noise_shape",), 'the route "moments" is for isotropic noise'))
-        if raw.get("keep_points"):
-            faults.append(Fault(("keep_points",), 'the route "moments" forms no points'))
-        if not grid:
-            faults.append(Fault(("route",), 'a random design draws every trial for one level: route = "points"'))
-    if raw.get("keep") == "summary":
-        if not grid:
-            faults.append(Fault(("keep",), 'a random design has one trial in a cell: keep = "errors"'))
-        if raw.get("keep_points"):
-            faults.append(Fault(("keep_points",), 'belongs to the errors, which keep = "summary" does not store'))
-    return faults
+def _posterior_faults(study: Study) -> Iterator[Fault]:
+    """Find entries of a ``[posterior]`` that the study cannot satisfy."""
+    posterior, design, d = study.posterior, study.design, study.dimension
+    if posterior is None:
+        return
+    where = dict(posterior.where)
+    possible = {name: design.values(condition) for name, condition in CONDITIONS.items()}
+    for name, chosen in where.items():
+        values = possible[name]
+        for value in chosen:
+            if values is not None and not any(same(value, v) for v in values):
+                words = value if isinstance(value, str) else f"{value:.12g}"
+                yield Fault(("posterior", "where"), f"no cell has {name} = {words}")
+    if "trials" in posterior.model_fields_set and posterior.trials > design.trials:
+        words = f"more trials than a cell has: design.trials = {design.trials:,}"
+        yield Fault(("posterior", "trials"), words, posterior.trials)
+    angles = where.get(ANGLE.name) or possible[ANGLE.name] or (math.nan,)
+    if "whole_sphere" in posterior.likelihood and any(v != 180.0 for v in angles):
+        words = "whole_sphere is wrong on caps: choose cells of the whole sphere with where = { angle = 180 }"
+        yield Fault(("posterior", "likelihood"), words)
+    least = min(map(float, where.get(SAMPLES.name, ())), default=design.least_samples())
+    if "unknown" in posterior.noise and least < d + 2:
+        words = f"an unknown noise needs at least {d + 2} samples, not {least:g}; choose with where"
+        yield Fault(("posterior", "noise"), words)
+    if posterior.walkers < 2 * (d + 3):
+        words = f"at least {2 * (d + 3)} are needed in dimension {d}"
+        yield Fault(("posterior", "walkers"), words, posterior.walkers)
+    if study.noise_shape is not None:
+        yield Fault(("posterior",), "its likelihoods are of isotropic noise: take noise_shape out")
 
 
-def _moment_faults(design: Design) -> list[Fault]:
-    """Find conditions that fits from joint moments would take no account of, unless they are at their defaults."""
-    given = [CONDITIONS[name] for name in design.given()]
-    unknown = [c.name for c in given if not c.by_moments and design.values(c) != (c.default,)]
-    if not unknown:
-        return []
-    words = f'the route "moments" takes no account of {" and ".join(unknown)}'
-    return [Fault(("route",), f'{words}: take {"it" if len(unknown) == 1 else "them"} out, or route = "points"')]
+def _precision_faults(study: Study) -> Iterator[Fault]:
+    """Find entries of a ``[precision]`` that the study cannot satisfy."""
+    precision, design = study.precision, study.design
+    if precision is None:
+        return
+    if precision.relative_target is not None and precision.measure in _SHARES:
+        words = f"{precision.measure} is a share, which may be 0, and no error is a fraction of 0: give target instead"
+        yield Fault(("precision", "relative_target"), words, precision.relative_target)
+    if design.one_trial_a_cell:
+        words = 'a random design has one trial in a cell: design.kind = "grid", or leave [precision] out'
+        yield Fault(("precision",), words)
+    elif design.trials < precision.first:
+        words = f"design.trials = {design.trials} is the cap, and below the first checkpoint: raise it, or lower first"
+        yield Fault(("precision", "first"), words, precision.first)
+    if study.keep == "summary":
+        yield Fault(("precision",), 'needs the errors, which keep = "summary" does not store')
+    if unknown := [name for name in precision.estimators or () if name not in study.estimators]:
+        words = f"{', '.join(map(repr, unknown))} not among the study's; {did_you_mean(unknown, study.estimators)}"
+        yield Fault(("precision", "estimators"), words)
 
 
 def _sample_counts(samples: object) -> list[int]:
@@ -520,18 +478,16 @@ def _as_list(value: object) -> list[Any]:
     return list(value) if isinstance(value, list) else [value]
 
 
-def _shape_faults(shape: object, d: int) -> list[Fault]:
-    """Check that a noise shape is a covariance (d, d)."""
+def _is_covariance(shape: object, d: int) -> bool:
+    """True if a noise shape is a covariance (d, d)."""
     try:
         matrix = np.asarray(shape, dtype=float)
-        good = matrix.shape == (d, d) and bool(np.all(np.isfinite(matrix))) and bool(np.all(matrix == matrix.T))
-        if good:
-            values = np.linalg.eigvalsh(matrix)
-            good = bool(values[0] > d * np.finfo(float).eps * values[-1])
+        if matrix.shape != (d, d) or not np.all(np.isfinite(matrix)) or not np.all(matrix == matrix.T):
+            return False
+        values = np.linalg.eigvalsh(matrix)
+        return bool(values[0] > d * np.finfo(float).eps * values[-1])
     except (ValueError, TypeError, OverflowError):
-        good = False
-    words = f"must be a symmetric, positive definite {d} × {d} matrix (list of rows)"
-    return [] if good else [Fault(("noise_shape",), words, shape)]
+        return False
 
 
 _KEYS: dict[tuple[str, ...], list[str]] = {

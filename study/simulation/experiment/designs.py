@@ -9,7 +9,6 @@ group's trials, which a worker computes at once.
 import hashlib
 import math
 import operator
-from abc import abstractmethod
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
@@ -100,6 +99,11 @@ class Cell:
         return self.noise if variance == 1.0 else self.noise * math.sqrt(variance)
 
     @property
+    def directions(self) -> str:
+        """Law of the directions."""
+        return str(dict(self.further).get(DIRECTIONS.name, DIRECTIONS.default))
+
+    @property
     def distance(self) -> float:
         """Distance |c| of the centre from the origin."""
         return math.hypot(*self.center)
@@ -115,40 +119,6 @@ class Cell:
             "center": self.distance,
         }
         return known | {c.name: c.default for c in SILENT if c.default is not None} | dict(self.further)
-
-
-@dataclass(frozen=True)
-class Batch:
-    """Trials drawn together from one pair of streams, and the cells in which they are placed.
-
-    Attributes:
-        stream: name of the draw.
-        first: number of the first trial.
-        trials: number of trials.
-        cells: the cells.
-        skip: number of trials before the first, which are drawn from the same streams and left out.
-    """
-
-    stream: Name
-    first: int
-    trials: int
-    cells: tuple[Cell, ...]
-    skip: int = 0
-
-    @property
-    def samples(self) -> int:
-        """Number of samples of each trial."""
-        return self.cells[0].samples
-
-    @property
-    def angle(self) -> float:
-        """Confinement half-angle in degrees."""
-        return self.cells[0].angle
-
-    @property
-    def directions(self) -> str:
-        """Law of the directions."""
-        return str(dict(self.cells[0].further).get(DIRECTIONS.name, DIRECTIONS.default))
 
 
 def further(values: Mapping[str, Value]) -> Further:
@@ -271,14 +241,16 @@ def block_trials(samples: int) -> int:
 
 @dataclass(frozen=True)
 class Group:
-    """Cells that share draws; without cells, the trials of a random design, each of which is a cell of its own.
+    """Cells that share draws.
 
     Attributes:
         stream: name of the draws, without the number of the block.
-        cells: the cells, all of the same number of samples and angle.
+        size: number of trials in a block, which are drawn from one pair of streams.
+        cells: the cells, all of the same number of samples, angle and law of directions.
     """
 
     stream: Name
+    size: int
     cells: tuple[Cell, ...]
 
     @property
@@ -292,14 +264,12 @@ class Group:
         return max(1, len(self.cells))
 
     @cached_property
-    def size(self) -> int:
-        """Number of trials in a block, which are drawn from one pair of streams."""
-        return block_trials(self.samples) if self.cells else 1
-
-    @cached_property
-    def levels(self) -> int:
-        """Number of levels at which the draws are placed and fitted."""
-        return len({cell.level for cell in self.cells}) if len(self.cells) > 1 else 1
+    def levels(self) -> tuple[tuple[int, ...], ...]:
+        """Places of the cells of each level, at which the draws are placed and fitted once."""
+        places: dict[Cell, list[int]] = {}
+        for place, cell in enumerate(self.cells):
+            places.setdefault(cell.level, []).append(place)
+        return tuple(map(tuple, places.values())) or ((0,),)
 
     @cached_property
     def digest(self) -> bytes:
@@ -315,13 +285,6 @@ class Group:
         enough = -(-_SAMPLES_PER_UNIT // (self.size * self.samples * levels))
         return self.size * min(enough, max(1, _FITS_PER_UNIT // (self.size * self.width)))
 
-    def batches(self, first: int, last: int) -> Iterator[Batch]:
-        """The batches that hold the trials from first to before last."""
-        for block in range(first // self.size, -(-last // self.size)):
-            begin, start = block * self.size, max(first, block * self.size)
-            trials = min(last, begin + self.size) - start
-            yield Batch((*self.stream, block), start, trials, self.cells, skip=start - begin)
-
     def places(self, first: int, last: int) -> Iterator[tuple[Cell, int, int]]:
         """The cells of the trials from first to before last, each with its first trial and the one after its last."""
         return ((cell, first, last) for cell in self.cells)
@@ -330,11 +293,6 @@ class Group:
         """Numbers of samples of the trials from first to before last, each with the number of such trials."""
         yield self.samples, last - first
 
-    def load(self, first: int, last: int) -> tuple[int, int]:
-        """Numbers of samples and of batches that are drawn for the trials from first to before last."""
-        drawn = sum(samples * trials for samples, trials in self.sizes(first, last))
-        return drawn, -(-last // self.size) - first // self.size
-
     def only(self, cells: Collection[Cell]) -> Self:
         """The same group with some of its cells."""
         return replace(self, cells=tuple(cell for cell in self.cells if cell in cells))
@@ -342,7 +300,7 @@ class Group:
     def shared(self, other: "Group") -> tuple[Self | None, Self | None]:
         """Split off the cells that another group of the same stream has too: those and the rest, None if empty.
 
-        Without cells it is the whole group: a trial draws the same cell wherever the laws are the same.
+        A random design is shared whole: a trial draws the same cell wherever the laws are the same.
         """
         known = frozenset(other.cells)
         common, rest = self.only(known), self.only(frozenset(self.cells) - known)
@@ -356,8 +314,8 @@ def _digest(content: object) -> bytes:
 
 
 @dataclass(frozen=True)
-class Unit:
-    """Work that a worker gets at once: a range of a group's trials, so light that a million of them fit in memory.
+class Batch:
+    """Trials of cells that share draws: the work of a unit, or a part of it that is drawn at once.
 
     Attributes:
         group: the cells.
@@ -370,24 +328,54 @@ class Unit:
     last: int
 
     @property
+    def cells(self) -> tuple[Cell, ...]:
+        """The cells; none in a random design, where each trial has its own (see `parts`)."""
+        return self.group.cells
+
+    @property
+    def trials(self) -> int:
+        """Number of trials."""
+        return self.last - self.first
+
+    @property
     def rows(self) -> int:
         """Number of data sets: trials times cells."""
-        return (self.last - self.first) * self.group.width
+        return self.trials * self.group.width
 
     @property
     def words(self) -> str:
-        """The unit for a message: ``trials 0 to 99 of 4 cells with N = 20``."""
-        cells, trials = self.group.cells, f"trials {self.first:,} to {self.last - 1:,}"
-        count = "1 cell" if len(cells) == 1 else f"{len(cells):,} cells"
-        return f"{trials} of {count} with N = {self.group.samples:,}" if cells else trials
+        """The trials for a message: ``trials 0 to 99 of 4 cells with N = 20``."""
+        trials, count = f"trials {self.first:,} to {self.last - 1:,}", len(self.cells)
+        cells = "1 cell" if count == 1 else f"{count:,} cells"
+        return f"{trials} of {cells} with N = {self.group.samples:,}" if count else trials
 
-    @property
-    def batches(self) -> tuple[Batch, ...]:
-        """The batches that hold its trials, in order."""
-        return tuple(self.group.batches(self.first, self.last))
+    def blocks(self) -> list[tuple[Name, int, int]]:
+        """The streams of its trials: name, number of trials that are drawn and left out, and number of those used."""
+        size, result = self.group.size, []
+        for block in range(self.first // size, -(-self.last // size)):
+            start = max(self.first, block * size)
+            trials = min(self.last, (block + 1) * size) - start
+            result.append(((*self.group.stream, block), start - block * size, trials))
+        return result
+
+    def parts(self, samples: int) -> Iterator["Batch"]:
+        """Cut into whole blocks of at most so many samples, or one block; in a random design, into single trials."""
+        if isinstance(self.group, RandomGroup):
+            for i in range(self.first, self.last):
+                yield Batch(Group(self.group.stream, 1, (self.group.cell(i),)), i, i + 1)
+            return
+        size, first = self.group.size, self.first
+        end = min(self.last, (first // size + 1) * size)
+        while first < self.last:
+            further = min(self.last, end + size)
+            if end < self.last and (further - first) * self.group.samples <= samples:
+                end = further
+            else:
+                yield Batch(self.group, first, end)
+                first, end = end, further
 
 
-class Design(Frozen):
+class _Design(Frozen):
     """Conditions of a study, and the number of trials."""
 
     kind: str
@@ -395,34 +383,6 @@ class Design(Frozen):
     """Number of data sets: in each cell of a grid, or in all cells of a random design together."""
     one_trial_a_cell: ClassVar[bool]
     """Every trial is a cell of its own, so that measures of performance combine many cells."""
-
-    @abstractmethod
-    def cells(self) -> int:
-        """Number of cells."""
-
-    @abstractmethod
-    def trials_of(self, samples: int) -> int:
-        """Number of trials of the cells with so many samples."""
-
-    @abstractmethod
-    def least_samples(self) -> int:
-        """The smallest number of samples that a cell can have."""
-
-    @abstractmethod
-    def values(self, condition: Condition) -> tuple[Value, ...] | None:
-        """The values that a condition takes; None where a law leaves them open."""
-
-    @abstractmethod
-    def independent(self) -> bool:
-        """True if no two cells share their directions and noise."""
-
-    @abstractmethod
-    def same_draws(self, other: "Design") -> bool:
-        """True if a trial of a cell that both designs have is the same data set, where all else is equal."""
-
-    @abstractmethod
-    def groups(self, seed: int, dimension: int) -> Iterator[Group]:
-        """The groups of cells that share draws, in the order of the tables."""
 
     def given(self) -> dict[str, Any]:
         """The axes, or the laws, by the condition's name; silent conditions only if they are not at their default."""
@@ -444,7 +404,7 @@ class Design(Frozen):
         return {key: value for key, value in handler(self).items() if key not in left_out}
 
 
-class Grid(Design):
+class Grid(_Design):
     """A grid, of which `GridDesign` adds the axes."""
 
     kind: Literal["grid"]
@@ -482,7 +442,7 @@ class Grid(Design):
         """True if every cell has draws of its own."""
         return self.draws == "independent" or self.cells() == 1
 
-    def same_draws(self, other: Design) -> bool:
+    def same_draws(self, other: "Grid | Random") -> bool:
         """True if the other is a grid whose cells share draws in the same way."""
         return _sharing(self) == _sharing(other)
 
@@ -496,16 +456,17 @@ class Grid(Design):
             placed = product(*(given[name] for name in together))
             cells = tuple(_cell(common | dict(zip(together, values, strict=True)), dimension) for values in placed)
             name: Name = ("draw", cells[0].samples, cells[0].angle, dimension, *chain(*further(common)))
+            size = block_trials(cells[0].samples)
             if self.draws == "shared":
-                yield Group(name, cells)
+                yield Group(name, size, cells)
             else:
-                yield from (Group((*name, cell.name), (cell,)) for cell in cells)
+                yield from (Group((*name, cell.name), size, (cell,)) for cell in cells)
 
     def _unwritten(self) -> set[str]:
         return super()._unwritten() | ({"most_samples"} if self.most_samples is None else set())
 
 
-Axes: Any = create_model("Axes", __base__=Design, __module__=__name__, **axes())
+Axes: Any = create_model("Axes", __base__=_Design, __module__=__name__, **axes())
 GridDesign: type[Grid] = create_model("GridDesign", __base__=(Grid, Axes), __module__=__name__)
 """A grid with all of its entries: kind and trials, then the axes, then the others. The digest needs this order."""
 
@@ -521,7 +482,7 @@ def _cell(values: Mapping[str, Value], dimension: int) -> Cell:
     return Cell.of(values, diagonal_center(float(values[CENTER.name]), dimension), scale)
 
 
-def _sharing(design: Design) -> dict[str, object]:
+def _sharing(design: "Grid | Random") -> dict[str, object]:
     return design.model_dump(include={"kind", "draws"})
 
 
@@ -530,7 +491,7 @@ _BLOCK = 1024
 _TRIALS_PER_UNIT = 25
 
 
-class Random(Design):
+class Random(_Design):
     """A random design, of which `RandomDesign` adds the laws."""
 
     kind: Literal["random"]
@@ -563,16 +524,16 @@ class Random(Design):
         """True: every trial has draws of its own."""
         return True
 
-    def same_draws(self, other: Design) -> bool:
+    def same_draws(self, other: "Grid | Random") -> bool:
         """True if the other is a random design of the same laws."""
         return self.model_dump(exclude={"trials"}) == other.model_dump(exclude={"trials"})
 
     def groups(self, seed: int, dimension: int) -> Iterator[Group]:
         """One group of all trials."""
-        yield RandomGroup(("trial",), (), seed, dimension, self)
+        yield RandomGroup(("trial",), 1, (), seed, dimension, self)
 
 
-Laws: Any = create_model("Laws", __base__=Design, __module__=__name__, **laws())
+Laws: Any = create_model("Laws", __base__=_Design, __module__=__name__, **laws())
 RandomDesign: type[Random] = create_model("RandomDesign", __base__=(Random, Laws), __module__=__name__)
 """A random design with all of its entries: kind and trials, then the laws."""
 
@@ -599,11 +560,6 @@ class RandomGroup(Group):
     def trials_per_unit(self, levels: int) -> int:
         """A few: their numbers of samples are not known before they are drawn."""
         return _TRIALS_PER_UNIT
-
-    def batches(self, first: int, last: int) -> Iterator[Batch]:
-        """A batch for each of the trials from first to before last."""
-        for i in range(first, last):
-            yield Batch((*self.stream, i), i, 1, (self.cell(i),))
 
     def places(self, first: int, last: int) -> Iterator[tuple[Cell, int, int]]:
         """The cell of each trial, with that trial alone."""

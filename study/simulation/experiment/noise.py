@@ -8,7 +8,7 @@ Laws of the directions stand at the end: uniform by area on the cap unless a con
 
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol
@@ -19,50 +19,26 @@ import scipy
 from study.arrays import Floats
 from study.fits.bounds import bound_from_scatter, normal_weights, weighted_scatter
 from study.fits.jit import CHUNK
-from study.fits.streams import Name, stream
+from study.fits.streams import Name
 
+Further = Callable[[Name, Callable[[np.random.Generator, int], Floats]], Floats]
+"""Draws further random numbers of the trials of a batch (b, …), always the same ones, which changes no others.
 
-@dataclass(frozen=True)
-class FurtherNumbers:
-    """Further random numbers of a batch of trials. Drawing them changes no other numbers.
-
-    Attributes:
-        seed: the study's.
-        sources: the draws of the batch, in the order of its trials: a stream's name, the number of trials to leave out
-            at its beginning, and that of the trials after those.
-        trials: the trials that are wanted, of those of all sources; all, if None.
-    """
-
-    seed: int
-    sources: Sequence[tuple[Name, int, int]]
-    trials: slice | None = None
-
-    def draw(self, kind: Name, numbers: Callable[[np.random.Generator, int], Floats]) -> Floats:
-        """Draw numbers of one kind for each trial (b, …): always the same ones.
-
-        Args:
-            kind: last part of the names of the streams, which distinguishes these numbers from others.
-            numbers: gives numbers of so many trials (trials, …) from a generator.
-        """
-        parts = [numbers(stream(self.seed, *name, *kind), skip + count)[skip:] for name, skip, count in self.sources]
-        whole = np.concatenate(parts)
-        return whole if self.trials is None else whole[self.trials]
-
-    def only(self, trials: slice) -> "FurtherNumbers":
-        """The numbers of some trials alone."""
-        return FurtherNumbers(self.seed, self.sources, trials)
+Its arguments are the last part of the names of the streams, which distinguishes these numbers from others, and a
+function that gives numbers of so many trials (trials, …) from a generator; see `Draws.further`.
+"""
 
 
 class Departure(Protocol):
     """A step that turns noise at σ = 1 into noise of another law."""
 
-    def applied(self, noise: Floats, directions: Floats, numbers: FurtherNumbers) -> Floats:
+    def applied(self, noise: Floats, directions: Floats, further: Further) -> Floats:
         """The noise of the other law (b, d, n), in fresh memory.
 
         Args:
             noise: at σ = 1 (b, d, n); standard normal numbers, if no other step came before.
             directions: unit vectors of the samples (b, d, n), with the height 1 - u₁ in place of u₁.
-            numbers: further random numbers of the same trials.
+            further: draws further random numbers of the same trials.
         """
 
 
@@ -74,25 +50,39 @@ class OtherLaw(Departure, Protocol):
         """The excess kurtosis of a coordinate."""
 
 
-class NoiseLaw(Protocol):
-    """A law of the noise of a sample, of any size σ."""
+@dataclass(frozen=True)
+class GaussianNoise:
+    """Normal noise of a sample, of any size σ.
+
+    Attributes:
+        dimension: number of coordinates d.
+        shape: covariance of a sample in units of σ², as rows of numbers (d, d); None for the identity.
+    """
+
+    dimension: int
+    shape: tuple[tuple[float, ...], ...] | None = None
 
     @property
     def isotropic(self) -> bool:
         """True if the covariance is σ² I; estimators then take σ."""
+        return self.shape is None
 
     @property
     def words(self) -> str:
         """The law in words, for a reader."""
+        return "the same noise in all directions" if self.isotropic else "noise not the same in all directions"
 
     def unit_noise(self, normals: Floats) -> Floats:
-        """Noise at σ = 1 (b, d, n), from standard normal numbers of the same shape."""
+        """Noise at σ = 1 (b, d, n): standard normal numbers of the same shape, times Cholesky's root of the shape."""
+        return normals if self.isotropic else np.asarray(np.linalg.cholesky(self._matrix) @ normals)
 
     def covariance(self, sigma: float) -> Floats:
         """Covariance of a sample (d, d)."""
+        return sigma**2 * self._matrix
 
     def given(self, sigma: float) -> float | Floats:
         """The noise as an argument of estimators: σ, or the covariance (d, d) if it is not isotropic."""
+        return sigma if self.isotropic else self.covariance(sigma)
 
     def unit_bound(self, directions: Floats) -> Floats:
         """The Cramér-Rao bound of (c, r) at σ = 1 for these directions (b, d+1, d+1).
@@ -100,82 +90,26 @@ class NoiseLaw(Protocol):
         Args:
             directions: unit vectors (b, d, n), with the height 1 - u₁ in place of u₁.
         """
-
-
-@dataclass(frozen=True)
-class IsotropicGaussian:
-    """Independent normal noise of the same size in every coordinate.
-
-    Attributes:
-        dimension: number of coordinates d.
-    """
-
-    dimension: int
-    isotropic = True
-    words = "the same noise in all directions"
-
-    def unit_noise(self, normals: Floats) -> Floats:
-        """The normal numbers themselves."""
-        return normals
-
-    def covariance(self, sigma: float) -> Floats:
-        """σ² I."""
-        return sigma**2 * np.eye(self.dimension)
-
-    def given(self, sigma: float) -> float:
-        """The standard deviation σ."""
-        return sigma
-
-    def unit_bound(self, directions: Floats) -> Floats:
-        """The bound with equal weights of all samples."""
-        return _bound(directions, np.ones((1, CHUNK)))  # a row of n would be read from memory
-
-
-@dataclass(frozen=True)
-class AnisotropicGaussian:
-    """Normal noise of any covariance.
-
-    Attributes:
-        shape: covariance of a sample in units of σ², as rows of numbers (d, d).
-    """
-
-    shape: tuple[tuple[float, ...], ...]
-    isotropic = False
-    words = "noise not the same in all directions"
-
-    def unit_noise(self, normals: Floats) -> Floats:
-        """The normal numbers times Cholesky's root of the shape."""
-        return np.asarray(np.linalg.cholesky(self._matrix) @ normals)
-
-    def covariance(self, sigma: float) -> Floats:
-        """σ² times the shape."""
-        return sigma**2 * self._matrix
-
-    def given(self, sigma: float) -> Floats:
-        """The covariance."""
-        return self.covariance(sigma)
-
-    def unit_bound(self, directions: Floats) -> Floats:
-        """The bound with the weight of each sample by the noise along its direction."""
+        if self.isotropic:
+            return _bound(directions, np.ones((1, CHUNK)))  # a row of n would be read from memory
         u = directions.swapaxes(1, 2).copy()
         u[:, :, 0] = 1.0 - u[:, :, 0]
         return _bound(directions, normal_weights(u, self._matrix))
 
     @cached_property
     def _matrix(self) -> Floats:
-        return np.array(self.shape)
+        return np.eye(self.dimension) if self.shape is None else np.array(self.shape)
 
 
-def gaussian(shape: tuple[tuple[float, ...], ...] | None, dimension: int) -> NoiseLaw:
+def gaussian(shape: tuple[tuple[float, ...], ...] | None, dimension: int) -> GaussianNoise:
     """The Gaussian law of a covariance.
 
     Args:
         shape: covariance of a sample in units of σ² (d, d); the identity if None.
         dimension: d.
     """
-    if shape is None or np.array_equal(shape, np.eye(dimension)):
-        return IsotropicGaussian(dimension)
-    return AnisotropicGaussian(shape)
+    equal = shape is None or np.array_equal(shape, np.eye(dimension))
+    return GaussianNoise(dimension, None if equal else shape)
 
 
 def _bound(directions: Floats, weights: Floats) -> Floats:
@@ -200,7 +134,7 @@ class LaplaceNoise:
 
     excess_kurtosis = 3.0
 
-    def applied(self, noise: Floats, directions: Floats, numbers: FurtherNumbers) -> Floats:
+    def applied(self, noise: Floats, directions: Floats, further: Further) -> Floats:
         """The quantile of each normal number z in this law: -sign(z) (ln 2 + ln Φ(-|z|))/√2, exact in the tails."""
         return np.asarray(-np.sign(noise) * (math.log(2.0) + scipy.special.log_ndtr(-np.abs(noise))) * math.sqrt(0.5))
 
@@ -220,11 +154,11 @@ class Outliers:
     share: float
     size: float
 
-    def applied(self, noise: Floats, directions: Floats, numbers: FurtherNumbers) -> Floats:
+    def applied(self, noise: Floats, directions: Floats, further: Further) -> Floats:
         """The noise, with the displacement added where a uniform number of the sample is below the share."""
         _, d, n = noise.shape
-        number = numbers.draw(("outliers", "choice"), lambda g, trials: g.random((trials, n)))
-        away = numbers.draw(("outliers", "direction"), lambda g, trials: g.standard_normal((trials, d, n)))
+        number = further(("outliers", "choice"), lambda g, trials: g.random((trials, n)))
+        away = further(("outliers", "direction"), lambda g, trials: g.standard_normal((trials, d, n)))
         length = np.where(number < self.share, self.size, 0.0) / np.sqrt(np.einsum("bdn,bdn->bn", away, away))
         return np.asarray(noise + length[:, None] * away)
 
@@ -248,10 +182,10 @@ class StudentNoise:
         """6/(ν - 4), or infinity."""
         return 6.0 / (self.freedom - 4.0) if self.freedom > 4.0 else math.inf
 
-    def applied(self, noise: Floats, directions: Floats, numbers: FurtherNumbers) -> Floats:
+    def applied(self, noise: Floats, directions: Floats, further: Further) -> Floats:
         """Normal noise z as z √((ν - 2)/χ²), with a χ² number of ν degrees of freedom for each sample."""
         n = noise.shape[2]
-        square = numbers.draw(("student", self.freedom), lambda g, trials: g.chisquare(self.freedom, (trials, n)))
+        square = further(("student", self.freedom), lambda g, trials: g.chisquare(self.freedom, (trials, n)))
         square /= self.freedom - 2.0
         return noise / np.sqrt(square)[:, None]
 
@@ -265,7 +199,7 @@ class UniformNoise:
 
     excess_kurtosis = -1.2
 
-    def applied(self, noise: Floats, directions: Floats, numbers: FurtherNumbers) -> Floats:
+    def applied(self, noise: Floats, directions: Floats, further: Further) -> Floats:
         """The quantile of each normal number z in this law: √3 (2Φ(z) - 1) = √3 erf(z/√2)."""
         return np.asarray(math.sqrt(3.0) * scipy.special.erf(math.sqrt(0.5) * noise))
 
@@ -278,36 +212,131 @@ class RadialNoise:
     isotropic noise of the same σ holds for it too: only the component along the radius counts there (theory 3.1).
     """
 
-    def applied(self, noise: Floats, directions: Floats, numbers: FurtherNumbers) -> Floats:
+    def applied(self, noise: Floats, directions: Floats, further: Further) -> Floats:
         """The component of isotropic noise along the direction, (u·z) u."""
-        u = directions.copy()
-        np.subtract(1.0, u[:, 0], out=u[:, 0])
+        u = upright(directions)
         return np.asarray(np.einsum("bdn,bdn->bn", u, noise)[:, None] * u)
+
+
+@dataclass(frozen=True)
+class RimNoise:
+    """Noise that grows to the rim of the cap: σ at its pole, and in proportion to the height up to k σ at its rim.
+
+    Attributes:
+        growth: k.
+        half_angle: of the cap in radians.
+    """
+
+    growth: float
+    half_angle: float
+
+    def applied(self, noise: Floats, directions: Floats, further: Further) -> Floats:
+        """The noise times 1 + (k - 1) (1 - cos θ)/(1 - cos φ), θ the angle of a sample to the axis."""
+        share = directions[:, :1] / (2.0 * math.sin(0.5 * self.half_angle) ** 2)
+        return np.asarray(noise * (1.0 + (self.growth - 1.0) * share))
+
+
+@dataclass(frozen=True)
+class MemoryNoise:
+    """Noise that remembers: a stationary autoregressive process of order 1 along the samples, of covariance I.
+
+    Attributes:
+        memory: ρ, the correlation of neighbours.
+    """
+
+    memory: float
+
+    def applied(self, noise: Floats, directions: Floats, further: Further) -> Floats:
+        """Noise yᵢ = ρ yᵢ₋₁ + √(1 - ρ²) zᵢ that begins with y₁ = z₁."""
+        steps = noise * math.sqrt(1.0 - self.memory**2)
+        steps[:, :, 0] = noise[:, :, 0]
+        return np.asarray(scipy.signal.lfilter([1.0], [1.0, -self.memory], steps, axis=2))
+
+
+@dataclass(frozen=True)
+class FormError:
+    """An error of form: distances from the centre differ by a smooth random function of the direction.
+
+    The function is a Gaussian process of covariance s² exp(-|u - v|²/2l²), formed of so many cosines of random
+    frequencies and phases that it is normal to three digits (Rahimi & Recht 2008). Each trial has its own.
+
+    Attributes:
+        length: l over the half-angle of the cap.
+        size: s in units of σ.
+        half_angle: of the cap in radians.
+    """
+
+    length: float
+    size: float
+    half_angle: float
+
+    def applied(self, noise: Floats, directions: Floats, further: Further) -> Floats:
+        """The noise, displaced along the direction by the function."""
+        u, (b, d, _) = upright(directions), noise.shape
+        kind = ("form", self.length)
+        waves = further((*kind, "waves"), lambda g, trials: g.standard_normal((trials, _COSINES, d)))
+        phases = further((*kind, "phases"), lambda g, trials: g.uniform(0.0, 2.0 * math.pi, (trials, _COSINES)))
+        result = np.empty_like(noise)
+        for trial in range(b):
+            angle = waves[trial] @ u[trial] / (self.length * self.half_angle) + phases[trial, :, None]
+            form = self.size * math.sqrt(2.0 / _COSINES) * np.cos(angle).sum(axis=0)
+            result[trial] = noise[trial] + form * u[trial]
+        return result
+
+
+_COSINES = 300
+
+
+def upright(directions: Floats) -> Floats:
+    """Unit vectors (b, d, n) of directions that have the height 1 - u₁ in place of u₁."""
+    u = directions.copy()
+    np.subtract(1.0, u[:, 0], out=u[:, 0])
+    return u
 
 
 NORMAL = "normal"
 RADIAL = "radial"
 LAWS: dict[str, OtherLaw] = {"laplace": LaplaceNoise(), "uniform": UniformNoise()}
 """The laws of covariance σ² I without parameters, besides the normal one."""
-STRUCTURED: dict[str, Departure] = {RADIAL: RadialNoise()}
-"""The laws in which the noise of a sample depends on its direction."""
+STRUCTURED: dict[str, Callable[[list[float], float], Departure | None]] = {
+    RADIAL: lambda numbers, angle: None if numbers else RadialNoise(),
+    "rim": lambda numbers, angle: RimNoise(numbers[0], angle) if len(numbers) == 1 else None,
+    "memory": lambda numbers, angle: MemoryNoise(numbers[0]) if len(numbers) == 1 and numbers[0] < 1.0 else None,
+    "form": lambda numbers, angle: FormError(numbers[0], numbers[1], angle) if len(numbers) == 2 else None,
+}
+"""The laws in which a sample's noise depends on its direction or on its neighbours, by the word before their numbers.
 
-RULE = f"{NORMAL}, {', '.join([*LAWS, *STRUCTURED])} or student(ν) with ν above 2, such as student(5)"
+Each is made from its numbers, all of them above 0, and the half-angle of the cap in radians; None if they do not fit.
+"""
+
+RULE = (
+    f"{NORMAL}, {', '.join(LAWS)}, student(ν) with ν above 2, such as student(5), {RADIAL}, rim(k), memory(ρ) with ρ "
+    "below 1, or form(length, size)"
+)
 SIZE = 10.0
 """Length of an outlier's displacement in units of σ, where a config gives none."""
 
 
-def freedom(word: str) -> float | None:
-    """The degrees of freedom ν of ``student(ν)``; None for another word, or if ν is not above 2.
+def numbers_of(word: str) -> tuple[str, list[float]] | None:
+    """The name of a law and its numbers; None if the word is not written as a law is, or a number is not above 0.
 
     A number has one way of writing, so that a law has one name: ``student(5)``, not ``student(5.0)``.
     """
-    number = re.fullmatch(r"student\(([0-9.e+]+)\)", word)
+    match = re.fullmatch(r"([a-z]+)(?:\(([0-9.e+-]+(?:, [0-9.e+-]+)*)\))?", word)
+    if match is None:
+        return None
     try:
-        value = float(number[1]) if number else math.nan
+        numbers = [float(number) for number in match[2].split(", ")] if match[2] else []
     except ValueError:
         return None
-    return value if 2.0 < value < math.inf and number and f"{value:g}" == number[1] else None
+    written = match[1] + (f"({', '.join(f'{number:g}' for number in numbers)})" if numbers else "")
+    return (match[1], numbers) if written == word and all(0.0 < v < math.inf for v in numbers) else None
+
+
+def freedom(word: str) -> float | None:
+    """The degrees of freedom ν of ``student(ν)``; None for another word, or if ν is not above 2."""
+    name, numbers = numbers_of(word) or ("", [])
+    return numbers[0] if name == "student" and len(numbers) == 1 and numbers[0] > 2.0 else None
 
 
 def excess_kurtosis(word: str) -> float:
@@ -325,55 +354,67 @@ def has_equal_covariance(word: str) -> bool:
 
 def is_law(word: str) -> bool:
     """True if a word names a law."""
-    return word in STRUCTURED or has_equal_covariance(word)
+    return has_equal_covariance(word) or _structured(word, math.pi) is not None
+
+
+def _structured(word: str, half_angle: float) -> Departure | None:
+    name, numbers = numbers_of(word) or ("", [])
+    return STRUCTURED[name](numbers, half_angle) if name in STRUCTURED else None
 
 
 def departures(conditions: Mapping[str, Any]) -> list[Departure]:
     """The steps that lead from normal noise to that of a cell: another law, then outliers; none for normal noise.
 
     Args:
-        conditions: values of the conditions ``law``, ``outlier_share`` and ``outlier_size``, as far as they are not at
-            their defaults; others do not matter.
+        conditions: values of the conditions ``angle``, ``law``, ``outlier_share`` and ``outlier_size``, as far as they
+            are not at their defaults; others do not matter.
     """
     law, share = conditions.get("law", NORMAL), conditions.get("outlier_share", 0.0)
     steps: list[Departure] = []
     if law != NORMAL:
-        nu = freedom(law)
-        steps.append((LAWS | STRUCTURED)[law] if nu is None else StudentNoise(nu))
+        structured, nu = _structured(law, math.radians(conditions.get("angle", 180.0))), freedom(law)
+        steps.append(structured or (LAWS[law] if nu is None else StudentNoise(nu)))
     if share > 0.0:
         steps.append(Outliers(share, conditions.get("outlier_size", SIZE)))
     return steps
 
 
-AREA, POLAR, SPACED = DIRECTIONS = ("area", "polar", "spaced")
-DIRECTIONS_RULE = "area, polar or, in two and three dimensions, spaced"
+AREA, POLAR, SPACED, PATH = DIRECTIONS = ("area", "polar", "spaced", "path")
+DIRECTIONS_RULE = "area, polar or, in two and three dimensions, spaced or path"
 MOST_SPACED = 3
-"""Largest dimension in which there are spaced directions."""
+"""Largest dimension in which there are spaced directions, and paths."""
+_SWINGS, _TURN = 3, 0.31
+"""A path swings so many times through the pole, and turns so many radians for each of its own."""
 _GOLDEN_ANGLE = math.pi * (3.0 - math.sqrt(5.0))
 
 
-def place_directions(law: str, half_angle: float, directions: Floats, numbers: FurtherNumbers) -> None:
+def place_directions(law: str, half_angle: float, directions: Floats, further: Further) -> None:
     """Replace directions, which are uniform by area on a cap, by those of another law.
 
     With ``polar`` the angle to the first axis is uniform, so that samples crowd about it. With ``spaced`` the
     directions are equally spaced and the same in every trial: in a plane they divide the arc, both ends included, or
     the whole circle; in space they lie on a spiral of equal areas, each turned from the one before by the golden angle
-    (González 2010).
+    (González 2010). With ``path`` they follow each other as those of a marker do: they swing through the axis, from rim
+    to rim, in a plane that turns slowly.
 
     Args:
         law: one of `DIRECTIONS`.
         half_angle: φ in radians.
         directions: receives unit vectors (b, d, n), with the height 1 - u₁ in place of u₁.
-        numbers: further random numbers of the same trials.
+        further: draws further random numbers of the same trials.
     """
     if law == AREA:
         return
     _, d, n = directions.shape
     across = directions[:, 1:]
     if law == POLAR:
-        angle = half_angle * numbers.draw(("directions", "polar"), lambda g, trials: g.random((trials, n)))
-        normals = numbers.draw(("directions", "across"), lambda g, trials: g.standard_normal((trials, d - 1, n)))
+        angle = half_angle * further(("directions", "polar"), lambda g, trials: g.random((trials, n)))
+        normals = further(("directions", "across"), lambda g, trials: g.standard_normal((trials, d - 1, n)))
         across[...] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    elif law == PATH:
+        time = 2.0 * math.pi * _SWINGS * (np.arange(n) + 0.5) / n
+        angle = half_angle * np.sin(time)
+        across[...] = [np.cos(_TURN * time), np.sin(_TURN * time)] if d == 3 else 1.0
     elif d == 2:
         gaps = n if half_angle == math.pi else n - 1  # a whole circle ends where it begins
         angle = half_angle * (2.0 * np.arange(n) / gaps - 1.0)

@@ -19,7 +19,15 @@ FIGURES: dict[str, FigureModule] = {
     name: arc.ELLIPSES.get(name) or import_module(f"{__name__}.{name}")
     for name in (
         *("fig2_error", "fig3_gdke_ellipse", "fig4_ugdk_ellipse", "fig5_methods", "fig6_mgdk", "fig7_power_law"),
-        *("fig_efficiency", "fig_regret", "fig_map", "fig_robustness", "fig_posterior", "fig_calibration"),
+        *(
+            "fig_efficiency",
+            "fig_regret",
+            "fig_map",
+            "fig_robustness",
+            "fig_misfit",
+            "fig_posterior",
+            "fig_calibration",
+        ),
     )
 }
 

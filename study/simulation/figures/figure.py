@@ -22,7 +22,7 @@ from study.fits.cap import cap_moments
 from study.simulation.analysis.regret import median_at_bound
 from study.simulation.analysis.summary import TableReader, stored_summary
 from study.simulation.experiment.conditions import DIRECTIONS, STORED, bound_law
-from study.simulation.experiment.noise import NoiseLaw
+from study.simulation.experiment.noise import GaussianNoise
 from study.simulation.runs.run_folder import Run
 
 PACKAGE = Path(__file__).parents[2]
@@ -83,7 +83,7 @@ class Tables:
     name: str
     dimension: int
     design: str
-    noise_law: NoiseLaw
+    noise_law: GaussianNoise
     reader: TableReader
     stored: frozenset[str]
     used: tuple[str, ...] | None = None

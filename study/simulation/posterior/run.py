@@ -37,12 +37,12 @@ from study.fits.streams import old_stream
 from study.simulation.experiment.conditions import STORED, named_in
 from study.simulation.experiment.config import ChainStatus, Posterior, Study
 from study.simulation.experiment.designs import Cell
-from study.simulation.experiment.sampling import Address, Trial, addresses, replay
-from study.simulation.posterior.sampler import Chain, Prior, sample
+from study.simulation.experiment.sampling import Trial, all_trials
+from study.simulation.posterior.sampler import Chain, Prior, likelihood_rank, sample, shrink_factor
 from study.simulation.runs import schemas
 from study.simulation.runs.parts import Packet, Parts
 from study.simulation.runs.run_folder import Run
-from study.simulation.runs.workers import Backend, Dispatch, Workers
+from study.simulation.runs.workers import Dispatch, Threads, Workers
 from study.text import columns, number
 
 KEYS = ["cell", "trial", "likelihood", "noise_is"]
@@ -62,7 +62,7 @@ def by_cell(posterior: pd.DataFrame, answers: pd.DataFrame) -> pd.DataFrame:
         A row per cell, likelihood and ``noise_is``, with the cell's conditions: the numbers ``chains`` and ``ok``, and
         over the ok chains the largest ``shift`` of the posterior mean from the MLE in any component of (c, r), in
         posterior sd (NaN without ``mle`` among the estimators), the ``least`` and ``most`` ratio of a component's sd to
-        the bound's, and the largest ``tau``.
+        the bound's, the largest ``tau``, and the largest ``rhat`` of two ensembles.
     """
     endings = [name.removeprefix("away_") for name in answers.columns if name.startswith("away_")]
     mle = answers[answers["estimator"] == "mle"].set_index(KEYS)[[f"away_{e}" for e in endings]]
@@ -76,6 +76,7 @@ def by_cell(posterior: pd.DataFrame, answers: pd.DataFrame) -> pd.DataFrame:
         ok = part[part["status"] == ChainStatus.OK]
         row: dict[str, object] = {name: part[name].iloc[0] for name in kept}
         row |= {"chains": len(part), "ok": len(ok), "shift": ok["shift"].max(), "tau": ok["tau"].max()}
+        row["rhat"] = ok["rhat"].max() if "rhat" in ok else math.nan
         rows.append(row | {"least": ok["least"].min(), "most": ok["most"].max()})
     return pd.DataFrame(rows)
 
@@ -156,7 +157,9 @@ STORED_DRAWS = 2000
 """Largest number of draws that are stored of a chain."""
 
 
-def rows(study: Study, trial: Trial, chain: Chain, key: Row, walkers: int, keep: bool) -> dict[str, pa.Table]:
+def rows(
+    study: Study, trial: Trial, chain: Chain, key: Row, walkers: int, keep: bool, rhat: float = math.nan
+) -> dict[str, pa.Table]:
     """Rows of the three tables for one chain.
 
     Args:
@@ -166,6 +169,7 @@ def rows(study: Study, trial: Trial, chain: Chain, key: Row, walkers: int, keep:
         key: columns that identify the chain: cell, trial, likelihood, noise_is.
         walkers: number of walkers.
         keep: store draws.
+        rhat: R̂ of this chain and another of the same data, if there is one.
 
     Returns:
         Tables ``posterior`` (one row), ``answers`` (a row per estimator) and ``draws`` (empty if they are not stored).
@@ -177,11 +181,14 @@ def rows(study: Study, trial: Trial, chain: Chain, key: Row, walkers: int, keep:
     beside = [key | _answer(trial, name, draws, known) for name in study.estimators]
     walker_by_walker = np.arange(len(draws)).reshape(-1, walkers).T.ravel()
     chosen = np.linspace(0, len(draws) - 1, min(len(draws), STORED_DRAWS)).round().astype(int)
-    stored = draws[walker_by_walker[chosen]] if keep and len(draws) else draws[:0]
-    noise = stored[:, d + 1] + trial.cell.noise if not known else np.full(len(stored), trial.cell.noise)
+    thinned = draws[walker_by_walker[chosen]] if len(draws) else draws
+    noise = np.append(np.zeros(len(thinned)) if known else thinned[:, d + 1], 0.0) + trial.cell.noise
+    rank = likelihood_rank(key["likelihood"], trial.samples.x[0], truth[: d + 1], thinned[:, : d + 1], noise)
+    stored, noise = (thinned, noise[:-1]) if keep else (thinned[:0], noise[:0])
+    posterior = _posterior(trial, chain, draws, walkers) | {"rank_likelihood": rank, "rhat": rhat}
     columns = {f"error_{i + 1}": stored[:, i] for i in range(d)} | {"radius_error": stored[:, d], "noise": noise}
     return {
-        "posterior": _table(schemas.posterior(d, study.conditions()), [key | _posterior(trial, chain, draws, walkers)]),
+        "posterior": _table(schemas.posterior(d, study.conditions()), [key | posterior]),
         "answers": _table(schemas.answers(d), beside),
         "draws": schemas.table(schemas.draws(d), {k: [v] * len(stored) for k, v in key.items()} | columns),
     }
@@ -274,38 +281,42 @@ class ChainTask:
     """One chain to run.
 
     Attributes:
-        address: the trial.
+        trial: the data set.
         likelihood: name of the likelihood.
         noise_is: "known" or "unknown".
     """
 
-    address: Address
+    trial: Trial
     likelihood: str
     noise_is: str
 
     @property
     def key(self) -> dict[str, str | int]:
         """The columns that identify the chain in every table."""
-        where = self.address
+        where = self.trial
         names = {"likelihood": self.likelihood, "noise_is": self.noise_is}
         return {"cell": where.cell.name, "trial": where.trial, **names}
 
     def part(self, study: Study, posterior: Posterior) -> str:
         """Name of the chain's part: a digest of all that determines it."""
         settings = (posterior.box, posterior.walkers, posterior.max_steps, self._keeps_draws(posterior))
-        content = repr((FORMAT, study.seed, study.dimension, study.estimators, settings, self.key, self.address.cell))
+        content = repr((FORMAT, study.seed, study.dimension, study.estimators, settings, self.key, self.trial.cell))
         return hashlib.sha256(content.encode()).hexdigest()[:20]
 
     def compute(self, study: Study, posterior: Posterior) -> dict[str, pa.Table]:
         """Run the chain; returns its rows of the posterior tables."""
-        trial = replay(study, self.address)
+        trial = self.trial
         prior = prior_of(trial.cell, posterior, self.noise_is == "known")
         random = old_stream(study.seed, "posterior", *self.key.values())
-        chain = sample(trial.samples, prior, self.likelihood, random, posterior.walkers, posterior.max_steps)
-        return rows(study, trial, chain, self.key, posterior.walkers, self._keeps_draws(posterior))
+        size = posterior.walkers, posterior.max_steps
+        chain, rhat = sample(trial.samples, prior, self.likelihood, random, *size), math.nan
+        if trial.trial == 0:  # every cell has one trial whose chain is checked against another of its own
+            random = old_stream(study.seed, "posterior", *self.key.values(), "second")
+            rhat = shrink_factor([chain, sample(trial.samples, prior, self.likelihood, random, *size)])
+        return rows(study, trial, chain, self.key, posterior.walkers, self._keeps_draws(posterior), rhat)
 
     def _keeps_draws(self, posterior: Posterior) -> bool:
-        return self.address.trial < posterior.keep_draws
+        return self.trial.trial < posterior.keep_draws
 
 
 def prior_of(cell: Cell, posterior: Posterior, known: bool) -> Prior:
@@ -316,7 +327,7 @@ def prior_of(cell: Cell, posterior: Posterior, known: bool) -> Prior:
 
 def chain_tasks(study: Study, posterior: Posterior) -> list[ChainTask]:
     """Every chain that a config asks for, in the order of the tables."""
-    places = [a for a in addresses(study, posterior.trials) if posterior.chooses(a.cell)]
+    places = [trial for trial in all_trials(study, posterior.trials) if posterior.chooses(trial.cell)]
     return [
         ChainTask(place, name, noise) for place in places for name in posterior.likelihood for noise in posterior.noise
     ]
@@ -337,9 +348,9 @@ def printed(run: Run) -> Iterator[str]:
         rows.append([*values, row["likelihood"], row["noise_is"], f"{row['ok']}/{row['chains']}"])
         if row["ok"]:
             ratio = f"{row['least']:.2f} … {row['most']:.2f}"
-            rows[-1] += [number(row["shift"], ".2f"), ratio, f"{row['tau']:.0f}"]
+            rows[-1] += [number(row["shift"], ".2f"), ratio, f"{row['tau']:.0f}", number(row["rhat"], ".3f")]
     symbols = [condition.symbol for condition in conditions]
-    titles = [*symbols, "likelihood", "noise", "ok", "shift", "sd over bound", "τ"]
+    titles = [*symbols, "likelihood", "noise", "ok", "shift", "sd over bound", "τ", "R̂"]
     yield from columns(rows, titles, ">" * len(symbols) + "<<>")
     if run.study.independent():
         yield from printed_calibration(trials(result, beside))
@@ -417,7 +428,7 @@ def compute(run: Run, jobs: Workers | int = 2, progress: Callable[[float], None]
         run.forget(*stored)
         _compute(parts, (study, posterior), keys, backend, progress)
         for name, columns in stored.items():
-            result = (table for key in keys for _, _, table in parts.tables(key, name))
+            result = (schemas.completed(table, columns) for key in keys for _, _, table in parts.tables(key, name))
             run.join(name, columns, result, metadata)
         made = {"chains": len(todo), "seconds": round(parts.seconds, 3), "jobs": workers.jobs}
         run.record(*stored, posterior=made)
@@ -437,7 +448,7 @@ def _keep_finished(run: Run, parts: Parts, wanted: dict[str, ChainTask], names: 
 
 
 def _compute(
-    parts: Parts, shared: Shared, keys: dict[str, ChainTask], backend: Backend, progress: Callable[[float], None] | None
+    parts: Parts, shared: Shared, keys: dict[str, ChainTask], backend: Threads, progress: Callable[[float], None] | None
 ) -> None:
     """Run the missing chains and store each as it finishes."""
     missing = [item for item in keys.items() if not parts.outputs(item[0])]
@@ -450,7 +461,7 @@ def _compute(
             progress(len(items) / len(missing))
 
     dispatch = Dispatch(backend, _chains, shared, parts)
-    dispatch.compute(missing, lambda item: _HEAVY * item[1].address.cell.samples, ended)
+    dispatch.compute(missing, lambda item: _HEAVY * item[1].trial.cell.samples, ended)
     if lost:
         raise RunError(f"{parts.folder.parent}: {len(lost)} chains could not be run: {lost[0]}; the others are stored")
 

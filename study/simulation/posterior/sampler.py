@@ -27,6 +27,7 @@ constant.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -309,6 +310,39 @@ class Chain:
     def flat(self) -> Floats:
         """The draws of all walkers (draws, parameters)."""
         return self.draws.reshape(-1, self.draws.shape[2])
+
+
+def shrink_factor(chains: Sequence[Chain]) -> float:
+    """R̂ of independent ensembles: √(1 + variance of their means / mean of their variances), largest of the parameters.
+
+    It is 1 if they agree; NaN if one has no draws. Walkers of one ensemble are not independent of each other, so they
+    do not count as chains (Gelman & Rubin 1992).
+    """
+    if not all(len(chain.draws) for chain in chains):
+        return math.nan
+    means = np.array([chain.flat.mean(axis=0) for chain in chains])
+    within = np.mean([chain.flat.var(axis=0) for chain in chains], axis=0)
+    return float(np.sqrt(1.0 + means.var(axis=0, ddof=1) / within).max())
+
+
+def likelihood_rank(name: str, points: Floats, sphere: Floats, draws: Floats, noise: Floats) -> float:
+    """Share of draws with a lower likelihood than the truth (Modrák et al. 2023); NaN without draws.
+
+    Ranks of the parameters alone do not see a posterior that takes no account of the data: that of the likelihood does.
+
+    Args:
+        name: of the likelihood, in `LIKELIHOODS`.
+        points: the data (d, n).
+        sphere: true centre and radius (d+1,).
+        draws: of centre and radius, less the truth (k, d+1).
+        noise: σ of each draw, and of the truth at the end (k+1,).
+    """
+    if not len(draws):
+        return math.nan
+    reference = Reference.of(points, sphere[:-1], sphere[-1])
+    offsets = np.vstack([draws, np.zeros(draws.shape[1])])
+    *drawn, truth = LIKELIHOODS[name](reference, offsets, np.log(noise))
+    return float(np.mean(np.array(drawn) < truth))
 
 
 class _Sampler(emcee.EnsembleSampler):  # type: ignore[misc]

@@ -21,6 +21,7 @@ from study.fits.registry import ESTIMATORS
 from study.simulation.analysis.summary import worst_of_run
 from study.simulation.claims import CLAIMS
 from study.simulation.claims.claim import Verdict
+from study.simulation.claims.readings import Readings
 from study.simulation.figures import Drawing, FigureModule, Gallery, Tables
 from study.simulation.figures.fig_efficiency import EfficiencyFrame
 from study.simulation.figures.figure import failure, log_axes, look
@@ -81,16 +82,23 @@ class Headline:
     claim: int = 0
 
 
-def findings(claims: pd.DataFrame, efficiency: EfficiencyFrame | None) -> list[Headline]:
+def findings(
+    claims: pd.DataFrame, efficiency: EfficiencyFrame | None, readings: Readings | None = None
+) -> list[Headline]:
     """The findings that the tables allow; the paper's main claim and the estimator to use instead come first.
 
     Args:
         claims: the claims table; columns as `study.simulation.runs.schemas.CLAIMS`.
         efficiency: medians over the bound, if a run has them; see `study.simulation.figures.fig_efficiency`.
+        readings: verdicts under other readings of the paper.
     """
     rows = {row["name"]: row for row in claims.to_dict("records")}
     told = [
-        Headline(head, _filled(claim.story, row["finding"]), int(row["number"]))
+        Headline(
+            head.format(otherwise=readings.otherwise(name) if readings else ""),
+            _filled(claim.story, row["finding"]),
+            int(row["number"]),
+        )
         for name, claim in _CLAIMS.items()
         if (row := rows.get(name)) and (head := claim.heads.get(row["verdict"]))
     ]
@@ -284,6 +292,7 @@ class Material:
         lead: the picture at the top of the page, if some run can feed it.
         findings: the findings at the top of the page.
         bench: the table that `make bench` stores, if it is given.
+        readings: verdicts under other readings of the paper, if they are given.
     """
 
     records: list[Record]
@@ -293,6 +302,7 @@ class Material:
     lead: Markup | None
     findings: list[Headline]
     bench: pd.DataFrame | None = None
+    readings: Readings | None = None
 
     @classmethod
     def of(
@@ -301,6 +311,7 @@ class Material:
         claims: pd.DataFrame,
         bench: pd.DataFrame | None = None,
         gallery: Gallery | None = None,
+        readings: Readings | None = None,
     ) -> Self:
         """Read runs and draw their figures, one after the other, so that no two error tables are in memory together.
 
@@ -309,6 +320,7 @@ class Material:
             claims: the claims table.
             bench: the table that `make bench` stores.
             gallery: takes the figures, so that a caller can write them; with PNG among its formats.
+            readings: verdicts under other readings of the paper.
 
         Raises:
             RunError: if a run did not finish, or is given twice.
@@ -329,4 +341,5 @@ class Material:
             except Exception as error:  # a picture that fails must not cost the page
                 undrawn["lead"] = {drawings[_LEAD].name: failure(error)}
         pictures = {name: picture(name, drawing) for name, drawing in drawings.items()}
-        return cls(records, claims, pictures, undrawn, top, findings(claims, efficiency), bench)
+        told = findings(claims, efficiency, readings)
+        return cls(records, claims, pictures, undrawn, top, told, bench, readings)

@@ -14,6 +14,7 @@ from markupsafe import Markup
 
 from study.files import RunError, regular, write
 from study.simulation.claims.claim import Verdict
+from study.simulation.claims.readings import Readings
 from study.simulation.figures import Gallery, gathered
 from study.simulation.report import html, words
 from study.simulation.report.explorer import digests, explorer_section
@@ -103,9 +104,74 @@ def _judged(row: Any, material: Material) -> list[Content]:
     result: list[str] = [
         html.paragraph([_badge(verdict, verdict)]),
         html.paragraph(html.coded(answer(str(row.claim), verdict, str(row.finding)))),
+        *_otherwise(str(row.claim), material),
         html.folded("Numbers and rule", [numbers, rule]),
     ]
     return [str(row.number), str(row.section), str(row.statement), result]
+
+
+def _otherwise(claim: str, material: Material) -> list[Markup]:
+    """Sentence on a claim whose verdict another reading of the paper changes; nothing if it stands."""
+    words = material.readings.otherwise(claim).partition("; ")[2] if material.readings else ""
+    return [html.paragraph(["Read otherwise: ", words, "."])] if words else []
+
+
+_SHORT = {Verdict.REPRODUCED: "yes", Verdict.PARTLY: "part", Verdict.NOT_REPRODUCED: "no", Verdict.NOT_EVALUATED: "–"}
+
+
+def readings_section(material: Material) -> Iterable[Section]:
+    """Section of the choices that the paper leaves open, and of the verdicts under each reading; empty without them."""
+    readings = material.readings
+    if readings is None or material.claims.empty:
+        return
+    letters = {
+        (choice.name, one.name): f"{number}{letter}"
+        for number, choice in enumerate(readings.choices, start=1)
+        for letter, one in zip("abcdefgh", choice.reading, strict=False)
+    }
+    others = [(choice, one) for choice in readings.choices for one in choice.reading if one.name != choice.used]
+    moved, stand = readings.changed["claim"].nunique(), len(readings.standing)
+    said = html.paragraph(
+        f"The paper leaves {len(readings.choices)} choices open. Each was read otherwise, one at a time: the studies "
+        f"that it changes were run, and the claims that it may change were judged again. {stand} verdicts stand under "
+        f"every reading, {moved} change under some."
+    )
+    rows: list[list[Content]] = []
+    for number, choice in enumerate(readings.choices, start=1):
+        ways = [
+            [letters[choice.name, one.name], ": ", one.words, " (used)" * (one.name == choice.used)]
+            for one in choice.reading
+        ]
+        facts = [html.note(choice.says), html.items(ways), html.note(["Used because: ", choice.why])]
+        rows.append([str(number), choice.section, choice.issue, facts])
+    caption = "Each choice with its readings; the letters are those of the table below."
+    head = ["No.", "§", "Choice", "What the paper says, and the readings"]
+    choices = html.table("Choices that the paper leaves open", caption, head, rows, look=_PROSE)
+    lines: list[list[Content]] = []
+    for row in material.claims.to_dict("records"):
+        cells: list[Content] = []
+        for choice, one in others:
+            verdict = readings.verdict(row["name"], choice.name, one.name)
+            short = _SHORT[Verdict(verdict)] if verdict else "·"
+            cells.append(_badge(verdict, short) if verdict not in ("", row["verdict"]) else short)
+        short = _SHORT.get(Verdict(row["verdict"]), "–") if row["verdict"] in set(Verdict) else "–"
+        lines.append([html.link(f"{row['number']} {row['name']}", f"claim-{row['number']}"), short, *cells])
+    titles = ["Claim", "used", *(letters[choice.name, one.name] for choice, one in others)]
+    caption = (
+        "Verdicts under each reading: reproduced (yes), partly, not reproduced (no), not evaluated (–); a dot where a "
+        "reading cannot change it. A verdict that changes, or cannot be given, is framed."
+    )
+    matrix = html.table("Claims under each reading", caption, titles, lines)
+    told = [
+        [
+            html.link(f"Claim {row.number}", f"claim-{row.number}"),
+            f", {row.used} as used, {row.verdict} {readings.reading(row).clause}: ",
+            readable("; ".join(str(row.finding).split("; ")[:3])),
+        ]
+        for row in readings.changed.itertuples()
+    ]
+    numbers = html.folded(f"The {len(told)} verdicts that change, with their first numbers", html.items(told))
+    yield Section("The paper read otherwise", "readings", [said, choices, matrix, numbers])
 
 
 def _missing(rest: pd.DataFrame, judged: pd.DataFrame, material: Material) -> Iterable[Markup]:
@@ -201,6 +267,7 @@ def run_sections(material: Material) -> Iterable[Section]:
 
 SECTIONS: list[Callable[[Material], Iterable[Section]]] = [
     claims_section,
+    readings_section,
     explorer_section,
     figures_section,
     posterior_section,
@@ -212,7 +279,11 @@ SECTIONS: list[Callable[[Material], Iterable[Section]]] = [
 
 
 def render(
-    runs: Sequence[Run], claims: pd.DataFrame, bench: pd.DataFrame | None = None, gallery: Gallery | None = None
+    runs: Sequence[Run],
+    claims: pd.DataFrame,
+    bench: pd.DataFrame | None = None,
+    gallery: Gallery | None = None,
+    readings: Readings | None = None,
 ) -> str:
     """Write the page about runs: one HTML document that needs no other file.
 
@@ -221,6 +292,7 @@ def render(
         claims: the claims table; columns as `study.simulation.runs.schemas.CLAIMS`, perhaps without rows.
         bench: the table that `make bench` stores, if it is to be shown; see `study.simulation.report.page`.
         gallery: takes the figures, if the caller wants to write them.
+        readings: verdicts under other readings of the paper, if they are to be shown.
 
     Returns:
         The document. The same runs and claims give the same bytes.
@@ -228,7 +300,7 @@ def render(
     Raises:
         RunError: if a run did not finish, is given twice, or a table cannot be read.
     """
-    material = Material.of(runs, claims, bench, gallery)
+    material = Material.of(runs, claims, bench, gallery, readings)
     sections = [section for make in SECTIONS for section in make(material)]
     return html.rendered(
         "template.html",

@@ -20,14 +20,14 @@ import pyarrow.compute as pc
 from study.arrays import Ints
 from study.simulation.experiment.compute import Columns
 from study.simulation.experiment.config import Precision, Study
-from study.simulation.experiment.designs import Cell, Group, Unit
+from study.simulation.experiment.designs import Batch, Cell, Group
 from study.simulation.experiment.sampling import groups, trials_of, units_of
 from study.simulation.runs import schemas
-from study.simulation.runs.jobs import Layout, UnitTasks, stored_rows
+from study.simulation.runs.jobs import Layout
 from study.simulation.runs.parts import Parts
 from study.simulation.statistics import Measure, measured
 
-CellBatch = list[tuple[list[Unit], list[Cell]]]
+CellBatch = list[tuple[list[Batch], list[Cell]]]
 """Groups of cells, each with the pieces of its trials and the cells to measure."""
 COLUMNS = ("radius", "error", "error_1", "bound", "status")
 _ROWS = 1 << 20
@@ -56,36 +56,36 @@ class CellPrecision:
 
 
 def measure_cells(
-    tasks: UnitTasks, parts: Parts, places: Sequence[list[Unit]], precision: Precision
+    layout: Layout, parts: Parts, places: Sequence[list[Batch]], precision: Precision
 ) -> Iterator[tuple[Cell, CellPrecision]]:
     """Find the precision of cells from all of their trials.
 
     Args:
-        tasks: the study's.
+        layout: the run.
         parts: the stored rows, which have all of these trials.
         places: for each group of cells the pieces of its trials, in order; the last one has the cells to measure.
         precision: the config's section.
     """
-    names = precision.estimators or tasks.study.estimators
-    for batch in _batches(places, len(tasks.study.estimators)):
+    names = precision.estimators or layout.study.estimators
+    for batch in _batches(places, len(layout.study.estimators)):
         cells = [cell for _, group in batch for cell in group]
         trials = [pieces[-1].last for pieces, group in batch for _ in group]
-        rows = _split(_read(tasks, parts, batch), [cell.name for cell in cells], names)
+        rows = _split(_read(layout, parts, batch), [cell.name for cell in cells], names)
         for cell, count, result in zip(cells, trials, rows, strict=True):
             measures = {name: measured(precision.measure, columns) for name, columns in zip(names, result, strict=True)}
             yield cell, _worst(precision, count, measures)
 
 
-def _read(tasks: UnitTasks, parts: Parts, batch: CellBatch) -> pa.Table:
+def _read(layout: Layout, parts: Parts, batch: CellBatch) -> pa.Table:
     """Read the rows of some cells, those of each in the order of its trials."""
     result: list[pa.Table] = []
     order = sorted((index, number) for number, (pieces, _) in enumerate(batch) for index in range(len(pieces)))
     for index, number in order:  # across groups first: what was computed together is stored together
         pieces, cells = batch[number]
         wanted = pa.array([cell.name for cell in cells])
-        for _, table in stored_rows(tasks, parts, pieces[index], "errors"):
+        for _, table in layout.stored(parts, pieces[index], "errors"):
             rows = table.select(["cell", "estimator", *COLUMNS])
-            if len(cells) < len(pieces[index].group.cells):
+            if len(cells) < len(pieces[index].cells):
                 rows = rows.filter(pc.is_in(rows["cell"].cast(pa.string()), wanted))
             result.append(rows)
     return pa.concat_tables(result)
@@ -105,13 +105,13 @@ def _worst(precision: Precision, trials: int, measures: dict[str, Measure]) -> C
     return CellPrecision(trials, worst, value, error, precision.goal(value), reached)
 
 
-def _batches(places: Sequence[list[Unit]], estimators: int) -> Iterator[CellBatch]:
+def _batches(places: Sequence[list[Batch]], estimators: int) -> Iterator[CellBatch]:
     """Take as many groups at a time, or cells of one, as memory should hold."""
     batch: CellBatch = []
     held = 0
     for pieces in places:
         per_cell = pieces[-1].last * estimators
-        cells = list(pieces[-1].group.cells)
+        cells = list(pieces[-1].cells)
         while cells:
             space = max((_ROWS - held) // per_cell, 0 if batch else 1)
             if space:
@@ -178,7 +178,7 @@ class GroupProgress:
 
     def restart(self) -> None:
         """Forget all measures, and begin at the first checkpoint."""
-        self.stages = [Unit(self.group, 0, self.checkpoints[0])]
+        self.stages = [Batch(self.group, 0, self.checkpoints[0])]
         self.found: dict[Cell, CellPrecision] = {}
         self.reasons: dict[Cell, str] = {}
 
@@ -199,7 +199,7 @@ class GroupProgress:
         """Begin the next stage, with the open cells."""
         left = {cell for cell in self.group.cells if cell not in self.reasons}
         last = self.stages[-1].last
-        self.stages.append(Unit(self.group.only(left), last, self.checkpoints[len(self.stages)]))
+        self.stages.append(Batch(self.group.only(left), last, self.checkpoints[len(self.stages)]))
 
     def stop(self) -> None:
         """Leave out the last stage, and close all cells."""
@@ -218,25 +218,24 @@ class Rounds(Layout):
     def __init__(self, study: Study) -> None:
         assert study.precision is not None
         super().__init__(study)
-        self._tasks = UnitTasks(study)
         self.precision: Precision = study.precision
         self.progress = {
             group.stream: GroupProgress(group, self.precision.checkpoints(trials_of(study, group)))
             for group in groups(study)
         }
 
-    def units(self) -> Iterator[Unit]:
+    def units(self) -> Iterator[Batch]:
         """The units that hold trials, in the order of the tables."""
         for progress in self.progress.values():
             if progress.stages:
                 yield from units_of(self.study, progress.group, progress.stages[-1].last)
 
-    def cut(self, unit: Unit) -> Iterator[Unit]:
+    def cut(self, unit: Batch) -> Iterator[Batch]:
         """Cut a unit into the pieces that the stages have of it."""
         for stage in self.progress[unit.group.stream].stages:
             yield from _within(unit, stage)
 
-    def pending(self) -> Iterator[Unit]:
+    def pending(self) -> Iterator[Batch]:
         """Pieces of the stages that are not measured yet."""
         return chain.from_iterable(self._pieces(progress)[1] for progress in self.progress.values() if progress.open)
 
@@ -250,22 +249,22 @@ class Rounds(Layout):
         for stream, progress in self.progress.items():
             if progress.open:
                 before, now = self._pieces(progress)
-                if next(self._tasks.missing(now, parts.outputs), None) is None:
+                if next(self.missing(parts, now), None) is None:
                     places[stream] = before + now
-        result = dict(measure_cells(self._tasks, parts, list(places.values()), self.precision))
+        result = dict(measure_cells(self, parts, list(places.values()), self.precision))
         further = False
         for stream in places:
             progress = self.progress[stream]
-            for cell in progress.stages[-1].group.cells:
+            for cell in progress.stages[-1].cells:
                 progress.take(cell, result[cell])
             if progress.open:
                 progress.go_on()
                 further = True
         return further
 
-    def _pieces(self, progress: GroupProgress) -> tuple[list[Unit], list[Unit]]:
+    def _pieces(self, progress: GroupProgress) -> tuple[list[Batch], list[Batch]]:
         """Pieces of the stages that are measured, and of the last one."""
-        result: tuple[list[Unit], list[Unit]] = [], []
+        result: tuple[list[Batch], list[Batch]] = [], []
         for stage in progress.stages:
             for unit in units_of(self.study, progress.group, stage.last):
                 result[stage is progress.stages[-1]].extend(_within(unit, stage))
@@ -289,7 +288,7 @@ class Rounds(Layout):
             if progress.open:
                 stage = progress.stages[-1]
                 now += stage.rows
-                possible += len(stage.group.cells) * (progress.checkpoints[-1] - stage.first)
+                possible += len(stage.cells) * (progress.checkpoints[-1] - stage.first)
         return now / possible if possible else 1.0
 
     def reasons(self) -> Counter[str]:
@@ -316,11 +315,11 @@ class Rounds(Layout):
         return schemas.table(columns, {c.name: [row[c.name] for row in rows] for c in columns})
 
 
-def _within(unit: Unit, stage: Unit) -> Iterator[Unit]:
+def _within(unit: Batch, stage: Batch) -> Iterator[Batch]:
     """Cut a unit to the trials that a stage has of it."""
     first, last = max(unit.first, stage.first), min(unit.last, stage.last)
     if first < last:
-        yield Unit(stage.group, first, last)
+        yield Batch(stage.group, first, last)
 
 
 class TimeBudget:

@@ -6,8 +6,7 @@ order of the tables, however the unit was cut.
 
 import hashlib
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
-from itertools import groupby
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pyarrow as pa
@@ -19,7 +18,7 @@ from study.fits import ESTIMATORS
 from study.simulation import statistics
 from study.simulation.experiment.compute import Columns, Errors, Result, compute, lost, stack
 from study.simulation.experiment.config import Study
-from study.simulation.experiment.designs import Batch, Unit
+from study.simulation.experiment.designs import Batch
 from study.simulation.experiment.sampling import units
 from study.simulation.runs import schemas
 from study.simulation.runs.parts import FORMAT, Packet, Parts, encode
@@ -36,65 +35,32 @@ _LONG = 1e9
 
 @dataclass(frozen=True)
 class UnitTask:
-    """Outputs to compute of a unit.
+    """Outputs to compute of a batch of trials.
 
     Attributes:
-        unit: the unit.
-        key: a digest of all that determines the unit's rows; see `study.simulation.runs.parts`.
+        batch: the trials.
+        key: a digest of all that determines their rows; see `study.simulation.runs.parts`.
         outputs: estimators with their versions, and perhaps points.
     """
 
-    unit: Unit
+    batch: Batch
     key: str
     outputs: tuple[str, ...]
 
     @property
     def weight(self) -> float:
-        """Work in samples: those drawn and fitted, an overhead per batch and level, and a cost per row."""
-        samples, batches = self.unit.group.load(self.unit.first, self.unit.last)
-        levels = self.unit.group.levels
-        rows = self.unit.rows * len(self.outputs)
-        return samples * (1.0 + levels) + _OVERHEAD * batches * (1 + levels) + _ROW * rows
-
-
-class UnitTasks:
-    """The tasks of a study.
-
-    Args:
-        study: the config.
-    """
-
-    def __init__(self, study: Study) -> None:
-        self.study = study
-        measures = " ".join(MEASURES) if study.keep == "summary" else ""  # rows of a summary have a column for each
-        self._stem = hashlib.sha256(f"{FORMAT} {study.stem()}{measures}".encode()).digest()
-        self.estimators = tuple(output(name) for name in study.estimators)
-
-    def task(self, unit: Unit) -> UnitTask:
-        """The task of a unit, with all of its outputs."""
-        content = self._stem + unit.group.digest + f"{unit.first}-{unit.last}".encode()
-        points = (f"{POINTS}:{self.study.keep_points}",) if unit.first < self.study.keep_points else ()
-        return UnitTask(unit, hashlib.blake2b(content, digest_size=12).hexdigest(), self.estimators + points)
-
-    def missing(self, units: Iterable[Unit], stored: Callable[[str], set[str]]) -> Iterator[UnitTask]:
-        """The tasks of units, with the outputs that are not stored; tasks that have none are left out.
-
-        Args:
-            units: the units.
-            stored: gives the outputs that are stored under a key.
-        """
-        for unit in units:
-            task = self.task(unit)
-            there = stored(task.key)
-            if missing := tuple(o for o in task.outputs if o not in there):
-                yield UnitTask(unit, task.key, missing)
+        """Work in samples: those drawn and fitted, an overhead per block and level, and a cost per row."""
+        batch, levels = self.batch, len(self.batch.group.levels)
+        samples = sum(samples * trials for samples, trials in batch.group.sizes(batch.first, batch.last))
+        blocks = -(-batch.last // batch.group.size) - batch.first // batch.group.size
+        return samples * (1.0 + levels) + _OVERHEAD * blocks * (1 + levels) + _ROW * batch.rows * len(self.outputs)
 
 
 def takes_long(study: Study) -> bool:
     """Tell whether processes compute a study sooner than threads, which start at once but share one interpreter."""
-    tasks, weight = UnitTasks(study), 0.0
+    layout, weight = Layout(study), 0.0
     for unit in units(study):
-        weight += tasks.task(unit).weight
+        weight += layout.task(unit).weight
         if weight > _LONG:
             return True
     return False
@@ -115,24 +81,23 @@ def execute(study: Study, tasks: tuple[UnitTask, ...]) -> Packet:
     return _packed(study, tasks, compute)
 
 
-def give_up(study: Study, tasks: tuple[UnitTask, ...], message: str) -> Packet:
-    """Rows of tasks whose worker died twice: every fit failed.
+def give_up(study: Study, task: UnitTask, message: str) -> Packet:
+    """Rows of a task whose worker died twice: every fit failed.
 
     Args:
         study: the config.
-        tasks: the tasks.
+        task: the task.
         message: how the worker died.
     """
-    return _packed(study, tasks, lambda part, batches: lost(part, batches, message))
+    return _packed(study, (task,), lambda part, batch: lost(part, batch, message))
 
 
-def _packed(study: Study, tasks: tuple[UnitTask, ...], result: Callable[[Study, tuple[Batch, ...]], Result]) -> Packet:
+def _packed(study: Study, tasks: tuple[UnitTask, ...], result: Callable[[Study, Batch], Result]) -> Packet:
     of_tasks = []
-    for outputs, together in groupby(tasks, key=lambda task: task.outputs):
-        kept = study.keep_points if any(o.startswith(POINTS) for o in outputs) else 0
-        part = study.model_copy(update={"estimators": estimators_of(outputs), "keep_points": kept})
-        for task in together:
-            of_tasks.append(tables(part, result(part, task.unit.batches)))
+    for task in tasks:
+        points = study.keep_points if any(o.startswith(POINTS) for o in task.outputs) else 0
+        part = study.model_copy(update={"estimators": estimators_of(task.outputs), "keep_points": points})
+        of_tasks.append(tables(part, result(part, task.batch)))
     stacked, rows = {}, {}
     for name, columns in schemas.of_units(study.dimension, study.conditions()).items():
         filled = [unit[name] for unit in of_tasks if unit[name]]
@@ -155,12 +120,12 @@ def tables(study: Study, result: Result) -> dict[str, Columns]:
     elif result.blocks:
         table["summary"] = statistics.of_errors(Errors.joined(result.blocks))
         samples = result.blocks[0].cells[0].samples
-        result.clock.read("summary", samples, sum(block.radius.size for block in result.blocks))
+        result.clock("summary", samples, sum(block.radius.size for block in result.blocks))
     return table | {"timings": result.timings}
 
 
 class Layout:
-    """A run whose units are all known, and computed whole.
+    """The tasks of a run whose units are all known, and computed whole.
 
     Args:
         study: the config.
@@ -168,20 +133,42 @@ class Layout:
 
     def __init__(self, study: Study) -> None:
         self.study = study
+        measures = " ".join(MEASURES) if study.keep == "summary" else ""  # rows of a summary have a column for each
+        self._stem = hashlib.sha256(f"{FORMAT} {study.stem()}{measures}".encode()).digest()
+        self._estimators = tuple(output(name) for name in study.estimators)
 
-    def units(self) -> Iterator[Unit]:
+    def task(self, batch: Batch) -> UnitTask:
+        """The task of a batch, with all of its outputs."""
+        content = self._stem + batch.group.digest + f"{batch.first}-{batch.last}".encode()
+        points = (f"{POINTS}:{self.study.keep_points}",) if batch.first < self.study.keep_points else ()
+        return UnitTask(batch, hashlib.blake2b(content, digest_size=12).hexdigest(), self._estimators + points)
+
+    def missing(self, parts: Parts, batches: Iterable[Batch] | None = None) -> Iterator[UnitTask]:
+        """Tasks with the outputs that parts do not have; tasks that have none are left out.
+
+        Args:
+            parts: the stored rows.
+            batches: the trials; those that may have to be computed, by default.
+        """
+        for batch in self.pending() if batches is None else batches:
+            task = self.task(batch)
+            there = parts.outputs(task.key)
+            if missing := tuple(o for o in task.outputs if o not in there):
+                yield replace(task, outputs=missing)
+
+    def units(self) -> Iterator[Batch]:
         """The units, in the order of the tables."""
         return units(self.study)
 
-    def cut(self, unit: Unit) -> Iterator[Unit]:
+    def cut(self, unit: Batch) -> Iterator[Batch]:
         """Cut a unit into pieces."""
         yield unit
 
-    def pieces(self) -> Iterator[Unit]:
+    def pieces(self) -> Iterator[Batch]:
         """All pieces of all units."""
         return (piece for unit in self.units() for piece in self.cut(unit))
 
-    def pending(self) -> Iterator[Unit]:
+    def pending(self) -> Iterator[Batch]:
         """The pieces that may have to be computed."""
         return self.pieces()
 
@@ -196,69 +183,57 @@ class Layout:
         """Share of the pending pieces in all that may still have to be computed."""
         return 1.0
 
+    def rows(self, parts: Parts, name: str) -> Iterator[pa.Table]:
+        """Read a table's rows, unit by unit.
 
-def rows(study: Study, parts: Parts, layout: Layout, name: str) -> Iterator[pa.Table]:
-    """Read a table's rows, unit by unit.
+        Args:
+            parts: the stored rows.
+            name: the table: errors, points, failures, timings or summary.
 
-    Args:
-        study: the config.
-        parts: the stored rows.
-        layout: the units, and how each is cut.
-        name: the table: errors, points, failures, timings or summary.
+        Raises:
+            RunError: if rows are missing.
+        """
+        estimators = self.study.estimators
+        for unit in self.units() if parts.holds(name) else ():
+            pieces = list(self.cut(unit))
+            stored = [entry for piece in pieces for entry in self.stored(parts, piece, name)]
+            result = [table for _, table in stored]
+            datasets = {"errors": sum(piece.rows for piece in pieces), "summary": len(unit.cells)}.get(name, 0)
+            if datasets and sum(table.num_rows for table in result) != datasets * len(estimators):
+                raise RunError(f"{parts.folder}: rows of trials {unit.first} to {unit.last - 1} are missing; run again")
+            in_order = len(result) == 1 and (name == "points" or estimators_of(stored[0][0]) == estimators)
+            if in_order or name == "timings":
+                yield from result
+            elif result:
+                table = pa.concat_tables(result)
+                yield table.take(order(estimators, unit, table))
 
-    Raises:
-        RunError: if rows are missing.
-    """
-    tasks = UnitTasks(study)
-    if not parts.holds(name):
-        return
-    for unit in layout.units():
-        result: list[pa.Table] = []
-        first: tuple[str, ...] = ()
-        datasets = 0
-        for piece in layout.cut(unit):
-            datasets += piece.rows
-            for outputs, table in stored_rows(tasks, parts, piece, name):
-                first = first or outputs
-                result.append(table)
-        expected = {"errors": datasets, "summary": len(unit.group.cells)}.get(name, 0) * len(study.estimators)
-        if expected and sum(table.num_rows for table in result) != expected:
-            raise RunError(f"{parts.folder}: rows of trials {unit.first} to {unit.last - 1} are missing; run again")
-        whole = len(result) == 1 and (name == "points" or estimators_of(first) == study.estimators)
-        if whole or (result and name == "timings"):
-            yield from result
-        elif result:
-            table = pa.concat_tables(result)
-            yield table.take(order(study.estimators, unit, table))
+    def stored(self, parts: Parts, piece: Batch, name: str) -> Iterator[tuple[tuple[str, ...], pa.Table]]:
+        """Read the stored rows of a piece, without those of outputs that the study does not have.
 
+        Rows that were taken from another study's run have its columns. They get those of this one: a condition that it
+        did not give is at its default, and one that this study does not give is left out.
 
-def stored_rows(tasks: UnitTasks, parts: Parts, piece: Unit, name: str) -> Iterator[tuple[tuple[str, ...], pa.Table]]:
-    """Read the stored rows of a piece, without those of outputs that the study does not have.
+        Args:
+            parts: the stored rows.
+            piece: of a unit.
+            name: the table.
 
-    Rows that were taken from another study's run have its columns. They get those of this one: a condition that it did
-    not give is at its default, and one that this study does not give is left out.
-
-    Args:
-        tasks: the study's.
-        parts: the stored rows.
-        piece: of a unit.
-        name: the table.
-
-    Yields:
-        Outputs, and their rows.
-    """
-    task, study = tasks.task(piece), tasks.study
-    columns = schemas.of_units(study.dimension, study.conditions())[name]
-    for outputs, fresh, table in parts.tables(task.key, name):
-        wanted = tuple(output for output in fresh if output in task.outputs)
-        if not wanted or (name == "points" and not any(o.startswith(POINTS) for o in wanted)):
-            continue
-        if wanted != outputs and name in ("errors", "failures", "summary"):
-            table = table.filter(pc.is_in(_words(table, "estimator"), pa.array(estimators_of(wanted))))
-        yield wanted, schemas.completed(table, columns)
+        Yields:
+            Outputs, and their rows.
+        """
+        task = self.task(piece)
+        columns = schemas.of_units(self.study.dimension, self.study.conditions())[name]
+        for outputs, fresh, table in parts.tables(task.key, name):
+            wanted = tuple(output for output in fresh if output in task.outputs)
+            if not wanted or (name == "points" and not any(o.startswith(POINTS) for o in wanted)):
+                continue
+            if wanted != outputs and name in ("errors", "failures", "summary"):
+                table = table.filter(pc.is_in(_words(table, "estimator"), pa.array(estimators_of(wanted))))
+            yield wanted, schemas.completed(table, columns)
 
 
-def order(estimators: tuple[str, ...], unit: Unit, table: pa.Table) -> Ints:
+def order(estimators: tuple[str, ...], unit: Batch, table: pa.Table) -> Ints:
     """The order of a unit's rows in the table.
 
     Args:
@@ -267,14 +242,14 @@ def order(estimators: tuple[str, ...], unit: Unit, table: pa.Table) -> Ints:
         table: its rows, of errors, failures, points or summary, in any order.
     """
     if "group" in table.schema.names:  # a summary, of the cells of a grid
-        cells = _places(table, "group", [cell.name for cell in unit.group.cells])
+        cells = _places(table, "group", [cell.name for cell in unit.cells])
         return np.lexsort([_places(table, "estimator", estimators), cells])
     trial = table["trial"].to_numpy()
     keys = [trial]
     if "estimator" in table.schema.names:
         keys.append(_places(table, "estimator", estimators))
-    if unit.group.cells:
-        keys.append(_places(table, "cell", [cell.name for cell in unit.group.cells]))
+    if unit.cells:
+        keys.append(_places(table, "cell", [cell.name for cell in unit.cells]))
     return np.lexsort([*keys, trial // unit.group.size])  # the last counts most
 
 

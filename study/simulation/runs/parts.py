@@ -14,34 +14,28 @@ number of files grows with the logarithm of time, and a kill costs no more than 
 """
 
 import hashlib
-import json
-import os
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from itertools import accumulate
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import pyarrow as pa
+from pydantic import BaseModel, ValidationError
 
 from study.files import RunError, explained, write
 
 FORMAT = 5
 """Format of parts and tables. Raise it when rows of the same key would change, or files would be read wrongly."""
 DAMAGED = "damaged"
-Json = dict[str, Any]
-"""An object as JSON has it."""
-_SUFFIX = ".part"
 _BYTES = 32 << 20
 _SECONDS = 1.0
 _SHARE = 0.01
 _SMALL = 1 << 16
 
 
-@dataclass(frozen=True)
-class Packet:
+class Packet(NamedTuple):
     """Tables of several keys.
 
     Attributes:
@@ -74,12 +68,36 @@ def encode(table: pa.Table) -> bytes:
     return data
 
 
-Stored = dict[str, tuple[int, int, list[int]]]
-"""A packet in a file: for each table the place of its first byte, its size, and the first row of each key."""
+class PacketHeader(BaseModel):
+    """Description of a packet in a file: keys with outputs, rows of each key by table, bytes of each table."""
+
+    keys: list[tuple[str, tuple[str, ...]]]
+    rows: dict[str, list[int]]
+    sizes: dict[str, int]
+
+
+class Header(BaseModel):
+    """First line of a file. An older format may have less than this one."""
+
+    format: int
+    software: dict[str, Any]
+    seconds: float = 0.0
+    note: str = ""
+    sources: list[dict[str, Any]] = []
+    packets: list[PacketHeader] = []
+
+
+class _Rows(NamedTuple):
+    """Place of a table of a packet: its file, first byte and size, and the first row of each key."""
+
+    path: Path
+    begin: int
+    size: int
+    starts: list[int]
 
 
 @lru_cache(maxsize=2)
-def _decoded(path: str, begin: int, size: int) -> pa.Table:
+def _decoded(path: Path, begin: int, size: int) -> pa.Table:
     with open(path, "rb") as file:
         file.seek(begin)
         return pa.ipc.open_stream(file.read(size)).read_all()
@@ -123,33 +141,33 @@ class Parts:
             RunError: if a part is of a newer version, or cannot be read at all.
         """
         self._forget()
-        for name in self._files():
-            path = os.path.join(self.folder, name)
+        for path in self._files():
             try:
-                with open(path, "rb", buffering=0) as file:
-                    data = file.readall()
+                data = path.read_bytes()
             except FileNotFoundError:  # a run that finishes removes its parts
                 continue
             except OSError as error:
                 remedy = "make it readable, or remove it: its rows are computed again"
                 raise RunError(f"{path}: cannot be read: {error.strerror or error}; {remedy}") from None
-            whole = hashlib.sha256(data).hexdigest() == name.removeprefix(f"{self.kind}-").removesuffix(_SUFFIX)
-            if whole and (header := _header(data)):
-                self._index(path, data, header)
-                continue
-            self.damaged.append(name)
+            line, end, _ = data.partition(b"\n")
+            if path == self._path(data):
+                try:
+                    self._index(path, len(line + end), Header.model_validate_json(line))
+                    continue
+                except ValidationError:
+                    pass
+            self.damaged.append(path.name)
             if set_aside:
-                with explained(Path(path)):
+                with explained(path):
                     (self.folder / DAMAGED).mkdir(exist_ok=True)
-                    os.rename(path, self.folder / DAMAGED / name)
+                    path.rename(self.folder / DAMAGED / path.name)
 
-    def _files(self) -> list[str]:
-        """Names of the files; as strings, since making a `Path` takes as long as reading a small file."""
-        if not self.folder.is_dir():
-            return []
-        with os.scandir(self.folder) as there:
-            names = [entry.name for entry in there if entry.is_file()]
-        return sorted(name for name in names if name.startswith(f"{self.kind}-") and name.endswith(_SUFFIX))
+    def _path(self, data: bytes) -> Path:
+        """Path of a file, which its bytes give."""
+        return self.folder / f"{self.kind}-{hashlib.sha256(data).hexdigest()}.part"
+
+    def _files(self) -> list[Path]:
+        return sorted(path for path in self.folder.glob(f"{self.kind}-*.part") if path.is_file())
 
     def whole(self) -> bool:
         """Read all files again, and set aside those that changed; false if some did."""
@@ -161,7 +179,7 @@ class Parts:
         self.seconds = 0.0
         self.made_by: list[dict[str, object]] = []
         self.count = 0
-        self._where: dict[str, list[tuple[str, Stored, int, tuple[str, ...]]]] = {}
+        self._where: dict[str, list[tuple[dict[str, _Rows], int, tuple[str, ...]]]] = {}
         self._kinds: dict[tuple[str, ...], tuple[str, ...]] = {}
         self._names: set[str] = set()
 
@@ -176,13 +194,13 @@ class Parts:
             The outputs of a packet, those of them that no packet before had, and its rows.
         """
         before: set[str] = set()
-        for path, stored, place, outputs in self._where.get(key, ()):
+        for stored, place, outputs in self._where.get(key, ()):
             fresh = tuple(output for output in outputs if output not in before)
             before.update(fresh)
-            begin, size, starts = stored.get(name, (0, 0, [0] * (place + 2)))
-            if fresh and starts[place + 1] > starts[place]:
-                whole = _decoded(path, begin, size)
-                yield outputs, fresh, whole.slice(starts[place], starts[place + 1] - starts[place])
+            if fresh and name in stored:
+                path, begin, size, starts = stored[name]
+                if count := starts[place + 1] - starts[place]:
+                    yield outputs, fresh, _decoded(path, begin, size).slice(starts[place], count)
 
     def holds(self, name: str) -> bool:
         """True if there are rows of a table."""
@@ -207,73 +225,59 @@ class Parts:
             return
         packets, self._waiting = self._waiting, []
         now = time.monotonic()
-        header = {
-            "format": FORMAT,
-            "software": self.software,
-            "seconds": round(now - self._since, 3),
-            "note": self.note,
-            **({"sources": self.sources} if self.sources else {}),
-            "packets": [
-                {
-                    "keys": [[key, list(outputs)] for key, outputs in packet.keys],
-                    "rows": {name: list(rows) for name, rows in packet.rows.items()},
-                    "sizes": {name: len(table) for name, table in packet.tables.items()},
-                }
-                for packet in packets
-            ],
-        }
-        line = json.dumps(header, separators=(",", ":")).encode() + b"\n"
+        described = [
+            PacketHeader(
+                keys=[(key, tuple(outputs)) for key, outputs in packet.keys],
+                rows={name: list(rows) for name, rows in packet.rows.items()},
+                sizes={name: len(table) for name, table in packet.tables.items()},
+            )
+            for packet in packets
+        ]
+        header = Header(
+            format=FORMAT,
+            software=self.software,
+            seconds=round(now - self._since, 3),
+            note=self.note,
+            sources=self.sources,
+            packets=described,
+        )
+        line = header.model_dump_json().encode() + b"\n"
         data = b"".join([line, *(table for packet in packets for table in packet.tables.values())])
-        path = self.folder / f"{self.kind}-{hashlib.sha256(data).hexdigest()}{_SUFFIX}"
+        path = self._path(data)
         with explained(self.folder.parent):
             self.folder.mkdir(exist_ok=True)
             write(path, data)
         self._since = now
-        self._index(str(path), data, header)
+        self._index(path, len(line), header)
 
     def remove(self) -> None:
         """Remove the files, since their rows are in tables now."""
         with explained(self.folder.parent):
-            for name in self._files():
-                os.unlink(self.folder / name)
+            for path in self._files():
+                path.unlink()
             if self.folder.is_dir() and not any(self.folder.iterdir()):
                 self.folder.rmdir()
         self._forget()
 
-    def _index(self, path: str, data: bytes, header: Json) -> None:
-        """Note the place of each key's rows."""
-        length = data.index(b"\n") + 1
-        if header["format"] > FORMAT:
-            words = f"made by a newer version of this program ({header['software'].get('study', 'unknown')})"
+    def _index(self, path: Path, begin: int, header: Header) -> None:
+        """Note the place of each key's rows in a file, whose tables begin after the header."""
+        if header.format > FORMAT:
+            words = f"made by a newer version of this program ({header.software.get('study', 'unknown')})"
             raise RunError(f"{path}: {words}; update it, or choose another folder with --out")
-        if header["format"] < FORMAT:  # its rows are not used, so it does not count
+        if header.format < FORMAT:  # its rows are not used, so it does not count
             return
         self.count += 1
-        self.note = self.note or header["note"]
-        self.seconds += header["seconds"]
-        for software in (header["software"], *header.get("sources", ())):
+        self.note = self.note or header.note
+        self.seconds += header.seconds
+        for software in (header.software, *header.sources):
             if software != self.software and software not in self.made_by:
                 self.made_by.append(software)
-        begin = length
-        for packet in header["packets"]:
-            stored: Stored = {}
-            for name, size in packet["sizes"].items():
-                stored[name] = (begin, size, [0, *accumulate(packet["rows"][name])])
+        for packet in header.packets:
+            stored = {}
+            for name, size in packet.sizes.items():
+                stored[name] = _Rows(path, begin, size, [0, *accumulate(packet.rows[name])])
                 begin += size
             self._names.update(stored)
-            for place, (key, outputs) in enumerate(packet["keys"]):
-                kind = self._kinds.setdefault(tuple(outputs), tuple(outputs))  # equal tuples are one in memory
-                self._where.setdefault(key, []).append((path, stored, place, kind))
-
-
-def _header(data: bytes) -> Json:
-    """The first line of a file; empty if no version of this program writes such a line."""
-    try:
-        header = json.loads(data[: data.index(b"\n")])
-    except (ValueError, RecursionError):
-        return {}
-    kinds: dict[str, type | tuple[type, ...]] = {"format": int, "software": dict}
-    if isinstance(header, dict) and header.get("format") == FORMAT:
-        kinds |= {"seconds": (int, float), "note": str, "packets": list}
-    fine = isinstance(header, dict) and all(isinstance(header.get(name), kind) for name, kind in kinds.items())
-    return header if fine else {}
+            for place, (key, outputs) in enumerate(packet.keys):
+                kind = self._kinds.setdefault(outputs, outputs)  # equal tuples are one in memory
+                self._where.setdefault(key, []).append((stored, place, kind))

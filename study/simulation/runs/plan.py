@@ -13,9 +13,9 @@ import numpy as np
 
 from study.arrays import Floats
 from study.files import RunError
-from study.simulation.experiment.compute import TOGETHER, compute, levels
+from study.simulation.experiment.compute import TOGETHER, compute
 from study.simulation.experiment.config import Study
-from study.simulation.experiment.designs import Batch, Cell, Unit
+from study.simulation.experiment.designs import Batch, Cell, Group
 from study.simulation.experiment.sampling import groups, sizes_of, trials_of
 from study.simulation.runs.jobs import tables, takes_long
 from study.text import DAY, duration, size
@@ -100,14 +100,14 @@ def _probes(study: Study, cells: Sequence[Cell], size: int) -> list[Batch]:
     near = sorted(cells, key=lambda cell: abs(np.log(cell.samples / size)))[:most]
     chosen = [near[i] for i in np.linspace(0, len(near) - 1, min(_CELLS, len(near))).astype(int)]
     if study.design.one_trial_a_cell:
-        return [Batch(("probe", i), 0, 1, (replace(cell, samples=size),)) for i, cell in enumerate(chosen)]
+        return [Batch(Group(("probe", i), 1, (replace(cell, samples=size),)), 0, 1) for i, cell in enumerate(chosen)]
     trials = min(study.design.trials_of(size), max(1, TOGETHER // size))
     batches = []
     for i, cell in enumerate(chosen):
         alike = [replace(c, samples=size) for c in near if c.angle == cell.angle]
-        places = [group[0] for group in levels(tuple(alike))]
+        places = [level[0] for level in Group(("probe",), 1, tuple(alike)).levels]
         part = tuple(alike[places[k]] for k in np.linspace(0, len(places) - 1, min(_LEVELS, len(places))).astype(int))
-        batches.append(Batch(("probe", i), 0, trials, part))
+        batches.append(Batch(Group(("probe", i), trials, part), 0, trials))
     return batches
 
 
@@ -119,13 +119,13 @@ def _timed(study: Study, batches: list[Batch]) -> tuple[float, float]:
         best = np.inf, np.inf
         for repeat in range(_REPEATS):
             began = perf_counter()
-            timings = tables(study, compute(study, [batch]))["timings"]
+            timings = tables(study, compute(study, batch))["timings"]
             whole = perf_counter() - began
             drawing = timings["seconds"][np.isin(timings["step"].astype(str), list(shared))].sum()
             best = min(best, (whole - drawing, drawing))
             if repeat and whole > _LONG_PROBE:  # the first one may have loaded compiled code
                 break
-        count = len(list(levels(batch.cells)))
+        count = len(batch.group.levels)
         result.append((best[1] / batch.trials, best[0] / (batch.trials * count)))
     draw, level = np.mean(result, axis=0)
     return float(draw), float(level)
@@ -136,10 +136,10 @@ def _time_of_summary(study: Study, cells: Sequence[Cell]) -> float:
     smallest = min(cells, key=lambda cell: cell.samples)
     trials = study.design.trials_of(smallest.samples)
     few = min(trials, _MOST_SUMMARISED)
-    batch = Batch(("probe", 0), 0, few, (smallest,))
+    batch = Batch(Group(("probe", 0), few, (smallest,)), 0, few)
     best = np.inf
     for _ in range(_REPEATS):
-        timings = tables(study, compute(study, [batch]))["timings"]
+        timings = tables(study, compute(study, batch))["timings"]
         best = min(best, timings["seconds"][timings["step"] == "summary"].sum())
     return float(best) * trials / few
 
@@ -275,11 +275,11 @@ def _extrapolated(study: Study, jobs: int) -> Plan:
     return Plan(**counts, fits=round(result.fits * times), bytes=result.bytes * times, seconds=result.seconds * times)
 
 
-def _portion(unit: Unit) -> Counter[Kind]:
+def _portion(unit: Batch) -> Counter[Kind]:
     """Numbers of trials of a unit by their kind."""
     group, result = unit.group, Counter[Kind]()
     for samples, trials in group.sizes(unit.first, unit.last):
-        result[Kind(samples, group.levels, group.width)] += trials
+        result[Kind(samples, len(group.levels), group.width)] += trials
     return result
 
 

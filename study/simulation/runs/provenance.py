@@ -13,6 +13,8 @@ from threadpoolctl import threadpool_info
 import study
 
 _HOME = Path(__file__).parents[2]
+_COMPUTING = ("arrays.py", "fits/**/*.py", "simulation/experiment/**/*.py", "simulation/statistics.py")
+"""Sources that numbers depend on, as patterns of paths in the package."""
 _PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "pandas", "pyarrow", "joblib", "matplotlib")
 _PATIENCE = 10.0
 """Seconds to wait for git."""
@@ -70,8 +72,7 @@ def fingerprint() -> dict[str, str | None]:
     import numpy  # noqa: F401  loads the linear algebra whose kernels are listed
     from numba.core import config
 
-    rooms = ("sphere", "estimators", "experiment", "statistics")
-    sources = sorted(path for room in rooms for path in (_HOME / room).rglob("*.py"))
+    sources = sorted(path for place in _COMPUTING for path in _HOME.glob(place))
     blas = {str(pool.get("architecture")) for pool in threadpool_info() if pool["user_api"] == "blas"}
     return {
         "study": study.__version__,

@@ -20,7 +20,7 @@ import pyarrow.compute as pc
 from study.files import RunError, TableRows
 from study.fits.streams import Name
 from study.simulation.experiment.config import Study
-from study.simulation.experiment.designs import Group, Unit
+from study.simulation.experiment.designs import Batch, Group
 from study.simulation.experiment.sampling import groups, trials_of, units
 from study.simulation.runs.jobs import Layout, UnitTask, estimators_of, order, output
 from study.simulation.runs.parts import FORMAT, Packet
@@ -115,7 +115,7 @@ class ReuseLayout(Layout):
         self._groups = {group.stream: group for group in groups(self.earlier)} if self.earlier is not None else {}
         self._halves: tuple[Group, Group | None, Group | None] | None = None
 
-    def cut(self, unit: Unit) -> Iterator[Unit]:
+    def cut(self, unit: Batch) -> Iterator[Batch]:
         """Cut a unit into the earlier run's trials of its cells, further trials of them, and other cells."""
         earlier = self._groups.get(unit.group.stream)
         if self.earlier is None or earlier is None:
@@ -125,13 +125,13 @@ class ReuseLayout(Layout):
             self._halves = unit.group, *unit.group.shared(earlier)
         _, shared, others = self._halves
         if others is not None:
-            yield Unit(others, unit.first, unit.last)
+            yield Batch(others, unit.first, unit.last)
         if shared is not None:
             middle = min(max(trials_of(self.earlier, shared), unit.first), unit.last)
             if unit.first < middle:
-                yield Unit(shared, unit.first, middle)
+                yield Batch(shared, unit.first, middle)
             if middle < unit.last:
-                yield Unit(shared, middle, unit.last)
+                yield Batch(shared, middle, unit.last)
 
 
 class EarlierRun:
@@ -170,7 +170,7 @@ class EarlierRun:
         Args:
             task: outputs of a piece, as `ReuseLayout` cut it.
         """
-        unit = task.unit
+        unit = task.batch
         trials = trials_of(self.run.study, unit.group)
         if unit.last > trials:
             return None
@@ -183,8 +183,8 @@ class EarlierRun:
         whole = self._errors.rows(begin + per_trial * low, begin + per_trial * min(high, trials))
         use = (pc.field("trial") >= unit.first) & (pc.field("trial") < unit.last)
         use &= pc.field("estimator").cast(pa.string()).isin(list(estimators_of(outputs)))
-        if unit.group.cells:
-            use &= pc.field("cell").cast(pa.string()).isin([cell.name for cell in unit.group.cells])
+        if unit.cells:
+            use &= pc.field("cell").cast(pa.string()).isin([cell.name for cell in unit.cells])
         result = {"errors": whole.filter(use)}
         if result["errors"].num_rows != unit.rows * len(outputs):
             return None

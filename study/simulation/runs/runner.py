@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
 from itertools import chain, islice
+from operator import attrgetter
 from pathlib import Path
 
 import pyarrow as pa
@@ -17,13 +18,13 @@ from study.files import RunError, writing
 from study.fits import ESTIMATORS
 from study.fits.registry import only_here, origins
 from study.simulation.experiment.config import Study
-from study.simulation.runs import jobs, provenance, run_folder, schemas
+from study.simulation.runs import provenance, run_folder, schemas
 from study.simulation.runs.adaptive import BUDGET, TARGET, Rounds, TimeBudget
-from study.simulation.runs.jobs import Layout, UnitTask, UnitTasks, execute, give_up
+from study.simulation.runs.jobs import Layout, UnitTask, execute, give_up
 from study.simulation.runs.parts import FORMAT, Parts
 from study.simulation.runs.reuse import EarlierRun, ReuseLayout, beside, finished, set_damaged_aside, up_to_date
 from study.simulation.runs.run_folder import Run
-from study.simulation.runs.workers import Backend, Dispatch, Workers
+from study.simulation.runs.workers import Dispatch, Threads, Workers
 
 
 def finish(
@@ -56,7 +57,7 @@ def finish(
         store.join("precision", schemas.precision(study.conditions()), [layout.table()], metadata)
         written.append("precision")
     for name, columns in schemas.of_units(study.dimension, study.conditions()).items():
-        rows = jobs.rows(study, parts, layout, name)
+        rows = layout.rows(parts, name)
         if name == "failures":
             rows = _counted(rows, causes)
         first = list(islice(rows, 1))
@@ -127,11 +128,6 @@ Warn = Callable[[str], None]
 """Callback for warnings, each a line."""
 
 
-def weight(task: UnitTask) -> float:
-    """Weight of a task; the heaviest are computed first."""
-    return task.weight
-
-
 def run(
     study: Study,
     config: str,
@@ -199,7 +195,6 @@ class _Computation:
     def __init__(self, store: Run, parts: Parts, budget: TimeBudget, progress: Progress, warn: Warn) -> None:
         self.store, self.parts, self.budget, self.progress, self.warn = store, parts, budget, progress, warn
         self.study = store.study
-        self.tasks = UnitTasks(self.study)
         self.layout = Layout(self.study)
         self.reported = 0
         self.left = 1.0
@@ -220,7 +215,7 @@ class _Computation:
         self.parts.note = source.run.study.canonical()
         self.parts.sources = source.run.makers()
         taken = total = 0
-        for task in self.missing():
+        for task in self.layout.missing(self.parts):
             total += 1
             if (packet := source.take(task)) is not None:
                 taken += 1
@@ -260,13 +255,9 @@ class _Computation:
         self.layout.restart()
         return False
 
-    def missing(self) -> Iterator[UnitTask]:
-        """The tasks that are still to be computed, as far as the layout knows them."""
-        return self.tasks.missing(self.layout.pending(), self.parts.outputs)
-
-    def compute(self, backend: Backend) -> None:
+    def compute(self, backend: Threads) -> None:
         """Compute the missing tasks, as far as the budget goes, and store their rows."""
-        whole = sum(weight(task) for task in self.missing())
+        whole = sum(task.weight for task in self.layout.missing(self.parts))
         share = self.left * self.layout.ahead() if whole else 0.0
         self.left -= share
         lost: list[tuple[UnitTask, str]] = []
@@ -274,13 +265,14 @@ class _Computation:
         def ended(tasks: tuple[UnitTask, ...], failure: str) -> None:
             if failure:
                 lost.extend((task, failure) for task in tasks)
-            self.progress(share * sum(weight(task) for task in tasks) / whole)
+            self.progress(share * sum(task.weight for task in tasks) / whole)
 
-        Dispatch(backend, execute, self.study, self.parts).compute(self.missing(), weight, ended, self.budget.spent)
+        dispatch = Dispatch(backend, execute, self.study, self.parts)
+        dispatch.compute(self.layout.missing(self.parts), attrgetter("weight"), ended, self.budget.spent)
         for task, failure in lost:  # stored at the end, so that an interrupted run tries them again
-            self.parts.add(give_up(self.study, (task,), failure))
+            self.parts.add(give_up(self.study, task, failure))
         if lost:
             task, failure = lost[0]
             count = "1 unit is lost" if len(lost) == 1 else f"{len(lost):,} units are lost, the first of them"
-            self.warn(f"{self.store.folder}: {count}, {task.unit.words}: {failure}")
+            self.warn(f"{self.store.folder}: {count}, {task.batch.words}: {failure}")
         self.parts.commit()

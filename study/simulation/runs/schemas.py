@@ -1,5 +1,6 @@
 """Schemas of the stored tables: each column with its type, unit and meaning, which are stored in the file too."""
 
+import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -31,7 +32,7 @@ _STATUS_COLUMNS = frozenset(status.name.lower() for status in Status)
 """Columns of the summary that count the fits of each status."""
 OF_ALL_TRIALS = tuple(f"{name}{end}" for name in MEASURES if f"{name}_ok" in MEASURES for end in ("", "_error"))
 """Columns of the summary with a measure of all trials, which an earlier version did not store."""
-_NEWER = frozenset(OF_ALL_TRIALS) | _STATUS_COLUMNS - {Status.OK.name.lower()}
+_NEWER = frozenset(OF_ALL_TRIALS) | _STATUS_COLUMNS - {Status.OK.name.lower()} | {"rank_likelihood", "rhat"}
 """Columns that a table may lack because it is older than they are."""
 _CHAIN_STATUSES = "; ".join(f"{status.value} = {status.text}" for status in ChainStatus)
 
@@ -170,7 +171,11 @@ def posterior(dimension: int, conditions: Sequence[Condition] = COLUMNS) -> list
         *_per_axis("bound_with", dimension, "", "correlation of component 1 with {} in the bound")[1:],
         Column("bound_with_radius", pa.float64(), "", "correlation of component 1 with the radius in the bound"),
         *_per_parameter("rank", dimension, "", "share of the draws below the truth,"),
+        Column("rank_likelihood", pa.float64(), "", "share of the draws with a lower likelihood than the truth"),
         Column("level", pa.float64(), "", "share of the draws that are nearer to the mean than the true centre"),
+        Column(
+            "rhat", pa.float64(), "", "largest R̂ of two independent ensembles; not a number but for a cell's trial 0"
+        ),
         Column("tau", pa.float64(), "step", "largest integrated autocorrelation time"),
         Column("draws", pa.float64(), "", "effective sample size: draws kept over tau"),
         Column("acceptance", pa.float64(), "", "share of proposals accepted"),
@@ -293,8 +298,10 @@ def table(columns: list[Column], data: Mapping[str, object]) -> pa.Table:
 def completed(table: pa.Table, columns: Sequence[Column]) -> pa.Table:
     """Give rows the columns declared, in their order: a missing condition has its default, further ones are left out.
 
+    A column that the rows lack because they are older than it is not a number.
+
     Args:
-        table: rows of a study with other silent conditions.
+        table: rows of a study with other silent conditions, or of an earlier version.
         columns: those declared.
     """
     names = [column.name for column in columns]
@@ -302,7 +309,7 @@ def completed(table: pa.Table, columns: Sequence[Column]) -> pa.Table:
         return table
     for column in columns:
         if column.name not in table.schema.names:
-            default = CONDITIONS[column.name].default
+            default = CONDITIONS[column.name].default if column.name in CONDITIONS else math.nan
             table = table.append_column(column.name, pa.array([default] * table.num_rows, type=column.type))
     return table.select(names)
 

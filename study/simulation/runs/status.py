@@ -9,7 +9,7 @@ from study.files import RunError, holder
 from study.simulation.experiment.config import Study
 from study.simulation.experiment.sampling import units
 from study.simulation.runs.adaptive import CAP, TARGET, Rounds
-from study.simulation.runs.jobs import Layout, UnitTasks
+from study.simulation.runs.jobs import Layout
 from study.simulation.runs.parts import DAMAGED, Parts
 from study.simulation.runs.provenance import described, other_version
 from study.simulation.runs.reuse import ReuseLayout, damaged, finished, up_to_date
@@ -151,7 +151,7 @@ def _units(run: Run, parts: Parts, layout: Layout) -> dict[str, int | None]:
         total = None if run.study.precision else sum(1 for _ in units(run.study))
         return {"total": total, "done": total, "missing": 0}
     count = sum(1 for _ in layout.pieces())
-    missing = sum(1 for _ in UnitTasks(run.study).missing(layout.pending(), parts.outputs))
+    missing = sum(1 for _ in layout.missing(parts))
     return {"total": count, "done": count - missing, "missing": missing}
 
 

@@ -1,45 +1,31 @@
 """Workers of a run: threads, processes of this machine or a Dask cluster, and the dispatch of work to them.
 
-joblib dispatches. Three things are done here because it does not do them:
+Each kind is an executor as in `concurrent.futures`: Python's for threads, loky's for processes, Dask's for a cluster.
+What they do not do is done here:
 
-- Items of work are put together until they weigh enough to be sent (`cut`), and handed to joblib one call at a time as
-  it asks for them. A round of joblib ends early, and another begins, when items are suspected, when results wait to be
-  stored, or when the cluster has grown.
-- Results are stored when they come, or a second later. joblib's results are fetched in a thread of their own, so that
-  the main thread can write what waits while nothing comes, and Ctrl-C strikes no code of joblib's. Whatever ends the
-  work, what was finished is stored.
-- When a process dies, joblib gives up all tasks that it was sent. They become suspects: each of their items is tried
-  once more while nothing else runs, and given up if a process dies of it again. A death that joblib does not notice is
-  the backend's to find; it is asked every second in which no result comes.
+- Items of work are put together until they weigh enough to be sent (`cut`); a few tasks a worker are sent ahead.
+- Results are stored when they come, or a second later. Whatever ends the work, what was finished is stored.
+- When a process dies, loky gives up all tasks that it was sent. They become suspects: each of their items is tried once
+  more while nothing else runs, and given up if a process dies of it again.
 
 Equal runs are equal to the byte only if the same code runs on the same machine instructions. So the parent sends its
 own description with every task, and a worker compares itself with it before its first one (`enter`). Variables that
 choose the instructions must be set before numba and NumPy are imported, which unpickling a task does; so the task comes
-pickled by itself, as bytes. An exception comes back as a value: joblib would give up all tasks for one that raises, and
-forget what was finished.
+pickled by itself, as bytes.
 
-Threads start at once, and the compiled loops release the interpreter's lock. No task runs in the main thread, where
-Ctrl-C could strike inside compiled code that cannot take it: numba 0.68 ends the process with a segmentation fault if
-an exception rises while it unboxes a generator. (joblib computes in the calling thread where there is but one worker;
-`Dispatch` calls it from a thread of its own.)
+No task runs in the main thread, where Ctrl-C could strike inside compiled code that cannot take it: numba 0.68 ends the
+process with a segmentation fault if an exception rises while it unboxes a generator.
 
-Processes are loky's. joblib keeps them for the next run of the same program, and ends them after five idle minutes or
-with the program; if that is killed, they end themselves (`follow`). loky notices the death of a process, unless it dies
-while it sends a result: then loky waits for the other half of the result for ever, and the other processes for the lock
-that the dead one holds. `Processes.check` ends that.
-
-A Dask cluster gets tasks through its scheduler, and writes nothing. It is joined to joblib by an interface of joblib's,
-`ParallelBackendBase`. joblib's own Dask backend (1.6) does not serve: where a task has killed its workers more often
-than the scheduler allows, its future fails, and that backend waits for it for ever; where the cluster has one thread,
-or one yet, it computes in the parent instead; and it gives up after ten seconds without a worker. A batch system starts
-its workers when it pleases.
+loky keeps its processes for the next run of the same program, and ends them after five idle minutes or with the
+program; if that is killed, they end themselves (`follow`). loky notices the death of a process, unless it dies while it
+sends a result: then loky waits for the other half of the result for ever, and the other processes for the lock that the
+dead one holds. `Processes.check` ends that.
 """
 
 import contextlib
 import gc
 import heapq
 import logging
-import math
 import os
 import pickle
 import re
@@ -47,10 +33,9 @@ import signal
 import sys
 import threading
 import time
-import traceback
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
+from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib import import_module
 from itertools import count
@@ -58,9 +43,8 @@ from multiprocessing.connection import wait
 from queue import Empty, SimpleQueue
 from typing import Any, Generic, NamedTuple, TypeVar
 
-from joblib import Parallel, delayed
+from joblib.externals.loky import get_reusable_executor
 from joblib.externals.loky.backend.utils import kill_process_tree
-from joblib.parallel import ParallelBackendBase
 
 from study import instruction_set
 from study.files import RunError
@@ -68,7 +52,8 @@ from study.fits import registry
 from study.simulation.runs import provenance
 from study.simulation.runs.parts import Packet, Parts
 
-R = TypeVar("R")
+S = TypeVar("S")
+T = TypeVar("T")
 
 
 class DisagreementError(Exception):
@@ -89,21 +74,16 @@ class Parent(NamedTuple):
     plugins: tuple[tuple[str, str], ...] = ()
 
 
-NEEDS_LESS = "fewer workers (--jobs) or smaller units (fewer samples or cells) need less"
-"""Remedy for too little memory."""
-
-
-class Death(NamedTuple):
-    """Result of a task whose worker died, or had too little memory."""
-
-    message: str
-
-
 _agreed: list[Parent] = []
 _agreeing = threading.Lock()
 """A Dask worker with many threads gets as many first tasks at once."""
 _SYNCHRONIZE, _FOREVER = 0x00100000, 0xFFFFFFFF
 """Windows: the right to wait for a process, and a wait without an end."""
+
+
+def introduction() -> Parent:
+    """Describe this process to worker processes."""
+    return Parent(instruction_set.environment(), provenance.fingerprint(), registry.loaded())
 
 
 def follow(parent: int) -> None:
@@ -119,54 +99,40 @@ def follow(parent: int) -> None:
     threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
 
 
+def _end_with(parent: int) -> None:
+    """End this process when its parent was killed, since nobody would take its results."""
+    if sys.platform == "win32":  # a process keeps its parent's number there
+        import ctypes
+
+        kernel = ctypes.windll.kernel32
+        kernel.WaitForSingleObject(kernel.OpenProcess(_SYNCHRONIZE, False, parent), _FOREVER)
+    else:
+        while os.getppid() == parent:
+            time.sleep(0.5)
+    os._exit(1)
+
+
 def seal(function: Callable[..., object], *arguments: object) -> bytes:
     """Pickle a call for `enter`."""
     return pickle.dumps((function, arguments))
 
 
-def enter(number: int, parent: Parent, call: bytes) -> tuple[int, object]:
+def enter(parent: Parent, call: bytes) -> object:
     """Make a call in a worker process.
 
     Args:
-        number: of the task; it comes back with the result.
         parent: the process that gives out tasks.
         call: the call; see `seal`.
 
-    Returns:
-        The number, and the result as `attempt` has it, or a `DisagreementError` if this process would compute other
-        bytes than its parent.
+    Raises:
+        DisagreementError: if this process would compute other bytes than its parent.
     """
     with _agreeing:
         if parent not in _agreed:
-            try:
-                _agree(parent)
-            except DisagreementError as error:
-                return number, error
+            _agree(parent)
             _agreed.append(parent)
     function, arguments = pickle.loads(call)
-    result = attempt(number, function, *arguments)
-    if isinstance(result[1], Exception):
-        result[1].add_note("".join(traceback.format_exception(result[1])))  # pickling leaves the traceback out
-    return result
-
-
-def attempt(number: int, function: Callable[..., R], *arguments: object) -> tuple[int, R | Death | Exception]:
-    """Call a function.
-
-    Args:
-        number: of the task.
-        function: what to call.
-        arguments: of the function.
-
-    Returns:
-        The number, and what the function returned, or the exception that it raised; a `Death` for want of memory.
-    """
-    try:
-        return number, function(*arguments)
-    except MemoryError as error:
-        return number, Death(f"out of memory{f' ({error})' if str(error) else ''}: {NEEDS_LESS}")
-    except Exception as error:
-        return number, error
+    return function(*arguments)
 
 
 def _agree(parent: Parent) -> None:
@@ -194,109 +160,143 @@ def _agree(parent: Parent) -> None:
             load_text(PluginFile(path, text))
 
 
-def _end_with(parent: int) -> None:
-    """End this process when its parent was killed, since nobody would take its results."""
-    if sys.platform == "win32":  # a process keeps its parent's number there
-        import ctypes
-
-        kernel = ctypes.windll.kernel32
-        kernel.WaitForSingleObject(kernel.OpenProcess(_SYNCHRONIZE, False, parent), _FOREVER)
-    else:
-        while os.getppid() == parent:
-            time.sleep(0.5)
-    os._exit(1)
-
-
-Call = tuple[Callable[..., object], tuple[object, ...], dict[str, object]]
-"""A call as `joblib.delayed` has it."""
-
 PER_SECOND = 1e8
 """Weight that one worker computes in about a second."""
+_AHEAD = 3
+"""Tasks a worker that are sent before their results are awaited."""
 
 
-class Backend:
-    """Workers of one kind.
+class Threads:
+    """Threads of this process; the parent of the other kinds of workers.
 
     Args:
-        slots: number of tasks that are computed or wait for a worker at a time.
-        options: arguments of `joblib.Parallel` that choose the workers.
+        jobs: number of threads.
 
     Attributes:
         alone: true if tasks share a fate: the death of one worker ends the others, or all share their memory. Then a
             task that may be fatal is tried while nothing else runs.
         enough: weight below which items are put together to a task.
-        parallel: the dispatcher. It returns results as they come, and sends each task by itself.
-        noticed: how a worker ended whose death the dispatcher does not notice; empty if there is none.
-        stopped: set when no task is to be begun any more.
+        fatal: exceptions of a task that ended its worker, or wanted more memory than there is.
+        noticed: how a worker ended whose death the executor does not notice; empty if there is none.
     """
 
     alone = True
-    noticed = ""
     enough = 6e6  # some 80 ms, beside which sending a task costs little
+    fatal: tuple[type[BaseException], ...] = (MemoryError, BrokenExecutor)
+    noticed = ""
 
-    def __init__(self, slots: int | str, **options: object) -> None:
-        self._options: dict[str, Any] = {
-            "pre_dispatch": slots,
-            "return_as": "generator_unordered",
-            "batch_size": 1,
-            **options,
-        }
-        self.stopped = threading.Event()
-        self._open = contextlib.ExitStack()
+    def __init__(self, jobs: int) -> None:
+        self.jobs = jobs
         self.restart()
 
     def restart(self) -> None:
-        """Begin with a new dispatcher, and new workers where some have died."""
-        self._open.close()
-        self.parallel = self._open.enter_context(Parallel(**self._options))
-
-    def call(self, number: int, function: Callable[..., object], *arguments: object) -> Call:
-        """Describe a call of a worker for the dispatcher; its result is that of `worker_entry.attempt`."""
-        described: Call = delayed(attempt)(number, function, *arguments)
-        return described
+        """Begin with a new executor, and new workers where some have died."""
+        self.executor: Executor = ThreadPoolExecutor(self.jobs)
 
     @property
     def slots(self) -> int:
         """Number of tasks that are computed or wait for a worker at a time."""
-        return int(self._options["pre_dispatch"])
+        return _AHEAD * self.jobs
 
-    def outgrown(self) -> bool:
-        """Tell whether there are many more workers than the dispatcher counted when its call began."""
-        return False
+    def submit(self, function: Callable[..., object], *arguments: object) -> "Future[object]":
+        """Send a call to the workers."""
+        return self.executor.submit(function, *arguments)
 
     def check(self) -> None:
         """Look after the workers; called now and then while results are awaited."""
 
     def stop(self) -> None:
-        """Begin no task any more, and end those that run, if they can be ended."""
-        self.close()
+        """Begin no task any more, and end those that run, if they can be ended; threads end in `close`."""
+        self.executor.shutdown(wait=False, cancel_futures=True)
 
     def close(self) -> None:
-        """End the dispatcher, and with it what runs."""
-        self.stopped.set()
-        self._open.close()
+        """End the workers, which have nothing more to do."""
+        self.executor.shutdown()
 
 
-def introduction() -> Parent:
-    """Describe this process to worker processes."""
-    return Parent(instruction_set.environment(), provenance.fingerprint(), registry.loaded())
+_IDLE = 300
+"""Seconds after which idle processes end."""
+_GRACE = 3.0
+"""Seconds that loky has to notice that a process died. It is woken by that, and takes milliseconds."""
 
 
-def leave_interrupts() -> None:
-    """Let this thread, and the processes that it starts, leave Ctrl-C to the main thread.
+class Processes(Threads):
+    """Processes of this machine."""
+
+    def __init__(self, jobs: int) -> None:
+        self._parent = introduction()
+        super().__init__(jobs)
+
+    def restart(self) -> None:
+        self.noticed, self._dead_since = "", -1.0
+        with _quiet("ExecutorManagerThread"):
+            self.executor = get_reusable_executor(self.jobs, timeout=_IDLE, initializer=follow, initargs=(os.getpid(),))
+
+    def submit(self, function: Callable[..., object], *arguments: object) -> "Future[object]":
+        with interrupts_later():
+            return self.executor.submit(enter, self._parent, seal(function, *arguments))
+
+    def check(self) -> None:
+        """Break loky's executor if a process has died and loky has not noticed: it waits for half a result."""
+        if sys.platform == "win32":  # messages are whole there
+            return
+        executor: Any = self.executor
+        processes = list(executor._processes.values())  # a copy, since loky's thread changes it
+        if executor._flags.broken is not None or not wait([process.sentinel for process in processes], timeout=0):
+            self._dead_since = -1.0
+        elif self._dead_since < 0.0:
+            self._dead_since = time.monotonic()
+        elif time.monotonic() - self._dead_since > _GRACE:
+            codes = [code for process in processes if (code := process.exitcode) is not None]
+            names = (signal.Signals(-code).name if code < 0 else f"exit code {code}" for code in codes)
+            self.noticed = f"a process ended while it sent a result: {', '.join(names)}"
+            for process in processes:
+                kill_process_tree(process)
+            with open(os.devnull, "wb") as null:  # in place of the last writer: loky reads the end
+                os.dup2(null.fileno(), executor._result_queue._writer.fileno())
+
+    def stop(self) -> None:
+        executor: Any = self.executor
+        with _quiet("ExecutorManagerThread"):
+            executor.shutdown(kill_workers=True)
+
+    def close(self) -> None:
+        """Leave the processes to the next run of this program."""
+
+
+@contextlib.contextmanager
+def _quiet(name: str) -> Iterator[None]:
+    """Do not print what threads of a name raise: loky's can lose a race with the end of its own executor."""
+    before = threading.excepthook
+    threading.excepthook = lambda args: None if args.thread and args.thread.name == name else before(args)
+    try:
+        yield
+    finally:
+        threading.excepthook = before
+
+
+@contextlib.contextmanager
+def interrupts_later() -> Iterator[None]:
+    """Hold Ctrl-C back in this thread, and in the threads and processes that it starts meanwhile.
 
     A terminal sends it to all processes. One that just starts, and cannot yet ignore it, would print a traceback; but
     it has the signals blocked that its parent's thread had blocked.
     """
-    if hasattr(signal, "pthread_sigmask"):  # not on Windows
-        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    if not hasattr(signal, "pthread_sigmask"):  # on Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 _PATIENCE = 10.0
 """Seconds to wait for a scheduler to answer, and between two counts of its workers."""
 
 
-class DaskCluster(Backend):
+class DaskCluster(Threads):
     """Workers of a Dask scheduler.
 
     Args:
@@ -324,72 +324,27 @@ class DaskCluster(Backend):
             # thread whose start another client waits for, which then waits for ever
             gc.collect()
             raise RunError(f"--scheduler {address}: no scheduler answers there: {failure}")
-        self._parent = introduction()
-        self._scheduler = _SchedulerBackend(self._client, distributed.KilledWorker)
-        super().__init__("2 * n_jobs", backend=self._scheduler)
+        self.fatal = (MemoryError, distributed.KilledWorker)
+        self._parent, self._counted = introduction(), -_PATIENCE
+        super().__init__(1)
 
-    def call(self, number: int, function: Callable[..., object], *arguments: object) -> Call:
-        described: Call = delayed(enter)(number, self._parent, seal(function, *arguments))
-        return described
+    def restart(self) -> None:
+        self.executor = self._client.get_executor(pure=False)
 
     @property
     def slots(self) -> int:
-        return 2 * self._scheduler.counted
+        if time.monotonic() - self._counted >= _PATIENCE:  # a batch system starts its workers when it pleases
+            self._counted, self.jobs = time.monotonic(), max(1, sum(self._client.nthreads().values()))
+        return super().slots
 
-    def outgrown(self) -> bool:
-        return self._scheduler.threads() > 1.5 * self._scheduler.counted
+    def submit(self, function: Callable[..., object], *arguments: object) -> "Future[object]":
+        return self.executor.submit(enter, self._parent, seal(function, *arguments))
+
+    def stop(self) -> None:
+        self.close()
 
     def close(self) -> None:
-        super().close()
         self._client.close()
-
-
-class _SchedulerBackend(ParallelBackendBase):  # type: ignore[misc]  # joblib has no types
-    """A Dask scheduler as joblib sees it.
-
-    Args:
-        client: connected to the scheduler.
-        killed: the exception of a task that killed its workers.
-
-    Attributes:
-        counted: threads of the workers when a call began, two at least: with one, joblib would compute by itself.
-    """
-
-    supports_retrieve_callback = True
-
-    def __init__(self, client: Any, killed: type[Exception]) -> None:
-        super().__init__(nesting_level=0)
-        self._client, self._killed = client, killed
-        self._numbers: dict[Any, int] = {}
-        self._asked = -math.inf
-        self._threads = 0
-        self.counted = 2
-
-    def threads(self) -> int:
-        """Threads of the workers, counted now and then."""
-        now = time.monotonic()
-        if now > self._asked + _PATIENCE:
-            self._asked, self._threads = now, sum(self._client.nthreads().values())
-        return self._threads
-
-    def effective_n_jobs(self, n_jobs: int) -> int:
-        self.counted = max(2, self.threads())
-        return self.counted
-
-    def submit(self, func: Any, callback: Callable[[Any], None]) -> Any:
-        # the call itself, not joblib's batch of one: loading joblib in a worker would load NumPy before `enter` can act
-        ((function, arguments, _),) = func.items
-        future = self._client.submit(function, *arguments, pure=False)
-        self._numbers[future] = arguments[0]
-        future.add_done_callback(callback)
-        return future
-
-    def retrieve_result_callback(self, future: Any) -> list[tuple[int, object]]:
-        number = self._numbers.pop(future)
-        try:
-            return [future.result()]
-        except self._killed as error:
-            return [(number, Death(str(error)))]
 
 
 def serve(address: str, options: list[str]) -> None:
@@ -413,91 +368,6 @@ def _imported() -> Any:
         raise RunError("Dask is not installed; pip install 'sphere-fit-study[cluster]'") from None
 
 
-_GRACE = 3.0
-"""Seconds that loky has to notice that a process died. It is woken by that, and takes milliseconds."""
-
-
-class Processes(Backend):
-    """Processes of this machine.
-
-    Args:
-        jobs: number of processes that compute at a time. For one, tasks are sent one at a time to two, because
-            joblib would compute in this very process if it were told to use one, and a task could kill it.
-    """
-
-    def __init__(self, jobs: int) -> None:
-        slots = 2 * jobs if jobs > 1 else 1
-        super().__init__(slots, backend="loky", n_jobs=max(2, jobs), initializer=follow, initargs=(os.getpid(),))
-        self._parent = introduction()
-        self._dead_since: float | None = None
-
-    def call(self, number: int, function: Callable[..., object], *arguments: object) -> Call:
-        described: Call = delayed(enter)(number, self._parent, seal(function, *arguments))
-        return described
-
-    def check(self) -> None:
-        """Break loky's executor if a process has died and loky has not noticed: it waits for half a result."""
-        if sys.platform == "win32":  # messages are whole there
-            return
-        executor = self.parallel._backend._workers
-        if executor is None:  # loky noticed, and joblib is about to replace it
-            return
-        processes = list(executor._processes.values())  # a copy, since loky's thread changes it
-        if executor._flags.broken is not None or not wait([process.sentinel for process in processes], timeout=0):
-            self._dead_since = None
-        elif self._dead_since is None:
-            self._dead_since = time.monotonic()
-        elif time.monotonic() - self._dead_since > _GRACE:
-            codes = [code for process in processes if (code := process.exitcode) is not None]
-            names = (signal.Signals(-code).name if code < 0 else f"exit code {code}" for code in codes)
-            self.noticed = f"a process ended while it sent a result: {', '.join(names)}"
-            for process in processes:
-                kill_process_tree(process)
-            with open(os.devnull, "wb") as null:  # in place of the last writer: loky reads the end
-                os.dup2(null.fileno(), executor._result_queue._writer.fileno())
-
-    def close(self) -> None:
-        with _quiet("ExecutorManagerThread"):
-            super().close()
-
-    def restart(self) -> None:
-        self._dead_since, self.noticed = None, ""
-        with _quiet("ExecutorManagerThread"):
-            super().restart()
-
-
-@contextlib.contextmanager
-def _quiet(name: str) -> Iterator[None]:
-    """Do not print what threads of a name raise: loky's can lose a race with the end of its own executor."""
-    before = threading.excepthook
-    threading.excepthook = lambda args: None if args.thread and args.thread.name == name else before(args)
-    try:
-        yield
-    finally:
-        threading.excepthook = before
-
-
-class Threads(Backend):
-    """Threads of this process.
-
-    Args:
-        jobs: number of threads.
-    """
-
-    def __init__(self, jobs: int) -> None:
-        super().__init__(2 * jobs, backend="threading", n_jobs=jobs)
-
-    def call(self, number: int, function: Callable[..., object], *arguments: object) -> Call:
-        described: Call = delayed(self._unless_stopped)(number, function, *arguments)
-        return described
-
-    def _unless_stopped(self, number: int, function: Callable[..., object], *arguments: object) -> tuple[int, object]:
-        return (number, None) if self.stopped.is_set() else attempt(number, function, *arguments)
-
-    def stop(self) -> None:
-        self.stopped.set()  # a thread cannot be ended: tasks that run are waited for, those that wait do nothing
-
-
 @dataclass(frozen=True)
 class Workers:
     """The workers that compute a run.
@@ -515,7 +385,7 @@ class Workers:
     task: float | None = None
 
     @contextlib.contextmanager
-    def open(self) -> Iterator[Backend]:
+    def open(self) -> Iterator[Threads]:
         """Start the workers, and end them.
 
         Raises:
@@ -528,14 +398,13 @@ class Workers:
         if self.backend not in ("threads", "loky", "dask"):
             raise RunError(f"--backend {self.backend}: known are threads, loky and dask")
         if self.scheduler is not None:
-            backend: Backend = DaskCluster(self.scheduler, self.task)
+            backend: Threads = DaskCluster(self.scheduler, self.task)
         else:
             backend = Threads(self.jobs) if self.backend == "threads" else Processes(self.jobs)
         with contextlib.closing(backend):
             yield backend
 
 
-T = TypeVar("T")
 _WINDOW = 1024
 """Items in sight, of which the heaviest goes first."""
 
@@ -571,9 +440,10 @@ def cut(items: Iterable[T], weigh: Callable[[T], float], enough: float) -> Itera
         yield tuple(together)
 
 
-S = TypeVar("S")
 _WATCH = 1.0
 """Seconds after which the backend looks after its workers, if no result came."""
+_NEEDS_LESS = "fewer workers (--jobs) or smaller units (fewer samples or cells) need less"
+"""Remedy for too little memory."""
 Ended = Callable[[tuple[T, ...], str], None]
 """Called with the items of a task that ended, and the reason why they were given up, or "" if they are stored."""
 
@@ -589,15 +459,14 @@ class Dispatch(Generic[S, T]):
     """
 
     def __init__(
-        self, backend: Backend, function: Callable[[S, tuple[T, ...]], Packet], shared: S, parts: Parts
+        self, backend: Threads, function: Callable[[S, tuple[T, ...]], Packet], shared: S, parts: Parts
     ) -> None:
         self._backend, self._parts = backend, parts
         self._function, self._shared = function, shared
-        self._waiting: Iterator[tuple[T, ...]] = iter(())
         self._suspects: deque[T] = deque()
-        self._sent: dict[int, tuple[tuple[T, ...], bool]] = {}  # the items of a call, and true if they are suspects
-        self._count = 0
-        self._results: SimpleQueue[tuple[int, object] | Future[None]] = SimpleQueue()
+        self._sent: dict[Future[object], tuple[tuple[T, ...], bool]] = {}  # the items, and true if they are suspects
+        self._done: SimpleQueue[Future[object]] = SimpleQueue()
+        self._broken = False
 
     def compute(
         self,
@@ -618,105 +487,85 @@ class Dispatch(Generic[S, T]):
             RunError: if results cannot be written, or workers would compute other bytes than this process.
             Exception: what the function raised. What was finished is stored.
         """
-        self._waiting = cut(items, weigh, self._backend.enough)
-        with ThreadPoolExecutor(1, initializer=leave_interrupts) as fetcher:
-            try:
-                while self._call(fetcher, ended, over):
-                    pass
-            except BaseException as error:
-                self._backend.stop()
-                fetcher.shutdown()
-                if not isinstance(error, RunError):  # then the disk is full, or the results cannot be fetched
-                    self._store_rest()
-                raise
+        waiting = cut(items, weigh, self._backend.enough)
+        try:
+            while self._send(waiting, over):
+                try:
+                    self._take(self._done.get(timeout=self._patience()), ended)
+                except Empty:
+                    self._backend.check()
+                    if self._parts.patience() == 0:
+                        self._parts.commit()
+        except BaseException as error:
+            self._backend.stop()
+            self._backend.close()
+            if not isinstance(error, RunError):  # then the disk is full, or the results cannot be fetched
+                self._store_rest()
+            raise
         self._parts.commit()
 
-    def _call(self, fetcher: ThreadPoolExecutor, ended: Ended[T], over: Callable[[], bool]) -> bool:
-        """Let joblib compute until it runs out of tasks; False if there was none."""
-        before = self._count
-        call = fetcher.submit(self._fetch, self._next_tasks(over))
-        call.add_done_callback(self._results.put)
-        while True:
-            patience = self._parts.patience()
-            try:
-                result = self._results.get(timeout=_WATCH if patience is None else min(patience, _WATCH))
-            except Empty:
-                self._backend.check()
-                if self._parts.patience() == 0:
-                    self._parts.commit()
-                continue
-            if isinstance(result, Future):
-                break
-            self._take(*result, ended)
-        error = call.exception()
-        if isinstance(error, BrokenExecutor):
-            message = self._backend.noticed or str(error)
-            self._backend.restart()
-            for number in list(self._sent):
-                self._suspect(number, message, ended)
-        elif error is not None:
-            raise error
-        return self._count > before
+    def _patience(self) -> float:
+        patience = self._parts.patience()
+        return _WATCH if patience is None else min(patience, _WATCH)
 
-    def _fetch(self, tasks: Iterator[Call]) -> None:
-        for result in self._backend.parallel(tasks):
-            self._results.put(result)
-
-    def _next_tasks(self, over: Callable[[], bool]) -> Iterator[Call]:
-        """Tasks for one call of joblib, which asks for them from threads of its own, one at a time."""
-        alone, before = bool(self._suspects) and self._backend.alone, self._count
-        while not (over() or self._backend.stopped.is_set()):
-            if self._count > before and (alone or self._should_pause()):
-                return
+    def _send(self, waiting: Iterator[tuple[T, ...]], over: Callable[[], bool]) -> bool:
+        """Send tasks while there is work and the workers have room; false if none is computed."""
+        while len(self._sent) < self._backend.slots and not over():
+            if self._sent and (self._broken or (self._suspects and self._backend.alone)):
+                break  # to be tried when nothing else runs
+            if self._broken:
+                self._backend.restart()
+                self._broken = False
             again = bool(self._suspects)
-            items = (self._suspects.popleft(),) if again else next(self._waiting, ())
+            items = (self._suspects.popleft(),) if again else next(waiting, ())
             if not items:
-                return
-            self._count += 1
-            self._sent[self._count] = items, again
-            yield self._backend.call(self._count, self._function, self._shared, items)
+                break
+            try:
+                future = self._backend.submit(self._function, self._shared, items)
+            except BrokenExecutor:  # a process died just now; these items were not sent
+                self._suspects.extendleft(reversed(items))
+                self._broken = True
+                continue
+            self._sent[future] = items, again
+            future.add_done_callback(self._done.put)
+            if again and self._backend.alone:
+                break
+        return bool(self._sent)
 
-    def _should_pause(self) -> bool:
-        """Tell whether the tasks that were sent should end before others are sent.
-
-        Memory would fill up with results if they came faster than they are stored; joblib itself holds up to one and a
-        half times as many tasks as there are slots.
-        """
-        suspicion = bool(self._suspects) and self._backend.alone  # to be tried when nothing else runs
-        crowded = len(self._sent) > 2 * max(2, self._backend.slots)
-        return suspicion or crowded or self._backend.outgrown()
-
-    def _take(self, number: int, result: object, ended: Ended[T]) -> None:
-        if isinstance(result, Packet):
-            items, _ = self._sent.pop(number)
+    def _take(self, future: "Future[object]", ended: Ended[T]) -> None:
+        """Store the result of a task, or look into its failure."""
+        items, again = self._sent.pop(future)
+        error = future.exception()
+        if error is None:
+            result = future.result()
+            assert isinstance(result, Packet)
             self._parts.add(result)
             ended(items, "")
-        elif isinstance(result, Death):
-            self._suspect(number, result.message, ended)
-        elif isinstance(result, DisagreementError):
-            raise RunError(f"{result}; start it as its parent was, with `study worker ADDRESS` for Dask")
-        elif isinstance(result, Exception):
-            raise result
-
-    def _suspect(self, number: int, message: str, ended: Ended[T]) -> None:
-        """Try the items of a call one by one, or give up the one item that a worker died of twice."""
-        items, again = self._sent.pop(number)
-        if again:
-            ended(items, f"the worker died, twice: {_cause(message)}")
+        elif isinstance(error, self._backend.fatal):
+            self._broken = self._broken or isinstance(error, BrokenExecutor)
+            if again:
+                ended(items, f"the worker died, twice: {_cause(error, self._backend.noticed)}")
+            else:
+                self._suspects += items
+        elif isinstance(error, DisagreementError):
+            raise RunError(f"{error}; start it as its parent was, with `study worker ADDRESS` for Dask")
         else:
-            self._suspects += items
+            raise error
 
     def _store_rest(self) -> None:
         """Store the results that came and were not taken."""
-        while not self._results.empty():
-            result = self._results.get()
-            if not isinstance(result, Future) and isinstance(result[1], Packet):
-                self._parts.add(result[1])
+        while not self._done.empty():
+            future = self._done.get()
+            if not future.cancelled() and future.exception() is None and isinstance(packet := future.result(), Packet):
+                self._parts.add(packet)
         self._parts.commit()
 
 
-def _cause(message: str) -> str:
-    """The cause of a worker's death in one line, from a message that may name the signals that ended workers."""
+def _cause(error: BaseException, noticed: str) -> str:
+    """The cause of a worker's death in one line; a message may name the signals that ended workers."""
+    message = noticed or str(error)
+    if isinstance(error, MemoryError):
+        return f"out of memory{f' ({message})' if message else ''}: {_NEEDS_LESS}"
     if set(re.findall(r"\bSIG[A-Z]+", message)) == {"SIGKILL"}:  # as the system does where memory runs out
-        return f"killed (SIGKILL), perhaps for lack of memory: {NEEDS_LESS}"
+        return f"killed (SIGKILL), perhaps for lack of memory: {_NEEDS_LESS}"
     return message.split("\n")[0]

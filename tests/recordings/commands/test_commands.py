@@ -15,6 +15,7 @@ import pytest
 from study import cli
 from study.recordings.commands import results_folder
 from study.recordings.commands.skeleton import synthetic
+from study.recordings.formats.read import read_recording
 from study.recordings.formats.write import write_recording
 from study.recordings.markersets import load_markerset, shipped
 from study.recordings.recording import Recording, RecordingError
@@ -495,6 +496,29 @@ def test_frames_are_chosen_by_every_command(call, body):
     code, _, complained = call("joints", body[0], body[0], "--frames", "1-300")
     assert code == 2
     assert "a range is of one recording" in complained
+
+
+def test_hips_by_regression(call, tmp_path):
+    """The command tells of it where every hip is doubted, and does it when asked; table and print say so."""
+    made, _ = synthesize(Recipe(400, 60.0, markers="rizzoli", gait=True, soft_tissue=0.02))
+    walk = write_recording(made, tmp_path / "walk.c3d")
+    _, said, _ = call("joints", walk)
+    assert "every hip is doubted: --hips regression takes them from the pelvis' width and depth" in said
+    code, said, _ = call("joints", walk, "--hips", "regression", "--out", "out")
+    assert code == 0
+    assert "left_hip: by regression on the pelvis' width and depth (Harrington 2007)" in said
+    assert "every hip is doubted" not in said
+    table = pd.read_parquet(tmp_path / "out" / "joints.parquet").set_index("joint")
+    assert table.status[["left_hip", "right_hip"]].tolist() == ["regression"] * 2
+    code, said, _ = call("skeleton", walk, "--calibration", "out", "--write", "walk.trc", "--out", "drawn")
+    assert code == 0
+    assert "left_hip: not reliable: by regression" in said
+    markers = read_recording(tmp_path / "walk.trc").markers
+    assert "left_hip_regression" in markers
+    assert "left_knee" in markers
+    code, _, complained = call("skeleton", walk, "--calibration", "out", "--hips", "regression")
+    assert (code, "a calibration has its hips" in complained) == (2, True)
+    assert call("joints", walk, "--hips", "guess")[0] == 2
 
 
 def test_a_file_is_no_folder(tmp_path):

@@ -65,6 +65,19 @@ def is_right(line):
     return True
 
 
+def test_a_unit_that_cannot_be_right_is_named(monkeypatch, capsys):
+    """Positions in metres, taken for millimetres, are a body of half a millimetre: said once, with the unit."""
+    metres = [json.dumps({k: [x / 1000 for x in v] for k, v in json.loads(line).items()}) for line in lines(60)]
+    for unit, told in (("mm", "so its unit is hardly mm: with --unit m they are 0."), ("m", "")):
+        monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO("\n".join(metres).encode())))
+        monkeypatch.setattr(sys, "argv", ["study", *JOINT, "--unit", unit])
+        with pytest.raises(SystemExit):
+            cli.main()
+        complained = capsys.readouterr().err
+        assert told in complained
+        assert complained.count("its unit is hardly") == bool(told)
+
+
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no SIGINT to send to another process")
 def test_standard_input_until_ctrl_c(start):
     """Answers come every hundred frames and at the end; lines that are no frames are told and skipped."""

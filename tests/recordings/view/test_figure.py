@@ -151,6 +151,7 @@ def test_little_is_known(scene):
         doubts=("",),
         errors=np.full((1, 3), np.nan),
         orientations=np.full((1, 90, 4), np.nan),
+        anatomy=np.full((1, 90, 4), np.nan),
     )
     FigureCanvasAgg(draw(prepare(one))).draw()
 

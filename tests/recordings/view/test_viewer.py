@@ -14,6 +14,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from study.files import RunError
+from study.recordings import library
+from study.recordings.skeleton.draw import draw_skeleton
+from study.recordings.skeleton.make_scene import skeleton_scene
+from study.recordings.synthetic.make import Recipe, synthesize
 from study.recordings.view.figure import half_axes
 from study.recordings.view.webpage import (
     FORMAT,
@@ -439,6 +443,28 @@ def test_the_motion(scene, page):
     half = np.array([joint["half_axes"] for joint in document["joints"]], dtype=float)
     assert np.allclose(np.nan_to_num(half), half_axes(shown), atol=1e-6)
     assert np.array_equal(np.isnan(half), np.isnan(shown.errors))
+
+
+def test_anatomical_axes_are_drawn(new_tab, tmp_path):
+    """Three rods at each joint of the legs, 12 cm along the child's axes; none where there are no axes."""
+    recording, _ = synthesize(Recipe(240, 60.0, markers="rizzoli"))
+    joints = library.find_joints(recording)
+    drawn = draw_skeleton(joints, recording)
+    scene = skeleton_scene(drawn, recording)
+    tab, said = new_tab(viewport={"width": 800, "height": 600}), []
+    tab.on("pageerror", lambda error: said.append(str(error)))
+    tab.goto(write_viewer(scene, tmp_path / "viewer.html").as_uri())
+    tab.evaluate("viewer.playing = false; viewer.frame = 100")
+    for number, name in enumerate(scene.joints):
+        places = tab.evaluate(f"viewer.stage.triads[{number}].map(rod => rod.visible ? rod.position.toArray() : null)")
+        if name == "waist":
+            assert places == [None] * 3
+            continue
+        child = joints[name].joint.child
+        axes = drawn.rotation(child)[:, :, 100] @ joints.shape(child).anatomy
+        assert np.allclose(places, scene.centers[number, :, 100] + 0.06 * axes.T, atol=3e-4), name
+    assert "anatomical axis x, forward" in tab.text_content("#legend")
+    assert said == []
 
 
 def test_slower(scene):

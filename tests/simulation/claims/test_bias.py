@@ -34,13 +34,17 @@ def grid(error_rows, scores):
     ("small", "large", "verdict"),
     [
         (1.0, 1.0, Verdict.REPRODUCED),
-        (2.0, 2.0, Verdict.NOT_REPRODUCED),
+        (2.0, 2.0, Verdict.PARTLY),
         (2.0, 1.0, Verdict.PARTLY),
         (1.3, 1.3, Verdict.PARTLY),
+        (2.0, 0.5, Verdict.NOT_REPRODUCED),
     ],
 )
 def test_order(find, grid, small, large, verdict):
-    """The exponents of σ in the biases on the caps decide; scatter that MLE shares does not hide them."""
+    """The exponents of σ in the biases on the caps decide: 1 is the order, more is below it, less is above.
+
+    Scatter that MLE shares does not hide them.
+    """
     found = find(CLAIMS, "gdke-bias-order", {"efficiency/errors": grid({20.0: small, 90.0: large}.get)})
     assert found.verdict == verdict
     np.testing.assert_allclose([number.value for number in found.numbers], [small, large], atol=1e-6)

@@ -108,16 +108,18 @@ SMALL = (0.1, 2e-12, 5e-7, 1.0)
     ("outliers", "verdict"),
     [
         (of(lls=SMALL, lls_nr=SMALL), Verdict.REPRODUCED),
-        (of(lls_nr=SMALL), Verdict.PARTLY),
-        (of(lls_nr_raw=SMALL), Verdict.PARTLY),
-        (of(lls_nr_raw=(0.1, 2e-12, 1e9, 1e12)), Verdict.NOT_REPRODUCED),
+        (of(lls_nr=SMALL), Verdict.REPRODUCED),
+        (of(lls_nr_raw=SMALL), Verdict.REPRODUCED),
+        (of(lls_nr_raw=(0.1, 2e-12, 1e9, 1e12)), Verdict.PARTLY),
+        (of(lls=SMALL), Verdict.PARTLY),
+        (of(lls_single=SMALL), Verdict.PARTLY),
         (of(lls=SMALL, lls_nr=SMALL, lls_nr_raw=SMALL, lls_single=SMALL, gdke=SMALL), Verdict.NOT_REPRODUCED),
         (of(lls=(0.1, 1e-13, 9e-13, 1.0)), Verdict.NOT_REPRODUCED),
         (of(), Verdict.NOT_REPRODUCED),
     ],
 )
 def test_lls_small(find, linear, outliers, verdict):
-    """Outliers without a cut, with one, as many far above the limit, those that GDKE shares, rounding's, and none."""
+    """Outliers with a cut, as many far above the limit, without a cut, those that GDKE shares, rounding's, and none."""
     found = find(CLAIMS, "lls-outliers-small", {"outliers/errors": linear(outliers), "paper/errors": linear()})
     assert found.verdict == verdict
     level = np.geomspace(1e-13, 1e14, 2000)

@@ -13,7 +13,7 @@ import study
 from study.fits import Estimator
 from study.fits.samples import blank
 from study.simulation.experiment.compute import Result, compute, lost
-from study.simulation.experiment.designs import Unit
+from study.simulation.experiment.designs import Batch
 from study.simulation.experiment.sampling import draw, units
 
 ANSWER = (3.0, -4.0, 12.0, 0.5, 0.25)
@@ -39,7 +39,7 @@ def fixed(monkeypatch):
 
 def rows(made):
     """The error rows of a whole study."""
-    parts = [compute(made, unit.batches).errors for unit in units(made)]
+    parts = [compute(made, unit).errors for unit in units(made)]
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
@@ -93,9 +93,9 @@ def test_bounds_are_of_the_realised_directions(make_study, d, shaped):
     shape = np.diag(np.arange(1.0, d + 1)).tolist() if shaped else None
     made = make_study({"dimension": d, "noise_shape": shape}, noise=[0.1, 3.0], trials=4)
     unit = next(units(made))
-    u = draw(made, [unit.batches[0]]).directions.swapaxes(1, 2).copy()
+    u = draw(made, next(unit.parts(0))).directions.swapaxes(1, 2).copy()
     u[:, :, 0] = 1.0 - u[:, :, 0]
-    found = compute(made, unit.batches).errors
+    found = compute(made, unit).errors
     for sigma in (0.1, 3.0):
         crlb = study.crlb(u, sigma**2 * (np.eye(d) if shape is None else np.array(shape)))
         here = found["noise"] == sigma
@@ -114,11 +114,11 @@ def test_rows_are_fits_of_the_stored_points(make_study, name, shaped):
     try:
         study.fit(np.eye(4, 3), name, noise)
     except ValueError:  # an estimator that takes no covariance says so in a run, too
-        result = compute(made, next(units(made)).batches)
+        result = compute(made, next(units(made)))
         assert set(result.errors["status"]) == {study.Status.FAILED}
         assert all(message.startswith("ValueError: ") for message in result.failures["message"])
         return
-    result = compute(made, next(units(made)).batches)
+    result = compute(made, next(units(made)))
     x = np.stack([result.points[f"x_{i + 1}"] for i in range(3)], axis=-1).reshape(3, 30, 3)
     fit = study.fit(x, name, noise)
     truth = np.array([result.points[f"center_{i + 1}"][0] for i in range(3)])
@@ -132,8 +132,8 @@ def test_order_and_number_of_rows(make_study):
     """Rows come cell by cell, estimator by estimator, trial by trial, with the cell's values beside them."""
     made = make_study({"estimators": ["ugdk", "lls"]}, trials=3, noise=[0.1, 0.2], radius=[1, 2])
     unit = next(units(made))
-    found = compute(made, unit.batches).errors
-    cells = unit.batches[0].cells
+    found = compute(made, unit).errors
+    cells = next(unit.parts(0)).cells
     expected = [(c.name, e, t) for c in cells for e in ("ugdk", "lls") for t in range(3)]
     assert list(zip(found["cell"], found["estimator"], found["trial"], strict=True)) == expected
     by_name = {c.name: c for c in cells}
@@ -148,7 +148,7 @@ def test_first_trials_points_are_kept(make_study, keep, monkeypatch):
     """The points of the first trials of each cell are stored, as many as the config says, across blocks."""
     monkeypatch.setattr("study.simulation.experiment.designs.BLOCK_TRIALS", 2)
     made = make_study({"keep_points": keep}, trials=5, noise=[0.1, 0.2])
-    result = compute(made, next(units(made)).batches)
+    result = compute(made, next(units(made)))
     kept = min(keep, 5)
     if not keep:
         assert result.points == {}
@@ -163,7 +163,7 @@ def test_timings_account_for_every_fit(make_study):
     """Every step of every estimator is timed, for as many data sets as there are."""
     made = make_study({"estimators": ["ugdk", "lls"]}, trials=7, samples=[10, 20], noise=[0.1, 0.2])
     for unit in units(made):
-        result: Result = compute(made, unit.batches)
+        result: Result = compute(made, unit)
         fits = dict(zip(result.timings["step"], result.timings["fits"], strict=True))
         assert fits == {"draw": 7, "bound": 7, "points": 14, "moments": 14, "ugdk": 14, "lls": 14}
         assert np.all(result.timings["seconds"] >= 0.0)
@@ -199,7 +199,7 @@ def test_no_estimators_leave_no_rows(make_study, route):
     """A unit without estimators gives timings and points alone, as for a run that has lost those tables."""
     made = make_study({"estimators": ["gdke"], "route": route}, noise=[0.1, 0.2])
     alone = made.model_copy(update={"estimators": ()})
-    result = compute(alone, next(units(made)).batches)
+    result = compute(alone, next(units(made)))
     assert result.errors == {}
     assert {"draw", "bound", "moments"} <= set(result.timings["step"])
 
@@ -221,8 +221,8 @@ def test_an_exception_among_levels_is_a_status_of_its_trial(make_study):
     """An exception is noted with its level and trial, also if levels are fitted side by side."""
     made = make_study({"estimators": ["gdke", "hesitant"]}, trials=40, noise=[0.1, 0.4], angle=60)
     unit = next(units(made))
-    result = compute(made, unit.batches)
-    cells, draws = unit.batches[0].cells, draw(made, unit.batches)
+    result = compute(made, unit)
+    cells, draws = next(unit.parts(0)).cells, draw(made, unit)
     expected = set()
     for cell in cells:
         mean = draws.place(cell.level).x.mean(axis=2)[:, 0]
@@ -253,7 +253,7 @@ def sometimes(monkeypatch):
 def test_an_exception_is_a_status_of_its_trial(make_study):
     """The trials on which an estimator raises are named; other trials and other estimators are not affected."""
     made = make_study({"estimators": ["lls", "sometimes"], "keep_points": 40}, trials=40, noise=[0.1, 0.2])
-    result = compute(made, next(units(made)).batches)
+    result = compute(made, next(units(made)))
     found, failures, points = result.errors, result.failures, result.points
     mine, lls = found["estimator"] == "sometimes", found["estimator"] == "lls"
     failed = found["status"][mine] == study.Status.FAILED
@@ -277,10 +277,10 @@ def test_an_exception_is_a_status_of_its_trial(make_study):
 def test_failures_do_not_depend_on_batches(make_study, monkeypatch):
     """The same trials fail, with the same numbers beside them, whatever is computed together."""
     made = make_study({"estimators": ["sometimes"]}, trials=12, noise=0.2)
-    whole = compute(made, next(units(made)).batches).errors
+    whole = compute(made, next(units(made))).errors
     group = next(units(made)).group
     for first, last in ((0, 5), (5, 6), (6, 12)):
-        part = compute(made, Unit(group, first, last).batches).errors
+        part = compute(made, Batch(group, first, last)).errors
         for name, column in part.items():
             np.testing.assert_array_equal(column, whole[name][first:last])
 
@@ -295,7 +295,7 @@ def test_answers_of_another_shape_are_failures(make_study, monkeypatch, wrong):
 
     monkeypatch.setitem(study.ESTIMATORS, "short", Estimator(short, "a test"))
     made = make_study({"estimators": ["short"]}, trials=3)
-    result = compute(made, next(units(made)).batches)
+    result = compute(made, next(units(made)))
     assert set(result.errors["status"]) == {study.Status.FAILED}
     assert all(f"ValueError: {wrong} has shape (0," in message for message in result.failures["message"])
 
@@ -308,14 +308,14 @@ def test_a_long_message_is_cut(make_study, monkeypatch):
 
     monkeypatch.setitem(study.ESTIMATORS, "talkative", Estimator(talkative, "a test"))
     made = make_study({"estimators": ["talkative"]}, trials=1)
-    assert [len(m) for m in compute(made, next(units(made)).batches).failures["message"]] == [500]
+    assert [len(m) for m in compute(made, next(units(made))).failures["message"]] == [500]
 
 
 def test_a_lost_unit(make_study):
     """A unit that could not be computed has all its rows, in the same order, failed and without numbers."""
     made = make_study({"estimators": ["ugdk", "lls"]}, trials=4, noise=[0.1, 0.2])
     unit = next(units(made))
-    told, real = lost(made, unit.batches, "the worker died"), compute(made, unit.batches)
+    told, real = lost(made, unit, "the worker died"), compute(made, unit)
     assert list(told.errors) == list(real.errors)
     for name in ("cell", "trial", "estimator", "samples", "noise", "angle", "radius", "center"):
         np.testing.assert_array_equal(told.errors[name], real.errors[name])
@@ -333,7 +333,7 @@ LEVELS = {"noise": [0.5, 2.0, 8.0], "radius": [1, 3], "center": [0, 4]}
 
 def first_batch(study):
     """The first batch of a study."""
-    return next(units(study)).batches[0]
+    return next(next(units(study)).parts(0))
 
 
 def unit_vectors(draws):
@@ -348,7 +348,7 @@ def test_points_are_centre_plus_direction_plus_noise(make_study, d):
     """Placed points are c + r u + σ z of the draws, to rounding, for every level of a group."""
     study = make_study({"dimension": d}, **LEVELS)
     batch = first_batch(study)
-    draws = draw(study, [batch])
+    draws = draw(study, batch)
     u = unit_vectors(draws)
     assert len(batch.cells) == 12
     for cell in batch.cells:
@@ -363,7 +363,7 @@ def test_points_are_centre_plus_direction_plus_noise(make_study, d):
 def test_directions_are_unit_vectors_within_the_cap(make_study, d, angle):
     """Directions have length 1, within the confinement angle of the first axis, and reach there (false alarm 1e-6)."""
     study = make_study({"dimension": d}, samples=1000, angle=angle)
-    directions = draw(study, [first_batch(study)]).directions
+    directions = draw(study, first_batch(study)).directions
     height, across = directions[:, 0], np.sum(directions[:, 1:] ** 2, axis=1)
     np.testing.assert_allclose(across, height * (2 - height), rtol=1e-12, atol=1e-15)
     limit = 2 * np.sin(np.radians(angle) / 2) ** 2
@@ -374,11 +374,11 @@ def test_directions_are_unit_vectors_within_the_cap(make_study, d, angle):
 def stored_points(study):
     """Points (cell, trial, n, d) as a run stores them, and their cells."""
     batch = first_batch(study)
-    cells = [cell for unit in units(study) for batch in unit.batches for cell in batch.cells]
-    columns = [compute(study, unit.batches).points for unit in units(study)]
+    cells = [cell for unit in units(study) for batch in unit.parts(0) for cell in batch.cells]
+    columns = [compute(study, unit).points for unit in units(study)]
     d = study.dimension
     x = np.concatenate([np.stack([part[f"x_{i + 1}"] for i in range(d)], axis=-1) for part in columns])
-    return x.reshape(len(cells), study.design.trials, batch.samples, d), cells
+    return x.reshape(len(cells), study.design.trials, batch.group.samples, d), cells
 
 
 @pytest.mark.parametrize("d", [2, 3, 5])
@@ -399,9 +399,9 @@ def test_levels_of_a_group_share_their_draws(make_study, d):
 def test_cells_with_independent_draws_share_nothing(make_study):
     """With independent draws, no two cells have a common direction or normal."""
     study = make_study({"keep_points": 9}, trials=3, draws="independent", **LEVELS)
-    batches = [batch for unit in units(study) for batch in unit.batches]
+    batches = [batch for unit in units(study) for batch in unit.parts(0)]
     assert len(batches) == 12
-    drawn = [draw(study, [batch]) for batch in batches]
+    drawn = [draw(study, batch) for batch in batches]
     for left, right in combinations(drawn, 2):
         assert not np.intersect1d(left.unit_noise, right.unit_noise).size
         assert not np.intersect1d(left.directions[:, 0], right.directions[:, 0]).size
@@ -413,7 +413,7 @@ def test_cells_with_independent_draws_share_nothing(make_study):
 def test_groups_share_nothing(make_study, change):
     """Another seed, angle, number of samples or dimension is another draw."""
     one, other = make_study(), make_study(**change)
-    left, right = draw(one, [first_batch(one)]), draw(other, [first_batch(other)])
+    left, right = draw(one, first_batch(one)), draw(other, first_batch(other))
     assert not np.intersect1d(left.unit_noise, right.unit_noise).size
 
 
@@ -421,7 +421,7 @@ def test_first_trials_do_not_depend_on_how_many_follow(make_study):
     """A longer study begins with the draws of a shorter one, bit for bit, also with a noise shape."""
     shape = [[4.0, 1.0, 0.0], [1.0, 2.0, 0.5], [0.0, 0.5, 1.0]]
     short, long = (make_study({"noise_shape": shape}, trials=trials) for trials in (1, 500))
-    left, right = draw(short, [first_batch(short)]), draw(long, [first_batch(long)])
+    left, right = draw(short, first_batch(short)), draw(long, first_batch(long))
     np.testing.assert_array_equal(left.unit_noise, right.unit_noise[:1])
     np.testing.assert_array_equal(left.directions, right.directions[:1])
 
@@ -440,7 +440,7 @@ def test_noise_has_its_covariance(make_study, shape):
     Nine normal statistics within 5 standard errors: a false alarm has probability 6e-6.
     """
     study = make_study({"noise_shape": SHAPES[shape]}, samples=100_000, trials=1)
-    draws = draw(study, [first_batch(study)])
+    draws = draw(study, first_batch(study))
     expected = np.eye(3) if SHAPES[shape] is None else np.array(SHAPES[shape])
     np.testing.assert_array_equal(draws.law.covariance(1.0), expected)
     z = draws.unit_noise[0]
@@ -453,6 +453,6 @@ def test_noise_has_its_covariance(make_study, shape):
 def test_noise_does_not_follow_the_direction(make_study):
     """Noise and direction of a sample are uncorrelated in every pair of components (9 pairs, 5 errors: 5e-6)."""
     study = make_study(samples=100_000, trials=1, angle=180)
-    draws = draw(study, [first_batch(study)])
+    draws = draw(study, first_batch(study))
     correlation = np.corrcoef(np.vstack([unit_vectors(draws)[0], draws.unit_noise[0]]))[:3, 3:]
     assert np.abs(correlation).max() < 5 / np.sqrt(100_000)

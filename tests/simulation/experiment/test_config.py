@@ -34,7 +34,7 @@ from study.simulation.experiment.sampling import units
 from study.simulation.runs import schemas
 from study.toml import ConfigError
 
-OTHERS = {"coverage.toml"}  # configs of other studies, which have their own reader
+OTHERS = {"coverage.toml", "readings.toml"}  # configs of another kind, which have their own reader
 
 CONFIGS = sorted(p for p in (Path(__file__).parents[3] / "configs").glob("*.toml") if p.name not in OTHERS)
 
@@ -234,8 +234,8 @@ def test_cells_of_many_samples_have_fewer_trials():
     for limit, expected in ((5000, {10: 500, 100: 50, 1000: 5}), (500, {10: 50, 100: 5, 1000: 1})):
         found = dict.fromkeys(expected, 0)
         for unit in units(parse(GRID.format("", f"most_samples = {limit}"))):
-            for batch in unit.batches:
-                found[batch.samples] += batch.trials
+            for batch in unit.parts(0):
+                found[batch.group.samples] += batch.trials
         assert found == expected
 
 
@@ -385,7 +385,7 @@ def test_all_are_found(monkeypatch, tmp_path):
     assert "paper" in found
     assert list(found) == sorted(found)
     for name, path in found.items():
-        if name != "coverage":  # a study of another kind, which `study coverage` reads
+        if path.name not in OTHERS:
             assert load(path).name == name
         assert name == path.stem
         assert shipped_config(name) == path

@@ -52,10 +52,10 @@ def small_units(monkeypatch):
 def served(work):
     """Cells and trials of units, in order."""
     for unit in work:
-        for batch in unit.batches:
+        for batch in unit.parts(0):
             for cell in batch.cells:
-                assert (cell.samples, cell.angle) == (batch.samples, batch.angle)
-                for trial in range(batch.first, batch.first + batch.trials):
+                assert (cell.samples, cell.angle) == (batch.cells[0].samples, batch.cells[0].angle)
+                for trial in range(batch.first, batch.last):
                     yield cell.name, trial
 
 
@@ -94,7 +94,7 @@ def test_order_is_the_configs(some_study):
 def test_order_of_a_grid(make_study):
     """Cells come by samples, then angle, then noise, radius and centre, each in the order of the config."""
     work = units(make_study(samples=[50, 4], noise=[0.2, 0.1], angle=[90, 20], radius=[2, 1], center=[1, 0]))
-    cells = [cell for unit in work for batch in unit.batches for cell in batch.cells]
+    cells = [cell for unit in work for batch in unit.parts(0) for cell in batch.cells]
     keys = [(-c.samples, -c.angle, -c.noise, -c.radius, -c.distance) for c in cells]
     assert keys == sorted(keys)
     assert len(set(keys)) == 32
@@ -106,7 +106,7 @@ def test_relative_noise_is_times_the_radius(make_study):
         made = make_study(**entries)
         relative = made.design.noise is None
         for unit in units(made):
-            for cell in unit.batches[0].cells:
+            for cell in next(unit.parts(0)).cells:
                 levels = [v * cell.radius for v in made.design.noise_over_radius] if relative else made.design.noise
                 assert cell.noise in levels
 
@@ -146,7 +146,7 @@ def test_names_do_not_depend_on_the_grid(make_study):
     """A condition has the same name whatever else its grid holds, and whatever the kind of design."""
 
     def names(**entries):
-        return {c.name for unit in units(make_study(**entries)) for b in unit.batches for c in b.cells}
+        return {c.name for unit in units(make_study(**entries)) for b in unit.parts(0) for c in b.cells}
 
     alone = names(samples=4, noise=0.1, angle=20, radius=2, center=5)
     assert len(alone) == 1
@@ -159,9 +159,9 @@ def test_names_and_order_are_the_same_in_every_process():
     code = (
         "import sys, pathlib; from study.simulation.experiment.config import load\n"
         "from study.simulation.experiment.sampling import units\n"
-        "for u in units(load(pathlib.Path(sys.argv[1]))): print(u, [c.name for b in u.batches for c in b.cells])"
+        "for u in units(load(pathlib.Path(sys.argv[1]))): print(u, [c.name for b in u.parts(0) for c in b.cells])"
     )
-    own = "".join(f"{u} {[c.name for b in u.batches for c in b.cells]}\n" for u in units(load(path)))
+    own = "".join(f"{u} {[c.name for b in u.parts(0) for c in b.cells]}\n" for u in units(load(path)))
     for seed in ("1", "2"):
         environment = {"PYTHONHASHSEED": seed, "PYTHONPATH": str(path.parents[1])}
         done = subprocess.run(
@@ -179,15 +179,15 @@ def test_block_size_depends_on_samples_alone(make_study, samples):
     for entries in ({"trials": 3000}, {"trials": 2999, "noise": [1, 2], "angle": [5, 7]}, {"draws": "independent"}):
         trials = entries.get("trials", 2)
         for unit in units(make_study(samples=[samples], **entries)):
-            for batch in unit.batches:
+            for batch in unit.parts(0):
                 assert batch.first % size == 0
                 assert batch.trials == min(size, trials - batch.first)
-                assert batch.stream[-1] == batch.first // size
+                assert batch.blocks()[0][0][-1] == batch.first // size
 
 
 def test_streams_are_named_apart(some_study):
     """No two batches draw from the same stream."""
-    names = Counter(batch.stream for unit in units(some_study) for batch in unit.batches)
+    names = Counter(name for unit in units(some_study) for batch in unit.parts(0) for name, _, _ in batch.blocks())
     assert set(names.values()) == {1}
 
 
@@ -210,7 +210,7 @@ def cells(make_study):
 
     def make(top=None, **changes):
         study = make_study(top, **{"kind": "random", "trials": TRIALS, **LAWS, **changes})
-        return [cell for unit in units(study) for batch in unit.batches for cell in batch.cells]
+        return [cell for unit in units(study) for batch in unit.parts(0) for cell in batch.cells]
 
     return make
 
@@ -326,5 +326,5 @@ def test_equal_conditions_have_equal_names(cells, make_study):
     """A centre at the origin is one condition, however its heading fell, and the same as in a grid."""
     plain = {"samples": 10, "noise": 0.1, "angle": 90.0, "radius": 1.0, "center": 0.0}
     grid = make_study(**plain)
-    names = {cell.name for unit in units(grid) for batch in unit.batches for cell in batch.cells}
+    names = {cell.name for unit in units(grid) for batch in unit.parts(0) for cell in batch.cells}
     assert {cell.name for cell in cells(trials=20, **plain)} == names

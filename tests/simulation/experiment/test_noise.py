@@ -3,31 +3,27 @@
 Every Gaussian law: its draws have its covariance, estimators get it in the right form, and its bound holds.
 """
 
-import inspect
-
 import numpy as np
 import pytest
 from scipy import stats
-from scipy.spatial.distance import pdist
+from scipy.spatial.distance import pdist, squareform
 
 import study
 from study.fits import cap, fit
 from study.fits.streams import lanes
-from study.simulation.experiment import noise
 from study.simulation.experiment.compute import compute
 from study.simulation.experiment.conditions import DEPARTURES
+from study.simulation.experiment.designs import Batch, Group
 from study.simulation.experiment.noise import (
     LAWS,
-    AnisotropicGaussian,
-    FurtherNumbers,
-    IsotropicGaussian,
+    GaussianNoise,
     departures,
     freedom,
     gaussian,
     is_law,
     place_directions,
 )
-from study.simulation.experiment.sampling import addresses, draw, replay, units
+from study.simulation.experiment.sampling import Draws, all_trials, draw, units
 from study.simulation.runs import schemas
 from study.toml import ConfigError
 
@@ -49,12 +45,16 @@ def law(request):
     return request.param
 
 
+def numbers_of(seed, first, last):
+    """Further random numbers of the trials from first to before last of a block of eight."""
+    return Draws(Batch(Group(("test",), 8, ()), first, last), seed, None, None, None).further
+
+
 def drawn(conditions, d=3, n=40_000, trials=2):
     """Normal noise, and what the conditions make of it (trials, d, n)."""
-    numbers = FurtherNumbers(8, [(("test",), 0, trials)])
     normals = noise = np.random.default_rng(20260).standard_normal((trials, d, n))
     for departure in departures(conditions):
-        noise = departure.applied(noise, np.zeros_like(noise), numbers)
+        noise = departure.applied(noise, np.zeros_like(noise), numbers_of(8, 0, trials))
     return normals, noise
 
 
@@ -103,12 +103,11 @@ def test_student_is_the_same_in_every_direction(d):
 def test_transforms_are_quantiles():
     """Laplace and uniform numbers are the normal ones' quantiles, by SciPy's distributions, also far in the tails."""
     z = np.linspace(0.0, 35.0, 71)[None, None]
-    numbers = FurtherNumbers(1, [])
     for law in LAWS:
         (step,) = departures({"law": law})
         expected = MARGINALS[law].isf(stats.norm.sf(z))
-        np.testing.assert_allclose(step.applied(z, z, numbers), expected, rtol=1e-12, atol=1e-15)
-        np.testing.assert_array_equal(step.applied(-z, z, numbers), -step.applied(z, z, numbers))
+        np.testing.assert_allclose(step.applied(z, z, None), expected, rtol=1e-12, atol=1e-15)
+        np.testing.assert_array_equal(step.applied(-z, z, None), -step.applied(z, z, None))
 
 
 def test_outliers():
@@ -155,13 +154,26 @@ def test_names_of_laws():
     """A law has one name; what is none, or has no covariance, is refused."""
     assert freedom("student(2.5)") == 2.5
     assert all(map(is_law, ["normal", *MARGINALS]))
+    assert all(map(is_law, ["radial", "rim(3)", "rim(0.5)", "memory(0.9)", "form(0.4, 1)", "form(1e-05, 20)"]))
     for word in ("student", "student()", "student(2)", "student(5.0)", "student(05)", "student(e)", "cauchy", "Normal"):
+        assert not is_law(word)
+    for word in (
+        "radial(1)",
+        "rim",
+        "rim(0)",
+        "rim(-1)",
+        "rim(1, 2)",
+        "memory(1)",
+        "memory(.5)",
+        "form(1)",
+        "form(1,2)",
+    ):
         assert not is_law(word)
 
 
 def errors_of(study):
     """Columns of the error table, by cell's σ, laws and share."""
-    columns = [compute(study, unit.batches).errors for unit in units(study)]
+    columns = [compute(study, unit).errors for unit in units(study)]
     names = [name for name in ("noise", "law", "directions", "outlier_share") if name in columns[0]]
     found = {}
     for part in columns:
@@ -183,17 +195,16 @@ def test_a_trial_is_drawn_again(make_study):
     """Replayed alone, a trial of any law has the same points, to the bit, as among others; another seed has others."""
     study = make_study({"keep_points": 99}, trials=7, samples=12, **MIXED)
     for unit in units(study):
-        columns = compute(study, unit.batches).points
-        for address in addresses(study):
-            rows = (columns["cell"] == address.cell.name) & (columns["trial"] == address.trial)
+        columns = compute(study, unit).points
+        for trial in all_trials(study):
+            rows = (columns["cell"] == trial.cell.name) & (columns["trial"] == trial.trial)
             kept = np.stack([columns[f"x_{i + 1}"][rows] for i in range(3)], axis=-1)
-            np.testing.assert_array_equal(replay(study, address).samples.points[0], kept)
+            np.testing.assert_array_equal(trial.samples.points[0], kept)
 
 
-def test_draws_do_not_depend_on_what_is_drawn_with_them(make_study):
+def test_draws_do_not_depend_on_what_is_drawn_with_them():
     """Further numbers of the later half of a block are the same whether or not the first half is drawn."""
-    batch = next(units(make_study(trials=8, **MIXED))).batches[0]
-    whole, half = (FurtherNumbers(1, [(batch.stream, *cut)]) for cut in ((0, 8), (5, 3)))
+    whole, half = numbers_of(1, 0, 8), numbers_of(1, 5, 8)
     noise = np.zeros((8, 3, 12))
     for step in departures({"law": "student(3)", "outlier_share": 0.3}):
         np.testing.assert_array_equal(step.applied(noise, noise, whole)[5:], step.applied(noise[:3], noise[:3], half))
@@ -202,8 +213,8 @@ def test_draws_do_not_depend_on_what_is_drawn_with_them(make_study):
 def test_the_bound_is_gaussian(make_study):
     """The bound does not depend on the law, and the tables say of which it is; those of other studies do not change."""
     study = make_study(trials=3, **MIXED)
-    batch = next(units(study)).batches[0]
-    draws = draw(study, [batch])
+    batch = next(next(units(study)).parts(0))
+    draws = draw(study, batch)
     np.testing.assert_array_equal(draws.unit_bound(), draws.law.unit_bound(draws.directions))
     for conditions, said in ((study.conditions(), True), (make_study().conditions(), False)):
         columns = [*schemas.errors(3, conditions), *schemas.summary(conditions)]
@@ -250,7 +261,7 @@ def test_anisotropic_noise(make_study, noise):
         (
             {"dimension": 4},
             {"directions": "spaced"},
-            "design.directions: spaced directions are for circles",
+            "design.directions: spaced and path are directions of circles",
         ),
         (
             {"route": "moments", "estimators": ["gdke"]},
@@ -280,7 +291,7 @@ def test_random_designs_draw_outliers(make_study):
     """A random design draws the share from a law; its other conditions are those that it draws without."""
     share = {"law": "uniform", "low": 0.0, "high": 0.3}
     with_share, without = (
-        [unit.batches[0].cells[0] for unit in units(make_study(kind="random", trials=9, samples=50, **more))]
+        [next(unit.parts(0)).cells[0] for unit in units(make_study(kind="random", trials=9, samples=50, **more))]
         for more in ({"outlier_share": share}, {})
     )
     assert {c.name for c in DEPARTURES} & set(dict(with_share[0].further)) == {"outlier_share"}
@@ -291,7 +302,7 @@ def placed(conditions, d=3, angle=2.0, n=30_000):
     """Directions of a law (2, d, n), with 1 - u₁ turned into u₁, after directions by area."""
     directions = np.empty((2, d, n))
     cap.draw(lanes(3, "test"), angle, directions, np.empty_like(directions))
-    place_directions(conditions, angle, directions, FurtherNumbers(8, [(("test",), 0, 2)]))
+    place_directions(conditions, angle, directions, numbers_of(8, 0, 2))
     directions[:, 0] = 1.0 - directions[:, 0]
     return directions
 
@@ -305,7 +316,7 @@ def test_radial_noise_is_along_the_radius():
     normals = np.random.default_rng(5).standard_normal(u.shape)
     heights = u.copy()
     heights[:, 0] = 1.0 - u[:, 0]
-    noise = departures({"law": "radial"})[0].applied(normals, heights, FurtherNumbers(1, []))
+    noise = departures({"law": "radial"})[0].applied(normals, heights, None)
     along = (noise * u).sum(axis=1)
     np.testing.assert_allclose(noise, along[:, None] * u, atol=1e-14)
     np.testing.assert_allclose(along, (normals * u).sum(axis=1), atol=1e-14)
@@ -314,10 +325,84 @@ def test_radial_noise_is_along_the_radius():
     assert np.all(np.abs(products.mean(axis=2) - np.eye(3) / 3) < 5 * products.std(axis=2) / np.sqrt(products.shape[2]))
 
 
+def structured(law, u, angle, seed=1):
+    """Noise of a law for directions u (b, d, n) on a cap, and the normal numbers behind it."""
+    normals = np.random.default_rng(seed).standard_normal(u.shape)
+    heights = u.copy()
+    heights[:, 0] = 1.0 - u[:, 0]
+    (step,) = departures({"law": law, "angle": np.degrees(angle)})
+    return step.applied(normals, heights, numbers_of(4, 0, len(u))), normals
+
+
+def test_noise_grows_to_the_rim():
+    """Over 1 + 3 (1 - cos θ)/(1 - cos φ) the noise is standard normal (p > 1e-6); within 1 % of the rim it is ~ 4 σ.
+
+    At the pole and at the rim the mean square is 1 and 16, within 5 standard errors and the growth over the zone.
+    """
+    u = placed("area", angle=2.0)
+    noise, _ = structured("rim(4)", u, 2.0)
+    share = (1 - u[:, 0]) / (1 - np.cos(2.0))
+    assert stats.kstest((noise / (1 + 3 * share)[:, None]).ravel(), "norm").pvalue > 1e-6
+    for zone, least, most in ((share < 0.01, 1.0, 1.0609), (share > 0.99, 15.76, 16.0)):
+        square = noise.swapaxes(0, 1)[:, zone] ** 2
+        error = 5 * square.std() / np.sqrt(square.size)
+        assert least - error < square.mean() < most + error
+
+
+def test_noise_that_remembers():
+    """Correlations of lag 0 to 4 along the samples are .8^lag, from the first sample on, within 5 standard errors.
+
+    The recursion yᵢ = ρ yᵢ₋₁ + √(1 - ρ²) zᵢ, written as a loop, gives the same numbers.
+    """
+    u = placed("spaced", 3, 1.0, 12)[:1].repeat(20_000, axis=0)
+    noise, normals = structured("memory(0.8)", u, 1.0)
+    for lag in range(5):
+        for start in (0, 7):
+            products = noise[:, :, start] * noise[:, :, start + lag]
+            error = products.std() / np.sqrt(products.size)
+            assert abs(products.mean() - 0.8**lag) < 5 * error
+    expected = normals.copy()
+    for i in range(1, 12):
+        expected[:, :, i] = 0.8 * expected[:, :, i - 1] + 0.6 * normals[:, :, i]
+    np.testing.assert_allclose(noise, expected, atol=1e-12)
+
+
+def test_form_is_a_smooth_function_of_the_direction():
+    """Over trials, displacements are along u, normal (p > 1e-6), of covariance s² exp(-|u - v|²/2l²) within 5 errors.
+
+    The kernel is computed from all pairs of 8 directions; l is .4 half-angles of the cap, s is 1.5 σ.
+    """
+    angle = 1.2
+    u = placed("spaced", 3, angle, 8)[:1].repeat(6000, axis=0)
+    noise, normals = structured("form(0.4, 1.5)", u, angle)
+    form = noise - normals
+    along = np.einsum("bdn,bdn->bn", form, u)
+    np.testing.assert_allclose(form, along[:, None] * u, atol=1e-12)
+    products = along[:, :, None] * along[:, None]
+    distance = squareform(pdist(u[0].T))
+    expected = 1.5**2 * np.exp(-(distance**2) / (2 * (0.4 * angle) ** 2))
+    assert np.all(np.abs(products.mean(axis=0) - expected) < 5 * products.std(axis=0) / np.sqrt(len(products)))
+    assert all(stats.kstest(along[:, k] / 1.5, "norm").pvalue > 1e-6 for k in range(8))
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_a_path_swings_from_rim_to_rim(d):
+    """It stays within the cap, comes near the pole and the rim, and no step is longer than the swings ask for."""
+    angle, n = 0.6, 400
+    u = placed("path", d, angle, n)[0]
+    away = np.arccos(u[0])
+    assert away.max() <= angle * (1 + 1e-12)
+    assert away.max() > 0.999 * angle
+    assert away.min() < 0.05 * angle
+    steps = np.linalg.norm(np.diff(u, axis=1), axis=0)
+    assert steps.max() < 2 * np.pi * 3 / n * angle * 1.05
+    assert {tuple(np.sign(w)) for w in u[1:].T[:: n // 12]} >= ({(1.0,), (-1.0,)} if d == 2 else {(1.0, 1.0)})
+
+
 def test_the_bound_holds_for_radial_noise(make_study):
     """Variances of MLE's centre and radius over the bound are 1 within 5 standard errors: σ = .003, 3000 trials."""
     study = make_study({"estimators": ["mle"]}, trials=3000, samples=60, angle=90, noise=0.003, law="radial")
-    columns = [compute(study, unit.batches).errors for unit in units(study)]
+    columns = [compute(study, unit).errors for unit in units(study)]
     for error, bound in (("error", "bound"), ("radius_error", "radius_bound")):
         ratio = np.concatenate([(part[error] / part[bound]) ** 2 for part in columns])
         assert abs(ratio.mean() - 1.0) < 5 * ratio.std() / np.sqrt(ratio.size)
@@ -367,14 +452,13 @@ def test_directions_have_their_own_draws_and_bound(make_study):
     """Cells by area are those of a study without other laws, to the bit; the bound is of the realised directions."""
     plain = errors_of(make_study({"estimators": ["gdke"]}, trials=4, samples=20))
     study = make_study({"estimators": ["gdke"]}, trials=4, samples=20, directions=["polar", "area", "spaced"])
-    columns = [compute(study, unit.batches).errors for unit in units(study)]
+    columns = [compute(study, unit).errors for unit in units(study)]
     law = np.concatenate([part["directions"] for part in columns])
     error = np.concatenate([part["error"] for part in columns])
     np.testing.assert_array_equal(error[law == "area"], list(plain.values()))
-    for address in addresses(study):
-        trial = replay(study, address)
+    for trial in all_trials(study):
         u = trial.samples.points[0] - np.array(trial.cell.center)
-        assert address.batch.directions == dict(address.cell.further).get("directions", "area")
+        assert trial.cell.directions == dict(trial.cell.further).get("directions", "area")
         assert np.linalg.norm(u, axis=1).mean() == pytest.approx(trial.cell.radius, rel=0.1)
     bounds = [np.concatenate([part["bound"] for part in columns])[law == word] for word in ("area", "spaced")]
     assert np.ptp(bounds[0]) > 0.0
@@ -393,14 +477,13 @@ def test_moments_know_the_directions(make_study):
 def test_estimators_get_the_stated_variance(make_study):
     """UGDK subtracts what it is told: σ²/3 is the fit at σ/√3; the points and the bound do not change."""
     study = make_study({"estimators": ["ugdk"]}, trials=5, samples=30, noise=0.3, stated_variance=[1, 1 / 3])
-    for address in addresses(study):
-        trial = replay(study, address)
-        share = dict(address.cell.further).get("stated_variance", 1.0)
+    for trial in all_trials(study):
+        share = dict(trial.cell.further).get("stated_variance", 1.0)
         assert trial.samples.noise == pytest.approx(0.3 * np.sqrt(share), rel=1e-15)
-    columns = compute(study, next(units(study)).batches).errors
+    columns = compute(study, next(units(study))).errors
     first = columns["stated_variance"] == 1.0
     np.testing.assert_array_equal(columns["bound"][first], columns["bound"][~first])
-    trial = replay(study, next(addresses(study)))
+    trial = next(all_trials(study))
     told = fit(trial.samples.points[0], "ugdk", noise=0.3 / np.sqrt(3))
     np.testing.assert_allclose(np.linalg.norm(told.center - trial.cell.center), columns["error"][~first][0], rtol=1e-12)
 
@@ -409,7 +492,7 @@ def test_random_designs_take_words(make_study):
     """A word is the same for all trials of a random design; the other conditions are those drawn without it."""
     words = {"law": "radial", "directions": "polar", "stated_variance": 0.25}
     structured, plain = (
-        [unit.batches[0].cells[0] for unit in units(make_study(kind="random", trials=9, samples=50, **more))]
+        [next(unit.parts(0)).cells[0] for unit in units(make_study(kind="random", trials=9, samples=50, **more))]
         for more in (words, {})
     )
     assert all(dict(cell.further) == words for cell in structured)
@@ -420,10 +503,10 @@ def test_random_designs_take_words(make_study):
 SHAPE = ((1.63, 0.41, 0.38), (0.41, 0.78, 0.48), (0.38, 0.48, 0.59))
 
 LAWS_GAUSSIAN_NOISE = {
-    "isotropic in the plane": IsotropicGaussian(2),
-    "isotropic in space": IsotropicGaussian(3),
-    "unequal": AnisotropicGaussian(((4.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 0.25))),
-    "correlated": AnisotropicGaussian(SHAPE),
+    "isotropic in the plane": GaussianNoise(2),
+    "isotropic in space": GaussianNoise(3),
+    "unequal": gaussian(((4.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 0.25)), 3),
+    "correlated": gaussian(SHAPE, 3),
 }
 
 
@@ -440,15 +523,6 @@ def directions(law_of_gaussian_noise, rng):
     u /= np.linalg.norm(u, axis=1, keepdims=True)
     u[:, 0] = 1.0 - u[:, 0]
     return u
-
-
-def test_every_law_is_tested_gaussian_noise():
-    """A class of the module with the methods of a law is among those above."""
-    methods = [name for name in vars(noise.NoiseLaw) if not name.startswith("_")]
-    classes = [each for _, each in inspect.getmembers(noise, inspect.isclass) if each is not noise.NoiseLaw]
-    assert {type(law) for law in LAWS_GAUSSIAN_NOISE.values()} == {
-        c for c in classes if all(hasattr(c, name) for name in methods)
-    }
 
 
 def test_draws_have_the_stated_covariance(law_of_gaussian_noise, rng):
@@ -496,5 +570,5 @@ def test_the_bound_is_that_of_the_library(law_of_gaussian_noise, directions):
 def test_a_shape_of_the_identity_is_isotropic():
     """The law of no shape and of the identity is the same; any other shape has a law of its own."""
     unit = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-    assert gaussian(None, 3) == gaussian(unit, 3) == IsotropicGaussian(3)
-    assert gaussian(SHAPE, 3) == AnisotropicGaussian(SHAPE)
+    assert gaussian(None, 3) == gaussian(unit, 3) == GaussianNoise(3)
+    assert gaussian(SHAPE, 3) == GaussianNoise(3, SHAPE)

@@ -7,7 +7,7 @@ import study
 from study.fits import Status
 from study.simulation.analysis import regret
 from study.simulation.experiment.compute import compute, stack
-from study.simulation.experiment.sampling import ReplayError, addresses, find, replay, units
+from study.simulation.experiment.sampling import ReplayError, all_trials, find, units
 
 KEPT = 3
 
@@ -44,7 +44,7 @@ def made(request, design, make_study):
     with pytest.MonkeyPatch.context() as patch:  # several batches per cell
         patch.setattr("study.simulation.experiment.designs.BLOCK_TRIALS", 2)
         made = make_study(top | ({"noise_shape": SHAPES[d]} if kind == "shaped" else {}), **design)
-        results = [compute(made, unit.batches) for unit in units(made)]
+        results = [compute(made, unit) for unit in units(made)]
         yield made, stack([r.errors for r in results]), stack([r.points for r in results if r.points])
 
 
@@ -66,7 +66,7 @@ def test_the_points_are_the_stored_ones(made):
             kept = chosen(points, cell=cell, trial=trial)
             if not len(kept["trial"]):
                 continue  # of a random design, where each cell has one trial
-            again = replay(made, find(made, cell, trial))
+            again = find(made, cell, trial)
             frame = regret.points(again)
             names = [f"x_{i + 1}" for i in range(made.dimension)]
             assert list(frame.columns) == names
@@ -83,7 +83,7 @@ def test_the_answers_are_the_error_tables_rows(made):
     texts = {status.text: int(status) for status in Status}
     for cell in list(dict.fromkeys(errors["cell"]))[::7]:
         for trial in np.unique(chosen(errors, cell=cell)["trial"])[-2:].tolist():
-            again = replay(made, find(made, cell, trial))
+            again = find(made, cell, trial)
             found, told = regret.fit_table(made, again), chosen(errors, cell=cell, trial=trial)
             assert list(found["estimator"]) == list(told["estimator"]) == list(made.estimators)
             same = {"error": "error", "axis": "error_1", "radius_error": "radius_error", "condition": "condition"}
@@ -96,22 +96,22 @@ def test_the_answers_are_the_error_tables_rows(made):
             np.testing.assert_allclose(np.sqrt(variances[-1]), told["radius_bound"], rtol=1e-14)
 
 
-def test_every_trial_has_an_address(made):
-    """Addresses are the error table's cells and trials, in its order, each once; each is found by its name."""
+def test_every_trial_has_an_trial(made):
+    """Triales are the error table's cells and trials, in its order, each once; each is found by its name."""
     made, errors, _ = made
     some = chosen(errors, estimator="mle")
-    found = list(addresses(made))
+    found = list(all_trials(made))
     assert sorted((a.cell.name, a.trial) for a in found) == sorted(zip(some["cell"], some["trial"], strict=True))
     assert len({(a.cell.name, a.trial) for a in found}) == len(found)
-    for address in found[::17]:
-        assert find(made, address.cell.name, address.trial) == address
+    for trial in found[::17]:
+        assert find(made, trial.cell.name, trial.trial) == trial
 
 
-def test_addresses_come_cell_by_cell_of_a_unit(make_study):
+def test_triales_come_cell_by_cell_of_a_unit(make_study):
     """Within a batch a cell's trials stand together, and cells come in the order of the error table."""
     made = make_study(**GRID)
-    order = [a.cell.name for a in addresses(made)]
-    errors = stack([compute(made, unit.batches).errors for unit in units(made)])
+    order = [a.cell.name for a in all_trials(made)]
+    errors = stack([compute(made, unit).errors for unit in units(made)])
     assert list(dict.fromkeys(order)) == list(dict.fromkeys(errors["cell"]))
 
 
@@ -123,7 +123,7 @@ def grid(make_study):
 
 def test_the_beginning_of_a_name_will_do(grid):
     """As far as no other cell begins so; a whole name always does."""
-    names = sorted({address.cell.name for address in addresses(grid)})
+    names = sorted({trial.cell.name for trial in all_trials(grid)})
     assert len(names) == 8
     for name in names:
         short = next(name[:k] for k in range(1, 11) if sum(n.startswith(name[:k]) for n in names) == 1)
@@ -133,7 +133,7 @@ def test_the_beginning_of_a_name_will_do(grid):
 
 def test_a_beginning_of_several_cells(grid):
     """The message has their number, and some of them."""
-    names = sorted({address.cell.name for address in addresses(grid)})
+    names = sorted({trial.cell.name for trial in all_trials(grid)})
     first = next(n[0] for n in names if sum(m[0] == n[0] for m in names) > 1)
     among = [n for n in names if n[0] == first]
     with pytest.raises(ReplayError, match=rf"^cell '{first}': not one cell but {len(among)}: {among[0]}, "):
@@ -151,7 +151,7 @@ def test_a_cell_that_is_not_there(grid):
 @pytest.mark.parametrize("trial", [5, 6, 10**12, -1])
 def test_a_trial_that_is_not_there(grid, trial):
     """The message says which there are, over all of a cell's batches."""
-    name = next(addresses(grid)).cell.name
+    name = next(all_trials(grid)).cell.name
     with pytest.raises(ReplayError, match=rf"^trial {trial}: cell {name} has trial 0 to 4$"):
         find(grid, name[:6], trial)
 
@@ -159,18 +159,18 @@ def test_a_trial_that_is_not_there(grid, trial):
 def test_the_trials_of_a_random_designs_cell(make_study):
     """A cell that was drawn once has one trial, which the message names."""
     made = make_study(**RANDOM)
-    address = list(addresses(made))[7]
-    assert find(made, address.cell.name, 7) == address
-    with pytest.raises(ReplayError, match=rf"^trial 8: cell {address.cell.name} has trial 7$"):
-        find(made, address.cell.name, 8)
+    trial = list(all_trials(made))[7]
+    assert find(made, trial.cell.name, 7) == trial
+    with pytest.raises(ReplayError, match=rf"^trial 8: cell {trial.cell.name} has trial 7$"):
+        find(made, trial.cell.name, 8)
 
 
 def test_the_trials_of_a_cell_that_a_random_design_drew_several_times(make_study):
     """If choices repeat, a cell's trials have gaps; the message lists them without those of other cells."""
     made = make_study(kind="random", trials=30, noise={"law": "choice", "values": [0.1, 0.2]})
     trials = {}
-    for address in addresses(made):
-        trials.setdefault(address.cell.name, []).append(address.trial)
+    for trial in all_trials(made):
+        trials.setdefault(trial.cell.name, []).append(trial.trial)
     assert len(trials) == 2
     for name, numbers in trials.items():
         assert all(find(made, name, trial).trial == trial for trial in numbers)
@@ -185,8 +185,8 @@ def test_more_trials_or_cells_leave_a_trial_as_it_is(make_study):
     """A trial's points do not depend on how much is run beside it."""
     small = make_study(trials=1, noise=0.5, samples=40, angle=60, radius=2.0, center=3.0)
     large = make_study(**GRID | {"trials": 1001})
-    (address,) = addresses(small)
-    one, other = (replay(s, find(s, address.cell.name, 0)) for s in (small, large))
+    (trial,) = all_trials(small)
+    one, other = (find(s, trial.cell.name, 0) for s in (small, large))
     np.testing.assert_array_equal(one.samples.x, other.samples.x)
     np.testing.assert_array_equal(one.unit_bound, other.unit_bound)
 
@@ -195,7 +195,7 @@ def test_more_trials_or_cells_leave_a_trial_as_it_is(make_study):
 def test_what_is_printed(make_study, d):
     """A line of the trial, three of its truth, and a table of a line per estimator with the answers' digits."""
     made = make_study({"dimension": d, "estimators": ["mle", "lls", "ugdk"]}, center=6.0, radius=2.0, samples=5)
-    trial = replay(made, next(addresses(made)))
+    trial = next(all_trials(made))
     lines = list(regret.trial_printed(made, trial))
     assert lines[0] == f"{made.run_name()}, cell {trial.cell.name}, trial 0"
     assert lines[1] == "  N = 5, σ = 0.1 (0.05 r), φ = 90°"
@@ -218,7 +218,7 @@ def test_what_is_printed(make_study, d):
 def test_robust_is_settled_without_its_outliers(make_study):
     """A fit of a replayed trial has the status and the interval that `study.fit` gives its points."""
     made = make_study({"estimators": ["robust", "mle"]}, noise=0.001, samples=40, angle=60, radius=1.0, trials=1)
-    trial = replay(made, next(addresses(made)))
+    trial = next(all_trials(made))
     trial.samples.x[0, :, :4] *= 5.0
     for name, found in regret.fits(made, trial).items():
         if name != "truth":

@@ -20,7 +20,7 @@ def draws_at(request, make_study):
     def make(d, angle, samples=20):
         shape = shape_of(d) if request.param else None
         made = make_study({"dimension": d, "noise_shape": shape}, angle=angle, samples=samples, trials=3)
-        return draw(made, [next(units(made)).batches[0]])
+        return draw(made, next(next(units(made)).parts(0)))
 
     return make
 

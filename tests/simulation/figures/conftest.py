@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from study.simulation.analysis.summary import summary
-from study.simulation.experiment.noise import IsotropicGaussian
+from study.simulation.experiment.noise import GaussianNoise
 from study.simulation.figures import Tables
 
 ESTIMATORS = ["mle", "lls", "gdke", "ugdk"]
@@ -74,7 +74,7 @@ def make_tables() -> Callable[..., MadeTables]:
 
     def make(errors: pd.DataFrame, design: str, points: pd.DataFrame | None = None) -> MadeTables:
         d = 3 if "error_3" in errors else 2
-        law, short = IsotropicGaussian(d), summary(errors, design == "random")
+        law, short = GaussianNoise(d), summary(errors, design == "random")
         return MadeTables("test-0123456789", d, design, law, rows=errors, summary=short, points=points)
 
     return make

@@ -61,6 +61,21 @@ law = ["normal", "student(3)", "laplace"]
 outlier_share = [0, 0.1, 0.3]
 """
 
+MISFIT = """
+name = "misfits"
+seed = 3
+estimators = ["mle", "gdke"]
+keep = "summary"
+[design]
+kind = "grid"
+trials = 30
+samples = 50
+noise_over_radius = 0.02
+angle = [45, 180]
+law = ["normal", "memory(0.9)", "form(0.4, 1)"]
+directions = ["area", "path"]
+"""
+
 POSTERIORS = """
 name = "posteriors"
 seed = 3
@@ -93,8 +108,8 @@ sys.exit("pyplot is not needed" if "matplotlib.pyplot" in sys.modules else 0)
 @pytest.fixture(scope="module")
 def runs(circles, random, make_run):
     """Runs that between them have every figure."""
-    markers, noises, laws, posteriors = map(make_run, (MARKERS, NOISES, LAWS, POSTERIORS))
-    made = {"circles": circles, "markers": markers, "noises": noises, "laws": laws}
+    markers, noises, laws, misfits, posteriors = map(make_run, (MARKERS, NOISES, LAWS, MISFIT, POSTERIORS))
+    made = {"circles": circles, "markers": markers, "noises": noises, "laws": laws, "misfits": misfits}
     return made | {"posteriors": posteriors, "random": random}
 
 
@@ -133,6 +148,7 @@ HAS = {
     "markers": ["fig6_mgdk"],
     "noises": ["fig_efficiency", "fig_regret", "fig_map"],
     "laws": ["fig_robustness"],
+    "misfits": ["fig_misfit"],
     "posteriors": ["fig_posterior", "fig_calibration"],
     "random": ["fig2_error"],
 }

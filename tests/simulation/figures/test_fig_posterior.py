@@ -1,7 +1,6 @@
 """The figure of one trial's posterior, from draws of known Gaussians."""
 
 import dataclasses
-import hashlib
 import math
 
 import matplotlib.patches
@@ -277,12 +276,3 @@ def test_shades_of_the_legend_are_those_of_the_areas(tables):
     faces = [patch.get_facecolor() for patch in ax.patches if patch.get_label().startswith("posterior")]
     np.testing.assert_allclose(contours.get_facecolor(), faces)
     assert faces[0][0] < faces[1][0] < 1.0
-
-
-def test_equal_bytes_twice(tables, tmp_path):
-    """The same tables give the same files."""
-    digests = []
-    for place in "ab":
-        paths = style.save(fig_posterior.draw(fig_posterior.prepare(tables([chain("c", 1)]))), tmp_path / place)
-        digests.append([hashlib.sha256(path.read_bytes()).hexdigest() for path in paths])
-    assert digests[0] == digests[1]

@@ -165,11 +165,11 @@ def test_a_faint_colour_in_the_dark_is_seen(look, page, variable):
 
 @pytest.fixture(scope="module")
 def whole(circles, random, many, make_claims):
-    """A page as long as that of the paper's study: 23 claims with texts as long as theirs, twelve figures."""
+    """A page as long as that of the paper's study: 28 claims with texts as long as theirs, twelve figures."""
     words = "of the median error over the Cramér-Rao bound "
     finding = "\n".join(f"number {i} {words}: 0.25 ± 0.01" for i in range(6))
     said = {"finding": finding, "criterion": 7 * words, "remark": 7 * words, "quantity": words, "statement": 3 * words}
-    claims = make_claims(*((Verdict.PARTLY, said) for _ in range(23)))
+    claims = make_claims(*((Verdict.PARTLY, said) for _ in range(28)))
     with pytest.MonkeyPatch.context() as patch:
         figures = {f"figure_{i}": FIGURES["fig3_gdke_ellipse"] for i in range(12)}
         patch.setattr("study.simulation.figures.FIGURES", figures)
@@ -180,7 +180,7 @@ def test_claims_on_a_phone(tab, show, whole):
     """An answer has the width of the screen, not of a column; no claim, and not the page, is a scroll without end."""
     show(whole, PHONE)
     widths = tab.evaluate("[...document.querySelectorAll('[id^=claim-] td:last-child p')].map(p => p.clientWidth)")
-    assert len(widths) >= 2 * 23
+    assert len(widths) >= 2 * 28
     assert min(widths) > 340
     assert max(tab.evaluate("[...document.querySelectorAll('[id^=claim-]')].map(r => r.clientHeight)")) < 400
     assert tab.evaluate("document.documentElement.scrollHeight") < 30_000

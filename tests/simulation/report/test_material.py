@@ -165,6 +165,16 @@ def test_the_main_claim_comes_first(efficiency, verdict, says):
     assert last.head == "Most of MLE's outliers do not come from other minima."
 
 
+def test_the_main_claim_names_its_readings(efficiency):
+    """If the paper can be read otherwise, the head says as what it was read, and how the claim fares else."""
+    claims = pd.DataFrame([judged("ugdk-closest", "not reproduced", 0.0, 0.46, 26.0)])
+    readings = SimpleNamespace(otherwise=lambda name: f" as {name} is read; it holds if the noise is radial")
+    (first,) = material.findings(claims, None, readings)
+    assert (
+        first.head == "The paper's main claim does not hold as ugdk-closest is read; it holds if the noise is radial."
+    )
+
+
 def test_a_name_that_is_a_word_is_code(efficiency):
     """In the finding, and on the page between its own tags."""
     curves = efficiency.curves.assign(estimator=efficiency.curves["estimator"].replace("mle", "corrected"))
@@ -188,13 +198,13 @@ def test_gdke_and_lls():
     """The words about them follow the numbers."""
     rows = [
         judged("gdke-bias-stays", "reproduced", 10.0, 0.0, 1.1),
-        judged("lls-outliers-small", "partly", 0.0, 0.14),
+        judged("lls-outliers-small", "reproduced", 0.0, 0.14),
     ]
     of_lls, of_gdke = material.findings(pd.DataFrame(rows), None)
     assert of_gdke.head == "GDKE is biased, and more points do not help."
     assert of_gdke.rest.startswith("The bias is 10\u00a0times its scatter, and none of its 95 % ellipses")
     assert of_lls.head == "LLS's outliers come from a cut of small singular values."
-    rows[1] = judged("lls-outliers-small", "reproduced", 0.2, 0.14)
+    rows[1] = judged("lls-outliers-small", "partly", 0.2, 0.14)
     assert material.findings(pd.DataFrame(rows), None)[0].head == "LLS's outliers."
 
 

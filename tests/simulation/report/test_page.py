@@ -10,12 +10,16 @@ import subprocess
 import sys
 from types import SimpleNamespace
 
+import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
 from study.files import RunError
 from study.fits import Status
 from study.simulation.claims.claim import Verdict
+from study.simulation.claims.readings import COLUMNS, Readings
+from study.simulation.claims.readings import read as read_choices
+from study.simulation.experiment.config import shipped_config
 from study.simulation.figures import FIGURES, NotApplicable, Tables
 from study.simulation.report import html
 from study.simulation.report import page as pages
@@ -429,3 +433,37 @@ def test_what_is_no_markup_is_escaped():
     for text in ('aria-label="&#34;n&#34;"', "&lt;c&gt;", "&lt;h&gt;", "&lt;r&gt;", 'id="&lt;i&gt;"'):
         assert text in table
     assert not re.findall("<[chri]>", table)
+
+
+def rows_of(text, label):
+    """Texts of the cells of a table of the page, row by row."""
+    part = text.split(f'aria-label="{label}"')[1].split("</table>")[0]
+    cells = [
+        re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row, re.DOTALL) for row in re.findall(r"<tr.*?</tr>", part, re.DOTALL)
+    ]
+    return [[re.sub(r"<[^>]*>", "", cell) for cell in row] for row in cells]
+
+
+def test_readings(circles, make_claims, no_figures):
+    """Every claim has a row, every other reading a column; what changes is framed and told with the claim."""
+    main = {"name": "ugdk-closest", "finding": "closer: 0\nfarther: 0.46\nover: 26 ± 7"}
+    claims = make_claims((Verdict.NOT_REPRODUCED, main), (Verdict.PARTLY, {"name": "one-line"}))
+    choices = read_choices(shipped_config("readings"))
+    table = pd.DataFrame(
+        [
+            ("noise-law", "radial", 1, "ugdk-closest", "reproduced", "not reproduced", 0.5, 0.0, 9, "a share: 0.46"),
+            ("noise-law", "radial", 2, "one-line", "partly", "partly", 0.5, 0.1, 9, "an exponent: 1 ± 0.1"),
+        ],
+        columns=list(COLUMNS),
+    )
+    text = render([circles], claims, readings=Readings(choices, table))
+    assert "1 verdicts stand under every reading, 1 change under some." in text
+    assert "Read otherwise: it holds if the noise is along the radius." in text
+    head, *lines = rows_of(text, "Claims under each reading")
+    assert len(head) == sum(len(choice.reading) - 1 for choice in choices) + 2
+    assert [line[:3] for line in lines] == [["1 ugdk-closest", "no", "yes"], ["2 one-line", "part", "part"]]
+    assert set(lines[0][3:]) == {"·"}
+    _, first, *others = rows_of(text, "Choices that the paper leaves open")
+    assert len(others) == len(choices) - 1
+    assert "1b: along the radius alone" in first[3]
+    assert "The paper read otherwise" not in render([circles], claims)

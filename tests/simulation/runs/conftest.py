@@ -74,7 +74,7 @@ def small_units(monkeypatch):
 @pytest.fixture
 def small_parts(monkeypatch):
     """A part for every unit, so that a small study has many."""
-    monkeypatch.setattr("study.simulation.runs.workers.Backend.enough", 0.0)
+    monkeypatch.setattr("study.simulation.runs.workers.Threads.enough", 0.0)
     monkeypatch.setattr("study.simulation.runs.parts._SECONDS", 0.0)
     monkeypatch.setattr("study.simulation.runs.parts._SHARE", 0.0)
 
@@ -84,11 +84,11 @@ def computed(monkeypatch):
     """A list of the computed fits: the cell's name, the trial and the estimator of each."""
     done, real = [], jobs.compute
 
-    def watched(made, batches):
-        for batch in batches:
-            numbers = range(batch.first, batch.first + batch.trials)
+    def watched(made, unit):
+        for batch in unit.parts(0):
+            numbers = range(batch.first, batch.last)
             done.extend((c.name, t, e) for c in batch.cells for t in numbers for e in made.estimators)
-        return real(made, batches)
+        return real(made, unit)
 
     monkeypatch.setattr(jobs, "compute", watched)
     return done

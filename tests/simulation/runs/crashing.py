@@ -25,10 +25,10 @@ from study.files import RunError
 from study.simulation.experiment import designs
 from study.simulation.experiment.config import parse
 from study.simulation.runs import jobs, parts, runner
-from study.simulation.runs.workers import Backend, Workers
+from study.simulation.runs.workers import Threads, Workers
 
 designs._SAMPLES_PER_UNIT = 500  # one block in a unit, and one unit in a part
-Backend.enough = 0.0
+Threads.enough = 0.0
 parts._SECONDS = parts._SHARE = 0.0
 FULL = 3
 

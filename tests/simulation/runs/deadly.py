@@ -41,7 +41,7 @@ def starve(folder, cells, most, study, some):
 
 
 def _deadly(folder, cells, most, some):
-    found = cells & {cell.name for task in some for cell in task.unit.group.cells}
+    found = cells & {cell.name for task in some for cell in task.batch.cells}
     if not found or len(list(folder.iterdir())) >= most:
         return False
     (folder / uuid.uuid4().hex).touch()

@@ -40,7 +40,7 @@ def tables(run):
 def one_unit_in_a_task(monkeypatch):
     """Many small tasks, so that all workers have some."""
     monkeypatch.setattr("study.simulation.experiment.designs._SAMPLES_PER_UNIT", 500)
-    monkeypatch.setattr("study.simulation.runs.workers.Backend.enough", 0.0)
+    monkeypatch.setattr("study.simulation.runs.workers.Threads.enough", 0.0)
     monkeypatch.setattr("study.simulation.runs.workers.DaskCluster.enough", 0.0)
 
 
@@ -251,25 +251,17 @@ def test_progress_is_told_to_the_end(start, make_text):
     assert min(shares) > 0.0
 
 
-class Growing(Threads):
-    """Threads that always seem to have become more."""
-
-    def outgrown(self):
-        """Let each call of joblib end after its first task."""
-        return True
-
-
 @pytest.fixture
 def dispatch(tmp_path):
     """Send numbers to two threads, one at a time, to a function that may return or raise."""
 
-    def send(function, count, ended, kind=Threads):
+    def send(function, count, ended):
         def work(shared, items):
             function(*items)
             return Packet.of([(str(items[0]), ("number@1",))], [{}])
 
         parts = Parts(tmp_path, "numbers")
-        with contextlib.closing(kind(2)) as backend:
+        with contextlib.closing(Threads(2)) as backend:
             Dispatch(backend, work, None, parts).compute(range(count), lambda number: 1e9, ended)
         return parts
 
@@ -277,30 +269,26 @@ def dispatch(tmp_path):
 
 
 def test_results_do_not_pile_up(dispatch):
-    """While storing a result takes long, only some more tasks are computed; in the end all are."""
-    computed, stored, ahead, enough = [], [], [], threading.Event()
+    """Tasks are sent as results are stored: never more are computed ahead of that than the workers have room for."""
+    computed, stored, ahead = [], [], []
 
     def function(number):
         computed.append(number)
         ahead.append(len(computed) - len(stored))
-        if len(computed) == 9:
-            enough.set()
 
-    def ended(numbers, failure):
-        assert enough.wait(600)
-        stored.extend(numbers)
-
-    parts = dispatch(function, 200, ended)
+    parts = dispatch(function, 200, lambda numbers, failure: stored.extend(numbers))
     assert sorted(stored) == sorted(computed) == list(range(200))
     assert all(parts.outputs(str(number)) for number in range(200))
-    assert 8 <= max(ahead) <= 14
+    assert max(ahead) <= 6
 
 
-def test_workers_that_become_more(dispatch):
-    """Each call of joblib may end early, so that it counts the workers again; all tasks are computed once."""
-    stored = []
-    dispatch(lambda number: None, 20, lambda numbers, failure: stored.extend(numbers), Growing)
+def test_workers_that_become_more(dispatch, monkeypatch):
+    """The number of tasks that are sent follows the number of workers while items are computed."""
+    stored, counts = [], iter(range(2, 10**6))
+    monkeypatch.setattr(Threads, "slots", property(lambda self: next(counts)))
+    dispatch(lambda number: None, 20, lambda numbers, failure: stored.extend(numbers))
     assert sorted(stored) == list(range(20))
+    assert next(counts) > 20
 
 
 def test_what_came_is_stored_when_a_task_raises(dispatch, tmp_path):

@@ -15,6 +15,7 @@ from study.files import TableRows
 from study.simulation.experiment.config import parse
 from study.simulation.experiment.sampling import units
 from study.simulation.runs import runner
+from study.simulation.runs.jobs import UnitTask
 from study.simulation.runs.status import status
 
 pytestmark = pytest.mark.usefixtures("same_software", "small_units")
@@ -65,7 +66,7 @@ def test_bytes_do_not_depend_on_the_order_of_work(start, entries, monkeypatch, s
     """Units computed in a shuffled order give the same files."""
     expected = tables(start(**entries))
     shuffled = random.Random(seed)
-    monkeypatch.setattr(runner, "weight", lambda task: shuffled.random())
+    monkeypatch.setattr(UnitTask, "weight", property(lambda task: shuffled.random()))
     assert tables(start(**entries)) == expected
 
 

@@ -335,7 +335,7 @@ def test_bytes_do_not_depend_on_workers(keep, draws):
 
 def test_a_run_that_stops_goes_on(keep, computed, monkeypatch):
     """Finished units are not computed again, a finished run computes nothing, and a damaged summary is made again."""
-    monkeypatch.setattr("study.simulation.runs.workers.Backend.enough", 0.0)
+    monkeypatch.setattr("study.simulation.runs.workers.Threads.enough", 0.0)
     monkeypatch.setattr("study.simulation.runs.parts._SECONDS", 0.0)
     whole = keep("whole")
     everything = list(computed)

@@ -122,15 +122,6 @@ def test_a_worker_that_dies_once(start, deadly):
     assert run.manifest()["failures"] == 0
 
 
-def test_a_look_at_the_processes_while_joblib_replaces_them():
-    """Between the old and the new ones joblib has none, for a second or more on a busy machine."""
-    backend = processes.Processes(2)
-    executor, backend.parallel._backend._workers = backend.parallel._backend._workers, None
-    backend.check()
-    backend.parallel._backend._workers = executor
-    backend.close()
-
-
 def test_lost_units_are_tried_again_by_the_next_run(start, deadly, computed):
     """Running a finished run again, where there is more memory, say, computes the lost units, and no others."""
     run = start(LLS, jobs=deadly.workers, draws="independent")
@@ -146,10 +137,10 @@ def test_out_of_memory_is_a_death(start, monkeypatch, computed):
     """A unit that needs more memory than there is is tried alone, and then recorded as lost."""
     real = module.compute
 
-    def greedy(made, batches):
-        if batches[0].samples == 40:
+    def greedy(made, unit):
+        if unit.group.samples == 40:
             raise MemoryError("cannot allocate")
-        return real(made, batches)
+        return real(made, unit)
 
     monkeypatch.setattr(module, "compute", greedy)
     run = start(LLS)

@@ -14,7 +14,7 @@ import pytest
 from study.files import RunError, holder, writing
 from study.simulation.experiment.config import parse
 from study.simulation.experiment.sampling import units
-from study.simulation.runs.jobs import UnitTasks, execute
+from study.simulation.runs.jobs import Layout, execute
 from study.simulation.runs.parts import Parts
 from study.simulation.runs.run_folder import Run
 
@@ -129,7 +129,7 @@ def test_an_interrupted_run_is_finished_by_running_again(start, make_text, tmp_p
     folder = tmp_path / "stopped"
     store = Run.create(folder, study).begin(make_text())
     parts = Parts(store.folder, "units")
-    parts.add(execute(study, (UnitTasks(study).task(next(units(study))),)))
+    parts.add(execute(study, (Layout(study).task(next(units(study))),)))
     parts.commit()
     assert len(list((folder / "parts").iterdir())) == 1
     start(folder=folder, warn=str)
@@ -143,7 +143,7 @@ def test_a_unit_is_named_by_its_content(make_text):
 
     def keys(top=None, **design):
         study = parse(make_text(top, **design))
-        return {UnitTasks(study).task(unit).key for unit in units(study)}
+        return {Layout(study).task(unit).key for unit in units(study)}
 
     alone = keys(samples=[40])
     assert alone < keys(samples=[6, 40])

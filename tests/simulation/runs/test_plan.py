@@ -49,10 +49,10 @@ def test_counts_are_those_of_the_run(start, make_text, name):
 def test_units_of_equal_size_are_counted_at_once(make_text):
     """A last unit that is smaller than the others is one more; the sums are those over all units."""
     study = parse(make_text({"estimators": ["lls"]}, samples=[5, 400], trials=12_345))
-    made, every = plan(study, 1), [batch for unit in units(study) for batch in unit.batches]
+    made, every = plan(study, 1), [batch for unit in units(study) for batch in unit.parts(0)]
     assert made.units == len(list(units(study))) > 2
-    assert made.draws == sum(batch.trials * batch.samples for batch in every)
-    assert made.samples == sum(batch.trials * batch.samples * len(batch.cells) for batch in every)
+    assert made.draws == sum(batch.trials * batch.group.samples for batch in every)
+    assert made.samples == sum(batch.trials * batch.group.samples * len(batch.cells) for batch in every)
 
 
 def test_a_study_of_millions_of_units(make_text, monkeypatch):

@@ -33,7 +33,7 @@ def test_sizes_are_the_studys(make_text):
     """The study's own numbers of samples are measured, or seven of them, and every one takes time."""
     for samples, expected in (([10, 20, 300], [10, 20, 300]), (list(range(10, 210, 10)), 7)):
         study = parse(make_text({"estimators": ["gdke"]}, samples=samples))
-        cells = [cell for unit in units(study) for batch in unit.batches for cell in batch.cells]
+        cells = [cell for unit in units(study) for batch in unit.parts(0) for cell in batch.cells]
         pace = measure(study, cells, 2)
         assert (len(pace.samples) == expected) if isinstance(expected, int) else (list(pace.samples) == expected)
         assert pace.samples[0] == samples[0]
@@ -45,7 +45,7 @@ def test_sizes_are_the_studys(make_text):
 def test_the_first_measurement_does_not_count_alone(make_text, monkeypatch):
     """A first call of ten seconds, which loads compiled code, leaves the pace at the tenth of one of the others."""
     study = parse(make_text({"estimators": ["gdke"]}, samples=[10]))
-    cells = [cell for unit in units(study) for batch in unit.batches for cell in batch.cells]
+    cells = [cell for unit in units(study) for batch in unit.parts(0) for cell in batch.cells]
     calls = [0.0]
 
     def slow_at_first(study, unit):

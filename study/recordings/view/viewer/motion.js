@@ -79,6 +79,7 @@ function readMotion(text) {
         places: metres(unpacked(d.arrays, "markers", 2, 3 * d.frames * d.markers.length), d.step, d.origin),
         points: metres(unpacked(d.arrays, "points", 2, 3 * d.frames * points), d.step, d.origin),
         turns: Float32Array.from(unpacked(d.arrays, "turns", 2, 4 * d.frames * joints), (n) => (n === MISSING ? NaN : n / LARGEST)),
+        axes: d.arrays && "axes" in d.arrays ? Float32Array.from(unpacked(d.arrays, "axes", 2, 4 * d.frames * joints), (n) => (n === MISSING ? NaN : n / LARGEST)) : null,
         flags: unpacked(d.arrays, "flags", 1, d.frames * joints),
     };
     motion.count = points;

@@ -1,6 +1,8 @@
 // The scene in three.js: bones, joints, markers, ellipsoids and floor of one motion, moved frame by frame.
 
 const ROD = 0.06; // distance from a hinge to either end of the line along its axis, metres
+const AXIS = 0.12; // length of an anatomical axis, metres
+const TRIAD = ["#c0392b", "#2e8b57", "#2f5fa8"]; // x forward, y up, z to the right
 const SQUARE = 0.5; // distance between the lines on the floor, metres
 
 // Places a rod between two points; it is hidden if either is unknown.
@@ -32,7 +34,7 @@ class Stage {
         this.scene.add(sun);
         this.ball = new THREE.SphereGeometry(1, 24, 16);
         this.rod = new THREE.CylinderGeometry(1, 1, 1, 14).rotateX(Math.PI / 2); // along z
-        const solid = (color, opacity = 1) => new THREE.MeshLambertMaterial({ color, transparent: opacity < 1, opacity, depthWrite: opacity === 1 });
+        const solid = this.solid = (color, opacity = 1) => new THREE.MeshLambertMaterial({ color, transparent: opacity < 1, opacity, depthWrite: opacity === 1 });
         this.materials = {
             bones: Object.fromEntries(Object.entries(COLORS.sides).map(([side, color]) => [side, solid(color)])),
             bridged: Object.fromEntries(Object.entries(COLORS.sides).map(([side, color]) => [side, solid(color, 0.35)])),
@@ -67,6 +69,7 @@ class Stage {
         this.joints = motion.joints.map(() => mesh(this.ball, this.materials.joint));
         this.tips = motion.tips.map(() => mesh(this.ball, this.materials.joint));
         this.ellipsoids = motion.joints.map((joint) => (joint.half.some((x) => x > 0) ? mesh(this.ball, this.materials.ellipsoid) : null));
+        this.triads = motion.joints.map(() => (motion.axes ? TRIAD.map((color) => mesh(this.rod, this.solid(color))) : []));
         this.axes = motion.joints.map((joint) => (this.isHinge(joint) ? mesh(this.rod, this.materials.axis) : null));
         this.markers = null;
         if (motion.markers.length) {
@@ -118,6 +121,7 @@ class Stage {
             if (isJoint) drawn.material = this.isFlagged(i) ? this.materials.flagged : this.materials.joint;
         });
         motion.joints.forEach((joint, i) => this.ellipsoid(joint, i, points[i]));
+        this.triads.forEach((rods, i) => this.triad(rods, i, points[i]));
         if (this.markers) this.placeMarkers();
         if (this.follows) {
             const moved = this.middle().sub(before);
@@ -149,6 +153,17 @@ class Stage {
         }
         this.ellipsoids[i]?.scale.set(...joint.half.map((h) => Math.max(this.factor * (h > 0 ? h : 0), 0.0005)));
         this.axes[i]?.scale.set(0.003, 0.003, 2 * ROD);
+    }
+
+    // Anatomical axes x, y, z of the segment that moves about a joint, from there.
+    triad(rods, i, x) {
+        const at = 4 * (this.frame * this.motion.joints.length + i);
+        const turn = rods.length ? new THREE.Quaternion(...this.motion.axes.subarray(at, at + 4)).normalize() : null;
+        rods.forEach((rod, k) => {
+            const end = new THREE.Vector3().setComponent(k, AXIS).applyQuaternion(turn).add(x);
+            if (Number.isNaN(end.x)) rod.visible = false;
+            else placeRod(rod, x, end, 0.004);
+        });
     }
 
     placeMarkers() {

@@ -1,0 +1,257 @@
+"""Points of the body on a skeleton: anatomical axes of the segments, and hips by regression where motion shows none.
+
+Points are known by their labels (`landmarks`): spines of the pelvis, epicondyles, malleoli, heel and metatarsals. Each
+is a place in its segment's axes, the median over the frames of a trial in which both are seen; a static trial shows
+those that are taken off before the subject moves.
+
+Axes are x forward, y up, z to the right, on both sides. Source: Wu et al. 2002, ISB recommendation on definitions of
+joint coordinate systems, part I; Grood and Suntay 1983 for the angles between them, whose order is z, x, y.
+
+- pelvis: z between the anterior spines, x in the plane of these and the middle of the posterior ones (or the sacrum).
+- thigh: y from the middle of the epicondyles to the hip, z in the plane of y and the epicondyles.
+- shank: y from the middle of the malleoli to the knee, z in the plane of y and the malleoli.
+- foot: x from the heel to the middle of the first and fifth metatarsals, z in the plane of x and these.
+
+The regression is Harrington et al. 2007, J Biomech 40:595-602, by the pelvis' width w between the anterior spines and
+its depth d from their middle to that of the posterior ones: from the middle of the anterior spines .24 d + 9.9 mm back,
+.30 w + 10.9 mm down and .33 w + 7.3 mm to the side. Its error is that of another sample: 67 adults imaged by CT, 12.3 ±
+5.9 mm from the truth (Mantovani et al. 2016, Gait & Posture 44:48-54), or 7.9 mm on each axis; Harrington's own, left
+out one by one, are 5.2, 3.6 and 3.2 mm. A centre that the laboratory left in the file is taken before the regression;
+it comes without an error and gets the same.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+from scipy import stats
+
+from study.arrays import Floats
+from study.recordings.joints.calibration import Calibration, JointPlace
+from study.recordings.joints.estimate import SHORT_TEXTS, JointStatus
+from study.recordings.markersets import MarkerSet
+from study.recordings.markersets.labels import landmarks, side_of
+from study.recordings.recording import Recording
+from study.recordings.rigid import to_local, to_world
+from study.recordings.skeleton.draw import Skeleton
+from study.recordings.skeleton.scene import Flag, side
+
+Hips = Literal["motion", "regression"]
+"""Centres of hips: by motion alone, or for those that motion leaves in doubt by regression."""
+SIGMA = 0.0079
+"""Standard error of a hip by regression along each axis, metres."""
+_AGREE = 0.99
+"""Probability of the difference between motion and regression up to which both count, weighted by their errors."""
+_SHORT = 0.005
+"""Metres between points below which they show no direction."""
+_PARTS = ("thigh", "shank", "foot")
+_OWNERS = {
+    "asis": "pelvis",
+    "psis": "pelvis",
+    "sacrum": "pelvis",
+    "hip centre": "pelvis",
+    "lateral epicondyle": "thigh",
+    "medial epicondyle": "thigh",
+    "lateral malleolus": "shank",
+    "medial malleolus": "shank",
+    "heel": "foot",
+    "first metatarsal": "foot",
+    "fifth metatarsal": "foot",
+}
+"""The part of the body that each point is on."""
+_MIRROR = {"left": -1.0, "right": 1.0}
+
+
+def legs(markerset: MarkerSet) -> dict[str, str]:
+    """The segments of pelvis and legs by what they are: "pelvis", "left thigh", …; those that the set has.
+
+    The pelvis is the segment with both anterior spines. From it each leg follows from joint to joint.
+    """
+    spines = {"left asis", "right asis"}
+    pelvis = next((s.name for s in markerset.segments if spines <= landmarks(s.markers).keys()), None)
+    if pelvis is None:
+        return {}
+    result = {"pelvis": pelvis}
+    for one in _MIRROR:
+        above = pelvis
+        for part in _PARTS:
+            below = [joint.child for joint in markerset.joints if joint.parent == above]
+            own = [name for name in below if (side(name) or side_of(markerset.segment(name).markers)) == one]
+            if len(own) != 1:
+                break
+            result[f"{one} {part}"] = above = own[0]
+    return result
+
+
+def points_of_the_body(skeleton: Skeleton, source: Recording) -> dict[str, Floats]:
+    """Places of points of the body in the axes of their segments, metres (3,).
+
+    Args:
+        skeleton: of the trial.
+        source: the whole recording of the trial, with the file's labels.
+
+    Returns:
+        The place of each point, such as "left asis", that is seen together with its segment.
+    """
+    segments, places = legs(skeleton.calibration.markerset), {}
+    for point, label in landmarks(source.markers).items():
+        one, _, kind = point.rpartition(" ") if point == "sacrum" else point.partition(" ")
+        part = _OWNERS[kind if kind in _OWNERS else point]
+        name = segments.get(part if part == "pelvis" else f"{one} {part}")
+        if name is None:
+            continue
+        number = skeleton.segments.index(name)
+        seen = skeleton.segment_flags[number] == Flag.SEEN
+        seen &= ~np.isnan(source.of(label)[0])
+        if seen.any():
+            rotation, origin = skeleton.rotations[number][:, :, seen], skeleton.origins[number][:, seen]
+            places[point] = np.median(to_local(rotation, origin, source.of(label)[:, seen]), axis=1)
+    return places
+
+
+def _frame(first: int, along: Floats, second: int, towards: Floats) -> Floats | None:
+    """Axes (3, 3), columns x, y, z, of which one lies along a direction, another in the plane of two.
+
+    None if the directions, metres, are too short or too much alike to show them.
+    """
+    axes = np.empty((3, 3))
+    if np.linalg.norm(along) < _SHORT:
+        return None
+    axes[:, first] = along / np.linalg.norm(along)
+    rest = towards - (towards @ axes[:, first]) * axes[:, first]
+    if np.linalg.norm(rest) < _SHORT:
+        return None
+    axes[:, second] = rest / np.linalg.norm(rest)
+    third = 3 - first - second
+    axes[:, third] = np.cross(axes[:, (third + 1) % 3], axes[:, (third + 2) % 3])
+    return axes
+
+
+def _pelvis(points: Mapping[str, Floats]) -> tuple[Floats, Floats, float, float] | None:
+    """Axes of the pelvis (3, 3), the middle of the anterior spines (3,), width and depth, metres; None without them."""
+    if not {"left asis", "right asis"} <= points.keys():
+        return None
+    left, right = points["left asis"], points["right asis"]
+    behind = [points[name] for name in ("left psis", "right psis") if name in points]
+    back = np.mean(behind, axis=0) if len(behind) == 2 else points.get("sacrum")
+    if back is None:
+        return None
+    middle = 0.5 * (left + right)
+    axes = _frame(2, right - left, 0, middle - back)
+    if axes is None:
+        return None
+    return axes, middle, float(np.linalg.norm(right - left)), float(np.linalg.norm(middle - back))
+
+
+def anatomical_axes(calibration: Calibration, points: Mapping[str, Floats]) -> dict[str, Floats]:
+    """Anatomical axes of the segments whose points are known: (3, 3), columns x, y, z, in the segment's axes."""
+    segments = legs(calibration.markerset)
+    result: dict[str, Floats | None] = {}
+    above = {place.joint.child: place for place in calibration.joints}
+    if (pelvis := _pelvis(points)) is not None:
+        result[segments["pelvis"]] = pelvis[0]
+    for one, sign in _MIRROR.items():
+
+        def across(lateral: str, medial: str, one: str = one, sign: float = sign) -> tuple[Floats, Floats] | None:
+            """Middle of two points, and the direction from one to the other, to the right."""
+            pair = [points.get(f"{one} {name}") for name in (lateral, medial)]
+            if pair[0] is None or pair[1] is None:
+                return None
+            return 0.5 * (pair[0] + pair[1]), sign * (pair[0] - pair[1])
+
+        for part, ends in (("thigh", "epicondyle"), ("shank", "malleolus")):
+            name, pair = segments.get(f"{one} {part}", ""), across(f"lateral {ends}", f"medial {ends}")
+            if name and pair is not None and not np.isnan(top := above[name].in_child).any():
+                result[name] = _frame(1, top - pair[0], 2, pair[1])
+        name, pair = segments.get(f"{one} foot", ""), across("fifth metatarsal", "first metatarsal")
+        if name and pair is not None and f"{one} heel" in points:
+            result[name] = _frame(0, pair[0] - points[f"{one} heel"], 2, pair[1])
+    return {name: axes for name, axes in result.items() if axes is not None}
+
+
+def hip_by_regression(points: Mapping[str, Floats], one: str) -> Floats | None:
+    """Centre of the left or right hip (3,) in the axes of the pelvis' segment, metres; None without the points."""
+    pelvis = _pelvis(points)
+    if pelvis is None:
+        return None
+    axes, middle, width, depth = pelvis
+    back, down, aside = 0.24 * depth + 0.0099, 0.30 * width + 0.0109, 0.33 * width + 0.0073
+    return np.asarray(middle + axes @ [-back, -down, _MIRROR[one] * aside])
+
+
+def with_anatomy(calibration: Calibration, skeleton: Skeleton, source: Recording, hips: Hips = "motion") -> Calibration:
+    """Add anatomical axes to the segments whose points a trial shows, and hips by regression if they are asked for.
+
+    Args:
+        calibration: of the subject.
+        skeleton: of the trial, drawn with it.
+        source: the whole recording of the trial, with the file's labels.
+        hips: "regression" to place hips that motion leaves in doubt, or does not show, by regression.
+    """
+    points = points_of_the_body(skeleton, source)
+    if hips == "regression":
+        joints = (_with_regression(place, skeleton, points) for place in calibration.joints)
+        calibration = replace(calibration, joints=tuple(joints))
+    axes = anatomical_axes(calibration, points)
+    shapes = (replace(s, anatomy=axes.get(s.segment, s.anatomy)) for s in calibration.shapes)
+    return replace(calibration, shapes=tuple(shapes))
+
+
+def _with_regression(place: JointPlace, skeleton: Skeleton, points: Mapping[str, Floats]) -> JointPlace:
+    """A joint by regression, weighted with motion where both agree, if it is a hip that motion leaves in doubt."""
+    segments = legs(skeleton.calibration.markerset)
+    one = next((one for one in _MIRROR if segments.get(f"{one} thigh") == place.joint.child), None)
+    if one is None or place.usable:
+        return place
+    center, words = points.get(f"{one} hip centre"), "the laboratory's own centre, left in the file"
+    if center is None:
+        center, words = hip_by_regression(points, one), "by regression on the pelvis' width and depth (Harrington 2007)"
+    if center is None:
+        return place
+    center, covariance, both = weighted(center, place.in_parent, place.covariance)
+    words += ", weighted with motion by their errors" * both
+    i, j = (skeleton.segments.index(name) for name in (place.joint.parent, place.joint.child))
+    world = to_world(skeleton.rotations[i], skeleton.origins[i], center)
+    local = to_local(skeleton.rotations[j], skeleton.origins[j], world)
+    known = local[:, ~np.isnan(local[0])]
+    return replace(
+        place,
+        status=JointStatus.REGRESSION,
+        reason=f"{words}; by motion: {SHORT_TEXTS[place.status]}",
+        in_parent=center,
+        in_child=np.median(known, axis=1) if known.size else center,
+        covariance=covariance,
+        floor=float("nan"),
+    )
+
+
+def weighted(center: Floats, motion: Floats, covariance: Floats) -> tuple[Floats, Floats, bool]:
+    """A regression's centre (3,), weighted with that of motion and its covariance (3, 3) where both agree.
+
+    They do not agree if their difference is beyond the quantile of χ² for the sum of their covariances: motion is then
+    wrong by more than it says, and does not count.
+
+    Returns:
+        The centre, its covariance, and true if motion counts.
+    """
+    own = SIGMA**2 * np.eye(3)
+    total, apart = own + covariance, motion - center
+    known = np.isfinite(total).all() and np.isfinite(apart).all()
+    if not known or apart @ np.linalg.solve(total, apart) > stats.chi2.ppf(_AGREE, 3):
+        return center, own, False
+    gain = own @ np.linalg.inv(total)
+    return center + gain @ apart, own - gain @ own, True
+
+
+def regression_hint(calibration: Calibration, source: Recording) -> list[str]:
+    """The line that tells of the regression where every hip is doubted and the file has its points; none otherwise."""
+    segments, known = legs(calibration.markerset), landmarks(source.markers).keys()
+    hips = [place for place in calibration.joints if place.joint.child in (segments.get(f"{s} thigh") for s in _MIRROR)]
+    back = {"left psis", "right psis"} <= known or "sacrum" in known
+    own = {"left hip centre", "right hip centre"} <= known
+    undoubted = any(place.usable or place.status == JointStatus.REGRESSION for place in hips)
+    if not hips or undoubted or not (back or own):
+        return []
+    where = "the file's own LHJC and RHJC" if own else "the pelvis' width and depth (Harrington 2007)"
+    return [f"every hip is doubted: --hips regression takes them from {where}, ± {1000 * SIGMA:.0f} mm on each axis"]

@@ -1,0 +1,128 @@
+"""When the model is wrong: median error under each law of the noise, over that under white noise of the same σ.
+
+A column of panels per cap angle, a row per law of the directions. The unit is the estimator's own median with normal
+noise, in the same directions, so 1 is where nothing is lost. An estimator's ± is that of white noise: where the error
+is three times as large, the ± is a third of what it should be. Medians are of all trials, whatever the fit's status; a
+fit without a number counts as infinite. Bars are 95 % intervals, as if the laws had draws of their own; they have the
+same normal numbers behind them, so differences are more precise than the bars.
+
+Look at: tails do no harm (Laplace), nor does noise along the radius alone, as the error across it does not count. Noise
+that remembers costs most on a path, and on large caps in any order: there the error is that of a mean. An error of form
+of the size of σ costs most where its length is some .4 of the cap: it looks like another sphere. GDKE loses less on a
+small cap, because its bias is there in any case.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from study import style
+from study.simulation.experiment.conditions import DIRECTIONS, LAW
+from study.simulation.experiment.noise import NORMAL, has_equal_covariance
+from study.simulation.figures.figure import NotApplicable, Tables, at_first, handle, look
+
+_MOST = 4
+"""Angles and laws of directions that are shown, the first ones."""
+_DODGE = 0.14
+"""Distance between the marks of two estimators at one place."""
+
+
+@dataclass(frozen=True)
+class MisfitFrame:
+    """Content of the figure.
+
+    Attributes:
+        medians: a row per law of directions, angle, law of the noise and estimator: median error over that with normal
+            noise, and its Monte-Carlo error; infinite where half of the fits have no number.
+        samples: N.
+        noise: σ/r.
+        stamp: the run's name and trials.
+    """
+
+    medians: pd.DataFrame
+    samples: int
+    noise: float
+    stamp: str
+
+
+def prepare(tables: Tables) -> MisfitFrame:
+    """Medians from the summary, at the first number of samples, noise, radius and centre, without outliers.
+
+    Raises:
+        NotApplicable: unless the design is a grid of several laws of the noise, the normal one and one with structure
+            among them.
+    """
+    tables.require_grid()
+    laws = set(tables.summary[LAW.name]) if LAW.name in tables.summary else set()
+    if NORMAL not in laws or all(map(has_equal_covariance, laws)):
+        raise NotApplicable(f"needs {LAW.name} with {NORMAL} and one of structure, such as memory(0.9), in the grid")
+    tables.require_all_trials("relative_median")
+    rows = at_first(tables.summary, besides=("angle", LAW.name, DIRECTIONS.name))
+    medians = pd.DataFrame(
+        {
+            "directions": rows[DIRECTIONS.name].astype(str) if DIRECTIONS.name in rows else str(DIRECTIONS.default),
+            "angle": rows["angle"],
+            "law": rows[LAW.name].astype(str),
+            "estimator": rows["estimator"].astype(str),
+            "median": rows["relative_median"],
+            "share": rows["relative_median_error"] / rows["relative_median"],
+        }
+    )
+    keys = ["directions", "angle", "estimator"]
+    normal = medians[medians["law"] == NORMAL].set_index(keys)
+    unit = normal.loc[pd.MultiIndex.from_frame(medians[keys])]
+    ratio = medians["median"].to_numpy() / unit["median"].to_numpy()
+    error = ratio * np.hypot(medians["share"].to_numpy(), unit["share"].to_numpy())
+    error = np.where(medians["law"] == NORMAL, 0.0, error)
+    return MisfitFrame(
+        medians=medians.drop(columns=["median", "share"]).assign(ratio=ratio, error=error).reset_index(drop=True),
+        samples=int(rows["samples"].iloc[0]),
+        noise=float(rows["noise"].iloc[0] / rows["radius"].iloc[0]),
+        stamp=f"{tables.name} · at least {int(rows['planned'].min()):,} trials behind each median",
+    )
+
+
+@style.journal()
+def draw(frame: MisfitFrame) -> Figure:
+    """Draw a panel per law of directions and angle, with one legend above."""
+    angles = list(frame.medians["angle"].unique())[:_MOST]
+    directions = list(frame.medians["directions"].unique())[:_MOST]
+    laws, names = (list(frame.medians[column].unique()) for column in ("law", "estimator"))
+    height = 1.25 + 1.9 * len(directions)
+    figure = Figure(figsize=(style.PAGE, height))
+    axes = figure.subplots(len(directions), len(angles), sharex=True, sharey=True, squeeze=False)
+    figure.subplots_adjust(
+        left=0.105, right=0.99, bottom=0.85 / height, top=1.0 - 0.5 / height, wspace=0.06, hspace=0.2
+    )
+    for row, law in zip(axes, directions, strict=True):
+        for ax, angle in zip(row, angles, strict=True):
+            part = frame.medians[(frame.medians["directions"] == law) & (frame.medians["angle"] == angle)]
+            ax.axhline(1.0, color="black", linewidth=0.8)
+            ax.grid(visible=False, axis="x")
+            for number, name in enumerate(names):
+                mine = part[part["estimator"] == name]
+                places = np.array([laws.index(word) for word in mine["law"]])
+                ax.errorbar(
+                    places + _DODGE * (number - 0.5 * (len(names) - 1)),
+                    np.where(np.isfinite(mine["ratio"]), mine["ratio"], np.nan),
+                    yerr=1.96 * np.where(np.isfinite(mine["error"]), mine["error"], np.nan),
+                    linestyle="",
+                    elinewidth=1.0,
+                    **look(name, 3.2),
+                )
+            ax.set_title(f"$φ$ = {angle:g}°, directions: {law}", loc="left")
+            ax.set_xticks(range(len(laws)), laws, rotation=50, ha="right", rotation_mode="anchor")
+        row[0].set_ylabel("median error,\nwhite noise = 1")
+    axes[0, 0].set_yscale("log")
+    ticks = [t for t in (0.5, 1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0) if t <= max(3.0, 1.2 * _largest(frame.medians))]
+    axes[0, 0].set_yticks(ticks, [f"{tick:g}" for tick in ticks])
+    axes[0, 0].minorticks_off()
+    figure.legend(handles=list(map(handle, names)), loc="upper center", ncols=8, columnspacing=1.2)
+    style.stamp(figure, f"$N$ = {frame.samples:,}, $σ/r$ = {frame.noise:g} · {frame.stamp}")
+    return figure
+
+
+def _largest(medians: pd.DataFrame) -> float:
+    return float(medians["ratio"][np.isfinite(medians["ratio"])].max())

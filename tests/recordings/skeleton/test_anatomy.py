@@ -1,0 +1,273 @@
+"""Points of the body: anatomical axes, and hips by regression."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.spatial.transform import Rotation
+
+from study.recordings import library
+from study.recordings.export.files import write_mot
+from study.recordings.export.tree import ExportedMotion, angle_lines, joint_angles
+from study.recordings.joints.calibration import load_calibration, save_calibration
+from study.recordings.joints.estimate import JointStatus
+from study.recordings.markersets import load_markerset, shipped
+from study.recordings.markersets.labels import landmarks, side_of
+from study.recordings.recording import Recording
+from study.recordings.skeleton import anatomy
+from study.recordings.skeleton.anatomy import (
+    SIGMA,
+    anatomical_axes,
+    hip_by_regression,
+    legs,
+    points_of_the_body,
+    regression_hint,
+    weighted,
+)
+from study.recordings.skeleton.draw import draw_skeleton
+from study.recordings.skeleton.make_scene import skeleton_scene
+from study.recordings.synthetic.body import body, unit
+from study.recordings.synthetic.make import Recipe, synthesize
+
+
+def other_program(left, right, behind):
+    """Hips, mm, as the R package `biomechanics` has them in ``compute_hjc_regression``: its axes, its numbers."""
+    middle, along = (left + right) / 2, (right - left) / np.linalg.norm(right - left)
+    down = np.cross(along, (right - behind) / np.linalg.norm(right - behind))
+    down /= np.linalg.norm(down)
+    ahead = np.cross(down, along)
+    width, depth = np.linalg.norm(right - left), np.linalg.norm(behind - middle)
+    steps = (0.33 * width + 7.3, -0.24 * depth - 9.9, -0.30 * width - 10.9)
+    axes = np.stack([along, ahead, down])
+    return [middle + np.array([sign * steps[0], *steps[1:]]) @ axes for sign in (-1.0, 1.0)]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_regression_is_that_of_another_program(seed):
+    """Pelves of several shapes and poses; posterior spines in two points or as a sacrum."""
+    rng = np.random.default_rng(seed)
+    turn, shift = Rotation.random(random_state=seed).as_matrix(), rng.normal(0, 1000, 3)
+    left, right, behind = np.array([[90, 120, 0], [90, -120, 0], [-75, 0, 15]]) + rng.normal(0, 10, (3, 3))
+    half = np.array([rng.normal(0, 5), 45, 0])
+    given = {"left asis": left, "right asis": right, "left psis": behind + half, "right psis": behind - half}
+    placed = {name: (turn @ x + shift) / 1000.0 for name, x in given.items()}
+    wanted = other_program(*(turn @ x + shift for x in (left, right, behind)))
+    sacrum = {name: x for name, x in placed.items() if "asis" in name} | {"sacrum": (turn @ behind + shift) / 1000.0}
+    for points in (placed, sacrum):
+        for one, hip in zip(("left", "right"), wanted, strict=True):
+            np.testing.assert_allclose(1000.0 * hip_by_regression(points, one), hip, atol=1e-9)
+    assert hip_by_regression({name: x for name, x in placed.items() if name != "left psis"}, "left") is None
+
+
+def test_the_regression_of_a_grown_pelvis():
+    """A pelvis 240 mm wide and 160 mm deep, by pyCGM2's numbers: 48.3 mm back, 86.5 mm aside, 82.9 mm (84.1) down."""
+    points = {"left asis": [0, 0.12, 0], "right asis": [0, -0.12, 0], "sacrum": [-0.16, 0, 0]}
+    hip = hip_by_regression({name: np.array(x) for name, x in points.items()}, "left")
+    np.testing.assert_allclose(1000 * hip, [-48.3, 86.5, -82.9], atol=1e-9)
+
+
+@pytest.mark.parametrize("error", [0.002, 0.01, 0.06])
+def test_the_error_of_a_weighted_hip_covers(error):
+    """95 % regions hold the truth as often as they say, within 4.5 standard errors (false alarms 1e-5), 4000 hips."""
+    rng = np.random.default_rng(1)
+    shape = error**2 * np.diag([1.0, 0.5, 0.1])
+    inside, count = 0, 0
+    for _ in range(4000):
+        truth = rng.normal(size=3)
+        regression, motion = truth + rng.normal(0, SIGMA, 3), rng.multivariate_normal(truth, shape)
+        center, covariance, both = weighted(regression, motion, shape)
+        off = center - truth
+        inside += off @ np.linalg.solve(covariance, off) < stats.chi2.ppf(0.95, 3)
+        count += both
+        assert np.trace(covariance) <= 3 * SIGMA**2 + 1e-15
+    assert abs(count / 4000 - 0.99) < 4.5 * np.sqrt(0.99 * 0.01 / 4000)
+    assert inside / 4000 > 0.95 - 4.5 * np.sqrt(0.95 * 0.05 / 4000)
+
+
+def test_motion_that_is_wrong_by_more_than_it_says_does_not_count():
+    regression = np.array([0.0, 0.1, 0.0])
+    center, covariance, both = weighted(regression, regression + 0.11 * np.eye(3)[0], 0.009**2 * np.eye(3))
+    np.testing.assert_array_equal(center, regression)
+    np.testing.assert_array_equal(covariance, SIGMA**2 * np.eye(3))
+    assert not both
+    assert not weighted(regression, np.full(3, np.nan), np.full((3, 3), np.nan))[2]
+
+
+@pytest.fixture(scope="module")
+def walker():
+    """A body that walks, with landmarks that slide: its hips are doubted."""
+    return synthesize(Recipe(700, 60.0, markers="rizzoli", skin="slide", soft_tissue=0.02, gait=True))
+
+
+def test_hips_by_regression_only_where_motion_leaves_doubts(walker, tmp_path):
+    """Doubted hips are placed, labelled and stored; every other joint, and hips that move on purpose, stay."""
+    recording, _ = walker
+    before, after = library.find_joints(recording), library.find_joints(recording, hips="regression")
+    hips = {"left_hip", "right_hip"}
+    assert not any(before[name].usable for name in hips)
+    assert regression_hint(before, recording)[0].startswith("every hip is doubted: --hips regression takes them from")
+    assert regression_hint(after, recording) == []
+    drawn = draw_skeleton(before, recording)
+    points = points_of_the_body(drawn, recording)
+    for place in after.joints:
+        if place.joint.name not in hips:
+            np.testing.assert_array_equal(place.in_parent, before[place.joint.name].in_parent)
+            continue
+        assert place.status == JointStatus.REGRESSION
+        assert not place.usable
+        assert place.reason.startswith("by regression on the pelvis' width and depth (Harrington 2007)")
+        assert place.standard_error <= SIGMA + 1e-12
+        plain = hip_by_regression(points, place.joint.name.partition("_")[0])
+        assert np.linalg.norm(place.in_parent - plain) < 3 * SIGMA
+        if "weighted" not in place.reason:
+            np.testing.assert_allclose(place.in_parent, plain, atol=1e-12)
+    again = load_calibration(save_calibration(after, tmp_path / "c.json"))
+    assert again["left_hip"].status == JointStatus.REGRESSION
+    for one, other in zip(again.shapes, after.shapes, strict=True):
+        np.testing.assert_array_equal(one.anatomy, other.anatomy)
+    moved, _ = synthesize(Recipe(700, 60.0, markers="rizzoli"))
+    one, other = library.find_joints(moved), library.find_joints(moved, hips="regression")
+    assert [place.status for place in other.joints] == [place.status for place in one.joints]
+
+
+@pytest.mark.parametrize("label", ["{}HJC", "{}HJC_harrington", "{}_HJC", "{}hjc"])
+def test_the_laboratorys_own_centre_goes_first(walker, label):
+    """A centre in the file is taken, under the labels that programs give it."""
+    recording, truth = walker
+    hips = np.stack([truth.centers[truth.joints.index(name)] for name in ("left_hip", "right_hip")])
+    labels = [label.format("L"), label.format("R")]
+    positions = np.concatenate([recording.positions, hips])
+    joints = library.find_joints(
+        Recording("lab", (*recording.markers, *labels), positions, recording.rate), hips="regression"
+    )
+    for name in ("left_hip", "right_hip"):
+        assert joints[name].reason.startswith("the laboratory's own centre, left in the file")
+    drawn = draw_skeleton(joints, recording)
+    off = np.linalg.norm(drawn.center("left_hip") - hips[0], axis=0)
+    assert np.median(off) < 0.02  # skin on the pelvis and motion's share; by motion alone it is farther
+
+
+def test_a_body_without_points_has_no_regression():
+    recording, _ = synthesize(Recipe(400, 60.0))
+    joints = library.find_joints(recording, hips="regression")
+    assert legs(joints.markerset) == {}
+    assert regression_hint(joints, recording) == []
+    assert all(np.isnan(shape.anatomy).all() for shape in joints.shapes)
+
+
+def test_sessions_take_points_from_the_static_trial():
+    """Medial markers are in the static trial alone; axes and hips come from it, and serve the walk."""
+    walk, _ = synthesize(Recipe(500, 60.0, seed=2, markers="rizzoli", gait=True))
+    still, _ = synthesize(Recipe(60, 60.0, seed=3, markers="rizzoli", reach=0.0))
+    medial = [marker for marker in walk.markers if marker.endswith(("FME", "TAM"))]
+    bare = walk.select([marker for marker in walk.markers if marker not in medial])
+    alone = library.find_joints(bare)
+    known = {shape.segment for shape in alone.shapes if not np.isnan(shape.anatomy).any()}
+    assert known == {"pelvis", "left_foot", "right_foot"}
+    both = library.find_joints([replace(bare, name="walk")], static=replace(still, name="static"))
+    known = {shape.segment for shape in both.shapes if not np.isnan(shape.anatomy).any()}
+    assert known == {"pelvis", *(f"{one}_{part}" for one in ("left", "right") for part in ("thigh", "shank", "foot"))}
+
+
+def axes_of_the_body():
+    """Anatomical axes of the synthetic body's segments in its own axes, straight from its table of places."""
+    parts = {part.name: part for part in body("rizzoli")}
+    place = {label: np.array(at) for part in parts.values() for label, at in part.markers.items()}
+
+    def frame(**axes):
+        (one, a), (two, b) = axes.items()
+        a = np.array(a) / np.linalg.norm(a)
+        c = np.cross(a, b) / np.linalg.norm(np.cross(a, b))
+        columns = {one: a, two: np.cross(c, a)}
+        third = next(name for name in "xyz" if name not in axes)
+        columns[third] = c if (one + two) in ("xy", "yz", "zx") else -c
+        return np.stack([columns[name] for name in "xyz"], axis=1)
+
+    asis = place["LIAS"] + place["RIAS"]
+    result = {"pelvis": frame(z=place["RIAS"] - place["LIAS"], x=asis - place["LIPS"] - place["RIPS"])}
+    for letter, one, sign in (("L", "left", -1), ("R", "right", 1)):
+        lateral, medial = place[f"{letter}FLE"], place[f"{letter}FME"]
+        result[f"{one}_thigh"] = frame(y=-(lateral + medial), z=sign * (lateral - medial))
+        shank = parts[f"{one}_shank"]  # the knee is the point of its axis midway between the epicondyles
+        knee = unit(shank.axis) * (unit(shank.axis) @ (0.5 * (lateral + medial) - np.array(shank.at)))
+        lateral, medial = place[f"{letter}FAL"], place[f"{letter}TAM"]
+        result[f"{one}_shank"] = frame(y=2 * knee - lateral - medial, z=sign * (lateral - medial))
+        fifth, first = place[f"{letter}FM5"], place[f"{letter}FM1"]
+        result[f"{one}_foot"] = frame(x=fifth + first - 2 * place[f"{letter}FCC"], z=sign * (fifth - first))
+    return result
+
+
+def test_axes_are_those_of_the_body():
+    """From a recording without noise the axes are the body's own, computed from its table, within half a degree."""
+    recording, truth = synthesize(Recipe(600, 60.0, markers="rizzoli", noise=1e-6))
+    joints = library.find_joints(recording)
+    drawn = draw_skeleton(joints, recording)
+    wanted = axes_of_the_body()
+    assert set(wanted) == {shape.segment for shape in joints.shapes if not np.isnan(shape.anatomy).any()}
+    for name, axes in wanted.items():
+        true = truth.rotations[truth.segments.index(name)] @ axes
+        ours = np.einsum("ijt,jk->tik", drawn.rotation(name), joints.shape(name).anatomy)
+        away = Rotation.from_matrix(np.swapaxes(true, 1, 2) @ ours).magnitude()
+        assert np.degrees(away).max() < 0.5, name
+
+
+@pytest.mark.parametrize("gait", [False, True])
+def test_angles_are_those_of_grood_and_suntay(gait, tmp_path):
+    """Hips, knees, ankles and pelvis within half a degree of SciPy's Cardan angles of the true rotations."""
+    recording, truth = synthesize(Recipe(600, 60.0, markers="rizzoli", noise=1e-6, gait=gait))
+    joints = library.find_joints(recording)
+    drawn = draw_skeleton(joints, recording)
+    motion = ExportedMotion(drawn, recording, skeleton_scene(drawn, recording))
+    table, axes = joint_angles(motion), axes_of_the_body()
+    world = {name: truth.rotations[truth.segments.index(name)] @ axes[name] for name in axes}
+    checked = 0
+    for number, name in enumerate(truth.joints):
+        parent, child = truth.parents[number], truth.children[number]
+        if parent not in axes or child not in axes:
+            continue
+        turn = Rotation.from_matrix(np.swapaxes(world[parent], 1, 2) @ world[child])
+        wanted = np.unwrap(turn.as_euler("ZXY"), axis=0).T
+        mirror = -1.0 if name.startswith("left") else 1.0
+        signs = [-1.0 if name.endswith("knee") else 1.0, mirror, mirror]
+        for word, sign, angle in zip(("flexion", "adduction", "rotation"), signs, wanted, strict=True):
+            off = table[f"{name}_{word}"] - np.degrees(sign * angle)
+            off -= 360.0 * np.round(np.median(off) / 360.0)
+            assert np.abs(off).max() < 0.5, (name, word)
+            checked += 1
+    assert checked == 18
+    assert table["left_knee_flexion"].median() > 0.0
+    tilt = Rotation.from_matrix(np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]]) @ world["pelvis"]).as_euler("ZXY")[:, 0]
+    np.testing.assert_allclose(table["pelvis_tilt"], np.degrees(np.unwrap(tilt)), atol=0.5)
+    lines = angle_lines(joints)
+    assert lines[0].startswith("angles of left_hip, left_knee, left_ankle, right_hip, right_knee, right_ankle: Grood")
+    assert lines[1].startswith("angles of waist: zero in a standing pose")
+    write_mot(motion, tmp_path / "a.mot")
+    assert (tmp_path / "a.mot").read_text().splitlines()[0] == "; ".join([recording.name, *lines])
+
+
+def test_without_points_angles_are_named_as_what_they_are():
+    joints = library.find_joints(synthesize(Recipe(300, 60.0))[0])
+    (line,) = angle_lines(joints)
+    assert line.startswith("angles of waist, neck, ")
+    assert line.endswith("for want of points of the body that show anatomical axes")
+
+
+@pytest.mark.parametrize("name", shipped())
+def test_points_of_shipped_sets(name):
+    """Labels of each set stand for points on the segment that carries them, on their own side."""
+    markerset = load_markerset(name)
+    owners = {marker: segment.name for segment in markerset.segments for marker in segment.markers}
+    for point, label in landmarks(tuple(owners)).items():
+        one, _, kind = point.rpartition(" ") if point == "sacrum" else point.partition(" ")
+        part = anatomy._OWNERS[kind if kind in anatomy._OWNERS else point]
+        assert owners[label].endswith(part), (point, label)
+        assert not one or side_of([label]) == one
+
+
+def test_points_that_fall_together_give_no_axes():
+    joints = library.find_joints(synthesize(Recipe(400, 60.0, markers="rizzoli"))[0])
+    with np.errstate(all="raise"):
+        points = {"left asis": np.zeros(3), "right asis": np.zeros(3), "sacrum": np.ones(3)}
+        assert anatomical_axes(joints, points) == {}
+        assert hip_by_regression(points, "left") is None
