@@ -38,8 +38,8 @@ _THIN = math.tan(math.radians(3.6)) / math.sqrt(3.0)
 """The same distance, in radii, below which the centre along the axis hangs on errors of form: belts of ± 3.6°."""
 _KNOWN = 0.01
 """The standard error in those distances below which even a thin belt tells the centre."""
-_ROUNDING = 1e-12
-"""Distance from a plane, in radii, that counts as none."""
+_ROUNDING = 1e-7
+"""Distance from a plane, in radii, that counts as none: moments round at its square."""
 _VECTORS = ("center", "axis", "center_errors")
 _RARE = 0.003
 """Share of circles that are thicker by chance than the noise in their plane explains."""
