@@ -84,9 +84,9 @@ def _plain(value: object) -> object:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     if isinstance(value, Mapping):
-        return {str(key): _plain(each) for key, each in value.items()}
+        return {str(key): _plain(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(each) for each in value]
+        return [_plain(entry) for entry in value]
     return str(value) if isinstance(value, Path) else value
 
 
@@ -95,9 +95,9 @@ def nearest(name: str, known: Iterable[str]) -> str | None:
 
     Capitals count as small letters.
     """
-    small = {each.casefold(): each for each in known}
+    small = {word.casefold(): word for word in known}
     name = name.casefold()
-    longer = [each for each in small if name and each.startswith(name)]
+    longer = [word for word in small if name and word.startswith(name)]
     close = difflib.get_close_matches(name, list(small), n=1) or (longer if len(longer) == 1 else [])
     return small[close[0]] if close else None
 
@@ -139,7 +139,7 @@ def with_error(value: float, error: float) -> str:
     digits = 1 - int(f"{error:.1e}".partition("e")[2])  # of the rounded error: 0.0996 is 0.10
     if not -6 <= digits <= 12:
         return f"{value:.6g} ± {error:.2g}"
-    return " ± ".join(f"{round(each, digits) + 0.0:.{max(digits, 0)}f}" for each in (value, error))
+    return " ± ".join(f"{round(x, digits) + 0.0:.{max(digits, 0)}f}" for x in (value, error))
 
 
 def size(count: float) -> str:

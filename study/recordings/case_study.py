@@ -194,13 +194,13 @@ class JointSamples:
         fine = values[:, 0] > 0.0
         reduced[~fine] = np.eye(basis.shape[1])
         if axis is None:
-            found = np.linalg.solve(reduced, right[:, :, None])[:, :, 0]
+            centers = np.linalg.solve(reduced, right[:, :, None])[:, :, 0]
         else:
             middle = self._mean(index) @ np.outer(axis, axis)
             shifted = right - np.einsum("bij,bj->bi", left, middle)
-            found = middle + np.linalg.solve(reduced, (shifted @ basis)[:, :, None])[:, :, 0] @ basis.T
-        found[~fine] = np.nan
-        return np.asarray(found), np.asarray(fine)
+            centers = middle + np.linalg.solve(reduced, (shifted @ basis)[:, :, None])[:, :, 0] @ basis.T
+        centers[~fine] = np.nan
+        return np.asarray(centers), np.asarray(fine)
 
     def effective(self, number: int) -> float:
         """N_eff of this many random frames."""
@@ -359,13 +359,13 @@ def _scatter_of(
             for dropped in (False, True) if samples.hinge else (False,):
                 axis = samples.least if dropped else None
                 pieces = np.array_split(index, _PIECES)
-                found = np.concatenate([samples.centers(piece, axis)[0] for piece in pieces])
-                centers[way, dropped, number] = found
-                away = found - samples.centers(seen[None], axis)[0][0]
+                places = np.concatenate([samples.centers(piece, axis)[0] for piece in pieces])
+                centers[way, dropped, number] = places
+                away = places - samples.centers(seen[None], axis)[0][0]
                 if axis is not None:
                     away = away - np.outer(away @ axis, axis)
                 rows.append({"joint": name, "way": way, "dropped": dropped, "samples": number})
-                rows[-1] |= _moments(found) | _distances(samples, np.linalg.norm(away, axis=1), number, way)
+                rows[-1] |= _moments(places) | _distances(samples, np.linalg.norm(away, axis=1), number, way)
     return rows, centers
 
 

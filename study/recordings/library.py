@@ -6,14 +6,62 @@ from pathlib import Path
 
 from study.recordings import session
 from study.recordings.formats.read import read_recording
-from study.recordings.joints.calibration import Calibration, load_calibration
+from study.recordings.joints.calibration import Calibration, load_calibration, save_calibration
 from study.recordings.markersets import MarkerSetError, load_markerset
 from study.recordings.markersets.match import Match, choose, match, with_better
-from study.recordings.one_joint import OneJoint, find_clusters, fit_one_joint
-from study.recordings.recording import Recording, RecordingError, one_after_another
+from study.recordings.one_joint import OneJoint, find_clusters, fit_one_joint, joint_json, joint_line
+from study.recordings.recording import (
+    Recording,
+    RecordingError,
+    describe,
+    digest_of,
+    one_after_another,
+    printable,
+    recording_data,
+    with_origin,
+)
+from study.recordings.session import Session, refit_shapes, session_lines, session_table
 from study.recordings.skeleton import draw
-from study.recordings.skeleton.anatomy import Hips, points_of_the_body, with_anatomy
-from study.recordings.skeleton.calibrate import calibrate, require_same_subject
+from study.recordings.skeleton.anatomy import Hips, points_of_the_body, regression_hint, with_anatomy
+from study.recordings.skeleton.calibrate import calibrate, overruled, require_same_subject
+
+__all__ = [
+    "Calibration",
+    "Hips",
+    "MarkerSetError",
+    "Match",
+    "Recording",
+    "RecordingError",
+    "Session",
+    "calibrate",
+    "choose",
+    "describe",
+    "digest_of",
+    "draw",
+    "draw_skeleton",
+    "find_clusters",
+    "find_joint",
+    "find_joints",
+    "fit_one_joint",
+    "fit_session",
+    "joint_json",
+    "joint_line",
+    "load_markerset",
+    "overruled",
+    "place_markerset",
+    "printable",
+    "read_recording",
+    "recording_data",
+    "refit_shapes",
+    "regression_hint",
+    "require_same_subject",
+    "save_calibration",
+    "session_lines",
+    "session_table",
+    "with_joints",
+    "with_origin",
+]
+"""All that the commands take of phases 1 and 2: they import this chapter alone."""
 
 Source = str | Path | Recording
 """A recording, or its file."""

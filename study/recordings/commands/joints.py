@@ -24,11 +24,8 @@ from study.recordings.commands import (
 if TYPE_CHECKING:
     import pandas as pd
 
+    from study.recordings.library import Hips, Match, Recording, Session
     from study.recordings.live import LiveJoints
-    from study.recordings.markersets.match import Match
-    from study.recordings.recording import Recording
-    from study.recordings.session import Session
-    from study.recordings.skeleton.anatomy import Hips
 
 
 Subsets = Annotated[int, typer.Option("--subsets", help="subsets of each size and joint, a multiple of four")]
@@ -56,10 +53,8 @@ def case_study(
     from study.files import save_frame
     from study.recordings import case_study as precision_study
     from study.recordings import fig7_case
-    from study.recordings.formats.read import read_recording
     from study.recordings.joints.find import find_joints
-    from study.recordings.library import place_markerset
-    from study.recordings.recording import digest_of, with_origin
+    from study.recordings.library import digest_of, place_markerset, read_recording, with_origin
     from study.style import save
     from study.text import json_text
 
@@ -112,8 +107,7 @@ def joint(
     Prints one line, and compares with joint centres that other programs left in the file. The exit code is 3 if the
     joint is not ok.
     """
-    from study.recordings.formats.read import read_recording
-    from study.recordings.one_joint import find_clusters, fit_one_joint, joint_json, joint_line
+    from study.recordings.library import find_clusters, fit_one_joint, joint_json, joint_line, read_recording
 
     if across and not hinge:
         raise typer.BadParameter("--across: only a hinge has an axis; give --hinge, too")
@@ -159,8 +153,7 @@ def joints(
     With --json: recording, notes, markerset, joints (the columns of the table), files, and for one recording
     without_pose.
     """
-    from study.recordings.formats.read import read_recording
-    from study.recordings.library import fit_session
+    from study.recordings.library import fit_session, read_recording
 
     if len(files) == 1 and static is None and force:
         raise typer.BadParameter("--force: there is nothing to overrule with one recording")
@@ -178,11 +171,8 @@ def joints(
 def _one(recording: "Recording", hips: "Hips", markerset: str | None, out: Path | None, as_json: bool) -> None:
     """The joints of one recording."""
     from study.files import save_frame
-    from study.recordings.joints.calibration import save_calibration
     from study.recordings.joints.report import agreement_lines, agreement_table, joint_lines, joint_table
-    from study.recordings.library import place_markerset
-    from study.recordings.skeleton.anatomy import regression_hint
-    from study.recordings.skeleton.calibrate import calibrate
+    from study.recordings.library import calibrate, place_markerset, regression_hint, save_calibration
     from study.text import json_text
 
     match = place_markerset(recording, markerset)
@@ -212,9 +202,7 @@ def _joints_data(match: "Match", table: "pd.DataFrame") -> dict[str, object]:
 def _print_session(match: "Match", session: "Session", folder: Path, as_json: bool) -> None:
     """Print and store the joints of a session."""
     from study.files import save_frame
-    from study.recordings.joints.calibration import save_calibration
-    from study.recordings.session import session_lines, session_table
-    from study.recordings.skeleton.anatomy import regression_hint
+    from study.recordings.library import regression_hint, save_calibration, session_lines, session_table
     from study.text import json_text
 
     table = session_table(session)

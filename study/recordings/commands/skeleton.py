@@ -93,10 +93,7 @@ def recording(
 
     With --json: recording, rate, frames, duration, missing, notes, markers, whole and markerset (null if none fits).
     """
-    from study.recordings.formats.read import read_recording
-    from study.recordings.markersets import MarkerSetError
-    from study.recordings.markersets.match import choose
-    from study.recordings.recording import describe, recording_data
+    from study.recordings.library import MarkerSetError, choose, describe, read_recording, recording_data
     from study.text import json_text
 
     source = read_recording(file, unit=unit, rate=rate, subject=subject, frames=frames)
@@ -118,7 +115,7 @@ def written_files(motion: "ExportedMotion", folder: Path) -> Iterator[Path]:
     from study.files import save_frame
     from study.recordings.export import write_file
     from study.recordings.export.tree import joint_angles
-    from study.recordings.recording import RecordingError
+    from study.recordings.library import RecordingError
     from study.recordings.skeleton import make_scene
     from study.recordings.view import figure
     from study.recordings.view.webpage import write_motion, write_viewer
@@ -200,14 +197,17 @@ def skeleton(
     """
     from study.recordings.export import planned_files, write_file
     from study.recordings.export.tree import ExportedMotion, RestPose, angle_lines
-    from study.recordings.formats.read import read_recording
-    from study.recordings.joints.calibration import save_calibration
-    from study.recordings.library import with_joints
-    from study.recordings.recording import printable
-    from study.recordings.session import refit_shapes
-    from study.recordings.skeleton.anatomy import regression_hint
-    from study.recordings.skeleton.calibrate import overruled, require_same_subject
-    from study.recordings.skeleton.draw import draw_skeleton
+    from study.recordings.library import (
+        draw,
+        overruled,
+        printable,
+        read_recording,
+        refit_shapes,
+        regression_hint,
+        require_same_subject,
+        save_calibration,
+        with_joints,
+    )
     from study.recordings.skeleton.make_scene import skeleton_data, skeleton_lines, skeleton_scene
     from study.recordings.view.video import encoder
     from study.text import json_text
@@ -230,12 +230,12 @@ def skeleton(
     if not as_json:
         print_match(match)
         print_lines([*used.lines(), *(regression_hint(used, source) if calibration is None else [])])
-    drawn = draw_skeleton(used, match.recording)
+    drawn = draw.draw_skeleton(used, match.recording)
     remarks = overruled(drawn) if force else []
     drawn = drawn if force else require_same_subject(drawn)
     if refit:
         used = refit_shapes(used, match.recording)
-        drawn = draw_skeleton(used, match.recording)
+        drawn = draw.draw_skeleton(used, match.recording)
     scene = skeleton_scene(drawn, match.recording)
     if not as_json:
         print_lines([*remarks, *skeleton_lines(scene), *angle_lines(used)])
@@ -302,7 +302,7 @@ def synthetic(
     Writes the recording, and tables of the true joints beside it. With --json: recording, frames, rate and files.
     """
     from study.recordings.formats.write import write_recording
-    from study.recordings.recording import RecordingError
+    from study.recordings.library import RecordingError
     from study.recordings.synthetic.make import Recipe, synthesize, write_truth
     from study.text import json_text
 

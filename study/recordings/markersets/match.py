@@ -71,8 +71,8 @@ class Match:
         lines += [f"joint {joint} cannot be found: {why}" for joint, why in self.lost.items()]
         outputs = [label for label in self.extra if is_output(label)]
         others = [label for label in self.extra if label not in outputs]
-        lines += [f"not in the marker set: {_some(others, _LISTED)}"] * bool(others)
-        lines += [f"of another program's model, not markers: {_some(outputs, _FEW)}"] * bool(outputs)
+        lines += [f"not in the marker set: {_listed(others, _LISTED)}"] * bool(others)
+        lines += [f"of another program's model, not markers: {_listed(outputs, _FEW)}"] * bool(outputs)
         unused = clusters(self.extra)
         lines += [f"clusters that it does not use: {', '.join(unused)}; a set of your own can"] * bool(unused)
         return [*lines, *self.remarks]
@@ -99,7 +99,7 @@ class Match:
         return marker if label is None else f"{marker} (did you mean {label}?)"
 
 
-def _some(labels: Sequence[str], most: int) -> str:
+def _listed(labels: Sequence[str], most: int) -> str:
     """Labels with commas between them, as many as there is room for, and the number of the rest."""
     rest = len(labels) - most
     return ", ".join(labels) if rest < 2 else f"{', '.join(labels[:most])} and {rest} more"

@@ -1,4 +1,4 @@
-"""The claims of the paper, in its order but for those of its abstract, each judged by stored tables.
+"""The claims of the paper, in its order and then those of its abstract, each judged by stored tables.
 
 To add a claim, write a `Claim` in the file of its subject: the tables it reads, its measure, and its rule.
 """
@@ -14,7 +14,6 @@ from study.simulation.claims import (
     bound,
     costs,
     error_by_noise,
-    further,
     outliers,
     recordings,
     several_markers,
@@ -25,16 +24,14 @@ from study.simulation.runs import schemas
 from study.simulation.runs.run_folder import Run
 from study.text import columns
 
-CLAIMS: tuple[Claim, ...] = (
-    *error_by_noise.CLAIMS,
-    *outliers.CLAIMS,
-    *bias.CLAIMS,
-    *bound.CLAIMS,
-    *ugdk.CLAIMS,
-    *several_markers.CLAIMS,
-    *costs.CLAIMS,
-    *recordings.CLAIMS,
-    *further.CLAIMS,
+_CHAPTERS = (error_by_noise, outliers, bias, bound, ugdk, several_markers, costs, recordings)
+_LAST = ("efficient-below-distance", "troubles-beyond-radius", "two-answers", "speed-abstract", "noise-ranges")
+"""Claims that come after those of the text: of the abstract and of asides."""
+CLAIMS: tuple[Claim, ...] = tuple(
+    sorted(
+        (claim for chapter in _CHAPTERS for claim in chapter.CLAIMS),
+        key=lambda claim: _LAST.index(claim.name) + 1 if claim.name in _LAST else 0,
+    )
 )
 
 __all__ = ["CLAIMS", "Claim", "Evidence", "Verdict", "as_data", "judge_all", "printed", "save"]

@@ -14,6 +14,7 @@ from study.fits.cap import cap_moments
 from study.simulation.analysis.regret import gdke_leaves
 from study.simulation.analysis.summary import decade
 from study.simulation.claims.claim import (
+    LEAST,
     WHOLE,
     CellMeasure,
     Claim,
@@ -171,6 +172,54 @@ def _judge_par(numbers: list[Number]) -> Verdict:
     return on_par(most, quiet)
 
 
+# noise beyond the radius, and two ranges of it ------------------------------------------------------------------------
+
+_USELESS = 0.5
+"""Error over the radius from which a centre is of no use."""
+
+
+def _measure_troubles(evidence: Evidence) -> list[Number]:
+    errors = evidence.errors("paper", "error")
+    numbers = []
+    for name in _PAPERS:
+        rows = rows_of(errors, name)
+        useless = (error_over(rows, "radius") > _USELESS)[relative_noise(rows) >= 1.0]
+        words = f"share of trials, σ ≥ r, in which {name.upper()}'s error exceeds half the radius"
+        numbers.append(Number.share(words, useless, LEAST))
+    return numbers
+
+
+def _judge_troubles(numbers: list[Number]) -> Verdict:
+    mostly = [number.value - 2.0 * number.error > 0.5 for number in numbers]
+    if all(mostly):
+        return Verdict.REPRODUCED
+    return Verdict.PARTLY if any(mostly) else Verdict.NOT_REPRODUCED
+
+
+_NARROW = (1e-11, 1e12)
+"""Range of σ in section 10."""
+
+
+def _measure_ranges(evidence: Evidence) -> list[Number]:
+    errors = evidence.errors("paper", "error", "bound")
+    inside = errors[(errors["noise"] >= _NARROW[0]) & (errors["noise"] <= _NARROW[1])]
+    if not has_estimators(inside, *_PAPERS):
+        return [Number.unknown("UGDK beside the others over section 10's range of noise")]
+    narrow, wide = (compared(evidence, table) for table in (inside, errors))
+    return [
+        *(n._replace(words=f"{n.words}, 1e-11 ≤ σ ≤ 1e12") for n in narrow[:2]),
+        *(n._replace(words=f"{n.words}, 1e-13 ≤ σ ≤ 1e14") for n in wide[:2]),
+    ]
+
+
+def _judge_ranges(numbers: list[Number]) -> Verdict:
+    narrow, wide = numbers[:2], numbers[2:]
+    if judge_closest(narrow) == judge_closest(wide):
+        alike = all(abs(a.value - b.value) <= 0.1 for a, b in zip(narrow, wide, strict=True))
+        return Verdict.REPRODUCED if alike else Verdict.PARTLY
+    return Verdict.NOT_REPRODUCED
+
+
 CLAIMS: tuple[Claim, ...] = (
     Claim(
         name="one-line",
@@ -232,5 +281,36 @@ CLAIMS: tuple[Claim, ...] = (
         figure="fig_efficiency",
         remark="They are on par where GDKE's bias is below its scatter: for σ < s* = r√(Kₐ/N)/m₁, and on the whole "
         "sphere, where there is no bias. Elsewhere the ratio grows as √N.",
+    ),
+    Claim(
+        name="troubles-beyond-radius",
+        section="6",
+        statement="All methods have troubles where the measurement error is larger than the item that is measured.",
+        quantity="share of trials with σ ≥ r in which each of the four methods errs by more than half the radius",
+        criterion="Reproduced if each method errs so far in more than half of the trials, by two standard errors; "
+        "partly if some method does; not reproduced otherwise. All fits count.",
+        answer="with noise above the radius MLE errs by more than half the radius in {0:share} of the trials, LLS in "
+        "{1:share}, GDKE in {2:share} and UGDK in {3:share}.",
+        reads=("paper/errors",),
+        measure=_measure_troubles,
+        judge=_judge_troubles,
+        figure="fig2_error",
+        remark="The bound itself exceeds the radius there, unless there are very many samples.",
+    ),
+    Claim(
+        name="noise-ranges",
+        section="4.1, 10",
+        statement="The standard deviation of the samples goes from 1e-13 to 1e14 (§4.1); the measurement error varies "
+        "from 1e-11 to 1e12 (§10).",
+        quantity="shares of decades of σ/r in which UGDK is clearly closer, and clearly farther, over either range",
+        criterion="Reproduced, in that it makes no difference, if the main claim's verdict is the same over both "
+        "ranges and its shares agree within .1; partly if only the verdict is the same; not reproduced otherwise.",
+        answer="over section 10's range UGDK is clearly the closest in {0:share} of the decades and clearly farther in "
+        "{1:share}; over section 4.1's in {2:share} and {3:share}.",
+        reads=("paper/errors",),
+        measure=_measure_ranges,
+        judge=_judge_ranges,
+        figure="fig2_error",
+        remark="The paper gives two ranges of the same experiment; the study has the wider one.",
     ),
 )

@@ -145,7 +145,7 @@ def test_gdke_without_numbers_is_not_on_par(find, grid):
     assert found.verdict == Verdict.PARTLY
 
 
-NAMES = [claim.name for claim in CLAIMS]
+NAMES = [claim.name for claim in CLAIMS if claim.name != "troubles-beyond-radius"]  # which pools all decades
 
 
 @pytest.mark.parametrize("name", NAMES)

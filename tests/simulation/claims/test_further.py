@@ -7,9 +7,8 @@ import pandas as pd
 import pytest
 
 from study.simulation.analysis.regret import median_attainable
-from study.simulation.claims import costs
+from study.simulation.claims import CLAIMS, costs
 from study.simulation.claims.claim import Verdict
-from study.simulation.claims.further import CLAIMS
 
 PAPERS = ("mle", "lls", "gdke", "ugdk")
 LEVELS = np.geomspace(1e-4, 0.5, 6)
@@ -168,9 +167,7 @@ def test_two_ranges(find, paper, beyond, elsewhere, verdict):
     assert math.isfinite(all_farther)
 
 
-@pytest.mark.parametrize(
-    "name", [claim.name for claim in CLAIMS if claim.reads[0] in ("efficiency/errors", "paper/errors")]
-)
+@pytest.mark.parametrize("name", ["efficient-below-distance", "troubles-beyond-radius", "noise-ranges"])
 def test_too_few_trials(find, grid, paper, name):
     """With a handful of trials there is no number to judge by, and so no verdict."""
     tables = {"efficiency/errors": grid(lambda *_: 1.0, trials=5), "paper/errors": paper(trials=8)}
