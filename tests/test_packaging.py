@@ -57,4 +57,11 @@ def test_configs_and_marker_sets_are_found_from_elsewhere(installed, tmp_path):
     assert {Path(path).stem for path in configs} == {path.stem for path in (ROOT / "configs").glob("*.toml")}
     assert all(path.startswith(str(installed)) for path in configs)
     sets = len(list((ROOT / "study" / "recordings" / "markersets").glob("*.toml")))
-    assert counts == f"{len(configs) - 1} {sets}"
+    assert counts == f"{len(configs) - 2} {sets}"  # coverage and readings have their own readers
+
+
+def test_versions_agree():
+    """The package, the citation and the changelog name one version."""
+    assert f"\nversion: {study.__version__}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    headings = [line for line in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8").splitlines() if line[:3] == "## "]
+    assert headings[:2] == ["## Unreleased", f"## {study.__version__}"]
