@@ -79,6 +79,8 @@ FitsAsJson = Annotated[bool, typer.Option("--json", help="print the fits as JSON
 Csv = Annotated[bool, typer.Option("--csv", help="print the fits as CSV")]
 Estimator = Annotated[str, typer.Option("--estimator", "-e", help="name of an estimator, or all")]
 Noise = Annotated[float | None, typer.Option("--noise", help="standard deviation of a coordinate, if known")]
+_ORDERED = "the rows are in order of time: errors allow for noise that neighbours share"
+Ordered = Annotated[bool, typer.Option("--ordered", help=_ORDERED)]
 _COLUMNS = "coordinates by name or number of column [default: x,y,z if there are such names, else all of two or three]"
 Columns = Annotated[str | None, typer.Option("--columns", help=_COLUMNS)]
 _DIMENSION = "number of coordinates, if all of more than three columns are coordinates"
@@ -196,6 +198,7 @@ def fit(
     files: Points,
     estimator: Estimator = "corrected",
     noise: Noise = None,
+    ordered: Ordered = False,
     columns: Columns = None,
     dimension: Dimension = None,
     plot: Plot = None,
@@ -205,7 +208,7 @@ def fit(
     """Fit a sphere, or a circle, to the points in each file.
 
     Several files make a table, a line each. A file that cannot be read costs the others nothing; the exit code is then
-    2. It is 3 if a fit is not ok, or uses outliers.
+    2. It is 3 if a fit is not ok.
     """
     from study.fits import fitting
     from study.fits.fitting import choose, fit_all
@@ -221,7 +224,7 @@ def fit(
     for file in files:
         try:
             table = read_points(file, columns.split(",") if columns else None, dimension)
-            results.append(fitting.FileFits(file, table, fit_all(table.points, chosen, noise)))
+            results.append(fitting.FileFits(file, table, fit_all(table.points, chosen, noise, ordered)))
         except PointFileError as error:
             complaints.append(str(error))
     if not results:

@@ -66,7 +66,7 @@ USUAL = 150
 """Lines of code that half of the chapters have at least."""
 SHORT = 40
 MOST_SHORT = 15
-MOST_FILES = 162
+MOST_FILES = 164
 MOST_ARROWS = 880
 MOST_PARAMETERS = 7
 MOST_ANY = 200

@@ -187,6 +187,7 @@ def fit(
     noise: ArrayLike | None = None,
     *,
     copy: bool | None = None,
+    ordered: bool = False,
     **others: Never,
 ) -> Fit:
     """Fit a sphere (a circle, if d = 2) to each of one or many point sets.
@@ -201,6 +202,8 @@ def fit(
         copy: True to copy the points, from which a `Fit` computes residuals and standard errors when asked. False to
             read the caller's array again, and to refuse if it has changed; that saves time and memory. By default up
             to a hundred thousand coordinates are copied.
+        ordered: True if the rows are in the order in which they were measured: where neighbours share their noise,
+            errors and intervals then allow for it.
         others: none; a TypeError says what there is in place of weights, sigma or a known radius.
 
     Returns:
@@ -244,12 +247,12 @@ def fit(
     else:
         samples = Samples(np.array(samples.x, order="C"), noise)  # moments that are not finite show no change
         estimates = careful_fit(entry, samples)
-    return as_fit(estimates.reshape(*lead), samples, estimator)
+    return as_fit(estimates.reshape(*lead), samples, estimator, ordered)
 
 
 def _instead(argument: str) -> str:
     """The remedy for an argument that `fit` does not have."""
-    known = ["points", "estimator", "noise", "copy"]
+    known = ["points", "estimator", "noise", "copy", "ordered"]
     return next((text for name, text in _INSTEAD.items() if argument.startswith(name)), did_you_mean(argument, known))
 
 
@@ -258,10 +261,10 @@ def fit_samples(samples: Samples, estimator: str) -> Fit:
     return as_fit(ESTIMATORS[estimator](samples), samples, estimator)
 
 
-def as_fit(estimates: Estimates, samples: Samples, estimator: str) -> Fit:
+def as_fit(estimates: Estimates, samples: Samples, estimator: str, ordered: bool = False) -> Fit:
     """The answer of a named estimator, from its numbers, with the leading axes, and the flat samples."""
     entry = ESTIMATORS[estimator]
-    return Fit(estimates, samples, estimator, entry.covariance, entry.without_outliers)
+    return Fit(estimates, samples, estimator, entry.covariance, entry.without_outliers, ordered)
 
 
 IN_PROGRAM = "this program"

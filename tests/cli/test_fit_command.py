@@ -171,7 +171,7 @@ def test_coplanar_points_are_drawn(say, rng, tmp_path, estimator):
     code, said, complained = say("fit", "arc.npy", "-e", estimator, "--plot", "arc.png")
     assert (code, complained) == (3, "")
     assert "see below" in said
-    assert "they leave the centre undetermined" in said
+    assert "along its axis the centre is unknown" in said
     assert np.asarray(Image.open(tmp_path / "arc.png").convert("L")).std() > 5  # not blank
 
 
