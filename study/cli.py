@@ -94,6 +94,13 @@ Cell = Annotated[str, typer.Argument(metavar="CELL", help="name of the cell, or 
 Trial = Annotated[int | None, typer.Argument(metavar="[TRIAL]", min=0, help="number of the trial, from 0")]
 PointsOut = Annotated[Path | None, typer.Option("--out", help="file for the points, .csv or .parquet")]
 Plot = Annotated[Path | None, typer.Option("--plot", help="file for a picture of the points and the fits")]
+Sigma = Annotated[float, typer.Option("--noise", help="standard deviation of each coordinate")]
+Nominal = Annotated[float, typer.Option("--radius", help="radius of the sphere, in the unit of the noise")]
+Wanted = Annotated[float | None, typer.Option("--error", help="standard error that is wanted, in that unit")]
+HalfAngle = Annotated[float | None, typer.Option("--angle", help="half-angle of the cap that is measured, in degrees")]
+Count = Annotated[int | None, typer.Option("--points", min=1, help="number of points that are measured")]
+ErrorOf = Annotated[str, typer.Option("--of", help="the error is that of the center, along the cap's axis, or radius")]
+PlanAsJson = Annotated[bool, typer.Option("--json", help="print the plan as a JSON object")]
 _PAIRS = "folders of pairs NAME.ds (a point a line) and NAME.fit (centre and diameter) [default: the package's own]"
 Pairs = Annotated[list[Path] | None, typer.Argument(metavar="FOLDER", help=_PAIRS)]
 _CERTIFIED = "name of an estimator, or minimum_zone [default: mle; without folders also gdke and minimum_zone]"
@@ -287,6 +294,33 @@ def certify(
         raise typer.Exit(ExitCode.FAILURE)
 
 
+def plan_fit(
+    noise: Sigma,
+    radius: Nominal,
+    error: Wanted = None,
+    angle: HalfAngle = None,
+    points: Count = None,
+    of: ErrorOf = "center",
+    as_json: PlanAsJson = False,
+) -> None:
+    """Plan a measurement of a sphere: points needed, or the cap needed, or the error of both.
+
+    Of --error, --angle and --points two are given.
+    """
+    from study.fits import planner
+    from study.text import json_text
+
+    try:
+        plan = planner.plan_fit(noise, radius, error, angle=angle, points=points, of=of)
+    except ValueError as fault:
+        raise typer.BadParameter(str(fault)) from None
+    if as_json:
+        typer.echo(json_text(plan._asdict()))
+        return
+    for line in planner.printed(plan, noise, radius, error, of):
+        typer.echo(line)
+
+
 def replay(folder: Folder, cell: Cell, trial: Trial = None, out: PointsOut = None, plot: Plot = None) -> None:
     """Draw one trial of a run again.
 
@@ -320,7 +354,7 @@ def replay(folder: Folder, cell: Cell, trial: Trial = None, out: PointsOut = Non
 _GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
     "Studies": (configs, plan, run, status, posterior, coverage, worker),
     "Results": (summary, claims, figures, report, worst, replay, regret, diff, verify, archive),
-    "Points and estimators": (fit, estimators, check, certify, cost),
+    "Points and estimators": (fit, plan_fit, estimators, check, certify, cost),
     "Recordings": (recording, joint, joints, skeleton, live, case_study, synthetic, fetch, markersets),
 }
 _NEEDS_NO_ESTIMATOR: set[Callable[..., None]] = {
@@ -329,6 +363,7 @@ _NEEDS_NO_ESTIMATOR: set[Callable[..., None]] = {
     certify,
     cost,
     coverage,
+    plan_fit,
     worker,
     *_GROUPS["Recordings"],
 }
