@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALL := $(BIN)/python -m pip install --disable-pip-version-check -c constraints.txt
 
-.PHONY: paper calibration skeleton test smoke lint numbers tables bench soak docs clean
+.PHONY: paper article calibration skeleton test smoke lint numbers tables bench soak docs clean
 .DELETE_ON_ERROR:
 
 # The paper's study, the studies that its claims need, figures (in figures/), verdicts, and one page about everything.
@@ -29,6 +29,10 @@ paper: $(VENV)/.compiled results/cost.parquet
 # The cost of fits on this machine: operations counted, seconds measured. Made once.
 results/cost.parquet: $(VENV)/.run
 	$(BIN)/study cost --out $@
+
+# The replication report from the stored tables, results/article.pdf, with metadata.yaml and codecheck.yml.
+article: $(VENV)/.article
+	$(BIN)/python docs/make_article.py
 
 # Posteriors of many trials: how often they, and the estimators' own error ellipsoids, cover the truth. Takes minutes.
 calibration: $(VENV)/.run
@@ -142,6 +146,10 @@ $(VENV)/.bench: $(VENV)/.dev
 
 $(VENV)/.docs: $(VENV)/.mocap
 	$(INSTALL) -e '.[docs]'
+	touch $@
+
+$(VENV)/.article: $(VENV)/.installed
+	$(INSTALL) -e '.[article]'
 	touch $@
 
 $(VENV)/.dev: $(VENV)/.installed

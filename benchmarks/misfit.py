@@ -1,7 +1,10 @@
-"""The test of fit measured: its level on clean data, and its power; `python benchmarks/misfit.py` stores both.
+"""The test of fit, and what follows from it, measured; `python benchmarks/misfit.py` stores results/misfit*.csv.
 
-Clean data are the cells of configs/coverage.toml. Shapes and laws of noise are those that fits do not show: fits of
-them are ok, and intervals do not cover. A folder of scans given as argument (x, y, z in a row) is tested, and printed.
+misfit-level.csv has the level on clean data, in the cells of configs/coverage.toml and in others that no rule was tuned
+on. misfit.csv has the power for shapes and laws of noise. misfit-errors.csv has coverage and statuses with structured
+noise: a form (a Gaussian process on the directions), and noise with memory along a path. misfit-hinges.csv has circles
+in space, belts and caps. The name of a part, `level`, `power`, `errors` or `hinges`, makes that part alone. A folder of
+scans (x, y, z in a row, metres) makes misfit-scans.csv.
 """
 
 import math
@@ -12,8 +15,11 @@ import numpy as np
 import pandas as pd
 
 import study
+from study import Status
 from study.fits import Samples, cap
-from study.fits.goodness import BLOCKS, Goodness, allowance, goodness
+from study.fits.goodness import BLOCKS, Goodness, goodness
+from study.fits.intervals import intervals
+from study.fits.registry import fit_samples
 from study.fits.streams import lanes
 from study.simulation.coverage import read_design
 
@@ -149,34 +155,70 @@ LAWS = {
 
 
 def row(kind, name, n, s, answer, **more):
-    """A row of the table: share rejected at the level 1 %, and by each block at its share of the level."""
-    first, sets = answer.first(0.01), len(answer.p)
+    """A row of the table: share rejected at the level 1 %, and named by each block."""
+    first, sets = answer.first(), len(answer.p)
     rejected = float(np.mean(answer.p < 0.01))
-    error = math.sqrt(max(rejected, 1.0 / sets) * (1.0 - min(rejected, 1.0 - 1.0 / sets)) / sets)
     shares = {f"first {block}": float(np.mean(first == block)) for block in BLOCKS}
     known = {"kind": kind, "name": name, "samples": n, "sigma": s, "sets": sets}
-    return {**known, **more, "rejected": rejected, "rejected_error": error, **shares}
+    return {**known, **more, "rejected": rejected, "rejected_error": error_of(rejected, sets), **shares}
 
 
-def clean(sets):
-    """A row for each cell of the grid of the coverage study."""
-    for cell in read_design(ROOT / "configs" / "coverage.toml").cells():
-        state, parts = lanes(SEED, "misfit", cell.samples, cell.angle, cell.kappa), []
-        left = min(sets, MOST // cell.samples)
-        while left > 0:
-            size = min(left, max(TOGETHER // cell.samples, 1))
-            left -= size
-            directions, noise = np.empty((size, 3, cell.samples)), np.empty((size, 3, cell.samples))
-            cap.draw(state, math.radians(cell.angle), directions, noise)
-            directions[:, 0] = 1.0 - directions[:, 0]
-            parts.append(goodness(Samples(directions + cell.sigma * noise)))
-        answer = Goodness(*(np.concatenate(block) for block in zip(*parts, strict=True)))
-        name = f"cap {cell.angle:g}°, kappa {cell.kappa:g}"
-        yield row("clean", name, cell.samples, cell.sigma, answer)
+def error_of(share, sets):
+    """Standard error of a share, that of one hit at least."""
+    held = min(max(share, 1.0 / sets), 1.0 - 1.0 / sets)
+    return math.sqrt(held * (1.0 - held) / sets)
+
+
+def statuses(status):
+    """Shares of the statuses that say what the test of fit sees."""
+    names = (Status.OK, Status.MISFIT, Status.OUTLIERS, Status.HINGE)
+    return {member.name.lower(): float(np.mean(status == member)) for member in names}
+
+
+def covered(ends, truth):
+    """True where intervals (…, 2) hold the truth."""
+    return (ends[..., 0] <= truth) & (truth <= ends[..., 1])
+
+
+def draws(cell, sets, word):
+    """Clean data of a cell of a coverage study, in parts (b, 3, n)."""
+    state, left = lanes(SEED, word, cell.samples, cell.angle, cell.kappa), min(sets, MOST // cell.samples)
+    while left > 0:
+        size = min(left, max(TOGETHER // cell.samples, 1))
+        left -= size
+        directions, noise = np.empty((size, 3, cell.samples)), np.empty((size, 3, cell.samples))
+        cap.draw(state, math.radians(cell.angle), directions, noise)
+        directions[:, 0] = 1.0 - directions[:, 0]
+        yield directions + cell.sigma * noise
+
+
+def level(sets):
+    """A row for each clean cell: of the coverage study, and of one that no rule was tuned on."""
+    grid = read_design(ROOT / "configs" / "coverage.toml")
+    others = {"samples": (13, 25, 70, 150, 450), "angle": (10.0, 33.0, 70.0, 130.0), "kappa": (2.0, 6.0, 20.0, 60.0)}
+    for kind, design in (("clean", grid), ("audit", grid.model_copy(update=others))):
+        for cell in design.cells():
+            parts, now, white, kept = [], [], [], []
+            for x in draws(cell, sets, "misfit"):
+                samples = Samples(x)
+                parts.append(goodness(samples))
+                fit = fit_samples(samples, "corrected")
+                before = intervals(samples)
+                white.append(before.radius)
+                kept.append(before.identified)
+                now.append((fit.interval("radius"), fit.status))
+            answer = Goodness(*(np.concatenate(block) for block in zip(*parts, strict=True)))
+            ends, status = (np.concatenate(part) for part in zip(*now, strict=True))
+            white, before = np.concatenate(white), np.concatenate(kept)
+            name = f"cap {cell.angle:g}°, kappa {cell.kappa:g}"
+            more = {"ok_before": float(before.mean()), "covers": float(covered(white, 1.0).mean())}
+            more |= {"covers_allowed": float(covered(ends, 1.0).mean()), **statuses(status)}
+            more["wider"] = float(np.mean((ends != white).any(axis=1)))
+            yield row(kind, name, cell.samples, cell.sigma, answer, **more)
 
 
 def power(sets):
-    """A row for each shape and law of noise, with the share that is ok today and coverage of the radius."""
+    """A row for each shape and law of noise, with the share that is ok and coverage of the radius."""
     for number, (kind, name, draw) in enumerate(
         [("shape", k, lambda rng, n, s, f=f: f(rng, n) + s * rng.normal(size=(n, 3))) for k, f in SHAPES.items()]
         + [("noise", k, f) for k, f in LAWS.items()]
@@ -185,43 +227,144 @@ def power(sets):
             for s in NOISES:
                 rng = np.random.default_rng([SEED, number, n, round(1000 * s)])
                 x = np.stack([draw(rng, n, s) for _ in range(sets)])
-                fit = study.fit(x)
-                answer = goodness(fit.samples)
-                more = {"ok": float(fit.ok.mean()), "ok_not_rejected": float((fit.ok & ~(answer.p < 0.01)).mean())}
+                fit = study.fit(x, ordered="path" in name)
+                white = intervals(fit.samples)
+                more = {"ok_before": float(white.identified.mean()), **statuses(fit.status)}
                 if kind == "noise":
-                    low, high = fit.interval("radius").T
-                    wide = allowance(fit.samples, answer, ordered="path" in name)[:, 3]
-                    half = 0.5 * (high - low) * wide
-                    more["covers"] = float(((low <= 1.0) & (high >= 1.0)).mean())
-                    more["covers_allowed"] = float((np.abs(0.5 * (low + high) - 1.0) <= half).mean())
-                yield row(kind, name, n, s, answer, **more)
+                    more["covers"] = float(covered(white.radius, 1.0).mean())
+                    more["covers_allowed"] = float(covered(fit.interval("radius"), 1.0).mean())
+                yield row(kind, name, n, s, fit.goodness, **more)
+
+
+def form(rng, u, length, size):
+    """A Gaussian process on directions (n, 3), squared-exponential in their chords."""
+    square = 2.0 - 2.0 * u @ u.T
+    covariance = np.exp(-0.5 * np.maximum(square, 0.0) / length**2) + 1e-9 * np.eye(len(u))
+    return size * np.linalg.cholesky(covariance) @ rng.normal(size=len(u))
+
+
+def structured():
+    """Laws of structured noise: name, whether rows are in order, and a function of (rng, n) that makes points."""
+    for angle in (30.0, 60.0, 120.0):
+        for length in (0.15, 0.4, 1.0):
+            for size in (0.3, 1.0, 3.0):
+
+                def draw(rng, n, angle=angle, length=length, size=size):
+                    u = on_cap(rng, n, angle)
+                    r = 1.0 + 0.01 * form(rng, u, length * math.radians(angle), size)
+                    return u * r[:, None] + 0.01 * rng.normal(size=(n, 3))
+
+                yield f"form, {angle:g}°, length {length:g}, size {size:g}", False, (500,), draw
+    for reach in (20.0, 45.0, 90.0):
+        for memory in (0.5, 0.8, 0.95):
+
+            def draw(rng, n, reach=reach, memory=memory):
+                return path(n, reach) + 0.01 * ar1(rng, n, memory)
+
+            for ordered in (True, False):
+                order = "in order" if ordered else "order not given"
+                yield f"path of ± {reach:g}°, memory {memory:g}, {order}", ordered, (100, 300, 1000, 3000), draw
+
+
+def errors(sets):
+    """A row for each law of structured noise: coverage of radius and centre, of all fits and of those that are ok."""
+    for number, (name, ordered, sizes, draw) in enumerate(structured()):
+        for n in sizes:
+            rng = np.random.default_rng([SEED, 100 + number // 1, n])
+            count = sets if n < 3000 else sets // 2
+            fit = study.fit(np.stack([draw(rng, n) for _ in range(count)]), ordered=ordered)
+            white = intervals(fit.samples)
+            inside = covered(fit.interval("radius"), 1.0)
+            center = covered(fit.interval("center"), 0.0)
+            found = {"name": name, "samples": n, "sets": count, **statuses(fit.status)}
+            found |= {"covers_before": float(covered(white.radius, 1.0).mean()), "covers": float(inside.mean())}
+            found["covers_or_doubted"] = float((inside | ~fit.ok).mean())
+            for part, holds in (("ok_covers", inside), ("ok_covers_center", center.mean(axis=1))):
+                found[part] = float(holds[fit.ok].mean()) if fit.ok.any() else math.nan
+            found["covers_error"] = error_of(found["covers"], count)
+            yield found
+
+
+def belt(rng, n, reach, width):
+    """Directions (n, 3) of an arc of ± reach degrees on a great circle, or of a belt about it."""
+    a, b = (np.radians(rng.uniform(-half, half, n)) for half in (reach, width))
+    return np.column_stack([np.cos(b) * np.cos(a), np.cos(b) * np.sin(a), np.sin(b)])
+
+
+def hinges(sets):
+    """A row for each arc, belt and cap: share that is named a hinge, and of bounded intervals among the others."""
+    belts = [
+        (f"± {reach:g}°, belt ± {width:g}°", lambda rng, n, r=reach, w=width: belt(rng, n, r, w))
+        for reach in (30, 45, 90, 180)
+        for width in (0, 1, 3)
+    ]
+    wide = [(f"belt ± {width:g}°", lambda rng, n, w=width: belt(rng, n, 180, w)) for width in (6, 12, 25)]
+    caps = [(f"cap {angle:g}°", lambda rng, n, a=angle: on_cap(rng, n, a)) for angle in (20, 45, 90, 180)]
+    for number, (name, draw) in enumerate(belts + wide + caps):
+        for n in (30, 100, 300, 3000):
+            for s in (0.003, 0.01, 0.03):
+                rng = np.random.default_rng([SEED, 300 + number, n, round(1000 * s)])
+                count = (5 if name.startswith("cap") and n < 300 else 1) * (sets if n < 3000 else sets // 4)
+                fit = study.fit(np.stack([draw(rng, n) + s * rng.normal(size=(n, 3)) for _ in range(count)]))
+                named, open_ended = fit.status == Status.HINGE, np.isinf(fit.interval("radius")[:, 1])
+                found = {"name": name, "samples": n, "sigma": s, "sets": count, **statuses(fit.status)}
+                found |= {"hinge_error": error_of(found["hinge"], count), "bounded": float((~open_ended).mean())}
+                found["covers_radius"] = float(covered(fit.interval("radius"), 1.0).mean())
+                found["covers_center"] = float(covered(fit.interval("center"), 0.0).mean())
+                away = np.abs(fit.circle.radius - 1.0) <= 1.96 * fit.circle.radius_error
+                found["circle_covers"] = float(away[named].mean()) if named.any() else math.nan
+                yield found
 
 
 def scans(folder):
-    """Print the scans of a folder: p values, the factor of the errors, radius and its interval without and with it."""
-    for file in sorted(Path(folder).glob("t*.xyz")):
-        x = np.genfromtxt(file, delimiter=",")[:, :3] * 1000.0
-        fit = study.fit(x)
-        answer = goodness(fit.samples)
-        factor = float(allowance(fit.samples, answer, ordered=False)[0, 3])
+    """A row for each scan of a folder: F, p values, errors and the interval of the radius, in millimetres."""
+    for file in sorted(Path(folder).glob("*SPH*.xyz")):
+        x = np.genfromtxt(file, delimiter="," if file.stem.startswith("t") else None)[:, :3] * 1000.0
+        fit = study.fit(x, "corrected" if file.stem.startswith("t") else "robust")
+        found = {"name": file.stem, "samples": int(fit.count), "radius": float(fit.radius)}
         low, high = fit.interval("radius")
-        half = 0.5 * (high - low) * factor
-        p = ", ".join(f"{block} {float(value[0]):.2g}" for block, value in zip(BLOCKS, answer, strict=True))
-        print(f"{file.stem}: n {len(x)}, r {fit.radius:.4f}, [{low:.4f}, {high:.4f}], ± {half:.4f}, {factor:.2f}; {p}")
+        white = float(np.sqrt(fit.own_covariance[3, 3]))
+        found |= {"error_white": white, "error": float(fit.standard_errors[3]), "low": float(low), "high": float(high)}
+        found |= {f"p {block}": float(p) for block, p in zip(BLOCKS, fit.goodness, strict=True)}
+        found |= {"misfit": str(fit.goodness.first()), "F": float(series_ratio(fit))}
+        found |= {"status": Status(int(fit.status)).name.lower(), "holds_50": bool(low <= 50.0 <= high)}
+        yield found
+
+
+def series_ratio(fit):
+    """F of the residuals on harmonics of degree 2, freed from 1 and e."""
+    rho, e = fit.residuals, (fit.samples.points[0] - fit.center)
+    e /= np.linalg.norm(e, axis=1, keepdims=True)
+    two = [e[:, i] * e[:, j] for i in range(3) for j in range(i, 3)][:5]
+    kept = ~fit.outliers if fit.without_outliers else np.ones(len(rho), dtype=bool)
+    Q = np.linalg.qr(np.column_stack([np.ones(len(e)), e, *two])[kept])[0]
+    b = Q.T @ rho[kept]
+    left = rho[kept] @ rho[kept] - b @ b
+    return (b[4:] @ b[4:] / 5.0) / (left / (kept.sum() - 9))
+
+
+PARTS = {"level": ("misfit-level", level, SETS), "power": ("misfit", power, POWER_SETS)}
+PARTS |= {"errors": ("misfit-errors", errors, 200), "hinges": ("misfit-hinges", hinges, 200)}
+
+
+def store(name, rows):
+    """Store rows, each as soon as it is known."""
+    known = []
+    for found in rows:
+        known.append(found)
+        path = ROOT / "results" / f"{name}.csv"
+        pd.DataFrame(known).to_csv(path, index=False, lineterminator="\n", float_format="%.5g")
 
 
 def main():
     """Measure, and store each row as soon as it is known."""
-    if len(sys.argv) > 1:
-        scans(sys.argv[1])
-        return
-    rows = []
-    for source in (power(POWER_SETS), clean(SETS)):
-        for found in source:
-            rows.append(found)
-            pd.DataFrame(rows).to_csv(
-                ROOT / "results" / "misfit.csv", index=False, lineterminator="\n", float_format="%.5g"
-            )
+    chosen = sys.argv[1:] or list(PARTS)
+    for part in chosen:
+        if part in PARTS:
+            name, rows, sets = PARTS[part]
+            store(name, rows(sets))
+        else:
+            store("misfit-scans", scans(part))
 
 
 if __name__ == "__main__":

@@ -172,7 +172,7 @@ class Bound:
 
     def _unbound(self, path: str, text: str, bound: list[tuple[int, int]]) -> Iterator[tuple[int, str]]:
         """Numbers of prose that look measured and stand in no phrase."""
-        if not path.endswith(".md"):
+        if not path.endswith((".md", ".typ")):
             return
         spans = [*bound, *(match.span() for match in UNMEASURED.finditer(text))]
         for phrase in [*self.given.get("everywhere", []), *self.given.get(path, [])]:

@@ -16,7 +16,7 @@ from mkdocs.structure.pages import Page
 
 DOCS = Path(__file__).resolve().parent
 ROOT = DOCS.parent
-SHOWN = ["figures/*.png", "configs/*.toml", "results/*.csv", "CONTRIBUTING.md", "CHANGELOG.md"]
+SHOWN = ["figures/*.png", "configs/*.toml", "results/*.csv", "CONTRIBUTING.md", "CODE_OF_CONDUCT.md", "CHANGELOG.md"]
 """Files outside of docs/ that the site has, under the same names."""
 LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\((?!\w+:|#)([^)\s#]+)(#[^)\s]*)?\)")
 FORMULA = re.compile(r"^```math\n(.*?)^```$", re.MULTILINE | re.DOTALL)
@@ -55,7 +55,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
     """Turn links within the repository into links within the site; one to a file that the site lacks becomes text."""
-    outside = page.file.src_uri in ("CONTRIBUTING.md", "CHANGELOG.md")
+    outside = page.file.src_uri in ("CONTRIBUTING.md", "CODE_OF_CONDUCT.md", "CHANGELOG.md")
     base = "" if outside else "docs"
 
     def within(found: re.Match[str]) -> str:

@@ -5,6 +5,7 @@
 
 import inspect
 import json
+import math
 import re
 from typing import Any, get_args
 
@@ -14,10 +15,16 @@ from pydantic import BaseModel
 import study
 from study.fits.samples import Status
 from study.simulation.experiment.conditions import CONDITIONS, Choice, Constant, LogUniform, Uniform
-from study.simulation.experiment.config import Posterior, Precision, Study
+from study.simulation.experiment.config import Posterior, Precision, Study, parse, shipped_configs, summary_line
 from study.simulation.experiment.designs import GridDesign, RandomDesign
+from study.simulation.experiment.sampling import groups, trials_of
 from study.simulation.figures import FIGURES
 from study.simulation.statistics import MEASURES
+
+MEDIAN_VARIANCES = (0.316, 1.36)
+"""n times the squared relative error of a median of n trials, for |z| of a normal z in three dimensions and in one."""
+OWN_READERS = ("coverage", "readings")
+"""Configs that are no studies."""
 
 
 def config_study() -> str:
@@ -53,6 +60,25 @@ def config_laws() -> str:
         written = ", ".join([f'law = "{kind}"', *(f"{key} = …" for key in law.model_fields if key != "law")])
         rows.append([f"`{{ {written} }}`", _first(law)])
     return _table(["law", "a number drawn"], rows)
+
+
+def studies() -> str:
+    """The shipped studies: conditions, trials, fits, and the Monte-Carlo error of a median of so many trials."""
+    rows = []
+    for name, path in shipped_configs().items():
+        if name in OWN_READERS:
+            continue
+        config = parse(path.read_text(encoding="utf-8"))
+        random = config.design.kind == "random"
+        sizes = [(1 if random else group.width, trials_of(config, group)) for group in groups(config)]
+        trials = [count for _, count in sizes]
+        each = f"{min(trials):,}" + (f" to {max(trials):,}" if min(trials) < max(trials) else "")
+        fits = len(config.estimators) * sum(width * count for width, count in sizes)
+        cells = "drawn in each trial" if random else f"{sum(width for width, _ in sizes):,}"
+        errors = [f"{100.0 * math.sqrt(variance / min(trials)):.1f}" for variance in MEDIAN_VARIANCES]
+        link, words = f"[`{name}`](../configs/{name}.toml)", summary_line(path).removesuffix(".")
+        rows.append([link, words, cells, each, f"{fits:,}", " to ".join(errors)])
+    return _table(["study", "question", "conditions", "trials of each", "fits", "error of a median, %"], rows)
 
 
 def conditions() -> str:

@@ -48,6 +48,34 @@ def certify(tables: Tables) -> str:
     return _markdown(["fit", "sets", "centre", "radius", "µm on a sphere of 100 mm"], rows)
 
 
+def claim_commands(tables: Tables) -> str:
+    """For each claim the command that judges it, the seconds of its studies, and the number to expect."""
+    seconds, rows = tables("studies").set_index("study")["seconds"], []
+    for row in tables("verdicts").to_dict("records"):
+        needed = dict.fromkeys(part.split("/")[0] for part in row["reads"].split(", "))
+        studies = [name for name in needed if name in seconds]
+        words = ["study run " + " ".join(studies)] if studies else []
+        words += ["study cost --out cost.parquet"] if "cost" in needed else []
+        configs = [*studies, *(["paper"] if "cost" in needed and not studies else [])]
+        words.append(" ".join(["study claims", *(f"results/{name}-*" for name in configs)]))
+        words[-1] += " --cost cost.parquet" if "cost" in needed else ""
+        took = f"{sum(seconds[name] for name in studies):.0f}"
+        expected = f"{row['value']:.4g}" + (f" ± {row['error']:.2g}" if row["error"] > 0 else "")
+        if not configs:
+            words, took, expected = ["study claims RUN --recording DIR"], "-", "needs a recording"
+        commands = "; ".join(f"`{each}`" for each in words)
+        rows.append([str(row["number"]), row["section"], row["quantity"], commands, took, expected, row["verdict"]])
+    return _markdown(["", "§", "quantity", "commands", "seconds", "expected", "verdict"], rows)
+
+
+def criteria(tables: Tables) -> str:
+    """The criterion of each verdict."""
+    table = tables("verdicts").to_dict("records")
+    return _markdown(
+        ["", "statement", "criterion"], [[str(r["number"]), r["statement"], r["criterion"]] for r in table]
+    )
+
+
 def published(tables: Tables) -> str:
     """Mean squared errors of others beside those of the same fits here."""
     names = TITLES["published"]

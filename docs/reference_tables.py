@@ -77,6 +77,20 @@ TABLES = {
 """Name of each table, the function that makes it, and the config of its run."""
 
 
+PAPERS = ["paper", "ellipse", "mgdk", "power-law", "efficiency", "outliers", "starts", "bias", "anisotropic", "markers"]
+"""Studies of `make paper` that judge the paper's claims."""
+
+
+def studies() -> pd.DataFrame:
+    """Seconds that the studies of the paper's claims took, on the machine of their runs."""
+    rows = []
+    for name in PAPERS:
+        manifest = Run.open(run_folder(str(RESULTS.parent / "configs" / f"{name}.toml"))).manifest()
+        row = {"study": name, "fits": manifest["fits"], "seconds": manifest["seconds"]}
+        rows.append(row | {"cores": manifest["machine"]["cores"], "processor": manifest["machine"]["processor"]})
+    return pd.DataFrame(rows)
+
+
 def paper() -> None:
     """Store the paper's run, without its rows, and the verdicts on its claims (of `make paper`) as the reference."""
     run = Run.open(run_folder(str(RESULTS.parent / "configs" / "paper.toml")))
@@ -88,12 +102,15 @@ def paper() -> None:
 
 def main() -> None:
     """Write the tables that are named, or all."""
-    for name in sys.argv[1:] or ["paper", *TABLES]:
+    for name in sys.argv[1:] or ["paper", "studies", *TABLES]:
+        path = RESULTS / f"{name}.csv"
         if name == "paper":
             paper()
             continue
+        if name == "studies":
+            studies().to_csv(path, index=False, lineterminator="\n")
+            continue
         make, config = TABLES[name]
-        path = RESULTS / f"{name}.csv"
         if name == "em-vmf":
             load(RESULTS.parent / "benchmarks" / "em_vmf.py")
         make(Run.open(run_folder(str(RESULTS.parent / config)))).to_csv(path, index=False, lineterminator="\n")

@@ -13,7 +13,7 @@ from typing import Annotated
 import typer
 
 from study import __version__, instruction_set
-from study.options import EXIT_CODES, ExitCode
+from study.options import ExitCode, GroupedHelp, shown, unchanged
 from study.recordings.commands.joints import case_study, joint, joints, live
 from study.recordings.commands.skeleton import fetch, markersets, recording, skeleton, synthetic
 from study.simulation.commands import (
@@ -40,17 +40,9 @@ from study.simulation.commands import (
     worker,
     worst,
 )
-from study.text import GroupedHelp, shown, unchanged
-
-
-class StudyCommands(GroupedHelp):
-    """The command line of this package."""
-
-    exit_codes = EXIT_CODES
-
 
 app = typer.Typer(
-    cls=StudyCommands,
+    cls=GroupedHelp,
     help="Monte-Carlo study of closed-form sphere fits (Knight & Semwal 2009).",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -86,6 +78,11 @@ FitsAsJson = Annotated[bool, typer.Option("--json", help="print the fits as JSON
 Csv = Annotated[bool, typer.Option("--csv", help="print the fits as CSV")]
 Estimator = Annotated[str, typer.Option("--estimator", "-e", help="name of an estimator, or all")]
 Noise = Annotated[float | None, typer.Option("--noise", help="standard deviation of a coordinate, if known")]
+_ORDERED = "the rows are in order of time: errors allow for noise that neighbours share"
+Ordered = Annotated[bool, typer.Option("--ordered", help=_ORDERED)]
+KnownRadius = Annotated[float | None, typer.Option("--radius", help="the radius, if it is known")]
+_SCALE = "given, if the noise in columns sigma, or sx, sy, sz, is as large as that; estimated, if only ratios are known"
+NoiseScale = Annotated[str, typer.Option("--scale", help=_SCALE)]
 _COLUMNS = "coordinates by name or number of column [default: x,y,z if there are such names, else all of two or three]"
 Columns = Annotated[str | None, typer.Option("--columns", help=_COLUMNS)]
 _DIMENSION = "number of coordinates, if all of more than three columns are coordinates"
@@ -210,6 +207,9 @@ def fit(
     files: Points,
     estimator: Estimator = "corrected",
     noise: Noise = None,
+    radius: KnownRadius = None,
+    scale: NoiseScale = "given",
+    ordered: Ordered = False,
     columns: Columns = None,
     dimension: Dimension = None,
     plot: Plot = None,
@@ -218,8 +218,8 @@ def fit(
 ) -> None:
     """Fit a sphere, or a circle, to the points in each file.
 
-    Several files make a table, a line each. A file that cannot be read costs the others nothing; the exit code is then
-    2. It is 3 if a fit is not ok, or uses outliers.
+    Columns sigma, or sx, sy and sz, are the noise of each point. Several files make a table, a line each. A file that
+    cannot be read costs the others nothing; the exit code is then 2. It is 3 if a fit is not ok.
     """
     from study.fits import fitting
     from study.fits.fitting import choose, fit_all
@@ -235,7 +235,9 @@ def fit(
     for file in files:
         try:
             table = read_points(file, columns.split(",") if columns else None, dimension)
-            results.append(fitting.FileFits(file, table, fit_all(table.points, chosen, noise)))
+            each = noise if table.noise is None else table.noise
+            fits = fit_all(table.points, chosen, each, ordered, radius, scale)
+            results.append(fitting.FileFits(file, table, fits))
         except PointFileError as error:
             complaints.append(str(error))
     if not results:

@@ -18,6 +18,8 @@ sys.modules["bound_numbers"] = bound_numbers
 spec.loader.exec_module(bound_numbers)
 
 QUOTED = {
+    "claim_commands": ("verdicts", "value > 0", ["value"], True),
+    "criteria": ("verdicts", "", ["number"], True),
     "published": ("published", "published > 0", ["mse", "mse_error", "bias", "published"], True),
     "certify": ("certify", "", ["center"], False),
     "cluster": ("cluster", "", ["parent_mib", "finish_mib"], True),

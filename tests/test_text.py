@@ -19,10 +19,11 @@ from hypothesis import strategies as st
 
 from study import files
 from study.files import RunError, save_frame
+from study.options import shown, unchanged
 from study.recordings.formats.read import read_recording
 from study.recordings.recording import RecordingError
 from study.simulation.report.page import read_bench
-from study.text import columns, did_you_mean, duration, inert, inert_frame, nearest, number, shown, size, unchanged
+from study.text import columns, did_you_mean, duration, inert, inert_frame, nearest, number, size
 
 
 def test_alignment():

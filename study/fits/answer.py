@@ -13,12 +13,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from study.arrays import Bools, Floats, Ints, real_array
+from study.fits.circle import Circle, fit_circles, lowest_radius
 from study.fits.display import as_dict, as_html, as_text, frame, named_axis
 from study.fits.form import MinimumZone, minimum_zone
 from study.fits.goodness import Goodness, goodness
 from study.fits.intervals import Intervals, intervals
 from study.fits.robust import outliers
 from study.fits.samples import Estimates, Samples, Status, explain, plug_in_bound, semi_axes, unless_missing
+from study.fits.structure import Structure, structure, widened
 from study.fits.trimmed import repeated
 
 if TYPE_CHECKING:
@@ -33,12 +35,18 @@ class FittedPoints:
         samples: the points (b, d, n), missing ones as NaN.
         center: ĉ (b, d).
         without_outliers: the estimator leaves outliers out.
+        ordered: the rows are in the order in which they were measured.
+        known: the fits by `corrected`, if these are its.
     """
 
-    def __init__(self, samples: Samples, center: Floats, without_outliers: bool) -> None:
+    def __init__(
+        self, samples: Samples, center: Floats, without_outliers: bool, ordered: bool, known: Estimates | None
+    ) -> None:
         self._samples = samples
         self._center = center
         self._without_outliers = without_outliers
+        self._ordered = ordered
+        self._known = known
 
     @property
     def samples(self) -> Samples:
@@ -84,6 +92,50 @@ class FittedPoints:
         return Samples(np.where((self.used & ~self.repeated)[:, None], points.x, np.nan), points.noise)
 
     @cached_property
+    def spare(self) -> Ints:
+        """Degrees of freedom of the noise (b,): different points that the fit stands on, less d + 1; at least 1."""
+        count = (self.used & ~self.repeated).sum(axis=1)
+        return np.asarray(np.maximum(count - self._center.shape[1] - 1, 1))
+
+    @cached_property
+    def structure(self) -> Structure:
+        """What the residuals show, of the points that the fit stands on."""
+        different = self.different
+        return structure(different, self._ordered, self._known if different is self._samples else None)
+
+    def doubts(self, status: Ints) -> Ints:
+        """The status of each fit (b,) after what its residuals show: hinges, outliers, and models that fail."""
+        seen, result = self.structure, status.copy()
+        result[seen.hinge & ~np.isin(status, _NO_SPHERE)] = Status.HINGE
+        result[(result == Status.OK) & seen.doubted] = Status.MISFIT
+        alone = seen.extreme & np.logical_not(self._without_outliers)
+        both = np.flatnonzero(alone & (result == Status.MISFIT))
+        result[alone & (result == Status.OK)] = Status.OUTLIERS
+        if len(both):
+            part = self.different.take(both)
+            rest = Samples(np.where(outliers(part)[:, None], np.nan, part.x))
+            result[both[~structure(rest, self._ordered).doubted]] = Status.OUTLIERS
+        return result
+
+    @cached_property
+    def circles(self) -> Circle:
+        """The circles in space of the points, NaN in other than three dimensions."""
+        return fit_circles(self.different)
+
+    def intervals(self, level: float) -> Intervals:
+        """Intervals of a level, with allowance for structure; open along the axis where the points lie on a circle."""
+        different, seen = self.different, self.structure
+        ends = widened(different, level, intervals(different, level), seen.stretch(level, self.spare))
+        if not seen.hinge.any():
+            return ends
+        sets = np.flatnonzero(seen.hinge)
+        least = lowest_radius(fit_circles(different.take(sets)), level, self.spare[sets] + 1)
+        radius, center = ends.radius.copy(), ends.center.copy()
+        center[sets] = -np.inf, np.inf
+        radius[sets] = np.column_stack([least, np.full(len(sets), np.inf)])
+        return Intervals(radius, center, ends.noise_share)
+
+    @cached_property
     def _from_center(self) -> tuple[Floats, Floats, Bools]:
         """Distances, directions, and False for missing points."""
         x = self.samples.x
@@ -108,19 +160,22 @@ def signed_distances(points: ArrayLike, center: Floats, radius: Floats) -> Float
         raise ValueError(f"{lead}: leading axes must match; for the same points, pass (m, {d})") from None
 
 
-def settled_status(estimates: Estimates, ends: Intervals) -> Ints:
-    """Status of each fit (b,), given the intervals of its points at 95 %.
+def ruled_status(estimates: Estimates, ends: Intervals) -> Ints:
+    """Status of each fit (b,) by the intervals of its points at 95 %.
 
     A rule that admits only fits far from the noise selects those whose curvature came out too large, and intervals of
     such fits do not cover. Intervals of the fits that are bounded do (theory 10.5). So this rule replaces the
-    estimator's "ok" and "insignificant"; only an estimate outside its own interval stays insignificant. Failures stay,
-    and so does "hinge", whose centre is of another kind.
+    estimator's "ok" and "insignificant"; only an estimate outside its own interval stays insignificant. Failures stay.
     """
     own, radius = estimates.status.reshape(-1), estimates.radius.reshape(-1)
     inside = (ends.radius[:, 0] <= radius) & (radius <= ends.radius[:, 1])
     ruled = (own == Status.OK) | (own == Status.INSIGNIFICANT)
     accepted = np.where((own == Status.OK) | inside, Status.OK, own)
     return np.asarray(np.where(ruled, np.where(ends.identified, accepted, Status.WEAKLY_IDENTIFIED), own))
+
+
+_NO_SPHERE = (Status.TOO_FEW_POINTS, Status.NOT_FINITE, Status.FAILED)
+"""Statuses of fits that say nothing about where the points lie."""
 
 
 class Fit:
@@ -137,6 +192,7 @@ class Fit:
         covariance_of: covariance of (ĉ, r̂) by the estimator's own rule, from samples without missing ones; None for
             the Cramér-Rao bound with the estimates plugged in.
         without_outliers: the estimator leaves ``outliers`` out.
+        ordered: the rows are in the order in which they were measured.
 
     Example:
         Two point sets on a circle about (1, 2), one with noise:
@@ -160,12 +216,14 @@ class Fit:
         estimator: str = "",
         covariance_of: Callable[[Samples, Estimates], Floats] | None = None,
         without_outliers: bool = False,
+        ordered: bool = False,
     ) -> None:
         self._estimates = estimates
         self._samples = samples
         self._estimator = estimator
         self._covariance_of = covariance_of
         self._without_outliers = without_outliers
+        self._ordered = ordered
 
     @property
     def estimates(self) -> Estimates:
@@ -186,6 +244,11 @@ class Fit:
     def without_outliers(self) -> bool:
         """True if the estimator leaves ``outliers`` out; intervals are then formed without them, too."""
         return self._without_outliers
+
+    @property
+    def ordered(self) -> bool:
+        """True if the rows are in the order in which they were measured, so that errors may allow for memory."""
+        return self._ordered
 
     @property
     def center(self) -> Floats:
@@ -234,8 +297,10 @@ class Fit:
     def status(self) -> Ints:
         """Number of the `Status` of each fit (…): ``Status(int(fit.status)).text`` for one.
 
-        It is the estimator's own where it failed. Else one rule holds for every estimator: a fit is weakly identified
-        unless its points bound the radius by a 95 % interval and the noise is below 0.35 radii (theory 10.5).
+        It is the estimator's own where it failed. Else one rule holds for every estimator. Points on a circle in space
+        are a hinge (theory 13.7). A fit is weakly identified unless its points bound the radius by a 95 % interval and
+        the noise is below 0.35 radii (theory 10.5). It is not ok either where it uses outliers, or where the test of
+        fit speaks and that matters (theory 13.6).
         """
         return self.own_status if self._samples is None else self._settled
 
@@ -249,7 +314,8 @@ class Fit:
 
         It depends on the points alone, not on the estimator; that of `robust` leaves the outliers out, as the fit
         does. Copies of a point count once. It assumes isotropic noise of unknown size, and covers where an estimate ±
-        its standard error does not: on small caps, under large noise, and with few points.
+        its standard error does not: on small caps, under large noise, and with few points. Where the residuals show
+        structure it is longer by `allowance`; of points on a circle in space it is open along the axis.
 
         Args:
             of: "radius", "diameter" or "center"; "x", "y" or "z" in up to three dimensions, or "center_1", "center_2",
@@ -299,18 +365,19 @@ class Fit:
     @cached_property
     def _settled(self) -> Ints:
         """The status by the rule, of a fit that holds its points."""
-        return settled_status(self._estimates, self._intervals(0.95)).reshape(self.shape)
+        points = self._points
+        return points.doubts(ruled_status(self._estimates, self._intervals(0.95))).reshape(self.shape)
 
     def _intervals(self, level: float) -> Intervals:
         """Intervals of the flat batch, computed once for each level."""
         known: dict[float, Intervals] = self.__dict__.setdefault("_known_intervals", {})
         if level not in known:
-            known[level] = intervals(self._points.different, level)
+            known[level] = self._points.intervals(level)
         return known[level]
 
     @property
     def ok(self) -> Bools:
-        """True for each fit (…) whose status is ok, whatever `outliers` it uses."""
+        """True for each fit (…) whose status is ok: no more need be looked at."""
         return np.asarray(self.status == Status.OK)
 
     @property
@@ -339,7 +406,7 @@ class Fit:
         flat = self._estimates.reshape(-1)
         part = Estimates._make([np.asarray(array[places]) for array in flat])
         samples = None if self._samples is None else self._samples.take(np.atleast_1d(places).ravel())
-        return type(self)(part, samples, self._estimator, self._covariance_of, self._without_outliers)
+        return type(self)(part, samples, self._estimator, self._covariance_of, self._without_outliers, self._ordered)
 
     def __iter__(self) -> Iterator[Self]:
         return (self[i] for i in range(len(self)))
@@ -375,7 +442,9 @@ class Fit:
         Returns:
             estimator, ok, status (a name), status_text, samples (used), outliers (rows from 0), copies, center,
             center_errors, radius, radius_error, diameter, diameter_error, correlation, sigma, residual_rms, form_error,
-            largest_deviation, condition, radius_interval, center_intervals (95 %); NaN where there is no number.
+            largest_deviation, condition, radius_interval, center_intervals (95 %); goodness (p values by block, and p
+            of all), misfit (the block that is named, or ""), allowance, circle (of a hinge, else None). NaN where
+            there is no number.
 
         Raises:
             ValueError: if there is more than one fit, or the fit does not hold its points.
@@ -440,11 +509,42 @@ class Fit:
         """Test of fit (…): p values of *shape*, *unequal noise*, *tails* and *memory* of the rows, and of all.
 
         It depends on the points alone, not on the estimator, holds for every law of directions, and takes the noise to
-        be isotropic, normal and of unknown size. Copies count once; that of `robust` leaves the outliers out.
+        be isotropic, normal and of unknown size. Copies count once; that of `robust` leaves the outliers out. Of more
+        than 100,000 points so many are tested.
 
         Source: theory §13.
         """
         return Goodness(*(block.reshape(self.shape) for block in goodness(self._points.different)))
+
+    @cached_property
+    def allowance(self) -> Floats:
+        """Factors on the standard errors of ĉ's components and of r̂ (…, d+1) for structure in the residuals.
+
+        They are 1 unless the test of fit speaks by its shape, unequal noise or memory; then errors of white noise would
+        be too small. For memory the rows must be `ordered`. What is constant or linear over the directions cannot be
+        seen, and is not allowed for.
+
+        Source: theory §13.6.
+        """
+        return self._points.structure.ratio.reshape(*self.shape, self.center.shape[-1] + 1)
+
+    @cached_property
+    def circle(self) -> Circle:
+        """The circle in space on which the points lie, if their status is *hinge* (…); NaN in other dimensions.
+
+        It depends on the points alone. Every sphere through it fits: the sphere's centre may be anywhere on its axis.
+
+        Example:
+            >>> import numpy as np, study
+            >>> angles = np.linspace(0, 2, 60)
+            >>> arc = np.column_stack([3 * np.cos(angles), 3 * np.sin(angles), np.ones(60)])
+            >>> fit = study.fit(arc + np.random.default_rng(1).normal(0, 0.01, arc.shape))
+            >>> study.Status(int(fit.status)).name, fit.circle.radius.round(2), fit.circle.axis.round(2)
+            ('HINGE', array(3.), array([0., 0., 1.]))
+
+        Source: theory §13.7.
+        """
+        return Circle(*(array.reshape((*self.shape, *array.shape[1:])) for array in self._points.circles))
 
     @cached_property
     def minimum_zone(self) -> MinimumZone:
@@ -474,8 +574,8 @@ class Fit:
         return np.asarray(np.fmax.reduce(np.abs(self.residuals), axis=-1))
 
     @cached_property
-    def covariance(self) -> Floats:
-        """Covariance of (ĉ, r̂) (…, d+1, d+1), unit squared.
+    def own_covariance(self) -> Floats:
+        """Covariance of (ĉ, r̂) (…, d+1, d+1) for white noise, whatever the residuals show, unit squared.
 
         It is the estimator's own where it has one (`Estimator.covariance`), else the Cramér-Rao bound with the
         estimates plugged in: the noise as given or estimated, and the directions of the points from ĉ, without
@@ -489,6 +589,11 @@ class Fit:
             away = points.used & (points.distance > 0.0)  # a point at the centre has no direction
             found = plug_in_bound(points.directions, away, points.samples.noise, self.noise_variance.reshape(-1))
         return found.reshape(*self.shape, d + 1, d + 1)
+
+    @cached_property
+    def covariance(self) -> Floats:
+        """Covariance of (ĉ, r̂) (…, d+1, d+1), unit squared: `own_covariance`, times `allowance` on both sides."""
+        return self.own_covariance * self.allowance[..., :, None] * self.allowance[..., None, :]
 
     @property
     def standard_errors(self) -> Floats:
@@ -564,5 +669,6 @@ class Fit:
         """The points, flat; ValueError if the fit is not from `study.fit` and does not hold them."""
         if self._samples is None:
             raise ValueError("this fit does not hold its points: use study.fit, which stores them in the fit")
-        center = self.center.reshape(-1, self.center.shape[-1])
-        return FittedPoints(self._samples, center, self._without_outliers)
+        flat = self._estimates.reshape(-1)
+        known = flat if self._estimator == "corrected" else None
+        return FittedPoints(self._samples, flat.center, self._without_outliers, self._ordered, known)

@@ -82,7 +82,12 @@ def as_dict(fit: Any) -> dict[str, Any]:
     others = ("correlation", "sigma", "residual_rms", "form_error", "largest_deviation", "condition")
     numbers |= {name: getattr(fit, name) for name in others}
     numbers |= {"radius_interval": fit.interval("radius"), "center_intervals": fit.interval("center")}
-    return {name: value if isinstance(value, str) else np.asarray(value).tolist() for name, value in numbers.items()}
+    plain = {name: value if isinstance(value, str) else np.asarray(value).tolist() for name, value in numbers.items()}
+    plain["goodness"] = {"p": float(fit.goodness.p)} | {name: float(p) for name, p in fit.goodness._asdict().items()}
+    plain["misfit"], plain["allowance"] = str(fit.goodness.first()), fit.allowance.tolist()
+    hinge = status == Status.HINGE
+    plain["circle"] = {name: part.tolist() for name, part in fit.circle._asdict().items()} if hinge else None
+    return plain
 
 
 def named_axis(of: str, d: int) -> int | None:

@@ -17,6 +17,7 @@ import numpy as np
 from study.arrays import Floats
 from study.fits import ESTIMATORS, Fit, Status, fit
 from study.fits.display import statuses
+from study.fits.given import GivenFit, takes
 from study.fits.point_files import PointTable
 from study.fits.point_text import PointFileError
 from study.fits.registry import load
@@ -29,12 +30,6 @@ _NAMED = 5
 """Rows of outliers that are named."""
 _SPARE = 6
 """Points more than d + 1 from which on intervals were measured to cover in ok fits (docs/coverage.md)."""
-_ACROSS = 0.3
-"""Standard error across a belt, in rms distances of its points from its plane, beyond which intervals are too short."""
-_NEAR = 0.3
-"""Distance of that plane from the centre, in radii, up to which points are a belt and not a cap."""
-_TESTED = 100_000
-"""Number of points up to which the test of fit is made; beyond, it would take longer than the fit."""
 _REASONS = {
     "shape": "another shape, or an error that follows the direction",
     "unequal noise": "noise that is larger in some directions, or outliers",
@@ -75,31 +70,36 @@ def doubts(fit: Fit) -> Iterator[str]:
     if fit.ok and spare < _SPARE:
         more = "1 point" if spare == 1 else f"{spare} points"
         yield f"only {more} more than a sphere needs, so that the noise can look small by chance: ok may be luck"
-    if fit.ok and _is_belt(fit):
-        yield "the points lie close to a plane through the centre: its interval across that plane is too short"
-    explained = rows and not fit.without_outliers  # by the outliers, which are named above
-    if not explained and samples <= _TESTED and (block := str(fit.goodness.first())):
-        shape = "circle" if fit.center.shape[0] == 2 else "sphere"
-        p = float(getattr(fit.goodness, block.replace(" ", "_")))
-        size = "p < 1e-9" if p < 1e-9 else f"p = {number(p, '.2g')}"
-        yield f"not a {shape} with white noise ({block}, {size}): {_REASONS[block]}; every ± may be too small"
+    if fit.status == Status.HINGE:
+        yield from _circle_in_words(fit)
+    elif (fit.status == Status.MISFIT or fit.without_outliers or not rows) and (block := str(fit.goodness.first())):
+        yield _misfit_in_words(fit, block)
 
 
-def uses_outliers(fit: Fit) -> bool:
-    """True if some points are outliers and the fit does not leave them out."""
-    return not fit.without_outliers and bool(fit.outliers.any())
+def _circle_in_words(fit: Fit) -> Iterator[str]:
+    """Lines with the circle in space on which the points lie."""
+    circle = fit.circle
+    center = ", ".join(with_error(float(c), float(e)) for c, e in zip(circle.center, circle.center_errors, strict=True))
+    axis = ", ".join(f"{float(part):.3f}" for part in circle.axis)
+    radius = with_error(float(circle.radius), float(circle.radius_error))
+    yield f"the circle: centre {center}; radius {radius}; axis ({axis}) ± {float(circle.axis_error):.2g} rad"
+    yield "a sphere's centre may be anywhere on that axis, and its mirror image in the circle's plane fits as well"
 
 
-def _is_belt(fit: Fit) -> bool:
-    """True if the centre is least certain across a plane through it, as far as the points are from that plane."""
-    d = fit.center.shape[0]
-    covariance = fit.covariance[:d, :d]
-    if fit.samples is None or not np.isfinite(covariance).all():
-        return False
-    values, vectors = np.linalg.eigh(covariance)
-    heights = (fit.samples.points[0] - fit.center) @ vectors[:, -1]
-    about = abs(np.nanmean(heights)) < _NEAR * fit.radius
-    return bool(about and math.sqrt(values[-1]) > _ACROSS * np.nanstd(heights))
+def _misfit_in_words(fit: Fit, block: str) -> str:
+    """A line about what the test of fit sees, and what the errors make of it."""
+    shape = "circle" if fit.center.shape[0] == 2 else "sphere"
+    p = float(getattr(fit.goodness, block.replace(" ", "_")))
+    size = "p < 1e-9" if p < 1e-9 else f"p = {number(p, '.2g')}"
+    largest = float(fit.allowance.max())
+    allowed = f"every ± allows for it, up to {number(largest, '.2g')} times that of white noise"
+    if block == "memory" and not fit.ordered:
+        allowed = "every ± may be too small; if the rows are in order of time, ordered=True (--ordered) allows for it"
+    elif block == "tails":
+        allowed = "± does not change"
+    elif largest == 1.0:
+        allowed = "that of white noise is as large"
+    return f"not a {shape} with white noise ({block}, {size}): {_REASONS[block]}; {allowed}"
 
 
 def intervals_in_words(fit: Fit, names: list[str]) -> Iterator[str]:
@@ -110,7 +110,7 @@ def intervals_in_words(fit: Fit, names: list[str]) -> Iterator[str]:
         told = f"radius at least {_digits(low, low)}" if low > 0.0 else "the radius may be anything"
         yield f"{title}: {told}; the points do not bound it, nor the centre"
         return
-    parts = [f"radius {_between(low, high)}"]
+    parts = [f"radius {_between(low, high)}"] if high > low else []  # a known radius has none
     parts += [f"{name} {_between(*ends)}" for name, ends in zip(names, fit.interval("center", LEVEL), strict=True)]
     yield f"{title}: {', '.join(parts)}"
 
@@ -169,9 +169,34 @@ def choose(estimator: str, noise: float | None) -> list[str]:
     return [estimator]
 
 
-def fit_all(points: Floats, estimators: list[str], noise: float | None) -> dict[str, Fit]:
-    """Fit points (n, d) by each estimator."""
-    return {name: fit(points, name, noise) for name in estimators}
+def fit_all(
+    points: Floats,
+    estimators: list[str],
+    noise: float | Floats | None,
+    ordered: bool = False,
+    radius: float | None = None,
+    scale: str = "given",
+) -> dict[str, Fit]:
+    """Fit points (n, d) by each estimator.
+
+    Args:
+        points: the points.
+        estimators: their names; of several, those that do not take what is known are left out.
+        noise: standard deviation of a coordinate, of all points or of each, if it is known; see `study.fit`.
+        ordered: the rows are in the order in which they were measured.
+        radius: the radius, if it is known.
+        scale: see `study.fit`.
+
+    Raises:
+        PointFileError: if an estimator does not take what is known, with those that do.
+    """
+    known: dict[str, Any] = {"radius": radius, "scale": scale, "ordered": ordered}
+    if len(estimators) > 1 and (radius is not None or np.ndim(noise)):
+        estimators = [name for name in estimators if takes(name, points.shape, noise, radius, scale)]
+    try:
+        return {name: fit(points, name, noise, **known) for name in estimators}
+    except ValueError as error:
+        raise PointFileError(str(error)) from None
 
 
 def fit_rows(fits: dict[str, Fit], names: list[str]) -> list[Row]:
@@ -184,7 +209,8 @@ def fit_rows(fits: dict[str, Fit], names: list[str]) -> list[Row]:
     Returns:
         A row per estimator: estimator, each coordinate of the centre (center_x) and its standard error (error_x),
         radius and diameter with theirs, noise σ̂, residual RMS, form error, largest deviation, ρ, the ends of the 95 %
-        intervals (radius_low, radius_high, center_x_low, …), numbers of outliers and copies, samples used, status in
+        intervals (radius_low, radius_high, center_x_low, …), the p values of the test of fit (goodness_shape, …), the
+        largest factor on errors for structure (allowance), numbers of outliers and copies, samples used, status in
         words.
     """
     rows = []
@@ -199,6 +225,8 @@ def fit_rows(fits: dict[str, Fit], names: list[str]) -> list[Row]:
         row["residual_rms"], row["condition"] = float(result.residual_rms), float(result.condition)
         row["form_error"], row["largest_deviation"] = float(result.form_error), float(result.largest_deviation)
         row |= interval_numbers(result, names)
+        row |= {f"goodness_{name}": float(p) for name, p in result.goodness._asdict().items()}
+        row["allowance"] = float(result.allowance.max())
         row["outliers"], row["copies"] = int(result.outliers.sum()), int(result.copies)
         row["samples"], row["status"] = int(result.count), explain(int(result.status))
         rows.append(row)
@@ -253,8 +281,8 @@ class FileFits(NamedTuple):
         return fit_rows(self.fits, self.table.names)
 
     def ok(self) -> bool:
-        """True if every fit is ok and uses no outliers."""
-        return all_ok(self.rows()) and not any(map(uses_outliers, self.fits.values()))
+        """True if every fit is ok."""
+        return all_ok(self.rows())
 
 
 def as_text(files: list[FileFits], noise: float | None = None) -> Iterator[str]:
@@ -270,6 +298,8 @@ def as_text(files: list[FileFits], noise: float | None = None) -> Iterator[str]:
         first = next(iter(only.fits.values()))
         yield from intervals_in_words(first, only.table.names)
         yield from doubts(first)
+        if isinstance(first, GivenFit):
+            yield from first.remarks()
     else:
         yield from _table(files)
     chosen = [

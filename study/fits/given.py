@@ -26,7 +26,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from study.arrays import Bools, Floats, Ints, real_array
-from study.fits.answer import Fit
+from study.fits.answer import Fit, FittedPoints, ruled_status
 from study.fits.bounds import is_per_point, point_noise
 from study.fits.goodness import Goodness
 from study.fits.intervals import Intervals
@@ -154,6 +154,15 @@ def check_way(estimator: str, given: Given) -> None:
         raise ValueError("estimator = 'ugdk': subtracts the noise, so that its scale must be given; als finds it")
     if estimator == "ugdk" and given.noise is None and given.sigma is None:
         raise ValueError("estimator = 'ugdk': subtracts the known noise: pass noise=σ, or use als, which finds it")
+
+
+def takes(estimator: str, shape: tuple[int, ...], *known: Any) -> bool:
+    """True for an estimator that takes what is known: noise, radius and scale as `study.fit` has them."""
+    try:
+        check_way(estimator, given_of(shape, *known))
+    except ValueError:
+        return False
+    return True
 
 
 def _listed(names: Iterable[str]) -> str:
@@ -318,10 +327,13 @@ class GivenFit(Fit):
         samples: the points that were fitted, flat (b, d, n).
         estimator: name of the estimator.
         given: what was known, flat.
+        ordered: the rows are in the order in which they were measured.
     """
 
-    def __init__(self, estimates: Estimates, samples: Samples, estimator: str, given: Given) -> None:
-        super().__init__(estimates, samples, estimator)
+    def __init__(
+        self, estimates: Estimates, samples: Samples, estimator: str, given: Given, ordered: bool = False
+    ) -> None:
+        super().__init__(estimates, samples, estimator, ordered=ordered)
         self._given = given
 
     def __getitem__(self, index: Any) -> Self:
@@ -330,7 +342,14 @@ class GivenFit(Fit):
         places = np.arange(self.radius.size).reshape(self.shape)[index]
         part = Estimates._make([np.asarray(array[places]) for array in self._estimates.reshape(-1)])
         flat = np.atleast_1d(places).ravel()
-        return type(self)(part, self._points.samples.take(flat), self._estimator, self._given.take(flat))
+        samples, given = self._points.samples.take(flat), self._given.take(flat)
+        return type(self)(part, samples, self._estimator, given, self._ordered)
+
+    @cached_property
+    def _points(self) -> FittedPoints:
+        """The points; what they show is judged by the sphere of the free fit."""
+        center = self.center.reshape(-1, self.center.shape[-1])
+        return FittedPoints(self._samples, center, self._without_outliers, self._ordered, None)  # type: ignore[arg-type]
 
     @cached_property
     def _sets(self) -> Weighted:
@@ -363,10 +382,10 @@ class GivenFit(Fit):
         found[~self._spheres.found] = np.nan
         return (found * (self._sets.unit**2)[:, None, None]).reshape(*self.shape, *found.shape[1:])
 
-    @property
-    def covariance(self) -> Floats:
-        """Covariance of (ĉ, r̂) (…, d+1, d+1), unit squared."""
-        return self.own_covariance
+    @cached_property
+    def allowance(self) -> Floats:
+        """Factors on standard errors for structure in the residuals (…, d+1); 1 where points have their own noise."""
+        return super().allowance if self._given.noise is None else np.ones((*self.shape, self.center.shape[-1] + 1))
 
     @cached_property
     def noise_scale(self) -> Floats:
@@ -456,8 +475,20 @@ class GivenFit(Fit):
         """Intervals of the flat batch, computed once for each level."""
         known: dict[float, Intervals] = self.__dict__.setdefault("_known_intervals", {})
         if level not in known:
-            known[level] = given_intervals(self._sets, level)
+            ends = given_intervals(self._sets, level)
+            longer = 0.5 * (self.allowance.reshape(len(ends.radius), -1)[:, :-1] - 1.0)
+            with np.errstate(invalid="ignore"):  # open ends
+                length = np.where(longer > 0.0, longer * np.ptp(ends.center, axis=2), 0.0)
+            known[level] = ends._replace(center=ends.center + length[..., None] * [-1.0, 1.0])
         return known[level]
+
+    @cached_property
+    def _settled(self) -> Ints:
+        """The status by the rule for every estimator, without a test of fit where points have their own noise."""
+        if self._given.noise is None:
+            return np.asarray(super()._settled)
+        status = ruled_status(self._estimates, self._intervals(0.95)).reshape(self.shape)
+        return np.where((status == Status.OK) & self.outliers.any(axis=-1), Status.OUTLIERS, status)
 
 
 def given_intervals(sets: Weighted, level: float) -> Intervals:
@@ -531,10 +562,9 @@ def _without_radius(sets: Weighted, quantile: Floats) -> Intervals:
     return Intervals(radius, center, share)
 
 
-def fit_given(points: Floats, estimator: str, noise: ArrayLike | None, radius: ArrayLike | None, scale: str) -> Fit:
+def fit_given(points: Floats, estimator: str, given: Given, ordered: bool = False) -> Fit:
     """`study.fit` with a known radius or a noise for each point; see there."""
     *lead, n, d = points.shape
-    given = given_of(points.shape, noise, radius, scale)
     check_way(estimator, given)
     x = np.array(points.reshape(-1, n, d).swapaxes(1, 2), dtype=float, order="C")
     if given.noise is not None:  # a point without a noise is missing
@@ -545,4 +575,4 @@ def fit_given(points: Floats, estimator: str, noise: ArrayLike | None, radius: A
     found.status[infinite] = Status.NOT_FINITE
     fitted = np.isfinite(found.radius) & np.isfinite(given.radius)
     found.radius[fitted] = given.radius[fitted]
-    return GivenFit(found.reshape(*lead), Samples(x), estimator, given)
+    return GivenFit(found.reshape(*lead), Samples(x), estimator, given, ordered)

@@ -18,26 +18,28 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import null_space
-from scipy.special import betainc, chndtr, gammaln, hyp0f1, hyp1f1, ive, ndtri, stdtrit
+from scipy.special import betainc, chndtr, gammaln, hyp0f1, hyp1f1, ive, ndtri
 
 from study.arrays import Bools, Floats, Ints
 from study.fits.corrected import corrected
 from study.fits.samples import Samples, binary_size
 
 BLOCKS = ("shape", "unequal noise", "tails", "memory")
+LEVEL = 0.01
+"""Overall level at which the test speaks."""
 _DEGREES = 4
 _MOST_HARMONICS = 100
 """Number of harmonics that are tested, at most, beside those of degree 2."""
 _TOGETHER = 20_000
 """Points that are tested at a time, which stay in a processor's cache."""
+_MOST_POINTS, _STRETCHES = 100_000, 100
+"""Points of a set that are tested, at most, and the number of stretches of rows that they are taken in."""
 _LEAST = 1e-13
 """Least mean square of a direction of the harmonics beside which rounding counts."""
-_SMALL = 0.05
+SMALL = 0.05
 """Noise in radii up to which residuals are taken to be normal and of one size given the directions."""
 _NO_NOISE = 1e-22
 """Noise variance in square radii that rounding makes."""
-_COSINES = 6
-"""Terms of the series over time (Lazarus et al. 2018)."""
 _MANY = 300
 """Number of points from which the moments' own covariance is enough."""
 _FAR = 1e-3
@@ -75,16 +77,23 @@ class Goodness(NamedTuple):
         least = np.where(count > 0, np.fmin.reduce(values, axis=0), np.nan)
         return np.asarray(-np.expm1(count * np.log1p(-np.minimum(least, 1.0 - 1e-16))))
 
-    def speaks(self, level: float = 0.01) -> Bools:
+    def speaks(self, level: float = LEVEL) -> Bools:
         """True for each block that speaks at an overall level (4, …)."""
         values = np.stack(self)
         limit = -np.expm1(np.log1p(-level) / np.maximum(np.isfinite(values).sum(axis=0), 1))
         return np.asarray(values < limit)
 
-    def first(self, level: float = 0.01) -> np.ndarray[tuple[int, ...], np.dtype[np.str_]]:
-        """Name of the first block that speaks at an overall level, in the order of `BLOCKS`; "" if none does (…)."""
-        speaks = self.speaks(level)
-        return np.where(speaks.any(axis=0), np.array(BLOCKS)[speaks.argmax(axis=0)], "")
+    def first(self, level: float = LEVEL) -> np.ndarray[tuple[int, ...], np.dtype[np.str_]]:
+        """Name of the block that explains what is seen at an overall level; "" if none speaks (…).
+
+        It is the first that speaks, in the order of `BLOCKS`; but *memory* where its p value is the least. A form that
+        is measured along a path makes neighbours alike, and noise with memory makes a form: what fits better is named.
+        """
+        speaks, values = self.speaks(level), np.stack(self)
+        place = speaks.argmax(axis=0)
+        others = np.fmin.reduce(np.where(speaks[:3], values[:3], 1.0))
+        place = np.where(speaks[3] & (self.memory < others), 3, place)
+        return np.where(speaks.any(axis=0), np.array(BLOCKS)[place], "")
 
 
 class Harmonics(NamedTuple):
@@ -207,7 +216,7 @@ def normal_scores(R: Floats, s: Floats, d: int) -> Floats:
         mean = 1.0 + h * p * (h - 1.0 - 0.5 * (2.0 - h) * m * p)
         spread = h * np.sqrt(2.0 * p) * (1.0 + 0.5 * m * p)
         z[sets] = ((R[sets] ** 2 * far / (k + far)) ** h - mean) / spread
-    sets = np.flatnonzero(s > _SMALL**2)
+    sets = np.flatnonzero(s > SMALL**2)
     if len(sets):
         square = R[sets] ** 2 / s[sets]
         z[sets] = np.clip(ndtri(chndtr(square, float(d), 1.0 / s[sets])), -_LARGEST_SCORE, _LARGEST_SCORE)
@@ -217,7 +226,7 @@ def normal_scores(R: Floats, s: Floats, d: int) -> Floats:
 @cache
 def _size_by_degree(d: int) -> tuple[Floats, Floats]:
     """Noises ln s, and λ_l - λ_0 of φ = |z|^⅔ for degrees 1 and 2 (2, k), z the normal score of R, by a sum over R."""
-    s = np.geomspace(_SMALL**2, 1.0, 60)[:, None]
+    s = np.geomspace(SMALL**2, 1.0, 60)[:, None]
     R = 1.0 + np.sqrt(s) * np.linspace(-_LARGEST_SCORE, _LARGEST_SCORE + d, 1501)
     R, order = np.maximum(R, 1e-9), 0.5 * d - 1.0
     weight = R ** (0.5 * d) * np.exp(-((R - 1.0) ** 2) / (2.0 * s)) * ive(order, R / s) * (R > 1e-9)
@@ -246,6 +255,7 @@ def goodness(samples: Samples) -> Goodness:
 
     Source: theory §13.
     """
+    samples = evenly_thinned(samples)
     b, d, _ = samples.shape
     result = np.full((4, b), np.nan)
     for sets, present in samples.by_count():
@@ -259,19 +269,29 @@ def goodness(samples: Samples) -> Goodness:
     return Goodness(*result)
 
 
+def evenly_thinned(samples: Samples) -> Samples:
+    """The samples, or of very large sets stretches of consecutive rows: their neighbours are those of the whole."""
+    n = samples.shape[2]
+    if n <= _MOST_POINTS:
+        return samples
+    length = _MOST_POINTS // _STRETCHES
+    begun = np.linspace(0, n - length, _STRETCHES).astype(np.int64)
+    return Samples(np.ascontiguousarray(samples.x[:, :, (begun[:, None] + np.arange(length)).ravel()]))
+
+
 def _of_part(x: Floats) -> Floats:
     """The p values (4, b) of complete sets (b, d, n)."""
     b, d, n = x.shape
     out = np.full((4, b), np.nan)
-    basis = harmonics(d, _highest_degree(n, d))
-    sets, R, Y, s = _on_the_fit(x, basis)
+    basis = harmonics(d, highest_degree(n, d))
+    sets, R, Y, s = on_the_fit(x, basis)
     if len(sets):
         out[0, sets] = _shape(R, Y, s, basis)
         out[1:, sets] = _residual_blocks(R, Y, s, d)
     return out
 
 
-def _on_the_fit(x: Floats, basis: Harmonics) -> tuple[Ints, Floats, Floats, Floats]:
+def on_the_fit(x: Floats, basis: Harmonics) -> tuple[Ints, Floats, Floats, Floats]:
     """Sets whose `corrected` fit serves; their R, harmonics and noise variance s, in radii."""
     d, n = x.shape[1:]
     x = np.ldexp(x, -binary_size(x)[:, None, None])
@@ -286,16 +306,16 @@ def _on_the_fit(x: Floats, basis: Harmonics) -> tuple[Ints, Floats, Floats, Floa
     return (sets, R, Y, s) if len(sets) == len(x) else (sets, R[sets], Y[sets], s[sets])
 
 
-def _highest_degree(n: int, d: int) -> int:
+def highest_degree(n: int, d: int) -> int:
     """Largest degree, 2 to 4: those below leave half of the freedom to the noise, and harmonics are few enough."""
-    count, degree = _count(d, 2), 2
-    while degree < _DEGREES and count < (n - d - 1) // 2 and count + _count(d, degree + 1) <= _MOST_HARMONICS:
+    count, degree = number_of(d, 2), 2
+    while degree < _DEGREES and count < (n - d - 1) // 2 and count + number_of(d, degree + 1) <= _MOST_HARMONICS:
         degree += 1
-        count += _count(d, degree)
+        count += number_of(d, degree)
     return degree
 
 
-def _count(d: int, degree: int) -> int:
+def number_of(d: int, degree: int) -> int:
     """Number of harmonics of a degree."""
     return comb(d + degree - 1, degree) - (comb(d + degree - 3, degree - 2) if degree > 1 else 0)
 
@@ -349,7 +369,7 @@ def _moments(R: Floats, Y: Floats, s: Floats, basis: Harmonics) -> ShapeMoments:
     model = gram[:, d + 1 :, d + 1 :] - gram[:, d + 1 :, : d + 1] @ explained[:, :, :-1]
     left = (over**2).mean(axis=1) - np.einsum("bi,bi->b", equations[:, : d + 1], explained[:, :, -1])
     least = equations[:, test] - (gram[:, d + 1 :, : d + 1] @ explained[:, :, -1:])[:, :, 0]
-    noisy = np.flatnonzero(s > _SMALL**2)
+    noisy = np.flatnonzero(s > SMALL**2)
     combine = np.zeros((len(noisy), len(test), k + 1))
     combine[:, np.arange(len(test)), test] = 1.0
     combine[:, :, solved] = -weights[noisy]
@@ -380,12 +400,12 @@ def _shape_tests(
     n, d = size
     spare, most = n - d - 1, (n - d - 1) // (3 if own else 2)
     two, more = degree == 2, degree > 2
-    first, count, inverse = _form(g[:, two], omega[:, two][:, :, two], most)
+    first, count, inverse = form_of(g[:, two], omega[:, two][:, :, two], most)
     forms, counts = [first], [count]
     if more.any() and most > two.sum() + 1:
         cross = omega[:, more][:, :, two] @ inverse
         rest = g[:, more] - (cross @ g[:, two, None])[:, :, 0]
-        second, count, _ = _form(
+        second, count, _ = form_of(
             rest, omega[:, more][:, :, more] - cross @ omega[:, two][:, :, more], most - int(two.sum())
         )
         forms.append(second)
@@ -402,7 +422,7 @@ def _shape_tests(
     return np.asarray(-np.expm1(tested * np.log1p(-np.minimum(np.fmin.reduce(result), 1.0 - 1e-16))))
 
 
-def _form(g: Floats, omega: Floats, most: int) -> tuple[Floats, Ints, Floats]:
+def form_of(g: Floats, omega: Floats, most: int) -> tuple[Floats, Ints, Floats]:
     """gᵀ Ω⁺ g (b,), the rank of Ω, and Ω⁺, of the ``most`` directions of largest variance."""
     if omega.shape[1] <= most:
         diagonal = np.einsum("bii->bi", omega)
@@ -421,21 +441,28 @@ def _form(g: Floats, omega: Floats, most: int) -> tuple[Floats, Ints, Floats]:
     return (along**2 * weights).sum(axis=1), used.sum(axis=1), (vectors * weights[:, None]) @ vectors.swapaxes(1, 2)
 
 
-def _residual_blocks(R: Floats, Y: Floats, s: Floats, d: int) -> Floats:
-    """The p values (3, b) of unequal noise, tails and memory, from the scores of R freed from 1 and e."""
-    b, _, n = Y.shape
+def scores_of_residuals(R: Floats, Y: Floats, s: Floats, d: int) -> tuple[Floats, Floats, Floats, Floats]:
+    """Normal scores z of R (b, n), what 1 and e leave of them, that over its standard error, and orthonormal 1, e."""
+    n = R.shape[1]
     z = normal_scores(R, s, d)
     X = Y[:, : d + 1]
     Q = np.linalg.solve(np.linalg.cholesky(X @ X.swapaxes(1, 2)), X)  # orthonormal rows
     rho = z - ((Q @ z[:, :, None]).swapaxes(1, 2) @ Q)[:, 0]
-    spare, total = n - d - 1, np.einsum("bn,bn->b", rho, rho)
+    total = np.einsum("bn,bn->b", rho, rho)
     leverage = np.minimum(np.einsum("bkn,bkn->bn", Q, Q), 1.0 - 1e-9)
-    t = rho / np.sqrt((1.0 - leverage) * (total / spare)[:, None])
+    return z, rho, rho / np.sqrt((1.0 - leverage) * (total / (n - d - 1))[:, None]), Q
+
+
+def _residual_blocks(R: Floats, Y: Floats, s: Floats, d: int) -> Floats:
+    """The p values (3, b) of unequal noise, tails and memory, from the scores of R freed from 1 and e."""
+    b, _, n = Y.shape
+    z, rho, t, Q = scores_of_residuals(R, Y, s, d)
+    spare, total = n - d - 1, np.einsum("bn,bn->b", rho, rho)
     missing = np.full(b, np.nan)
     if spare < _LEAST_SPARE:
         return np.stack([missing, missing, _memory(rho, Q, total)])
     sizes = _unequal(t, Y, np.zeros(b), d)
-    noisy = np.flatnonzero(s > _SMALL**2)
+    noisy = np.flatnonzero(s > SMALL**2)
     if len(noisy):  # scores have their law for every direction; what e explains of them is not all error
         scores = z[noisy] - z[noisy].mean(axis=1, keepdims=True)
         scores /= np.sqrt((scores**2).mean(axis=1, keepdims=True))
@@ -447,33 +474,38 @@ def _residual_blocks(R: Floats, Y: Floats, s: Floats, d: int) -> Floats:
 
 def _unequal(t: Floats, Y: Floats, s: Floats, d: int) -> Floats:
     """Test of a regression of |t|^⅔, which is nearly normal, on the harmonics of degrees 1 and 2."""
-    n, last = t.shape[1], 1 + d + _count(d, 2)
+    n, last = t.shape[1], 1 + d + number_of(d, 2)
     w = np.cbrt(t * t)
     w -= w.mean(axis=1, keepdims=True)
     X = Y[:, 1:last] - Y[:, 1:last].mean(axis=2, keepdims=True)
     moments = (X @ w[:, :, None])[:, :, 0] / n
-    noisy = np.flatnonzero(s > _SMALL**2)
+    noisy = np.flatnonzero(s > SMALL**2)
     if len(noisy):
         places, excess = _size_by_degree(d)
         for degree, part in ((1, slice(0, d)), (2, slice(d, last - 1))):
             shift = np.interp(np.log(s[noisy]), places, excess[degree - 1])
             moments[noisy, part] -= shift[:, None] * Y[noisy, 1:last][:, part].mean(axis=2)
-    form, count, _ = _form(moments, X @ X.swapaxes(1, 2) / n, (n - 1) // 4)
+    form, count, _ = form_of(moments, X @ X.swapaxes(1, 2) / n, (n - 1) // 4)
     rest = n - 1.0 - count
     return f_tail(form / count / (((w * w).mean(axis=1) - form) / rest), count, rest)
 
 
 def _tails(t: Floats, spare: int) -> Floats:
-    """Test of the means of sin t and cos(3t/2), which are bounded, the latter made normal by its skewness."""
-    n, even_at = t.shape[1], 2.25
+    """Test of the means of sin t and cos(3t/2), which are bounded."""
+    odd, even = tail_statistics(np.sin(t).mean(axis=1), np.cos(1.5 * t).mean(axis=1), t.shape[1], spare)
+    return np.asarray(np.exp(-0.5 * (odd**2 + even**2)))
+
+
+def tail_statistics(odd: Floats, even: Floats, n: int, spare: int) -> tuple[Floats, Floats]:
+    """Means (b,) of sin t and of cos(3t/2) of n residuals, made standard normal, the latter by its skewness too."""
+    even_at = 2.25
     with np.errstate(all="ignore"):
         few, many = hyp0f1(0.5 * spare, -0.25 * even_at * spare), 1.0 - 0.25 * even_at**2 / (spare + 2.0)
     expected = few if spare < _EXACT_MEAN else np.exp(-0.5 * even_at) * many
-    odd = np.sin(t).mean(axis=1) * np.sqrt(n / (_ODD * (1.0 - 2.1 / n)))
-    even = (np.cos(1.5 * t).mean(axis=1) - expected) * np.sqrt(n / (_EVEN * (1.0 - 4.0 / n)))
+    odd = odd * np.sqrt(n / (_ODD * (1.0 - 2.1 / n)))
+    even = (even - expected) * np.sqrt(n / (_EVEN * (1.0 - 4.0 / n)))
     skew = 3.4 / np.sqrt(n)
-    even = (np.cbrt(np.maximum(1.0 + 0.5 * skew * even, 0.0)) - 1.0 + skew**2 / 36.0) * 6.0 / skew
-    return np.asarray(np.exp(-0.5 * (odd**2 + even**2)))
+    return odd, (np.cbrt(np.maximum(1.0 + 0.5 * skew * even, 0.0)) - 1.0 + skew**2 / 36.0) * 6.0 / skew
 
 
 def _memory(rho: Floats, Q: Floats, total: Floats) -> Floats:
@@ -490,63 +522,3 @@ def _memory(rho: Floats, Q: Floats, total: Floats) -> Floats:
     variance = 2.0 * (spare * square - trace**2) / (spare**2 * (spare + 2.0))
     free, share = 1.0 / variance - 1.0, np.minimum((ratio - trace / spare) ** 2, 1.0 - 1e-15)
     return f_tail(share * free / (1.0 - share), np.ones_like(free), free)
-
-
-def allowance(samples: Samples, answer: Goodness, ordered: bool = False, level: float = 0.95) -> Floats:
-    """Factors on the half-widths of intervals of the centre's coordinates and the radius, where structure is seen.
-
-    `Fit` does not use it: how often intervals of the centre then cover was not measured (benchmarks/misfit.py).
-
-    Structure is seen where *shape*, *unequal noise* or *memory* speaks. Then a series over the directions measures it,
-    the residuals' own squares do, and a series over time if the rows are in order. The largest factor counts.
-
-    Args:
-        samples: the points (b, d, n), complete.
-        answer: their `goodness`.
-        ordered: the rows are in the order in which they were measured.
-        level: nominal coverage of the intervals.
-
-    Returns:
-        Factors (b, d + 1) of at least 1, and exactly 1 where none of the three speaks at the overall level 1 %.
-
-    Source: theory §13.
-    """
-    b, d, n = samples.shape
-    factors = np.ones((b, d + 1))
-    sets = np.flatnonzero(answer.speaks()[[0, 1, 3]].any(axis=0))
-    part = max(_TOGETHER // n, 1)
-    for some in (sets[i : i + part] for i in range(0, len(sets), part)):
-        with np.errstate(all="ignore"):
-            used, R, Y, _ = _on_the_fit(samples.x[some], harmonics(d, 2))
-            if len(used):
-                factors[some[used]] = _factors(R, Y, ordered, level)
-    return factors
-
-
-def _factors(R: Floats, Y: Floats, ordered: bool, level: float) -> Floats:
-    """Factors (b, d + 1) of sets that are fitted, by the standard errors of white noise."""
-    b, k, n = Y.shape
-    d = next(d for d in range(2, k) if k == 1 + d + _count(d, 2))
-    X, spare, quantile = Y[:, : d + 1], n - d - 1, 0.5 * (1.0 + level)
-    inverse = np.linalg.inv(X @ X.swapaxes(1, 2))
-    pull = (inverse @ X)[:, np.r_[1 : d + 1, 0]]  # (c, r) = pull ρ to first order
-    rho = (R - 1.0) - ((R - 1.0)[:, None] @ X.swapaxes(1, 2) @ inverse @ X)[:, 0]
-    white = np.einsum("bkn,bkn->bk", pull, pull) * (np.einsum("bn,bn->b", rho, rho) / spare)[:, None]
-    ends = float(stdtrit(spare, quantile))
-    factors = np.ones((b, d + 1))
-
-    def admit(variance: Floats, free: float | Ints) -> None:
-        ratio = np.sqrt(variance / white) * np.asarray(stdtrit(free, quantile)) / ends
-        np.fmax(factors, ratio, out=factors)
-
-    gram = Y[:, d + 1 :] - Y[:, d + 1 :] @ X.swapaxes(1, 2) @ inverse @ X
-    form, count, _ = _form((gram @ rho[:, :, None])[:, :, 0], gram @ gram.swapaxes(1, 2), max(spare // 3, 2))
-    over = np.einsum("bkn,bkn->bk", pull, pull) * (form / count)[:, None]
-    admit(over, count[:, None])
-    leverage = np.einsum("bkn,bkl,bln->bn", X, inverse, X, optimize=True)
-    admit((pull**2 @ ((rho / (1.0 - leverage)) ** 2)[:, :, None])[:, :, 0], float(spare))
-    if ordered:
-        places = np.pi * np.outer(np.arange(1, _COSINES + 1), (np.arange(n) + 0.5) / n)
-        along = (pull * rho[:, None]) @ np.cos(places).T * np.sqrt(2.0)
-        admit((along**2).mean(axis=2), float(_COSINES))
-    return factors

@@ -429,7 +429,7 @@ class Intervals(NamedTuple):
         return np.asarray(bounded & (self.noise_share < NOISY))
 
 
-def intervals(samples: Samples, level: float = 0.95) -> Intervals:
+def intervals(samples: Samples, level: float = 0.95, stretch: Floats | None = None) -> Intervals:
     """Confidence intervals of radius and centre, each of the given level, whatever the estimator.
 
     The score of a hypothetical radius, with centre and noise profiled out, is inverted in signed curvature. It is free
@@ -440,6 +440,7 @@ def intervals(samples: Samples, level: float = 0.95) -> Intervals:
         samples: the batch, in d ≥ 2 dimensions; isotropic noise is assumed, and its size is found in the points.
             Points with a NaN are missing.
         level: nominal coverage, in (0, 1).
+        stretch: factors on the quantile of each set (b,), for errors larger than those of white noise; None for 1.
 
     Raises:
         ValueError: if the level is not between 0 and 1.
@@ -449,11 +450,12 @@ def intervals(samples: Samples, level: float = 0.95) -> Intervals:
     if not 0.0 < level < 1.0:
         raise ValueError(f"level = {level}: a confidence level lies between 0 and 1, for example 0.95")
     b, d, _ = samples.shape
+    factors = np.ones(b) if stretch is None else stretch
     result = Intervals(np.empty((b, 2)), np.empty((b, d, 2)), np.full(b, np.nan))
     result.radius[:] = 0.0, np.inf
     result.center[:] = -np.inf, np.inf
     if is_ordinary(samples.moments.fourth):
-        _compute(samples, level, result)
+        _compute(samples, level, factors, result)
         return result
     for sets, present in samples.by_count():
         if present.shape[2] <= d + 1:
@@ -462,14 +464,14 @@ def intervals(samples: Samples, level: float = 0.95) -> Intervals:
         for power in np.unique(powers[np.abs(powers) <= FARTHEST]):  # a unit of their own size
             some = np.flatnonzero(powers == power)
             part = Intervals(*(array[sets[some]] for array in result))
-            _compute(scaled(present.take(some), -int(power)), level, part)
+            _compute(scaled(present.take(some), -int(power)), level, factors[sets[some]], part)
             result.radius[sets[some]] = np.ldexp(part.radius, power)
             result.center[sets[some]] = np.ldexp(part.center, power)
             result.noise_share[sets[some]] = part.noise_share
     return result
 
 
-def _compute(samples: Samples, level: float, result: Intervals) -> None:
+def _compute(samples: Samples, level: float, factors: Floats, result: Intervals) -> None:
     """Fill in the intervals of sets without missing samples, of ordinary size."""
     _, d, n = samples.shape
     if n <= d + 1:
@@ -477,9 +479,9 @@ def _compute(samples: Samples, level: float, result: Intervals) -> None:
     from scipy.special import stdtrit  # imported here, as it takes as long as the rest of the library
 
     start = als(samples)
-    quantile = float(stdtrit(n - d - 1, 0.5 * (1.0 + level)))
+    quantiles = float(stdtrit(n - d - 1, 0.5 * (1.0 + level))) * factors
     x = np.ascontiguousarray(samples.x)
-    _compute_all(x, start.center, start.radius, quantile, result, zeros(d), zeros(d, d))
+    _compute_all(x, start.center, start.radius, quantiles, result, zeros(d), zeros(d, d))
 
 
 @compiled
@@ -525,7 +527,7 @@ def _write(state: EndsState, unit: float, result: Intervals, t: int) -> bool:
 
 @compiled
 def _compute_all(
-    x: Floats, centers: Floats, radii: Floats, quantile: float, result: Intervals, zero: Sums, square: Sums
+    x: Floats, centers: Floats, radii: Floats, quantiles: Floats, result: Intervals, zero: Sums, square: Sums
 ) -> None:
     """Fill in the intervals of each set of a batch, of which a first estimate is known."""
     b, d, n = x.shape
@@ -549,6 +551,7 @@ def _compute_all(
         least = rounding * rounding
         sphere.numbers[2] = max(_first_variance(rows, n, start, 1.0 / first), least)
         task = Task(Cloud(rows, n, zero, square), sphere, room, beside, start, least)
+        quantile = quantiles[t]
         invert(task, trail, state, first, quantile)
         if _write(state, unit, result, t):
             if state.low == state.high:

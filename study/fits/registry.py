@@ -36,11 +36,11 @@ from numpy.typing import ArrayLike
 
 from study.arrays import Floats, real_array
 from study.fits.answer import Fit
-from study.fits.bounds import noise_covariance
+from study.fits.bounds import is_per_point, noise_covariance
 from study.fits.closed_forms import als, fuller, gdke, hinge, hyper, pratt, taubin, ugdk
 from study.fits.corrected import corrected, corrected_01, corrected_02, corrected_12, corrected_covariance, sandwich
 from study.fits.geometric import mle, mle_centroid, mle_mirror
-from study.fits.given import fit_given, is_per_point
+from study.fits.given import fit_given, given_of
 from study.fits.incremental import igdk
 from study.fits.lls import lls, lls_nr, lls_nr_raw, lls_single
 from study.fits.robust import robust
@@ -189,6 +189,7 @@ def fit(
     radius: ArrayLike | None = None,
     scale: str = "given",
     copy: bool | None = None,
+    ordered: bool = False,
     **others: Never,
 ) -> Fit:
     """Fit a sphere (a circle, if d = 2) to each of one or many point sets.
@@ -206,6 +207,8 @@ def fit(
         copy: True to copy the points, from which a `Fit` computes residuals and standard errors when asked. False to
             read the caller's array again, and to refuse if it has changed; that saves time and memory. By default up
             to a hundred thousand coordinates are copied.
+        ordered: True if the rows are in the order in which they were measured: where neighbours share their noise,
+            errors and intervals then allow for it.
         others: none; a TypeError says what there is in place of weights or sigma.
 
     Returns:
@@ -239,7 +242,8 @@ def fit(
     if n < d + 1:
         raise ValueError(f"points have shape {array.shape}: a sphere in {d} dimensions needs at least {d + 1} points")
     if radius is not None or scale != "given" or (noise is not None and is_per_point(np.shape(noise), n, d)):
-        return fit_given(array, estimator, noise, radius, scale)
+        given = given_of(array.shape, noise, radius, scale)
+        return fit_given(array, estimator, given, ordered)
     if noise is not None:
         noise_covariance(noise, d)
         noise = float(np.asarray(noise)) if np.ndim(noise) == 0 else np.asarray(noise, dtype=float)
@@ -252,12 +256,12 @@ def fit(
     else:
         samples = Samples(np.array(samples.x, order="C"), noise)  # moments that are not finite show no change
         found = careful_fit(entry, samples)
-    return as_fit(found.reshape(*lead), samples, estimator)
+    return as_fit(found.reshape(*lead), samples, estimator, ordered)
 
 
 def _instead(argument: str) -> str:
     """The remedy for an argument that `fit` does not have."""
-    known = ["points", "estimator", "noise", "radius", "scale", "copy"]
+    known = ["points", "estimator", "noise", "radius", "scale", "copy", "ordered"]
     return next((text for name, text in _INSTEAD.items() if argument.startswith(name)), did_you_mean(argument, known))
 
 
@@ -266,10 +270,10 @@ def fit_samples(samples: Samples, estimator: str) -> Fit:
     return as_fit(ESTIMATORS[estimator](samples), samples, estimator)
 
 
-def as_fit(estimates: Estimates, samples: Samples, estimator: str) -> Fit:
+def as_fit(estimates: Estimates, samples: Samples, estimator: str, ordered: bool = False) -> Fit:
     """The answer of a named estimator, from its numbers, with the leading axes, and the flat samples."""
     entry = ESTIMATORS[estimator]
-    return Fit(estimates, samples, estimator, entry.covariance, entry.without_outliers)
+    return Fit(estimates, samples, estimator, entry.covariance, entry.without_outliers, ordered)
 
 
 IN_PROGRAM = "this program"

@@ -269,12 +269,17 @@ class Status(Worded):
     TOO_FEW_POINTS = 5, "fewer than d + 1 points"
     NOT_FINITE = 6, "a coordinate is not finite, or the points are too large or too small to compute with"
     INSIGNIFICANT = 7, "along some direction the points' extent is within the noise: the centre is unreliable"
-    HINGE = 8, "the points lie on an arc or in a plane, within the noise: the centre was taken in their plane"
+    HINGE = 8, "the points lie on a circle in space, within the noise: along its axis the centre is unknown"
     FAILED = 9, "the estimator raised an exception, or the worker that ran it died"
     WEAKLY_IDENTIFIED = (
         10,
         "weakly identified: the points do not bound the radius, or the noise is over a third of it",
     )
+    MISFIT = (
+        11,
+        "the points are not a sphere with white noise, by enough to matter: another shape, or noise of another kind",
+    )
+    OUTLIERS = 12, "some points are outliers and the fit uses them: the estimator robust leaves them out"
 
 
 def explain(status: int) -> str:

@@ -293,6 +293,12 @@ class CaseStudy:
     laws: pd.DataFrame
     skipped: dict[str, str]
 
+    def data(self) -> dict[str, object]:
+        """``recording``, ``frames``, ``subsets``, ``laws``, ``joints`` and ``skipped``, tables as lists of rows."""
+        names = ("recording", "frames", "subsets", "laws", "joints", "skipped")
+        values = {name: getattr(self, name) for name in names}
+        return {k: v.to_dict("records") if isinstance(v, pd.DataFrame) else v for k, v in values.items()}
+
 
 def case_study(
     joints: Calibration, recording: Recording, subsets: int = 400, seed: int = 1, numbers: Sequence[int] = _NUMBERS

@@ -6,6 +6,7 @@ what a recording holds, and `with_origin` stamps a stored table with the recordi
 """
 
 import hashlib
+import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -107,6 +108,21 @@ class Recording:
         names = self.markers if markers is None else tuple(markers)
         positions = self.positions[[self.row(marker) for marker in names]]
         return replace(self, markers=names, positions=positions if frames is None else positions[:, :, frames])
+
+
+def frames_between(recording: Recording, text: str) -> Recording:
+    """The frames of a range such as ``1-499`` alone, from 1, both ends included, with a note.
+
+    Raises:
+        RecordingError: one line, without the file's name, if it is no range of at least two frames of the recording.
+    """
+    ends = re.fullmatch(r"\s*(\d{1,9})\s*-\s*(\d{1,9})\s*", text)
+    first, last = (int(ends[1]), int(ends[2])) if ends else (0, 0)
+    if not 1 <= first < last <= recording.frames:
+        words = f"give the first and the last of its {recording.frames} frames, such as 1-{recording.frames}"
+        raise RecordingError(f"--frames {text}: {words}")
+    part = recording.select(frames=slice(first - 1, last))
+    return replace(part, notes=(*part.notes, f"frames {first}-{last} of {recording.frames}: they count from 1 here"))
 
 
 def one_after_another(recordings: Sequence[Recording], name: str) -> Recording:
@@ -274,15 +290,20 @@ def assemble(
     return Recording(name, tuple(markers), positions, float(rate), tuple(notes))
 
 
-def _unit(text: str | None) -> str:
-    """The unit, as a key of `UNITS`, from its name in a file or from a user."""
-    if text is None:
-        raise RecordingError(f"its unit is not given; give one of {', '.join(UNITS)} with --unit")
+def known_unit(text: str) -> str | None:
+    """The unit of length, as a key of `UNITS`, from its name in a file or from a user; None if it is none."""
     word = text.strip().lower()
     word = word if word in UNITS else _SPELLINGS.get(word.rstrip("s."), word.rstrip("s."))
-    if word not in UNITS:
-        raise RecordingError(f"its unit {text!r} is not known; give one of {', '.join(UNITS)} with --unit")
-    return word
+    return word if word in UNITS else None
+
+
+def _unit(text: str | None) -> str:
+    """The unit, as a key of `UNITS`; an error if it is not given or not known."""
+    known = None if text is None else known_unit(text)
+    if known is None:
+        words = "is not given" if text is None else f"{text!r} is not known"
+        raise RecordingError(f"its unit {words}; give one of {', '.join(UNITS)} with --unit")
+    return known
 
 
 def _extent(positions: Floats, seen: Bools) -> float:
@@ -320,6 +341,18 @@ def extents(recording: Recording) -> Floats:
     return diagonal
 
 
+def whole_frames(seen: Bools) -> list[tuple[int, int]]:
+    """First and last frame, from 1, of each stretch in which no marker is missing; one without any sample is left out.
+
+    Args:
+        seen: True where a marker has a sample (markers, frames).
+    """
+    whole = seen[seen.any(axis=1)].all(axis=0)
+    edges = np.diff(np.concatenate([[False], whole, [False]]).astype(np.int8))
+    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    return [(int(start) + 1, int(end)) for start, end in zip(starts, ends, strict=True)]
+
+
 def describe(recording: Recording) -> list[str]:
     """Describe a recording.
 
@@ -336,6 +369,7 @@ def describe(recording: Recording) -> list[str]:
     never = [recording.markers[row] for row in np.flatnonzero(~seen.any(axis=1))]
     if never:
         lines.append(f"without any sample: {', '.join(never)}")
+    lines += _whole_line(seen)
     still = [marker for marker, far in zip(recording.markers, moved, strict=True) if far < STILL]
     if len(still) == count - len(never):
         lines.append(f"no marker moves by more than {1000 * np.nanmax(moved):.2g} mm; joints cannot be found")
@@ -348,6 +382,47 @@ def describe(recording: Recording) -> list[str]:
         extent = f"{far:.2f} m" if np.isfinite(far) else "-"
         rows.append([marker, f"{missing / frames:.1%}", str(runs), seconds, extent])
     return [*lines, *columns(rows, ["marker", "missing", "gaps", "longest", "extent"], "<>")]
+
+
+def _whole_line(seen: Bools) -> list[str]:
+    """The line that says in which frames no marker is missing; none if none is in any frame."""
+    stretches, frames = whole_frames(seen), seen.shape[1]
+    if stretches == [(1, frames)]:
+        return []
+    if not stretches:
+        return ["in every frame a marker is missing"]
+    longest = sorted(stretches, key=lambda ends: ends[0] - ends[1])[:3]
+    listed = ", ".join(f"{first}-{last}" for first, last in sorted(longest))
+    count = sum(last - first + 1 for first, last in stretches)
+    more = f" and {len(stretches) - 3} shorter stretches" if len(stretches) > 3 else ""
+    option = f"; --frames {longest[0][0]}-{longest[0][1]} reads the longest" if longest[0][1] > longest[0][0] else ""
+    return [f"no marker is missing in {count:,} frames: {listed}{more}{option}"]
+
+
+def recording_data(recording: Recording) -> dict[str, object]:
+    """Describe a recording for other programs.
+
+    Returns:
+        ``recording``, ``rate``, ``frames``, ``duration`` (seconds), ``missing`` (share of all samples), ``notes``;
+        ``markers``, each with ``marker``, the numbers of ``missing`` frames, of ``gaps`` and of frames in the
+        ``longest`` one, and ``extent`` (metres); ``whole``, first and last frame of each stretch in which none is
+        missing.
+    """
+    seen = recording.seen()
+    markers = [
+        {"marker": marker, **dict(zip(("missing", "gaps", "longest"), gaps(row), strict=True)), "extent": float(far)}
+        for marker, row, far in zip(recording.markers, seen, extents(recording), strict=True)
+    ]
+    return {
+        "recording": recording.name,
+        "rate": recording.rate,
+        "frames": recording.frames,
+        "duration": recording.duration,
+        "missing": float(1.0 - np.mean(seen)),
+        "notes": list(recording.notes),
+        "markers": markers,
+        "whole": whole_frames(seen),
+    }
 
 
 ORIGIN = ("recording", "digest")

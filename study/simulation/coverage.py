@@ -192,7 +192,7 @@ def _outcomes(design: CoverageDesign, samples: Samples, directions: Floats, sigm
     for name in design.estimators:
         fit = fit_samples(samples, name)
         with np.errstate(all="ignore"):
-            half = quantile * fit.standard_errors
+            half = quantile * np.sqrt(np.einsum("bii->bi", fit.own_covariance))
             estimate = np.column_stack([fit.center, fit.radius])
             ends = np.stack([estimate - half, estimate + half], axis=2)
         result[name] = _outcome(ends, fit.own_status == Status.OK, efficient)

@@ -202,7 +202,7 @@ def test_numbers_as_plain_python(points):
     assert plain["diameter_error"] == 2.0 * fit.standard_errors[-1]
     assert plain["radius_interval"] == fit.interval("radius").tolist()
     assert (plain["status_text"], plain["ok"]) == (fit.status_text, bool(fit.ok))
-    assert {type(value) for value in plain.values()} <= {str, bool, int, float, list}
+    assert {type(value) for value in plain.values()} <= {str, bool, int, float, list, dict, type(None)}
     with pytest.raises(ValueError, match="take one, or to_frame"):
         study.fit(points).to_dict()
 

@@ -14,7 +14,7 @@ from study.recordings.markersets import (
     parse_markerset,
     shipped,
 )
-from study.recordings.markersets.match import choose, clusters, match, with_better
+from study.recordings.markersets.match import choose, clusters, match, spellings, with_better
 from study.recordings.recording import Recording
 
 PELVIS = Segment(name="pelvis", markers=("A", "B", "C"))
@@ -212,6 +212,19 @@ def test_an_unknown_name_is_told_with_the_known():
 CMU = load_markerset("cmu41")
 
 
+def sides(*labels):
+    """Labels with L and R in place of ~, and with L and r in place of ^."""
+    both = [[label.replace("~", a).replace("^", b) for label in labels] for a, b in (("L", "L"), ("R", "r"))]
+    return list(dict.fromkeys(both[0] + both[1]))
+
+
+PIG_TOP = ["LFHD", "RFHD", "LBHD", "RBHD", "C7", "T10", "CLAV", "STRN", "RBAK"]
+
+PIG_ARM = sides("~SHO", "~UPA", "~ELB", "~FRM", "~WRA", "~WRB", "~FIN")
+
+PIG_LEG = sides("~ASI", "~PSI", "~THI", "~KNE", "~TIB", "~ANK", "~HEE", "~TOE")
+
+
 def recording(markers, never=()):
     positions = np.ones((len(markers), 3, 4))
     positions[[marker in never for marker in markers]] = np.nan
@@ -271,6 +284,41 @@ def test_aliases_and_capitals():
     assert "labels: c7 is C7, LTIB is LSHN" in found.lines()
 
 
+@pytest.mark.parametrize("spell", ["{}", "Subj01_{}", "walker.{}", "Anna {}", "m-{}"])
+@pytest.mark.parametrize("written", [str, str.lower, lambda m: f"{m[0]}_{m[1:]}", lambda m: f"{m[0]}.{m[1:].title()}"])
+def test_labels_are_compared_without_case_signs_and_prefix(spell, written):
+    """However the labels of a set are spelt, they lead to it, with the recording's own labels."""
+    labels = [spell.format(written(m)) for m in PIG_LEG]
+    found = choose(recording([*labels, "*17", "wand"]))
+    assert (found.whole.name, len(found.joints)) == ("plug-in-gait", 6)
+    assert found.labels["LTHI"] == spell.format(written("LTHI"))
+    assert found.extra == ("*17", "wand")
+
+
+def test_a_side_is_no_prefix_and_the_first_of_two_spellings_counts():
+    """Left markers alone keep their side; of two labels of one spelling one is used, and once."""
+    assert "knee" not in spellings(["L_knee", "L_thigh", "L_toe"])
+    found = match(CMU, recording([*CMU.markers(), "C_7", "c7"]))
+    assert (found.labels["C7"], found.extra) == ("C7", ("C_7", "c7"))
+    found = match(CMU, recording(["c_7", "C.7", *(m for m in CMU.markers() if m != "C7")]))
+    assert (found.labels["C7"], found.extra) == ("c_7", ("C.7",))
+
+
+@pytest.mark.parametrize(
+    "labels",
+    [
+        sides("~ASIS", "~PSIS", "~TH1", "~TH2", "~TH3"),
+        [*sides("~ASI", "~PSI"), "LTH1", "LTH2", "LTH3"],
+        [*sides("~ASI", "~PSI", "~TH1", "~TH2", "~TH3", "~TB1", "~TB2", "~TB3"), "CLAV"],
+    ],
+)
+def test_a_joint_whose_markers_are_all_there_is_enough(labels):
+    """A pelvis and a thigh with all their markers are found, though most of the set's joints are not."""
+    found = choose(recording(labels))
+    assert "left_hip" in {joint.name for joint in found.joints}
+    assert clusters(found.extra) == []
+
+
 def test_an_alias_stands_in_for_a_marker_never_seen():
     found = match(CMU, recording([*CMU.markers(), "LTIB"], never=["LSHN"]))
     assert found.labels["LSHN"] == "LTIB"
@@ -284,18 +332,6 @@ def test_the_fitting_set_is_chosen(name):
     assert choose(recording(markers)).whole.name == name
     assert choose(recording([*markers[:-1], "extra"])).whole.name == name
 
-
-def sides(*labels):
-    """Labels with L and R in place of ~, and with L and r in place of ^."""
-    both = [[label.replace("~", a).replace("^", b) for label in labels] for a, b in (("L", "L"), ("R", "r"))]
-    return list(dict.fromkeys(both[0] + both[1]))
-
-
-PIG_TOP = ["LFHD", "RFHD", "LBHD", "RBHD", "C7", "T10", "CLAV", "STRN", "RBAK"]
-
-PIG_ARM = sides("~SHO", "~UPA", "~ELB", "~FRM", "~WRA", "~WRB", "~FIN")
-
-PIG_LEG = sides("~ASI", "~PSI", "~THI", "~KNE", "~TIB", "~ANK", "~HEE", "~TOE")
 
 CGM_LEG = sides("~THAP", "~THAD", "~TIAP", "~TIAD")
 
@@ -349,6 +385,16 @@ PUBLISHED = {
         11,
     ),
     "OpenCap, augmented": (OPENCAP, "opencap", 11),
+    "OpenCap's laboratory, raw": (
+        [
+            *("C7", "r_shank_antsup", "L_shank(ant_sup)", "r_sh2", "r_sh3", "r_sh4", "L_sh2", "L_sh3", "r_thigh4"),
+            *("r_thigh5", "L_thigh4", "R_Sternum", "L_Sternum", "R_Shoulder", "L_Shoulder"),
+            *sides("^.ASIS", "^.PSIS", "^_knee", "^_mknee", "^_ankle", "^_mankle", "^_toe", "^_5meta", "^_calc"),
+            *sides("^_thigh1", "^_thigh2", "^_thigh3"),
+        ],
+        "stanford",
+        7,
+    ),
     "UWA, clusters": (
         [
             "C7",
@@ -436,6 +482,9 @@ def test_a_wrong_label_is_answered_with_the_nearest():
     lines = match(load_markerset("plug-in-gait"), recording(labels)).lines()
     assert "segment left_thigh lacks LTHI (did you mean LTHIGH?)" in lines
     assert "segment right_shank lacks RANK (did you mean RANKL?)" in lines
+    labels = ["RTHIGH" if m == "LTHI" else m for m in PIG_LEG]
+    lines = match(load_markerset("plug-in-gait"), recording(labels)).lines()
+    assert "segment left_thigh lacks LTHI" in lines, "a label of the other side is no hint"
 
 
 def test_numbers_at_the_end_make_clusters():

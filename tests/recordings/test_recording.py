@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from study.recordings.formats.read import read_recording
+from study.recordings.formats.write import write_recording
 from study.recordings.recording import (
     FileContents,
     Recording,
@@ -12,6 +14,8 @@ from study.recordings.recording import (
     extents,
     gaps,
     name_points,
+    recording_data,
+    whole_frames,
 )
 
 
@@ -133,12 +137,57 @@ def test_lines():
         "walk: 3 markers, 100 frames at 100 Hz, 0.99 s, 40.0% of the samples missing",
         "note: something was odd",
         "without any sample: LONGNAME",
+        "no marker is missing in 80 frames: 1-40, 61-100; --frames 1-40 reads the longest",
         "move by less than 1 mm: C",
         "marker    missing  gaps  longest  extent",
         "A           20.0%     1   0.20 s  5.00 m",
         "LONGNAME   100.0%     1   1.00 s       -",
         "C            0.0%     0        -  0.00 m",
     ]
+
+
+@pytest.mark.parametrize(
+    ("seen", "stretches", "line"),
+    [
+        (["1111", "1111"], [(1, 4)], None),
+        (
+            ["1101", "1111"],
+            [(1, 2), (4, 4)],
+            "no marker is missing in 3 frames: 1-2, 4-4; --frames 1-2 reads the longest",
+        ),
+        (["0101", "1010"], [], "in every frame a marker is missing"),
+        (["0110", "0000"], [(2, 3)], "no marker is missing in 2 frames: 2-3; --frames 2-3 reads the longest"),
+        (["10101", "11111"], [(1, 1), (3, 3), (5, 5)], "no marker is missing in 3 frames: 1-1, 3-3, 5-5"),
+        (
+            ["101101110110", "111111111111"],
+            [(1, 1), (3, 4), (6, 8), (10, 11)],
+            "no marker is missing in 8 frames: 3-4, 6-8, 10-11 and 1 shorter stretches; --frames 6-8 reads the longest",
+        ),
+    ],
+)
+def test_whole_frames(seen, stretches, line):
+    """Stretches counted by hand; a marker without any sample does not count."""
+    mask = np.array([[mark == "1" for mark in row] for row in seen])
+    assert whole_frames(mask) == stretches
+    positions = np.random.default_rng(1).normal(size=(len(seen), 3, mask.shape[1]))
+    positions[np.broadcast_to(~mask[:, None], positions.shape)] = np.nan
+    told = Recording("a", ("A", "B"), positions, 10.0)
+    assert recording_data(told)["whole"] == stretches
+    about = [said for said in describe(told) if "missing in" in said or "every frame" in said]
+    assert [said[: len(line or "")] for said in about] == [line][: len(about)]
+    assert bool(about) == bool(line)
+
+
+def test_a_range_of_frames(tmp_path, small):
+    """Frames count from 1, and both ends belong to the range; what is no range is refused with what would be one."""
+    path = write_recording(small(), tmp_path / "a.csv")
+    whole, part = read_recording(path), read_recording(path, frames=" 3-7")
+    np.testing.assert_array_equal(part.positions, whole.positions[:, :, 2:7])
+    assert part.notes[-1] == "frames 3-7 of 12: they count from 1 here"
+    assert read_recording(path, frames="1-12").frames == 12
+    for text in ("", "3", "7-3", "0-5", "1-13", "3-3", "-3-5", "a-b", "1-5,7-9", "1 5", "1-" + 400 * "9"):
+        with pytest.raises(RecordingError, match="give the first and the last of its 12 frames, such as 1-12"):
+            read_recording(path, frames=text)
 
 
 def test_nothing_moves():

@@ -7,10 +7,24 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from study.options import ExitCode, Json
-from study.recordings.commands import File, MarkerSetName, Out, Rate, Subject, Unit
+from study.recordings.commands import (
+    File,
+    FrameRange,
+    MarkerSetName,
+    Out,
+    Rate,
+    Subject,
+    Unit,
+    print_lines,
+    print_match,
+    results_folder,
+)
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from study.recordings.live import LiveJoints
+    from study.recordings.markersets.match import Match
     from study.recordings.recording import Recording
 
 
@@ -28,6 +42,7 @@ def case_study(
     unit: Unit = None,
     rate: Rate = None,
     subject: Subject = None,
+    frames: FrameRange = None,
 ) -> None:
     """Repeat the paper's precision study, section 9.1.
 
@@ -38,12 +53,6 @@ def case_study(
     from study.files import save_frame
     from study.recordings import case_study as precision_study
     from study.recordings import fig7_case
-    from study.recordings.commands.common import (
-        case_study_data,
-        print_lines,
-        print_match,
-        results_folder,
-    )
     from study.recordings.formats.read import read_recording
     from study.recordings.joints.find import find_joints
     from study.recordings.library import place_markerset
@@ -51,7 +60,7 @@ def case_study(
     from study.style import save
     from study.text import json_text
 
-    match = place_markerset(read_recording(file, unit=unit, rate=rate, subject=subject), markerset)
+    match = place_markerset(read_recording(file, unit=unit, rate=rate, subject=subject, frames=frames), markerset)
     digest = digest_of(file)
     folder = results_folder(match.source.name, out)
     if not as_json:
@@ -64,7 +73,7 @@ def case_study(
         save_frame(with_origin(table, case.recording, digest), path)
         paths.append(path)
     paths += save(fig7_case.draw(fig7_case.prepare(case)), folder / "fig7_case")
-    print_lines([json_text(case_study_data(case) | {"files": paths})] if as_json else paths)
+    print_lines([json_text(case.data() | {"files": paths})] if as_json else paths)
 
 
 Parent = Annotated[
@@ -93,19 +102,19 @@ def joint(
     unit: Unit = None,
     rate: Rate = None,
     subject: Subject = None,
+    frames: FrameRange = None,
 ) -> None:
     """Find one joint, from the markers of its two segments.
 
     Prints one line, and compares with joint centres that other programs left in the file. The exit code is 3 if the
     joint is not ok.
     """
-    from study.recordings.commands.common import print_lines
     from study.recordings.formats.read import read_recording
     from study.recordings.one_joint import find_clusters, fit_one_joint, joint_json, joint_line
 
     if across and not hinge:
         raise typer.BadParameter("--across: only a hinge has an axis; give --hinge, too")
-    recording = read_recording(file, unit=unit, rate=rate, subject=subject)
+    recording = read_recording(file, unit=unit, rate=rate, subject=subject, frames=frames)
     answer = fit_one_joint(recording, find_clusters(recording, parent, child, across), hinge)
     if as_json:
         typer.echo(joint_json(answer))
@@ -136,6 +145,7 @@ def joints(
     unit: Unit = None,
     rate: Rate = None,
     subject: Subject = None,
+    frames: FrameRange = None,
 ) -> None:
     """Find the joints of a recording: phase 1.
 
@@ -150,7 +160,9 @@ def joints(
     if len(files) == 1 and static is None and force:
         raise typer.BadParameter("--force: there is nothing to overrule with one recording")
     every = [*files, *([] if static is None else [static])]
-    recordings = [read_recording(file, unit=unit, rate=rate, subject=subject) for file in every]
+    if len(every) > 1 and frames is not None:
+        raise typer.BadParameter(f"--frames {frames}: a range is of one recording; give one")
+    recordings = [read_recording(file, unit=unit, rate=rate, subject=subject, frames=frames) for file in every]
     if len(recordings) == 1:
         _one(recordings[0], markerset, out, as_json)
     else:
@@ -160,7 +172,6 @@ def joints(
 def _one(recording: "Recording", markerset: str | None, out: Path | None, as_json: bool) -> None:
     """The joints of one recording."""
     from study.files import save_frame
-    from study.recordings.commands.common import joints_data, print_lines, print_match, results_folder
     from study.recordings.joints.calibration import save_calibration
     from study.recordings.joints.find import find_joints
     from study.recordings.joints.report import agreement_lines, agreement_table, joint_lines, joint_table
@@ -181,9 +192,15 @@ def _one(recording: "Recording", markerset: str | None, out: Path | None, as_jso
     save_frame(table, folder / "joints.parquet")
     paths = [folder / "joints.parquet", save_calibration(calibration, folder / "calibration.json")]
     if as_json:
-        typer.echo(json_text(joints_data(match, table) | {"without_pose": result.without_pose, "files": paths}))
+        typer.echo(json_text(_joints_data(match, table) | {"without_pose": result.without_pose, "files": paths}))
     else:
         print_lines(paths)
+
+
+def _joints_data(match: "Match", table: "pd.DataFrame") -> dict[str, object]:
+    """``recording``, ``notes``, ``markerset`` and ``joints``: the rows of the table."""
+    head = {"recording": match.source.name, "notes": list(match.source.notes), "markerset": match.data()}
+    return head | {"joints": table.to_dict("records")}
 
 
 def _several(
@@ -196,7 +213,6 @@ def _several(
 ) -> None:
     """The joints of a session; ``static`` if the last of the trials gives the shapes of the segments."""
     from study.files import save_frame
-    from study.recordings.commands.common import joints_data, print_lines, print_match, results_folder
     from study.recordings.joints.calibration import save_calibration
     from study.recordings.library import fit_session
     from study.recordings.session import session_lines, session_table
@@ -211,7 +227,7 @@ def _several(
     save_frame(table, folder / "joints.parquet")
     paths = [folder / "joints.parquet", save_calibration(session.calibration, folder / "calibration.json")]
     if as_json:
-        typer.echo(json_text(joints_data(match, table) | {"files": paths}))
+        typer.echo(json_text(_joints_data(match, table) | {"files": paths}))
     else:
         print_lines(paths)
 

@@ -10,8 +10,19 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from study.options import Json
-from study.recordings.commands import File, MarkerSetName, Out, Rate, Subject, Unit
+from study.options import Json, unchanged
+from study.recordings.commands import (
+    File,
+    FrameRange,
+    MarkerSetName,
+    Out,
+    Rate,
+    Subject,
+    Unit,
+    print_lines,
+    print_match,
+    results_folder,
+)
 
 if TYPE_CHECKING:
     from study.recordings.export.tree import ExportedMotion
@@ -55,40 +66,45 @@ def markersets(
 
     With --json: markersets, each with name, about, segments, joints, optional and aliases.
     """
-    from study.recordings.commands.common import markerset_data, print_lines
     from study.recordings.markersets import described, load_markerset, shipped, shipped_text
     from study.text import json_text
 
     if as_json:
         names = shipped() if name is None else [name]
-        typer.echo(json_text({"markersets": [markerset_data(load_markerset(word)) for word in names]}))
+        typer.echo(json_text({"markersets": [load_markerset(word).model_dump() for word in names]}))
     elif name is None:
         print_lines(described())
     else:
         typer.echo(shipped_text(name), nl=False)
 
 
-def recording(file: File, as_json: Json = False, unit: Unit = None, rate: Rate = None, subject: Subject = None) -> None:
+def recording(
+    file: File,
+    as_json: Json = False,
+    unit: Unit = None,
+    rate: Rate = None,
+    subject: Subject = None,
+    frames: FrameRange = None,
+) -> None:
     """Describe a recording.
 
     Prints its markers, frames and rate, the gaps of each marker, and the marker set that fits best.
 
-    With --json: recording, rate, frames, duration, missing, notes, markers and markerset (null if none fits).
+    With --json: recording, rate, frames, duration, missing, notes, markers, whole and markerset (null if none fits).
     """
-    from study.recordings.commands.common import print_lines, recording_data
     from study.recordings.formats.read import read_recording
     from study.recordings.markersets import MarkerSetError
     from study.recordings.markersets.match import choose
-    from study.recordings.recording import describe
+    from study.recordings.recording import describe, recording_data
     from study.text import json_text
 
-    source = read_recording(file, unit=unit, rate=rate, subject=subject)
+    source = read_recording(file, unit=unit, rate=rate, subject=subject, frames=frames)
     try:
         match, reason = choose(source), ""
     except MarkerSetError as error:  # a recording that no marker set fits can be described, too
         match, reason = None, str(error).removeprefix(f"{source.name}: ")
     if as_json:
-        typer.echo(json_text(recording_data(source, match)))
+        typer.echo(json_text(recording_data(source) | {"markerset": match.data() if match else None}))
     else:
         print_lines([*describe(source), *([reason] if match is None else match.lines())])
 
@@ -127,7 +143,6 @@ def written_files(motion: "ExportedMotion", folder: Path) -> Iterator[Path]:
 def write_motion_video(scene: "Scene", path: Path) -> Path:
     """Write the video, with a progress bar on a terminal."""
     from study.recordings.view.video import write_video
-    from study.text import unchanged
 
     raw = unchanged(sys.stderr)
     with typer.progressbar(length=1000, label="video", file=raw, hidden=not raw.isatty()) as bar:
@@ -171,6 +186,7 @@ def skeleton(
     unit: Unit = None,
     rate: Rate = None,
     subject: Subject = None,
+    frames: FrameRange = None,
 ) -> None:
     """Draw the skeleton in every frame: phase 2.
 
@@ -180,7 +196,6 @@ def skeleton(
     in which it is seen, bridged, unknown and outside of the markers' hull, and the distance; bones, each with length,
     spread, error and uneven; notes, overruled and files.
     """
-    from study.recordings.commands.common import print_lines, print_match, results_folder
     from study.recordings.export import planned_files, write_file
     from study.recordings.export.tree import ExportedMotion, RestPose
     from study.recordings.formats.read import read_recording
@@ -205,7 +220,9 @@ def skeleton(
     name = printable(file.stem)
     folder = results_folder(name, out)
     further = planned_files(write or "", folder, name, file)
-    match, used = with_joints(read_recording(file, unit=unit, rate=rate, subject=subject), calibration, markerset)
+    match, used = with_joints(
+        read_recording(file, unit=unit, rate=rate, subject=subject, frames=frames), calibration, markerset
+    )
     if not as_json:
         print_match(match)
         print_lines(used.lines())
@@ -278,7 +295,6 @@ def synthetic(
 
     Writes the recording, and tables of the true joints beside it. With --json: recording, frames, rate and files.
     """
-    from study.recordings.commands.common import print_lines, results_folder
     from study.recordings.formats.write import write_recording
     from study.recordings.recording import RecordingError
     from study.recordings.synthetic.make import Recipe, synthesize, write_truth

@@ -1,4 +1,4 @@
-"""Exports of camera systems: Motive (CSV), Qualisys Track Manager (TSV) and Vicon Nexus (text).
+"""Exports of camera systems: Motive (CSV) and Qualisys Track Manager (TSV).
 
 Motive: a line of keys and values, lines of headers, then rows. Above each column stand its type (Marker, Rigid Body,
 Rigid Body Marker, Bone, Bone Marker), its name, its ID, in newer versions its parent, then what it holds (Rotation,
@@ -13,15 +13,14 @@ NULL, or 0 in all three.
 
 import csv
 import re
+from collections import Counter
 
 import numpy as np
 
 from study.recordings.formats.text import (
     as_points,
-    find_delimiter,
     missing_frames_note,
     read_rows,
-    until_blank,
     with_all_frames,
 )
 from study.recordings.recording import FileContents, RecordingError
@@ -42,7 +41,8 @@ def read_motive(lines: list[str]) -> FileContents:
 
     Measured markers are taken; where there are none, those of the solved rigid bodies and skeletons, with a note, for
     they keep their distances whatever the skin does. Markers without a label are left out. A marker that has no name
-    of its own, as in ``Thigh:Marker 001``, keeps that of its asset: ``Thigh Marker 001``.
+    of its own, as in ``Thigh:Marker 001``, keeps that of its asset: ``Thigh Marker 001``. Rigid bodies are segments of
+    one subject (see `_labels`).
 
     Raises:
         RecordingError: one line, without the file's name: no markers, no line of axes.
@@ -58,6 +58,7 @@ def read_motive(lines: list[str]) -> FileContents:
     if not chosen:
         kinds = ", ".join(sorted({kind for _, kind, _ in columns})) or "no positions"
         raise RecordingError(f"no labelled markers in it, but {kinds}; export it from Motive with Markers")
+    bodies = {name.partition(":")[0].strip() for _, kind, name in columns if kind.startswith("rigid body")}
     end = max(i for i, line in enumerate(lines, start=1) if line.strip())
     numbers = read_rows(lines[axes + 1 : end], axes + 2, ",", len(table[axes]))
     numbers, lacking = with_all_frames(numbers[:, 0], numbers, axes + 2)
@@ -65,7 +66,7 @@ def read_motive(lines: list[str]) -> FileContents:
     keys = [cell.strip().lower() for cell in table[0]]
     given = dict(zip(keys[::2], table[0][1::2], strict=False))
     return FileContents(
-        labels=[_label(name) for _, _, name in chosen],
+        labels=_labels([name for _, _, name in chosen], bodies),
         points=as_points(np.ascontiguousarray(numbers[:, places])),
         rate=_rate(given),
         unit=given.get("length units") or None,
@@ -94,10 +95,23 @@ def _columns(table: list[list[str]], axes: int) -> list[tuple[int, str, str]]:
     ]
 
 
-def _label(name: str) -> str:
-    """A marker's label; where it is only a number within its asset, the asset's name belongs to it."""
-    numbered = _NUMBERED.match(name)
-    return f"{numbered[1]} {numbered[2]}" if numbered else name
+def _labels(names: list[str], bodies: set[str]) -> list[str]:
+    """The markers' labels.
+
+    Where a name is only a number within its asset, the asset's name belongs to it. An asset that is a rigid body is a
+    segment, not a subject: its name is dropped where the marker's own is unique, and belongs to it where it is not.
+
+    Args:
+        names: as in the file.
+        bodies: names of the rigid bodies.
+    """
+    labels = [f"{numbered[1]} {numbered[2]}" if (numbered := _NUMBERED.match(name)) else name for name in names]
+    pairs = [(owner.strip(), own.strip()) for owner, _, own in (label.rpartition(":") for label in labels)]
+    count = Counter(own for owner, own in pairs if owner in bodies)
+    return [
+        label if owner not in bodies else own if count[own] == 1 else f"{owner} {own}"
+        for label, (owner, own) in zip(labels, pairs, strict=True)
+    ]
 
 
 def _rate(given: dict[str, str]) -> float | None:
@@ -163,26 +177,3 @@ def _header(lines: list[str]) -> tuple[dict[str, list[str]], int]:
 def _is_row(cells: list[str]) -> bool:
     """True for cells that are numbers or missing samples."""
     return any(cells) and all(cell.lower() in _ABSENT or _NUMBER.match(cell) for cell in cells)
-
-
-def read_vicon(lines: list[str], start: int) -> FileContents:
-    """Read an export of Vicon Nexus: Trajectories, rate, labels, axes, units, then rows up to an empty line."""
-    if len(lines) < start + 6:
-        raise RecordingError(f"the file is cut short: no rows after the line Trajectories (line {start + 1})")
-    delimiter = find_delimiter(lines[start + 3])
-    try:
-        rate = float(lines[start + 1].strip().strip(delimiter))
-    except ValueError:
-        raise RecordingError(f"line {start + 2}: {lines[start + 1][:40]!r} should be the rate") from None
-    axes = [cell.strip().lower() for cell in lines[start + 3].split(delimiter)]
-    heads = [cell.strip().strip('"') for cell in lines[start + 2].split(delimiter)]
-    heads += [""] * (len(axes) - len(heads))
-    # velocities and accelerations (X', X'') may follow the coordinates
-    places = [i for i in range(len(axes) - 2) if axes[i : i + 3] == ["x", "y", "z"]]
-    units = [cell.strip() for cell in lines[start + 4].split(delimiter)]
-    rows = until_blank(lines, start + 5)
-    numbers = read_rows(rows, start + 6, delimiter, len(axes))
-    numbers, notes = with_all_frames(numbers[:, 0], numbers, start + 6)
-    unit = next((units[i] for i in places if i < len(units) and units[i]), None)
-    columns = [column for i in places for column in (i, i + 1, i + 2)]
-    return FileContents([heads[i] for i in places], as_points(numbers[:, columns]), rate, unit, notes=notes)

@@ -4,9 +4,8 @@ from pathlib import Path
 
 from study.files import regular
 from study.recordings.formats import exports
-from study.recordings.formats.exports import read_vicon
-from study.recordings.formats.text import find_axes, read_table, read_trc, read_two_lines
-from study.recordings.recording import FileContents, Recording, RecordingError, assemble, printable
+from study.recordings.formats.text import find_axes, read_columns, read_table, read_trc, read_vicon
+from study.recordings.recording import FileContents, Recording, RecordingError, assemble, frames_between, printable
 
 _OPENINGS = ("PathFileType", exports.QUALISYS_KEY, exports.MOTIVE_KEY, "Trajectories")
 """Words with which files of a known format begin."""
@@ -15,7 +14,7 @@ _FIRST = 50
 
 
 def read_text(path: Path) -> FileContents:
-    """Read markers from a text file: TRC, Qualisys, Motive, Vicon Nexus, or a table.
+    """Read markers from a text file: TRC, Qualisys, Motive, Vicon Nexus, BTK, or a table.
 
     Rate and unit come from the header of the format; in other tables from lines ``# rate: 120`` and ``# unit: mm``, or
     from a column ``time`` in seconds. Empty cells are missing samples.
@@ -45,7 +44,7 @@ def read_text(path: Path) -> FileContents:
         if line.strip().strip(",;\t\"'").lower() == "trajectories":
             return read_vicon(lines, number)
     axes = find_axes(lines)
-    return read_table(lines) if axes is None else read_two_lines(lines, axes)
+    return read_table(lines) if axes is None else read_columns(lines, axes)
 
 
 def is_known_text(head: bytes) -> bool:
@@ -65,7 +64,12 @@ _HEAD = 64
 
 
 def read_recording(
-    path: str | Path, *, unit: str | None = None, rate: float | None = None, subject: str | None = None
+    path: str | Path,
+    *,
+    unit: str | None = None,
+    rate: float | None = None,
+    subject: str | None = None,
+    frames: str | None = None,
 ) -> Recording:
     """Read a recording.
 
@@ -76,6 +80,7 @@ def read_recording(
         unit: of the file's numbers, m, cm, mm, ...; overrides the file.
         rate: frames per second; overrides the file.
         subject: the subject whose markers to take, if the file has several.
+        frames: a range such as ``1-499``, from 1, both ends included; all if None.
 
     Returns:
         The recording, in metres.
@@ -103,8 +108,10 @@ def read_recording(
             from study.recordings.formats.c3d import read_c3d  # its libraries come with the extra mocap
 
             # C3D files without a unit are usually in millimetres
-            return assemble(read_c3d(path), name, unit=unit, rate=rate, subject=subject, usual_unit="mm")
-        return assemble(read_text(path), name, unit=unit, rate=rate, subject=subject)
+            recording = assemble(read_c3d(path), name, unit=unit, rate=rate, subject=subject, usual_unit="mm")
+        else:
+            recording = assemble(read_text(path), name, unit=unit, rate=rate, subject=subject)
+        return recording if frames is None else frames_between(recording, frames)
     except ModuleNotFoundError as error:
         raise RecordingError(f"{path}: reading it needs {error.name}: pip install '.[mocap]'") from None
     except OSError as error:

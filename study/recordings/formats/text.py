@@ -1,10 +1,12 @@
-"""Text files of markers: tables of two kinds, TRC, and the rows of numbers that all of them end in.
+"""Text files of markers: tables of two kinds, TRC, and the rows of numbers that all of them hold.
 
 - A table with columns such as ``LFHD_X, LFHD_Y, LFHD_Z``, in any order. D-Flow, which records what Cortex streams,
   writes ``LASI.PosX`` and a column TimeStamp.
-- A table with two lines of headers: a marker's label above the first of its columns, the axes below. Cortex exports
-  trajectories in this form, and spreadsheets save it: labels in one line, ``X1, Y1, Z1, X2, …`` or ``X, Y, Z, X, …`` in
-  the next; lines with a key and a value, such as a rate, may stand above.
+- A table with a line of axes: a marker's label above the first of its columns, ``X1, Y1, Z1, X2, …`` or ``X, Y, Z, X,
+  …`` in the next line; lines with a key and a value, such as a rate, may stand above. Cortex exports trajectories in
+  this form, and spreadsheets save it. Vicon Nexus has units in a line below the axes, under a line Trajectories and
+  one with the rate; BTK and Mokka have them between labels and axes, with angles and forces beside the markers, and
+  the rate as Point frequency. Source for the latter: BTK, ``btkASCIIFileWriter``.
 - TRC: three lines about the file, one with labels, one with axes, then frame, time and coordinates. Motion Analysis
   (EVaRT, Cortex) defined the format and OpenSim uses it. The same with commas, as a spreadsheet saves it, is read, too.
   Source: OpenSim documentation, "Marker (.trc) Files".
@@ -12,27 +14,30 @@
 
 import csv
 import io
+import math
 import re
 
 import numpy as np
 import pandas as pd
 
 from study.arrays import Floats
-from study.recordings.recording import FileContents, RecordingError
+from study.recordings.recording import FileContents, RecordingError, known_unit
 
-_MISSING = ["nan", "NaN", "NAN", "na", "NA", "N/A", "null", "NULL", "Null", "none", "None", "-"]
+_MISSING = [spelt for word in ("nan", "na", "n/a", "null", "none") for spelt in (word, word.upper(), word.title())]
+_MISSING += ["NaN", "-"]
 MOST_MISSING = 0.1
 """Share of a file's frames that may be missing; with more the file is a part of another one."""
 
 
-def read_rows(lines: list[str], first: int, delimiter: str, columns: int) -> Floats:
+def read_rows(lines: list[str], first: int, delimiter: str, columns: int, further: bool = False) -> Floats:
     """Read rows of numbers.
 
     Args:
         lines: the rows.
         first: number of the first one in the file, from 1.
         delimiter: between cells.
-        columns: number of cells that a row must have; more must be empty.
+        columns: number of cells that a row must have.
+        further: true if rows may have further cells, which are left out; else these must be empty.
 
     Returns:
         The numbers (rows, columns); NaN for an empty cell.
@@ -68,8 +73,8 @@ def read_rows(lines: list[str], first: int, delimiter: str, columns: int) -> Flo
         values = table[column]
         numbers[:, column] = parsed = pd.to_numeric(values, errors="coerce").to_numpy(dtype=np.float64)
         wrong = np.isnan(parsed) & values.notna().to_numpy()
-        if column >= columns:  # a line may end in delimiters, but not in further numbers
-            wrong = values.notna().to_numpy()
+        if column >= columns:  # a line may end in delimiters
+            wrong = values.notna().to_numpy() & (not further)
         if wrong.any():
             row = int(wrong.argmax())
             words = "is not a number" if column < columns else "has no header"
@@ -239,21 +244,40 @@ def read_trc(lines: list[str]) -> FileContents:
     header = dict(zip(lines[1].split(), lines[2].split(), strict=False))
     if "\t" not in lines[3]:  # some programs write spaces
         lines = [*lines[:3], *("\t".join(line.split()) for line in lines[3:])]
-    cells = [cell.strip() for cell in lines[3].strip().split("\t")]
-    labels = [cell for cell in cells[2:] if cell]
     start = next((i for i in range(4, len(lines)) if re.match(r"\s*-?\d+(\.0*)?[\s]", lines[i])), len(lines))
     rows = until_blank(lines, start)
     try:
         frames, markers, rate = int(header["NumFrames"]), int(header["NumMarkers"]), float(header["DataRate"])
     except (KeyError, ValueError):
         raise RecordingError("line 2 and 3 must give DataRate, NumFrames and NumMarkers") from None
-    if len(labels) != markers:
-        raise RecordingError(f"line 4 has {len(labels)} labels, but line 3 gives {markers} markers")
-    numbers = read_rows(rows, start + 1, "\t", 2 + 3 * markers)
+    places = _trc_labels(lines[3].split("\t"), markers)
+    numbers = read_rows(rows, start + 1, "\t", 3 + max(places), further=True)
     numbers, notes = with_all_frames(numbers[:, 0], numbers, start + 1)
     notes += missing_frames_note(len(numbers), frames)
+    held = max((row.rstrip().count("\t") + 1 for row in rows), default=0)
+    if (unnamed := math.ceil((held - 2) / 3) - len(places)) > 0 or markers != len(places):
+        count = f"its header gives {markers} markers, and {len(places)} have a label"
+        notes += (count + f": {unnamed} groups of columns without a label are left out" * (unnamed > 0),)
+    columns = [column for place in places for column in (place, place + 1, place + 2)]
+    points = as_points(np.ascontiguousarray(numbers[:, columns]))
     used, words = _rate(rate, numbers[:, 1])
-    return FileContents(labels, as_points(numbers[:, 2:]), used, header.get("Units"), notes=notes + words)
+    return FileContents(list(places.values()), points, used, header.get("Units"), notes=notes + words)
+
+
+def _trc_labels(cells: list[str], markers: int) -> dict[int, str]:
+    """The labels of a TRC file by the numbers of their first columns.
+
+    Labels stand above the first of three columns. Some programs write them one after another; then there must be as
+    many as the header gives, since nothing else tells which columns have none.
+    """
+    labels = {place: cell.strip() for place, cell in enumerate(cells) if place > 1 and cell.strip()}
+    if not labels:
+        raise RecordingError("line 4 has no labels")
+    if all(place % 3 == 2 for place in labels):
+        return labels
+    if len(labels) != markers:
+        raise RecordingError(f"line 4 has {len(labels)} labels, but line 3 gives {markers} markers")
+    return {2 + 3 * number: label for number, label in enumerate(labels.values())}
 
 
 def _rate(header: float, times: Floats) -> tuple[float, tuple[str, ...]]:
@@ -290,61 +314,140 @@ def _resolution(times: Floats) -> float:
 
 
 _AXIS = re.compile(r"([XYZ])\s*\d*$", re.I)
-_FIRST = 20
+_FIRST = 60
 """Lines in which the headers must be."""
-_RATES = ("rate", "datarate", "frequency", "framerate", "camerarate", "samplerate")
-_TWO_LINE_COUNTERS = ("frame", "frames", "item", "sample", "field")
+_RATES = ("rate", "datarate", "frequency", "framerate", "camerarate", "samplerate", "pointfrequency")
+_NO_LENGTHS = ("", "deg", "rad", "°", "n", "nm", "nmm", "n.m", "n.mm", "w", "n/kg", "nm/kg", "nmm/kg", "w/kg")
+"""Units of points that are no markers."""
+_COUNTED = ("frame", "frames", "item", "sample", "field")
 
 
 def find_axes(lines: list[str]) -> int | None:
     """The number, from 0, of the line of axes below a line of labels; None if there is none."""
     for number, line in enumerate(lines[1:_FIRST], start=1):
         cells = cells_of(line, find_delimiter(line))
-        axes = [axis[1].upper() for cell in cells if (axis := _AXIS.match(cell))]
+        axes = [axis for cell in cells if (axis := _axis(cell))]
         whole = len(axes) >= 3 and len(axes) % 3 == 0 and axes == list("XYZ") * (len(axes) // 3)
-        others = [cell for cell in cells if cell and not _AXIS.match(cell)]
+        others = [cell for cell in cells if cell and not _axis(cell) and not cell.endswith("'")]
         above = lines[number - 1]
         if whole and len(others) <= 2 and not above.startswith("#") and any(cells_of(above, find_delimiter(line))):
             return number
     return None
 
 
-def read_two_lines(lines: list[str], axes: int) -> FileContents:
+def read_columns(lines: list[str], axes: int, rate: float | None = None) -> FileContents:
     """Read a table whose line of axes is known (see `find_axes`).
+
+    Args:
+        lines: of the file.
+        axes: number of the line of axes, from 0.
+        rate: frames per second; if None, that of a key above, or of a column of times.
 
     Raises:
         RecordingError: one line, without the file's name: a marker without a label, rows that do not fit.
     """
     delimiter = find_delimiter(lines[axes])
     low, heads = cells_of(lines[axes], delimiter), cells_of(lines[axes - 1], delimiter)
+    below = cells_of(lines[axes + 1], delimiter) if axes + 1 < len(lines) else []
+    places = [i for i in range(len(low) - 2) if [_axis(cell) for cell in low[i : i + 3]] == ["X", "Y", "Z"]]
+    top, start = axes - 1, axes + 1
+    higher = cells_of(lines[axes - 2], delimiter) if axes > 1 else []
+    if units := _units(heads, places, labelled=all(any(higher[i : i + 1]) for i in places)):
+        top, heads = axes - 2, higher
+    elif units := _units(below, places, labelled=True):
+        start += 1
     heads += [""] * (len(low) - len(heads))
-    places = [i for i, cell in enumerate(low) if (axis := _AXIS.match(cell)) and axis[1].upper() == "X"]
     if nameless := [i for i in places if not heads[i]]:
-        raise RecordingError(f"line {axes}, column {nameless[0] + 1}: no label above the axes {low[nameless[0]]}")
-    end = max(i for i, line in enumerate(lines, start=1) if line.strip())
-    start = next((i for i in range(axes + 1, end) if lines[i].strip(" ,;\t")), end)
-    numbers = read_rows(lines[start:end], start + 1, delimiter, len(low))
+        raise RecordingError(f"line {top + 1}, column {nameless[0] + 1}: no label above the axes {low[nameless[0]]}")
+    lengths = {i: known_unit(units[i]) if units.get(i) else "" for i in places}
+    markers = [i for i in places if lengths[i] is not None]
+    if len(words := sorted({str(lengths[i]) for i in markers})) > 1:
+        raise RecordingError(f"its markers are in several units, {' and '.join(words)}; export them in one")
+    rows, start = _rows(lines, start, delimiter, len(low) if places[0] else 0)
+    numbers = read_rows(rows, start + 1, delimiter, len(low))
     first = [(low[i] or heads[i]).lower().rstrip("#") for i in range(places[0])]
     notes: tuple[str, ...] = ()
-    if first and first[0] in _TWO_LINE_COUNTERS:
+    if first and first[0] in _COUNTED:
         numbers, notes = with_all_frames(numbers[:, 0], numbers, start + 1)
-    columns = [column for i in places for column in (i, i + 1, i + 2)]
-    given = _keys(lines[: axes - 1], delimiter)
-    rate = next((value for key in _RATES if (value := _number_or_none(given.get(key, ""))) is not None), None)
+    given = _keys(lines[:top], delimiter)
+    if (promised := given.get("framenumber", "")).isdigit():
+        notes += missing_frames_note(len(numbers), int(promised))
+    if others := len(places) - len(markers):
+        notes += (f"{others} points hold angles, forces and the like, not markers: left out",)
+    if rate is None:
+        rate = next((value for key in _RATES if (value := _number_or_none(given.get(key, ""))) and value > 0.0), None)
+    columns = [column for i in markers for column in (i, i + 1, i + 2)]
     return FileContents(
-        labels=[heads[i] for i in places],
+        labels=[heads[i] for i in markers],
         points=as_points(np.ascontiguousarray(numbers[:, columns])),
         rate=rate_of_times(first, numbers, start + 1) if rate is None else rate,
-        unit=given.get("unit") or given.get("units") or None,
+        unit=(words[0] if words else None) or given.get("unit") or given.get("units") or None,
         notes=notes,
     )
+
+
+def _axis(cell: str) -> str:
+    """X, Y or Z of a cell such as ``x`` or ``X12``; empty for another cell, such as that of a velocity, ``X'``."""
+    axis = _AXIS.match(cell)
+    return axis[1].upper() if axis else ""
+
+
+def _units(cells: list[str], places: list[int], labelled: bool) -> dict[int, str]:
+    """The unit of each point, if a line is one of units: one word in the columns of every point, in several of them.
+
+    Args:
+        cells: of the line.
+        places: the first column of each point.
+        labelled: true if the labels stand in another line; else the words must be known, for spreadsheets repeat a
+            label in all three columns.
+    """
+    groups = {i: [cell for cell in cells[i : i + 3] if cell] for i in places}
+    words = {i: (group or [""])[0] for i, group in groups.items()}
+    several = any(len(group) > 1 for group in groups.values()) and all(len(set(group)) < 2 for group in groups.values())
+    named = labelled or all(known_unit(word) or word.lower() in _NO_LENGTHS for word in words.values())
+    return words if several and named and all(_number_or_none(word) is None for word in words.values()) else {}
+
+
+def _rows(lines: list[str], start: int, delimiter: str, cells: int) -> tuple[list[str], int]:
+    """The rows from the first one that is not empty up to an empty one, and the number of their first line, from 0.
+
+    Args:
+        lines: of the file.
+        start: where they begin at the earliest.
+        delimiter: between cells.
+        cells: of a row, whose first one, a time or a frame, is never empty; 0 if all of them may be.
+
+    Raises:
+        RecordingError: if rows follow below the empty line: frames would be lost.
+    """
+    start = next((i for i in range(start, len(lines)) if lines[i].strip(" ,;\t")), len(lines))
+    if not cells:
+        return lines[start : max((i for i, line in enumerate(lines, 1) if line.strip()), default=0)], start
+    rows = until_blank(lines, start)
+    end = start + len(rows)
+    after = next((cells_of(line, delimiter) for line in lines[end:] if line.strip(" ,;\t")), [])
+    if len(after) == cells and _number_or_none(after[0]) is not None:
+        raise RecordingError(f"line {end + 1} is empty, and further rows follow; remove the line")
+    return rows, start
+
+
+def read_vicon(lines: list[str], start: int) -> FileContents:
+    """Read an export of Vicon Nexus: Trajectories, rate, labels, axes, units, then rows up to an empty line."""
+    if len(lines) < start + 6:
+        raise RecordingError(f"the file is cut short: no rows after the line Trajectories (line {start + 1})")
+    rate = _number_or_none(lines[start + 1].strip(" ,;\t"))
+    if rate is None:
+        raise RecordingError(f"line {start + 2}: {lines[start + 1][:40]!r} should be the rate")
+    if find_axes(lines[start : start + 4]) != 3:
+        raise RecordingError(f"line {start + 4} should give the axes of each label: Frame, Sub Frame, X, Y, Z, X, ...")
+    return read_columns(lines, start + 3, rate)
 
 
 def _keys(lines: list[str], delimiter: str) -> dict[str, str]:
     """Values of keys above the headers: a key and its value in one line, or keys in one line and values below."""
     given: dict[str, str] = {}
     table = [cells_of(line.lstrip("# "), delimiter) for line in lines]
-    for cells, below in zip(table, [*table[1:], []], strict=True):
+    for cells, below in zip(table, [*table[1:], *[[]] * bool(table)], strict=True):
         if len(cells) > 1 and _number_or_none(cells[0]) is None and (len(cells) == 2 or not any(cells[2:])):
             given.setdefault(_plain(cells[0]), cells[1])
         elif len(cells) == 1 and ":" in cells[0]:

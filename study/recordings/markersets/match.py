@@ -1,6 +1,10 @@
-"""Match a marker set to a recording: the label of each marker, what is missing, and the joints that can be found."""
+"""Match a marker set to a recording: the label of each marker, what is missing, and the joints that can be found.
+
+Labels are compared without case, dots, underscores and spaces, and without a prefix that most of them have.
+"""
 
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -11,6 +15,7 @@ from study.text import nearest
 
 _ENOUGH = 4
 """Joints that show that a recording is of a part of a set's body."""
+_SIDES = {"l": "left", "left": "left", "r": "right", "right": "right"}
 _NUMBERED = re.compile(r"(.*[^\W\d_]{2}[\W_]?)(\d+)$")
 """A label of two letters or more and a number."""
 
@@ -71,9 +76,25 @@ class Match:
         lines += [f"clusters that it does not use: {', '.join(unused)}; a set of your own can"] * bool(unused)
         return [*lines, *self.remarks]
 
+    def data(self) -> dict[str, object]:
+        """The match for other programs.
+
+        Returns:
+            ``name``; ``labels``, the recording's label of each marker; ``lacking`` markers by segment; ``joints`` that
+            can be found; ``lost`` joints, each with the reason; ``extra`` labels.
+        """
+        return {
+            "name": self.whole.name,
+            "labels": self.labels,
+            "lacking": self.lacking,
+            "joints": [joint.name for joint in self.joints],
+            "lost": self.lost,
+            "extra": list(self.extra),
+        }
+
     def _missed(self, marker: str) -> str:
         """A missing marker, with the label of the recording that it may have."""
-        label = nearest(marker, self.extra)
+        label = nearest(marker, [label for label in self.extra if not _opposite(marker, label)])
         return marker if label is None else f"{marker} (did you mean {label}?)"
 
 
@@ -84,9 +105,13 @@ def match(markerset: MarkerSet, recording: Recording) -> Match:
     own joint to its parent is found, which is then the third point. The child needs one marker.
     """
     visible = [label for label, share in zip(recording.markers, recording.missing(), strict=True) if share < 1]
-    upper = {label.upper(): label for label in reversed(visible)}
-    every = (*markerset.markers(), *markerset.landmarks())
-    labels = {m: label for m in every if (label := _label(markerset, m, upper)) is not None}
+    spelt = spellings(visible)
+    labels: dict[str, str] = {}
+    for m in (*markerset.markers(), *markerset.landmarks()):
+        names = (m, *markerset.aliases.get(m, ()))
+        label = m if m in visible else next((spelt[plain(name)] for name in names if plain(name) in spelt), None)
+        if label is not None and label not in labels.values():
+            labels[m] = label
     lacking = {
         segment.name: lacks
         for segment in markerset.segments
@@ -98,8 +123,9 @@ def match(markerset: MarkerSet, recording: Recording) -> Match:
 def choose(recording: Recording, candidates: Sequence[str] | None = None) -> Match:
     """Choose the marker set that fits a recording best: the most joints, then the most markers, then fewest aliases.
 
-    A set is chosen only if most of its joints can be found, or most of those whose segments the recording shows: at
-    least four of these, or with most of the recording's markers.
+    A set is chosen only if most of its joints can be found, or most of those whose segments the recording shows (at
+    least four of these, or with most of the recording's markers), or if all its markers on both sides of a joint are
+    there and it leaves no cluster of the recording unused.
 
     Args:
         recording: a recording.
@@ -144,6 +170,34 @@ def clusters(labels: Sequence[str]) -> list[str]:
     return [f"{min(group)[1]}-{max(group)[1]}" for group in groups.values() if len(group) > 2]
 
 
+def plain(label: str) -> str:
+    """A label as it is compared: small letters and digits alone."""
+    return re.sub(r"[\W_]+", "", label).casefold()
+
+
+def spellings(labels: Sequence[str]) -> dict[str, str]:
+    """The labels by their `plain` forms, with and without the prefix that more than half of them have.
+
+    Of two labels with one form the first counts, and a whole label goes before one without its prefix. A side is no
+    prefix.
+    """
+    heads = [(re.match(r"[^\W_]+[\W_]+", label) or [""])[0] for label in labels]
+    head, count = Counter(heads).most_common(1)[0] if heads else ("", 0)
+    result: dict[str, str] = {}
+    for label in labels:
+        result.setdefault(plain(label), label)
+    if head and 2 * count > len(labels) and plain(head) not in _SIDES:
+        for label in labels:
+            result.setdefault(plain(label.removeprefix(head)), label)
+    return result
+
+
+def _opposite(one: str, other: str) -> bool:
+    """True if two labels begin with the letters of different sides."""
+    first, second = (_SIDES.get(plain(label)[:1]) for label in (one, other))
+    return None not in (first, second) and first != second
+
+
 def _fits(placed: Match) -> bool:
     """True if a set fits a recording well enough to be chosen without being named."""
     count = len(placed.joints)
@@ -151,7 +205,10 @@ def _fits(placed: Match) -> bool:
         return True
     shown = [j for j in placed.whole.joints if any(m in placed.labels for m in placed.whole.segment(j.child).markers)]
     most = 2 * len(placed.labels) > len(placed.source.markers)
-    return 2 * count > len(shown) and (count >= _ENOUGH or (count > 1 and most))
+    if 2 * count > len(shown) and (count >= _ENOUGH or (count > 1 and most)):
+        return True
+    complete = [j for j in placed.joints if j.parent not in placed.lacking and j.child not in placed.lacking]
+    return bool(complete) and not clusters(placed.extra)
 
 
 def _share(placed: Match) -> str:
@@ -164,18 +221,6 @@ def _quality(placed: Match) -> tuple[int, int, int, int]:
     shown = (s.name for s in placed.whole.segments if any(marker in placed.labels for marker in s.markers))
     gaps = sum(len(placed.lacking.get(name, ())) for name in shown)
     return len(placed.joints), len(placed.labels), -gaps, -aliases
-
-
-def _label(markerset: MarkerSet, marker: str, labels: dict[str, str]) -> str | None:
-    """The recording's label of a marker, its name or an alias; None if the recording lacks it.
-
-    Args:
-        markerset: with the aliases.
-        marker: of the set.
-        labels: those of markers with samples, by their capitals.
-    """
-    names = (marker, *markerset.aliases.get(marker, ()))
-    return next((labels[name.upper()] for name in names if name.upper() in labels), None)
 
 
 def _lost(markerset: MarkerSet, seen: set[str]) -> dict[str, str]:

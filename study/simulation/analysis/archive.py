@@ -152,7 +152,14 @@ def _software(run: Run) -> Entity:
         "description": f"Commit {commit or 'unknown'}; with " + ", ".join(f"{k} {v}" for k, v in packages.items()),
         "softwareVersion": version,
         "license": {"@id": LICENCE},
+        **_identified(made_by),
     }
+
+
+def _identified(software: Mapping[str, Any]) -> Entity:
+    """Software Heritage identifiers of the commit and its tree, if the run knows them and no change was uncommitted."""
+    found = [software[key] for key in ("revision", "directory") if software.get(key) and not software["dirty"]]
+    return {"identifier": found} if found else {}
 
 
 _PERFORMANCE = (
@@ -175,6 +182,8 @@ def readme(runs: Sequence[Run]) -> str:
         for run in runs
     )
     python, version, commit = software["python"], software["study"], software.get("commit") or "unknown"
+    identifiers = ", ".join(_identified(software).get("identifier", []))
+    commit += f"; Software Heritage {identifiers}" if identifiers else ""
     return f"""# Runs of sphere-fit-study
 
 | run | config | fits | tables |
@@ -274,6 +283,7 @@ def codemeta(runs: Sequence[Run]) -> dict[str, object]:
         "programmingLanguage": {"@type": "ComputerLanguage", "name": "Python", "version": software["python"]},
         "softwareRequirements": [f"{name}=={version}" for name, version in software["packages"].items()],
         "author": [{"@type": "Organization", "name": "The sphere-fit-study authors"}],
+        **_identified(software),
     }
 
 

@@ -166,6 +166,7 @@ def provenance(record: Record) -> list[Markup]:
     facts: list[tuple[str, Content]] = [
         ("Version", f"sphere-fit-study {software.study}, Python {software.python}"),
         ("Commit", commit),
+        *([("Software Heritage", html.code(software.directory))] if software.directory and not software.dirty else []),
         ("Packages", packages),
         ("Machine", f"{machine.processor}, {machine.cores or 'unknown number of'} cores, {machine.system}"),
         ("Code generated for", software.code_generated_for),

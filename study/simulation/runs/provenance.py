@@ -24,9 +24,24 @@ def software() -> dict[str, object]:
         "study": study.__version__,
         "commit": _git("rev-parse", "HEAD"),
         "dirty": bool(_git("status", "--porcelain", "--untracked-files=no")),
+        **swhids(),
         "python": platform.python_version(),
         "packages": packages(),
         "code_generated_for": os.environ.get("NUMBA_CPU_NAME", "native"),
+    }
+
+
+def swhids() -> dict[str, str | None]:
+    """Software Heritage identifiers of the commit and of its tree; None outside of a checkout.
+
+    They are git's own hashes. A checkout with changes that are not committed has no other ones.
+
+    Source: ISO/IEC 18670:2025, SWHID.
+    """
+    commit, tree = _git("rev-parse", "HEAD"), _git("rev-parse", "HEAD^{tree}")
+    return {
+        "revision": f"swh:1:rev:{commit}" if commit else None,
+        "directory": f"swh:1:dir:{tree}" if tree else None,
     }
 
 

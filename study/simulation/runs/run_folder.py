@@ -63,6 +63,8 @@ class Software(Maker):
     study: str
     commit: str | None
     dirty: bool
+    revision: str | None = None
+    directory: str | None = None
     python: str
     packages: dict[str, str | None]
     code_generated_for: str

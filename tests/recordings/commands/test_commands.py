@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 
 from study import cli
-from study.recordings.commands.common import results_folder
+from study.recordings.commands import results_folder
 from study.recordings.commands.skeleton import synthetic
 from study.recordings.formats.write import write_recording
 from study.recordings.markersets import load_markerset, shipped
@@ -480,6 +480,21 @@ def test_folders(name, folder):
     """For any name of a recording, its folder is directly below that of results."""
     assert results_folder(name) == Path("results/recordings") / folder
     assert results_folder(name, Path("mine")) == Path("mine")
+
+
+def test_frames_are_chosen_by_every_command(call, body):
+    """A range reads a part of the recording; one that it does not have is refused, and so is one for a session."""
+    code, said, _ = call("recording", body[0], "--frames", "101-300")
+    assert code == 0
+    assert "200 frames" in said
+    assert "note: frames 101-300 of 500: they count from 1 here" in said
+    for command in ("recording", "joints", "skeleton", "case-study"):
+        code, said, complained = call(command, body[0], "--frames", "400-900")
+        assert (code, said) == (2, "")
+        assert "--frames 400-900: give the first and the last of its 500 frames" in complained
+    code, _, complained = call("joints", body[0], body[0], "--frames", "1-300")
+    assert code == 2
+    assert "a range is of one recording" in complained
 
 
 def test_a_file_is_no_folder(tmp_path):

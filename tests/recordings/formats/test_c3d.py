@@ -138,7 +138,7 @@ def test_more_frames_than_the_header_can_count(tmp_path):
         (bytes(4096), "not a C3D file"),
         (b"\x02\x50", "cut short: its header is not complete"),
         (b"\x02\x50" + bytes(510), "cut short: its header is not complete"),
-        (b"\x02\x50" + bytes(5000), "a damaged or incomplete C3D file; ezc3d: "),
+        (b"\x02\x50" + bytes(5000), "a damaged or incomplete C3D file, which no reader can read; get a whole copy"),
         (
             b"\x02\x50" + b"\xff" * 5000,
             "its header promises 65535 frames of 65535 points .* 85.9 GB, but",
@@ -167,6 +167,29 @@ def test_a_chain_of_parameters_that_does_not_hold_is_kept_from_ezc3d(tmp_path, m
     assert not read_header(path).sound
     monkeypatch.setattr(c3d, "ezc3d", SimpleNamespace(c3d=lambda path: pytest.fail("ezc3d was asked")))
     np.testing.assert_array_equal(read_c3d(path).points, points)
+
+
+@pytest.mark.parametrize(
+    ("place", "number"),
+    [(2, 2), (8, 6), (4, 1)],
+    ids=["fewer points than POINT:USED", "fewer frames than POINT:FRAMES", "more analog samples than ANALOG:USED"],
+)
+def test_the_lighter_reader_is_first_where_the_header_does_not_agree(
+    tmp_path, monkeypatch, write_c3d, points, place, number
+):
+    """Header, parameters and the file's size differ: ezc3d, which may fill the memory, comes second."""
+    asked = []
+    for name in ("_by_ezc3d", "_by_c3d"):
+        monkeypatch.setattr(c3d, name, lambda path, name=name: asked.append(name) or refuse(path))
+    path = write_c3d(tmp_path / "a.c3d", "ABC", points)
+    data = bytearray(path.read_bytes())
+    for plain in (True, False):
+        assert read_header(path).plain == plain
+        with pytest.raises(RecordingError, match="which no reader can read"):
+            read_c3d(path)
+        data[place : place + 2] = struct.pack("<H", number)
+        path.write_bytes(data)
+    assert asked == ["_by_ezc3d", "_by_c3d", "_by_c3d", "_by_ezc3d"]
 
 
 CORRUPT = """

@@ -4,6 +4,7 @@ Qualisys Track Manager User Manual, "TSV file formats"; OptiTrack documentation,
 documentation, "Marker (.trc) Files".
 """
 
+import re
 import sys
 
 import numpy as np
@@ -84,6 +85,29 @@ Frame,Time,A,,,B,,
 3,0.02,102,202,302,402,502,602
 """
 
+BTK = """Frame number,3
+First frame,11
+Point frequency,200
+Analog frequency,1000
+
+Left_Foot Strike,0.06
+Right_Foot Off,0.055,0.07
+
+Time,A,,,LHipAngles,,,B,,
+s,mm,mm,mm,deg,deg,deg,mm,mm,mm
+,X,Y,Z,X,Y,Z,X,Y,Z
+0.05,100.5,200,300,12,3,4,400,500,600
+0.055,101,201,301,13,3,4,,,
+0.06,102,202,302,14,3,4,402,502,602
+
+Time,Fz1
+s,N
+0.05,100
+0.051,101
+
+"""
+"""As BTK's ``btkASCIIFileWriter`` lays it out: header, events, points of several types, analog channels."""
+
 D_FLOW = """TimeStamp\tFrameNumber\tA.PosX\tA.PosY\tA.PosZ\tB.PosX\tB.PosY\tB.PosZ\tFP1.CopX
 5.00\t11\t0.1005\t0.2\t0.3\t0.4\t0.5\t0.6\t1
 5.01\t12\t0.101\t0.201\t0.301\t0\t0\t0\t1
@@ -113,10 +137,15 @@ def read(folder, text, name="walk.csv", **options):
         (TWO_LINES.replace("Frame,Time,A", ",,A").replace(",,X1", "Frame,Time,X1"), "walk.csv", 100.0),
         (TWO_LINES.replace(",", "\t").replace("X1\tY1\tZ1\tX2\tY2\tZ2", "X\tY\tZ\tX\tY\tZ"), "walk.tsv", 100.0),
         (D_FLOW, "walk.txt", 100.0),
+        (BTK, "walk.csv", 200.0),
+        (BTK.replace(",", "\t"), "walk.txt", 200.0),
+        (BTK.replace(",", ";"), "walk.csv", 200.0),
+        (BTK[BTK.index("Time,A") :], "walk.csv", 200.0),
+        (BTK.replace(",mm", ",m").replace("Point frequency,200", "Point frequency,0"), "walk.csv", 200.0),
     ],
 )
 def test_the_same_markers_in_other_programs_formats(tmp_path, text, name, rate):
-    found = read(tmp_path, text, name, unit="m" if text == D_FLOW else None)
+    found = read(tmp_path, text, name, unit="m" if text == D_FLOW else "mm" if ",m,m,m" in text else None)
     assert set(found.markers) == {"A", "B"}
     np.testing.assert_allclose(found.select(["A", "B"]).positions, WANTED, rtol=1e-14)
     assert found.rate == pytest.approx(rate, rel=1e-12)
@@ -137,6 +166,25 @@ def test_c3d_by_its_contents(tmp_path, write_c3d):
     assert read(tmp_path, TRC_AS_CSV, "walk.c3d").frames == 3
     with pytest.raises(RecordingError, match=r"walk.dat: a recording is a file whose name ends in .c3d"):
         read(tmp_path, "A_X,A_Y,A_Z\n1,2,3\n", "walk.dat")
+
+
+def test_btk_tells_what_it_leaves_out(tmp_path):
+    """Points in degrees, newtons and the like are no markers; nothing of the analog channels is read."""
+    assert read(tmp_path, BTK).notes == ("1 points hold angles, forces and the like, not markers: left out",)
+
+
+@pytest.mark.parametrize(
+    ("text", "markers"),
+    [
+        (MOTIVE.replace("Thigh:B", "Shank:B"), ("A", "B")),
+        (MOTIVE.replace("Thigh:B", "Thigh:C"), ("A", "C")),
+        (MOTIVE.replace("Thigh:B", "Shank:A"), ("Thigh A", "Shank A")),
+    ],
+)
+def test_rigid_bodies_are_segments_of_one_subject(tmp_path, text, markers):
+    """Bodies of the Motive file are no subjects to choose from; a label that two bodies have gets the body's name."""
+    text = text.replace("Thigh,Thigh:A,Thigh:A", "Thigh,Shank:Z,Thigh:A", 1)
+    assert read(tmp_path, text).markers == markers
 
 
 def test_motive_tells_what_it_leaves_out(tmp_path):
@@ -466,7 +514,6 @@ def test_an_empty_row_is_a_frame_without_markers(tmp_path):
         ("walk.trc", "hello", "not a TRC file"),
         ("walk.trc", TRC[: TRC.index("3\t0.020")], "cut short: 2 of 3 frames are there"),
         ("walk.trc", TRC[:-14], "line 9 has 5 cells; 8 are needed"),
-        ("walk.trc", TRC.replace("\t3\t2\tmm", "\t3\t5\tmm"), "line 4 has 2 labels, but line 3 gives 5 markers"),
         ("walk.trc", TRC.replace("NumFrames", "Frames"), "must give DataRate, NumFrames and NumMarkers"),
         ("walk.csv", "Trajectories\n120\n", "cut short: no rows after the line Trajectories"),
         ("walk.csv", VICON.replace("120", "fast"), "line 2: 'fast' should be the rate"),
@@ -478,3 +525,154 @@ def test_what_is_wrong_is_told_with_its_place(tmp_path, name, text, words):
         read_of_text_file(tmp_path, text, name)
     assert str(caught.value).startswith(str(tmp_path / name))
     assert "\n" not in str(caught.value)
+
+
+LABELS = "Frame#\tTime\tm:A\t\t\tm:B\t\t\n"
+ODD_TRC = TRC.replace("\t3\t2\tmm", "\t3\t4\tmm")
+"""A header of four markers above two labels, as where a program writes further columns without a name."""
+WIDER = ODD_TRC.replace("\t600\n", "\t600\t1\t2\t3\t4\t5\t6\n").replace("301\t\t\t", "301\t\t\t\t1\t2\t3\t4\t5\t6")
+
+
+@pytest.mark.parametrize(
+    ("text", "note"),
+    [
+        (TRC.replace("\t400", "\tNan").replace("\t500\t600\n", "\tNan\tnAn\n".replace("nAn", "NAN") + ""), ""),
+        (ODD_TRC, "its header gives 4 markers, and 2 have a label"),
+        (WIDER, "its header gives 4 markers, and 2 have a label: 2 groups of columns without a label are left out"),
+        (TRC.replace("\t3\t2\tmm", "\t3\t1\tmm"), "its header gives 1 markers, and 2 have a label"),
+        (WIDER.replace("\t4\tmm", "\t2\tmm"), "its header gives 2 markers, and 2 have a label: 2 groups of"),
+    ],
+)
+def test_columns_of_a_trc_file_that_its_header_does_not_tell(tmp_path, text, note):
+    """Labels stand above their columns: those of A and B are read, whatever else is in the file."""
+    found = read_of_text_file(tmp_path, text, "walk.trc")
+    assert found.markers == ("A", "B")
+    np.testing.assert_allclose(found.of("A"), WANTED[0], rtol=1e-14)
+    np.testing.assert_allclose(found.of("B")[:, 2], WANTED[1][:, 2], rtol=1e-14)
+    assert len(found.notes) == bool(note)
+    assert not note or found.notes[0].startswith(note)
+
+
+BROKEN_BTK = [
+    (BTK.replace("Time,A,,,", "Time,,,,"), "line 9, column 2: no label above the axes X"),
+    (BTK.replace("100.5", "1oo.5"), "line 12, column 2: '1oo.5' is not a number"),
+    (BTK.replace("600\n0.055", "600\n\n0.055"), "line 13 is empty, and further rows follow; remove the line"),
+    (BTK.replace("600\n0.055", "600,7\n0.055"), "line 12, column 11: '7.0' has no header"),
+    (BTK.replace(",500,600", ",500"), "line 12 has 9 cells; 10 are needed; the line may be cut short"),
+    (BTK[: BTK.index("0.055,101")], "cut short: 1 of 3 frames"),
+    (BTK[: BTK.index("0.05,100.5")], "cut short: 0 of 3 frames"),
+    (BTK.replace("number,3", "number,30"), "cut short: 3 of 30 frames"),
+    (BTK.replace("deg", "mm").replace(",mm,mm,mm\n", ",m,m,m\n"), "its markers are in several units, m and mm"),
+    (BTK.replace("mm", "deg"), "no markers in it"),
+    (BTK.replace("mm", "furlong"), "no markers in it"),
+    (
+        BTK.replace("Point frequency,200\n", "").replace("0.06,102", "0.07,102"),
+        "the step in time is 0.005 s",
+    ),
+    (BTK.replace("Point frequency,200\n", "Point frequency,-5\n"), None),
+    (BTK.replace("Point frequency,200\n", "Point frequency,nan\n"), None),
+    (BTK.replace(",A,,", ",one:A,,").replace(",B,,", ",two:B,,"), "it holds 2 subjects: one"),
+    (BTK.replace(",X,Y,Z,X,Y,Z,X,Y,Z", ",X,Y,Z,X,Z,Y,X,Y,Z"), "no columns such as LFHD_X"),
+    (BTK.replace(",X,Y,Z,X,Y,Z,X,Y,Z\n", ""), "no columns such as LFHD_X"),
+    (BTK.replace("s,mm,mm,mm,deg,deg,deg,mm,mm,mm", "s,mm,mm,mm,deg,deg,deg,mm,mm,"), None),
+    (BTK.replace("100.5,200,300", ",,").replace("101,201,301", ",,"), None),
+    (BTK.replace("0.055,101,201,301,13,3,4,,,", ",,,,,,,,,"), "line 13 is empty, and further rows follow"),
+    (BTK.replace("402,502,602", "0,0,0").replace("400,500,600", "0,0,0"), None),
+    (BTK + BTK, None),
+    (BTK.replace("\n", "\r\n"), None),
+    ("\n\n" + BTK, None),
+    (BTK.replace("0.05,100.5", "zero,100.5"), "line 12, column 1: 'zero' is not a number"),
+    (BTK.replace("Time,A", "A"), "no label above the axes"),
+]
+BROKEN_TRC = [
+    (WIDER.replace("\tm:B", ""), None),
+    (WIDER.replace("\tm:A", "\t"), None),
+    (WIDER.replace(LABELS, "Frame#\tTime\tA\tB\n"), "line 4 has 2 labels, but line 3 gives 4 markers"),
+    (WIDER.replace(LABELS, "Frame#\tTime\tA\t\tB\n"), "line 4 has 2 labels, but line 3 gives 4 markers"),
+    (WIDER.replace(LABELS, "Frame#\tTime\n"), "line 4 has no labels"),
+    (WIDER.replace(LABELS, "\n"), "line 4 has no labels"),
+    (WIDER.replace("\tm:B", "\tm:A"), None),
+    (WIDER.replace("\tm:B", "\tn:B"), "it holds 2 subjects: m"),
+    (WIDER.replace("\t400", "\tNaNs"), "line 7, column 6: 'NaNs' is not a number"),
+    (WIDER.replace("\t4\t5\t6", "\t4\tx\t6"), None),
+    (WIDER.replace("\t500\t600\t1\t2\t3\t4\t5\t6", "\t500"), "line 7 has 7 cells; 8 are needed"),
+    (WIDER.replace("\t3\t4\tmm", "\t3\t-4\tmm"), None),
+    (WIDER.replace("\t3\t4\tmm", "\t3\tfour\tmm"), "line 2 and 3 must give DataRate, NumFrames and NumMarkers"),
+    (WIDER.replace("\t3\t4\tmm", "\t40\t4\tmm"), "cut short: 3 of 40 frames are there"),
+    (WIDER.replace("\t3\t4\tmm", "\t3\t4\tmiles"), "its unit 'miles' is not known"),
+    (WIDER.replace("2\t0.010", "7\t0.010"), "line 8: frame 7 follows frame 1"),
+    (WIDER.replace("\n1\t0.000", "\nx\t0.000"), None),
+    (WIDER.replace("100.00", "0.00").replace("0.010", "0.000").replace("0.020", "0.000"), "its rate .* is 0; give one"),
+    (WIDER[: WIDER.index("1\t0.000")], "cut short: 0 of 3 frames"),
+    (WIDER.replace("\t", " "), None),
+    (WIDER.replace("PathFileType", "PathFiletype"), "not a TRC file"),
+]
+BROKEN_BODIES = [
+    (MOTIVE.replace("Thigh:A", old).replace("Thigh:B", new), words)
+    for old, new, words in [
+        ("Thigh:", "Thigh:", None),
+        (":", ":", None),
+        (":A", ":A", None),
+        ("Thigh:A:B", "Thigh:A", None),
+        ("Thigh:Thigh", "Thigh", None),
+        ("Thigh: A", "Thigh :A", None),
+        ("", "", None),
+        ("\x1b[1m:A", "Thigh:B", None),
+        ("Unlabeled:A", "Unlabeled:B", None),
+        ("Thigh:Marker 001", "Thigh:Marker 001", None),
+    ]
+] + [
+    (MOTIVE.replace("Rigid Body,", ","), None),
+    (MOTIVE.replace("Rigid Body", "Trained Markerset"), None),
+    (MOTIVE.replace(",Marker", ",Markers"), None),
+    (MOTIVE.replace("Position", "Velocity"), "no labelled markers in it, but no positions"),
+    (MOTIVE.replace("X,Y,Z,X,Y,Z,X,Y,Z", "X,Y,Z,X,Y,Z,X,Z,Y"), None),
+    (MOTIVE.replace("0,0.000000", "a,0.000000"), "line 8, column 1: 'a' is not a number"),
+    (MOTIVE.replace("1,0.016667", "5,0.016667"), "frame 5 follows frame 0"),
+    (MOTIVE.replace("Millimeters", "Parsecs"), "its unit 'Parsecs' is not known"),
+    (
+        MOTIVE.replace("60.000000", "x").replace("120.000000", "x"),
+        "its rate in frames",
+    ),
+    (MOTIVE[: MOTIVE.index("1,0.016667")], "1 frame in it"),
+    (MOTIVE.replace(",100.5,200,300", ",100.5,200"), None),
+]
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "words"),
+    [
+        (text, name, words)
+        for broken, name in ((BROKEN_BTK, "walk.csv"), (BROKEN_TRC, "walk.trc"), (BROKEN_BODIES, "walk.csv"))
+        for text, words in broken
+    ],
+)
+def test_malformed_files_are_read_or_refused_in_one_line(tmp_path, text, name, words):
+    """Twenty or more files each of BTK, of TRC with odd headers, and of rigid bodies.
+
+    Where no words are asked for, a recording is as good as a message.
+    """
+    told = ""
+    try:
+        read_of_text_file(tmp_path, text, name)
+    except RecordingError as error:
+        told = str(error)
+    assert not told or told.startswith(f"{tmp_path / name}: ")
+    assert "\n" not in told
+    assert words is None or re.search(words, told), told
+
+
+UNHURRIED = settings(
+    max_examples=150, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+
+
+@UNHURRIED
+@given(text=st.sampled_from([BTK, WIDER, MOTIVE]), cut=st.integers(0, 900), new=st.text("0,\t\n:xX.-\x00é", max_size=4))
+def test_text_put_in_anywhere_ends_in_one_line_at_most(tmp_path, text, cut, new):
+    told = ""
+    try:
+        read_of_text_file(tmp_path, text[:cut] + new + text[cut + 1 :], "walk.trc" if text is WIDER else "walk.csv")
+    except RecordingError as error:
+        told = str(error)
+    assert "\n" not in told

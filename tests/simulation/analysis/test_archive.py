@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from study import cli
 from study.files import RunError
-from study.simulation.analysis.archive import archive
+from study.simulation.analysis.archive import archive, codemeta, metadata, readme
 from study.simulation.experiment.config import parse
 from study.simulation.runs.adaptive import TimeBudget
 from study.simulation.runs.run_folder import Run
@@ -168,3 +168,17 @@ def test_mistakes(run, tmp_path):
         archive([run], tmp_path / "out.tar")
     with pytest.raises(RunError, match="given twice"):
         archive([run, run], tmp_path / "out.zip")
+
+
+@pytest.mark.parametrize("dirty", [False, True])
+def test_software_heritage_identifiers(run, tmp_path, monkeypatch, dirty):
+    """Readers and machines get the identifiers of commit and tree, unless the code had changes beyond them."""
+    ids = {"revision": f"swh:1:rev:{'a' * 40}", "directory": f"swh:1:dir:{'b' * 40}"}
+    manifest = run.manifest()
+    changed = manifest | {"software": manifest["software"] | ids | {"dirty": dirty}}
+    monkeypatch.setattr(type(run), "manifest", lambda self: changed)
+    expected = [] if dirty else list(ids.values())
+    assert codemeta([run]).get("identifier", []) == expected
+    (software,) = [each for each in metadata([run], {})["@graph"] if each["@type"] == "SoftwareApplication"]
+    assert software.get("identifier", []) == expected
+    assert all((each in readme([run])) is not dirty for each in ids.values())

@@ -3,6 +3,7 @@
 The manifest: the study, the software, the machine and the time of a run.
 """
 
+import hashlib
 import json
 import os
 import platform
@@ -88,7 +89,8 @@ def test_error_table_knows_software_and_nothing_else(stored):
     metadata = pq.read_schema(stored[2].folder / "errors.parquet").metadata
     assert set(metadata) - {b"ARROW:schema", b"pandas"} == {b"study.config", b"study.software"}
     software = json.loads(metadata[b"study.software"])
-    assert set(software) == {"study", "commit", "dirty", "python", "packages", "code_generated_for"}
+    found = {"study", "commit", "dirty", "revision", "directory", "python", "packages", "code_generated_for"}
+    assert set(software) == found
     assert software["packages"]["numpy"] == version("numpy")
 
 
@@ -204,6 +206,20 @@ def test_software(manifest):
         done = subprocess.run(["git", "-C", str(root), "rev-parse", "HEAD"], capture_output=True, text=True, check=True)
         assert software["commit"] == done.stdout.strip()
         assert isinstance(software["dirty"], bool)
+
+
+def test_software_heritage_identifiers(manifest):
+    """They are the hashes of git's own objects: SHA-1 of the commit's bytes, and the tree that the commit names."""
+    software = manifest[1]["software"]
+    root = Path(study.__file__).parents[1]
+    if not (root / ".git").exists():
+        assert (software["revision"], software["directory"]) == (None, None)
+        return
+    commit = software["commit"]
+    done = subprocess.run(["git", "-C", str(root), "cat-file", "commit", commit], capture_output=True, check=True)
+    digest = hashlib.sha1(b"commit %d\0" % len(done.stdout) + done.stdout).hexdigest()
+    assert software["revision"] == f"swh:1:rev:{digest}"
+    assert software["directory"] == f"swh:1:dir:{done.stdout.split()[1].decode()}"
 
 
 def test_machine(manifest):

@@ -1,0 +1,448 @@
+"""Structure in the residuals of fits: a quick look at every set, errors that allow for it, and doubts that matter.
+
+The test of fit (`study.fits.goodness`) takes a few times as long as a fit. So one pass over the points of each set
+forms its statistics as they are for small noise, and only sets in which one is near its limit are tested in full.
+
+Where structure is seen, a series over the directions measures it, the residuals' own squares do, and a series over time
+if the rows are in the order in which they were measured: structure of low order has coefficients of like size among
+the harmonics that a sphere absorbs and among those that are left.
+
+Source: theory §13.
+"""
+
+import math
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import fdtri, stdtrit
+
+from study.arrays import Bools, Floats, Ints
+from study.fits.circle import on_circles
+from study.fits.corrected import corrected
+from study.fits.goodness import (
+    LEVEL,
+    SMALL,
+    evenly_thinned,
+    form_of,
+    goodness,
+    harmonics,
+    highest_degree,
+    number_of,
+    on_the_fit,
+    scores_of_residuals,
+    tail_statistics,
+)
+from study.fits.intervals import Intervals, intervals
+from study.fits.jit import compiled, dot
+from study.fits.samples import Estimates, Samples, binary_size
+
+_UPPER = 0.975
+"""Probability at whose quantile the widths of several series are compared."""
+_COSINES = 6
+"""Terms of the series over time (Lazarus et al. 2018)."""
+_MARGIN = 2.0
+"""Level of the quick look, in units of that of a block; its statistics are those of the full test but for σ²."""
+_NOISY_MARGIN = 8.0
+"""The same where the noise is above `SMALL`."""
+_CLEAR = 1e-4
+"""Least pivot of the columns' Gram matrix, relative to its diagonal, with which the quick look is exact."""
+_GRUBBS = 0.01
+"""Share of clean data sets whose largest residual is taken for an outlier's, as in the search for outliers."""
+_WELL_ABOVE = 3.0
+"""Factor on an interval from which the fit is doubted."""
+_EFFECT = 0.005
+"""Least share of the residuals' variance, about, that structure explains in many points when the fit is doubted."""
+_USUAL = 200
+"""Number of points up to which everything that is seen matters."""
+_HARMLESS_NOISE, _TWO_SHELLS, _SKEW = 0.1, 0.15, 0.03
+"""Noise in radii, E cos(3t/2) and E sin t up to which tails do no harm: a normal t has .325 and 0, a uniform one .199
+and 0, two concentric spheres .07 and 0."""
+_ROUNDING = 1e-11
+"""Noise in radii that rounding makes."""
+_MOST_NUMBERS = 2_000_000
+"""Numbers of directions and residuals held at a time."""
+
+
+@cache
+def _products(d: int, most: int) -> tuple[Ints, Ints]:
+    """Columns that span the harmonics of degrees 0 … most: (k, 2) parent and coordinate, and the degrees' ends.
+
+    They are monomials of the directions, less their mean, with the last coordinate at most once: its square is a sum of
+    the others. From column d + 1 on, each is the product of an earlier one and a coordinate.
+    """
+    rows, ends = [[0, 0]] * (d + 1), [1, d + 1]
+    last = [(j + 1, j) for j in range(d)]  # place and largest coordinate of each monomial of the degree before
+    for _ in range(2, most + 1):
+        following = []
+        for place, largest in last:
+            for j in range(largest, d):
+                if not (j == largest == d - 1):
+                    rows.append([place, j])
+                    following.append((len(rows) - 1, j))
+        last = following
+        ends.append(len(rows))
+    return np.array(rows), np.array(ends)
+
+
+@compiled
+def _columns(x: Floats, center: Floats, inverse: float, products: Ints, Y: Floats, rho: Floats) -> None:
+    """Write the columns (k, n) of a set (d, n) and its residuals in radii (n,)."""
+    d, n = x.shape
+    for i in range(n):
+        square = 0.0
+        for j in range(d):
+            away = (x[j, i] - center[j]) * inverse
+            Y[j + 1, i] = away
+            square += away * away
+        rho[i] = math.sqrt(square)
+    for i in range(n):
+        over = 1.0 / rho[i]
+        rho[i] -= 1.0
+        Y[0, i] = 1.0
+        for j in range(d):
+            Y[j + 1, i] *= over
+    for j in range(d):
+        mean = 0.0
+        for i in range(n):
+            mean += Y[j + 1, i]
+        mean /= n
+        for i in range(n):
+            Y[j + 1, i] -= mean
+    for row in range(d + 1, products.shape[0]):
+        parent, coordinate = products[row, 0], products[row, 1] + 1
+        for i in range(n):
+            Y[row, i] = Y[parent, i] * Y[coordinate, i]
+
+
+@compiled
+def _factorise(Y: Floats, L: Floats) -> float:
+    """Write Cholesky's factor of Y Yᵀ (k, k), and return its least pivot relative to the diagonal."""
+    k, least = Y.shape[0], math.inf
+    for i in range(k):
+        for j in range(i + 1):
+            L[i, j] = dot(Y[i], Y[j])
+    for j in range(k):
+        before = L[j, j]
+        for m in range(j):
+            L[j, j] -= L[j, m] * L[j, m]
+        least = min(least, L[j, j] / before)
+        if not L[j, j] > 0.0:
+            return 0.0
+        L[j, j] = math.sqrt(L[j, j])
+        for i in range(j + 1, k):
+            value = L[i, j]
+            for m in range(j):
+                value -= L[i, m] * L[j, m]
+            L[i, j] = value / L[j, j]
+    return least
+
+
+@compiled
+def _coefficients(Y: Floats, L: Floats, values: Floats, count: int, result: Floats) -> None:
+    """Coefficients of values (n,) on the first columns, made orthonormal one after the other."""
+    for i in range(count):
+        value = dot(Y[i], values)
+        for j in range(i):
+            value -= L[i, j] * result[j]
+        result[i] = value / L[i, i]
+
+
+@compiled
+def _standardise(Y: Floats, L: Floats, variance: float, rho: Floats, lever: Floats) -> float:
+    """Divide the residuals, freed from the first d + 1 columns, by their standard errors; return the largest size."""
+    d1, n = lever.size, rho.size
+    largest = 0.0
+    for i in range(n):
+        h = 0.0
+        for j in range(d1):
+            value = Y[j, i]
+            for m in range(j):
+                value -= L[j, m] * lever[m]
+            lever[j] = value / L[j, j]
+            h += lever[j] * lever[j]
+        rho[i] /= math.sqrt(variance * max(1.0 - h, 1e-9))
+        largest = max(largest, abs(rho[i]))
+    return largest
+
+
+@compiled
+def _look(x: Floats, centers: Floats, radii: Floats, products: Ints, ends: Ints, out: Floats) -> None:
+    """Write the statistics of each set (b, 7): two F of shape, F of unequal noise, and more, as `_quick` reads them."""
+    b, d, n = x.shape
+    k, d1 = products.shape[0], d + 1
+    Y, rho, w = np.empty((k, n)), np.empty(n), np.empty(n)
+    L, v, lever = np.empty((k, k)), np.empty(k), np.empty(d1)
+    two = ends[2]
+    for t in range(b):
+        _columns(x[t], centers[t], 1.0 / radii[t], products, Y, rho)
+        least = _factorise(Y, L)
+        if not least > _CLEAR:
+            out[t, 0] = math.nan
+            continue
+        _coefficients(Y, L, rho, k, v)
+        total = dot(rho, rho)
+        second = more = 0.0
+        for j in range(d1):
+            total -= v[j] * v[j]
+        for j in range(d1, two):
+            second += v[j] * v[j]
+        for j in range(two, k):
+            more += v[j] * v[j]
+        rest = (total - second - more) / (n - k)
+        out[t, 0] = second / (two - d1) / rest
+        out[t, 1] = more / max(k - two, 1) / rest
+        for i in range(n):  # residuals of the regression on 1 and e, from the last column to the first
+            w[i] = 0.0
+        for j in range(d1 - 1, -1, -1):
+            value = v[j]
+            for m in range(j + 1, d1):
+                value -= L[m, j] * lever[m]
+            lever[j] = value / L[j, j]
+        for j in range(d1):
+            for i in range(n):
+                rho[i] -= lever[j] * Y[j, i]
+        products_of_rows = 0.0
+        for i in range(n - 1):
+            products_of_rows += rho[i] * rho[i + 1]
+        out[t, 2] = products_of_rows / total
+        out[t, 3] = _standardise(Y, L, total / (n - d1), rho, lever)
+        odd = even = mean = 0.0
+        for i in range(n):
+            h = 0.5 * rho[i]
+            s, c = math.sin(h), math.cos(h)
+            odd += 2.0 * s * c
+            even += c * (4.0 * c * c - 3.0)
+            w[i] = math.exp(math.log(rho[i] * rho[i] + 1e-300) / 3.0)
+            mean += w[i]
+        out[t, 4], out[t, 5] = odd / n, even / n
+        for i in range(n):
+            w[i] -= mean / n
+        _coefficients(Y, L, w, two, v)
+        form, square = 0.0, dot(w, w)
+        for j in range(1, two):
+            form += v[j] * v[j]
+        out[t, 6] = form / (two - 1) / ((square - form) / (n - two))
+
+
+class Look(NamedTuple):
+    """The quick look at a batch.
+
+    Attributes:
+        seen: sets that must be tested in full (b,).
+        extreme: sets whose largest residual may be an outlier's (b,).
+    """
+
+    seen: Bools
+    extreme: Bools
+
+
+def quick_look(samples: Samples, fit: Estimates) -> Look:
+    """Look at the fits of a batch (b, d, n) of complete sets by `corrected`."""
+    b, d, n = samples.shape
+    degree = highest_degree(n, d)
+    products, ends = _products(d, degree)
+    with np.errstate(all="ignore"):
+        noise = np.sqrt(fit.noise_variance) / fit.radius
+    usable = (noise > _ROUNDING) & (noise < np.inf)
+    if len(products) - d - 1 > (n - d - 1) // 2 or n - d - 1 < 30:
+        return Look(usable, usable & _has_extremes(samples, fit))
+    out = np.empty((b, 7))
+    with np.errstate(all="ignore"):
+        _look(samples.rows, fit.center, fit.radius, products, ends, out)
+        block = -math.expm1(math.log1p(-LEVEL) / 4.0)
+        level = np.where(noise > SMALL, _NOISY_MARGIN, _MARGIN) * block
+        two, more = ends[2] - d - 1, len(products) - ends[2]
+        seen = ~(out[:, 0] < fdtri(two, n - len(products), 1.0 - 0.6 * level))
+        seen |= ~(out[:, 1] < fdtri(max(more, 1), n - len(products), 1.0 - 0.6 * level)) & bool(more)
+        seen |= ~(out[:, 6] < fdtri(ends[2] - 1, n - ends[2], 1.0 - level))
+        odd, even = tail_statistics(out[:, 4], out[:, 5], n, n - d - 1)
+        seen |= odd**2 + even**2 > -2.0 * np.log(level)
+        spare = n - d - 1.0
+        along = np.maximum(np.abs(out[:, 2] * n), np.abs(out[:, 2] * n + d + 1.0))  # its mean lies between 0 and d + 1
+        seen |= along**2 / spare > fdtri(1, spare, 1.0 - level)
+    return Look(seen & usable, usable & (_extreme(out[:, 3], n, d) | np.isnan(out[:, 0])))
+
+
+class Structure(NamedTuple):
+    """What the residuals of each set show, and what follows from it.
+
+    Attributes:
+        speaks: True for each block of the test of fit that speaks (4, b).
+        doubted: sets in which the model fails by enough to matter (b,).
+        extreme: sets whose largest residual may be an outlier's (b,).
+        hinge: sets in space that lie on a circle (b,).
+        ratio: factors of at least 1 on the standard errors of white noise, of the centre and the radius (b, d + 1).
+        freedom: degrees of freedom of Student's t that goes with them (b, d + 1); infinite for white noise.
+    """
+
+    speaks: Bools
+    doubted: Bools
+    extreme: Bools
+    hinge: Bools
+    ratio: Floats
+    freedom: Floats
+
+    def stretch(self, level: float, spare: Ints) -> Floats:
+        """Factors on the half-widths of intervals with ``spare`` (b,) degrees of freedom (b, d + 1); 1 if no structure.
+
+        Args:
+            level: nominal coverage.
+            spare: degrees of freedom of the noise of each set.
+        """
+        factors, quantile = np.ones_like(self.ratio), 0.5 * (1.0 + level)
+        sets = np.flatnonzero((self.ratio > 1.0).any(axis=1))
+        ends = stdtrit(spare[sets, None].astype(float), quantile)
+        wide = stdtrit(np.minimum(self.freedom[sets], spare[sets, None]), quantile)
+        factors[sets] = np.maximum(self.ratio[sets] * wide / ends, 1.0)
+        return factors
+
+
+def structure(samples: Samples, ordered: bool = False, known: Estimates | None = None) -> Structure:
+    """Look for structure in each set of points.
+
+    Args:
+        samples: the points (b, d, n), missing ones as NaN, copies left out.
+        ordered: the rows are in the order in which they were measured.
+        known: their fits by `corrected`, if there are.
+
+    Source: theory §13.
+    """
+    b, d, _ = samples.shape
+    no = np.zeros((7, b), dtype=np.bool_)
+    result = Structure(no[:4], no[4], no[5], no[6], np.ones((b, d + 1)), np.full((b, d + 1), np.inf))
+    for sets, present in samples.by_count():
+        n = present.shape[2]
+        finite = np.isfinite(present.moments.fourth)
+        if n < d + 4 or not finite.any():
+            continue
+        if not finite.all():
+            sets, present = sets[finite], present.take(np.flatnonzero(finite))
+        if (powers := binary_size(present.x)).any():  # a unit of their own size
+            present, known = Samples(np.ldexp(present.x, -powers[:, None, None])), None
+        tested = evenly_thinned(present)
+        with np.errstate(all="ignore"):
+            fit = corrected(present) if known is None else Estimates._make([array[sets] for array in known])
+            look = quick_look(tested, fit)
+            result.hinge[sets] = on_circles(present, fit)
+        result.extreme[sets] = look.extreme if tested is present else _has_extremes(present, fit)
+        seen = np.flatnonzero(look.seen)
+        part = max(_MOST_NUMBERS // (10 * n), 1)
+        for some in (seen[i : i + part] for i in range(0, len(seen), part)):
+            _fill(present.take(some), tested.take(some), ordered, result, sets[some])
+    return result
+
+
+def widened(samples: Samples, level: float, white: Intervals, stretch: Floats) -> Intervals:
+    """Intervals of errors that allow for structure, where there is some.
+
+    The score of the radius is inverted anew, at a larger quantile. The ends of a coordinate of the centre, which come
+    with it, are moved by its own factor.
+
+    Args:
+        samples: the points (b, d, n).
+        level: nominal coverage.
+        white: their intervals for white noise.
+        stretch: factors of `Structure.stretch` (b, d + 1).
+    """
+    sets = np.flatnonzero((stretch > 1.0).any(axis=1))
+    if not len(sets):
+        return white
+    radius, center, share = (array.copy() for array in white)
+    of_radius = stretch[sets, -1]
+    again = intervals(samples.take(sets), level, of_radius)
+    with np.errstate(all="ignore"):
+        middle = again.center.mean(axis=2, keepdims=True)
+        ends = middle + (again.center - middle) * (stretch[sets, :-1] / of_radius[:, None])[:, :, None]
+    center[sets] = np.where(np.isfinite(again.center), ends, again.center)
+    radius[sets] = again.radius
+    return Intervals(radius, center, share)
+
+
+def _has_extremes(samples: Samples, fit: Estimates) -> Bools:
+    """True for sets whose largest residual, over its standard error, may be an outlier's (b,)."""
+    d, n = samples.shape[1:]
+    away = samples.x - fit.center[:, :, None]
+    R = np.sqrt(np.einsum("bdn,bdn->bn", away, away))
+    X = np.concatenate([np.ones((len(away), 1, n)), away / R[:, None]], axis=1)
+    gram = X @ X.swapaxes(1, 2)
+    gram[~np.isfinite(gram).all(axis=(1, 2))] = np.eye(d + 1)
+    leverage = np.einsum("bkn,bkn->bn", X, np.linalg.pinv(gram) @ X)
+    residual = np.abs(R - fit.radius[:, None]) / np.sqrt(np.maximum(1.0 - leverage, 1e-9))
+    return _extreme(residual.max(axis=1) / np.sqrt(fit.noise_variance), n, d)
+
+
+def _extreme(largest: Floats, n: int, d: int) -> Bools:
+    """True where the largest of n studentised residuals is beyond Grubbs' limit (b,)."""
+    spare = n - d - 1.0
+    if spare < 2.0:
+        return np.zeros(len(largest), dtype=np.bool_)
+    q = stdtrit(spare - 1.0, 1.0 - 0.5 * _GRUBBS / n)
+    return np.asarray(largest > q * np.sqrt(spare / (spare - 1.0 + q * q)))
+
+
+def _fill(samples: Samples, tested: Samples, ordered: bool, result: Structure, sets: Ints) -> None:
+    """Test some complete sets in full, and fill in their places in the result."""
+    n = tested.shape[2]
+    answer = goodness(tested)
+    result.speaks[:, sets] = answer.speaks()
+    strong = answer.speaks(LEVEL * math.exp(-_EFFECT * max(n - _USUAL, 0)))
+    where = np.flatnonzero(result.speaks[:, sets].any(axis=0))
+    if not len(where):
+        return
+    with np.errstate(all="ignore"):
+        used, R, Y, s = on_the_fit(samples.x[where], harmonics(samples.shape[1], 2))
+        places = where[used]
+        matters = strong[0, places] | strong[1, places] | (strong[3, places] & (not ordered))
+        matters |= strong[2, places] & ~_harmless(R, Y, s)
+        structured = np.flatnonzero(result.speaks[:, sets[places]][[0, 1, 3]].any(axis=0))
+        here = sets[places[structured]]
+        result.ratio[here], result.freedom[here] = _allowance(R[structured], Y[structured], ordered)
+        wide = result.stretch(0.95, np.full(len(result.ratio), samples.shape[2] - samples.shape[1] - 1))[sets[places]]
+    result.doubted[sets[places]] = matters | (wide > _WELL_ABOVE).any(axis=1)
+
+
+def _harmless(R: Floats, Y: Floats, s: Floats) -> Bools:
+    """True where the noise is small, and its tails are long or short on both sides alike, as in no other shape."""
+    t = scores_of_residuals(R, Y, s, _dimension(Y))[2]
+    even, odd = np.cos(1.5 * t).mean(axis=1), np.abs(np.sin(t).mean(axis=1))
+    return np.asarray((s < _HARMLESS_NOISE**2) & (even > _TWO_SHELLS) & (odd < _SKEW))
+
+
+def _dimension(Y: Floats) -> int:
+    """The dimension whose harmonics of degrees up to 2 are as many as these (b, k, n)."""
+    return next(d for d in range(2, Y.shape[1]) if Y.shape[1] == 1 + d + number_of(d, 2))
+
+
+def _allowance(R: Floats, Y: Floats, ordered: bool) -> tuple[Floats, Floats]:
+    """Factors on the standard errors of fitted sets, and their degrees of freedom (b, d + 1); the largest counts."""
+    b, _, n = Y.shape
+    d = _dimension(Y)
+    X, spare = Y[:, : d + 1], n - d - 1
+    inverse = np.linalg.inv(X @ X.swapaxes(1, 2))
+    pull = (inverse @ X)[:, np.r_[1 : d + 1, 0]]  # (c, r) = pull ρ to first order
+    rho = (R - 1.0) - ((R - 1.0)[:, None] @ X.swapaxes(1, 2) @ inverse @ X)[:, 0]
+    weight = np.einsum("bkn,bkn->bk", pull, pull)
+    white = weight * (np.einsum("bn,bn->b", rho, rho) / spare)[:, None]
+    ratio, freedom, best = (
+        np.ones((b, d + 1)),
+        np.full((b, d + 1), np.inf),
+        np.full((b, d + 1), float(stdtrit(spare, _UPPER))),
+    )
+
+    def admit(variance: Floats, free: Floats) -> None:
+        width = np.sqrt(variance / white) * stdtrit(free, _UPPER)
+        larger = width > best
+        best[larger], ratio[larger] = width[larger], np.sqrt(variance / white)[larger]
+        freedom[larger] = np.broadcast_to(free, (b, d + 1))[larger]
+
+    gram = Y[:, d + 1 :] - Y[:, d + 1 :] @ X.swapaxes(1, 2) @ inverse @ X
+    form, count, _ = form_of((gram @ rho[:, :, None])[:, :, 0], gram @ gram.swapaxes(1, 2), max(spare // 3, 2))
+    admit(weight * (form / count)[:, None], count[:, None].astype(float))
+    leverage = np.einsum("bkn,bkl,bln->bn", X, inverse, X, optimize=True)
+    admit((pull**2 @ ((rho / (1.0 - leverage)) ** 2)[:, :, None])[:, :, 0], np.full((b, 1), float(spare)))
+    if ordered:
+        places = np.pi * np.outer(np.arange(1, _COSINES + 1), (np.arange(n) + 0.5) / n)
+        along = (pull * rho[:, None]) @ np.cos(places).T * np.sqrt(2.0)
+        admit((along**2).mean(axis=2), np.full((b, 1), float(_COSINES)))
+    return np.maximum(ratio, 1.0), freedom

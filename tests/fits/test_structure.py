@@ -1,0 +1,155 @@
+"""What the test of fit sees in fits: the quick look, errors that allow for it, and the statuses that say so."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.stats import binom
+
+import study
+from study import Status
+from study.fits import Samples
+from study.fits.corrected import corrected
+from study.fits.goodness import goodness
+from study.fits.intervals import intervals
+from study.fits.structure import quick_look, structure
+
+
+def on_cap(rng, sets, n, degrees=180.0):
+    """Directions (sets, n, 3), uniform on a cap."""
+    height = 1.0 - rng.uniform(size=(sets, n)) * (1.0 - math.cos(math.radians(degrees)))
+    angle, across = rng.uniform(0.0, 2.0 * math.pi, (sets, n)), np.sqrt(1.0 - height**2)
+    return np.stack([height, across * np.cos(angle), across * np.sin(angle)], axis=-1)
+
+
+def noisy(rng, u, sigma=0.01):
+    """Points with white noise."""
+    return u + sigma * rng.normal(size=u.shape)
+
+
+def on_a_path(rng, sets, n, memory):
+    """Points along a path within ± 40°, with AR(1) noise of .01."""
+    t = np.linspace(0.0, 6.0 * math.pi, n)
+    a, b = 0.7 * np.sin(t), 0.7 * np.sin(1.31 * t + 0.4)
+    u = np.column_stack([np.cos(a) * np.cos(b), np.sin(a) * np.cos(b), np.sin(b)])
+    noise = rng.normal(size=(sets, n, 3))
+    for i in range(1, n):
+        noise[:, i] = memory * noise[:, i - 1] + math.sqrt(1.0 - memory**2) * noise[:, i]
+    return u + 0.01 * noise
+
+
+def share_at_least(share, count, wanted):
+    """True unless so small a share of successes has a probability below 1e-4 where ``wanted`` is true."""
+    return round(share * count) >= binom.ppf(1e-4, count, wanted)
+
+
+@pytest.mark.parametrize(("angle", "sigma", "n"), [(180.0, 0.01, 100), (60.0, 0.02, 150), (90.0, 0.1, 100)])
+def test_the_quick_look_misses_nothing(angle, sigma, n):
+    """Of 1500 clean sets and 300 ellipsoids, every one in which a block speaks is tested in full."""
+    rng = np.random.default_rng(1)
+    clean, egg = on_cap(rng, 1500, n, angle), on_cap(rng, 300, n, angle) * [1.0, 0.97, 0.95]
+    samples = Samples(np.ascontiguousarray(noisy(rng, np.concatenate([clean, egg]), sigma).swapaxes(1, 2)))
+    seen = quick_look(samples, corrected(samples)).seen
+    speaks = goodness(samples).speaks().any(axis=0)
+    assert speaks.sum() >= 5
+    assert seen[speaks].all()
+    assert seen[:1500].mean() < 0.15
+
+
+def test_clean_points_keep_their_errors_to_the_digit():
+    """Where nothing is seen, in at least .97 of 1000 clean sets, errors and intervals are those of white noise."""
+    rng = np.random.default_rng(2)
+    fit = study.fit(noisy(rng, on_cap(rng, 1000, 120, 70.0)))
+    same = (fit.allowance == 1.0).all(axis=1)
+    assert same.mean() >= 0.97
+    np.testing.assert_array_equal(fit.covariance[same], fit.own_covariance[same])
+    np.testing.assert_array_equal(fit.interval("radius")[same], intervals(fit.samples).radius[same])
+    assert fit.ok.mean() >= 0.96
+
+
+def test_errors_grow_with_the_form():
+    """A form ten times as large makes the allowance grow, and the interval with it."""
+    rng = np.random.default_rng(3)
+    u = on_cap(rng, 50, 300, 60.0)
+    fits = [study.fit(noisy(rng, u * (1.0 + size * u[..., 1:2] ** 2))) for size in (0.04, 0.4)]
+    small, large = (np.median(fit.allowance[:, -1]) for fit in fits)
+    assert 1.0 < small < 0.5 * large
+    for fit in fits:
+        white = np.ptp(intervals(fit.samples).radius, axis=1)
+        wider = np.ptp(fit.interval("radius"), axis=1) / white
+        finite = np.isfinite(wider)
+        assert (wider[finite] >= 0.999 * fit.allowance[finite, -1]).mean() > 0.95  # by Student's quantile, too
+        assert (fit.status != Status.OK).all()
+
+
+@pytest.mark.parametrize("memory", [0.5, 0.9])
+def test_memory_in_order(memory):
+    """Along a path of 500 rows intervals of white noise cover too seldom; told the order, at least .9 of 300 cover."""
+    rng = np.random.default_rng(4)
+    points = on_a_path(rng, 300, 500, memory)
+    fit = study.fit(points, ordered=True)
+    white = intervals(fit.samples).radius
+    covers = [((ends[:, 0] <= 1.0) & (ends[:, 1] >= 1.0)).mean() for ends in (white, fit.interval("radius"))]
+    assert covers[0] < 0.85
+    assert share_at_least(covers[1], 300, 0.9)
+    unordered = study.fit(points)
+    assert (unordered.status == Status.MISFIT).all()
+    assert fit.ordered
+    assert fit[:3].ordered
+    assert fit.ok.mean() > 0.5 if memory == 0.5 else not fit.ok.any()
+
+
+def test_outliers_are_a_status():
+    """One far point of 60 is named; `robust`, which leaves it out, is ok, and so are the others' own statuses."""
+    rng = np.random.default_rng(5)
+    points = noisy(rng, on_cap(rng, 100, 60))
+    points[:, 7] *= 1.2
+    fit, kept = study.fit(points), study.fit(points, "robust")
+    assert (fit.status == Status.OUTLIERS).mean() >= 0.95
+    assert (fit.own_status == Status.OK).all()
+    assert kept.ok.mean() >= 0.95
+    assert not (fit.ok & fit.outliers.any(axis=1)).any()
+
+
+@pytest.mark.parametrize("name", ["cylinder", "two spheres", "ellipsoid"])
+def test_other_shapes_are_not_ok(name):
+    """Of 100 sets of 200 points on other shapes none is ok."""
+    rng = np.random.default_rng(6)
+    u = on_cap(rng, 100, 200)
+    shapes = {"ellipsoid": u * [1.0, 0.95, 0.9], "two spheres": u * rng.choice([1.0, 0.9], (100, 200, 1))}
+    angle = rng.uniform(0.0, 2.0 * math.pi, (100, 200))
+    shapes["cylinder"] = np.stack([np.cos(angle), np.sin(angle), rng.uniform(-1.0, 1.0, (100, 200))], axis=-1)
+    assert not study.fit(noisy(rng, shapes[name])).ok.any()
+
+
+def test_heavy_tails_do_no_harm():
+    """Student's t with 5 degrees of freedom speaks by its tails in 500 points, and the status stays ok."""
+    rng = np.random.default_rng(7)
+    noise = rng.normal(size=(100, 500, 3)) / np.sqrt(rng.chisquare(5, (100, 500, 1)) / 3.0)
+    fit = study.fit(on_cap(rng, 100, 500, 60.0) + 0.01 * noise)
+    speaks = (fit.goodness.first() == "tails") & ~fit.outliers.any(axis=1)
+    assert speaks.sum() >= 20
+    assert fit.ok[speaks].mean() >= 0.9
+
+
+def test_what_is_seen_does_not_depend_on_unit_gaps_or_copies():
+    rng = np.random.default_rng(8)
+    points = noisy(rng, on_cap(rng, 3, 80) * [1.0, 0.9, 0.8])
+    fit = study.fit(points)
+    assert (fit.status == Status.MISFIT).all()
+    gaps = np.full((3, 90, 3), np.nan)
+    gaps[:, 4:84] = points
+    copies = np.concatenate([points, points[:, :10]], axis=1)
+    for other in (gaps, copies, 1e60 * points):
+        again = study.fit(other)
+        np.testing.assert_array_equal(again.status, fit.status)
+        np.testing.assert_allclose(again.allowance, fit.allowance, rtol=1e-6)
+
+
+def test_lost_sets_show_nothing():
+    """Sets that are too few, infinite or without noise have no structure, and cost the others nothing."""
+    x = np.random.default_rng(9).normal(size=(4, 3, 40))
+    x[0, 0, 0], x[1, :, 5:], x[2] = np.inf, np.nan, 1.0
+    seen = structure(Samples(x))
+    assert not seen.doubted[:3].any()
+    assert (seen.ratio[:3] == 1.0).all()

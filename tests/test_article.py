@@ -1,0 +1,154 @@
+"""The replication report: numbers and tables follow the stored ones, it is typeset, and its metadata keep the rules."""
+
+import importlib
+import json
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+yaml = pytest.importorskip("yaml", reason="PyYAML reads the metadata")
+typst = pytest.importorskip("typst", reason="Typst typesets the report")
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.fixture(scope="module")
+def article():
+    """The script that makes the report, and the numbers of the documents."""
+    sys.path.insert(0, str(ROOT / "docs"))
+    try:
+        return importlib.import_module("make_article")
+    finally:
+        sys.path.remove(str(ROOT / "docs"))
+
+
+@pytest.fixture(scope="module")
+def bound(article):
+    return article.bound_numbers.Bound()
+
+
+@pytest.fixture(scope="module")
+def text(article):
+    return (ROOT / article.TEXT).read_text(encoding="utf-8")
+
+
+def mutant(article, bound, name):
+    """The documents' numbers over a copy of the table of one number, in which it is another."""
+    table, rows, expression = bound.numbers[name]
+    frame = bound.table(table).copy()
+    columns = [word for word in re.findall(r"\w+", expression) if word in frame]
+    index = (frame.query(rows, engine="python") if rows else frame).index
+    if columns:
+        frame[columns[0]] = frame[columns[0]].astype(float)
+        frame.loc[index, columns[0]] = 1.37 * frame.loc[index, columns[0]] + 0.37
+    else:
+        frame = frame.drop(index[:1])
+    copy = article.bound_numbers.Bound()
+    copy.table = lambda other: frame if other == table else bound.table(other)
+    return copy
+
+
+def names():
+    """Every number in the report's text."""
+    text = (ROOT / "docs" / "numbers.toml").read_text(encoding="utf-8")
+    part = text.partition('"article/article.typ" = [')[2].partition("\n]")[0]
+    return sorted(set(re.findall(r"\{(\w+):", part)))
+
+
+def test_there_are_twenty_mutants():
+    """The text has at least 20 numbers of tables."""
+    assert len(names()) >= 20
+
+
+@pytest.mark.parametrize("name", names())
+def test_a_changed_table_stops_the_report(article, bound, text, name):
+    """Each number of the text that differs from its table is named, and the report is not typeset."""
+    faults, _ = mutant(article, bound, name).faults(article.TEXT, text)
+    assert any(f"({name})" in fault.words for fault in faults)
+
+
+def test_what_looks_measured_is_bound(article, bound, text):
+    """A further number in the text is found."""
+    faults, _ = bound.faults(article.TEXT, text + "\nThe error is 3.5 ± .2, or 12 % more.\n")
+    assert [fault.words.split(" looks")[0] for fault in faults] == ["3.5 ± .2", "12 %"]
+    assert bound.faults(article.TEXT, text)[0] == []
+
+
+@pytest.mark.parametrize("table", ["verdicts", "published", "paper", "regret"])
+def test_tables_follow_the_stored_ones(article, bound, table):
+    """A changed value is another cell of the report's table."""
+    column = {"verdicts": "value", "published": "mse", "paper": "ratio_median", "regret": "median"}[table]
+    frame = bound.table(table).copy()
+    frame[column] = 1.37 * frame[column]
+    copy = article.bound_numbers.Bound()
+    copy.table = lambda other: frame if other == table else bound.table(other)
+    before, after = article.tables(bound), article.tables(copy)
+    name = {"verdicts": "claims", "paper": "decades"}.get(table, table)
+    assert [key for key in before if before[key] != after[key]] == [name]
+
+
+def test_it_is_typeset(article, bound, tmp_path):
+    """Eight to twelve pages, as images of the pages, from a copy of what the text reads."""
+    for name in ("article", "figures"):
+        (tmp_path / name).symlink_to(ROOT / name)
+    (tmp_path / "results" / "article").mkdir(parents=True)
+    (tmp_path / "results" / "article" / "tables.json").write_text(json.dumps(article.tables(bound)))
+    source = (ROOT / article.TEXT).read_text(encoding="utf-8")
+    (tmp_path / "text.typ").write_text(source.replace('"references.yml"', '"/article/references.yml"'))
+    pages = typst.compile(tmp_path / "text.typ", root=tmp_path, format="png", ppi=30)
+    assert 8 <= len(pages) <= 12
+    assert all(page.startswith(b"\x89PNG") for page in pages)
+
+
+def fields(value):
+    """Every text in a YAML document."""
+    if isinstance(value, dict | list):
+        for each in value.values() if isinstance(value, dict) else value:
+            yield from fields(each)
+    else:
+        yield str(value)
+
+
+def test_codecheck(article, text):
+    """The stored file is what the script writes, and keeps the rules of CODECHECK 2.0 that a program can keep.
+
+    Rules: CC-CFG-001 to 007, 014 to 019, 023, 027 to 030; CC-BUN-001.
+    """
+    stored = (ROOT / "codecheck.yml").read_text(encoding="utf-8")
+    assert stored == article.codecheck(text)
+    assert stored.startswith("---\n")
+    found = yaml.safe_load(stored)
+    assert found["version"] == "https://codecheck.org.uk/spec/config/2.0/"
+    assert found["paper"]["title"]
+    assert all(author["name"] for author in found["paper"]["authors"])
+    assert all(url.startswith("https://") for url in found["paper"]["reference-other"])
+    for entry in found["manifest"]:
+        assert not Path(entry["file"]).is_absolute()
+        assert (ROOT / entry["file"]).is_file()
+        assert entry["comment"]
+    assert not [words for words in fields(found) if re.search("FIXME|TODO|XXX", words)]
+    for key in ("codechecker", "report", "summary", "certificate"):  # the checker's
+        assert key not in found
+
+
+def test_nothing_is_invented(article, text, monkeypatch, capsys):
+    """No ORCID and no DOI is in the metadata; the script says what is left to a person."""
+    for words in (article.codecheck(text), article.metadata(text), (ROOT / "CITATION.cff").read_text()):
+        assert not re.search(r"\d{4}-\d{4}-\d{4}-\d{3}[\dX]|10\.\d{4,}/", words)
+        assert yaml.safe_load(words)
+    open_items = " ".join(article.OPEN)
+    for rule in ("CC-CFG-020", "CC-CFG-021", "ORCID", "DOI"):
+        assert rule in open_items
+
+
+def test_metadata(article, text, monkeypatch):
+    """ReScience C's fields: the title says it is a replication, the code has its identifiers, the abstract is whole."""
+    ids = {"revision": f"swh:1:rev:{'a' * 40}", "directory": f"swh:1:dir:{'b' * 40}"}
+    monkeypatch.setattr(article, "swhids", lambda: ids)
+    found = yaml.safe_load(article.metadata(text))
+    assert re.match(r"\[(Re|¬Re)\] ", found["title"])
+    assert found["type"] == "Replication"
+    assert [each["swh"] for each in found["code"]] == list(ids.values())
+    assert found["abstract"].startswith("Knight and Semwal")
+    assert found["abstract"].endswith(".")
