@@ -572,9 +572,9 @@ def is_per_point(shape: tuple[int, ...], n: int, d: int) -> bool:
 
 def point_noise(noise: Floats) -> Floats:
     """Variances (b, n) of σ (b, n); or covariances (b, n, d, d) of those of coordinates (b, n, d), or of themselves."""
-    missing = np.isnan(noise)
+    missing: Bools = np.isnan(noise)
     if noise.ndim < 4:
-        wrong = ~missing & ~((noise > 0.0) & (noise < 1e150))
+        wrong = np.asarray(~missing & ~((noise > 0.0) & (noise < 1e150)))
         if wrong.any():
             place = tuple(int(i) for i in np.argwhere(wrong)[0])
             where = ", ".join(map(str, place[1:]))
@@ -584,12 +584,12 @@ def point_noise(noise: Floats) -> Floats:
             )
         square = np.where(missing, 0.0, noise) ** 2
         return square if noise.ndim == 2 else square[..., None] * np.eye(noise.shape[2])
-    whole = ~missing.any(axis=(2, 3))
+    whole: Bools = np.asarray(~missing.any(axis=(2, 3)))
     safe = np.where(whole[..., None, None], noise, np.eye(noise.shape[3]))
-    fine = np.isfinite(safe).all(axis=(2, 3))
+    fine: Bools = np.asarray(np.isfinite(safe).all(axis=(2, 3)))
     fine &= np.isclose(safe, safe.swapaxes(2, 3), rtol=1e-9, atol=0.0).all(axis=(2, 3))
     fine[fine] = np.linalg.eigvalsh(safe[fine])[:, 0] > 0.0
     if not fine.all():
-        place = ", ".join(str(i) for i in np.argwhere(~fine)[0][1:])
-        raise ValueError(f"noise[{place}]: the covariance of a point must be finite, symmetric and positive definite")
+        where = ", ".join(str(i) for i in np.argwhere(~fine)[0][1:])
+        raise ValueError(f"noise[{where}]: the covariance of a point must be finite, symmetric and positive definite")
     return np.where(whole[..., None, None], safe, 0.0)

@@ -191,7 +191,7 @@ def fit_all(
         PointFileError: if an estimator does not take what is known, with those that do.
     """
     known: dict[str, Any] = {"radius": radius, "scale": scale, "ordered": ordered}
-    if len(estimators) > 1 and (radius is not None or np.ndim(noise)):
+    if len(estimators) > 1 and (radius is not None or isinstance(noise, np.ndarray)):
         estimators = [name for name in estimators if takes(name, points.shape, noise, radius, scale)]
     try:
         return {name: fit(points, name, noise, **known) for name in estimators}
@@ -303,7 +303,8 @@ def as_text(files: list[FileFits], noise: float | None = None) -> Iterator[str]:
     else:
         yield from _table(files)
     chosen = [
-        f"coordinates are {', '.join(names)}; columns left out: {', '.join(left)}" for _, names, left in _tables(files)
+        f"coordinates are {', '.join(table.names)}; columns left out: {', '.join(table.left)}"
+        for table in _tables(files)
     ]
     yield from dict.fromkeys(chosen)
     idle = [] if noise is None else [name for name, fit in files[0].fits.items() if not fit.noise_is_known]

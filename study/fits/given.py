@@ -183,8 +183,8 @@ def estimate(sets: Weighted, estimator: str) -> Estimates:
     """Fit a batch by an estimator of `WAYS`, in the unit of the points."""
     b, _, d = sets.points.shape
     result, some = blank(b, d), np.flatnonzero(sets.usable)
-    result.status[:] = np.where(sets.count < d + 1, Status.TOO_FEW_POINTS, Status.NOT_FINITE)
-    result.status[(sets.count > d) & (sets.unit == 0.0)] = Status.SINGULAR
+    result.status[:] = np.where(sets.size < d + 1, Status.TOO_FEW_POINTS, Status.NOT_FINITE)
+    result.status[(sets.size > d) & (sets.unit == 0.0)] = Status.SINGULAR
     if not len(some):
         return result
     part = sets.take(some)
@@ -200,8 +200,8 @@ def estimate(sets: Weighted, estimator: str) -> Estimates:
         flat = ~(extent[:, 0] > _FLAT * extent[:, -1])
         status[flat & (~np.isfinite(part.radius) | ~(extent[:, 1] > _FLAT * extent[:, -1]))] = Status.SINGULAR
         lost = (status == Status.SINGULAR) | (status == Status.NOT_CONVERGED)
-        numbers = (part.origin + sphere.center * part.unit[:, None], sphere.radius * part.unit)
-        numbers += (sphere.scale * part.unit**2 * part.mean_variance,)
+        size = sphere.scale * part.unit**2 * part.mean_variance
+        numbers = [part.origin + sphere.center * part.unit[:, None], sphere.radius * part.unit, size]
     for whole, values in zip(result, numbers, strict=False):
         values[lost] = np.nan
         whole[some] = values
@@ -212,7 +212,7 @@ def estimate(sets: Weighted, estimator: str) -> Estimates:
 def _closed(sets: Weighted, estimator: str) -> Spheres:
     """The closed forms: unbiased linear equations, or one equation in θ for a known radius (theory 9.8)."""
     b, _, d = sets.points.shape
-    y, p, n = sets.points, sets.weights, sets.count
+    y, p, n = sets.points, sets.weights, sets.size
     scale = np.where(np.isfinite(sets.scale) & (estimator == "ugdk"), sets.scale, 0.0)
     known = np.isfinite(sets.radius)
     square = np.einsum("bni,bni->bn", y, y)
@@ -254,7 +254,7 @@ def _least_root(sets: Weighted) -> Floats:
 
     In weights p the least root of g(s) = M₀₀(s) - |v(s)|²/(Λ - s) - (m₂ - ds)² is between 0 and λ_min, where g falls.
     """
-    y, n, d = sets.points, sets.count, sets.points.shape[2]
+    y, n, d = sets.points, sets.size, sets.points.shape[2]
     share, square = sets.weights / n[:, None], np.einsum("bni,bni->bn", sets.points, sets.points)
     values, axes = np.linalg.eigh(np.einsum("bn,bni,bnj->bij", share, y, y))
     cross = np.einsum("bn,bni,bij->bj", share * square, y, axes)
@@ -271,8 +271,8 @@ def _least_root(sets: Weighted) -> Floats:
 
 def _on_known_radius(sets: Weighted, scale: Floats, find: bool) -> tuple[Floats, Floats]:
     """Centre (b, d) and scale of the closed form with a known radius; ``find``: the scale is found in the points."""
-    y, p, n, r = sets.points, sets.weights, sets.count, sets.radius
-    d, share = y.shape[2], sets.weights / sets.count[:, None]
+    y, p, n, r = sets.points, sets.weights, sets.size, sets.radius
+    d, share = y.shape[2], sets.weights / sets.size[:, None]
     square = np.einsum("bni,bni->bn", y, y)
     values, axes = np.linalg.eigh(np.einsum("bn,bni,bnj->bij", share, y, y))
     third, mean = np.einsum("bn,bni->bi", share * square, y), y.sum(axis=1) / n[:, None]
@@ -396,10 +396,10 @@ class GivenFit(Fit):
         sets, sphere = self._sets, self._spheres
         free = ~np.isfinite(sets.radius)
         with np.errstate(all="ignore"):
-            square = cost(sets, sphere.center, sphere.radius) / (sets.count - sphere.center.shape[1] - free)
+            square = cost(sets, sphere.center, sphere.radius) / (sets.size - sphere.center.shape[1] - free)
             given = np.where(np.isfinite(sets.scale), sets.scale, np.nan if self._given.noise is None else 1.0)
             unit = np.where(np.isfinite(sets.scale), 1.0, sets.unit**2 / self._size)
-            return np.sqrt(square * unit / given).reshape(self.shape)
+            return np.asarray(np.sqrt(square * unit / given).reshape(self.shape))
 
     @cached_property
     def _size(self) -> Floats:
@@ -417,11 +417,11 @@ class GivenFit(Fit):
         known = self._sets
         free = known._replace(radius=np.full(len(known.radius), np.nan))
         with np.errstate(all="ignore"):
-            start = Spheres(*(np.array(part) for part in self._spheres))
+            start = self._spheres
             found = solve(free, solve(free, start, corrected=False), corrected=True, fuller=_FULLER)
             score = profile(known, known.radius, start).score
             error = np.sqrt(covariance(free, found)[:, -1, -1])
-            spare = np.maximum(known.count - start.center.shape[1] - 1, 1.0)
+            spare = np.maximum(known.size - start.center.shape[1] - 1, 1.0)
             exact = np.isfinite(known.scale)
             p = np.where(
                 exact, 2.0 * scipy.special.ndtr(-np.abs(score)), 2.0 * scipy.special.stdtr(spare, -np.abs(score))
@@ -457,10 +457,8 @@ class GivenFit(Fit):
                 e = away / distance[..., None]
                 weights = 1.0 / np.einsum("bni,bnij,bnj->bn", e, sets.covariances, e)
             size = np.abs(distance - sphere.radius[:, None]) * np.sqrt(weights / sphere.scale[:, None])
-            limit = scipy.special.stdtrit(np.maximum(sets.count - 4.0, 1.0), 1.0 - 0.5 * _FALSE_ALARMS / sets.count)
-            limit = np.where(
-                np.isfinite(sets.scale), scipy.special.ndtri(1.0 - 0.5 * _FALSE_ALARMS / sets.count), limit
-            )
+            limit = scipy.special.stdtrit(np.maximum(sets.size - 4.0, 1.0), 1.0 - 0.5 * _FALSE_ALARMS / sets.size)
+            limit = np.where(np.isfinite(sets.scale), scipy.special.ndtri(1.0 - 0.5 * _FALSE_ALARMS / sets.size), limit)
             found = sets.present & (size > limit[:, None])
         return np.asarray(found.reshape(*self.shape, found.shape[1]))
 
@@ -509,10 +507,10 @@ def given_intervals(sets: Weighted, level: float) -> Intervals:
     known = np.isfinite(sets.radius)
     with np.errstate(all="ignore"):
         for some, ends_of in ((known, _with_radius), (~known, _without_radius)):
-            enough = np.flatnonzero(some & sets.usable & (sets.count > d + 1))
+            enough = np.flatnonzero(some & sets.usable & (sets.size > d + 1))
             if len(enough):
                 part = sets.take(enough)
-                spare = part.count - d - 1.0 + some[enough[0]] * known[enough[0]]
+                spare = part.size - d - 1.0 + some[enough[0]] * known[enough[0]]
                 tail = 0.5 * (1.0 + level)
                 quantile = np.where(
                     np.isfinite(part.scale), scipy.special.ndtri(tail), scipy.special.stdtrit(spare, tail)

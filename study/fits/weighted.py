@@ -24,7 +24,7 @@ import numpy as np
 
 from study.arrays import Bools, Floats, Ints
 from study.fits.jit import compiled
-from study.fits.radial import RadialMeans, radial_means
+from study.fits.radial import radial_means
 
 _STEPS = 50
 _TOLERANCE = 1e-12
@@ -99,7 +99,7 @@ class Weighted(NamedTuple):
         return np.asarray(self.weights > 0.0)
 
     @property
-    def count(self) -> Floats:
+    def size(self) -> Floats:
         """Number of points N of each set (b,)."""
         return np.asarray(self.present.sum(axis=1), dtype=float)
 
@@ -109,7 +109,7 @@ class Weighted(NamedTuple):
         with np.errstate(all="ignore"):
             known = (self.radius < 1e150) | np.isnan(self.radius)
             finite = np.isfinite(self.unit) & (self.unit > 0.0) & np.isfinite(self.origin).all(axis=1)
-        return np.asarray(finite & known & (self.count > self.points.shape[2]))
+        return np.asarray(finite & known & (self.size > self.points.shape[2]))
 
     @property
     def variances(self) -> Floats:
@@ -120,7 +120,7 @@ class Weighted(NamedTuple):
     def mean_variance(self) -> Floats:
         """Mean of 1/p over the points of each set (b,)."""
         with np.errstate(all="ignore"):
-            return np.asarray(self.variances.sum(axis=1) / self.count)
+            return np.asarray(self.variances.sum(axis=1) / self.size)
 
     def take(self, places: Bools | Ints) -> "Weighted":
         """Some sets of the batch."""
@@ -137,17 +137,37 @@ class Spheres(NamedTuple):
 
     def take(self, places: Bools | Ints) -> "Spheres":
         """Some spheres of the batch."""
-        return Spheres(*(part[places] for part in self))
+        return Spheres(self.center[places], self.radius[places], self.scale[places], self.found[places])
+
+
+class _Means(NamedTuple):
+    """Means of a noisy radius at each point (b, n), or (b, 1) where all are alike; see `RadialMeans`."""
+
+    lengthening: Floats
+    shortening: Floats
+    variance: Floats
+    excess01: Floats
+    mean_by_s: Floats
+    variance_by_s: Floats
+    excess01_by_r: Floats
+    excess01_by_s: Floats
+
+    @classmethod
+    def without_bias(cls, variance: Floats) -> "_Means":
+        """Means of a radius that noise does not lengthen."""
+        zero = np.zeros_like(variance)
+        return cls(zero, zero, variance, zero, zero, np.ones_like(variance), zero, zero)
 
 
 @compiled
 def _radial(radius: Floats, variance: Floats, dimension: int, result: Floats) -> None:
-    """Means of a noisy radius (12, b, n) for radii (b,) and variances (b, n)."""
+    """Means of a noisy radius (8, b, n) for radii (b,) and variances (b, n), in the order of `_Means`."""
     for t in range(variance.shape[0]):
         for k in range(variance.shape[1]):
             means = radial_means(radius[t], variance[t, k], dimension)
-            for i in range(12):
-                result[i, t, k] = means[i]
+            result[0, t, k], result[1, t, k], result[2, t, k] = means.lengthening, means.shortening, means.variance
+            result[3, t, k], result[4, t, k], result[5, t, k] = means.excess01, means.mean_by_s, means.variance_by_s
+            result[6, t, k], result[7, t, k] = means.excess01_by_r, means.excess01_by_s
 
 
 class _At(NamedTuple):
@@ -157,14 +177,14 @@ class _At(NamedTuple):
         distance: R (b, n).
         direction: e (b, n, d), 0 where a point is missing.
         weights: p (b, n).
-        means: means of a noisy radius (b, n), or (b, 1) where the weights are equal.
+        means: means of a noisy radius.
         aside: mean of (R - λ) e across e (b, n, d); None where it is nil.
     """
 
     distance: Floats
     direction: Floats
     weights: Floats
-    means: RadialMeans
+    means: _Means
     aside: Floats | None = None
 
 
@@ -179,28 +199,21 @@ def _about(sets: Weighted, center: Floats, radius: Floats, scale: Floats, correc
     equal = not (p != np.where(sets.present, 1.0, 0.0)).any()
     variance = scale[:, None] if equal else scale[:, None] * sets.variances
     if not corrected:
-        return _At(distance, e, p, _without_bias(variance))
-    numbers = np.empty((len(RadialMeans._fields), *variance.shape))
+        return _At(distance, e, p, _Means.without_bias(variance))
+    numbers = np.empty((len(_Means._fields), *variance.shape))
     _radial(radius, variance, center.shape[1], numbers)
-    return _At(distance, e, p, RadialMeans(*numbers))
-
-
-def _without_bias(variance: Floats) -> RadialMeans:
-    """Means of a radius that noise does not lengthen."""
-    return RadialMeans(*[np.zeros_like(variance)] * len(RadialMeans._fields))._replace(
-        variance=variance, variance_by_s=np.ones_like(variance)
-    )
+    return _At(distance, e, p, _Means(*numbers))
 
 
 def _about_covariances(
     sets: Weighted, distance: Floats, e: Floats, radius: Floats, scale: Floats, corrected: bool
 ) -> _At:
     """The same where each point has a covariance, to second order in the noise (theory 9.7)."""
-    noise = sets.covariances
+    noise = np.zeros(0) if sets.covariances is None else sets.covariances
     turned = np.einsum("bnij,bnj->bni", noise, e)
     normal = np.where(sets.present, np.einsum("bni,bni->bn", e, turned), 1.0)
     p, s, r = np.where(sets.present, 1.0 / normal, 0.0), scale[:, None], radius[:, None]
-    means = _without_bias(np.where(sets.present, s * normal, 0.0))
+    means = _Means.without_bias(np.where(sets.present, s * normal, 0.0))
     if not corrected:
         return _At(distance, e, p, means)
     square = np.einsum("bni,bni->bn", turned, turned) - normal**2
@@ -211,12 +224,12 @@ def _about_covariances(
     return _At(distance, e, p, means, np.where(sets.present[..., None], aside, 0.0))
 
 
-def scale_of(sets: Weighted, at: _At, radius: Floats, scale: Floats, fitted: int) -> Floats:
+def scale_of(sets: Weighted, at: _At, radius: Floats, scale: Floats, fitted: Ints) -> Floats:
     """The scale s by which Σ p (R - ρ)² has its mean; the known one where it is known (theory 9.6)."""
     square = (at.weights * (at.distance - radius[:, None] - at.means.lengthening) ** 2).sum(axis=1)
     expected = (at.weights * at.means.variance).sum(axis=1)
-    spare = np.maximum(sets.count - fitted, 1.0)
-    ratio = np.where(expected > 0.0, square / spare / np.where(expected > 0.0, expected / sets.count, 1.0), 1.0)
+    spare = np.maximum(sets.size - fitted, 1.0)
+    ratio = np.where(expected > 0.0, square / spare / np.where(expected > 0.0, expected / sets.size, 1.0), 1.0)
     return np.where(np.isfinite(sets.scale), sets.scale, np.maximum(scale * ratio, _LEAST))
 
 
@@ -264,15 +277,15 @@ def solve(sets: Weighted, start: Spheres, corrected: bool = True, fuller: Floats
         corrected: the corrected equations; else those of the minimum of Σ p (R - r)², to which steps go downhill.
         fuller: α for each set, where the radius is unknown.
     """
-    free = ~np.isfinite(sets.radius)
-    d, n = start.center.shape[1], sets.count
+    free: Bools = np.isnan(sets.radius)
+    d, n = start.center.shape[1], sets.size
     center, radius = start.center.copy(), np.where(free, start.radius, sets.radius)
     scale = np.where(np.isfinite(sets.scale), sets.scale, np.where(np.isfinite(start.scale), start.scale, 0.0))
-    found, fitted = np.zeros(len(center), dtype=np.bool_), d + free
+    found: Bools = np.zeros(len(center), dtype=np.bool_)
     with np.errstate(all="ignore"):
         for _ in range(_STEPS):
             at = _about(sets, center, radius, scale, corrected)
-            before, scale = scale, scale_of(sets, at, radius, np.maximum(scale, _LEAST), fitted)
+            before, scale = scale, scale_of(sets, at, radius, np.maximum(scale, _LEAST), d + free)
             values, slopes = _system(sets, at, radius, np.where(free, fuller * scale / (n * radius), 0.0))
             slopes[~free, :d, d] = slopes[~free, d, :d] = 0.0
             slopes[~free, d, d], values[~free, d] = 1.0, 0.0
@@ -294,7 +307,7 @@ def solve(sets: Weighted, start: Spheres, corrected: bool = True, fuller: Floats
 
 def _step(values: Floats, slopes: Floats, corrected: bool) -> Floats:
     """Newton's step (b, m); downhill, by absolute eigenvalues, where the equations are those of a minimum."""
-    fine = np.isfinite(slopes).all(axis=(1, 2)) & np.isfinite(values).all(axis=1)
+    fine: Bools = np.asarray(np.isfinite(slopes).all(axis=(1, 2)) & np.isfinite(values).all(axis=1))
     safe = np.where(fine[:, None, None], slopes, np.eye(slopes.shape[1]))
     if corrected:
         inverse = _inverse(safe)
@@ -330,7 +343,7 @@ def covariance(sets: Weighted, spheres: Spheres, corrected: bool = True) -> Floa
     That of the corrected equations is J⁻¹ Σ p² V (e, 1)(e, 1)ᵀ J⁻ᵀ; else it is the Cramér-Rao bound with the estimates
     plugged in. A known radius has no error. NaN where there is no sphere.
     """
-    d, free = spheres.center.shape[1], ~np.isfinite(sets.radius)
+    d, free = spheres.center.shape[1], np.isnan(sets.radius)
     result = np.zeros((len(free), d + 1, d + 1))
     with np.errstate(all="ignore"):
         at = _about(sets, spheres.center, spheres.radius, spheres.scale, corrected)
@@ -339,9 +352,9 @@ def covariance(sets: Weighted, spheres: Spheres, corrected: bool = True) -> Floa
         spread = at.weights**2 * at.means.variance
         middle = np.einsum("bn,bni,bnj->bij", spread, normal, normal, optimize=True)
         information = middle / np.maximum(spheres.scale, 1e-300)[:, None, None]  # Σ p (e, 1)(e, 1)ᵀ, as pV = s
-    for some, m in ((free, d + 1), (~free, d)):
+    for some, m in ((np.flatnonzero(free), d + 1), (np.flatnonzero(~free), d)):
         inverse = _inverse((slopes if corrected else information)[some, :m, :m])
-        result[np.ix_(some, range(m), range(m))] = inverse @ middle[some, :m, :m] @ inverse.swapaxes(1, 2)
+        result[some, :m, :m] = inverse @ middle[some, :m, :m] @ inverse.swapaxes(1, 2)
     return result
 
 
@@ -364,7 +377,7 @@ def _by_squares(sets: Weighted, at: _At, sphere: Spheres, inverse: Floats) -> Fl
         sets.present[..., None], terms - np.where(unknown, by_scale, 0.0)[:, None] * surplus[..., None], 0.0
     )
     turned = np.einsum("bij,bnj->bni", inverse, terms)
-    return np.asarray((turned**2).sum(axis=1) * (sets.count / (sets.count - d - 1.0))[:, None])
+    return np.asarray((turned**2).sum(axis=1) * (sets.size / (sets.size - d - 1.0))[:, None])
 
 
 class Profile(NamedTuple):
@@ -386,7 +399,7 @@ class Profile(NamedTuple):
 def profile(sets: Weighted, radius: Floats, start: Spheres) -> Profile:
     """Centre and scale for a hypothetical radius (b,), and its studentised score (theory 10.6)."""
     sphere = solve(sets._replace(radius=radius), start)
-    d, n = start.center.shape[1], sets.count
+    d, n = start.center.shape[1], sets.size
     with np.errstate(all="ignore"):
         at = _about(sets, sphere.center, radius, sphere.scale, True)
         values, slopes = _system(sets, at, radius, np.zeros(len(n)))
@@ -445,7 +458,7 @@ def _curvature(sets: Weighted, sphere: Spheres, wanted: Floats, step: Floats) ->
     From the estimate steps grow until one passes the value; then a bracket closes. A step to where there is no profile,
     or no centre, is made shorter, a few times.
     """
-    sign, start = np.sign(wanted), Spheres(*(part.copy() for part in sphere))
+    sign, start = np.sign(wanted), sphere.take(np.arange(len(wanted)))
     inner, tries = 1.0 / sphere.radius, np.zeros(len(wanted))
     inner_t = profile(sets, sphere.radius, sphere).score
     outer, outer_t = np.full((2, len(wanted)), np.nan)
