@@ -113,8 +113,8 @@ def given_of(shape: tuple[int, ...], noise: ArrayLike | None, radius: ArrayLike 
         value = real_array(radius, "radius").astype(float)
         if value.shape not in ((), tuple(lead)):
             raise ValueError(f"radius has shape {value.shape}: give one number, or one for each set, {tuple(lead)}")
-        if not np.all((value > 0.0) & (value < 1e150)):
-            raise ValueError(f"radius = {radius!r}: a known radius must be positive and finite")
+        if (wrong := value[~((value > 0.0) & (value < 1e150))]).size:
+            raise ValueError(f"radius = {wrong[0]:g}: a known radius must be positive and finite")
         known = np.broadcast_to(value, lead).reshape(b).astype(float)
     array = None if noise is None else real_array(noise, "noise").astype(float)
     if array is None or not is_per_point(array.shape, n, d):
