@@ -7,11 +7,11 @@ then returns as many random rows as it would return. So there may be more worker
 """
 
 import asyncio
-import csv
 import heapq
 import json
 import os
 import pickle
+import re
 import signal
 import subprocess
 import sys
@@ -23,19 +23,20 @@ from functools import partial
 from importlib import import_module
 from itertools import islice
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from study import instruction_set
 
 instruction_set.fix()
 
 import numpy as np
+import pandas as pd
 import psutil
 
 from study.simulation.experiment.compute import Clock, Errors, Result
 from study.simulation.experiment.config import Study, parse
 from study.simulation.experiment.designs import Batch
-from study.simulation.experiment.sampling import units
+from study.simulation.experiment.sampling import groups, units
 from study.simulation.runs import jobs, runner, workers
 from study.simulation.runs.parts import Packet, Parts
 from study.simulation.runs.workers import PER_SECOND, Parent, Workers
@@ -60,35 +61,11 @@ _SECONDS, _TASKS, _EACH = 20.0, 3000, 2
 """Work of each worker in seconds; but no more tasks than so many, and no fewer than so many for each worker."""
 
 
-LARGE = """name = "large"
-seed = 2009
-estimators = ["mle", "lls", "gdke", "ugdk"]
-keep = "summary"
-[design]
-kind = "grid"
-trials = 1_000_000
-most_samples = 5_000_000_000
-samples = [4, 10, 100, 1_000, 10_000, 100_000, 1_000_000]
-noise_over_radius = { logspace = [1e-13, 1e14, 28] }
-angle = [5, 15, 30, 60, 90, 135, 180]
-radius = [0.1, 1, 10]
-"""
-"""The factorial of configs/factorial.toml with a million trials a cell, fewer for large N."""
+FACTORIAL = (Path(__file__).resolve().parents[1] / "configs" / "factorial.toml").read_text(encoding="utf-8")
 
 
-class Case(NamedTuple):
-    """A cluster and the tasks that it computes.
-
-    Attributes:
-        workers: number of workers, of one thread each.
-        task: least length of a task, in seconds.
-    """
-
-    workers: int
-    task: float
-
-
-CASES = [Case(workers, task) for task in (0.5, 10.0) for workers in (10, 100, 1000)]
+CASES = [(workers, task) for task in (0.5, 10.0) for workers in (10, 100, 1000)]
+"""Number of workers, of one thread each, and least length of a task in seconds."""
 
 
 async def asleep(pace: float, number: int, _: Parent, call: bytes) -> tuple[int, Packet]:
@@ -152,60 +129,49 @@ def pace() -> float:
     return min(seconds)
 
 
-def counted(function: Callable[..., object], note: Callable[..., None]) -> Callable[..., object]:
-    """A function that also hands its result and its arguments to another."""
+def noted(owner: Any, name: str, note: Callable[..., None]) -> None:
+    """Let a function also hand its result, its arguments, and its seconds by clock and processor to another."""
+    real = getattr(owner, name)
 
     def both(*arguments: object) -> object:
-        found = function(*arguments)
-        note(found, *arguments)
+        began, busy = time.perf_counter(), time.process_time()
+        found = real(*arguments)
+        note(found, arguments, time.perf_counter() - began, time.process_time() - busy)
         return found
 
-    return both
+    setattr(owner, name, both)
 
 
-def parent(address: str, case: Case, speed: float, folder: Path) -> dict[str, float]:
-    """Run the study of a case on a cluster, as `study run` does; returns what it took.
+def parent(address: str, count: int, task: float, speed: float, folder: Path) -> dict[str, float]:
+    """Run a study on so many workers of a scheduler, as `study run` does; returns what it took.
 
     Args:
         address: the scheduler's.
-        case: the case.
+        count: number of workers.
+        task: least seconds of a task.
         speed: seconds to the weight of a task.
         folder: of the run.
     """
-    whole = max(_EACH * case.workers, min(_TASKS, case.workers * _SECONDS / case.task)) * case.task / speed
-    text = config(whole)
+    text = config(max(_EACH * count, min(_TASKS, count * _SECONDS / task)) * task / speed)
     study = parse(text)
-    workers.DaskCluster.enough = case.task / speed
+    workers.DaskCluster.enough = task / speed
     workers.enter = partial(import_module("cluster").asleep, speed)  # by a name that the workers can import
-    sent, came, times = [], [], {}
-    workers.seal = counted(workers.seal, lambda call, *_: sent.append(len(call)))
-    Parts.add = counted(Parts.add, lambda _, parts, packet: came.append(sum(map(len, packet.tables.values()))))
-    compute, finish = runner._Computation.compute, runner.finish
+    sent: list[int] = []
+    came: list[int] = []
+    row: dict[str, float] = {}
 
-    def timed_compute(*arguments: object) -> None:
-        began, busy = time.perf_counter(), time.process_time()
-        compute(*arguments)
-        times["seconds"], times["parent_cpu"] = time.perf_counter() - began, time.process_time() - busy
-        files = list((folder / "parts").glob("*.part"))
-        times["files"], times["parts_mb"] = len(files), sum(path.stat().st_size for path in files) / 1e6
-        times["parent_mib"] = _peak()
+    def computed(_: object, __: object, seconds: float, busy: float) -> None:
+        sizes = [path.stat().st_size for path in (folder / "parts").glob("*.part")]
+        row.update(seconds=seconds, parent_cpu=busy, files=len(sizes), parts_mb=sum(sizes) / 1e6, parent_mib=_peak())
 
-    def timed_finish(*arguments: object) -> None:
-        began = time.perf_counter()
-        finish(*arguments)
-        times["finish"], times["finish_mib"] = time.perf_counter() - began, _peak()
-
-    runner._Computation.compute, runner.finish = timed_compute, timed_finish
+    noted(workers, "seal", lambda call, *_: sent.append(len(call)))
+    noted(Parts, "add", lambda _, given, *__: came.append(sum(map(len, given[1].tables.values()))))
+    noted(runner._Computation, "compute", computed)
+    noted(runner, "finish", lambda _, __, seconds, ___: row.update(finish=seconds, finish_mib=_peak()))
     runner.run(study, text, folder, Workers("dask", scheduler=address))
-    work = speed * _weight(study)
-    return {
-        "tasks": len(sent),
-        "task_seconds": work / len(sent),
-        "efficiency": work / (case.workers * times["seconds"]),
-        "sent_kb": sum(sent) / len(sent) / 1e3,
-        "came_kb": sum(came) / len(sent) / 1e3,
-        **times,
-    }
+    work, tasks = speed * _weight(study), len(sent)
+    first = {"tasks": tasks, "task_seconds": work / tasks, "efficiency": work / (count * row["seconds"])}
+    return first | {"sent_kb": sum(sent) / tasks / 1e3, "came_kb": sum(came) / tasks / 1e3} | row
 
 
 def _peak() -> float:
@@ -226,7 +192,7 @@ async def host(address: str, count: int, folder: str) -> None:
     await asyncio.gather(*(worker.finished() for worker in workers))
 
 
-def measure(case: Case, speed: float, folder: Path) -> dict[str, float]:
+def measure(count: int, task: float, speed: float, folder: Path) -> dict[str, float]:
     """Start a cluster, run a study on it from a process of its own, and end the cluster."""
     place, me, started = folder / "scheduler.json", [sys.executable, __file__], []
     words = ["--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--no-jupyter", "--scheduler-file", str(place)]
@@ -238,11 +204,11 @@ def measure(case: Case, speed: float, folder: Path) -> dict[str, float]:
         while not (place.is_file() and place.read_text().rstrip().endswith("}")):
             time.sleep(0.1)
         address = json.loads(place.read_text())["address"]
-        started.append(subprocess.Popen([*me, "host", address, str(case.workers), str(folder)], **quiet))
+        started.append(subprocess.Popen([*me, "host", address, str(count), str(folder)], **quiet))
         assert started[1].stdout.readline() == "ready\n"
         scheduler, workers = (psutil.Process(process.pid) for process in started)
         before = _cpu(scheduler), _cpu(workers)
-        told = [json.dumps(case), repr(speed), str(folder / "run")]
+        told = [*map(repr, (count, task, speed)), str(folder / "run")]
         found = json.loads(subprocess.run([*me, "parent", address, *told], check=True, stdout=subprocess.PIPE).stdout)
         found |= {"scheduler_cpu": _cpu(scheduler) - before[0], "workers_cpu": _cpu(workers) - before[1]}
         return found | {"scheduler_mib": scheduler.memory_info().rss / 2**20}
@@ -258,48 +224,41 @@ def _cpu(process: psutil.Process) -> float:
 
 
 def schedule() -> list[dict[str, float]]:
-    """Seconds that the study of 10¹³ samples takes by the weights of its units, the heaviest first; nothing is run."""
-    study, rows = parse(LARGE), []
+    """Seconds that the study of 10¹³ samples takes by the weights of its units, the heaviest first; nothing is run.
+
+    It is the factorial of configs/factorial.toml with a million trials a cell, fewer for large N, and summaries alone.
+    """
+    head, _, design = FACTORIAL.partition("[design]")
+    design = re.sub(r"(?m)^(trials|most_samples) = .*\n", "", design)
+    study = parse(f"{head}[design]\ntrials = 1_000_000\nmost_samples = 5_000_000_000{design}")
     found = jobs.UnitTasks(study)
     some = [found.task(unit) for unit in units(study)]
     seconds = sorted((task.weight / PER_SECOND for task in some), reverse=True)
-    fits = study.design.groups(study.seed, study.dimension)
-    data_sets = sum(group.width * study.design.trials_of(group.samples) for group in fits)
+    fits = sum(group.width * study.design.trials_of(group.samples) for group in groups(study)) * len(study.estimators)
+    samples = sum((j.unit.last - j.unit.first) * j.unit.group.samples * j.unit.group.width for j in some)
+    rows = []
     for count in (10, 100, 1000):
         busy = [0.0] * count
         for each in seconds:
             heapq.heapreplace(busy, busy[0] + each)
-        rows.append(
-            {
-                "workers": count,
-                "units": len(some),
-                "samples": sum((j.unit.last - j.unit.first) * j.unit.group.samples * j.unit.group.width for j in some),
-                "rows": data_sets * len(study.estimators),
-                "core_hours": sum(seconds) / 3600,
-                "longest": seconds[0],
-                "seconds": max(busy),
-                "efficiency": sum(seconds) / count / max(busy),
-            }
-        )
+        row = {"workers": count, "units": len(some), "samples": samples, "rows": fits}
+        row |= {"core_hours": sum(seconds) / 3600, "longest": seconds[0], "seconds": max(busy)}
+        rows.append(row | {"efficiency": sum(seconds) / count / max(busy)})
     return rows
 
 
 def store(rows: list[dict[str, float]], name: str) -> None:
     """Write rows to a table of the results, with four digits."""
-    with open(RESULTS / name, "w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        for row in rows:
-            writer.writerow({k: v if isinstance(v, int) else float(f"{v:.4g}") for k, v in row.items()})
+    pd.DataFrame(rows).to_csv(RESULTS / name, index=False, lineterminator="\n", float_format="%.4g")
 
 
 def main() -> None:
     """Measure all cases, print them, and store them."""
     store(schedule(), "cluster-study.csv")
     speed, rows = pace(), []
-    for case in CASES:
+    for count, task in CASES:
         with tempfile.TemporaryDirectory() as name:
-            rows.append(case._asdict() | measure(case, speed, Path(name)))
+            rows.append({"workers": count, "task": task} | measure(count, task, speed, Path(name)))
         print(rows[-1], flush=True)
     store(rows, "cluster.csv")
 
@@ -308,7 +267,8 @@ if __name__ == "__main__":
     if sys.argv[1:2] == ["host"]:
         asyncio.run(host(sys.argv[2], int(sys.argv[3]), sys.argv[4]))
     elif sys.argv[1:2] == ["parent"]:
-        print(json.dumps(parent(sys.argv[2], Case(*json.loads(sys.argv[3])), float(sys.argv[4]), Path(sys.argv[5]))))
+        count, task, speed = map(float, sys.argv[3:6])
+        print(json.dumps(parent(sys.argv[2], int(count), task, speed, Path(sys.argv[6]))))
     else:
         signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(1))
         main()

@@ -24,31 +24,9 @@ ROOT = Path(__file__).resolve().parents[1]
 TEXT = "article/article.typ"
 DOCUMENTS = ["published", "decades", "regret"]
 """Tables that the documents have, too."""
-PAPER = {
-    "cite": "Knight & Semwal, New closed form solutions for skeletal extraction from motion capture, GRAPP 2009",
-    "url": "https://scitepress.org/Documents/2009/17997/",
-}
-SPECIFICATION = "https://codecheck.org.uk/spec/config/2.0/"
-CHECKED = {
-    "results/paper/summary.parquet": "Main study: medians of error over bound by decade, with their errors",
-    "results/paper/claims.parquet": "Verdicts on the paper's statements, with every number behind them",
-    "figures/fig2_error.png": "Figure 1 of the report, the paper's figure 2: error against noise of four estimators",
-    "figures/fig_efficiency.png": "Figure 2 of the report: error over the Cramér-Rao bound on four caps",
-    "figures/fig3_gdke_ellipse.png": "Figure 3 of the report, above: the paper's figure 3, GDKE's centres",
-    "figures/fig4_ugdk_ellipse.png": "Figure 3 of the report, below: the paper's figure 4, UGDK's centres",
-    "figures/fig5_methods.png": "The paper's figure 5: three estimators on the same points",
-    "figures/fig6_mgdk.png": "The paper's figure 6: two markers alone and together",
-    "figures/fig7_power_law.png": "The paper's figure 7: error against the number of points",
-}
-"""Files that `make paper` makes and that somebody who checks the report compares."""
-OPEN = [
-    "names, ORCIDs and affiliations of the authors: metadata.yaml, codecheck.yml (rule CC-CFG-020), CITATION.cff",
-    "the address or DOI of the report: codecheck.yml (rule CC-CFG-021), metadata.yaml",
-    "the address of the deposited code: metadata.yaml, CITATION.cff, [project.urls] of pyproject.toml",
-    "a message to the authors of the paper, and their answer: the report's discussion",
-    "codechecker, report, summary and certificate of codecheck.yml, which are the checker's",
-]
-"""What only a person can give."""
+with open(ROOT / "article" / "deposit.toml", "rb") as _file:
+    DEPOSIT = tomllib.load(_file)
+"""Words of the metadata, files to check, and what only a person can give."""
 
 
 def cells(markdown: str) -> list[list[str]]:
@@ -106,28 +84,20 @@ def metadata(text: str) -> str:
     """The fields of ReScience C, from the report's text."""
     words = re.search(r"\*Abstract\.\* (.*?)\n\]", text, re.DOTALL)[1]
     code = [{"swh": identifier} for identifier in swhids().values() if identifier]
-    return yaml(
-        {
-            "title": re.search(r'#let title = "(.*)"', text)[1],
-            "authors": [{"name": "The sphere-fit-study authors"}],
-            "keywords": "replication, sphere fit, Monte-Carlo simulation, motion capture, Python",
-            "code": code or [{"swh": "none: not made from a checkout"}],
-            "replication": [PAPER],
-            "abstract": " ".join(words.split()),
-            "type": "Replication",
-            "domain": "Computational statistics",
-            "language": "Python",
-        }
-    )
+    entries = {"title": _title(text), "authors": DEPOSIT["authors"], "keywords": DEPOSIT["keywords"], "code": code}
+    entries |= {"replication": [DEPOSIT["paper"]], "abstract": " ".join(words.split()), "type": "Replication"}
+    return yaml(entries | {"domain": DEPOSIT["domain"], "language": "Python"})
 
 
 def codecheck(text: str) -> str:
     """The file by which CODECHECK finds what to compare."""
-    title = re.search(r'#let title = "(.*)"', text)[1]
-    authors = [{"name": "The sphere-fit-study authors"}]
-    paper = {"title": title, "authors": authors, "reference-other": [PAPER["url"]]}
-    manifest = [{"file": file, "comment": comment} for file, comment in CHECKED.items()]
-    return "---\n" + yaml({"version": SPECIFICATION, "paper": paper, "manifest": manifest})
+    paper = {"title": _title(text), "authors": DEPOSIT["authors"], "reference-other": [DEPOSIT["paper"]["url"]]}
+    manifest = [{"file": file, "comment": comment} for file, comment in DEPOSIT["checked"].items()]
+    return "---\n" + yaml({"version": DEPOSIT["specification"], "paper": paper, "manifest": manifest})
+
+
+def _title(text: str) -> str:
+    return re.search(r'#let title = "(.*)"', text)[1]
 
 
 def main() -> None:
@@ -144,7 +114,7 @@ def main() -> None:
     (results / "metadata.yaml").write_text(metadata(text), encoding="utf-8")
     (ROOT / "codecheck.yml").write_text(codecheck(text), encoding="utf-8")
     print("results/article.pdf, results/metadata.yaml, codecheck.yml\nLeft to a person:")
-    print("\n".join(f"  {words}" for words in OPEN))
+    print("\n".join(f"  {words}" for words in DEPOSIT["open"]))
 
 
 if __name__ == "__main__":

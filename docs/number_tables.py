@@ -53,15 +53,14 @@ def claim_commands(tables: Tables) -> str:
     seconds, rows = tables("studies").set_index("study")["seconds"], []
     for row in tables("verdicts").to_dict("records"):
         needed = dict.fromkeys(part.split("/")[0] for part in row["reads"].split(", "))
-        studies = [name for name in needed if name in seconds]
+        studies = [name for name in needed if name in seconds] or ["paper"] * ("cost" in needed)
         words = ["study run " + " ".join(studies)] if studies else []
         words += ["study cost --out cost.parquet"] if "cost" in needed else []
-        configs = [*studies, *(["paper"] if "cost" in needed and not studies else [])]
-        words.append(" ".join(["study claims", *(f"results/{name}-*" for name in configs)]))
+        words.append(" ".join(["study claims", *(f"results/{name}-*" for name in studies)]))
         words[-1] += " --cost cost.parquet" if "cost" in needed else ""
         took = f"{sum(seconds[name] for name in studies):.0f}"
         expected = f"{row['value']:.4g}" + (f" ± {row['error']:.2g}" if row["error"] > 0 else "")
-        if not configs:
+        if not studies:
             words, took, expected = ["study claims RUN --recording DIR"], "-", "needs a recording"
         commands = "; ".join(f"`{each}`" for each in words)
         rows.append([str(row["number"]), row["section"], row["quantity"], commands, took, expected, row["verdict"]])

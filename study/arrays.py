@@ -128,8 +128,8 @@ def _from_frame(values: Any, array: NDArray[Any], name: str) -> NDArray[Any]:
     if wrong:
         rest = [column for column in kinds if column not in wrong]
         remedy = f"pass the others, {', '.join(map(repr, rest))}, alone" if rest else "no column is left"
-        found = ", ".join(f"{column!r} has dtype {kinds[column]}" for column in wrong[:5])
-        raise TypeError(f"{name}: column {found}, which is not one of real numbers; {remedy}")
+        faults = ", ".join(f"{column!r} has dtype {kinds[column]}" for column in wrong[:5])
+        raise TypeError(f"{name}: column {faults}, which is not one of real numbers; {remedy}")
     return np.asarray(values.to_numpy(dtype=float, na_value=np.nan))
 
 

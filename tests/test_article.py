@@ -137,7 +137,7 @@ def test_nothing_is_invented(article, text, monkeypatch, capsys):
     for words in (article.codecheck(text), article.metadata(text), (ROOT / "CITATION.cff").read_text()):
         assert not re.search(r"\d{4}-\d{4}-\d{4}-\d{3}[\dX]|10\.\d{4,}/", words)
         assert yaml.safe_load(words)
-    open_items = " ".join(article.OPEN)
+    open_items = " ".join(article.DEPOSIT["open"])
     for rule in ("CC-CFG-020", "CC-CFG-021", "ORCID", "DOI"):
         assert rule in open_items
 

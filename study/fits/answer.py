@@ -18,10 +18,9 @@ from study.fits.display import as_dict, as_html, as_text, frame, named_axis
 from study.fits.form import MinimumZone, minimum_zone
 from study.fits.goodness import Goodness, goodness
 from study.fits.intervals import Intervals, intervals
-from study.fits.robust import outliers
+from study.fits.robust import outliers, repeated
 from study.fits.samples import Estimates, Samples, Status, explain, plug_in_bound, semi_axes, unless_missing
 from study.fits.structure import Structure, structure, widened
-from study.fits.trimmed import repeated
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -63,10 +62,10 @@ class FittedPoints:
         """True for the points (b, n) that repeat an earlier one."""
         return repeated(self.samples.x)
 
-    @property
+    @cached_property
     def present(self) -> Bools:
         """False for missing points (b, n)."""
-        return self._from_center[2]
+        return np.logical_not(np.isnan(self.samples.x).any(axis=1))
 
     @property
     def distance(self) -> Floats:
@@ -94,12 +93,15 @@ class FittedPoints:
     @cached_property
     def spare(self) -> Ints:
         """Degrees of freedom of the noise (b,): different points that the fit stands on, less d + 1; at least 1."""
+        b, d, n = self._samples.shape
+        if not self._without_outliers and not self.repeated.any() and np.isfinite(self._samples.moments.fourth).all():
+            return np.full(b, max(n - d - 1, 1))
         count = (self.used & ~self.repeated).sum(axis=1)
         return np.asarray(np.maximum(count - self._center.shape[1] - 1, 1))
 
     @cached_property
     def structure(self) -> Structure:
-        """What the residuals show, of the points that the fit stands on."""
+        """Structure in the residuals of the points that the fit stands on."""
         different = self.different
         return structure(different, self._ordered, self._known if different is self._samples else None)
 
@@ -108,13 +110,14 @@ class FittedPoints:
         seen, result = self.structure, status.copy()
         result[seen.hinge & ~np.isin(status, _NO_SPHERE)] = Status.HINGE
         result[(result == Status.OK) & seen.doubted] = Status.MISFIT
-        alone = seen.extreme & np.logical_not(self._without_outliers)
-        both = np.flatnonzero(alone & (result == Status.MISFIT))
-        result[alone & (result == Status.OK)] = Status.OUTLIERS
-        if len(both):
-            part = self.different.take(both)
-            rest = Samples(np.where(outliers(part)[:, None], np.nan, part.x))
-            result[both[~structure(rest, self._ordered).doubted]] = Status.OUTLIERS
+        fine = np.isin(result, (Status.OK, Status.MISFIT))
+        searched = np.flatnonzero(seen.extreme & fine & np.logical_not(self._without_outliers))
+        if len(searched):
+            part = self.different.take(searched)
+            named = outliers(part)
+            rest = structure(Samples(np.where(named[:, None], np.nan, part.x)), self._ordered)
+            explained = named.any(axis=1) & ~((result[searched] == Status.MISFIT) & rest.doubted)
+            result[searched[explained]] = Status.OUTLIERS
         return result
 
     @cached_property
@@ -124,7 +127,7 @@ class FittedPoints:
 
     def intervals(self, level: float) -> Intervals:
         """Intervals of a level, with allowance for structure; open along the axis where the points lie on a circle."""
-        different, seen = self.different, self.structure
+        seen, different = self.structure, self.different
         ends = widened(different, level, intervals(different, level), seen.stretch(level, self.spare))
         if not seen.hinge.any():
             return ends
@@ -136,13 +139,13 @@ class FittedPoints:
         return Intervals(radius, center, ends.noise_share)
 
     @cached_property
-    def _from_center(self) -> tuple[Floats, Floats, Bools]:
-        """Distances, directions, and False for missing points."""
+    def _from_center(self) -> tuple[Floats, Floats]:
+        """Distances and directions."""
         x = self.samples.x
         with np.errstate(all="ignore"):
             away = x - self._center[:, :, None]
             distance = np.sqrt(np.einsum("bdn,bdn->bn", away, away))
-            return distance, away / distance[:, None], np.logical_not(np.isnan(x).any(axis=1))
+            return distance, away / distance[:, None]
 
 
 def signed_distances(points: ArrayLike, center: Floats, radius: Floats) -> Floats:
@@ -498,7 +501,7 @@ class Fit:
 
     @cached_property
     def copies(self) -> Ints:
-        """Number of points (…) that repeat an earlier one exactly, which makes the standard errors too small.
+        """Number of points (…) that repeat an earlier one but for rounding, which makes the standard errors too small.
 
         Intervals, and with them the status, count copies once.
         """

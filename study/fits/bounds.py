@@ -369,13 +369,16 @@ def _sums(view: View, weights: Floats, middle: Sums, square: Sums) -> tuple[Sums
 def _scatter(
     directions: Floats, weights: Floats, sums: Floats, mean: Floats, scatter: Floats, zero: Sums, square: Sums
 ) -> None:
-    """`weighted_scatter`, in one pass: about the mean of the first samples, which is near enough to that of all."""
+    """`weighted_scatter`, in one pass: about the mean of the first samples that count, which is near that of all."""
     b, d, n = directions.shape
     rows = np.empty((1, d, CHUNK))
     for t in range(b):
-        weight = weights[t % len(weights)]
+        weight, begun = weights[t % len(weights)], 0
         part = weight[: min(CHUNK, n)]
-        view = window(directions, t, 0, part.size, rows, zero)
+        while begun + CHUNK < n and weight.size == n and not total(part) > 0.0:  # outliers, or missing
+            begun += CHUNK
+            part = weight[begun : min(begun + CHUNK, n)]
+        view = window(directions, t, begun, part.size, rows, zero)
         middle, _ = _sums(view, part, zero, square)
         whole = total(part)
         for i in range(d):

@@ -96,20 +96,20 @@ TOLERANCE = 1e-6
 
 def answers(fit: FitPoints, case: CheckCase) -> str:
     """Sound points have the status ok, finite numbers, and a noise variance that is one."""
-    found = fit(case.points, NOISE)
-    if found.own_status != Status.OK:
-        return f"no answer on sound points: {explain(int(found.own_status))}"
-    if not (np.all(np.isfinite(found.center)) and np.isfinite(found.radius)):
+    answer = fit(case.points, NOISE)
+    if answer.own_status != Status.OK:
+        return f"no answer on sound points: {explain(int(answer.own_status))}"
+    if not (np.all(np.isfinite(answer.center)) and np.isfinite(answer.radius)):
         return "no answer on sound points: the status is ok, but centre or radius is not finite"
-    if not found.noise_variance >= 0.0:
-        return f"the noise variance is {float(found.noise_variance):.3g}, and should not be negative"
+    if not answer.noise_variance >= 0.0:
+        return f"the noise variance is {float(answer.noise_variance):.3g}, and should not be negative"
     return ""
 
 
 def exact(fit: FitPoints, case: CheckCase) -> str:
     """Points exactly on a sphere give that sphere."""
-    found = fit(case.exact, 1e-12)
-    return _differs("not exact without noise", found, case.center, 1.0)
+    answer = fit(case.exact, 1e-12)
+    return _differs("not exact without noise", answer, case.center, 1.0)
 
 
 def shift(fit: FitPoints, case: CheckCase) -> str:
@@ -182,30 +182,30 @@ def degenerate(fit: FitPoints, words: str, points: Floats) -> str:
     """Points that determine no sphere raise nothing, and have a status where numbers are not finite."""
     try:
         with np.errstate(all="ignore"):
-            found = fit(points, NOISE)
+            answer = fit(points, NOISE)
     except Exception as error:
         line = str(error).split("\n")[0]
         return f"raises on {words}: {type(error).__name__}: {line}"
-    if found.own_status == Status.OK and not (np.all(np.isfinite(found.center)) and np.isfinite(found.radius)):
+    if answer.own_status == Status.OK and not (np.all(np.isfinite(answer.center)) and np.isfinite(answer.radius)):
         return f"says ok on {words}, and the centre or the radius is not finite: give such fits a status"
     return ""
 
 
-def _differs(words: str, found: Fit, center: Floats, radius: float, size: float = 1.0) -> str:
+def _differs(words: str, answer: Fit, center: Floats, radius: float, size: float = 1.0) -> str:
     """Words for a sphere that is not the expected one; empty if it is, within the tolerance times the size."""
     limit = TOLERANCE * max(size, abs(radius))
-    away = float(np.linalg.norm(found.center - center))
-    if not abs(float(found.radius) - radius) <= limit:
-        value, expected = float(found.radius), radius
+    away = float(np.linalg.norm(answer.center - center))
+    if not abs(float(answer.radius) - radius) <= limit:
+        value, expected = float(answer.radius), radius
         return f"{words}: the radius is {_number(value, expected)} instead of {_number(expected, value)}"
     if not away <= limit:
         return f"{words}: the centre is {away:.3g} from where it should be, at radius {abs(radius):.3g}"
     return ""
 
 
-def _number(value: float, beside: float) -> str:
+def _number(value: float, other: float) -> str:
     """A number with as many digits as tell it from another."""
-    digits = next((k for k in range(3, 17) if f"{value:.{k}g}" != f"{beside:.{k}g}"), 17)
+    digits = next((k for k in range(3, 17) if f"{value:.{k}g}" != f"{other:.{k}g}"), 17)
     return f"{value:.{digits}g}"
 
 

@@ -124,8 +124,8 @@ def _descend(y: Floats, center: Floats) -> tuple[Floats, bool]:
         signs = np.sign(distance[active] - 0.5 * (low + high))
         vertex = _vertex(y[active], signs, center) if len(active) == y.shape[1] + 2 else None
         if vertex is not None:
-            found = np.linalg.norm(y - vertex, axis=1)
-            if np.ptp(found) <= width * (1.0 + 1e-9) and _proven(y, active, signs, vertex):
+            reached = np.linalg.norm(y - vertex, axis=1)
+            if np.ptp(reached) <= width * (1.0 + 1e-9) and _proven(y, active, signs, vertex):
                 return vertex, True
         trial = np.linalg.norm(y - (center + step), axis=1)
         fall = width - float(np.ptp(trial))
@@ -160,17 +160,17 @@ def _programme(e: Floats, distance: Floats, reach: float) -> tuple[Floats, float
         bounds = [(-bound, bound)] * d + [(None, None), (0.0, None)]
         cost = np.zeros(d + 2)
         cost[-1] = 1.0
-        found = linprog(cost, matrix, np.concatenate([-right, right]), bounds=bounds, method="highs")
-        if found.status != 0:
+        solution = linprog(cost, matrix, np.concatenate([-right, right]), bounds=bounds, method="highs")
+        if solution.status != 0:
             return np.zeros(d), 2.0 * half, np.empty(0, dtype=np.int64)
-        left = np.abs(residual - e @ found.x[:d] - found.x[d])
+        left = np.abs(residual - e @ solution.x[:d] - solution.x[d])
         worst = np.argsort(-left, kind="stable")[:_FEWEST]
-        beyond = np.setdiff1d(worst[left[worst] > found.x[-1] + 1e-7], taken)
+        beyond = np.setdiff1d(worst[left[worst] > solution.x[-1] + 1e-7], taken)
         if not len(beyond):
             break
         taken = np.concatenate([taken, beyond])
-    multipliers = -found.ineqlin.marginals.reshape(2, -1).sum(axis=0)
-    return half * found.x[:d], 2.0 * half * float(found.x[-1]), taken[multipliers > 1e-9]
+    multipliers = -solution.ineqlin.marginals.reshape(2, -1).sum(axis=0)
+    return half * solution.x[:d], 2.0 * half * float(solution.x[-1]), taken[multipliers > 1e-9]
 
 
 def _vertex(y: Floats, signs: Floats, center: Floats) -> Floats | None:

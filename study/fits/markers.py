@@ -23,7 +23,6 @@ from numpy.typing import ArrayLike
 from study.arrays import Floats, Ints, real_array
 from study.fits.bounds import noise_covariance
 from study.fits.incremental import Incremental
-from study.fits.jit import compiled_as_written
 from study.fits.linalg import eigenbasis
 from study.fits.moments import Moments
 from study.fits.samples import FARTHEST, Status, binary_size, scaled_noise
@@ -134,36 +133,6 @@ ROUNDS = 5
 """Rounds in which weights, or the noise, are found."""
 
 
-@compiled_as_written
-def add_marker(weight: float, left: Floats, mean: Floats, third: Floats, matrix: Floats, right: Floats) -> None:
-    """Add a marker to the normal equations of the corrected eq. 22, matrix · ĉ = right.
-
-    Args:
-        weight: w_p.
-        left: C_p - Σ̂ (d, d).
-        mean: x̄_p (d,), relative to any origin, which the centre then is relative to as well.
-        third: S_p (d,).
-        matrix: Σ w_p (C_p - Σ̂) (d, d), in place.
-        right: Σ w_p [(C_p - Σ̂) x̄_p + ½ S_p] (d,), in place.
-    """
-    for i in range(len(mean)):
-        even = odd = 0.0  # two sums, in the order of NumPy's einsum
-        for j in range(len(mean)):
-            matrix[i, j] += weight * left[i, j]
-            if j % 2 == 0:
-                even += left[i, j] * mean[j]
-            else:
-                odd += left[i, j] * mean[j]
-        right[i] += weight * (even + odd + 0.5 * third[i])
-
-
-@compiled_as_written
-def _add_markers(weights: Floats, left: Floats, mean: Floats, third: Floats, matrix: Floats, right: Floats) -> None:
-    for b in range(len(matrix)):
-        for p in range(len(weights)):
-            add_marker(weights[p, b], left[p, b], mean[p, b], third[p, b], matrix[b], right[b])
-
-
 class MarkersMoments(NamedTuple):
     """Moments of M markers in each of b data sets.
 
@@ -208,9 +177,9 @@ class MarkersMoments(NamedTuple):
             subtracted: what is subtracted from each C (M, b, d, d).
             weights: w_p (M, b).
         """
-        _, b, d = self.mean.shape
-        origin, matrix, right = self.mean.mean(axis=0), np.zeros((b, d, d)), np.zeros((b, d))
-        _add_markers(weights, self.c - subtracted, self.mean - origin, self.s, matrix, right)
+        origin, left = self.mean.mean(axis=0), self.c - subtracted
+        moved = np.einsum("pbij,pbj->pbi", left, self.mean - origin) + 0.5 * self.s
+        matrix, right = (weights[..., None, None] * left).sum(axis=0), (weights[..., None] * moved).sum(axis=0)
         return np.asarray(origin + solved(matrix, right[..., None])[..., 0])
 
     def known(self, noise: Floats, weighted: bool) -> tuple[Floats, Floats]:
@@ -278,13 +247,13 @@ def mgdk(markers: Sequence[ArrayLike], noise: ArrayLike | None = None, weighted:
     if abs(power) > FARTHEST:
         return replace(_nothing(d, np.array([len(array) for array in arrays]), Status.NOT_FINITE), markers=given)
     unit = [np.ldexp(array, -power) for array in arrays]
-    found = _common_center(unit, None if known is None else np.asarray(scaled_noise(known, -power)), weighted)
+    unit_fit = _common_center(unit, None if known is None else np.asarray(scaled_noise(known, -power)), weighted)
     return replace(
-        found,
-        center=np.ldexp(found.center, power),
-        radii=np.ldexp(found.radii, power),
-        noise_variance=float(np.ldexp(found.noise_variance, 2 * power)),
-        covariance=np.ldexp(found.covariance, 2 * power),
+        unit_fit,
+        center=np.ldexp(unit_fit.center, power),
+        radii=np.ldexp(unit_fit.radii, power),
+        noise_variance=float(np.ldexp(unit_fit.noise_variance, 2 * power)),
+        covariance=np.ldexp(unit_fit.covariance, 2 * power),
         markers=given,
     )
 

@@ -55,16 +55,6 @@ from study.fits.jit import (
 from study.fits.linalg import components_all, diagonalise_all
 
 
-class _One(NamedTuple):
-    """Moments of one set: n, x̄ (d,), Σyyᵀ (d, d), Σy|y|² (d,), Σ|y|⁴."""
-
-    n: float
-    mean: Floats
-    second: Floats
-    third: Floats
-    fourth: float
-
-
 class Moments(NamedTuple):
     """Centred moments of a batch of point sets, in three arrays, which is what a kernel takes.
 
@@ -91,10 +81,19 @@ class Moments(NamedTuple):
 
         Means are stored rounded, to ε|x̄|: where that matters beside the points' extent, fit all points at once.
         """
-        result = Moments(*(part.copy() for part in self))
-        _merge_all(result, Moments(*(part.copy() for part in other)))
-        result.numbers[0] += other.n
-        return result
+        n, mean = self.n + other.n, self.mean + (other.n / (self.n + other.n))[:, None] * (other.mean - self.mean)
+        second, third, fourth = map(np.add, self._about(mean), other._about(mean))
+        return Moments(np.stack([n, fourth]), np.stack([mean, third]), second)
+
+    def _about(self, origin: Floats) -> tuple[Floats, Floats, Floats]:
+        """Σyyᵀ, Σy|y|² and Σ|y|⁴ about another origin (b, d)."""
+        n, delta = self.n[:, None], origin - self.mean
+        square = (delta * delta).sum(axis=1, keepdims=True)
+        trace, product = np.trace(self.second, axis1=1, axis2=2)[:, None], np.einsum("bij,bj->bi", self.second, delta)
+        second = self.second + n[:, None] * delta[:, :, None] * delta[:, None]
+        third = self.third - 2.0 * product - delta * (trace + n * square)
+        inner = 4.0 * (delta * (product - self.third)).sum(axis=1, keepdims=True)
+        return second, third, self.fourth + (inner + square * (2.0 * trace + n * square))[:, 0]
 
     def update(self, x: Floats) -> "Moments":
         """Moments after more samples (b, d, n)."""
@@ -243,45 +242,6 @@ def accumulate(x: PointSets, moments: Moments, zero: Sums, square: Sums) -> None
         fourth[t] = shift(float(n), delta, first, second[t], third[t], fourth[t])
         for i in range(d):
             mean[t, i] += delta[i]
-
-
-@compiled
-def _merge(one: _One, two: _One, work: Floats) -> float:
-    """Merge the second set into the first, in place, but for n; the second is destroyed, the fourth moment returned."""
-    n, mean, second, third, fourth = one
-    n2, mean2, second2, third2, fourth2 = two
-    d = mean.size
-    delta, first = work[0], work[1]
-    share = n2 / (n + n2)
-    for i in range(d):
-        delta[i] = share * (mean2[i] - mean[i])
-        first[i] = 0.0
-    fourth = shift(n, delta, first, second, third, fourth)
-    for i in range(d):
-        mean[i] += delta[i]
-        delta[i] = mean[i] - mean2[i]
-        first[i] = 0.0
-    fourth += shift(n2, delta, first, second2, third2, fourth2)
-    for i in range(d):
-        third[i] += third2[i]
-        for j in range(d):
-            second[i, j] += second2[i, j]
-    return fourth
-
-
-@compiled
-def _set(moments: Moments, t: int) -> _One:
-    numbers, vectors, second = moments
-    return _One(numbers[0, t], vectors[0, t], second[t], vectors[1, t], numbers[1, t])
-
-
-@compiled
-def _merge_all(one: Moments, two: Moments) -> None:
-    """Merge each set of the second batch into that of the first, but for n; the second batch is destroyed."""
-    b, d, _ = one.second.shape
-    work = np.empty((2, d))
-    for t in range(b):
-        one.numbers[1, t] = _merge(_set(one, t), _set(two, t), work)
 
 
 class Regression(NamedTuple):

@@ -54,11 +54,11 @@ def _member(path: Path, arrays: dict[str, Any]) -> tuple[list[str], Any]:
     if coordinate_places(flat) and len({arrays[name].shape for name in flat}) == 1:
         return flat, np.column_stack([arrays[name] for name in flat])
     tables = [name for name, array in arrays.items() if array.ndim == 2]
-    found = tables if len(tables) == 1 else [name for name in _POINTS if name in tables]
-    if len(found) != 1:
+    points = tables if len(tables) == 1 else [name for name in _POINTS if name in tables]
+    if len(points) != 1:
         held = ", ".join(arrays) or "nothing"
         raise PointFileError(f"{path}: an archive of {held}: save its points alone, or call them points")
-    return [], arrays[found[0]]
+    return [], arrays[points[0]]
 
 
 def _assert_whole(path: Path, file: BinaryIO) -> None:
@@ -68,13 +68,13 @@ def _assert_whole(path: Path, file: BinaryIO) -> None:
         wide = file.read(2)[:1] != b"\x01"
         header = file.read(int.from_bytes(file.read(4 if wide else 2), "little"))
         try:
-            told = ast.literal_eval(header.decode("utf-8" if wide else "latin-1"))
-            claimed = prod(told["shape"]) * np.dtype(told["descr"]).itemsize
+            fields = ast.literal_eval(header.decode("utf-8" if wide else "latin-1"))
+            claimed = prod(fields["shape"]) * np.dtype(fields["descr"]).itemsize
         except (SyntaxError, ValueError, TypeError, KeyError, MemoryError, RecursionError):
             raise PointFileError(f"{path}: not a NumPy array of numbers: its header cannot be read") from None
-        if claimed > length - file.tell() and not np.dtype(told["descr"]).hasobject:
+        if claimed > length - file.tell() and not np.dtype(fields["descr"]).hasobject:
             raise PointFileError(
-                f"{path}: not a NumPy array of numbers: its header claims shape {told['shape']}, the file is shorter"
+                f"{path}: not a NumPy array of numbers: its header claims shape {fields['shape']}, the file is shorter"
             )
     file.seek(0)
 

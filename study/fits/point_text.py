@@ -229,9 +229,9 @@ def read_lines(path: Path, lines: list[str], wanted: Wanted) -> Columns:
     chosen = wanted.places(path, names, named=bool(header))
     if header and _has_units(path, *rows[0], delimiter, chosen):
         rows = rows[1:]
-    kept, left = [names[i] for i in chosen], others(names, chosen)
+    coordinates, left = [names[i] for i in chosen], others(names, chosen)
     if (plain := _plain([row for _, row in rows], delimiter, len(names), chosen)) is not None:
-        return plain, kept, left
+        return plain, coordinates, left
     comma = delimiter != "," and any(
         "," in cell for _, row in rows if "," in row for i, cell in enumerate(_cells(row, delimiter)) if i in chosen
     )
@@ -247,15 +247,15 @@ def read_lines(path: Path, lines: list[str], wanted: Wanted) -> Columns:
                 cell = cells[i].strip()[:40]
                 raise PointFileError(f"{path}: row {number}, column {i + 1}: {cell!r} is not a number{why}")
             values.append(value)
-    return np.array(values).reshape(len(rows), len(chosen)), kept, left
+    return np.array(values).reshape(len(rows), len(chosen)), coordinates, left
 
 
 def _uneven(path: Path, number: int, cells: list[str], names: list[str], delimiter: str) -> PointFileError:
     """The fault of a row that has more or fewer cells than the first."""
-    found = f"{len(cells)} column{'s' * (len(cells) != 1)}"
+    count = f"{len(cells)} column{'s' * (len(cells) != 1)}"
     twice = delimiter == "," and len(cells) == 2 * len(names)
     why = "; where decimals are commas, columns need semicolons or tabs between them" if twice else ""
-    return PointFileError(f"{path}: row {number} has {found}, the first has {len(names)}{why}")
+    return PointFileError(f"{path}: row {number} has {count}, the first has {len(names)}{why}")
 
 
 def _without_counts(rows: list[_Row], *, everywhere: bool) -> list[_Row]:

@@ -198,7 +198,7 @@ def fit(
         points: coordinates (…, n, d) of n ≥ d + 1 points in d ≥ 2 dimensions, in any unit; leading axes are a batch.
             Points with a NaN, or masked, are missing samples. Of a data frame, the columns called x, y and z (or x and
             y; X_mm, Easting …), else all of two or three.
-        estimator: a name in `study.ESTIMATORS`; the default is never far from the best of them (configs/regret.toml).
+        estimator: a name in `study.ESTIMATORS`; the default is near the best of them where fits are ok.
         noise: standard deviation σ of each coordinate, in the unit of the points, or a covariance Σ (d, d); None if
             it is not known. Only ``ugdk`` cannot do without. Where points differ: σ of each (n,), of each coordinate
             of each (n, d), or the covariance of each (n, d, d), with the leading axes of the points or none.
@@ -252,11 +252,11 @@ def fit(
     samples = Samples(x.astype(float, copy=False) if lent else np.array(x, dtype=float, order="C"), noise, lent)
     entry = ESTIMATORS[estimator]
     if is_ordinary(samples.moments.fourth):
-        found = entry(samples)
+        estimates = entry(samples)
     else:
         samples = Samples(np.array(samples.x, order="C"), noise)  # moments that are not finite show no change
-        found = careful_fit(entry, samples)
-    return as_fit(found.reshape(*lead), samples, estimator, ordered)
+        estimates = careful_fit(entry, samples)
+    return as_fit(estimates.reshape(*lead), samples, estimator, ordered)
 
 
 def _instead(argument: str) -> str:
@@ -360,14 +360,14 @@ def registering(origin: Origin) -> Iterator[Callable[[], tuple[str, ...]]]:
     """
     before = set(ORIGINS)
 
-    def found() -> tuple[str, ...]:
+    def names() -> tuple[str, ...]:
         return tuple(name for name in ORIGINS if name not in before)
 
     _source.append(origin)
     try:
-        yield found
+        yield names
     except BaseException:
-        remove(found())
+        remove(names())
         raise
     finally:
         _source.pop()
@@ -375,11 +375,11 @@ def registering(origin: Origin) -> Iterator[Callable[[], tuple[str, ...]]]:
 
 def origins(estimators: Iterable[str]) -> list[dict[str, object]]:
     """The origins of those among some estimators that are not shipped, as a manifest has them."""
-    found: dict[Origin, list[str]] = {}
+    by_origin: dict[Origin, list[str]] = {}
     for name in estimators:
         if name in ORIGINS:
-            found.setdefault(ORIGINS[name], []).append(name)
-    return [{"from": o.name, "sha256": o.digest, "estimators": names} for o, names in found.items()]
+            by_origin.setdefault(ORIGINS[name], []).append(name)
+    return [{"from": o.name, "sha256": o.digest, "estimators": names} for o, names in by_origin.items()]
 
 
 def only_here(estimators: Iterable[str]) -> list[str]:
@@ -409,8 +409,8 @@ def load_installed() -> None:
     for point in entry_points(group=GROUP):
         package = f"{point.dist.name} {point.dist.version}" if point.dist is not None else point.value
         try:
-            found = point.load()
-            entry = found if isinstance(found, Estimator) else Estimator(SimpleForm(found))
+            loaded = point.load()
+            entry = loaded if isinstance(loaded, Estimator) else Estimator(SimpleForm(loaded))
             add(point.name, entry, Origin(package, hashlib.sha256(package.encode()).hexdigest()))
         except (Exception, SystemExit) as error:
             warnings.warn(f"estimator {point.name!r} of {package} is left out: {one_line(error)}", stacklevel=2)
@@ -500,11 +500,11 @@ def load_text(plugin: PluginFile, shown: str = "") -> tuple[str, ...]:
     if before == plugin:
         return names
     unload(plugin.path)
-    with registering(plugin.origin) as found:
+    with registering(plugin.origin) as registered:
         _execute(plugin, shown)
-        if not found():
+        if not registered():
             raise PluginError(f"{shown}: registers no estimator; it should call study.register(name, function)")
-        for name in found():
+        for name in registered():
             try:
                 with in_time(LIMIT), contextlib.redirect_stdout(sys.stderr):
                     faults = faults_of(name)
@@ -512,8 +512,8 @@ def load_text(plugin: PluginFile, shown: str = "") -> tuple[str, ...]:
                 raise PluginError(f"{shown}: {name}: {error} on 20 sound points") from None
             if len(faults) == 2:
                 raise PluginError(f"{shown}: {name}: fails on 20 sound points: {faults[3]}")
-        _loaded[plugin.path] = plugin, found()
-    return found()
+        _loaded[plugin.path] = plugin, registered()
+    return registered()
 
 
 def unload(path: str) -> None:

@@ -1,25 +1,17 @@
-"""The robust fit: maximum likelihood from the points that are not outliers.
+"""The robust fit: maximum likelihood from the points that are not outliers, by a rule with a stated rate of alarms.
 
-Effects of the sphere's curvature where the noise is not small beside it: on the law of R, and on a fit's freedom.
-
-Forward search: grow a clean set of points one by one until the next one is an outlier.
-
-From the h points of least trimmed squares, the sphere is fitted geometrically to the set S of m points. Each point has
+A forward search grows a clean set of points until the next one is an outlier. It begins with the points nearest to the
+sphere of least trimmed squares, to which the sphere is fitted geometrically: the set S of m points. Each point has
 a deleted residual, t = (R - r) / (s √(1 ± l)), with s² = Σ_S (R - r)²/(m - d - 1 - f), f the parameters that curvature
 adds, and the leverage l of the fit linearised at its answer, + outside S and - inside. The set becomes the m + 1 points
 of which |t| is least beside its limit, until the (m+1)-th is beyond: it and all beyond it are outliers. The limit is
 the quantile of Student's t at level α/(2(m + 1)) with m - d - 1 degrees of freedom, changed as the law of R differs
-from the normal one (`study.fits.robust`). Clean Gaussian points then have an outlier in a share α of
-the data sets (Hadi & Simonoff 1993).
+from the normal one where the noise is not small beside the radius. Clean Gaussian points then have an outlier in a
+share α of the data sets (Hadi & Simonoff 1993).
 
 Before it ends, the next point is fitted along: it is an outlier only if that raises Σ(R - r)² by more than the square
-of the limit times s² too, which does not linearise.
-
-While many points are outside, all that are clearly inside the limit enter at once: one by one each would, too.
-
-Limits of deleted residuals, beyond which points are outliers.
-
-Outliers among the points of a sphere, by a rule with a stated rate of false alarms.
+of the limit times s² too, which does not linearise. While many points are outside, all that are clearly inside the
+limit enter at once: one by one each would, too.
 """
 
 import math
@@ -30,85 +22,30 @@ import numpy as np
 import scipy
 
 from study.arrays import Bools, Floats
-from study.fits.geometric import ON, STATE, Search, advance, begin, half_hessian, mle, sphere_sums
-from study.fits.geometric import Room as NewtonRoom
-from study.fits.jit import compiled, dot, fill
-from study.fits.linalg import cholesky_solve
+from study.fits.geometric import ON, STATE, Room, Search, advance, begin, mle, sphere_sums, sum_about
+from study.fits.jit import CHUNK, SampleBlock, Scratch, Sums, compiled, zeros
+from study.fits.linalg import cholesky_solve, eigenbasis
 from study.fits.samples import Estimates, Samples, blank
 from study.fits.trimmed import (
-    FINALISTS,
     SUBSAMPLE,
-    SearchRoom,
-    concentrate,
-    direction,
+    Selection,
+    best_spheres,
     elemental,
-    elemental_spheres,
-    nearest,
-    repeated,
+    majority,
+    new_selection,
     residuals,
-    scatter_directions,
-    search_room,
-    select,
-    spread_out,
-    weighted_pass,
+    select_nearest,
+    selected,
 )
 
+FALSE_ALARMS = 0.01
+"""Share α of data sets without outliers in which one is found."""
 _WITHOUT_RADIUS = 0.534
 """d Var R/(E R)² of points that scatter about one place: (Var R)/(E R)² is at most this over d."""
 _POWER = 0.31
 """There R to the power 1 less this is nearly normal in its upper tail."""
 _LITTLE = 1e-4
 """Var R/(E R)² below which R is normal."""
-
-
-@compiled
-def extra_parameters(y: Floats, centers: Floats, radii: Floats, extra: Floats) -> None:
-    """Parameters that curvature adds to the d + 1 of a sphere, of geometric fits of the sets (b, d, n).
-
-    It is Tr H⁻¹K - d (b,) with K = Σ(e - ē)(e - ē)ᵀ and H half the Hessian of Σ(R - r)², held between 0 and d; d
-    where the fit is no minimum.
-
-    Source: Moody 1992; theory 11.3.
-    """
-    b, d, n = y.shape
-    work, sums, matrix = search_room(d, n), sphere_sums(d), np.empty((d, d))
-    sphere, column, solved, factor = np.empty(d + 1), np.empty(d), np.empty(d), work.matrices[0]
-    fill(work.weight, 1.0)
-    for t in range(b):
-        for i in range(d):
-            sphere[i] = centers[t, i]
-        sphere[d] = radii[t]
-        weighted_pass(y[t], work.weight, centers[t], radii[t], work.rows, sums)
-        fine, trace = scatter_directions(y[t], sphere, work), 0.0
-        for j in range(d):
-            half_hessian(n, radii[t], sums, matrix)
-            for i in range(d):
-                column[i] = solved[i] = factor[i, j] if i >= j else 0.0
-            fine = fine and cholesky_solve(matrix, solved)
-            trace += dot(column, solved)
-        extra[t] = min(max(trace - d, 0.0), 1.0 * d) if fine else 1.0 * d
-
-
-@compiled
-def as_rare(z: float, share: float, d: int) -> float:
-    """Value of (R - E R)/√(Var R) that is as rare as z is for a normal number.
-
-    With ``share`` = Var R/(E R)², R to a power below 1 is nearly normal in its upper tail: the value is right to 4 %
-    for z of 3 to 5 and every radius and noise. In the lower tail, which ends at R = 0, the value is further away than
-    it should be.
-
-    Source: theory 11.3.
-    """
-    if share < _LITTLE:
-        return z
-    most = _WITHOUT_RADIUS / d
-    share = min(share, most)
-    linear = (d - 1.0) / 3.0
-    power = 1.0 - linear * share - (_POWER - linear * most) * (share / most) ** 4
-    moved = 1.0 - 0.5 * power * (1.0 - power) * share + power * math.sqrt(share) * z
-    return float((max(moved, 0.0) ** (1.0 / power) - 1.0) / math.sqrt(share))
-
-
 _CONCENTRATIONS = 10
 """Most geometric fits of h points before the set grows."""
 _MANY = 40
@@ -120,154 +57,208 @@ _FURTHEST = 1000.0
 _ENTROPY = 0.5 * math.log(2.0 * math.pi * math.e)
 _LEAST = 1e-3
 """Least 1 - l: a fit goes through a point of leverage 1 whatever it is."""
-
-
-class Limits(NamedTuple):
-    """Limits that residuals are compared with.
-
-    Attributes:
-        quantiles: Student's quantile for the next point, beside m points (n,).
-        floor: residuals due to rounding (b,), per unit of the radius.
-        extra: parameters that curvature adds, in the fit of all points (b,).
-        share: (s/r)² of all points (b,), which clean points of the set have at most.
-    """
-
-    quantiles: Floats
-    floor: Floats
-    extra: Floats
-    share: Floats
-
-
-@compiled
-def _deleted(y: Floats, sphere: Floats, scale: float, m: int, above: float, below: float, work: SearchRoom) -> None:
-    """Replace the residuals R - r in ``work.distance`` by the sizes of the deleted ones over their limits."""
-    d, n = y.shape
-    mean, e, factor = work.vectors[0], work.vectors[1], work.matrices[0]
-    regular = scatter_directions(y, sphere, work)
-    for k in range(n):
-        leverage = 1.0 / m
-        if regular:
-            direction(y, k, sphere, e)
-            for i in range(d):
-                e[i] -= mean[i]
-                for j in range(i):
-                    e[i] -= factor[i, j] * e[j]
-                e[i] /= factor[i, i]
-                leverage += e[i] * e[i]
-        inside = work.weight[k] > 0.0
-        spread = max(1.0 - leverage, _LEAST) if inside else 1.0 + leverage
-        limit = above if work.distance[k] > 0.0 else below
-        work.distance[k] = abs(work.distance[k]) / (limit * scale * math.sqrt(spread))
-        work.copy[k] = work.distance[k]
-
-
-@compiled
-def grow(y: Floats, spheres: Floats, h: int, limits: Limits, outside: Bools, cost: Floats) -> None:
-    """Find the outliers of each set, beginning with the points nearest to a sphere.
-
-    Args:
-        y: the sets (b, d, n), in units of their size.
-        spheres: sphere near h clean points of each set (b, d + 1); NaN where there is none, which leaves no outliers.
-        h: number of points to begin with.
-        limits: what the residuals are compared with.
-        outside: receives True for outliers (b, n).
-        cost: receives the negative log-likelihood (b,): residuals are Gaussian inside and uniform outside up to the
-            largest within reason, and every choice of as many outliers is as likely; infinite where there is no sphere.
-    """
-    b, d, n = y.shape
-    quantiles, floor, extra, share = limits
-    work, sums = search_room(d, n), sphere_sums(d)
-    sphere, newton = np.empty(d + 1), NewtonRoom(np.empty(d), np.empty((d, d)), np.empty((d, d)))
-    state = np.empty(1, STATE)
-    search = Search(state[0], np.empty(d), np.empty(d), np.empty(d))
-    for t in range(b):
-        cost[t] = math.inf
-        for k in range(n):
-            outside[t, k] = False
-        for i in range(d + 1):
-            sphere[i] = spheres[t, i]
-        if not sphere[d] < math.inf:
-            continue
-        best, m, turns = nearest(y[t], sphere, h, work), h, 0
-        square = variance = above = below = 0.0
-        following = 0
-        suspected = False
-        while True:
-            for i in range(d):
-                search.best[i] = sphere[i]
-            begin(search, 1.0, math.inf)
-            status = ON
-            while status == ON:
-                weighted_pass(y[t], work.weight, search.trial, search.state.radius, work.rows, sums)
-                status = advance(search, m, sums, newton)
-            for i in range(d):
-                sphere[i] = search.best[i]
-            sphere[d] = search.state.before
-            if turns < _CONCENTRATIONS:
-                total, turns = nearest(y[t], sphere, h, work), turns + 1
-                turns = turns if total < best * (1.0 - 1e-9) else _CONCENTRATIONS
-                best, m = min(best, total), 0
-                for k in range(n):
-                    m += work.weight[k] > 0.0
-                continue
-            residuals(y[t], sphere, work.distance)
-            before, square = square, 0.0
-            for k in range(n):
-                square += work.weight[k] * work.distance[k] * work.distance[k]
-            if suspected:
-                limit = above if work.distance[following] > 0.0 else below
-                if square - before > limit * limit * variance:
-                    break
-                suspected = False
-                for k in range(n):
-                    outside[t, k] = False
-            if m == n:
-                break
-            rounding = floor[t] * (1.0 + sphere[d])
-            variance = square / max(m - d - 1 - extra[t], 1.0) + rounding * rounding
-            among = variance / (sphere[d] * sphere[d])
-            above = as_rare(quantiles[m], max(among, share[t]), d)
-            below = -as_rare(-quantiles[m], among, d)
-            _deleted(y[t], sphere, math.sqrt(variance), m, above, below, work)
-            cut = select(work.copy, m)
-            if cut > 1.0:
-                suspected, following = True, n
-                for k in range(n):
-                    outside[t, k] = work.weight[k] == 0.0
-                    if outside[t, k] and (following == n or work.distance[k] < work.distance[following]):
-                        following = k
-                work.weight[following] = 1.0
-                m += 1
-                continue
-            limit = max(cut, _CLEARLY) if n - m > _MANY else cut
-            last, m = m, 0
-            for k in range(n):
-                work.weight[k] = 1.0 if work.distance[k] <= limit else 0.0
-                m += work.distance[k] <= limit
-            if m <= last:  # a distance is not a number
-                break
-        count, furthest = 0, 0.0
-        for k in range(n):
-            if outside[t, k]:
-                furthest = max(furthest, abs(work.distance[k]))
-            else:
-                count += 1
-        rounding = floor[t] * (1.0 + sphere[d])
-        spread = before / (count - d - 1) if suspected else square / max(n - d - 1, 1)
-        cost[t] = count * (0.5 * math.log(spread + rounding * rounding) + _ENTROPY)
-        if count < n:
-            cost[t] += (n - count) * math.log(2.0 * min(furthest, _FURTHEST))
-            cost[t] += math.lgamma(n + 1.0) - math.lgamma(count + 1.0) - math.lgamma(n - count + 1.0)
-
-
-FALSE_ALARMS = 0.01
-"""Share α of data sets without outliers in which one is found."""
 _EXACT = 2000
 """Limits of larger point sets are interpolated between this many set sizes."""
 _FEW = 40
 """Degrees of freedom beyond which the choice of the clean points does not matter."""
 _CHOICE = 0.01
 """Share of α for each number of outliers but one."""
+_BATCH = 1 << 16
+"""Elemental spheres that are formed together."""
+_LARGEST = 1e8
+"""Largest coordinate in units of a set's size, where its rounding is small; what is further is taken to be there."""
+_ROUNDING = 2.0**-48
+_ALIKE = 1e-8
+"""Difference of coordinates, in units of the extent of the points' middle half, up to which points are one and the
+same: no instrument resolves so little, and a change of unit, a rotation or a conversion of a file moves copies by about
+1e-9 or less. In single precision neighbouring numbers of the points' size are 6e-8 apart."""
+_MOST_ALIKE = 100
+"""Points along a line among which copies that are not exact are searched."""
+
+
+def robust(samples: Samples) -> Estimates:
+    """`mle` from the points that `outliers` does not name.
+
+    Up to just under half of the points may be anywhere. Without outliers it is `mle`, but in the one data set in a
+    hundred in which a clean point is taken for one. It fails where one sphere comes near to more than half of the
+    points, outliers among them, within the noise: far points beside a small cap that leaves the radius open, or a
+    cluster a few standard deviations from the sphere.
+
+    Source: Rousseeuw & Van Driessen 2006; Hadi & Simonoff 1993; theory §11.
+    """
+    named = outliers(samples)
+    count = named.sum(axis=1)
+    if not count.any():
+        return mle(samples)
+    b, d, _ = samples.shape
+    result = blank(b, d)
+    for number in np.unique(count):
+        sets = np.flatnonzero(count == number)
+        rest = np.stack([samples.x[t][:, ~named[t]] for t in sets])
+        for whole, part in zip(result, mle(Samples(rest)), strict=True):
+            whole[sets] = part
+    return result
+
+
+def outliers(samples: Samples) -> Bools:
+    """Find the points that do not belong to the sphere of the majority.
+
+    More than half of the points are taken to lie on one sphere with Gaussian noise of unknown size. They are found by
+    least trimmed squares and a forward search. In data without outliers some point is named in about 1 % of the
+    data sets, whatever their number of points.
+
+    Copies of a point count once, and are outliers together.
+
+    Args:
+        samples: the batch. Missing samples (NaN) are no outliers. A noise level given with them is not used.
+
+    Returns:
+        True for outliers (b, n). A set with fewer than d + 3 different points, in a plane, or with a coordinate that is
+        not finite, has none.
+
+    Source: Rousseeuw & Van Driessen 2006; Hadi & Simonoff 1993; theory §11.
+    """
+    x = samples.x
+    result = np.zeros((x.shape[0], x.shape[2]), dtype=np.bool_)
+    again = repeated(x)
+    apart = np.isnan(x).any(axis=(1, 2)) | again.any(axis=1)
+    whole = np.flatnonzero(~apart)
+    result[whole] = _among(np.ascontiguousarray(x[whole]))
+    for t in np.flatnonzero(apart):
+        different = np.flatnonzero(~np.isnan(x[t]).any(axis=0) & ~again[t])
+        reach = _ALIKE * _middle_half(np.sort(_along(x[t : t + 1]), axis=1))[0]
+        for k in different[_among(np.ascontiguousarray(x[t][:, different])[None])[0]]:
+            result[t] |= (np.abs(x[t] - x[t][:, k : k + 1]) <= reach).all(axis=0)
+    return result
+
+
+def repeated(x: Floats) -> Bools:
+    """True for each point of the sets (b, d, n) that repeats an earlier one: (b, n). Missing samples repeat none.
+
+    Points of a continuous law never do: copies mean that a file holds the same measurement several times, or rounds,
+    and then the standard errors, which take the points to be independent, may be too small. Points that differ by no
+    more than a conversion or a rotation of the file would leave are copies, too; see `_ALIKE`.
+    """
+    result = np.zeros((x.shape[0], x.shape[2]), dtype=np.bool_)
+    along = _along(x)
+    in_order = np.sort(along, axis=1)  # where no two are alike, which is the rule, nothing else need be done
+    reach = _ALIKE * _middle_half(in_order)
+    with np.errstate(invalid="ignore"):
+        suspected = (in_order[:, 1:] - in_order[:, :-1] <= x.shape[1] * reach[:, None]).any(axis=1)
+    for t in np.flatnonzero(suspected):
+        present = np.flatnonzero(~np.isnan(x[t]).any(axis=0))
+        result[t, present] = _repeats(x[t][:, present], along[t, present], float(reach[t]))
+    return result
+
+
+def _along(x: Floats) -> Floats:
+    """Position of each point (b, n) along a direction in which no two coordinates of a grid are alike."""
+    return np.asarray(sum((1.0 / np.sqrt(2.0 + i)) * x[:, i] for i in range(x.shape[1])))  # alike for like points
+
+
+def _middle_half(in_order: Floats) -> Floats:
+    """Extent of the middle half (b,) of numbers in ascending order (b, n), NaN last; 0 if that is not finite."""
+    n, rows = np.logical_not(np.isnan(in_order)).sum(axis=1), np.arange(len(in_order))
+    with np.errstate(invalid="ignore"):
+        extent = in_order[rows, 3 * n // 4] - in_order[rows, n // 4]
+    return np.where(np.isfinite(extent), extent, 0.0)
+
+
+def _repeats(x: Floats, along: Floats, reach: float) -> Bools:
+    """True for the points of one set (d, n) that repeat an earlier one."""
+    result, order = np.zeros(x.shape[1], dtype=np.bool_), np.lexsort(x)  # stable: of equal ones the first stands first
+    result[order[1:]] = (x[:, order[1:]] == x[:, order[:-1]]).all(axis=0)
+    order = order[~result[order]]
+    order = order[np.argsort(along[order], kind="stable")]
+    for lag in range(1, min(_MOST_ALIKE, len(order))):
+        one, two = order[:-lag], order[lag:]
+        near = along[two] - along[one] <= len(x) * reach
+        if not near.any():
+            break
+        one, two = one[near], two[near]
+        alike = (np.abs(x[:, two] - x[:, one]) <= reach).all(axis=0)
+        result[np.maximum(one, two)[alike]] = True
+    return result
+
+
+def _among(x: Floats) -> Bools:
+    """Outliers of sets (b, d, n) without missing samples or copies."""
+    b, d, n = x.shape
+    result = np.zeros((b, n), dtype=np.bool_)
+    if n < d + 3:
+        return result
+    size = max(_BATCH // len(elemental(min(n, SUBSAMPLE), d + 1)), 1)
+    usable = np.flatnonzero(np.isfinite(x).all(axis=(1, 2)))
+    for begun in range(0, len(usable), size):
+        sets = usable[begun : begun + size]
+        y, floor = _scaled(x[sets])
+        result[sets] = _search(y, best_spheres(y), floor)
+    return result
+
+
+def _scaled(x: Floats) -> tuple[Floats, Floats]:
+    """Sets (b, d, n) about their median and in units of their size, and the rounding of their coordinates (b,)."""
+    with np.errstate(all="ignore"):
+        middle = np.median(x, axis=2)[:, :, None]
+        away = np.abs(x - middle).max(axis=1)
+        size = np.median(away, axis=1)
+        size = np.where(size > 0.0, size, away.max(axis=1))[:, None, None]
+        size = np.where(size > 0.0, size, 1.0)
+        y = np.clip((x - middle) / size, -_LARGEST, _LARGEST)
+        floor = _ROUNDING * (1.0 + np.abs(middle / size).max(axis=1)[:, 0])
+    return np.ascontiguousarray(y), floor
+
+
+def _search(y: Floats, spheres: Floats, floor: Floats) -> Bools:
+    """Outliers of sets (b, d, n) by forward searches.
+
+    The first starts from the spheres of least trimmed squares. Where it finds outliers, a second one starts from the
+    geometric fit of all points, and the more likely result is taken: if more than half of the points lie close
+    together, the first search may find a small sphere among those, and take all others for outliers.
+
+    False alarms are promised for points that are all clean, so how far the sphere is from linear is taken from the fit
+    of all points: a few that were chosen for being near one sphere show less noise than there is.
+    """
+    _, d, n = y.shape
+    whole = mle(Samples(y))
+    extra = extra_parameters(y, whole.center, whole.radius)
+    with np.errstate(all="ignore"):
+        share = whole.noise_variance * (n - d - 1) / np.maximum(n - d - 1 - extra, 1.0) / whole.radius**2
+    share[~(share < np.inf)] = 0.0
+    limits = Limits(limits_of(n, d), floor, extra, share)
+    outside, cost = _grow(y, spheres, limits)
+    again = np.flatnonzero(outside.any(axis=1))
+    if len(again):
+        starts = np.concatenate([whole.center, whole.radius[:, None]], axis=1)[again]
+        limits = Limits(limits.quantiles, floor[again], extra[again], share[again])
+        other, other_cost = _grow(y[again], starts, limits)
+        better = other_cost < cost[again]
+        outside[again[better]] = other[better]
+    return outside
+
+
+def extra_parameters(y: Floats, centers: Floats, radii: Floats) -> Floats:
+    """Parameters that curvature adds to the d + 1 of a sphere, of geometric fits of the sets (b, d, n).
+
+    It is Tr H⁻¹K - d (b,) with K = Σ(e - ē)(e - ē)ᵀ and H half the Hessian of Σ(R - r)², held between 0 and d; d
+    where the fit is no minimum.
+
+    Source: Moody 1992; theory 11.3.
+    """
+    _, d, n = y.shape
+    with np.errstate(all="ignore"):
+        e = y - centers[:, :, None]
+        distance = np.linalg.norm(e, axis=1)
+        e /= distance[:, None]
+        mean = e.mean(axis=2)
+        tilted = e - mean[:, :, None]
+        share = radii[:, None] / distance
+        k = tilted @ tilted.swapaxes(1, 2)
+        h = (e * share[:, None]) @ e.swapaxes(1, 2) - n * mean[:, :, None] * mean[:, None]
+        h += (n - share.sum(axis=1))[:, None, None] * np.eye(d)
+        values, vectors = eigenbasis(h)
+        trace = np.einsum("bik,bij,bjk,bk->b", vectors, k, vectors, 1.0 / values)
+        return np.asarray(np.where((values[:, 0] > 0.0) & (trace < np.inf), np.clip(trace - d, 0.0, d), d))
 
 
 @lru_cache(maxsize=32)
@@ -307,145 +298,187 @@ def _all_beyond(freedom: Floats, count: Floats, levels: Floats) -> Floats:
     return np.asarray(np.exp(0.5 * (low + high)))
 
 
-_BATCH = 1 << 16
-"""Elemental spheres that are formed together."""
-_LARGEST = 1e8
-"""Largest coordinate in units of a set's size, where its rounding is small; what is further is taken to be there."""
-_ROUNDING = 2.0**-48
+class Limits(NamedTuple):
+    """Limits that residuals are compared with.
+
+    Attributes:
+        quantiles: Student's quantile for the next point, beside m points (n,).
+        floor: residuals due to rounding (b,), per unit of the radius.
+        extra: parameters that curvature adds, in the fit of all points (b,).
+        share: (s/r)² of all points (b,), which clean points of the set have at most.
+    """
+
+    quantiles: Floats
+    floor: Floats
+    extra: Floats
+    share: Floats
 
 
-def outliers(samples: Samples) -> Bools:
-    """Find the points that do not belong to the sphere of the majority.
-
-    More than half of the points are taken to lie on one sphere with Gaussian noise of unknown size. They are found by
-    least trimmed squares and a forward search. In data without outliers some point is named in about 1 % of the
-    data sets, whatever their number of points.
-
-    Copies of a point count once, and are outliers together.
-
-    Args:
-        samples: the batch. Missing samples (NaN) are no outliers. A noise level given with them is not used.
+def _grow(y: Floats, spheres: Floats, limits: Limits) -> tuple[Bools, Floats]:
+    """Outliers of each set (b, d, n) by a search that begins with the points nearest to a sphere (b, d + 1).
 
     Returns:
-        True for outliers (b, n). A set with fewer than d + 3 different points, in a plane, or with a coordinate that is
-        not finite, has none.
-
-    Source: Rousseeuw & Van Driessen 2006; Hadi & Simonoff 1993; theory §11.
-    """
-    x = samples.x
-    found = np.zeros((x.shape[0], x.shape[2]), dtype=np.bool_)
-    apart = np.isnan(x).any(axis=(1, 2))
-    again = repeated(x)
-    apart |= again.any(axis=1)
-    whole = np.flatnonzero(~apart)
-    found[whole] = _among(np.ascontiguousarray(x[whole]))
-    for t in np.flatnonzero(apart):
-        kept = np.flatnonzero(~np.isnan(x[t]).any(axis=0) & ~again[t])
-        named = kept[_among(np.ascontiguousarray(x[t][:, kept])[None])[0]]
-        for k in named:
-            found[t] |= (x[t] == x[t][:, k : k + 1]).all(axis=0)
-    return found
-
-
-def _among(x: Floats) -> Bools:
-    """Outliers of sets (b, d, n) without missing samples or copies."""
-    b, d, n = x.shape
-    found = np.zeros((b, n), dtype=np.bool_)
-    if n < d + 3:
-        return found
-    sample = spread_out(n)
-    subsets = elemental(len(sample), d + 1)
-    size = max(_BATCH // len(subsets), 1)
-    usable = np.flatnonzero(np.isfinite(x).all(axis=(1, 2)))
-    for begun in range(0, len(usable), size):
-        sets = usable[begun : begun + size]
-        y, floor = _scaled(x[sets])
-        spheres = np.empty((len(sets), len(subsets), d + 1))
-        part = np.ascontiguousarray(y[:, :, sample]) if n > SUBSAMPLE else y
-        elemental_spheres(part, subsets, spheres)
-        spheres = _best(part, spheres)
-        if n > SUBSAMPLE:
-            spheres = _best(y, np.ascontiguousarray(spheres[:, :2]))
-        found[sets] = _search(y, spheres[:, 0], floor)
-    return found
-
-
-def _search(y: Floats, spheres: Floats, floor: Floats) -> Bools:
-    """Outliers of sets (b, d, n) by forward searches.
-
-    The first starts from the spheres of least trimmed squares. Where it finds outliers, a second one starts from the
-    geometric fit of all points, and the more likely result is taken: if more than half of the points lie close
-    together, the first search may find a small sphere among those, and take all others for outliers.
-
-    False alarms are promised for points that are all clean, so how far the sphere is from linear is taken from the fit
-    of all points: a few that were chosen for being near one sphere show less noise than there is.
+        True for outliers (b, n), none where the sphere is NaN; and the negative log-likelihood (b,): residuals are
+        Gaussian inside and uniform outside up to the largest within reason, and every choice of as many outliers is as
+        likely; infinite where there is no sphere.
     """
     b, d, n = y.shape
-    whole = mle(Samples(y))
-    extra = np.empty(b)
-    extra_parameters(y, whole.center, whole.radius, extra)
+    outside, spread, furthest = np.zeros((b, n), dtype=np.bool_), np.full(b, np.inf), np.zeros(b)
+    _grow_all(y, spheres, limits, outside, (spread, furthest), zeros(d), zeros(d, d))
+    inside = n - outside.sum(axis=1)
+    cost = inside * (0.5 * np.log(spread) + _ENTROPY)
     with np.errstate(all="ignore"):
-        share = whole.noise_variance * (n - d - 1) / np.maximum(n - d - 1 - extra, 1.0) / whole.radius**2
-    share[~(share < np.inf)] = 0.0
-    limits = Limits(limits_of(n, d), floor, extra, share)
-    outside, cost = np.empty((b, n), dtype=np.bool_), np.empty(b)
-    grow(y, np.ascontiguousarray(spheres), _half(n, d), limits, outside, cost)
-    again = np.flatnonzero(outside.any(axis=1))
-    if len(again):
-        starts = np.concatenate([whole.center, whole.radius[:, None]], axis=1)[again]
-        limits = Limits(limits.quantiles, floor[again], extra[again], share[again])
-        other, other_cost = np.empty((len(again), n), dtype=np.bool_), np.empty(len(again))
-        grow(y[again], starts, _half(n, d), limits, other, other_cost)
-        better = other_cost < cost[again]
-        outside[again[better]] = other[better]
-    return outside
+        gone = (n - inside) * np.log(2.0 * np.minimum(furthest, _FURTHEST))
+    gammaln = scipy.special.gammaln
+    gone += gammaln(n + 1.0) - gammaln(inside + 1.0) - gammaln(n - inside + 1.0)
+    return outside, np.where(inside < n, cost + gone, cost)
 
 
-def _half(n: int, d: int) -> int:
-    """Number of points that least trimmed squares fits, which resists the most outliers."""
-    return (n + d + 2) // 2
+@compiled
+def _grow_all(
+    y: Floats,
+    spheres: Floats,
+    limits: Limits,
+    outside: Bools,
+    residual: tuple[Floats, Floats],
+    zero: Sums,
+    square: Sums,
+) -> None:
+    """Grow each set of a batch; see `_grow`.
 
-
-def _best(y: Floats, starts: Floats) -> Floats:
-    """Spheres (b, FINALISTS, d + 1) of least trimmed squares, the best first; NaN where there is none."""
-    b, d, n = y.shape
-    spheres, sums = np.full((b, FINALISTS, d + 1), np.nan), np.empty((b, FINALISTS))
-    concentrate(y, starts, _half(n, d), spheres, sums)
-    return spheres
-
-
-def _scaled(x: Floats) -> tuple[Floats, Floats]:
-    """Sets (b, d, n) about their median and in units of their size, and the rounding of their coordinates (b,)."""
-    with np.errstate(all="ignore"):
-        middle = np.median(x, axis=2)[:, :, None]
-        away = np.abs(x - middle).max(axis=1)
-        size = np.median(away, axis=1)
-        size = np.where(size > 0.0, size, away.max(axis=1))[:, None, None]
-        size = np.where(size > 0.0, size, 1.0)
-        y = np.clip((x - middle) / size, -_LARGEST, _LARGEST)
-        floor = _ROUNDING * (1.0 + np.abs(middle / size).max(axis=1)[:, 0])
-    return np.ascontiguousarray(y), floor
-
-
-def robust(samples: Samples) -> Estimates:
-    """`mle` from the points that `outliers` does not name.
-
-    Up to just under half of the points may be anywhere. Without outliers it is `mle`, but in the one data set in a
-    hundred in which a clean point is taken for one. It fails where one sphere comes near to more than half of the
-    points, outliers among them, within the noise: far points beside a small cap that leaves the radius open, or a
-    cluster a few standard deviations from the sphere.
-
-    Source: Rousseeuw & Van Driessen 2006; Hadi & Simonoff 1993; theory §11.
+    ``outside`` is False at first. ``residual`` receives the variance inside and the largest distance outside (b,).
     """
-    named = outliers(samples)
-    count = named.sum(axis=1)
-    if not count.any():
-        return mle(samples)
-    b, d, _ = samples.shape
-    result = blank(b, d)
-    for number in np.unique(count):
-        sets = np.flatnonzero(count == number)
-        kept = np.stack([samples.x[t][:, ~named[t]] for t in sets])
-        for whole, part in zip(result, mle(Samples(kept)), strict=True):
-            whole[sets] = part
-    return result
+    quantiles, floor, extra, share = limits
+    b, d, n = y.shape
+    selection, sphere, e, origin = new_selection(n, zero, square), np.empty(d + 1), np.empty((d, n)), np.zeros(d)
+    scratch, sums = Scratch(np.empty((1, d, CHUNK)), zero, square), sphere_sums(d)
+    room, state = Room(np.empty(d), np.empty((d, d)), np.empty((d, d))), np.empty(1, STATE)
+    search = Search(state[0], np.empty(d), np.empty(d), np.empty(d))
+    distance, inside = selection.distance, selection.inside
+    for t in range(b):
+        for i in range(d + 1):
+            sphere[i] = spheres[t, i]
+        if not sphere[d] < math.inf:
+            continue
+        nearest, concentrations, growing = math.inf, 0, False
+        squares = variance = above = below = rounding = 0.0
+        following, suspected = 0, False
+        while True:
+            if not growing:  # the set is that of the points nearest to the last sphere, as long as they come nearer
+                total = select_nearest(y[t], sphere, majority(n, d), selection)
+                growing = concentrations == _CONCENTRATIONS or not total < nearest * (1.0 - 1e-9)
+                nearest, concentrations = min(nearest, total), concentrations + 1
+            points = selected(y[t], selection)
+            m = points.shape[2]
+            for i in range(d):
+                search.best[i] = sphere[i]
+            begin(search, 1.0, math.inf)
+            block, status = SampleBlock(points, 0, 0, m), ON
+            while status == ON:
+                sum_about(block, origin, search.trial, search.state.radius, False, sums, scratch)
+                status = advance(search, m, sums, room)
+            for i in range(d):
+                sphere[i] = search.best[i]
+            sphere[d] = search.state.before
+            if not growing:
+                continue
+            residuals(y[t], sphere, distance)
+            before, squares = squares, 0.0
+            for k in range(n):
+                squares += distance[k] * distance[k] if inside[k] else 0.0
+            if suspected:
+                limit = above if distance[following] > 0.0 else below
+                if squares - before > limit * limit * variance:
+                    break
+                suspected = False
+                for k in range(n):
+                    outside[t, k] = False
+            if m == n:
+                break
+            rounding = floor[t] * (1.0 + sphere[d])
+            variance = squares / max(m - d - 1 - extra[t], 1.0) + rounding * rounding
+            among = variance / (sphere[d] * sphere[d])
+            above = as_rare(float(quantiles[m]), max(among, share[t]), d)
+            below = -as_rare(-float(quantiles[m]), among, d)
+            _delete(y[t], sphere, selection, e, (m, math.sqrt(variance) * above, math.sqrt(variance) * below))
+            cut = float(np.partition(distance, m)[m])
+            if cut > 1.0:  # is the next point an outlier also if it is fitted along?
+                suspected, following = True, -1
+                for k in range(n):
+                    outside[t, k] = not inside[k]
+                    if outside[t, k] and (following < 0 or distance[k] < distance[following]):
+                        following = k
+                inside[following] = True
+                continue
+            limit, last, m = max(cut, _CLEARLY) if n - m > _MANY else cut, m, 0
+            for k in range(n):
+                inside[k] = distance[k] <= limit
+                m += inside[k]
+            if m <= last:  # a distance is not a number
+                break
+        count = n
+        for k in range(n):
+            if outside[t, k]:
+                count -= 1
+                residual[1][t] = max(residual[1][t], abs(distance[k]))
+        rounding = floor[t] * (1.0 + sphere[d])
+        freedom = count - d - 1 if suspected else max(n - d - 1, 1)
+        residual[0][t] = (before if suspected else squares) / freedom + rounding * rounding
+
+
+@compiled
+def _delete(y: Floats, sphere: Floats, selection: Selection, e: Floats, limits: tuple[int, float, float]) -> None:
+    """Replace the residuals R - r in ``selection.distance`` by the sizes of the deleted ones over their limits.
+
+    Args:
+        y: the points (d, n).
+        sphere: fitted to the selected ones (d + 1,).
+        selection: the residuals, and the points.
+        e: receives the directions of the points, less the mean of the selected ones (d, n).
+        limits: number of selected points, and the limits of R - r above and below.
+    """
+    d, n = y.shape
+    m, above, below = limits
+    distance, inside, right, factor = selection.distance, selection.inside, selection.vectors[0], selection.matrices[0]
+    for i in range(d):
+        right[i] = mean = 0.0
+        for k in range(n):
+            e[i, k] = (y[i, k] - sphere[i]) / max(distance[k] + sphere[d], 1e-150)  # a sample may lie at the centre
+            mean += e[i, k] / m if inside[k] else 0.0
+        for k in range(n):
+            e[i, k] -= mean
+        for j in range(i + 1):
+            factor[i, j] = 0.0
+            for k in range(n):
+                factor[i, j] += e[i, k] * e[j, k] if inside[k] else 0.0
+    regular = cholesky_solve(factor, right)
+    for k in range(n):
+        leverage = 1.0 / m
+        if regular:
+            for i in range(d):
+                for j in range(i):
+                    e[i, k] -= factor[i, j] * e[j, k]
+                e[i, k] /= factor[i, i]
+                leverage += e[i, k] * e[i, k]
+        spread = max(1.0 - leverage, _LEAST) if inside[k] else 1.0 + leverage
+        distance[k] = abs(distance[k]) / ((above if distance[k] > 0.0 else below) * math.sqrt(spread))
+
+
+@compiled
+def as_rare(z: float, share: float, d: int) -> float:
+    """Value of (R - E R)/√(Var R) that is as rare as z is for a normal number.
+
+    With ``share`` = Var R/(E R)², R to a power below 1 is nearly normal in its upper tail: the value is right to 4 %
+    for z of 3 to 5 and every radius and noise. In the lower tail, which ends at R = 0, the value is further away than
+    it should be.
+
+    Source: theory 11.3.
+    """
+    if share < _LITTLE:
+        return z
+    most = _WITHOUT_RADIUS / d
+    share = min(share, most)
+    linear = (d - 1.0) / 3.0
+    power = 1.0 - linear * share - (_POWER - linear * most) * (share / most) ** 4
+    moved = 1.0 - 0.5 * power * (1.0 - power) * share + power * math.sqrt(share) * z
+    return float((max(moved, 0.0) ** (1.0 / power) - 1.0) / math.sqrt(share))

@@ -1,22 +1,20 @@
 """The score of a hypothetical radius: a studentised sum of deviations that noise and directions leave with mean zero.
 
-At the profile of r₀ (`profile.py`) with b = J⁻¹ē, w = 1 - b·e and S = Σ(R - ρ),
+Given the radius r₀, centre and noise variance are profiled out. With R = |x - c|, e = (x - c)/R, and ρ = E R,
+λ = r₀/E e·u, V = Var R at (r₀, s) (`study.fits.radial`), they solve
+
+    Σ (R - λ) e = 0,        Σ (R - ρ)²/(N - d) = V                                                (theory 10.1)
+
+for c and s = σ². Both are strongly identified on a cap, however weak its curvature is. At this profile, with
+b = J⁻¹ē, w = 1 - b·e and S = Σ(R - ρ),
 
     T_F² = ((S - β)²/Σw²) / [(Σ(R - ρ)² - S²/Σw²)/(N - d - 1)],
     T_H² = (N - d - 1)/N · (S - β)²/(Σψ² - S²/N),                                                  (theory 10.2)
     ψ = (R - ρ) - b·e (R - λ) - g [(R - ρ)² - V],    g = (∂ρ - ∂λ b·ē)/∂V,    ∂ = ∂/∂s.
 
 β is the bias that the errors of centre and noise give S. T has the sign of S - β. It is T_F
-where σ is below a fifth of r₀, else the one of T_F and T_H that is closer to zero.
-
-Centre and noise variance profiled out: their estimates for a hypothetical radius r₀.
-
-With R = |x - c|, e = (x - c)/R, and ρ = E R, λ = r₀/E e·u, V = Var R at (r₀, s) (`study.fits.radial`), the d + 1
-equations
-
-    Σ (R - λ) e = 0,        Σ (R - ρ)²/(N - d) = V                                                (theory 10.1)
-
-determine c and s = σ². Given the radius both are strongly identified on a cap, however weak its curvature is.
+where σ is below a fifth of r₀ (.4 r₀/(d - 1) in more than three dimensions), else the one of T_F and T_H that is closer
+to zero.
 
 A sphere is stored by its radius, the direction u = c/r₀ and its height h = (|c|² - r₀²)/2r₀ about an origin near the
 points: then R - r₀ has an error of the points' own size times 2⁻⁵², also where the radius is many times that size.
@@ -25,9 +23,11 @@ points: then R - r₀ has an error of the points' own size times 2⁻⁵², also
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from study.arrays import Floats
 from study.fits.jit import Sums, compiled, fill, fresh, put
-from study.fits.linalg import diagonalise
+from study.fits.linalg import diagonalise, eliminate
 from study.fits.radial import RadialMeans, radial_means
 
 _MAX_STEPS = 30
@@ -40,178 +40,165 @@ _LARGEST_STEP = 0.5
 """Largest step of the centre, in radii."""
 _DROP = 1e-4
 """The noise variance falls in one step to this share of itself at most."""
+_NOISY = 0.2
+"""Noise, in radii, from which on the score is also studentised by its own sum of squares, in up to three dimensions.
+The error of the noise variance adds (d - 1)²σ²/2r² to the relative variance of S, which T_F leaves out: .08 there."""
 
 
-class Cloud(NamedTuple):
+class PointSet(NamedTuple):
     """The points of one set, relative to their centroid and in units of their spread.
 
     Attributes:
-        rows: coordinates, then |x|² in the last row (d+1, at least n).
-        size: number of points n.
+        rows: coordinates, then |x|² in the last row (d+1, n).
         zero: d sums at zero.
         square: d² sums at zero.
     """
 
     rows: Floats
-    size: int
     zero: Sums
     square: Sums
 
 
-class Sphere(NamedTuple):
-    """A sphere about a cloud, stored so that distances from it do not cancel.
+class Profile(NamedTuple):
+    """Centre and noise variance of one set for a hypothetical radius, and the sums that they and the score stand on.
+
+    Of symmetric sums the lower triangle is filled.
 
     Attributes:
-        numbers: radius r₀, height h and noise variance s (3,).
+        sphere: radius r₀, height h and noise variance s (3,).
         toward: u = c/r₀ (d,).
+        bend: b = J⁻¹ē, minus the derivative of c by r₀ (d,).
+        inverse: J⁻¹ (d, d).
+        errors: standard errors of the centre's coordinates given r₀ (d,).
+        correlations: of these coordinates with the score (d,).
+        system: equations and their right sides (d, 2d).
+        sums: Σ(R - r₀)e, Σe and Σeeᵀ/R (d+2, d).
+        scatter: Σeeᵀ and Σw eeᵀ/R (2, d, d).
+        products: Σpψ, Σp and Σppᵀ, where p is the centre's own score (d+2, d).
+        covariance: of the centre, as noise of constant variance makes it, and by p's own sum of squares (2, d, d).
+        axes: eigenvectors (d, d).
     """
 
-    numbers: Floats
+    sphere: Floats
     toward: Floats
-
-
-class ProfileRoom(NamedTuple):
-    """Working memory: sums of a pass, a matrix with right sides (d, 2d), the inverse of J (d, d), and b = J⁻¹ē (d,)."""
-
-    sums: Floats
-    matrix: Floats
+    bend: Floats
     inverse: Floats
-    pull: Floats
+    errors: Floats
+    correlations: Floats
+    system: Floats
+    sums: Floats
+    scatter: Floats
+    products: Floats
+    covariance: Floats
+    axes: Floats
 
 
 @compiled
-def set_height(sphere: Sphere, center: Floats) -> None:
-    """Place a sphere of the given radius about a centre (d,)."""
-    numbers, toward = sphere
+def new_profile(d: int) -> Profile:
+    """Allocate a profile in d dimensions."""
+    sums, scatter, products = np.empty((d + 2, d)), np.empty((2, d, d)), np.empty((d + 2, d))
+    inverse, system, covariance, axes = np.empty((d, d)), np.empty((d, 2 * d)), np.empty((2, d, d)), np.empty((d, d))
+    v = np.empty((4, d))
+    return Profile(np.empty(3), v[0], v[1], inverse, v[2], v[3], system, sums, scatter, products, covariance, axes)
+
+
+@compiled
+def place(profile: Profile, radius: float, center: Floats) -> None:
+    """Place the sphere of a radius about a centre (d,)."""
     square = 0.0
     for i in range(center.size):
-        toward[i] = center[i] / numbers[0]
+        profile.toward[i] = center[i] / radius
         square += center[i] * center[i]
     length = math.sqrt(square)
-    numbers[1] = 0.5 * (length - numbers[0]) * (length + numbers[0]) / numbers[0]
+    profile.sphere[0], profile.sphere[1] = radius, 0.5 * (length - radius) * (length + radius) / radius
 
 
 @compiled
-def _pass(cloud: Cloud, sphere: Sphere, sums: Floats) -> None:
-    """Sums over the points: Σa, Σa², Σae, Σe and, in its lower triangle, Σeeᵀ/R, where a = R - r₀."""
-    rows, n, zero, square = cloud
-    d = len(zero)
-    r, twice = sphere.numbers[0], 2.0 * sphere.numbers[1]
+def _distance(rows: Floats, k: int, r: float, twice_height: float, twice_u: Sums) -> tuple[float, float]:
+    """R and R - r₀ of point k, of which the second has no digits lost: R² - r₀² = |x|² - 2c·x + 2r₀h."""
+    d = len(twice_u)
+    g = rows[d, k] / r + twice_height
+    for i in range(d):
+        g -= twice_u[i] * rows[i, k]
+    distance = math.sqrt(max(r * (r + g), _TINY))
+    return distance, g * r / (r + distance)
+
+
+@compiled
+def _pass(points: PointSet, profile: Profile) -> tuple[float, float]:
+    """Fill in the profile's ``sums``, and return Σ(R - r₀) and Σ(R - r₀)²."""
+    rows, zero, square = points
+    d, r, twice = len(zero), profile.sphere[0], 2.0 * profile.sphere[1]
     u, center, e, pull, mean, curve = fresh(zero), fresh(zero), fresh(zero), fresh(zero), fresh(zero), fresh(square)
     for i in range(d):
-        u = put(u, i, 2.0 * sphere.toward[i])
-        center = put(center, i, r * sphere.toward[i])
-    inverse, total, squares = 1.0 / r, 0.0, 0.0
-    for k in range(n):
-        g = rows[d, k] * inverse + twice
-        for i in range(d):
-            g -= u[i] * rows[i, k]
-        distance = math.sqrt(max(r * (r + g), _TINY))
+        u, center = put(u, i, 2.0 * profile.toward[i]), put(center, i, r * profile.toward[i])
+    total = squares = 0.0
+    for k in range(rows.shape[1]):
+        distance, excess = _distance(rows, k, r, twice, u)
         over = 1.0 / distance
-        a = g * r / (r + distance)
-        total += a
-        squares += a * a
+        total += excess
+        squares += excess * excess
         for i in range(d):
             e = put(e, i, (rows[i, k] - center[i]) * over)
             mean = put(mean, i, mean[i] + e[i])
-            pull = put(pull, i, pull[i] + e[i] * a)
-            weighted = e[i] * over
+            pull = put(pull, i, pull[i] + e[i] * excess)
             for j in range(i + 1):
-                curve = put(curve, i * d + j, curve[i * d + j] + weighted * e[j])
-    sums[0] = total
-    sums[1] = squares
+                curve = put(curve, i * d + j, curve[i * d + j] + e[i] * over * e[j])
     for i in range(d):
-        sums[2 + i] = pull[i]
-        sums[2 + d + i] = mean[i]
-    for i in range(d * d):
-        sums[2 + 2 * d + i] = curve[i]
+        profile.sums[0, i], profile.sums[1, i] = pull[i], mean[i]
+        for j in range(d):
+            profile.sums[2 + i, j] = curve[i * d + j]
+    return total, squares
 
 
 @compiled
-def _reduce(matrix: Floats, columns: int) -> bool:
-    """Solve d equations with so many right sides, which stand beside the matrix, in place; False if singular."""
-    d = matrix.shape[0]
-    wide = d + columns
-    for j in range(d):
-        best = j
-        for i in range(j + 1, d):
-            if abs(matrix[i, j]) > abs(matrix[best, j]):
-                best = i
-        if not abs(matrix[best, j]) > _TINY:
-            return False
-        for k in range(wide):
-            matrix[j, k], matrix[best, k] = matrix[best, k], matrix[j, k]
-        over = 1.0 / matrix[j, j]
-        for k in range(wide):
-            matrix[j, k] *= over
-        for i in range(d):
-            if i != j:
-                factor = matrix[i, j]
-                for k in range(wide):
-                    matrix[i, k] -= factor * matrix[j, k]
-    return True
-
-
-@compiled
-def _jacobian(n: int, curvature: float, sums: Floats, matrix: Floats) -> None:
-    """J = mean[(1 - λ/R) I + (λ/R) eeᵀ], given λ."""
-    d = matrix.shape[0]
-    inverse = 0.0
+def _jacobian(n: int, curvature: float, profile: Profile) -> None:
+    """Write J = mean[(1 - λ/R) I + (λ/R) eeᵀ], given λ, to the system."""
+    matrix, curve = profile.system, profile.sums[2:]
+    d, inverse = matrix.shape[0], 0.0
     for i in range(d):
-        inverse += sums[2 + 2 * d + i * d + i]
+        inverse += curve[i, i]
     for i in range(d):
         for j in range(i + 1):
-            matrix[i, j] = matrix[j, i] = curvature * sums[2 + 2 * d + i * d + j] / n
+            matrix[i, j] = matrix[j, i] = curvature * curve[i, j] / n
         matrix[i, i] += 1.0 - curvature * inverse / n
 
 
 @compiled
-def _variance_step(cloud: Cloud, means: RadialMeans, sums: Floats) -> tuple[float, float, float]:
-    """Excess of the second equation and its derivative by s, and the factor of Σ(R - ρ)e in that by the centre."""
-    n, d = cloud.size, len(cloud.zero)
-    spare = n - d
-    mean = means.lengthening
-    excess = (sums[1] - 2.0 * mean * sums[0] + n * mean * mean) / spare - means.variance
-    slope = -2.0 * means.mean_by_s * (sums[0] - n * mean) / spare - means.variance_by_s
-    return excess, slope, -2.0 / spare
-
-
-@compiled
-def profile(cloud: Cloud, sphere: Sphere, room: ProfileRoom, least: float) -> tuple[bool, RadialMeans]:
-    """Solve for centre and noise variance, from those of ``sphere``, by Newton's method; the radius stays.
+def solve_profile(points: PointSet, profile: Profile, least: float) -> tuple[bool, RadialMeans]:
+    """Solve for centre and noise variance by Newton's method, from those of ``profile``; the radius stays.
 
     Args:
-        cloud: the points, more than d + 1.
-        sphere: starting values; receives the solution.
-        room: receives J⁻¹ and b.
+        points: more than d + 1 points.
+        profile: holds the starting values; receives the solution, J⁻¹ and b.
         least: noise variance that counts as none.
 
     Returns:
         False if the iteration did not converge; and the means of R at the solution.
     """
-    n, d = cloud.size, len(cloud.zero)
-    numbers, toward = sphere
-    sums, matrix, inverse, pull = room
-    r = numbers[0]
+    sphere, toward, matrix, sums = profile.sphere, profile.toward, profile.system, profile.sums
+    n, d, r = points.rows.shape[1], toward.size, sphere[0]
     means, done, fine = radial_means(r, 1.0, 2), False, False
     for _ in range(_MAX_STEPS):
-        means = radial_means(r, numbers[2], d)
+        means = radial_means(r, sphere[2], d)
         if done:
             fine = True
             break
-        _pass(cloud, sphere, sums)
-        shift = means.excess01
-        excess, slope, factor = _variance_step(cloud, means, sums)
-        if not (abs(slope) > 1e-3 and sums[1] < math.inf):
+        total, squares = _pass(points, profile)
+        shift, mean = means.excess01, means.lengthening
+        excess = (squares - 2.0 * mean * total + n * mean * mean) / (n - d) - means.variance
+        slope = -2.0 * means.mean_by_s * (total - n * mean) / (n - d) - means.variance_by_s
+        if not (abs(slope) > 1e-3 and squares < math.inf):
             break
-        _jacobian(n, r + shift, sums, matrix)
-        by_s = means.excess01_by_s / slope
+        # the second equation gives the step of s, which is put into the first: d equations for the centre remain
+        _jacobian(n, r + shift, profile)
+        by_s, factor = means.excess01_by_s / slope, -2.0 / (n - d)
         for i in range(d):
-            mean = sums[2 + d + i] / n
+            along = sums[1, i] / n
             for j in range(d):
-                matrix[i, j] -= by_s * mean * factor * (sums[2 + j] - means.lengthening * sums[2 + d + j])
-            matrix[i, d] = sums[2 + i] / n - shift * mean + by_s * mean * excess
-        if not _reduce(matrix, 1):
+                matrix[i, j] -= by_s * along * factor * (sums[0, j] - mean * sums[1, j])
+            matrix[i, d] = sums[0, i] / n - shift * along + by_s * along * excess
+        if not eliminate(matrix, 1):
             break
         length = change = forward = 0.0
         for i in range(d):
@@ -222,226 +209,169 @@ def profile(cloud: Cloud, sphere: Sphere, room: ProfileRoom, least: float) -> tu
         scale = min(1.0, _LARGEST_STEP * r / max(length, _TINY))
         for i in range(d):
             step = scale * matrix[i, d]
-            change += factor * (sums[2 + i] - means.lengthening * sums[2 + d + i]) * step
-            forward += (sums[2 + i] - shift * sums[2 + d + i]) * step  # n times the length squared, measured by J
-            numbers[1] += step * (toward[i] + 0.5 * step / r)
+            change += factor * (sums[0, i] - mean * sums[1, i]) * step
+            forward += (sums[0, i] - shift * sums[1, i]) * step  # n times the length squared, measured by J
+            sphere[1] += step * (toward[i] + 0.5 * step / r)
             toward[i] += step / r
-        before = numbers[2]
-        numbers[2] = max(before - (excess + change) / slope, _DROP * before, 0.1 * least)
-        steady = abs(numbers[2] - before) <= _STEADY * before
-        short = abs(forward) <= _CONVERGED * numbers[2] and length <= 1e-2 * r
-        done = (short and steady) or (numbers[2] < least and before < least)
+        before = sphere[2]
+        sphere[2] = max(before - (excess + change) / slope, _DROP * before, 0.1 * least)
+        steady = abs(sphere[2] - before) <= _STEADY * before
+        short = abs(forward) <= _CONVERGED * sphere[2] and length <= 1e-2 * r
+        done = (short and steady) or (sphere[2] < least and before < least)
     if fine:
-        _jacobian(n, r + means.excess01, sums, matrix)
+        _jacobian(n, r + means.excess01, profile)
         for i in range(d):
             for j in range(d):
                 matrix[i, d + j] = 1.0 if i == j else 0.0
-        fine = _reduce(matrix, d)
+        fine = eliminate(matrix, d)
         for i in range(d):
-            pull[i] = 0.0
+            profile.bend[i] = 0.0
             for j in range(d):
-                inverse[i, j] = matrix[i, d + j]
-                pull[i] += inverse[i, j] * sums[2 + d + j] / n
+                profile.inverse[i, j] = matrix[i, d + j]
+                profile.bend[i] += matrix[i, d + j] * sums[1, j] / n
     return fine, means
 
 
-_NOISY = 0.2
-"""Noise, in radii, from which on the score is also studentised by its own sum of squares."""
-
-
-class Score(NamedTuple):
-    """The score at one radius: T, dT/dr₀ where T = 0, and the centre's largest standard error in any direction."""
-
-    value: float
-    slope: float
-    spread: float
-
-
-class Beside(NamedTuple):
-    """Moments of the centre's estimate given r₀, and working memory.
-
-    Attributes:
-        sums: sums of the score's pass: Σeeᵀ, then Σw eeᵀ/R in its lower triangle (2, d²).
-        products: Σpψ (d,), Σp (d,), Σppᵀ (d²), Σψ, Σψ², where p is the centre's own score.
-        model: covariance of the centre, as noise of constant variance makes it (d, d).
-        robust: the same by its own sum of squares (d, d).
-        vectors: working memory (d, d).
-        error: standard errors of the centre's coordinates (d,).
-        correlation: their correlations with the score (d,).
-    """
-
-    sums: Floats
-    products: Floats
-    model: Floats
-    robust: Floats
-    vectors: Floats
-    error: Floats
-    correlation: Floats
-
-
 @compiled
-def _weigh(
-    cloud: Cloud, sphere: Sphere, pull: Floats, excess: float, sums: Floats
-) -> tuple[float, float, float, float]:
-    """Σw, Σw², Σw(R - r₀) and a rough Σw, given λ - r₀; Σeeᵀ and Σw eeᵀ/R to ``sums``.
+def _weigh(points: PointSet, profile: Profile, excess: float) -> tuple[float, float, float, float]:
+    """Σw, Σw², Σw(R - r₀) and a rough Σw, given λ - r₀; fills in the profile's ``scatter``.
 
     On a small cap w is of second order in its angle and Σw of fourth. So each w is formed by itself, and Σw from Σw²
     and the difference of J and mean eeᵀ: N b·(J - mean eeᵀ)b = Σ (1 - λ/R)(|b|² - (b·e)²).
     The rough one adds up the w, and has their rounding.
     """
-    rows, n, zero, square = cloud
-    d = len(zero)
-    r, twice = sphere.numbers[0], 2.0 * sphere.numbers[1]
+    rows, zero, square = points
+    d, r, twice = len(zero), profile.sphere[0], 2.0 * profile.sphere[1]
     u, center, e, b = fresh(zero), fresh(zero), fresh(zero), fresh(zero)
-    scatter, bend = fresh(square), fresh(square)
+    scatter, weighted = fresh(square), fresh(square)
     length = 0.0
     for i in range(d):
-        u = put(u, i, 2.0 * sphere.toward[i])
-        center = put(center, i, r * sphere.toward[i])
-        b = put(b, i, pull[i])
-        length += pull[i] * pull[i]
-    inverse, total, squares, score, rough = 1.0 / r, 0.0, 0.0, 0.0, 0.0
-    for k in range(n):
-        g = rows[d, k] * inverse + twice
-        for i in range(d):
-            g -= u[i] * rows[i, k]
-        distance = math.sqrt(max(r * (r + g), _TINY))
-        over = 1.0 / distance
-        w = 1.0
+        u, center = put(u, i, 2.0 * profile.toward[i]), put(center, i, r * profile.toward[i])
+        b = put(b, i, profile.bend[i])
+        length += profile.bend[i] * profile.bend[i]
+    total, squares, score, rough = 0.0, 0.0, 0.0, 0.0
+    for k in range(rows.shape[1]):
+        distance, away = _distance(rows, k, r, twice, u)
+        over, w = 1.0 / distance, 1.0
         for i in range(d):
             e = put(e, i, (rows[i, k] - center[i]) * over)
             w -= b[i] * e[i]
         for i in range(d):
-            weighted = w * over * e[i]
             for j in range(i + 1):
                 scatter = put(scatter, i * d + j, scatter[i * d + j] + e[i] * e[j])
-                bend = put(bend, i * d + j, bend[i * d + j] + weighted * e[j])
-        a = g * r / (r + distance)
-        total += (a - excess) * over * (length - (1.0 - w) * (1.0 - w))
+                weighted = put(weighted, i * d + j, weighted[i * d + j] + w * over * e[i] * e[j])
+        total += (away - excess) * over * (length - (1.0 - w) * (1.0 - w))
         squares += w * w
-        score += w * a
+        score += w * away
         rough += w
-    for i in range(d * d):
-        sums[0, i], sums[1, i] = scatter[i], bend[i]
+    for i in range(d):
+        for j in range(d):
+            profile.scatter[0, i, j], profile.scatter[1, i, j] = scatter[i * d + j], weighted[i * d + j]
     return squares + total, squares, score, rough
 
 
 @compiled
-def _multiply(cloud: Cloud, sphere: Sphere, pull: Floats, means: RadialMeans, alpha: float, products: Floats) -> None:
-    """Sums of squares and products of ψ and p = (R - λ)e - α[(R - ρ)² - V]ē', given ē' and g in ``products``."""
-    rows, n, zero, _ = cloud
-    d = len(zero)
-    r, twice = sphere.numbers[0], 2.0 * sphere.numbers[1]
-    g_factor = products[d]
-    p, tilt = fresh(zero), fresh(zero)
+def _multiply(points: PointSet, profile: Profile, means: RadialMeans, g: float) -> tuple[float, float]:
+    """Fill in the profile's ``products`` of ψ and p = (R - λ)e - α[(R - ρ)² - V]ē; returns Σψ and Σψ²."""
+    rows, zero, _ = points
+    n, d, r, twice = rows.shape[1], len(zero), profile.sphere[0], 2.0 * profile.sphere[1]
+    alpha, products = means.excess01_by_s / means.variance_by_s, profile.products
+    u, p, tilt = fresh(zero), fresh(zero), fresh(zero)
     for i in range(d):
-        tilt = put(tilt, i, products[i] * alpha)
-    fill(products, 0.0)
+        u, tilt = put(u, i, 2.0 * profile.toward[i]), put(tilt, i, alpha * profile.sums[1, i] / n)
+        fill(products[i], 0.0)
+    fill(products[d], 0.0)
+    fill(products[d + 1], 0.0)
+    total = squares = 0.0
     for k in range(n):
-        g = rows[d, k] / r + twice
-        for i in range(d):
-            g -= 2.0 * sphere.toward[i] * rows[i, k]
-        distance = math.sqrt(max(r * (r + g), _TINY))
-        a = g * r / (r + distance)
-        rest, away = a - means.lengthening, a - means.excess01
+        distance, excess = _distance(rows, k, r, twice, u)
+        rest, away = excess - means.lengthening, excess - means.excess01
         surplus = rest * rest - means.variance
-        psi = rest - g_factor * surplus
+        psi = rest - g * surplus
         for i in range(d):
-            e = (rows[i, k] - r * sphere.toward[i]) / distance
-            psi -= pull[i] * e * away
+            e = (rows[i, k] - r * profile.toward[i]) / distance
+            psi -= profile.bend[i] * e * away
             p = put(p, i, away * e - tilt[i] * surplus)
         for i in range(d):
-            products[i] += p[i] * psi
-            products[d + i] += p[i]
-            for j in range(d):
-                products[2 * d + i * d + j] += p[i] * p[j]
-        products[2 * d + d * d] += psi
-        products[2 * d + d * d + 1] += psi * psi
+            products[0, i] += p[i] * psi
+            products[1, i] += p[i]
+            for j in range(i + 1):
+                products[2 + i, j] += p[i] * p[j]
+        total += psi
+        squares += psi * psi
+    return total, squares
 
 
 @compiled
 def _sandwich(inverse: Floats, middle: Floats, factor: float, result: Floats) -> None:
-    """A M Aᵀ times a factor; of the symmetric M the lower triangle is read."""
+    """Write A M Aᵀ times a factor; of the symmetric M the lower triangle is read."""
     d = inverse.shape[0]
     for i in range(d):
         for j in range(d):
             total = 0.0
             for k in range(d):
                 for m in range(d):
-                    total += inverse[i, k] * middle[max(k, m) * d + min(k, m)] * inverse[j, m]
+                    total += inverse[i, k] * middle[max(k, m), min(k, m)] * inverse[j, m]
             result[i, j] = total * factor
 
 
 @compiled
 def _lengthening(scatter: Floats, covariance: Floats) -> float:
     """Σ f tr[(I - eeᵀ)C], given Σ f eeᵀ in its lower triangle, with any factors f."""
-    d = covariance.shape[0]
     every = along = trace = 0.0
-    for i in range(d):
-        every += scatter[i * d + i]
+    for i in range(covariance.shape[0]):
+        every += scatter[i, i]
         trace += covariance[i, i]
-        along += scatter[i * d + i] * covariance[i, i]
+        along += scatter[i, i] * covariance[i, i]
         for j in range(i):
-            along += 2.0 * scatter[i * d + j] * covariance[i, j]
+            along += 2.0 * scatter[i, j] * covariance[i, j]
     return every * trace - along
 
 
 @compiled
-def score(cloud: Cloud, sphere: Sphere, room: ProfileRoom, means: RadialMeans, beside: Beside) -> Score:
-    """Score of a radius at its profile; fills in the standard errors of the centre given the radius.
+def score(points: PointSet, profile: Profile, means: RadialMeans) -> tuple[float, float, float]:
+    """Score of a radius at its profile, which receives the standard errors of the centre given the radius.
 
     Args:
-        cloud: the points.
-        sphere: the profile.
-        room: J⁻¹ and b of the profile.
+        points: the points.
+        profile: the solution of `solve_profile`.
         means: means of R there.
-        beside: receives standard errors and correlations.
+
+    Returns:
+        T, dT/dr₀ where T = 0, and the centre's largest standard error in any direction.
     """
-    n, d = cloud.size, len(cloud.zero)
-    r, variance = sphere.numbers[0], means.variance
-    spare = n - d - 1.0
-    total, weight, plain, rough = _weigh(cloud, sphere, room.pull, means.excess01, beside.sums)
+    model, robust = profile.covariance[0], profile.covariance[1]
+    n, d, r, variance = points.rows.shape[1], profile.toward.size, profile.sphere[0], means.variance
+    total, weight, plain, rough = _weigh(points, profile, means.excess01)
     s = plain - means.excess01 * total + n * (means.excess01 - means.lengthening)
-    _sandwich(room.inverse, beside.sums[0], variance / n / n, beside.model)
+    _sandwich(profile.inverse, profile.scatter[0], variance / n / n, model)
     for i in range(d):
-        beside.error[i], beside.correlation[i] = math.sqrt(beside.model[i, i]), 0.0
+        profile.errors[i], profile.correlations[i] = math.sqrt(model[i, i]), 0.0
     along = 1.0 - total / n  # b·ē
-    by_noise = means.mean_by_s * (total / n) + (means.mean_by_s - means.excess01_by_s) * along
-    g = by_noise / means.variance_by_s
+    g = (means.mean_by_s * (total / n) + (means.mean_by_s - means.excess01_by_s) * along) / means.variance_by_s
     # Σw is Σw² but for noise and rounding, which grow without limit towards a plane: the mean part of the sum has Σw²
-    lengthening = _lengthening(beside.sums[1], beside.model)
-    lengthening += _lengthening(room.sums[2 + 2 * d :], beside.model) * (weight - rough) / n
-    rest = s - 0.5 * lengthening - g * variance * n / (n - d)
-    explained = s * s / max(weight, _TINY)
-    scale = max(((n - d) * variance - explained) / spare, 1e-12 * variance, _TINY)
-    value = abs(rest) / math.sqrt(max(weight * scale, _TINY))
+    bias = 0.5 * _lengthening(profile.scatter[1], model) + g * variance * n / (n - d)
+    bias += 0.5 * _lengthening(profile.sums[2:], model) * (weight - rough) / n
+    rest = s - bias
+    scale = ((n - d) * variance - s * s / max(weight, _TINY)) / (n - d - 1.0)
+    value = abs(rest) / math.sqrt(max(weight * max(scale, 1e-12 * variance, _TINY), _TINY))
     slope = (means.excess01_by_r - means.shortening) * along - (1.0 + means.shortening) * (total / n)
     slope *= n / math.sqrt(max(variance * weight, _TINY))
-    larger = False
-    if sphere.numbers[2] >= (_NOISY * r) ** 2:
-        products = beside.products
+    larger = 0.0
+    if profile.sphere[2] >= (_NOISY * min(1.0, 2.0 / (d - 1.0)) * r) ** 2:
+        sum_psi, squares = _multiply(points, profile, means, g)
+        squares, products, spare = max(squares - s * s / n, _TINY), profile.products, n * (n - d - 1.0)
+        value = min(value, abs(rest) * math.sqrt(spare / squares) / n)
+        _sandwich(profile.inverse, products[2:], 1.0 / spare, robust)
         for i in range(d):
-            products[i] = room.sums[2 + d + i] / n
-        products[d] = g
-        _multiply(cloud, sphere, room.pull, means, means.excess01_by_s / means.variance_by_s, products)
-        last = 2 * d + d * d
-        squares = max(products[last + 1] - s * s / n, _TINY)
-        value = min(value, abs(rest) * math.sqrt(spare / n / squares))
-        _sandwich(room.inverse, products[2 * d : last], 1.0 / (n * spare), beside.robust)
-        trace = 0.0
-        for i in range(d):
-            trace += beside.robust[i, i] - beside.model[i, i]
+            larger += robust[i, i] - model[i, i]
             both = 0.0
             for j in range(d):
-                both += room.inverse[i, j] * (products[j] - products[d + j] * products[last] / n)
-            both /= math.sqrt(max(beside.robust[i, i] * n * spare, _TINY) * squares)
-            beside.correlation[i] = min(max(both, -1.0), 1.0)
-            beside.error[i] = math.sqrt(max(beside.model[i, i], beside.robust[i, i]))
-        larger = trace > 0.0
-    if larger:
-        for i in range(d):
-            for j in range(d):
-                beside.model[i, j] = beside.robust[i, j]
-    diagonalise(beside.model, beside.vectors)
-    spread = math.sqrt(max(beside.model[d - 1, d - 1], 0.0))
-    return Score(value if rest >= 0.0 else -value, slope, spread)
+                both += profile.inverse[i, j] * (products[0, j] - products[1, j] * sum_psi / n)
+            both /= math.sqrt(max(robust[i, i] * spare, _TINY) * squares)
+            profile.correlations[i] = min(max(both, -1.0), 1.0)
+            profile.errors[i] = math.sqrt(max(model[i, i], robust[i, i]))
+    covariance = robust if larger > 0.0 else model
+    diagonalise(covariance, profile.axes)
+    spread = math.sqrt(max(covariance[d - 1, d - 1], 0.0))
+    return value if rest >= 0.0 else -value, slope, spread

@@ -11,7 +11,7 @@ from scipy import integrate, stats
 import study
 from study import Samples, Status
 from study.fits.robust import FALSE_ALARMS, as_rare, extra_parameters, limits_of, outliers
-from study.fits.trimmed import elemental, select, spread_out
+from study.fits.trimmed import elemental, spread_out
 
 CHANCE = 1e-5
 
@@ -26,14 +26,6 @@ def spread(rng, points, share, reach=10.0):
     count = int(share * points.shape[1])
     points[:, :count] = rng.uniform(-reach, reach, (len(points), count, points.shape[2]))
     return count
-
-
-def test_selection(rng):
-    """The k-th smallest of some numbers, ties included."""
-    for size in (1, 2, 7, 100):
-        values = rng.integers(0, 20, size).astype(float)
-        for place in range(size):
-            assert select(values.copy(), place) == np.sort(values)[place]
 
 
 @pytest.mark.parametrize(("n", "size"), [(5, 3), (9, 4), (40, 4), (500, 3), (300, 9)])
@@ -120,8 +112,8 @@ def test_law_of_distances(d, radius):
 def test_extra_parameters_without_curvature(rng, on_cap):
     """On a whole sphere with little noise σ curvature adds d (d - 1) (σ/r)² parameters, for uniform directions."""
     points = on_cap(rng, 20000, 180, noise=0.01, sets=2)[0]
-    fit, extra = study.fit(points, "mle"), np.empty(2)
-    extra_parameters(points.swapaxes(1, 2).copy(), fit.center, fit.radius, extra)
+    fit = study.fit(points, "mle")
+    extra = extra_parameters(points.swapaxes(1, 2), fit.center, fit.radius)
     np.testing.assert_allclose(extra, 3 * 2 * 0.01**2, rtol=0.05)
 
 
@@ -216,6 +208,21 @@ def test_missing_samples_are_no_outliers(rng, on_cap):
     assert not fit.outliers[1, [2, 9]].any()
 
 
+@pytest.mark.parametrize("missing", [False, True])
+def test_errors_where_the_first_rows_do_not_count(rng, on_cap, missing):
+    """Standard errors do not depend on whether the first few hundred rows are outliers, missing, or not there."""
+    points = on_cap(rng, 1200, 60, noise=0.01)[0]
+    points[:400] = np.nan if missing else points[:400] * rng.uniform(1.5, 3.0, (400, 1))
+    fit = study.fit(points, "robust")
+    rest = study.fit(points[400:][~fit.outliers[400:]], "mle")
+    assert fit.ok
+    np.testing.assert_allclose(fit.standard_errors, rest.standard_errors, rtol=1e-9)
+    if missing:
+        np.testing.assert_allclose(
+            study.fit(points, "als").standard_errors, study.fit(points[400:], "als").standard_errors, rtol=1e-9
+        )
+
+
 @pytest.mark.parametrize("n", [4, 5])
 def test_too_few_points_have_no_outliers(rng, n):
     """With d + 2 points each is needed."""
@@ -223,7 +230,7 @@ def test_too_few_points_have_no_outliers(rng, n):
 
 
 def test_copies(rng, on_cap):
-    """Rows that repeat an earlier one are counted, exactly equal ones alone; -0 equals 0, missing rows are none."""
+    """Rows that repeat an earlier one are counted; -0 equals 0, missing rows are none."""
     rows = on_cap(rng, 6, noise=0.01)[0]
     rows[0, 0] = 0.0
     points = np.stack([np.repeat(rows, 5, axis=0), on_cap(rng, 30, noise=0.01)[0]])
@@ -234,8 +241,39 @@ def test_copies(rng, on_cap):
     np.testing.assert_array_equal(fit.copies, [24, 1])
     shuffled = study.fit(points[:, rng.permutation(30)], "als")
     np.testing.assert_array_equal(shuffled.copies, [24, 1])
-    near = np.nextafter(points[0], 2.0)
-    assert study.fit(np.concatenate([rows, near[::5]]), "als").copies == 0
+
+
+@pytest.mark.parametrize("sets", [1, 3])
+@pytest.mark.parametrize("unit", [1.0, 1e-6])
+def test_copies_that_were_converted(rng, on_cap, random_rotation, sets, unit):
+    """Copies moved by 1e-9 of the radius, as a conversion moves them, are copies; points 1e-5 apart are none.
+
+    The interval of doubled points then is that of the points alone, where it would be narrower by √2.
+    """
+    once = unit * on_cap(rng, 60, 90, noise=0.02, sets=sets)[0]
+    twice = np.concatenate([once, once + 1e-9 * unit * rng.uniform(-1, 1, once.shape)], axis=1)
+    for points in (twice, twice @ random_rotation(rng, 3) + 5.0 * unit, twice[:, rng.permutation(120)]):
+        fit = study.fit(points)
+        np.testing.assert_array_equal(fit.copies, 60)
+        np.testing.assert_allclose(fit.interval("radius"), study.fit(once).interval("radius"), rtol=1e-6)
+    apart = np.concatenate([once, once + 1e-5 * unit * rng.choice([-1, 1], once.shape)], axis=1)
+    assert not study.fit(apart).copies.any()
+
+
+def test_copies_among_many_points(rng):
+    """Points on a grid, of which many share a coordinate, are no copies; of a million few are copies, and are found."""
+    grid = np.stack(np.meshgrid(*[np.arange(20.0)] * 3), axis=-1).reshape(-1, 3)
+    assert study.fit(grid, "als").copies == 0
+    many = rng.standard_normal((200_000, 3))
+    many[rng.permutation(200_000)[:50]] = many[:1] + 1e-10 * rng.standard_normal((50, 3))
+    assert 49 <= study.fit(many, "als").copies <= 50
+
+
+def test_outliers_that_were_converted_are_outliers_together(rng, on_cap):
+    """Copies of an outlier that are not exact are outliers, too."""
+    points = on_cap(rng, 40, 90, noise=0.01)[0]
+    points[[3, 7, 30]] = 4.0 + 1e-9 * rng.standard_normal((3, 3))
+    np.testing.assert_array_equal(study.fit(points, "als").outliers.nonzero()[0], [3, 7, 30])
 
 
 def test_copies_do_not_make_outliers(rng, on_cap):

@@ -73,7 +73,7 @@ def test_errors_grow_with_the_form():
     u = on_cap(rng, 50, 300, 60.0)
     fits = [study.fit(noisy(rng, u * (1.0 + size * u[..., 1:2] ** 2))) for size in (0.04, 0.4)]
     small, large = (np.median(fit.allowance[:, -1]) for fit in fits)
-    assert 1.0 < small < 0.5 * large
+    assert 1.0 < 1.2 * small < large
     for fit in fits:
         white = np.ptp(intervals(fit.samples).radius, axis=1)
         wider = np.ptp(fit.interval("radius"), axis=1) / white

@@ -173,26 +173,24 @@ def _one(recording: "Recording", markerset: str | None, out: Path | None, as_jso
     """The joints of one recording."""
     from study.files import save_frame
     from study.recordings.joints.calibration import save_calibration
-    from study.recordings.joints.find import find_joints
     from study.recordings.joints.report import agreement_lines, agreement_table, joint_lines, joint_table
     from study.recordings.library import place_markerset
-    from study.recordings.skeleton.calibrate import with_checks
+    from study.recordings.skeleton.calibrate import calibrate
     from study.text import json_text
 
     match = place_markerset(recording, markerset)
     folder = results_folder(recording.name, out)
-    result = find_joints(match.markerset, match.recording)
-    compared = agreement_table(result, match.recording)
-    calibration = with_checks(result, match.recording)
+    calibration = calibrate(match.recording, match.markerset)
+    compared = agreement_table(calibration, match.recording)
     if not as_json:
         print_match(match)
-        print_lines([*joint_lines(result), *agreement_lines(compared), *calibration.warnings()])
-    table = joint_table(result).merge(compared, on="joint")
+        print_lines([*joint_lines(calibration), *agreement_lines(compared), *calibration.warnings()])
+    table = joint_table(calibration).merge(compared, on="joint")
     table["warnings"] = ["; ".join(place.warnings) for place in calibration.joints]
     save_frame(table, folder / "joints.parquet")
     paths = [folder / "joints.parquet", save_calibration(calibration, folder / "calibration.json")]
     if as_json:
-        typer.echo(json_text(_joints_data(match, table) | {"without_pose": result.without_pose, "files": paths}))
+        typer.echo(json_text(_joints_data(match, table) | {"without_pose": calibration.without_pose, "files": paths}))
     else:
         print_lines(paths)
 

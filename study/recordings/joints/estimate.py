@@ -66,13 +66,14 @@ class JointStatus(Worded):
     HINGE = 1, "hinge: known across its axis; its place along the axis is not known, or from soft tissue alone"
     DISAGREE = 2, "its two segments contradict each other by more than 1 cm or 20°, beyond what their errors explain"
     REVERSES = 3, "bending and straightening put it more than 1 cm apart, beyond what their errors explain"
-    ONE_AXIS = 4, "a ball joint that moved about one axis: its place along it is not known, or from soft tissue alone"
-    UNSURE = 5, "moved too little for its noise and its skin, or was seen too briefly: a standard error may exceed 1 cm"
-    INSIGNIFICANT = 6, "along some direction the noise of the segment's pose would explain how far the markers moved"
-    NOT_POSITIVE_DEFINITE = 7, "the noise hides how far the markers moved: the centre is biased towards them"
-    STILL = 8, "did not move: the markers stay in place in the segment's axes"
-    NO_FRAME = 9, "neither of its segments has a pose"
-    UNSEEN = 10, "its markers were not seen, or never together with a pose"
+    IMPLAUSIBLE = 4, "its place is unlike any body's"
+    ONE_AXIS = 5, "a ball joint that moved about one axis: its place along it is not known, or from soft tissue alone"
+    UNSURE = 6, "moved too little for its noise and its skin, or was seen too briefly: a standard error may exceed 1 cm"
+    INSIGNIFICANT = 7, "along some direction the noise of the segment's pose would explain how far the markers moved"
+    NOT_POSITIVE_DEFINITE = 8, "the noise hides how far the markers moved: the centre is biased towards them"
+    STILL = 9, "did not move: the markers stay in place in the segment's axes"
+    NO_FRAME = 10, "neither of its segments has a pose"
+    UNSEEN = 11, "its markers were not seen, or never together with a pose"
 
 
 SHORT_TEXTS = {
@@ -80,6 +81,7 @@ SHORT_TEXTS = {
     JointStatus.HINGE: "hinge",
     JointStatus.DISAGREE: "sides disagree",
     JointStatus.REVERSES: "ways disagree",
+    JointStatus.IMPLAUSIBLE: "implausible",
     JointStatus.ONE_AXIS: "one axis",
     JointStatus.UNSURE: "unsure",
     JointStatus.INSIGNIFICANT: "insignificant",
@@ -91,8 +93,8 @@ SHORT_TEXTS = {
 """A status in a table, which has no room for its whole text."""
 USABLE = (JointStatus.OK, JointStatus.HINGE)
 """A joint that a skeleton can be built on without reservation."""
-DOUBTED = (JointStatus.DISAGREE, JointStatus.REVERSES, JointStatus.ONE_AXIS)
-"""A joint that is drawn, and doubted: its estimates contradict each other, or it moved about one axis only."""
+DOUBTED = (JointStatus.DISAGREE, JointStatus.REVERSES, JointStatus.IMPLAUSIBLE, JointStatus.ONE_AXIS)
+"""A joint that is drawn, and doubted: its estimates, or a body, contradict it, or it moved about one axis only."""
 
 
 def largest_error(covariance: Floats, axis: Floats | None) -> float:

@@ -259,7 +259,8 @@ def in_both_segments(place: JointPlace, poses: Mapping[str, SegmentPoses]) -> Jo
         axes[own] = estimate.axis
         if parent is not None and child is not None:
             # rotations show an axis better than the planes of a few arcs; but errors are across the estimate's own axis
-            pair = None if place.status == JointStatus.DISAGREE else symmetric_fit(parent, child)
+            pair = next((e.pair for e in place.estimates if e.pair is not None), None) or symmetric_fit(parent, child)
+            pair = None if place.status == JointStatus.DISAGREE else pair
             if pair is None:
                 axes[1 - own] = _axis_in_other((parent, child)[own], (parent, child)[1 - own], axes[own])
             else:

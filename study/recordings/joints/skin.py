@@ -130,6 +130,8 @@ _BLOCKS = 16
 """Stretches of time from which the share of the noise is found, long enough to be independent of each other."""
 _FEWEST = 6
 """Fewest frames for each regressor."""
+_CLEAR = 10.0
+"""Times what noise explains that the change of radii must be to count: the centre's own error is no skin."""
 _RANK = 1e-9
 """Size of a regressor, relative to the largest, below which it is rounding."""
 
@@ -149,12 +151,40 @@ def skin_slope(departures: Floats, angles: Floats) -> float:
         (m/rad)²; NaN if the frames are too few, or m < 3.
     """
     m = len(departures)
-    d = departures.reshape(3 * m, -1)
-    known = ~(np.isnan(d).any(axis=0) | np.isnan(angles[0]))
-    n = int(known.sum())
-    if m < 3 or n < 9 * _FEWEST:
+    if m < 3:
         return float("nan")
-    d, x = d[:, known], angles[:, known]
+    explained, noise = _explained(departures.reshape(3 * m, -1), angles)
+    return explained if np.isnan(explained) else max(explained - noise, 0.0) * 3 * m / (3 * m - 6)
+
+
+def radius_slope(radii: Floats, angles: Floats) -> float:
+    """Measure the mean square slope of the skin below markers by the change of their radii with a joint's angles.
+
+    A marker that slides with the joint that it moves about leaves its sphere. The fit moves the centre to where these
+    changes are least, which takes one marker's share of them.
+
+    Args:
+        radii: distances of the markers from the centre, less their means (M, frames), metres; NaN where missing.
+        angles: rotation vectors of the joint (3, frames), radians; NaN where unknown.
+
+    Returns:
+        The mean square slope along a radius, (m/rad)²; NaN for one marker, or if the frames are too few.
+    """
+    parts = np.array([_explained(row[None], angles) for row in radii])
+    parts = parts[~np.isnan(parts[:, 0])]
+    if len(parts) < 2:
+        return float("nan")
+    explained, noise = parts.sum(axis=0)
+    return float(explained - noise) / (len(parts) - 1) if explained > _CLEAR * noise else 0.0
+
+
+def _explained(displacements: Floats, angles: Floats) -> tuple[float, float]:
+    """Mean square of displacements (k, frames) per radian that angles explain, and what of it noise would explain."""
+    known = ~(np.isnan(displacements).any(axis=0) | np.isnan(angles[0]))
+    n = int(known.sum())
+    if n < 9 * _FEWEST:
+        return float("nan"), float("nan")
+    d, x = displacements[:, known], angles[:, known]
     x = x - x.mean(axis=1, keepdims=True)
     quadratics = [x[i] * x[j] for i in range(3) for j in range(i, 3)]
     regressors = np.concatenate([x, quadratics])
@@ -167,8 +197,8 @@ def skin_slope(departures: Floats, angles: Floats) -> float:
     edges = np.linspace(0, n, _BLOCKS + 1).astype(int)
     blocks = [rows[:, a:b] @ rest[:, a:b].T for a, b in itertools.pairwise(edges)]
     noise = sum(float((block**2).sum()) for block in blocks) * _BLOCKS / (_BLOCKS - 1)
-    explained = max(float((coefficients**2).sum()) - noise, 0.0) / (3 * m * n)
-    return explained * 3 * m / (3 * m - 6) / max(float((x**2).sum()) / n, 1e-300)
+    scale = len(d) * max(float((x**2).sum()), 1e-300)
+    return float((coefficients**2).sum()) / scale, noise / scale
 
 
 _FRAMES = 600
@@ -207,6 +237,7 @@ class SkinErrors:
         self.lag = max(round(_LAG * recording.rate / step), 1)
         self.departures = {name: self._departures(each) for name, each in self.own.items()}
         self.measured: list[float] = []
+        self.by_radius: dict[tuple[str, str], float] = {}
 
     def add(self, estimate: Estimate, joint: Joint, child: SegmentPoses | None) -> Estimate:
         """Add the error from skin to an estimate's covariance, and find its floor.
@@ -219,7 +250,12 @@ class SkinErrors:
         angles = self._angles(estimate, joint, child)
         frame = estimate.poses.segment
         other = joint.parent if frame == joint.child else joint.child
-        slopes = _Slopes(self._slope(frame, angles), self._slope(other, angles))
+        if estimate.sphere is not None and estimate.axis is None:  # a hinge's radii change with its axis' own error
+            self.by_radius[joint.name, other] = self._radius_slope(estimate, angles)
+        own, others = (
+            max(self._slope(name, angles), self.by_radius.get((joint.name, name), 0.0)) for name in (frame, other)
+        )
+        slopes = _Slopes(own, others)
         limit = _Slopes((0.5 * _FLOOR) ** 2, _FLOOR**2)
         skin, floor = self._covariances(estimate, child, angles, (slopes, limit))
         return replace(
@@ -286,6 +322,14 @@ class SkinErrors:
             return _UNSEEN * mean
         shown = 3 * len(self.departures[segment]) - 6
         return (shown * found + _PRIOR * mean) / (shown + _PRIOR)
+
+    def _radius_slope(self, estimate: Estimate, angles: Floats) -> float:
+        """β² of the skin below the markers of a sphere fit, by the change of their radii, (m/rad)²; 0 if unknown."""
+        poses = estimate.poses.in_frames(self.part)
+        y = poses.to_local(np.stack([self.recording.of(name)[:, self.part] for name in estimate.markers]))
+        radii = np.linalg.norm(y - estimate.center[:, None], axis=1)
+        slope = radius_slope(np.where(estimate.used[:, self.part], radii, np.nan), angles)
+        return 0.0 if np.isnan(slope) else slope
 
     def _departures(self, poses: SegmentPoses) -> Floats:
         """Distances of a segment's markers from its template (m, 3, frames of the part); NaN unless all are good."""

@@ -5,8 +5,7 @@ its outer side may leave the hull by up to its own thickness where it is the out
 of synthetic bodies do so by 2-3 cm in one frame of twenty, and by 4 cm at most. So the distance is reported for every
 joint, and a joint is doubted only where it is farther out than any body's.
 
-Warnings about implausible hips, bones left and right, and joints outside the hull are signs that a joint is wrong, not
-measures of how far, so they do not change its status.
+Hips that are too far apart for their pelvis, or outside the hull in nearly all frames, are doubted (`with_doubts`).
 
 Subject. The misfit of its segments' markers shows if a calibration is of the subject in a recording. The markers of one
 subject stay at their places to a soft-tissue artefact of a few millimetres, which grows with the motion: a functional
@@ -16,6 +15,7 @@ its own in the recording that was calibrated, or if most of its samples are reje
 """
 
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,6 +23,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from study.arrays import Floats
 from study.recordings.joints.calibration import Calibration, JointPlace
+from study.recordings.joints.estimate import USABLE, JointStatus
 from study.recordings.joints.find import find_joints
 from study.recordings.markersets import MarkerSet
 from study.recordings.recording import Recording, RecordingError
@@ -100,61 +101,84 @@ def _summary(distances: Floats) -> HullDistance:
 
 
 _HIPS = 0.65, 1.2
-"""Least and greatest distance of the hips, in distances of the markers on the two anterior superior iliac spines."""
-_SPINES = (("LASI", "RASI"), ("LASIS", "RASIS"), ("LFWT", "RFWT"), ("L_ASIS", "R_ASIS"), ("L.ASIS", "R.ASIS"))
-"""Names of these markers."""
+"""Least and greatest distance of the hips, in widths of the pelvis."""
+_NARROW = 0.14
+"""Metres: two markers that are nearer do not show the width of a pelvis."""
+_ACROSS = np.cos(np.radians(30.0))
+"""Cosine of the greatest angle between the line of these markers and that of the hips."""
 UNEVEN = 0.08
 """Difference of a bone's length from the other side's, relative to their mean, above which both are doubtful."""
 _OUTSIDE = 0.9
 """Share of the frames outside the markers' hull that is nearly all."""
 
 
-def plausibility(calibration: Calibration, skeleton: Skeleton, recording: Recording) -> dict[str, tuple[str, ...]]:
-    """Find joints that are unlike any body's.
+def with_doubts(calibration: Calibration, distances: Sequence[HullDistance]) -> Calibration:
+    """Doubt hips that no body has, and warn of other joints that are unlike any body's.
+
+    A hip is doubted if it is outside the markers' hull in nearly all frames, or if the hips are too near to or too far
+    from each other for their pelvis. Other joints outside the hull, and bones that differ between left and right, are
+    warnings: signs that a joint is wrong, not measures of how far.
 
     Args:
         calibration: whose joints they are.
-        skeleton: drawn with it.
-        recording: that the skeleton was drawn from.
-
-    Returns:
-        For each joint of which there is something to say, the warnings in words.
+        distances: of each joint from the markers' hull; none if they are not known.
     """
-    found: dict[str, list[str]] = defaultdict(list)
-    _warn_of_hips(calibration, found)
-    _warn_of_bones(calibration, found)
-    distances = hull_distances(recording.positions, skeleton.centers)
-    for name, hull in zip(skeleton.joints, distances, strict=True):
+    doubts, warnings = hip_doubts(calibration), _uneven_bones(calibration)
+    for place, hull in zip(calibration.joints, distances, strict=bool(distances)):
         if hull.share_outside > _OUTSIDE:
-            found[name].append(f"outside the markers' hull in {hull.share_outside:.0%} of the frames")
-    return {name: tuple(words) for name, words in found.items()}
+            words = f"outside the markers' hull in {hull.share_outside:.0%} of the frames"
+            (doubts if _is_hip(place) else warnings)[place.joint.name].append(words)
+    joints = []
+    for place in calibration.joints:
+        reasons, status = doubts[place.joint.name], place.status
+        if reasons:
+            reasons = reasons if status in USABLE else [place.reason, *reasons]
+            status = JointStatus.IMPLAUSIBLE if status in USABLE else status
+            place = replace(place, status=status, reason="; ".join(reasons))
+        joints.append(replace(place, warnings=tuple(warnings[place.joint.name])))
+    return replace(calibration, joints=tuple(joints))
 
 
-def _warn_of_hips(calibration: Calibration, found: dict[str, list[str]]) -> None:
-    """Warn of hips that are too near or too far from each other for their pelvis."""
-    hips = {side(each.joint.name): each for each in calibration.joints if "hip" in each.joint.name.lower()}
+def _is_hip(place: JointPlace) -> bool:
+    return "hip" in place.joint.name.lower()
+
+
+def hip_doubts(calibration: Calibration) -> dict[str, list[str]]:
+    """Reasons to doubt hips that are too near to or too far from each other for their pelvis, by joint.
+
+    The width of the pelvis is the distance of the two of its markers that are nearest to the hips, of those that lie
+    across the body: those on the anterior superior iliac spines, whatever their labels.
+    """
+    doubts: dict[str, list[str]] = defaultdict(list)
+    hips = {side(place.joint.name): place for place in calibration.joints if _is_hip(place)}
     if not {"left", "right"} <= hips.keys() or hips["left"].joint.parent != hips["right"].joint.parent:
-        return
+        return doubts
+    left, right = hips["left"].in_parent, hips["right"].in_parent
+    apart = _distance(left, right)
     shape = calibration.shape(hips["left"].joint.parent)
-    places = dict(zip(shape.markers, shape.places, strict=True))
-    spines = next((pair for pair in _SPINES if set(pair) <= places.keys()), None)
-    if spines is None:
-        return
-    width = _distance(places[spines[0]], places[spines[1]])
-    apart = _distance(hips["left"].in_parent, hips["right"].in_parent)
-    low, high = _HIPS
-    if not np.isnan(apart) and not low * width <= apart <= high * width:
-        words = (
-            f"hip to hip is {1000 * apart:.0f} mm, {apart / width:.2f} of {spines[0]} to {spines[1]}: {low} to {high}"
-        )
-        for place in hips.values():
-            found[place.joint.name].append(f"{words} is plausible")
+    pairs = []
+    for i, one in enumerate(shape.places):
+        for j, other in enumerate(shape.places):
+            width = _distance(one, other)
+            if width >= _NARROW and (one - other) @ (left - right) > _ACROSS * width * apart:
+                pairs.append(
+                    (_distance(one, left) + _distance(other, right), width, shape.markers[i], shape.markers[j])
+                )
+    if pairs:
+        _, width, *names = min(pairs)
+        low, high = _HIPS
+        if not low * width <= apart <= high * width:
+            words = f"hip to hip is {1000 * apart:.0f} mm, {apart / width:.2f} of {names[0]} to {names[1]}"
+            for place in hips.values():
+                doubts[place.joint.name].append(f"{words}: {low} to {high} is plausible")
+    return doubts
 
 
-def _warn_of_bones(calibration: Calibration, found: dict[str, list[str]]) -> None:
-    """Warn of bones that differ between left and right."""
+def _uneven_bones(calibration: Calibration) -> dict[str, list[str]]:
+    """Warnings of bones that differ between left and right, by joint."""
+    warnings: dict[str, list[str]] = defaultdict(list)
     lengths: dict[tuple[str, str], float] = {}
-    above = {each.joint.child: each for each in calibration.joints}
+    above = {place.joint.child: place for place in calibration.joints}
     for end in calibration.joints:
         start: JointPlace | None = above.get(end.joint.parent)
         if start is not None:
@@ -168,7 +192,8 @@ def _warn_of_bones(calibration: Calibration, found: dict[str, list[str]]) -> Non
                 f"its bone {start_name} - {end_name} is {1000 * length:.0f} mm, the other side's {1000 * other:.0f} mm"
             )
             for name in (start_name, end_name):
-                found[name].append(words)
+                warnings[name].append(words)
+    return warnings
 
 
 def _distance(one: Floats, two: Floats) -> float:
@@ -189,14 +214,13 @@ def calibrate(recording: Recording, markerset: MarkerSet) -> Calibration:
 
 
 def with_checks(calibration: Calibration, recording: Recording) -> Calibration:
-    """Add the misfits of the shapes, and warnings about the joints, from the recording that a calibration is of."""
+    """Add the misfits of the shapes, doubts and warnings, from the recording that a calibration is of."""
     if not calibration.has_poses:
         return calibration
     drawn = draw_skeleton(calibration, recording)
-    warnings = plausibility(calibration, drawn, recording)
     shapes = (replace(shape, misfit=float(m)) for shape, m in zip(calibration.shapes, drawn.misfits, strict=True))
-    places = (replace(place, warnings=warnings.get(place.joint.name, ())) for place in calibration.joints)
-    return replace(calibration, shapes=tuple(shapes), joints=tuple(places))
+    distances = hull_distances(recording.positions, drawn.centers)
+    return with_doubts(replace(calibration, shapes=tuple(shapes)), distances)
 
 
 _WORSE = 2.0

@@ -5,6 +5,7 @@ runs, one action for each run.
 """
 
 import json
+import math
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime, timedelta
@@ -15,7 +16,7 @@ from typing import Any
 from study.files import RunError, explained, replacing
 from study.fits.registry import ESTIMATORS
 from study.simulation.analysis.verify import verify
-from study.simulation.experiment.conditions import CONDITIONS, LAW, OUTLIER_SHARE
+from study.simulation.experiment.conditions import CONDITIONS, DIRECTIONS, LAW, OUTLIER_SHARE
 from study.simulation.experiment.config import Study
 from study.simulation.runs import schemas
 from study.simulation.runs.run_folder import Run
@@ -223,17 +224,29 @@ def ademp(runs: Sequence[Run]) -> str:
     for run in runs:
         study, manifest = run.study, run.manifest()
         comments = [line.lstrip("# ") for line in config_of(run).splitlines() if line.startswith("#")]
-        trials = getattr(study.design, "trials", None)
-        data = f"Points on a sphere in {study.dimension} dimensions, x = c + r u + σ z: u uniform on a cap, "
+        trials = study.design.trials
+        directions = "by its law" if DIRECTIONS.name in study.design.given() else "uniform"
+        data = f"Points on a sphere in {study.dimension} dimensions, x = c + r u + σ z: u {directions} on a cap, "
+        count = "" if study.design.kind == "random" else f" Conditions: {manifest['cells']:,}."
         parts += [
             f"## {name_of(run)}",
             "**Aims.** " + (comments[0] if comments else "As the config says."),
-            f"**Data.** {data}{_noise(study)}. {_conditions(run)} Trials: {trials:,}. Seed: {study.seed}.",
+            f"**Data.** {data}{_noise(study)}. {_conditions(run)}{count} {_trials(trials)} Seed: {study.seed}.",
             "**Estimands.** The centre c; radius and noise beside it.",
             "**Methods.** " + "; ".join(f"`{name}` ({_reference(name)})" for name in study.estimators) + ".",
             f"**Performance.** {_PERFORMANCE} {manifest['failures']:,} of {manifest['fits']:,} fits raised.",
         ]
     return "\n\n".join(parts) + "\n"
+
+
+_MEDIAN_VARIANCES = (0.316, 1.36)
+"""n times the squared relative error of a median of n trials, for |z| of a normal z in three dimensions and in one."""
+
+
+def _trials(count: int) -> str:
+    """The number of trials, and the error of a median of so many: n = v/e²."""
+    low, high = (math.sqrt(variance / count) for variance in _MEDIAN_VARIANCES)
+    return f"Trials: {count:,}, so that a median of as many errors near the bound is known to {low:.1%} to {high:.1%}."
 
 
 def _reference(name: str) -> str:
@@ -248,6 +261,7 @@ def _noise(study: Study) -> str:
         words = f"z normal with the covariance [{rows}]"
     else:
         words = "z of covariance I, by the law of the noise" if LAW.name in given else "z normal"
+        words += " (radial: along u alone)" if "radial" in str(given.get(LAW.name)) else ""
     outliers = "; some samples are outliers, displaced in a random direction" if OUTLIER_SHARE.name in given else ""
     return words + outliers
 

@@ -5,8 +5,20 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from study import mgdk
-from study.recordings.joints.skin import Cluster, MarkerResponse, image_skin, pair_skin, skin_slope, sphere_skin
+from study.recordings.joints.estimate import USABLE
+from study.recordings.joints.find import find_joints
+from study.recordings.joints.skin import (
+    Cluster,
+    MarkerResponse,
+    image_skin,
+    pair_skin,
+    radius_slope,
+    skin_slope,
+    sphere_skin,
+)
+from study.recordings.markersets import load_markerset
 from study.recordings.pose_noise import rigid_residual_operator
+from study.recordings.synthetic.make import Recipe, synthesize
 
 ARMS = np.array([[0.0, 0.05, -0.2], [0.06, 0.0, -0.3], [-0.05, -0.04, -0.25]])
 
@@ -120,3 +132,51 @@ def test_angles_about_two_axes_show_a_slope_that_rounding_does_not_change(rng):
     departures += 0.001 * rng.standard_normal((4, 3, 400))
     slopes = [skin_slope(departures, angles + 1e-16 * rng.standard_normal((3, 400))) for _ in range(5)]
     np.testing.assert_allclose(slopes, slopes[0], rtol=1e-9)
+
+
+def slid(beta, noise, rng, frames=600):
+    """Changes of the radii of three markers about the centre that fits them best, and the joint's angles."""
+    t = np.arange(frames) / frames * 2 * np.pi
+    angles = 0.3 * np.stack([np.sin(3 * t), np.sin(5 * t + 1), np.sin(7 * t + 2)])
+    slopes = beta * rng.standard_normal((3, 3))
+    radii = slopes @ angles + noise * rng.standard_normal((3, frames))
+    # a shift dc of the centre changes the radius along û by û × dc per radian
+    arms = np.cross(np.eye(3)[None], (ARMS / np.linalg.norm(ARMS, axis=1)[:, None])[:, None]).reshape(9, 3)
+    design = np.einsum("mij,it->mtj", arms.reshape(3, 3, 3), angles).reshape(-1, 3)
+    return (radii.ravel() - design @ np.linalg.lstsq(design, radii.ravel(), rcond=None)[0]).reshape(3, -1), angles
+
+
+def test_slope_of_radii_is_right_on_average():
+    """Over 100 bodies the mean square slope is that which was drawn; the centre takes one marker's share of it.
+
+    Each is from six normal numbers: relative standard error √(2/6/100) = .058, of which four are allowed.
+    """
+    rng = np.random.default_rng(6)
+    slopes = [radius_slope(*slid(0.05, 0.0005, rng)) for _ in range(100)]
+    assert np.mean(slopes) == pytest.approx(0.05**2, rel=4 * 0.058)
+
+
+def test_radii_without_skin_have_no_slope():
+    """What noise explains by chance does not count; one marker shows nothing, for the centre takes its slope."""
+    rng = np.random.default_rng(7)
+    assert [radius_slope(*slid(0.0, 0.002, rng)) for _ in range(20)] == [0.0] * 20
+    radii, angles = slid(0.05, 0.001, rng)
+    assert np.isnan(radius_slope(radii[:1], angles))
+
+
+def test_markers_that_slide_with_the_hip():
+    """Markers on trochanters and epicondyles slide by 20-30 mm: of 16 hips none is undoubted and 2 cm off.
+
+    Of 24 hips of other bodies, 8 % were, when errors came from the template alone; none is since radii count.
+    """
+    markerset, far, hips = load_markerset("rizzoli"), 0, 0
+    for seed in range(40, 48):
+        recipe = Recipe(800, 50.0, seed=seed, soft_tissue=0.02 + 0.00125 * (seed - 40), skin="slide", markers="rizzoli")
+        recording, truth = synthesize(recipe)
+        joints = find_joints(markerset, recording)
+        for name in ("left_hip", "right_hip"):
+            estimate = joints[name].estimate
+            off = estimate.center - estimate.poses.mean_place(truth.centers[truth.joints.index(name)])
+            far += bool(np.linalg.norm(off) > 0.02 and joints[name].status in USABLE)
+            hips += 1
+    assert (far, hips) == (0, 16)

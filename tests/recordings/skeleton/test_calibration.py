@@ -8,6 +8,7 @@ import pytest
 
 from study.recordings.formats.read import read_recording
 from study.recordings.joints.calibration import load_calibration, save_calibration
+from study.recordings.joints.estimate import JointStatus
 from study.recordings.joints.report import joint_table
 from study.recordings.markersets import load_markerset
 from study.recordings.markersets.match import choose, match
@@ -15,11 +16,12 @@ from study.recordings.recording import RecordingError
 from study.recordings.skeleton.calibrate import (
     calibrate,
     check_subject,
+    hip_doubts,
     hull_distances,
     overruled,
-    plausibility,
     require_same_subject,
     with_checks,
+    with_doubts,
 )
 from study.recordings.skeleton.draw import draw_skeleton
 from study.recordings.skeleton.make_scene import skeleton_scene
@@ -77,8 +79,17 @@ def moved(calibration, name, in_parent):
     return replace(calibration, joints=tuple(joints))
 
 
+def judged(calibration, recording):
+    """The calibration with doubts and warnings, from the distances in the recording."""
+    return with_doubts(calibration, hull_distances(recording.positions, draw_skeleton(calibration, recording).centers))
+
+
 def warned(calibration, recording):
-    return plausibility(calibration, draw_skeleton(calibration, recording), recording)
+    """Warnings and doubts by joint."""
+    words = {p.joint.name: (*p.warnings, p.reason) for p in judged(calibration, recording).joints}
+    return {
+        name: told for name, told in words.items() if len(told) > 1 or told[0] not in ("ok", JointStatus.HINGE.text)
+    }
 
 
 def test_a_body_raises_no_warning(figure_calibration, figure):
@@ -94,9 +105,34 @@ def test_hips(figure_calibration, figure, factor, warns):
     wide = figure_calibration
     for side, at in zip(("left", "right"), hips, strict=True):
         wide = moved(wide, f"{side}_hip", middle + factor * (at - middle))
-    found = warned(wide, figure[0])
-    assert any("hip to hip is" in words for words in found.get("left_hip", ())) == warns
-    assert ("left_hip" in found) == ("right_hip" in found)
+    for hip in ("left_hip", "right_hip"):
+        place = judged(wide, figure[0])[hip]
+        assert ("hip to hip is" in place.reason) == warns
+        assert (place.status == JointStatus.IMPLAUSIBLE) == warns
+        assert not warns or "of LFWT to RFWT: 0.65 to 1.2 is plausible" in place.reason
+
+
+def test_the_width_is_known_by_geometry(figure_calibration, figure):
+    """Labels do not matter, nor markers on the crests above; a plate of three markers on the sacrum shows no width."""
+    hips = [figure_calibration[f"{side}_hip"].in_parent for side in ("left", "right")]
+    middle = (hips[0] + hips[1]) / 2
+    wide = figure_calibration
+    for side, at in zip(("left", "right"), hips, strict=True):
+        wide = moved(wide, f"{side}_hip", middle + 1.8 * (at - middle))
+    shape = wide.shape("pelvis")
+    up = np.cross(hips[0] - hips[1], shape.places[0] - shape.places[2])
+    crests = shape.places[:2] + 0.06 * up / np.linalg.norm(up) * np.sign(up @ (shape.places[0] - middle))
+
+    def with_pelvis(markers, places):
+        pelvis = replace(shape, markers=markers, places=places, scatter=np.zeros(len(markers)))
+        return replace(wide, shapes=tuple(pelvis if s is shape else s for s in wide.shapes))
+
+    named = with_pelvis(
+        ("a", "b", "c", "d", "e", "f"), np.concatenate([shape.places, 1.3 * (crests - middle) + middle])
+    )
+    assert "of a to b" in hip_doubts(named)["left_hip"][0]
+    plate = with_pelvis(("a", "b", "c"), shape.places[2] + np.array([[0, 0, 0], [0.05, 0, 0], [0, 0.05, 0.05]]))
+    assert not hip_doubts(plate)
 
 
 def test_bones_of_unequal_length(figure_calibration, figure):
@@ -110,9 +146,13 @@ def test_bones_of_unequal_length(figure_calibration, figure):
 
 
 def test_a_joint_outside_the_hull(figure_calibration, figure):
-    """A hip three metres in front of the body is outside in nearly all frames."""
-    found = warned(moved(figure_calibration, "left_hip", [3.0, 0.0, 0.0]), figure[0])
-    assert any("outside the markers' hull in" in words for words in found["left_hip"])
+    """A hip three metres in front of the body, outside in nearly all frames, is doubted; a neck gets a warning."""
+    hip = judged(moved(figure_calibration, "left_hip", [3.0, 0.0, 0.0]), figure[0])["left_hip"]
+    assert hip.status == JointStatus.IMPLAUSIBLE
+    assert "outside the markers' hull in" in hip.reason
+    neck = judged(moved(figure_calibration, "neck", [3.0, 0.0, 0.0]), figure[0])["neck"]
+    assert neck.status == figure_calibration["neck"].status
+    assert any("outside the markers' hull in" in words for words in neck.warnings)
 
 
 def test_both_phases_say_the_same(figure, tmp_path):

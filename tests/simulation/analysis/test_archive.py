@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from study import cli
 from study.files import RunError
-from study.simulation.analysis.archive import archive, codemeta, metadata, readme
+from study.simulation.analysis.archive import ademp, archive, codemeta, metadata, readme
 from study.simulation.experiment.config import parse
 from study.simulation.runs.adaptive import TimeBudget
 from study.simulation.runs.run_folder import Run
@@ -89,7 +89,7 @@ def test_schemas_and_pages(unpacked, run):
         assert [column["name"] for column in columns] == list(run.table(name).columns)
         assert all(column["meaning"] for column in columns)
     page = (unpacked / "ADEMP.md").read_text(encoding="utf-8")
-    for word in ("Aims.** A small grid.", "N: 8, 20", "Kukush", "Seed: 7", "Trials: 6"):
+    for word in ("Aims.** A small grid.", "N: 8, 20", "Kukush", "Seed: 7", "Conditions: 2. Trials: 6, so", "to 47.6%"):
         assert word in page
     assert f"study run configs/{run.study.run_name()}.toml" in (unpacked / "README.md").read_text(encoding="utf-8")
     assert (unpacked / "CITATION.cff").read_text(encoding="utf-8").startswith("cff-version")
@@ -116,8 +116,9 @@ def test_a_run_of_the_unpacked_config_has_the_same_digests(unpacked, run, make_r
             "",
             "z normal with the covariance [[2, 0, 0], [0, 0.5, 0], [0, 0, 0.5]].",
         ),
+        ("", 'law = "radial"', "z of covariance I, by the law of the noise (radial: along u alone)."),
     ],
-    ids=["law", "outliers", "shape"],
+    ids=["law", "outliers", "shape", "radial"],
 )
 def test_the_noise_in_words(make_run, tmp_path, top, design, words):
     """The page has the law of the noise that the study has."""
@@ -125,6 +126,12 @@ def test_the_noise_in_words(make_run, tmp_path, top, design, words):
     with zipfile.ZipFile(archive([run], tmp_path / "runs.zip")) as file:
         page = file.read("ADEMP.md").decode()
     assert f"u uniform on a cap, {words}" in page
+
+
+def test_the_directions_in_words(make_run, tmp_path):
+    """Directions that are not uniform by area are not said to be."""
+    run = make_run(CONFIG + 'directions = "polar"\n', tmp_path / "run")
+    assert "u by its law on a cap" in ademp([run])
 
 
 def test_equal_runs_make_equal_archives(run, tmp_path):
