@@ -380,7 +380,7 @@ def _by_squares(sets: Weighted, at: _At, sphere: Spheres, inverse: Floats) -> Fl
     return np.asarray((turned**2).sum(axis=1) * (sets.size / (sets.size - d - 1.0))[:, None])
 
 
-class Profile(NamedTuple):
+class RadiusProfile(NamedTuple):
     """Centres given the radius, and what their points say of that radius.
 
     Attributes:
@@ -396,7 +396,7 @@ class Profile(NamedTuple):
     errors: Floats
 
 
-def profile(sets: Weighted, radius: Floats, start: Spheres) -> Profile:
+def profile(sets: Weighted, radius: Floats, start: Spheres) -> RadiusProfile:
     """Centre and scale for a hypothetical radius (b,), and its studentised score (theory 10.6)."""
     sphere = solve(sets._replace(radius=radius), start)
     d, n = start.center.shape[1], sets.size
@@ -427,7 +427,7 @@ def profile(sets: Weighted, radius: Floats, start: Spheres) -> Profile:
         if noisy.any():
             errors = np.where(noisy[:, None], np.maximum(errors, _by_squares(sets, at, sphere, inverse)), errors)
         errors = np.sqrt(errors)
-    return Profile(sphere, np.where(sphere.found, score, np.nan), shift, errors)
+    return RadiusProfile(sphere, np.where(sphere.found, score, np.nan), shift, errors)
 
 
 _FLAT = 1e-5
