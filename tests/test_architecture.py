@@ -170,7 +170,7 @@ def functions(tree):
             given = node.args
             names = [each.arg for each in [*given.posonlyargs, *given.args, *given.kwonlyargs]]
             others = given.kwarg is not None and not (given.kwarg.annotation and "Never" in ast.unparse(given.kwarg))
-        count = len(names) - (names[:1] in (["self"], ["cls"])) + bool(given.vararg) + others  # Never takes nothing
+            count = len(names) - (names[:1] in (["self"], ["cls"])) + bool(given.vararg) + others  # Never takes nothing
             yield node, count
 
 
