@@ -292,17 +292,17 @@ TITLES = [
 def summary(table: pd.DataFrame, name: str) -> list[str]:
     """Coverage by one method over the cells, in the order of `TITLES`."""
     part = table[table["method"] == name]
-    little, some = part[part["sigma"] < _LITTLE], part[part["sigma"] <= _MUCH]
+    little, moderate = part[part["sigma"] < _LITTLE], part[part["sigma"] <= _MUCH]
     inside = little["radius"].between(0.93, 0.97)
     often = part[(part["ok"] >= 0.2) & (part["sigma"] < 0.35)]
     clear = part[(part["kappa"] == 100.0) & (part["samples"] >= 40) & (part["sigma"] < _LITTLE)]["width_attainable"]
-    center = np.minimum(some["axis"], some["across"])
+    center = np.minimum(moderate["axis"], moderate["across"])
     return [
         "interval" if name == INTERVAL else f"{name} ± t s.e.",
         _three_digits(little["radius"].mean()),
         f"{100.0 * inside.mean():.0f} %",
         _three_digits(little["radius"].min()),
-        _three_digits(some["radius"].min()),
+        _three_digits(moderate["radius"].min()),
         _three_digits(center.min()),
         _three_digits(often["radius_ok"].mean()),
         _three_digits(often["radius_ok"].min()),

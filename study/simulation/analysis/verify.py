@@ -53,13 +53,16 @@ def chosen(seed: str, things: Sequence[T], share: float) -> list[T]:
 def difference(stored: pa.Table, computed: pa.Table) -> str | None:
     """The first difference between stored and computed rows, in words; None if they are equal to the bit.
 
-    All values that are not a number count as equal. Columns that an older table lacks are not compared.
+    All values that are not a number count as equal. Columns that an older table lacks are not compared, nor values that
+    rows lack because they are older than the column.
     """
     if stored.num_rows != computed.num_rows:
         return f"{stored.num_rows:,} rows are stored, and {computed.num_rows:,} computed"
     for name in (name for name in computed.schema.names if name in stored.schema.names):
         ours, theirs = _bits(stored[name]), _bits(computed[name])
         unequal = np.flatnonzero(ours != theirs)
+        if name in schemas.NEWER and pa.types.is_floating(stored[name].type):
+            unequal = unequal[~pc.is_nan(stored[name]).to_numpy()[unequal]]
         if len(unequal):
             at = int(unequal[0])
             where = " ".join(str(stored[key][at]) for key in _IDENTITY if key in stored.schema.names)

@@ -4,7 +4,7 @@ A *silent* condition leaves no trace where it has its default value: not in the 
 cells and streams, not in the columns of the tables. So the tables of a study that does not use it are, to the byte,
 what they were before the condition was added.
 
-The laws that a random design draws its conditions from, each as the inverse of its distribution function.
+Below stand the laws that a random design draws its conditions from, each as the inverse of its distribution function.
 """
 
 import math

@@ -1,9 +1,9 @@
-"""Designs of a study: the cells of a grid or of a random design, the batches that they share, and the units of work.
+"""Designs of a study: the cells of a grid or of a random design, and the batches of trials that they share.
 
 A config's ``[design]`` is made from the table of conditions: a grid lists values, and every combination of them is a
 cell of so many trials; in a random design each trial draws its own conditions from declared laws, as in the paper's
-§4.1. Cells that differ in the placing of points alone share their draws and form a group; a unit is a range of a
-group's trials, which a worker computes at once.
+§4.1. Cells that differ in the placing of points alone share their draws and form a group; a batch is a range of a
+group's trials: a unit of work, which a worker computes at once, or a part of one.
 """
 
 import hashlib

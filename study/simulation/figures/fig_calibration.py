@@ -1,9 +1,11 @@
 """Calibration: coverage of the truth by posteriors, and by the estimators' own error ellipsoids.
 
-Left: the share of trials in which the rank of the truth in its posterior is below p, minus p. Of 100 sets of as many
-uniform ranks 95 stay within the band (Kolmogorov's). Right: the share of trials whose true centre lies in
-sets of nominal 68 % and 95 %, with exact binomial 95 % intervals. If the nominal level is true, the band holds the
-share with a probability of 95 %. Fits that are not ok count as outside.
+Left: the share of trials in which the rank of the truth in its posterior is below p, minus p: of each parameter, and of
+the likelihood, whose rank also sees a posterior that takes no account of the data (Modrák et al. 2023). The band is
+simultaneous: if all ranks are uniform, all curves stay within it in at least 95 of 100 cases (Kolmogorov's law).
+Right: the share of trials whose true centre lies in sets of nominal 68 % and 95 %, with exact binomial 95 % intervals.
+If the nominal level is true, the band holds the share with a probability of 95 %. Fits that are not ok count as
+outside.
 
 Only cells with σ²/v < 0.02 count, where the likelihood is nearly quadratic.
 
@@ -27,10 +29,16 @@ from study.simulation.figures.figure import NotApplicable, Tables
 from study.simulation.posterior.run import FLAT, LEVELS, coverage, trials
 
 _LEAST_TRIALS = 20
-_NAMES = {"1": "$c_1$, along the axis", "2": "$c_2$, across it", "radius": "radius", "noise": "σ"}
+_NAMES = {
+    "1": "$c_1$, along the axis",
+    "2": "$c_2$, across it",
+    "radius": "radius",
+    "noise": "σ",
+    "likelihood": "likelihood",
+}
 _COLORS = {
-    "geometric": dict(zip(_NAMES, ("#222222", "#0072b2", "#d55e00", "#009e73"), strict=True)),
-    "whole_sphere": dict(zip(_NAMES, ("#888888", "#56b4e9", "#e69f00", "#7fc9b4"), strict=True)),
+    "geometric": dict(zip(_NAMES, ("#222222", "#0072b2", "#d55e00", "#009e73", "#882255"), strict=True)),
+    "whole_sphere": dict(zip(_NAMES, ("#888888", "#56b4e9", "#e69f00", "#7fc9b4", "#cc79a7"), strict=True)),
 }
 _LINES: dict[str, Any] = {"known": "-", "unknown": (0, (4, 2))}
 
@@ -81,7 +89,9 @@ def prepare(tables: Tables) -> CalibrationFrame:
     curves = []
     for (likelihood, noise_is), part in kinds:
         use = part[part["ok"]]
-        for parameter in _NAMES:
+        for parameter in [
+            name for name in _NAMES if f"rank_{name}" in use
+        ]:  # an older table has none of the likelihood
             ranks = use[f"rank_{parameter}"].dropna().to_numpy()
             if len(ranks):
                 curves.append(Curve(parameter, str(likelihood), str(noise_is), np.sort(ranks)))
@@ -129,7 +139,7 @@ def _fill(noise_is: str, color: str) -> str:
 
 
 def _draw_ranks(ax: Axes, frame: CalibrationFrame) -> None:
-    band = float(scipy.stats.kstwo.ppf(0.95, frame.trials))
+    band = float(scipy.stats.kstwo.ppf(1.0 - 0.05 / len(frame.curves), frame.trials))
     ax.axhspan(-band, band, color="#ececec", zorder=0, linewidth=0.0)
     ax.axhline(0.0, color="black", linewidth=0.8)
     reach = band

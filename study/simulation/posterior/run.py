@@ -71,10 +71,10 @@ def by_cell(posterior: pd.DataFrame, answers: pd.DataFrame) -> pd.DataFrame:
     result = posterior.assign(shift=shift.to_numpy(), least=ratio.min(axis=1), most=ratio.max(axis=1))
     rows = []
     conditions = [condition.name for condition in STORED if condition.name in result]
-    kept = ["cell", "likelihood", "noise_is", *conditions, "flatness"]
+    shown = ["cell", "likelihood", "noise_is", *conditions, "flatness"]
     for _, part in result.groupby(["cell", "likelihood", "noise_is"], sort=False, observed=True):
         ok = part[part["status"] == ChainStatus.OK]
-        row: dict[str, object] = {name: part[name].iloc[0] for name in kept}
+        row: dict[str, object] = {name: part[name].iloc[0] for name in shown}
         row |= {"chains": len(part), "ok": len(ok), "shift": ok["shift"].max(), "tau": ok["tau"].max()}
         row["rhat"] = ok["rhat"].max() if "rhat" in ok else math.nan
         rows.append(row | {"least": ok["least"].min(), "most": ok["most"].max()})
@@ -178,7 +178,7 @@ def rows(
     truth = np.array([*trial.cell.center, trial.cell.radius, trial.cell.noise])
     known = key["noise_is"] == "known"
     draws = chain.flat - truth[: d + 2 - known]
-    beside = [key | _answer(trial, name, draws, known) for name in study.estimators]
+    fits = [key | _answer(trial, name, draws, known) for name in study.estimators]
     walker_by_walker = np.arange(len(draws)).reshape(-1, walkers).T.ravel()
     chosen = np.linspace(0, len(draws) - 1, min(len(draws), STORED_DRAWS)).round().astype(int)
     thinned = draws[walker_by_walker[chosen]] if len(draws) else draws
@@ -189,7 +189,7 @@ def rows(
     columns = {f"error_{i + 1}": stored[:, i] for i in range(d)} | {"radius_error": stored[:, d], "noise": noise}
     return {
         "posterior": _table(schemas.posterior(d, study.conditions()), [key | posterior]),
-        "answers": _table(schemas.answers(d), beside),
+        "answers": _table(schemas.answers(d), fits),
         "draws": schemas.table(schemas.draws(d), {k: [v] * len(stored) for k, v in key.items()} | columns),
     }
 
@@ -340,10 +340,10 @@ def printed(run: Run) -> Iterator[str]:
         A title, a header, a line per cell and kind of chain (see `by_cell`), and then the calibration of all chains if
         they are independent of each other.
     """
-    result, beside = run.table("posterior"), run.table("answers")
+    result, fits = run.table("posterior"), run.table("answers")
     yield f"{run.study.run_name()}: posteriors; shift of the mean from the MLE in sd, largest over the parameters"
     conditions, rows = named_in(result), []
-    for row in by_cell(result, beside).to_dict("records"):
+    for row in by_cell(result, fits).to_dict("records"):
         values = [condition.written(condition.of(row)) for condition in conditions]
         rows.append([*values, row["likelihood"], row["noise_is"], f"{row['ok']}/{row['chains']}"])
         if row["ok"]:
@@ -353,7 +353,7 @@ def printed(run: Run) -> Iterator[str]:
     titles = [*symbols, "likelihood", "noise", "ok", "shift", "sd over bound", "τ", "R̂"]
     yield from columns(rows, titles, ">" * len(symbols) + "<<>")
     if run.study.independent():
-        yield from printed_calibration(trials(result, beside))
+        yield from printed_calibration(trials(result, fits))
 
 
 def printed_calibration(result: pd.DataFrame) -> Iterator[str]:

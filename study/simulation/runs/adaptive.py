@@ -168,7 +168,7 @@ class GroupProgress:
     Attributes:
         stages: trials from one checkpoint to the next, of the cells that were open then. The cells of the last one are
             not measured yet, or no cell is open any more.
-        found: the last precision of each cell.
+        last: the last precision of each cell.
         reasons: for each cell that is not open any more, why.
     """
 
@@ -179,7 +179,7 @@ class GroupProgress:
     def restart(self) -> None:
         """Forget all measures, and begin at the first checkpoint."""
         self.stages = [Batch(self.group, 0, self.checkpoints[0])]
-        self.found: dict[Cell, CellPrecision] = {}
+        self.last: dict[Cell, CellPrecision] = {}
         self.reasons: dict[Cell, str] = {}
 
     @property
@@ -189,7 +189,7 @@ class GroupProgress:
 
     def take(self, cell: Cell, precision: CellPrecision) -> None:
         """Note a cell's precision, and close the cell if it needs, or may have, no more trials."""
-        self.found[cell] = precision
+        self.last[cell] = precision
         if precision.reached:
             self.reasons[cell] = TARGET
         elif precision.trials == self.checkpoints[-1]:
@@ -300,7 +300,7 @@ class Rounds(Layout):
         rows = []
         for progress in self.progress.values():
             for cell in progress.group.cells:
-                result = progress.found.get(cell, NOTHING)
+                result = progress.last.get(cell, NOTHING)
                 rows.append(
                     {
                         "cell": cell.name,

@@ -223,7 +223,7 @@ def plan(study: Study, jobs: int) -> Plan:
     longest = max(pace.of(dict(portion)) for portion in portions)
     fits = trials * len(study.estimators)
     rows = study.cells() * len(study.estimators) if study.keep == "summary" else fits
-    kept = min(study.keep_points, study.design.trials) * samples / study.design.trials
+    stored = min(study.keep_points, study.design.trials) * samples / study.design.trials
     seconds = pace.of(work)
     seconds += pace.summary * study.cells() if study.keep == "summary" else 0.0
     return Plan(
@@ -233,7 +233,7 @@ def plan(study: Study, jobs: int) -> Plan:
         draws=sum(count * kind.samples for kind, count in work.items()),
         samples=samples,
         fits=fits,
-        bytes=_ROW_BYTES * rows + _POINT_BYTES * kept,
+        bytes=_ROW_BYTES * rows + _POINT_BYTES * stored,
         seconds=max(seconds / min(jobs, n_units), longest) + _ROW_SECONDS * rows + _START_SECONDS * processes,
     )
 

@@ -197,7 +197,7 @@ class EarlierRun:
         return Packet.of([(task.key, outputs)], [ordered])
 
 
-def beside(study: Study, folder: Path) -> Run | None:
+def neighbour(study: Study, folder: Path) -> Run | None:
     """Find the finished run of the same name, next to a folder, that has most rows of a study."""
     result: list[tuple[int, Run]] = []
     for path in sorted(folder.parent.glob(f"{study.name}-*")):

@@ -22,7 +22,7 @@ from study.simulation.runs import provenance, run_folder, schemas
 from study.simulation.runs.adaptive import BUDGET, TARGET, Rounds, TimeBudget
 from study.simulation.runs.jobs import Layout, UnitTask, execute, give_up
 from study.simulation.runs.parts import FORMAT, Parts
-from study.simulation.runs.reuse import EarlierRun, ReuseLayout, beside, finished, set_damaged_aside, up_to_date
+from study.simulation.runs.reuse import EarlierRun, ReuseLayout, finished, neighbour, set_damaged_aside, up_to_date
 from study.simulation.runs.run_folder import Run
 from study.simulation.runs.workers import Dispatch, Threads, Workers
 
@@ -234,7 +234,7 @@ class _Computation:
         self.layout = ReuseLayout(self.study, before)
         if self.parts.count and before is None:
             return None
-        for run in (self.store, beside(self.study, self.store.folder)):
+        for run in (self.store, neighbour(self.study, self.store.folder)):
             if run is None or (before is not None and run.study.canonical() != before.canonical()):
                 continue
             if (source := EarlierRun.of(run)) is not None:

@@ -32,8 +32,8 @@ _STATUS_COLUMNS = frozenset(status.name.lower() for status in Status)
 """Columns of the summary that count the fits of each status."""
 OF_ALL_TRIALS = tuple(f"{name}{end}" for name in MEASURES if f"{name}_ok" in MEASURES for end in ("", "_error"))
 """Columns of the summary with a measure of all trials, which an earlier version did not store."""
-_NEWER = frozenset(OF_ALL_TRIALS) | _STATUS_COLUMNS - {Status.OK.name.lower()} | {"rank_likelihood", "rhat"}
-"""Columns that a table may lack because it is older than they are."""
+NEWER = frozenset(OF_ALL_TRIALS) | _STATUS_COLUMNS - {Status.OK.name.lower()} | {"rank_likelihood", "rhat"}
+"""Columns that a table, or some of its rows, may lack because they are older."""
 _CHAIN_STATUSES = "; ".join(f"{status.value} = {status.text}" for status in ChainStatus)
 
 
@@ -271,7 +271,7 @@ def fault(result: pa.Schema, columns: list[Column]) -> str | None:
     """
     for column in columns:
         if result.get_field_index(column.name) < 0:
-            if column.name in _NEWER:
+            if column.name in NEWER:
                 continue
             return f"not a table of this version: no column {column.name!r}"
         if (kind := result.field(column.name).type) != column.type:

@@ -230,6 +230,9 @@ def test_differences():
     assert difference(one, pa.table({"cell": ["a", "b"], "x": [-0.0, np.nan]})) == (
         "a: x is 0.0, and -0.0 when computed again"
     )
+    for older, newer, same in ((np.nan, 0.5, True), (0.25, 0.5, False), (0.25, np.nan, False)):
+        tables = [pa.table({"cell": ["a"], "rank_likelihood": [value]}) for value in (older, newer)]
+        assert (difference(*tables) is None) == same, "rows that are older than the column have no number in it"
     assert "1 rows are stored" in difference(one.slice(1), one)
 
 

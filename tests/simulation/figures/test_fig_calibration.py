@@ -157,7 +157,7 @@ def test_drawn(small, likelihoods):
     figure = fig_calibration.draw(frame)
     left, right = figure.axes
     (band,) = left.patches
-    reach = stats.kstwo.ppf(0.95, frame.trials)
+    reach = stats.kstwo.ppf(1 - 0.05 / len(frame.curves), frame.trials)
     corners = band.get_path().transformed(band.get_patch_transform()).get_extents()
     assert (corners.y0, corners.y1) == pytest.approx((-reach, reach))
     lines = [line for line in left.lines if len(line.get_xdata()) > 2]
