@@ -78,7 +78,7 @@ WAYS = {
 
 
 class Given(NamedTuple):
-    """What is known beforehand of a flat batch.
+    """Knowledge beforehand of a flat batch: a radius, or the noise of each point.
 
     Attributes:
         radius: r of each set (b,), NaN where it is not known.
