@@ -195,8 +195,9 @@ def draw_skeleton(
         True
     """
     placed, calibration = with_joints(_read(recording), joints, markerset)
-    skeleton = draw.draw_skeleton(calibration, placed.recording)
-    return skeleton if force else require_same_subject(skeleton)
+    if not force:
+        require_same_subject(calibration, placed.recording)
+    return draw.draw_skeleton(calibration, placed.recording)
 
 
 def place_markerset(recording: Recording, markerset: str | None = None) -> Match:

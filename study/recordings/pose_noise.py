@@ -132,10 +132,13 @@ class PoseNoise:
     def covariance_at(self, point: Floats) -> Floats:
         """Mean over frames of the covariance (3, 3), m², that the pose gives to a point fixed in the segment (3,)."""
         weights = np.bincount(self.pattern[self.pattern >= 0], minlength=len(self.centroid))
+        return np.asarray(np.einsum("k,kij->ij", weights / max(weights.sum(), 1), self.covariances_at(point)))
+
+    def covariances_at(self, point: Floats) -> Floats:
+        """Covariance (patterns, 3, 3), m², that the pose of each pattern gives to a point fixed in the segment (3,)."""
         k = skew(np.asarray(point) - self.centroid)
         mixed = k @ self.cross
-        by_pattern = self.shift + k @ self.tilt @ k.swapaxes(1, 2) - mixed - mixed.swapaxes(1, 2)
-        return np.asarray(np.einsum("k,kij->ij", weights / max(weights.sum(), 1), by_pattern))
+        return np.asarray(self.shift + k @ self.tilt @ k.swapaxes(1, 2) - mixed - mixed.swapaxes(1, 2))
 
     def expansion(self, size: float = 1.0) -> Floats:
         """I + B (patterns, 3, 3) for noise of variance ``size``: undoes the mean contraction towards the centroid."""

@@ -354,14 +354,13 @@ def calibrate_session(
     calibrations = [calibrate(trial, markerset) for trial in every]
     forced: list[str] = []
     for index in range(1, len(every)):
-        before = _with_misfits(merge_calibrations(markerset, calibrations[:index]), every[:index])
+        before = merge_calibrations(markerset, calibrations[:index])
         if not before.calibration.has_poses:
             continue
-        drawn = draw_skeleton(before.calibration, every[index])
         if force:
-            forced += overruled(drawn)
+            forced += overruled(before.calibration, every[index])
         else:
-            require_same_subject(drawn)
+            require_same_subject(before.calibration, every[index])
     fixed = None if static is None else len(trials)
     session = merge_calibrations(markerset, calibrations, fixed)
     if fixed is not None:

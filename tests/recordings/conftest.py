@@ -141,6 +141,7 @@ def true_skeleton(recording, truth, joints=None, **changes):
         left_out=np.zeros(len(rows)),
         centers=truth.centers[[truth.joints.index(name) for name in names]].copy(),
         flags=np.zeros((len(names), frames), dtype=np.uint8),
+        bridging=np.zeros((len(names), 3, frames)),
     )
 
 

@@ -267,5 +267,5 @@ def test_functional_trial(shared_file, side):
     clusters = find_clusters(recording, PARENT, ",".join(f"{side}TH{i}" for i in (1, 2, 3)))
     found = fit_one_joint(recording, clusters)
     assert found.ok, found.doubts
-    assert found.error < 0.006
+    assert found.error < 0.007  # its markers' radii change with the angle by 4 mm/rad
     assert found.compared == ()

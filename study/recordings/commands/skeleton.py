@@ -230,15 +230,14 @@ def skeleton(
     if not as_json:
         print_match(match)
         print_lines([*used.lines(), *(regression_hint(used, source) if calibration is None else [])])
+    remarks = overruled(used, match.recording, refit) if force else []
+    if calibration is not None and not force:
+        require_same_subject(used, match.recording, refit)
+    used = refit_shapes(used, match.recording) if refit else used
     drawn = draw.draw_skeleton(used, match.recording)
-    remarks = overruled(drawn) if force else []
-    drawn = drawn if force else require_same_subject(drawn)
-    if refit:
-        used = refit_shapes(used, match.recording)
-        drawn = draw.draw_skeleton(used, match.recording)
-    scene = skeleton_scene(drawn, match.recording)
+    scene = skeleton_scene(drawn, match.recording, remarks)
     if not as_json:
-        print_lines([*remarks, *skeleton_lines(scene), *angle_lines(used)])
+        print_lines([*skeleton_lines(scene), *angle_lines(used)])
     motion = ExportedMotion(drawn, match.source, scene, file, RestPose(rest))
 
     def written() -> Iterator[Path]:

@@ -7,11 +7,9 @@ joint, and a joint is doubted only where it is farther out than any body's.
 
 Hips that are too far apart for their pelvis, or outside the hull in nearly all frames, are doubted (`with_doubts`).
 
-Subject. The misfit of its segments' markers shows if a calibration is of the subject in a recording. The markers of one
-subject stay at their places to a soft-tissue artefact of a few millimetres, which grows with the motion: a functional
-trial with misfits of 3 mm meets 3-8 mm in a walk of the same session. Those of another subject, or of the same one with
-its markers put on again, miss by 11-55 mm. So a segment does not fit if its misfit is beyond both that range and twice
-its own in the recording that was calibrated, or if most of its samples are rejected.
+Subject. The shapes of its segments show if a calibration is of the subject in a recording. Those of one subject in one
+session differ by skin in another posture and by markers that were put on again, by up to a centimetre; those of other
+subjects by 11-55 mm, or all by a few hundredths of their size.
 """
 
 from collections import defaultdict
@@ -22,11 +20,12 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from study.arrays import Floats
-from study.recordings.joints.calibration import Calibration, JointPlace
+from study.recordings.joints.calibration import Calibration, JointPlace, SegmentShape
 from study.recordings.joints.estimate import USABLE, JointStatus
 from study.recordings.joints.find import find_joints
 from study.recordings.markersets import MarkerSet
 from study.recordings.recording import Recording, RecordingError
+from study.recordings.rigid import fit_template, nearest_rotation
 from study.recordings.skeleton.anatomy import Hips, with_anatomy
 from study.recordings.skeleton.draw import Skeleton, draw_skeleton
 from study.recordings.skeleton.scene import mirrored, side
@@ -246,14 +245,17 @@ def _checked(calibration: Calibration, recording: Recording) -> tuple[Calibratio
     return with_doubts(replace(calibration, shapes=tuple(shapes)), distances), drawn
 
 
-_WORSE = 2.0
-"""Growth of a segment's misfit above which it does not fit; between halves of one recording it is at most 1.4."""
-_SESSION = 0.0095
-"""Metres of misfit that are always accepted: between 8 mm, the most within a session, and 11 mm, the least beyond."""
-_LEFT_OUT = 0.5
-"""Share of a segment's samples left out above which it does not fit."""
-_SEGMENTS = 1 / 3
-"""Share of the segments above which misfits show another subject."""
+_REPLACED = 0.013
+"""Metres: greatest distance of markers from their places, root mean square, that a session explains: skin in another
+posture, or a marker that was put on again."""
+_LEAST = 0.003
+"""Metres: least standard deviation of a coordinate of such distances."""
+_UNKNOWN = 0.006
+"""The same where segments of two markers do not show it."""
+_SCALE, _SIGNIFICANT = 0.025, 2.6
+"""Difference in size above which another subject is shown, if it is also so many standard errors."""
+_ROBUST = 4
+"""Number of segments from which on the one that fits worst does not count: a label may be on another marker there."""
 
 
 @dataclass(frozen=True)
@@ -271,45 +273,85 @@ class SubjectCheck:
     text: str
 
 
-def check_subject(skeleton: Skeleton) -> SubjectCheck:
-    """Compare a skeleton's misfits with those of its calibration."""
-    misfits: dict[str, str] = {}
-    compared = 0
-    for shape, misfit, left_out in zip(skeleton.calibration.shapes, skeleton.misfits, skeleton.left_out, strict=True):
-        if np.isnan(misfit) and not left_out:  # none of its markers, or never enough of them
-            continue
-        compared += 1
-        if np.isnan(misfit):
-            misfits[shape.segment] = "its markers fit together in no frame"
-        elif left_out > _LEFT_OUT:
-            misfits[shape.segment] = f"{left_out:.0%} of its samples are far from their places"
-        elif misfit > max(_WORSE * shape.misfit, _SESSION):
-            misfits[shape.segment] = f"{1000 * misfit:.0f} mm off, {1000 * shape.misfit:.0f} mm when calibrated"
-    source, name = skeleton.calibration.source, skeleton.name
-    if len(misfits) > _SEGMENTS * compared:
-        listed = "; ".join(f"{segment}: {words}" for segment, words in misfits.items())
-        text = (
-            f"{name} does not show the subject calibrated in {source}: {len(misfits)} of {compared} segments do not "
-            f"fit ({listed}); calibrate on a recording of the same session"
-        )
-        return SubjectCheck(False, misfits, text)
-    text = f"{name} fits the calibration from {source}: {compared - len(misfits)} of {compared} segments"
-    return SubjectCheck(True, misfits, text + (f", not {', '.join(misfits)}" if misfits else ""))
+def check_subject(calibration: Calibration, recording: Recording, refit: bool = False) -> SubjectCheck:
+    """Compare the shapes of a calibration's segments with those that a recording has.
+
+    Only segments of joints with a place count. The shapes of two trials of one session differ by skin in another
+    posture, and by markers that were put on again. Those of another subject differ by more, or all in size.
+
+    Args:
+        calibration: of the subject.
+        recording: with markers under the calibration's names.
+        refit: True if the shapes will be fitted to the recording, so that only the size counts.
+    """
+    joints = [place.joint for place in calibration.joints if not np.isnan(place.in_parent).any()]
+    carrying = {segment for joint in joints for segment in (joint.parent, joint.child)}
+    names, rows = [], []
+    for shape in calibration.shapes:
+        difference = _shape_difference(shape, recording) if shape.segment in carrying else None
+        if difference is not None:
+            names.append(shape.segment)
+            rows.append(difference)
+    source, name = calibration.source, recording.name
+    if not rows:
+        return SubjectCheck(True, {}, f"{name} shows no segment of the calibration from {source}")
+    squares, spare, extents, along = np.array(rows).T
+    off = np.sqrt(3.0 * squares / np.maximum(spare, 1.0))
+    counted = spare > 0.0
+    counted[off.argmax()] &= counted.sum() < _ROBUST
+    freedom = spare[counted].sum()
+    sigma = max(np.sqrt(squares[counted].sum() / freedom), _LEAST) if freedom else _UNKNOWN
+    scale, error = along.sum() / extents.sum(), sigma / np.sqrt(extents.sum())
+    apart = {n: f"{1000 * d:.0f} mm from its places" for n, d in zip(names, off, strict=True) if d > _REPLACED}
+    reasons = []
+    if not refit and freedom and np.sqrt(3.0) * sigma > _REPLACED:
+        listed = "; ".join(f"{segment}: {words}" for segment, words in apart.items())
+        reasons.append(f"{len(apart)} of {len(rows)} segments do not fit ({listed})")
+    if abs(scale - 1.0) > max(_SCALE, _SIGNIFICANT * error):
+        reasons.append(f"its segments are {abs(scale - 1.0):.0%} {'larger' if scale > 1.0 else 'smaller'}")
+    if reasons:
+        words = f"{name} does not show the subject calibrated in {source}: {'; '.join(reasons)}"
+        return SubjectCheck(False, apart, f"{words}; calibrate on a recording of the same session")
+    text = f"{name} fits the calibration from {source}: {len(rows) - len(apart)} of {len(rows)} segments"
+    return SubjectCheck(True, apart, text + (f", not {', '.join(apart)}" if apart else ""))
 
 
-def require_same_subject(skeleton: Skeleton) -> Skeleton:
-    """Return the skeleton, if its calibration is of the subject that it shows.
+def _shape_difference(shape: SegmentShape, recording: Recording) -> tuple[float, float, float, float] | None:
+    """Difference of a segment's shape in a recording from that of a calibration.
+
+    Returns:
+        Sum of squared distances after superposition and scaling, m²; the degrees of freedom in it; sum of squares of
+        the calibrated places about their centroid, m²; and that times the scale. None for fewer than two markers.
+    """
+    present = [k for k, marker in enumerate(shape.markers) if marker in recording.markers]
+    if len(present) < 2:
+        return None
+    own = fit_template(np.stack([recording.of(shape.markers[k]) for k in present])).points
+    known = np.isfinite(own).all(axis=1)
+    here, there = own[known], shape.places[present][known]
+    if len(here) < 2:
+        return None
+    here, there = here - here.mean(axis=0), there - there.mean(axis=0)
+    extent = float((there**2).sum())
+    if len(here) == 2:
+        return 0.0, 0.0, extent, float(np.sqrt((here**2).sum() * extent))
+    rotation = nearest_rotation(here.T @ there)
+    along = float(np.vdot(here, there @ rotation.T))
+    return max(float((here**2).sum()) - along**2 / extent, 0.0), 3.0 * len(here) - 7.0, extent, along
+
+
+def require_same_subject(calibration: Calibration, recording: Recording, refit: bool = False) -> None:
+    """Refuse a recording of another subject than a calibration's.
 
     Raises:
-        RecordingError: if not; the message names the segments that do not fit and their misfits.
+        RecordingError: the message names the segments that do not fit and by how much.
     """
-    check = check_subject(skeleton)
+    check = check_subject(calibration, recording, refit)
     if not check.same:
         raise RecordingError(f"{check.text}, or use --force to draw with this one")
-    return skeleton
 
 
-def overruled(skeleton: Skeleton) -> list[str]:
-    """The lines that say what is overruled where a skeleton is drawn whatever `check_subject` says; none if nothing."""
-    check = check_subject(skeleton)
+def overruled(calibration: Calibration, recording: Recording, refit: bool = False) -> list[str]:
+    """The line that says what is overruled where a calibration is used whatever `check_subject` says, if it is."""
+    check = check_subject(calibration, recording, refit)
     return [] if check.same else [f"--force overrules: {check.text.partition('; calibrate on')[0]}"]

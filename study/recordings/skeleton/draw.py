@@ -1,13 +1,19 @@
 """Phase 2: draw a skeleton in every frame, from a calibration and the markers that are seen.
 
 From the root outwards each segment is placed at its joint, J(t) = o_P(t) + R_P(t) c_J, and rotated about it onto its
-markers (`full_pose`, `partial_pose`). Time is proportional to the number of segments, and bones keep their lengths.
-Gaps are bridged by the hierarchy: a segment that is not seen keeps its rotation in its parent, interpolated over the
-gap, for a while. It is flagged, and so is all that depends on it.
+markers (`fit_full_poses`). Time is proportional to the number of segments, and bones keep their lengths. In frames that
+do not show the parent, a segment's own markers place it; a segment that these do not show is placed by the joints that
+its neighbours show.
+
+Where too few markers are seen, but a joint of the segment or one of its markers is, its rotation is interpolated over
+the gap, for a while, and it is flagged as bridged. The covariance of this rotation is that of the same interpolation
+over gaps as long in frames that are seen. Where nothing shows a segment it is unknown, and so is a joint that neither
+of its segments shows.
 
 Source: paper §10 (second phase); theory §1.2.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,49 +23,11 @@ from study.arrays import Bools, Bytes, Floats, Ints
 from study.recordings.joints.calibration import Calibration, JointPlace, SegmentShape
 from study.recordings.joints.estimate import DOUBTED, USABLE, JointStatus
 from study.recordings.markersets import Segment
+from study.recordings.pose_noise import PoseNoise, skew
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.rigid import relative_rotation, to_world
-from study.recordings.skeleton.poses import ExpectedPoses, PivotPath, SegmentPath, complete_poses, fit_full_poses
+from study.recordings.skeleton.poses import complete_poses, fit_full_poses
 from study.recordings.skeleton.scene import Flag
-
-
-def expected_poses(
-    path: SegmentPath, parent: Floats | None, known: Bools, wanted: Ints, rest: Floats, reach: int
-) -> tuple[ExpectedPoses, Bools]:
-    """Interpolate a segment's rotation in its parent over gaps; before the first and after the last fit it stays.
-
-    Args:
-        path: poses of the segment.
-        parent: the parent's rotation (3, 3, frames); None for a segment without a pivot.
-        known: frames in which the segment is fitted and the parent is known (frames,).
-        wanted: numbers of the frames (w,) to interpolate.
-        rest: mean rotation in the parent (3, 3), for a segment that is never fitted.
-        reach: frames that an expected pose is valid for.
-
-    Returns:
-        The expected poses, NaN where the parent is unknown; and the frames with a fit within reach (w,).
-    """
-    rotation, origin, count = path.rotation, path.origin, len(wanted)
-    fitted = np.flatnonzero(known)
-    if not len(fitted):
-        nowhere, far = np.full((3, count), np.nan), np.zeros(count, bool)
-        if parent is None:
-            return ExpectedPoses(wanted, np.full((3, 3, count), np.nan), nowhere), far
-        return ExpectedPoses(wanted, np.einsum("ijw,jk->ikw", parent[:, :, wanted], rest), nowhere), far
-    place = np.searchsorted(fitted, wanted)
-    before, after = fitted[np.maximum(place - 1, 0)], fitted[np.minimum(place, len(fitted) - 1)]
-    share = np.clip((wanted - before) / np.maximum(after - before, 1), 0.0, 1.0)
-    first, last = rotation[:, :, before], rotation[:, :, after]
-    if parent is not None:
-        first, last = relative_rotation(parent[:, :, before], first), relative_rotation(parent[:, :, after], last)
-    step = Rotation.from_matrix(np.einsum("jiw,jkw->wik", first, last)).as_rotvec()
-    between = np.einsum("ijw,wjk->ikw", first, Rotation.from_rotvec(share[:, None] * step).as_matrix())
-    if parent is not None:
-        between = np.einsum("ijw,jkw->ikw", parent[:, :, wanted], between)
-    near = np.minimum(np.abs(wanted - before), np.abs(after - wanted)) <= reach
-    middle = (1.0 - share) * origin[:, before] + share * origin[:, after]
-    return ExpectedPoses(wanted, np.ascontiguousarray(between), middle), near
-
 
 _FAR = 6.0
 """Scatters from its place beyond which a marker is rejected..."""
@@ -67,6 +35,116 @@ _SLACK = 0.1
 """...if it is also this share of its segment's size away."""
 _PIVOTS = (*USABLE, *DOUBTED, JointStatus.UNSURE, JointStatus.INSIGNIFICANT)
 """A joint that a segment rotates about even if its own markers fix its pose."""
+_ANY = 1e3
+"""Metres: a joint is never rejected as far from its place."""
+_SURE = 0.01
+"""Metres: standard error of a segment's joints up to which its neighbours place it."""
+_POSE = 0.005
+"""Metres: what the pose of the segment that shows a joint adds to its standard error."""
+_FEWEST, _ENOUGH = 20, 300
+"""Fewest and most gaps of one length from which an interpolation's error is known."""
+
+
+class InterpolatedRotation:
+    """A segment's rotation between the frames that show it, in its parent or in the world, and its error.
+
+    Args:
+        rotation: of the segment (3, 3, frames).
+        parent: of its parent; None for the world.
+        known: frames in which both are seen (frames,).
+        rest: mean rotation in the parent (3, 3), for a segment that is never seen together with it.
+    """
+
+    def __init__(self, rotation: Floats, parent: Floats | None, known: Bools, rest: Floats | None = None) -> None:
+        self.fitted, self.parent, self.rest = np.flatnonzero(known), parent, rest
+        part = rotation[:, :, self.fitted]
+        inside = part if parent is None else relative_rotation(parent[:, :, self.fitted], part)
+        self.inside = np.moveaxis(inside, 2, 0)  # (fitted, 3, 3)
+        self._tables: dict[bool, tuple[Floats, Floats]] = {}
+
+    def ends(self, wanted: Ints) -> tuple[Ints, Ints]:
+        """Places in ``fitted`` of the frames before and after those wanted (w,), the nearest one where one is missing.
+
+        None may be fitted.
+        """
+        place = np.searchsorted(self.fitted, wanted)
+        return np.maximum(place - 1, 0), np.minimum(place, len(self.fitted) - 1)
+
+    def distance(self, wanted: Ints) -> Ints:
+        """Number of frames to the nearest one that is seen (w,)."""
+        if not len(self.fitted):
+            return np.full(len(wanted), np.iinfo(np.int64).max)
+        before, after = (self.fitted[end] for end in self.ends(wanted))
+        return np.asarray(np.minimum(np.abs(wanted - before), np.abs(after - wanted)))
+
+    def at(self, wanted: Ints) -> Floats:
+        """Rotations in the world (3, 3, w); the nearest one before the first and after the last fit, NaN if unknown."""
+        if not len(self.fitted):
+            if self.parent is None or self.rest is None:
+                return np.full((3, 3, len(wanted)), np.nan)
+            return np.asarray(np.einsum("ijw,jk->ikw", self.parent[:, :, wanted], self.rest))
+        before, after = self.ends(wanted)
+        span = np.maximum(self.fitted[after] - self.fitted[before], 1)
+        share = np.clip((wanted - self.fitted[before]) / span, 0.0, 1.0)
+        between = _between(self.inside[before], self.inside[after], share)
+        world = between if self.parent is None else np.moveaxis(self.parent[:, :, wanted], 2, 0) @ between
+        return np.ascontiguousarray(np.moveaxis(world, 0, 2))
+
+    def covariance(self, wanted: Ints) -> Floats:
+        """Covariance of the rotation's error in the world (w, 3, 3), rad²; NaN if it is not known.
+
+        Between two ends it is that of the middle of a gap as long, less towards the ends as for a random walk.
+        """
+        if not len(self.fitted):
+            return np.full((len(wanted), 3, 3), np.nan)
+        before, after = (self.fitted[end] for end in self.ends(wanted))
+        inner = (wanted > before) & (wanted < after)
+        half = 0.5 * np.maximum(after - before, 1)
+        near = self.distance(wanted)
+        result = np.empty((len(wanted), 3, 3))
+        for kind, distances in ((True, half), (False, near.astype(float))):
+            result[inner == kind] = self._table(kind, distances[inner == kind])
+        result *= np.where(inner, near * (2.0 * half - near) / half**2, 1.0)[:, None, None]
+        if self.parent is None:
+            return np.asarray(result)
+        frame = np.moveaxis(self.parent[:, :, wanted], 2, 0)
+        return np.asarray(frame @ result @ frame.swapaxes(1, 2))
+
+    def _table(self, inner: bool, distances: Floats) -> Floats:
+        """Covariance (w, 3, 3) of errors over these numbers of frames, between two ends or beyond one."""
+        if not len(distances):
+            return np.zeros((0, 3, 3))
+        if inner not in self._tables:
+            lags, squares = [0.0], [np.zeros((3, 3))]
+            for lag in 4 ** np.arange(int(np.log2(max(len(self.fitted), 2))) // 2 + 1):
+                if lags[-1] >= distances.max():
+                    break
+                first, last = self.fitted, self.fitted + (2 * lag if inner else lag)
+                one, two = np.searchsorted(self.fitted, last), np.searchsorted(self.fitted, first + lag)
+                fits = np.flatnonzero((one < len(self.fitted)) & (two < len(self.fitted)))
+                fits = fits[(self.fitted[one[fits]] == last[fits]) & (self.fitted[two[fits]] == first[fits] + lag)]
+                if len(fits) < _FEWEST:
+                    break
+                fits = fits[:: max(len(fits) // _ENOUGH, 1)]
+                guess = self.inside[fits]
+                if inner:
+                    guess = _between(guess, self.inside[one[fits]], np.full(len(fits), 0.5))
+                off = Rotation.from_matrix(self.inside[two[fits]] @ guess.swapaxes(1, 2)).as_rotvec()
+                lags.append(float(lag))
+                squares.append(off.T @ off / len(off))
+            self._tables[inner] = np.array(lags), np.array(squares)
+        steps, table = self._tables[inner]
+        if len(steps) < 2:
+            return np.full((len(distances), 3, 3), np.nan)
+        entries = [np.interp(distances, steps, table[:, i, j]) for i in range(3) for j in range(3)]
+        beyond = np.maximum(distances / steps[-1], 1.0) ** 2  # as if it went on in one direction
+        return np.asarray(np.stack(entries, axis=1).reshape(-1, 3, 3) * beyond[:, None, None])
+
+
+def _between(first: Floats, last: Floats, share: Floats) -> Floats:
+    """Rotations (n, 3, 3) at shares (n,) of the way from the first ones to the last ones."""
+    step = Rotation.from_matrix(first.swapaxes(1, 2) @ last).as_rotvec()
+    return np.asarray(first @ Rotation.from_rotvec(share[:, None] * step).as_matrix())
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +163,7 @@ class Skeleton:
         left_out: share of each segment's samples that are rejected, as far from their places (segments,).
         centers: of each joint (joints, 3, frames), NaN where unknown.
         flags: `Flag` of each joint in each frame (joints, frames).
+        bridging: variances along x, y and z of the error of bridged joints (joints, 3, frames), m²; 0 in other frames.
     """
 
     name: str
@@ -97,6 +176,7 @@ class Skeleton:
     left_out: Floats
     centers: Floats
     flags: Bytes
+    bridging: Floats
 
     @property
     def segments(self) -> tuple[str, ...]:
@@ -126,10 +206,10 @@ def draw_skeleton(calibration: Calibration, recording: Recording, bridge: float 
     """Run phase 2: place the joints in every frame.
 
     Args:
-        calibration: of the same subject with the same markers (see `subject_check`).
+        calibration: of the same subject with the same markers (see `check_subject`).
         recording: markers under the calibration's names; those that it lacks count as always missing.
         bridge: longest time, seconds, between an unseen segment and the nearest frame in which it is seen; beyond, it
-            is unknown.
+            is unknown unless one of its markers is seen.
 
     Raises:
         RecordingError: if the calibration has no segment whose markers fix its pose, or ``bridge`` is negative.
@@ -140,10 +220,14 @@ def draw_skeleton(calibration: Calibration, recording: Recording, bridge: float 
         raise RecordingError(
             f"{calibration.source}: no segment of this calibration has a pose; there is no skeleton to draw"
         )
-    builder = _SkeletonBuilder(calibration, recording, round(bridge * recording.rate))
-    for number, segment in enumerate(calibration.markerset.segments):
-        builder.add_segment(number, segment)
-    centers, flags = builder.joints()
+    builder, segments = _SkeletonBuilder(calibration, recording), calibration.markerset.segments
+    for segment in segments:
+        builder.place_by_markers(segment)
+    for segment in (*reversed(segments), *segments):
+        builder.place_by_neighbours(segment)
+    for segment in segments:
+        builder.bridge(segment, round(bridge * recording.rate))
+    centers, flags, bridging = builder.joints()
     return Skeleton(
         name=recording.name,
         rate=recording.rate,
@@ -155,81 +239,194 @@ def draw_skeleton(calibration: Calibration, recording: Recording, bridge: float 
         left_out=builder.left_out,
         centers=centers,
         flags=flags,
+        bridging=bridging,
     )
 
 
 class _SkeletonBuilder:
-    """Segments placed so far; ``reach`` is the number of frames over which gaps are bridged."""
+    """Poses of the segments so far, and the covariance of the rotation of those that are bridged."""
 
-    def __init__(self, calibration: Calibration, recording: Recording, reach: int) -> None:
-        self.calibration, self.recording, self.reach = calibration, recording, reach
+    def __init__(self, calibration: Calibration, recording: Recording) -> None:
+        self.calibration, self.recording = calibration, recording
         self.numbers = {segment.name: i for i, segment in enumerate(calibration.markerset.segments)}
         self.above = {place.joint.child: place for place in calibration.joints}
         count, n = len(self.numbers), recording.frames
-        self.rotations, self.origins = np.empty((count, 3, 3, n)), np.empty((count, 3, n))
-        self.flags, self.misfits = np.empty((count, n), dtype=np.uint8), np.full(count, np.nan)
+        self.rotations, self.origins = np.full((count, 3, 3, n), np.nan), np.full((count, 3, n), np.nan)
+        self.flags, self.misfits = np.full((count, n), Flag.UNKNOWN, dtype=np.uint8), np.full(count, np.nan)
         self.left_out = np.zeros(count)
+        self.used: dict[str, Bools] = {}
+        """Samples of each segment's markers that are not rejected (m, frames)."""
+        self.turning = np.zeros((count, n, 3, 3))
+        """Covariance of the rotation of each segment in the frames in which it is bridged, rad²..."""
+        self.pivots = np.zeros((count, 3, n))
+        """...and the place in its axes that it rotates about there, metres."""
 
-    def add_segment(self, number: int, segment: Segment) -> None:
-        """Place a segment in every frame; its parent is placed already."""
-        shape, n = self.calibration.shape(segment.name), self.recording.frames
-        place = pivot_joint(self.above.get(segment.name), shape)
-        parent, pivot = -1, PivotPath(np.zeros(3), np.full((3, n), np.nan))
+    def place_by_markers(self, segment: Segment) -> None:
+        """Place a segment in the frames that show it by its own markers, at its joint if its parent is seen."""
+        number, shape = self.numbers[segment.name], self.calibration.shape(segment.name)
+        place, x = pivot_joint(self.above.get(segment.name), shape), self._markers(shape)
+        local, world = np.zeros(3), np.full((3, self.recording.frames), np.nan)
         if place is not None:
-            parent = self.numbers[place.joint.parent]
-            world = to_world(self.rotations[parent], self.origins[parent], place.in_parent)
-            pivot = PivotPath(place.in_child, world)
-        x = np.full((len(shape.markers), 3, n), np.nan)
-        for k, marker in enumerate(shape.markers):
-            if marker in self.recording.markers:
-                x[k] = self.recording.of(marker)
-        path = fit_full_poses(shape.places, _limits(shape, place), x, pivot)
+            local, world = place.in_child, self._shown(place.joint.parent, place.in_parent)
+        path = fit_full_poses(shape.places, _limits(shape, place), x, local, world)
         seen = ~np.isnan(x[:, 0])
+        self.used[segment.name] = path.used
         self.left_out[number] = 1.0 - path.used.sum() / max(seen.sum(), 1) if seen.any() else 0.0
         if path.fitted.any():
             self.misfits[number] = np.sqrt(path.square[path.fitted].mean())
-        flags = self._bridge(shape, place, x, pivot, path)
-        if parent >= 0:  # a segment whose joint is bridged is bridged, too
-            hanging = ~np.isnan(pivot.world[0]) & (flags == Flag.SEEN)
-            flags[hanging] = self.flags[parent, hanging]
-        self.rotations[number], self.origins[number], self.flags[number] = path.rotation, path.origin, flags
+        self.rotations[number], self.origins[number] = path.rotation, path.origin
+        self.flags[number, path.fitted] = Flag.SEEN
+        # one marker and the joint are all that a hand may have: its rotation about the line of the two is not shown
+        whole = path.used.all(axis=0) & ~np.isnan(world[0]) & ~path.fitted
+        if place is not None and len(shape.markers) and whole.any():
+            self._complete(segment.name, np.flatnonzero(whole), local, world)
+            self.flags[number, whole] = Flag.SEEN
 
-    def _bridge(
-        self, shape: SegmentShape, place: JointPlace | None, x: Floats, pivot: PivotPath, path: SegmentPath
-    ) -> Bytes:
-        """Complete a segment's poses where they were not fitted, and flag these frames (frames,)."""
-        flags, wanted = np.zeros(self.recording.frames, dtype=np.uint8), np.flatnonzero(~path.fitted)
-        if not len(wanted):
-            return flags
-        if place is None:
-            parent, known, rest = None, path.fitted, np.eye(3)
-        else:
-            parent = self.rotations[self.numbers[place.joint.parent]]
-            known, rest = path.fitted & ~np.isnan(parent[0, 0]), place.mean_rotation
-        expected, near = expected_poses(path, parent, known, wanted, rest, self.reach)
-        complete_poses(shape.places, x, pivot, expected, path)
-        whole = path.used[:, wanted].all(axis=0) & (len(shape.markers) > 0) & (place is not None)
-        missing = np.isnan(path.rotation[0, 0, wanted]) | np.isnan(path.origin[0, wanted])
-        lost = missing | ~(near | path.used[:, wanted].any(axis=0))
-        flags[wanted] = np.where(lost, Flag.UNKNOWN, np.where(whole, Flag.SEEN, Flag.BRIDGED))
-        path.rotation[:, :, wanted[lost]] = path.origin[:, wanted[lost]] = np.nan
-        return flags
+    def place_by_neighbours(self, segment: Segment) -> None:
+        """Place a segment in further frames by its markers and the joints that its neighbours show.
 
-    def joints(self) -> tuple[Floats, Bytes]:
-        """Centres of the joints (joints, 3, frames) and their flags (joints, frames)."""
+        Frames in which these points would not place each of its joints to 1 cm are left out.
+        """
+        number, shape = self.numbers[segment.name], self.calibration.shape(segment.name)
+        frames = np.flatnonzero(self.flags[number] != Flag.SEEN)
+        if not len(frames):
+            return
+        own = pivot_joint(self.above.get(segment.name), shape)
+        local, world = np.zeros(3), np.full((3, len(frames)), np.nan)
+        if own is not None:
+            local, world = own.in_child, self._shown(own.joint.parent, own.in_parent)[:, frames]
+        below = self._below(segment.name)
+        x = np.where(self.used[segment.name][:, None], self._markers(shape), np.nan)[:, :, frames]
+        x = np.concatenate([x, *(self._shown(p.joint.child, p.in_child)[None, :, frames] for p in below)])
+        shown = ~np.isnan(x[:, 0])
+        if (shown.sum(axis=0) + ~np.isnan(world[0]) < 3).all():
+            return
+        places = np.concatenate([shape.places, *(place.in_parent[None] for place in below)])
+        limits = np.concatenate([_limits(shape, None), np.full(len(below), _ANY)])
+        path = fit_full_poses(places, limits, np.ascontiguousarray(x), local, np.ascontiguousarray(world))
+        joints = [*below, *([] if own is None else [own])]
+        errors = [*np.nan_to_num(shape.scatter) / np.sqrt(3.0), *(np.hypot(p.standard_error, _POSE) for p in joints)]
+        ends = np.concatenate([places, local[None]])[: len(errors)]
+        used = np.concatenate([path.used, ~np.isnan(world[:1])])[: len(errors)]
+        square = np.nan_to_num(errors, nan=1.0)[:, None, None] ** 2
+        noise = PoseNoise.of(ends, square * np.eye(3), used, path.fitted)
+        each = [noise.covariances_at(at) for at in ends[len(shape.markers) :]]
+        worst = np.linalg.eigvalsh(np.array(each))[:, :, -1].max(axis=0)
+        sure = path.fitted.copy()
+        sure[path.fitted] = worst[noise.pattern[path.fitted]] < _SURE**2
+        self.rotations[number][:, :, frames[sure]] = path.rotation[:, :, sure]
+        self.origins[number][:, frames[sure]] = path.origin[:, sure]
+        self.flags[number, frames[sure]] = Flag.SEEN
+
+    def bridge(self, segment: Segment, reach: int) -> None:
+        """Place a segment about a joint that is seen, or about one of its markers, with its expected rotation."""
+        number, shape = self.numbers[segment.name], self.calibration.shape(segment.name)
+        marker: Bools = np.asarray(self.used[segment.name].any(axis=0))
+        pivots = [(at, self._shown(other, there)) for at, other, there in self._joints_of(segment.name)]
+        about = [(at, world, ~np.isnan(world[0])) for at, world in pivots]
+        about.append((np.zeros(3), np.full((3, self.recording.frames), np.nan), marker))  # its first marker
+        for at, world, shown in about:
+            wanted = np.flatnonzero((self.flags[number] == Flag.UNKNOWN) & shown)
+            for course, frames in self._courses(segment, wanted) if len(wanted) else ():
+                frames = frames[(course.distance(frames) <= reach) | marker[frames]]
+                self._complete(segment.name, frames, at, world, course)
+                frames = frames[~np.isnan(self.rotations[number][0, 0, frames])]
+                self.flags[number, frames] = Flag.BRIDGED
+                self.turning[number, frames] = course.covariance(frames)
+                self.pivots[number][:, frames] = at[:, None]
+                if np.isnan(world).all() and len(frames):
+                    first = self.used[segment.name][:, frames].argmax(axis=0)
+                    self.pivots[number][:, frames] = shape.places[first].T
+
+    def _courses(self, segment: Segment, wanted: Ints) -> Iterator[tuple[InterpolatedRotation, Ints]]:
+        """The segment's rotation in its parent for the frames that show that, and in the world for others."""
+        number, place = self.numbers[segment.name], self.above.get(segment.name)
+        seen, rotation = self.flags[number] == Flag.SEEN, self.rotations[number]
+        left = np.ones(len(wanted), dtype=np.bool_)
+        if place is not None:
+            parent = self.numbers[place.joint.parent]
+            shown = self.flags[parent] == Flag.SEEN
+            left = ~shown[wanted]
+            yield (
+                InterpolatedRotation(rotation, self.rotations[parent], seen & shown, place.mean_rotation),
+                wanted[~left],
+            )
+        yield InterpolatedRotation(rotation, None, seen), wanted[left]
+
+    def _complete(
+        self, name: str, frames: Ints, local: Floats, world: Floats, course: InterpolatedRotation | None = None
+    ) -> None:
+        """Complete a segment's poses in some frames from its expected rotation and the markers that are left."""
+        number, shape = self.numbers[name], self.calibration.shape(name)
+        if course is None:
+            place = self.above[name]
+            parent = self.numbers[place.joint.parent]
+            known = (self.flags[number] == Flag.SEEN) & (self.flags[parent] == Flag.SEEN)
+            course = InterpolatedRotation(self.rotations[number], self.rotations[parent], known, place.mean_rotation)
+        x = np.where(self.used[name][:, None], self._markers(shape), np.nan)[:, :, frames]
+        rotation, origin = complete_poses(
+            shape.places, np.ascontiguousarray(x), local, np.ascontiguousarray(world[:, frames]), course.at(frames)
+        )
+        self.rotations[number][:, :, frames], self.origins[number][:, frames] = rotation, origin
+
+    def _markers(self, shape: SegmentShape) -> Floats:
+        """Markers of a segment in the world (m, 3, frames), NaN where missing."""
+        x = np.full((len(shape.markers), 3, self.recording.frames), np.nan)
+        for k, marker in enumerate(shape.markers):
+            if marker in self.recording.markers:
+                x[k] = self.recording.of(marker)
+        return x
+
+    def _shown(self, segment: str, at: Floats) -> Floats:
+        """A point of a segment in the world (3, frames) where the segment is seen; NaN elsewhere."""
+        number = self.numbers[segment]
+        world = to_world(self.rotations[number], self.origins[number], at)
+        return np.where(self.flags[number] == Flag.SEEN, world, np.nan)
+
+    def _joints_of(self, segment: str) -> list[tuple[Floats, str, Floats]]:
+        """Joints of a segment, its own first: place in its axes, the other segment, and the place in that one's."""
+        own = pivot_joint(self.above.get(segment), self.calibration.shape(segment))
+        above = [] if own is None else [(own.in_child, own.joint.parent, own.in_parent)]
+        return above + [(p.in_parent, p.joint.child, p.in_child) for p in self._below(segment)]
+
+    def _below(self, segment: str) -> list[JointPlace]:
+        """Joints that are fixed in a segment and can place it."""
+        joints = self.calibration.joints
+        return [p for p in joints if p.joint.parent == segment and p.known and p.status in _PIVOTS]
+
+    def joints(self) -> tuple[Floats, Bytes, Floats]:
+        """Centres of the joints (joints, 3, frames), their flags (joints, frames), and variances from bridging.
+
+        A joint is placed by its parent if that is seen, else by its child if that is; else by the one that is bridged
+        with the smaller error.
+        """
         places, n = self.calibration.joints, self.recording.frames
         centers, flags = np.full((len(places), 3, n), np.nan), np.full((len(places), n), Flag.UNKNOWN, dtype=np.uint8)
+        bridging = np.zeros((len(places), 3, n))
         for i, place in enumerate(places):
             for name, at in ((place.joint.parent, place.in_parent), (place.joint.child, place.in_child)):
                 k = self.numbers[name]
-                if np.isnan(at).any() or not np.isnan(centers[i, 0]).any():
+                if np.isnan(at).any():
                     continue
-                world = to_world(self.rotations[k], self.origins[k], at)
-                lacking = np.isnan(centers[i, 0]) & ~np.isnan(world[0])
-                centers[i][:, lacking] = world[:, lacking]
-                second = name == place.joint.child and not np.isnan(place.in_parent).any()
-                flags[i, lacking] = np.maximum(self.flags[k, lacking], Flag.BRIDGED if second else Flag.SEEN)
-        return centers, flags
+                world, variance = to_world(self.rotations[k], self.origins[k], at), self._bridging(name, at)
+                better = (self.flags[k] < flags[i]) | (
+                    (self.flags[k] == flags[i]) & (variance.sum(axis=0) < bridging[i].sum(axis=0))
+                )
+                better &= ~np.isnan(world[0])
+                centers[i][:, better], bridging[i][:, better] = world[:, better], variance[:, better]
+                flags[i, better] = self.flags[k, better]
+        return centers, flags, bridging
+
+    def _bridging(self, segment: str, at: Floats) -> Floats:
+        """Variances (3, frames) of a point of a segment from the rotation of its bridged frames, m²."""
+        variance, number = np.zeros((3, self.recording.frames)), self.numbers[segment]
+        frames = np.flatnonzero(self.flags[number] == Flag.BRIDGED)
+        if len(frames):
+            arm = np.einsum(
+                "ijt,jt->ti", self.rotations[number][:, :, frames], at[:, None] - self.pivots[number][:, frames]
+            )
+            variance[:, frames] = np.einsum("tij,tjk,tik->it", skew(arm), self.turning[number, frames], skew(arm))
+        return variance
 
 
 def pivot_joint(place: JointPlace | None, shape: SegmentShape) -> JointPlace | None:

@@ -15,7 +15,7 @@ from study.recordings.joints.calibration import JointPlace
 from study.recordings.joints.estimate import USABLE
 from study.recordings.markersets import Joint, MarkerSet
 from study.recordings.recording import Recording, RecordingError
-from study.recordings.skeleton.calibrate import UNEVEN, check_subject, hull_distances
+from study.recordings.skeleton.calibrate import UNEVEN, hull_distances
 from study.recordings.skeleton.draw import Skeleton
 from study.recordings.skeleton.scene import Flag, Scene, bones, mirrored, side, upright_rotation
 from study.text import columns, number
@@ -79,6 +79,7 @@ def make_scene(
         flags=flags,
         doubts=tuple(doubts[i] for i in known),
         errors=np.stack([errors for errors, _ in principal]),
+        bridging=upright**2 @ skeleton.bridging[known],
         orientations=np.stack(orientations),
         notes=(*notes, *remarks),
         anatomy=np.stack(anatomy),
@@ -153,15 +154,19 @@ def frame_errors(scene: Scene) -> Floats:
     """Standard errors of the joints along the world's axes in each frame (joints, 3, frames), metres.
 
     They are those of the joint's place in its parent, rotated with the parent; of a hinge, of the part across its axis.
-    NaN in frames in which the joint is bridged or unknown: nothing shows the error of a pose that was not seen.
+    A bridged joint also has the error of the interpolation. NaN where the joint is unknown, or its error is.
     """
     errors = np.full(scene.centers.shape, np.nan)
     squares = np.nan_to_num(scene.errors) ** 2
     for joint, (turns, flags) in enumerate(zip(scene.orientations, scene.flags, strict=True)):
-        shown = (flags == Flag.SEEN) & ~np.isnan(turns[:, 0])
-        if shown.any() and not np.isnan(scene.errors[joint]).all():
-            axes = Rotation.from_quat(turns[shown]).as_matrix()
-            errors[joint][:, shown] = np.sqrt((axes**2 @ squares[joint]).T)
+        if np.isnan(scene.errors[joint]).all():
+            continue
+        known, turned = flags != Flag.UNKNOWN, ~np.isnan(turns[:, 0])
+        variance = np.full((3, len(flags)), squares[joint].max())  # of a joint that its child alone shows, the largest
+        if (known & turned).any():
+            axes = Rotation.from_quat(turns[known & turned]).as_matrix()
+            variance[:, known & turned] = (axes**2 @ squares[joint]).T
+        errors[joint][:, known] = np.sqrt(variance + scene.bridging[joint])[:, known]
     return errors
 
 
@@ -257,26 +262,25 @@ def skeleton_data(scene: Scene) -> dict[str, object]:
     }
 
 
-def skeleton_scene(skeleton: Skeleton, recording: Recording) -> Scene:
+def skeleton_scene(skeleton: Skeleton, recording: Recording, notes: Sequence[str] = ()) -> Scene:
     """Make the scene of a skeleton.
 
-    Joints that are not reliable carry the reason, those far outside the markers' hull among them. A skeleton drawn with
-    another subject's calibration says so, too.
+    Joints that are not reliable carry the reason, those far outside the markers' hull among them.
 
     Args:
         skeleton: of phase 2.
         recording: that it was drawn from.
+        notes: further remarks for the viewer, such as what is overruled (see `overruled`).
 
     Raises:
         RecordingError: if none of its joints is known in any frame.
     """
-    check, calibration = check_subject(skeleton), skeleton.calibration
+    calibration = skeleton.calibration
     own = calibration.source == skeleton.name
     source = "joints found in this recording" if own else f"joints found in {calibration.source}"
     hulls = hull_distances(recording.positions, skeleton.centers)
     doubts = []
     for place, hull in zip(calibration.joints, hulls, strict=True):
         reasons = ("" if place.status in USABLE else place.reason, hull.doubt)
-        doubts.append("; ".join(filter(None, (*reasons, "" if check.same else "another subject's calibration"))))
-    notes = [*recording.notes, *([] if check.same and not check.misfits else [check.text])]
-    return make_scene(skeleton, recording, doubts, source, notes)
+        doubts.append("; ".join(filter(None, reasons)))
+    return make_scene(skeleton, recording, doubts, source, (*recording.notes, *notes))

@@ -16,21 +16,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from study.arrays import Bools, Floats, Ints
+from study.arrays import Bools, Floats
 from study.fits.jit import compiled
 from study.recordings.rigid import best_rotation, centroids, cross_sums
-
-
-class PivotPath(NamedTuple):
-    """The joint that a segment rotates about.
-
-    Attributes:
-        local: its place in the segment's axes (3,), metres.
-        world: its place in the world (3, frames), metres; NaN where it is not known.
-    """
-
-    local: Floats
-    world: Floats
 
 
 class SegmentPath(NamedTuple):
@@ -51,14 +39,15 @@ class SegmentPath(NamedTuple):
     square: Floats
 
 
-def fit_full_poses(places: Floats, limits: Floats, x: Floats, pivot: PivotPath) -> SegmentPath:
+def fit_full_poses(places: Floats, limits: Floats, x: Floats, local: Floats, world: Floats) -> SegmentPath:
     """Fit a segment's poses in the frames that show enough of its markers.
 
     Args:
         places: of its markers in its axes (m, 3), metres.
         limits: largest distance of each from there (m,), metres.
         x: the markers in the world (m, 3, frames), metres; NaN where missing.
-        pivot: its joint.
+        local: the place of its joint in its axes (3,), metres.
+        world: the place of its joint in the world (3, frames), metres; NaN where it is not known.
     """
     n = x.shape[2]
     path = SegmentPath(
@@ -68,7 +57,7 @@ def fit_full_poses(places: Floats, limits: Floats, x: Floats, pivot: PivotPath) 
         used=~np.isnan(x[:, 0]),
         square=np.full(n, np.nan),
     )
-    _fit_full_poses(places, limits, x, pivot, path)
+    _fit_full_poses(places, limits, x, local, world, path)
     return path
 
 
@@ -82,9 +71,8 @@ def _count(used: Bools, t: int) -> int:
 
 
 @compiled
-def _fit_full_poses(places: Floats, limits: Floats, x: Floats, pivot: PivotPath, path: SegmentPath) -> None:
+def _fit_full_poses(places: Floats, limits: Floats, x: Floats, pin: Floats, at: Floats, path: SegmentPath) -> None:
     """Compiled part of `fit_full_poses`."""
-    pin, at = pivot
     rotation, origin, fitted, used, square = path
     m, n = used.shape
     cross, scratch, vectors, r = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
@@ -139,20 +127,6 @@ _HALF_TURN = -0.999999
 """Cosine of the arc below which its plane is undefined, so that the expected rotation is kept."""
 
 
-class ExpectedPoses(NamedTuple):
-    """Poses of a segment that are expected in frames that do not show it.
-
-    Attributes:
-        frames: numbers of these frames (w,).
-        rotation: (3, 3, w), NaN where unknown.
-        origin: (3, w), metres, NaN where unknown; for a segment without a pivot.
-    """
-
-    frames: Ints
-    rotation: Floats
-    origin: Floats
-
-
 @compiled
 def _rotate_by_arc(u: Floats, v: Floats, r: Floats) -> None:
     """Rotate r (3, 3), in place, by the shortest arc that takes the direction u (3,) to v (3,)."""
@@ -175,37 +149,41 @@ def _rotate_by_arc(u: Floats, v: Floats, r: Floats) -> None:
         r[2, j] = c * d + w0 * b - w1 * a + along * w2
 
 
-@compiled
-def complete_poses(places: Floats, x: Floats, pivot: PivotPath, expected: ExpectedPoses, path: SegmentPath) -> None:
-    """Complete a segment's poses, in place, in frames that show too few of its markers.
+def complete_poses(places: Floats, x: Floats, local: Floats, world: Floats, expected: Floats) -> tuple[Floats, Floats]:
+    """Complete a segment's poses in frames that show too few of its markers.
 
     Args:
         places: of its markers in its axes (m, 3), metres.
-        x: the markers in the world (m, 3, frames), metres.
-        pivot: its joint.
-        expected: its expected poses in the frames to complete.
-        path: its poses; ``rotation`` and ``origin`` are completed.
+        x: the markers in the world (m, 3, w), metres; NaN where missing.
+        local: the place of its joint in its axes (3,), metres.
+        world: the place of its joint in the world (3, w), metres; NaN where it is not known. Without a joint, the first
+            marker takes its place.
+        expected: rotations that are expected (3, 3, w).
+
+    Returns:
+        Rotations (3, 3, w) and origins (3, w); NaN where neither a joint nor a marker is seen.
     """
-    pin, at = pivot
-    wanted, expected_rotation, expected_origin = expected
-    rotation, origin, _, used, _ = path
-    m = used.shape[0]
+    rotation, origin = np.array(expected), np.full(world.shape, np.nan)
+    _complete_poses(places, x, local, world, rotation, origin)
+    return rotation, origin
+
+
+@compiled
+def _complete_poses(places: Floats, x: Floats, pin: Floats, at: Floats, rotation: Floats, origin: Floats) -> None:
+    """Compiled part of `complete_poses`: rotates the expected rotations in place."""
     u, v, a, b, r = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty((3, 3))
-    for w in range(len(wanted)):
-        t = wanted[w]
+    for t in range(x.shape[2]):
         pinned, count = at[0, t] == at[0, t], 0
         for i in range(3):
-            a[i], b[i] = pin[i], at[i, t]
+            a[i], b[i], u[i], v[i] = pin[i], at[i, t], 0.0, 0.0
             for j in range(3):
-                r[i, j] = expected_rotation[i, j, w]
-        for k in range(m):
-            if used[k, t]:
+                r[i, j] = rotation[i, j, t]
+        for k in range(x.shape[0]):
+            if x[k, 0, t] == x[k, 0, t]:
                 count += 1
-                if count == 1:
-                    for i in range(3):  # without a joint, the first marker takes its place
-                        a[i], b[i] = (pin[i], at[i, t]) if pinned else (places[k, i], x[k, i, t])
-                        v[i] = 0.0
-                        u[i] = 0.0
+                if count == 1 and not pinned:
+                    for i in range(3):
+                        a[i], b[i] = places[k, i], x[k, i, t]
                 for i in range(3):
                     v[i] += x[k, i, t] - b[i]
                     u[i] += (
@@ -218,7 +196,5 @@ def complete_poses(places: Floats, x: Floats, pivot: PivotPath, expected: Expect
         for i in range(3):
             if pinned or count > 0:
                 origin[i, t] = b[i] - r[i, 0] * a[0] - r[i, 1] * a[1] - r[i, 2] * a[2]
-            else:
-                origin[i, t] = expected_origin[i, w]
             for j in range(3):
                 rotation[i, j, t] = r[i, j]

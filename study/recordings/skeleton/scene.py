@@ -94,6 +94,8 @@ class Scene:
         doubts: reason to doubt each joint, or "".
         errors: standard errors of the joints along their principal directions (joints, 3), metres; NaN for a direction
             in which a joint is not known, such as the axis of a hinge.
+        bridging: variances along x, y and z of what interpolation adds to the error of bridged joints (joints, 3,
+            frames), m².
         orientations: of the principal directions, as quaternions x, y, z, w (joints, frames, 4); NaN where unknown.
         notes: remarks for the viewer.
         anatomy: orientations of the anatomical axes of the segments that rotate about the joints (joints, frames, 4);
@@ -113,6 +115,7 @@ class Scene:
     flags: Bytes
     doubts: tuple[str, ...]
     errors: Floats
+    bridging: Floats
     orientations: Floats
     notes: tuple[str, ...] = ()
     anatomy: Floats = field(default_factory=lambda: np.empty(0))
@@ -128,6 +131,7 @@ class Scene:
             "ends": (len(self.tips), 3, frames),
             "flags": (count, frames),
             "errors": (count, 3),
+            "bridging": (count, 3, frames),
             "orientations": (count, frames, 4),
             "anatomy": (count, frames, 4),
         }
@@ -173,6 +177,7 @@ class Scene:
             centers=self.centers[:, :, frames],
             ends=self.ends[:, :, frames],
             flags=self.flags[:, frames],
+            bridging=self.bridging[:, :, frames],
             orientations=self.orientations[:, frames],
             anatomy=self.anatomy[:, frames],
         )

@@ -185,7 +185,8 @@ def test_skeleton(body, drawn):
     bones = pd.read_parquet(drawn / "bones.parquet").set_index(["start", "end"])
     found, true = bones.loc[("neck", "waist"), "length"], truth.bones["waist", "neck"]
     assert found == pytest.approx(true, abs=0.006)
-    assert bones["spread"].max() < 1e-6  # bones keep their lengths
+    assert bones["spread"].max() < 0.01  # in some frames their ends are shown by their other segments
+    assert bones["spread"].min() < 1e-9  # else bones keep their lengths
     assert set(table["known"]) <= {"seen", "bridged", "unknown"}
 
 
@@ -253,14 +254,15 @@ def test_skeleton_as_json(call, body, drawn):
 
 
 def test_errors_in_each_frame(drawn):
-    """The joint's errors along the world's axes: as a whole those of the joint, and none where it is not seen."""
+    """The joint's errors along the world's axes: as a whole those of the joint, more where it is bridged."""
     table = pd.read_parquet(drawn / "skeleton.parquet")
     errors = table[["error_x", "error_y", "error_z"]]
-    assert errors[table["known"] != "seen"].isna().all().all()
+    assert errors[table["known"] == "unknown"].isna().all().all()
     assert errors[table["known"] == "seen"].notna().all().all()
-    for _, rows in errors[table["known"] == "seen"].groupby(table["joint"]):
-        total = (rows**2).sum(axis=1)  # rotations do not change the sum of the squares
-        np.testing.assert_allclose(total, total.iloc[0], rtol=1e-9)
+    for _, rows in errors.groupby(table["joint"]):
+        total = (rows**2).sum(axis=1)[rows["error_x"].notna()]  # rotations do not change the sum of the squares
+        assert np.isclose(total, total.median(), rtol=1e-9).mean() > 0.7
+        assert (total > total.median() * (1 - 1e-9)).all()
     thigh = errors[(table["joint"] == "left_knee") & (table["known"] == "seen")]
     assert thigh.std().min() > 0  # but they change its parts
 

@@ -10,9 +10,9 @@ from study.recordings.joints.estimate import USABLE
 from study.recordings.markersets import load_markerset
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.skeleton.calibrate import calibrate, check_subject, hull_distances, with_checks
-from study.recordings.skeleton.draw import draw_skeleton
-from study.recordings.skeleton.make_scene import skeleton_scene
-from study.recordings.skeleton.poses import ExpectedPoses, PivotPath, SegmentPath, complete_poses
+from study.recordings.skeleton.draw import InterpolatedRotation, draw_skeleton
+from study.recordings.skeleton.make_scene import frame_errors, skeleton_scene, skeleton_table
+from study.recordings.skeleton.poses import complete_poses
 from study.recordings.skeleton.scene import Flag
 from study.recordings.synthetic.make import Recipe, synthesize
 
@@ -102,13 +102,16 @@ def test_gaps_are_bridged_for_a_while_and_then_unknown(still):
 
 
 def test_root_with_two_markers(still):
-    """With two of the pelvis's markers hips are still near, and flagged with all that depends on them."""
+    """With two of the pelvis's markers hips are still near, and flagged; what the chest's markers show is not."""
     recording, truth, calibration = still
     part = slice(300, 330)
     skeleton = draw_skeleton(calibration, without(recording, {"LFWT": part, "LBWT": part}))
-    for joint in ("left_hip", "right_hip", "waist", "right_ankle", "left_wrist"):
-        assert (skeleton.flags[skeleton.joints.index(joint), part] == Flag.BRIDGED).all()
-    assert errors(skeleton, truth, "right_hip")[part].max() < 0.02
+    flags = dict(zip(skeleton.joints, skeleton.flags[:, part], strict=True))
+    for joint in ("left_hip", "right_hip"):
+        assert (flags[joint] == Flag.BRIDGED).all()
+        assert errors(skeleton, truth, joint)[part].max() < 0.02
+    for joint in ("waist", "left_wrist"):
+        assert (flags[joint] == Flag.SEEN).all()
 
 
 def test_swapped_markers(still):
@@ -131,13 +134,15 @@ def test_gaps_of_a_fifth():
     for i, joint in enumerate(skeleton.joints):
         away, flags = errors(skeleton, truth, joint), skeleton.flags[i]
         assert np.quantile(away[flags == Flag.SEEN], 0.95) < 0.01, joint
-        assert np.median(away[flags == Flag.BRIDGED]) < 0.01, joint
+        bridged = away[flags == Flag.BRIDGED]
+        assert not len(bridged) or np.median(bridged) < 0.01, joint
         assert np.isnan(away[flags == Flag.UNKNOWN]).all()
 
 
 def test_bones_keep_their_lengths(kata_halves):
     """In a real recording lengths are constant to a nanometre, and those of its halves agree within their errors.
 
+    Only frames count that show the segment; joints at its ends may be shown by their other segments in further ones.
     Lengths of one half against the other: 8 bones, none beyond 4 combined standard errors, most within 2.
     """
     lengths, stated = [], []
@@ -148,7 +153,11 @@ def test_bones_keep_their_lengths(kata_halves):
             for above, below in (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist")):
                 a, b = f"{side}_{above}", f"{side}_{below}"
                 bone = np.linalg.norm(skeleton.center(a) - skeleton.center(b), axis=0)
-                assert np.nanmax(bone) - np.nanmin(bone) < 1e-9
+                between = calibration[a].joint.child
+                seen = skeleton.segment_flags[skeleton.segments.index(between)] == Flag.SEEN
+                seen &= (skeleton.flags[[skeleton.joints.index(a), skeleton.joints.index(b)]] == Flag.SEEN).all(axis=0)
+                assert seen.mean() > 0.9
+                assert np.ptp(bone[seen]) < 1e-9
                 rows.append(np.nanmedian(bone))
                 place, end = calibration[a], calibration[b]
                 u = end.in_parent - place.in_child
@@ -201,13 +210,13 @@ def test_another_recording_of_the_same_subject_and_of_another(figure_calibration
     """A calibration fits other motion of the same body, and not a body 5 cm smaller; the message names segments."""
     same, truth = synthesize(Recipe(frames=800, seed=2))
     skeleton = draw_skeleton(figure_calibration, same)
-    assert check_subject(skeleton).same
+    assert check_subject(figure_calibration, same).same
     assert np.median(errors(skeleton, truth, "left_ankle")) < 0.005
     other, _ = synthesize(Recipe(frames=800, seed=2, height=1.70))
-    check = check_subject(draw_skeleton(figure_calibration, other))
+    check = check_subject(figure_calibration, other)
     assert not check.same
     assert "does not show the subject" in check.text
-    assert "when calibrated" in check.text
+    assert "its segments are 3% smaller" in check.text
 
 
 @pytest.mark.parametrize("frames", [1, 3])
@@ -271,16 +280,8 @@ def test_shortest_arc(rng, pinned):
     if pinned:
         world[:, 0] = [1.0, 2.0, 3.0]
     x = (np.array([1.0, 2.0, 3.0]) + v).reshape(1, 3, 1)
-    path = SegmentPath(
-        rotation=np.full((3, 3, 1), np.nan),
-        origin=np.full((3, 1), np.nan),
-        fitted=np.zeros(1, bool),
-        used=np.ones((1, 1), bool),
-        square=np.full(1, np.nan),
-    )
-    guess = ExpectedPoses(np.array([0]), expected.as_matrix()[:, :, None], np.zeros((3, 1)))
-    complete_poses(PLACES, x, PivotPath(joint, world), guess, path)
-    rotation, origin = path.rotation[:, :, 0], path.origin[:, 0]
+    rotations, origins = complete_poses(PLACES, x, joint, world, expected.as_matrix()[:, :, None])
+    rotation, origin = rotations[:, :, 0], origins[:, 0]
     np.testing.assert_allclose(rotation @ PLACES[0] + origin, x[0, :, 0], atol=1e-12)
     if pinned:
         axis = np.cross(u, v) / np.linalg.norm(np.cross(u, v))
@@ -290,3 +291,88 @@ def test_shortest_arc(rng, pinned):
         np.testing.assert_allclose(rotation @ joint + origin, world[:, 0], atol=1e-12)
     else:  # a marker without a joint shows no direction
         np.testing.assert_allclose(rotation, expected.as_matrix(), atol=1e-12)
+
+
+def hide_segments(recording, rng, markerset=CMU41):
+    """Hide all markers of every segment once to three times, for .1 to 2 seconds."""
+    positions = recording.positions.copy()
+    for segment in markerset.segments:
+        for _ in range(rng.integers(1, 4)):
+            length = int(recording.rate * rng.uniform(0.1, 2.0))
+            first = rng.integers(0, recording.frames - length)
+            positions[[recording.row(marker) for marker in segment.markers], :, first : first + length] = np.nan
+    return Recording(recording.name, recording.markers, positions, recording.rate)
+
+
+def test_hidden_segments():
+    """Joints do not leap while a neighbour shows them, and bridged ones are where their errors say.
+
+    Of 336 joints of 24 other recordings none leapt by more than 18 mm from frame to frame where it was seen; 94.4 ±
+    .4 % of the bridged coordinates were within 1.96 stated standard errors.
+    """
+    inside = []
+    for seed, tissue in ((1, 0.0), (2, 0.01), (3, 0.0), (4, 0.01)):
+        skin = {"soft_tissue": tissue, "skin": "random" if tissue else "mixed"}
+        whole, truth = synthesize(Recipe(1500, 100.0, seed=seed, gait=seed % 2 == 1, **skin))
+        calibration = calibrate(synthesize(Recipe(1500, 100.0, seed=seed + 1000, **skin))[0], CMU41)
+        recording = hide_segments(whole, np.random.default_rng(seed))
+        skeleton = draw_skeleton(calibration, recording)
+        scene = skeleton_scene(skeleton, recording)
+        stated = frame_errors(scene)
+        for i, joint in enumerate(skeleton.joints):
+            k = truth.joints.index(joint)
+            off, seen = skeleton.centers[i] - truth.centers[k], skeleton.flags[i] == Flag.SEEN
+            if np.isfinite(truth.axes[k, 0]):
+                axis = (truth.rotations[truth.segments.index(truth.parents[k])] @ truth.axes[k]).T
+                off = off - axis * (axis * off).sum(axis=0)
+            steps = np.linalg.norm(np.diff(off, axis=1), axis=0)[seen[1:] & seen[:-1]]
+            assert steps.max() < 0.03, joint
+            bridged = skeleton.flags[i] == Flag.BRIDGED
+            error = stated[scene.joints.index(joint)][:, bridged]
+            inside += list((np.abs(off[:, bridged]) <= 1.96 * error)[~np.isnan(error)])
+    assert np.mean(inside) > 0.93
+
+
+def test_a_hip_that_the_thigh_shows():
+    """Three markers of a thigh show the hip while the pelvis is hidden; with both hidden it is missing."""
+    rizzoli = load_markerset("rizzoli")
+    recording, truth = synthesize(Recipe(600, noise=0.0005, markers="rizzoli"))
+    calibration, part, both = calibrate(recording, rizzoli), slice(200, 320), slice(400, 420)
+    hidden = dict.fromkeys(rizzoli.segment("pelvis").markers, part)
+    skeleton = draw_skeleton(calibration, without(recording, hidden), bridge=0.0)
+    hip = skeleton.joints.index("left_hip")
+    assert (skeleton.flags[hip] == Flag.SEEN).all()
+    assert errors(skeleton, truth, "left_hip").max() < 0.005
+    hidden = dict.fromkeys((*rizzoli.segment("pelvis").markers, *rizzoli.segment("left_thigh").markers), both)
+    positions = without(without(recording, hidden), dict.fromkeys(recording.markers, slice(410, 420)))
+    skeleton = draw_skeleton(calibration, positions, bridge=2.0)
+    assert np.isnan(skeleton.center("left_hip")[:, 410:420]).all()
+    assert (skeleton.flags[:, 410:420] == Flag.UNKNOWN).all()
+    assert np.isnan(skeleton_table(skeleton_scene(skeleton, positions)).query("411 <= frame <= 420")["x"]).all()
+
+
+def test_the_error_of_an_interpolated_rotation():
+    """A random walk of rotations: the covariance in the middle of a gap of 2h frames is h/2 of a step's.
+
+    Beyond an end it is that of as many steps. From some 280 gaps of 8 frames that overlap by half at most: ± 10 %.
+    """
+    rng, step, n = np.random.default_rng(3), np.array([0.01, 0.02, 0.03]), 2400
+    turns = Rotation.from_rotvec(step * rng.standard_normal((n, 3)))
+    course = [Rotation.identity()]
+    for turn in turns:
+        course.append(turn * course[-1])
+    rotation = np.moveaxis(Rotation.concatenate(course).as_matrix(), 0, 2)
+    known = np.ones(n + 1, dtype=bool)
+    known[1001:1008] = known[-4:] = False
+    path = InterpolatedRotation(rotation, None, known)
+    middle, beyond = path.covariance(np.array([1004, n]))
+    np.testing.assert_allclose(np.diag(middle), 2.0 * step**2, rtol=0.35)
+    np.testing.assert_allclose(np.diag(beyond), 4.0 * step**2, rtol=0.35)
+    edge = path.covariance(np.array([1001]))[0]
+    np.testing.assert_allclose(np.trace(edge), np.trace(middle) * 7 / 16, rtol=1e-9)  # 1 · (8 - 1)/4²
+    np.testing.assert_allclose(path.at(np.array([1004]))[:, :, 0], _halfway(rotation[:, :, 1000], rotation[:, :, 1008]))
+
+
+def _halfway(one, other):
+    """The rotation in the middle of two."""
+    return one @ Rotation.from_rotvec(0.5 * Rotation.from_matrix(one.T @ other).as_rotvec()).as_matrix()

@@ -148,6 +148,7 @@ def test_little_is_known(scene):
         ends=np.empty((0, 3, 90)),
         bones=(),
         flags=scene.flags[:1],
+        bridging=scene.bridging[:1],
         doubts=("",),
         errors=np.full((1, 3), np.nan),
         orientations=np.full((1, 90, 4), np.nan),

@@ -258,13 +258,13 @@ def test_two_motions(tab, until, scene, tmp_path):
 
 
 def test_a_motion_starts_where_its_joints_are_known(tab, until, scene, tmp_path):
-    """The first frames show nothing: the page starts after them."""
+    """The first frames show nothing, and the next are bridged: the page starts after them."""
     flags = scene.flags.copy()
-    flags[:, :20] = 2
+    flags[:, :20], flags[:, 20:30] = 2, 1
     later = replace(scene, flags=flags, name="later")
     tab.set_input_files("#file", write_motion(later, tmp_path / "later.json"))
     until(tab, "viewer.motion.name === 'later'")
-    assert tab.evaluate("viewer.frame") == 10  # of every second frame
+    assert tab.evaluate("viewer.frame") == 15  # of every second frame
     tab.set_input_files("#file", write_motion(scene, tmp_path / "back.json"))
     until(tab, "viewer.motion.name !== 'later'")
 

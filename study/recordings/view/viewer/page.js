@@ -107,14 +107,14 @@ class Player {
     }
 }
 
-// The first frame that shows the most joints.
+// The first frame in which the most joints are seen; of such frames the first with the most that are bridged.
 function firstShown(motion) {
     const count = motion.joints.length;
     let [best, most] = [0, -1];
-    for (let t = 0; t < motion.frames && most < count; t++) {
-        let known = 0;
-        for (let i = 0; i < count; i++) known += motion.flags[t * count + i] === UNKNOWN ? 0 : 1;
-        if (known > most) [best, most] = [t, known];
+    for (let t = 0; t < motion.frames && most < count * (count + 1); t++) {
+        let shown = 0;
+        for (let i = 0; i < count; i++) shown += { 0: count + 1, [UNKNOWN]: 0 }[motion.flags[t * count + i]] ?? 1;
+        if (shown > most) [best, most] = [t, shown];
     }
     return best;
 }
