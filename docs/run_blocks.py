@@ -31,6 +31,8 @@ DOCS = Path(__file__).resolve().parent
 MASKS = re.compile(
     r"\d[\d.,]* ?(?:s|ms|µs|min|MB|kB|data sets)\b"  # times, sizes of files, work done in a time
 )
+COMPILING = "study: compiling loops"
+"""Beginning of a line that commands print where no code is cached yet."""
 FILE = re.compile(r"# ([\w-]+\.(?:py|toml|csv))\n")
 MADE = re.compile(r"(<!-- made: ([\w.]+) -->\n).*?(<!-- end -->)", re.DOTALL)
 LONGEST = 600
@@ -140,7 +142,8 @@ class Page:
             encoding="utf-8",
             timeout=LONGEST,
         )
-        return "".join(line.rstrip() + "\n" for line in done.stdout.splitlines())
+        lines = (line for line in done.stdout.splitlines() if not line.startswith(COMPILING))
+        return "".join(line.rstrip() + "\n" for line in lines)
 
     def _checked(self, example: Example, what: str, stored: str, printed: str) -> str:
         if alike(stored, printed):

@@ -246,6 +246,8 @@ def other_centres(recording: Recording, joint: Floats, axis: Floats | None = Non
     return tuple(sorted(found, key=lambda each: each.distance))
 
 
+_ONE_AXIS = 0.2
+"""Least angle of motion, as a share of the greatest, of a ball joint: skin of a hinge moves as far about other axes."""
 _ERRORS = 3.0
 """Standard errors beyond which another program's centre contradicts the joint, if it is a centimetre away, too."""
 
@@ -289,8 +291,8 @@ class OneJoint:
 
     @property
     def ok(self) -> bool:
-        """True if the joint is of the kind that the user gave, ball or hinge, and reliable."""
-        return self.found.status == _wanted(self.found) and not self.misplaced
+        """True if the joint is of the kind that the user gave, ball or hinge, and nothing speaks against it."""
+        return not self.doubts
 
 
 def fit_one_joint(recording: Recording, clusters: Clusters, hinge: bool = False) -> OneJoint:
@@ -356,6 +358,12 @@ def _doubts(found: JointPlace, joints: Calibration, recording: Recording, world:
     doubts = []
     if found.status != _wanted(found):
         doubts.append(found.reason)
+    n = accuracy_columns(found)
+    if found.joint.kind == "ball" and n["moved_least"] < _ONE_AXIS * n["moved_most"]:
+        doubts.append(
+            f"it moved by {n['moved_least']:.0f}° about one axis and {n['moved_most']:.0f}° about another: a joint "
+            "with one axis, as a knee, is a hinge (--hinge); soft tissue alone may place it along the axis"
+        )
     doubts += joints.without_pose.values() if found.estimate is None else ()
     rows = [row for row, label in enumerate(recording.markers) if not is_centre(label)]
     if not np.isnan(world).all():

@@ -7,9 +7,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from study.recordings.formats.read import read_recording
+from study.recordings.joints.estimate import JointStatus
 from study.recordings.joints.find import find_joints
 from study.recordings.one_joint import find_clusters, fit_one_joint, is_centre, joint_json, joint_line, other_centres
 from study.recordings.recording import Recording, RecordingError
+from study.recordings.synthetic.make import Recipe, synthesize
 
 PELVIS = np.array([[0.12, 0.1, 0.0], [-0.12, 0.1, 0.0], [0.05, -0.1, 0.02], [-0.05, -0.1, 0.02]])
 THIGH = np.array([[0.06, 0.05, -0.15], [-0.04, 0.07, -0.2], [0.02, -0.06, -0.28]])
@@ -55,7 +57,7 @@ def hip():
 def test_a_ball_is_found_with_its_error(hip):
     """The centre is the truth within its covariance (false alarms: 1 in 10 000), in both axes."""
     recording, joint, found = hip
-    assert found.ok
+    assert found.found.status == JointStatus.OK
     apart = found.found.in_parent - in_axes(found, CENTRE)
     assert apart @ np.linalg.solve(found.found.covariance, apart) < 21.1  # χ² of three
     assert found.error < 0.002
@@ -80,6 +82,7 @@ def test_other_programs_centres(hip):
     assert found.compared[1].distance == pytest.approx(0.18, abs=0.003)
     line = joint_line(found)
     (doubt,) = found.doubts  # 12 mm are beyond three errors of less than 2 mm
+    assert not found.ok  # every doubt counts
     assert doubt.startswith("R_HipCentre of another program is 12 mm away")
     assert "R_HipCentre of another program is 12" in line or "R_HipCentre of another program is 11" in line
     assert "lhjc" not in line
@@ -124,7 +127,8 @@ def test_a_line_and_json(hip):
     assert line.endswith(f"doubts: {values['doubts'][0]}")
     assert f"± {1000 * values['error']:.1f} mm" in line
     assert ", ".join(f"{1000 * x:.1f}" for x in values["center"]) in line
-    assert values["ok"] is True
+    assert values["ok"] is False  # another program's centre contradicts it
+    assert values["status"] == "ok"
     assert values["status"] == "ok"
     assert values["axis"] is None
     assert list(values["parent_markers"]) == PARENT.split(",")
@@ -269,3 +273,13 @@ def test_functional_trial(shared_file, side):
     assert found.ok, found.doubts
     assert found.error < 0.007  # its markers' radii change with the angle by 4 mm/rad
     assert found.compared == ()
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_knee_that_is_not_called_a_hinge(seed):
+    """Its markers slide by 2 cm, so that they show a centre; the clusters of a knee are doubted without --hinge."""
+    recording, _ = synthesize(Recipe(800, 50.0, seed=seed, soft_tissue=0.02, skin="slide", markers="rizzoli"))
+    clusters = find_clusters(recording, "LFTC,LFLE,LFME", "LFAX,LTTC,LFAL,LTAM")
+    joint = fit_one_joint(recording, clusters)
+    assert not joint.ok
+    assert joint.doubts

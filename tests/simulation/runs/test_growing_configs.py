@@ -43,6 +43,8 @@ GRID = {
     "law": [None, ["normal", "student(3)"], ["laplace", "normal"], ["laplace"]],
     "outlier_share": [None, [0.0, 0.1], [0.2, 0.1, 0.0], [0.1]],
     "outlier_size": [None, [10.0, 5.0], [5.0], [3.0, 10.0]],
+    "stated_variance": [None, [1.0, 0.5], [0.5]],
+    "directions": [None, ["area", "spaced"], ["polar"], ["path", "area"]],
     "draws": [None, "independent"],
     "most_samples": [None, 200],
 }
@@ -57,6 +59,9 @@ RANDOM = {
     "center": [None, {"law": "constant", "value": 3.0}],
     "outlier_share": [None, {"law": "choice", "values": [0.0, 0.1]}, {"law": "constant", "value": 0.0}],
     "outlier_size": [None, {"law": "constant", "value": 5.0}],
+    "law": [None, "radial"],
+    "stated_variance": [None, {"law": "choice", "values": [1.0, 0.5]}],
+    "directions": [None, "polar"],
 }
 TOGETHER = {"noise": "noise_over_radius", "noise_over_radius": "noise"}
 """Keys of which a config has one: the other is left out where one is given, and the reverse."""
